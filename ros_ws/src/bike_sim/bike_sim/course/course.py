@@ -1,0 +1,135 @@
+"""A course: the line to follow, sampled uniformly in arc length, with its limits and sections."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_sim.course.elements import Element, sample_elements
+
+FloatArray = NDArray[np.float64]
+
+SAMPLE_SPACING = 0.1
+"""Distance of samples, m. Cubic Hermite pieces between them are exact to 1e-9 m on an arc of 8 m radius."""
+
+OFF_COURSE_LIMIT = 3.5
+"""Default distance beyond which a ride counts as off course, m (eta_y of Weyrer et al. 2026, Sect. 3.3)."""
+
+CLOSING_TOLERANCE = 1e-3
+"""A course may call itself closed when its ends meet within this distance (m) and angle (rad)."""
+
+
+@dataclass(frozen=True)
+class Course:
+    """Line in the map frame, uniform in arc length.
+
+    Attributes:
+        name: name for people and files.
+        s: arc length of the samples, m, from 0 in equal steps.
+        x: m. y: m.
+        heading: rad, not wrapped.
+        curvature: 1/m, positive turning left.
+        closed: the last sample meets the first.
+        off_course_limit: distance from the line that ends a ride, m.
+        width_left: distance from the line to the left limit, m, or None without limits.
+        width_right: distance from the line to the right limit, m, or None without limits.
+        sections: name and first arc length (m) of each section, in order.
+    """
+
+    name: str
+    s: FloatArray
+    x: FloatArray
+    y: FloatArray
+    heading: FloatArray
+    curvature: FloatArray
+    closed: bool = False
+    off_course_limit: float = OFF_COURSE_LIMIT
+    width_left: FloatArray | None = None
+    width_right: FloatArray | None = None
+    sections: tuple[tuple[str, float], ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        """Check what every query relies on.
+
+        Raises:
+            ValueError: too few samples, unequal lengths, a value that is not finite, arc length that is not
+                uniform, or a course that calls itself closed but is not.
+        """
+        size = len(self.s)
+        if size < 2:
+            raise ValueError(f"course {self.name!r} has {size} samples, at least 2 are needed")
+        columns = {"x": self.x, "y": self.y, "heading": self.heading, "curvature": self.curvature}
+        for label, column in {**columns, "width_left": self.width_left, "width_right": self.width_right}.items():
+            if column is None:
+                continue
+            if len(column) != size:
+                raise ValueError(f"course {self.name!r}: {label} has {len(column)} samples, s has {size}")
+            if not np.all(np.isfinite(column)):
+                row = int(np.argmin(np.isfinite(column)))
+                raise ValueError(f"course {self.name!r}: {label} is {column[row]} at sample {row}")
+        steps = np.diff(self.s)
+        if self.s[0] != 0.0 or not np.allclose(steps, steps[0], rtol=1e-6, atol=1e-9) or steps[0] <= 0.0:
+            raise ValueError(f"course {self.name!r}: arc length must begin at 0 and grow in equal steps")
+        if not math.isfinite(self.off_course_limit) or self.off_course_limit <= 0.0:
+            raise ValueError(f"course {self.name!r}: off-course limit must be positive, got {self.off_course_limit!r}")
+        if self.closed:
+            self._check_closed()
+
+    def _check_closed(self) -> None:
+        gap = math.hypot(self.x[-1] - self.x[0], self.y[-1] - self.y[0])
+        turns = (self.heading[-1] - self.heading[0]) / (2.0 * math.pi)
+        kink = abs(turns - round(turns)) * 2.0 * math.pi
+        if gap > CLOSING_TOLERANCE or kink > CLOSING_TOLERANCE:
+            raise ValueError(
+                f"course {self.name!r} is called closed, but its ends are {gap:.4f} m and {kink:.4f} rad apart"
+            )
+
+    @property
+    def length(self) -> float:
+        """Arc length of the whole line, m."""
+        return float(self.s[-1])
+
+    @property
+    def spacing(self) -> float:
+        """Distance of samples, m."""
+        return float(self.s[1] - self.s[0])
+
+    @classmethod
+    def from_elements(
+        cls,
+        name: str,
+        elements: Sequence[Element],
+        *,
+        start: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        closed: bool = False,
+        off_course_limit: float = OFF_COURSE_LIMIT,
+        section_names: Sequence[str] | None = None,
+        spacing: float = SAMPLE_SPACING,
+    ) -> Course:
+        """Build a course from elements.
+
+        Args:
+            name: name of the course.
+            elements: elements in order.
+            start: x, y, heading of the beginning (m, m, rad).
+            closed: whether the end meets the beginning.
+            off_course_limit: m.
+            section_names: one name an element; neighbours with the same name form one section.
+            spacing: distance of samples, m.
+
+        Raises:
+            ValueError: no element, or the number of names does not fit.
+        """
+        s, x, y, heading, curvature, begins = sample_elements(elements, spacing, start)
+        sections: list[tuple[str, float]] = []
+        if section_names is not None:
+            if len(section_names) != len(elements):
+                raise ValueError(f"course {name!r}: {len(section_names)} section names for {len(elements)} elements")
+            for section, begin in zip(section_names, begins, strict=True):
+                if not sections or sections[-1][0] != section:
+                    sections.append((section, float(begin)))
+        return cls(name, s, x, y, heading, curvature, closed, off_course_limit, sections=tuple(sections))
