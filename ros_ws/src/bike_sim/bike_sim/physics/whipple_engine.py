@@ -1,0 +1,249 @@
+"""The nonlinear Whipple bicycle in minimal coordinates: an oracle for the tests and the fast engine for training.
+
+The equations of motion are those of `bike_sim.physics.whipple_equations`; this module integrates them with the
+classical Runge-Kutta method of fourth order. Pitch is carried along as one more integrated variable and put back
+onto the ground constraint after every step, so the constraint holds to rounding and each step costs four
+evaluations and one Newton correction.
+
+The model: Meijaard, Papadopoulos, Ruina, Schwab (2007), Proc. R. Soc. A 463; nonlinear benchmark figures in
+Basu-Mandal, Chatterjee, Papadopoulos (2007), Proc. R. Soc. A 463, 1983-2003.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from bike_sim.physics import state as st
+from bike_sim.physics.kinematics import Parameters, solve_beta, steering_geometry
+from bike_sim.physics.state import StateVector
+from bike_sim.physics.vehicle import PARAMETER_NAMES, Vehicle
+from bike_sim.physics.whipple_equations import Constants, energies, motion
+
+# Indices of the parameter vector, spelled out because compiled code wants plain global integers.
+(
+    _W, _C, _LAM, _G, _RR, _MR, _IRXX, _IRYY, _XB, _ZB, _MB, _IBXX, _IBXZ, _IBYY, _IBZZ,
+    _XH, _ZH, _MH, _IHXX, _IHXZ, _IHYY, _IHZZ, _RF, _MF, _IFXX, _IFYY, _P, _D,
+) = range(len(PARAMETER_NAMES))  # fmt: skip
+
+LYING_ROLL: Final = math.radians(75.0)
+"""Roll beyond which the model ends: up to here the benchmark stands on both wheels at every steer within 75 deg."""
+
+# The integrated variables: the minimal state in its own order, then beta = pitch - lam.
+_BETA: Final = st.STATE_SIZE
+_SIZE: Final = st.STATE_SIZE + 1
+
+
+@njit(cache=True)
+def _two_body_assembly(
+    m_a: float, x_a: float, z_a: float, inertia_a: tuple[float, float, float, float],
+    m_b: float, x_b: float, z_b: float, transverse_b: float, cos_tilt: float, sin_tilt: float,
+) -> tuple[float, float, float, float, float, float, float]:  # fmt: skip
+    """Join a body and a wheel, whose axial inertia is left out, and turn the axes onto the steering axis.
+
+    Args: masses; positions in the upright rear frame, z up; inertia (xx, xz, yy, zz) of the body; inertia of the
+    wheel about a diameter; the tilt of the steering axis.
+
+    Returns: mass, x, z of the centre of mass and xx, xz, yy, zz about it, all in the turned axes.
+    """
+    m = m_a + m_b
+    x, z = (m_a * x_a + m_b * x_b) / m, (m_a * z_a + m_b * z_b) / m
+    dx, dz = x_a - x_b, z_a - z_b
+    reduced = m_a * m_b / m
+    xx = inertia_a[0] + transverse_b + reduced * dz * dz
+    xz = inertia_a[1] - reduced * dx * dz
+    yy = inertia_a[2] + reduced * (dx * dx + dz * dz)
+    zz = inertia_a[3] + transverse_b + reduced * dx * dx
+    c2, s2, cs = cos_tilt * cos_tilt, sin_tilt * sin_tilt, cos_tilt * sin_tilt
+    return (
+        m,
+        x * cos_tilt + z * sin_tilt,
+        z * cos_tilt - x * sin_tilt,
+        c2 * xx + 2.0 * cs * xz + s2 * zz,
+        cs * (zz - xx) + (c2 - s2) * xz,
+        yy,
+        s2 * xx - 2.0 * cs * xz + c2 * zz,
+    )
+
+
+@njit(cache=True)
+def constants(p: Parameters) -> Constants:
+    """Return what the equations of motion need from the parameters: two rigid bodies with a rotor each.
+
+    The rear body is given from the rear hub, the front body from the head point S, the foot of the rear hub on
+    the steering axis; both in axes turned by the tilt. Published values are z-down, hence the sign changes.
+    """
+    cos_tilt, sin_tilt = math.cos(p[_LAM]), math.sin(p[_LAM])
+    d1, fx, fz, rear_radius, front_radius = steering_geometry(p)
+    m1, x1, z1, xx1, xz1, yy1, zz1 = _two_body_assembly(
+        p[_MB], p[_XB], -p[_ZB] - rear_radius, (p[_IBXX], -p[_IBXZ], p[_IBYY], p[_IBZZ]),
+        p[_MR], 0.0, 0.0, p[_IRXX], cos_tilt, sin_tilt,
+    )  # fmt: skip
+    m2, x2, z2, xx2, xz2, yy2, zz2 = _two_body_assembly(
+        p[_MH], p[_XH], -p[_ZH] - rear_radius, (p[_IHXX], -p[_IHXZ], p[_IHYY], p[_IHZZ]),
+        p[_MF], p[_W], front_radius - rear_radius, p[_IFXX], cos_tilt, sin_tilt,
+    )  # fmt: skip
+    return (
+        rear_radius, front_radius, d1, fx, fz, p[_G],
+        m1, x1, z1, xx1, xz1, yy1, zz1, p[_IRYY],
+        m2, x2 - d1, z2, xx2, xz2, yy2, zz2, p[_IFYY],
+    )  # fmt: skip
+
+
+@njit(cache=True)
+def _derivative(
+    z: NDArray[np.float64], steer_set: float, stiffness: float, damping: float, c: Constants, out: NDArray[np.float64]
+) -> None:
+    """Write the time derivative of the integrated variables; the steering drive is part of it."""
+    roll_rate, steer_rate, front_wheel_rate = z[st.ROLL_RATE], z[st.STEER_RATE], z[st.FRONT_WHEEL_RATE]
+    torque = -stiffness * (z[st.STEER] - steer_set) - damping * steer_rate
+    yaw_rate, speed, pitch_rate, roll_acc, steer_acc, wheel_acc = motion(
+        math.sin(z[st.ROLL]), math.cos(z[st.ROLL]),
+        math.sin(z[_BETA]), math.cos(z[_BETA]),
+        math.sin(z[st.STEER]), math.cos(z[st.STEER]),
+        roll_rate, steer_rate, front_wheel_rate, torque, c,
+    )  # fmt: skip
+    out[st.X] = speed * math.cos(z[st.YAW])
+    out[st.Y] = speed * math.sin(z[st.YAW])
+    out[st.YAW] = yaw_rate
+    out[st.ROLL] = roll_rate
+    out[st.STEER] = steer_rate
+    out[st.REAR_WHEEL] = speed / c[0] - pitch_rate
+    out[st.FRONT_WHEEL] = front_wheel_rate
+    out[st.ROLL_RATE] = roll_acc
+    out[st.STEER_RATE] = steer_acc
+    out[st.FRONT_WHEEL_RATE] = wheel_acc
+    out[_BETA] = pitch_rate
+
+
+@njit(cache=True)
+def advance(state: StateVector, steer_set: float, time_step: float, steps: int, p: Parameters) -> bool:
+    """Advance a minimal state in place by `steps` Runge-Kutta steps with the drive's set value held.
+
+    Args:
+        state: minimal state, overwritten.
+        steer_set: set value of the steering angle, rad.
+        time_step: length of a step, s.
+        steps: number of steps.
+        p: `Vehicle.parameters`.
+
+    Returns:
+        True, or False when the bicycle has come to lie on the ground (roll beyond `LYING_ROLL`, or no pitch with
+        both wheels on the ground): the state then keeps its last value on the wheels.
+    """
+    c = constants(p)
+    geometry = steering_geometry(p)
+    stiffness, damping = p[_P], p[_D]
+    work = np.empty((6, _SIZE))
+    now, trial, k1, k2, k3, k4 = work[0], work[1], work[2], work[3], work[4], work[5]
+    now[: st.STATE_SIZE] = state
+    now[_BETA] = solve_beta(state[st.ROLL], -p[_LAM], state[st.STEER], geometry)
+    for _ in range(steps):
+        _derivative(now, steer_set, stiffness, damping, c, k1)
+        for i in range(_SIZE):
+            trial[i] = now[i] + 0.5 * time_step * k1[i]
+        _derivative(trial, steer_set, stiffness, damping, c, k2)
+        for i in range(_SIZE):
+            trial[i] = now[i] + 0.5 * time_step * k2[i]
+        _derivative(trial, steer_set, stiffness, damping, c, k3)
+        for i in range(_SIZE):
+            trial[i] = now[i] + time_step * k3[i]
+        _derivative(trial, steer_set, stiffness, damping, c, k4)
+        for i in range(_SIZE):
+            now[i] += time_step / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i])
+        now[_BETA] = solve_beta(now[st.ROLL], now[_BETA], now[st.STEER], geometry)
+        # also false for nan
+        if not (abs(now[st.ROLL]) <= LYING_ROLL and math.isfinite(now[_BETA]) and math.isfinite(now[st.STEER_RATE])):
+            return False
+        for i in range(st.STATE_SIZE):
+            state[i] = now[i]
+    return True
+
+
+@njit(cache=True)
+def derivative(state: StateVector, steer_set: float, p: Parameters) -> NDArray[np.float64]:
+    """Return the time derivative of a minimal state, shape (10,), for analysis rather than for speed."""
+    z = np.empty(_SIZE)
+    z[: st.STATE_SIZE] = state
+    z[_BETA] = solve_beta(state[st.ROLL], -p[_LAM], state[st.STEER], steering_geometry(p))
+    out = np.empty(_SIZE)
+    _derivative(z, steer_set, p[_P], p[_D], constants(p), out)
+    return out[: st.STATE_SIZE]
+
+
+@njit(cache=True)
+def energy(state: StateVector, p: Parameters) -> tuple[float, float]:
+    """Return kinetic energy and potential energy above the ground, J. The drive's spring is not included."""
+    beta = solve_beta(state[st.ROLL], -p[_LAM], state[st.STEER], steering_geometry(p))
+    kinetic, potential = energies(
+        math.sin(state[st.ROLL]), math.cos(state[st.ROLL]), math.sin(beta), math.cos(beta),
+        math.sin(state[st.STEER]), math.cos(state[st.STEER]),
+        state[st.ROLL_RATE], state[st.STEER_RATE], state[st.FRONT_WHEEL_RATE], constants(p),
+    )  # fmt: skip
+    return kinetic, potential
+
+
+class WhippleEngine:
+    """The compiled bicycle behind the engine interface.
+
+    Attributes:
+        vehicle: the bicycle.
+        time_step: integration step, s.
+        lying: True once the bicycle has come to lie on the ground; it then stays where it is until `reset`.
+    """
+
+    def __init__(self, vehicle: Vehicle, time_step: float) -> None:
+        """Start at rest in the upright reference configuration at the origin.
+
+        Raises:
+            ValueError: the step is not a positive finite number.
+        """
+        if not (math.isfinite(time_step) and time_step > 0.0):
+            raise ValueError(f"time_step = {time_step!r} must be positive, in seconds")
+        self.vehicle = vehicle
+        self.time_step = time_step
+        self.lying = False
+        self._state = np.zeros(st.STATE_SIZE)
+
+    def reset(self, state: StateVector) -> None:
+        """Set the minimal state exactly.
+
+        Raises:
+            ValueError: the state is not ten finite numbers, or no bicycle with both wheels on the ground has it.
+        """
+        state = np.array(state, dtype=np.float64)
+        if state.shape != (st.STATE_SIZE,) or not np.isfinite(state).all():
+            raise ValueError(f"a minimal state is {st.STATE_SIZE} finite numbers, got {state.tolist()}")
+        geometry = steering_geometry(self.vehicle.parameters)
+        beta = solve_beta(state[st.ROLL], -self.vehicle.lam, state[st.STEER], geometry)
+        if abs(state[st.ROLL]) > LYING_ROLL or not math.isfinite(beta):
+            raise ValueError(
+                f"roll {math.degrees(state[st.ROLL]):.6g} deg with steer {math.degrees(state[st.STEER]):.6g} deg: "
+                "the bicycle cannot stand on both wheels like this"
+            )
+        self._state = state
+        self.lying = False
+
+    def advance(self, steer_set: float, steps: int) -> None:
+        """Integrate `steps` steps of `time_step` with the steering drive's set value held, rad.
+
+        Raises:
+            ValueError: the set value is not finite or the number of steps is negative.
+        """
+        if not math.isfinite(steer_set):
+            raise ValueError(f"steer_set = {steer_set!r} is not a finite angle in rad")
+        if steps < 0:
+            raise ValueError(f"steps = {steps} must not be negative")
+        if not self.lying:
+            self.lying = not advance(self._state, steer_set, self.time_step, steps, self.vehicle.parameters)
+
+    def state(self) -> StateVector:
+        """Return a copy of the minimal state."""
+        return self._state.copy()
+
+    def close(self) -> None:
+        """Release nothing: the engine holds no resources."""
