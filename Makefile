@@ -1,0 +1,47 @@
+# Every target sets up first what it needs; a set-up that is current costs a fraction of a second.
+.DEFAULT_GOAL := help
+.PHONY: help setup build ride test check format bench clean distclean
+
+BIN := .venv/bin
+SHELL_SCRIPTS := tools/setup tools/update-constraints .ci/run
+YAML_FOLDERS := ros_ws/src docker
+
+help: ## Show this list
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+setup: ## System packages, .venv with pinned wheels, colcon workspace
+	@tools/setup
+
+build: setup ## Build the colcon workspace, also when it is current
+	@tools/setup build
+
+ride: setup ## Ride the benchmark path with the shipped actor and write ride.mcap and a report
+	@$(BIN)/bike ride
+
+test: setup ## Run the tests, quick ones first
+	$(BIN)/python -m pytest -m "not slow"
+	$(BIN)/python -m pytest -m slow
+
+check: setup ## Style, types, import rules, shell scripts, Dockerfiles, YAML
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/shellcheck $(SHELL_SCRIPTS)
+	$(BIN)/hadolint docker/Dockerfile docker/Dockerfile.jazzy
+	$(BIN)/yamllint --strict $(YAML_FOLDERS)
+
+format: setup ## Apply the formatter and the fixes that are safe
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+bench: setup ## Measure speeds and compare them
+	@$(BIN)/bike bench
+
+clean: ## Remove what was built and cached; .venv stays
+	rm -rf ros_ws/build ros_ws/install ros_ws/log .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -f .venv/stamps/workspace
+	find analysis bench ros_ws tests tools training -name __pycache__ -type d -prune -exec rm -rf {} +
+
+distclean: clean ## Remove .venv as well
+	rm -rf .venv

@@ -1,0 +1,21 @@
+from setuptools import find_packages, setup
+
+NAME = "bike_policy"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={NAME: ["py.typed", "policies/*/*"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+    ],
+    install_requires=["setuptools"],
+    zip_safe=False,
+    maintainer="The two-wheeler lab",
+    maintainer_email="maintainers@example.com",
+    description="Observation, action, policy bundles, and the node that drives with them.",
+    license="Apache-2.0",
+    entry_points={"console_scripts": ["drive = bike_policy.drive:main"]},
+)

@@ -1,0 +1,26 @@
+from setuptools import find_packages, setup
+
+NAME = "bike_sim"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={NAME: ["py.typed", "config/vehicles/*.yaml", "config/courses/*.yaml", "config/courses/*.csv"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+    ],
+    install_requires=["setuptools"],
+    zip_safe=False,
+    maintainer="The two-wheeler lab",
+    maintainer_email="maintainers@example.com",
+    description="Bicycle physics, courses, and the simulator and recorder nodes.",
+    license="Apache-2.0",
+    entry_points={
+        "console_scripts": [
+            "record = bike_sim.record:main",
+            "sim_node = bike_sim.sim_node:main",
+        ],
+    },
+)
