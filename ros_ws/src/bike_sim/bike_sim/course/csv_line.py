@@ -1,0 +1,199 @@
+"""Centre lines from CSV text: points, and the widths to both sides where the file gives them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+COLUMNS = ("x_m", "y_m", "w_tr_right_m", "w_tr_left_m")
+"""Columns of a file, in the order used where no header names them; the widths may be left out together."""
+
+LEAST_POINTS = 4
+"""Fewer points do not make a course. (A repeated first point at the end does not count.)"""
+
+SAME_POINT = 1e-6
+"""Points nearer than this are the same point, m."""
+
+REVERSAL = math.radians(150.0)
+"""A line whose chords turn by more at one point (rad) has its points out of order."""
+
+CLOSING_GAP = 1.5
+"""The ends of a closed line are at most this many times the largest distance of neighbours apart."""
+
+CLOSING_TURN = math.radians(75.0)
+"""The chord that closes a line turns by at most this angle at both ends, rad."""
+
+
+class CourseFileError(ValueError):
+    """A course file is broken. The message says which row or element, and what is wrong."""
+
+
+@dataclass(frozen=True)
+class CentreLine:
+    """Points of a CSV file.
+
+    Attributes:
+        points: shape (n, 2), m. A closed line repeats its first point at the end.
+        closed: whether the line is closed.
+        width_left: distance to the left limit at the points, m, or None.
+        width_right: distance to the right limit at the points, m, or None.
+    """
+
+    points: FloatArray
+    closed: bool
+    width_left: FloatArray | None
+    width_right: FloatArray | None
+
+
+def parse_csv(text: str, closed: bool | None = None) -> CentreLine:
+    """Read the text of a CSV file.
+
+    Separators are commas, semicolons or tabs, with or without spaces. Lines that begin with ``#`` are comments. A
+    line of names, commented out or not, says which column is which; further columns are ignored. Without names the
+    columns are those of :data:`COLUMNS`.
+
+    Args:
+        text: text of the file.
+        closed: whether the line is closed, or None to find out: it is when the last point repeats the first, or when
+            its ends are about as far apart as neighbours are and the gap continues the line.
+
+    Raises:
+        CourseFileError: naming the row (as counted by an editor) and what is wrong.
+    """
+    rows, lines, with_widths = _parse_rows(text)
+    repeated = len(rows) > 1 and math.dist(rows[0, :2], rows[-1, :2]) < SAME_POINT
+    if repeated:
+        rows, lines = rows[:-1], lines[:-1]
+        if closed is False:
+            raise CourseFileError("is called open, but its last point repeats its first; remove that row")
+    if len(rows) < LEAST_POINTS:
+        raise CourseFileError(f"has {len(rows)} different points, at least {LEAST_POINTS} are needed")
+    if closed is None:
+        closed = repeated or _looks_closed(rows[:, :2])
+    if closed:
+        rows, lines = np.vstack([rows, rows[:1]]), [*lines, lines[0]]
+    _check_line(rows[:, :2], lines, closed)
+    if not with_widths:
+        return CentreLine(rows, closed, None, None)
+    return CentreLine(rows[:, :2], closed, width_left=rows[:, 3], width_right=rows[:, 2])
+
+
+def _parse_rows(text: str) -> tuple[FloatArray, list[int], bool]:
+    """Return the numbers in the order of COLUMNS, their line numbers, and whether widths are among them."""
+    columns: list[int] | None = None
+    wanted = 0
+    rows: list[list[float]] = []
+    lines: list[int] = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        cells = _split(line.lstrip("#"))
+        if line.lstrip().startswith("#") or not any(cells):
+            if not rows and {"x_m", "y_m"} <= set(cells):
+                columns, wanted = _named_columns(cells, number), len(cells)
+            continue
+        if not rows and columns is None and not any(_is_number(cell) for cell in cells):
+            columns, wanted = _named_columns(cells, number), len(cells)
+            continue
+        if columns is None:
+            columns, wanted = _unnamed_columns(cells, number), len(cells)
+        if len(cells) != wanted:
+            raise CourseFileError(f"row {number} has {len(cells)} columns instead of {wanted}: {line[:60]!r}")
+        rows.append([_number(cells[column], COLUMNS[i], number) for i, column in enumerate(columns)])
+        lines.append(number)
+    if columns is None or not rows:
+        raise CourseFileError(f"has no points; rows of {','.join(COLUMNS)} are expected")
+    return np.array(rows), lines, len(columns) == len(COLUMNS)
+
+
+def _split(line: str) -> list[str]:
+    for separator in (";", "\t"):
+        if separator in line:
+            break
+    else:
+        separator = ","
+    cells = [cell.strip() for cell in line.split(separator)]
+    # Spreadsheets and some tools end every row with a separator.
+    return cells[:-1] if len(cells) > 1 and not cells[-1] else cells
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return "_" not in cell
+
+
+def _number(cell: str, name: str, line: int) -> float:
+    if not _is_number(cell):
+        raise CourseFileError(f"row {line}: {name} is {cell[:40]!r}, a number is needed")
+    value = float(cell)
+    if not math.isfinite(value):
+        raise CourseFileError(f"row {line}: {name} is {cell[:40]!r}, a finite number is needed")
+    if name.startswith("w_") and value < 0.0:
+        raise CourseFileError(f"row {line}: {name} is {value}, a width must not be negative")
+    return value
+
+
+def _named_columns(names: list[str], line: int) -> list[int]:
+    for name in COLUMNS[:2]:
+        if name not in names:
+            raise CourseFileError(f"row {line} has names, but {name} is not among them: {', '.join(names)[:60]!r}")
+    widths = [name for name in COLUMNS[2:] if name in names]
+    if len(widths) == 1:
+        raise CourseFileError(f"row {line} names {widths[0]} alone; give the widths to both sides or none")
+    return [names.index(name) for name in (*COLUMNS[:2], *widths)]
+
+
+def _unnamed_columns(cells: list[str], line: int) -> list[int]:
+    if len(cells) not in (2, len(COLUMNS)):
+        raise CourseFileError(
+            f"row {line} has {len(cells)} columns; without a row of names they must be "
+            f"{','.join(COLUMNS[:2])} or {','.join(COLUMNS)}"
+        )
+    return list(range(len(cells)))
+
+
+def _looks_closed(points: FloatArray) -> bool:
+    """Tell from the gap between the ends whether a line without a repeated point is closed.
+
+    Raises:
+        CourseFileError: the gap is small, but closing it would bend the line sharply.
+    """
+    steps = np.diff(points, axis=0)
+    gap = points[0] - points[-1]
+    distance = float(np.hypot(*gap))
+    if distance > CLOSING_GAP * float(np.hypot(*steps.T).max()):
+        return False
+    turn = max(_turn(steps[-1], gap), _turn(gap, steps[0]))
+    if turn > CLOSING_TURN:
+        raise CourseFileError(
+            f"may be open or closed: its ends are {distance:.3g} m apart, but closing it would turn by "
+            f"{math.degrees(turn):.0f} deg at one point. Say 'closed: true' or 'closed: false' in a YAML file beside it"
+        )
+    return True
+
+
+def _turn(a: FloatArray, b: FloatArray) -> float:
+    """Return the unsigned angle between two steps, rad."""
+    return abs(math.atan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1]))
+
+
+def _check_line(points: FloatArray, lines: list[int], closed: bool) -> None:
+    """Refuse repeated points, and points that are out of order."""
+    steps = np.diff(points, axis=0)
+    for i in np.flatnonzero(np.hypot(*steps.T) < SAME_POINT)[:1]:
+        raise CourseFileError(f"rows {lines[i]} and {lines[i + 1]} are the same point ({points[i, 0]}, {points[i, 1]})")
+    following = np.roll(steps, -1, axis=0)
+    cross = steps[:, 0] * following[:, 1] - steps[:, 1] * following[:, 0]
+    turns = np.abs(np.arctan2(cross, np.sum(steps * following, axis=1)))
+    if not closed:
+        turns[-1] = 0.0
+    for i in np.flatnonzero(turns > REVERSAL)[:1]:
+        raise CourseFileError(
+            f"row {lines[i + 1]}: the line turns back by {math.degrees(turns[i]):.0f} deg here; are the rows in order?"
+        )
