@@ -19,8 +19,7 @@ ride: setup ## Ride the benchmark path with the shipped actor and write ride.mca
 	@$(BIN)/bike ride
 
 test: setup ## Run the tests, quick ones first
-	$(BIN)/python -m pytest -m "not slow"
-	$(BIN)/python -m pytest -m slow
+	$(BIN)/python -m pytest
 
 check: setup ## Style, types, import rules, shell scripts, Dockerfiles, YAML
 	$(BIN)/ruff check .
