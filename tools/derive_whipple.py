@@ -34,10 +34,10 @@ import sympy as sp
 TARGET = Path(__file__).parents[1] / "ros_ws/src/bike_sim/bike_sim/physics/whipple_equations.py"
 
 CONSTANTS = (
-    "rR rF d1 fx fz g "  # geometry of the ground constraint and gravity
-    "m1 x1 z1 I1xx I1xz I1yy I1zz JR "  # rear: frame + wheel without its axial inertia; that of the wheel
-    "m2 x2 z2 I2xx I2xz I2yy I2zz JF"  # front: fork + wheel, likewise
-).split()
+    *("rR", "rF", "d1", "fx", "fz", "g"),  # geometry of the ground constraint and gravity
+    *("m1", "x1", "z1", "I1xx", "I1xz", "I1yy", "I1zz", "JR"),  # rear: frame + wheel, axial inertia of the wheel apart
+    *("m2", "x2", "z2", "I2xx", "I2xz", "I2yy", "I2zz", "JF"),  # front: fork + wheel, likewise
+)
 TRIGONOMETRY = ("sr", "cr", "sb", "cb", "ss", "cs")
 SPEEDS = ("roll_rate", "steer_rate", "front_wheel_rate")
 Vector = Sequence[sp.Expr]
@@ -325,7 +325,8 @@ The arguments `sr, cr, sb, cb, ss, cs` are the sines and cosines of roll, of bet
 other names are explained in the script that wrote this file.
 """
 
-# ruff: noqa: E501, RUF005, F841
+# ruff: noqa: E501
+# fmt: off
 from __future__ import annotations
 
 import math

@@ -4,7 +4,8 @@ The arguments `sr, cr, sb, cb, ss, cs` are the sines and cosines of roll, of bet
 other names are explained in the script that wrote this file.
 """
 
-# ruff: noqa: E501, RUF005, F841
+# ruff: noqa: E501
+# fmt: off
 from __future__ import annotations
 
 import math
