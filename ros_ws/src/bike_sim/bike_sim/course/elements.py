@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,6 +91,7 @@ class Quintic:
         if not math.isfinite(self.width):
             raise ValueError(f"quintic width must be finite, got {self.width!r}")
 
+    @cached_property
     def _fine(self) -> tuple[FloatArray, FloatArray]:
         count = max(16, round((self.extent + abs(self.width)) * _FINE_POINTS_PER_METRE)) + 1
         u = np.linspace(0.0, 1.0, count)
@@ -101,11 +103,11 @@ class Quintic:
     @property
     def length(self) -> float:
         """Arc length, m."""
-        return float(self._fine()[1][-1])
+        return float(self._fine[1][-1])
 
     def trace(self, s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return x, y, heading and curvature at arc lengths s within the element (m, m, rad, 1/m)."""
-        u_fine, s_fine = self._fine()
+        u_fine, s_fine = self._fine
         u = np.interp(s, s_fine, u_fine)
         slope = self.width / self.extent * _QUINTIC_D1(u)
         second = self.width / self.extent**2 * _QUINTIC_D2(u)

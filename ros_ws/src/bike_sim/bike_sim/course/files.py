@@ -298,4 +298,4 @@ def _show(value: Any) -> str:
     """Return a short text of a value from a file; lists and mappings may be huge, so they are only named."""
     if isinstance(value, str):
         return repr(value if len(value) <= 60 else value[:57] + "...")
-    return {list: "a list", dict: "a mapping"}.get(type(value), type(value).__name__)
+    return "a list" if isinstance(value, list) else "a mapping"

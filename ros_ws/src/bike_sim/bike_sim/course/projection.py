@@ -33,7 +33,7 @@ def locate(s: float, spacing: float, count: int, closed: bool) -> tuple[int, flo
     length = spacing * (count - 1)
     if closed:
         s = s % length
-    piece = min(max(int(math.floor(s / spacing)), 0), count - 2)
+    piece = min(max(math.floor(s / spacing), 0), count - 2)
     return piece, s / spacing - piece
 
 
@@ -96,12 +96,16 @@ def project(
     """Return the nearest point of the line within a window around s_near.
 
     Args:
-        x: samples, m. y: samples, m. heading: samples, rad.
+        x: samples, m.
+        y: samples, m.
+        heading: samples, rad.
         spacing: distance of samples, m.
         closed: whether the line is closed.
-        px: point in the map frame, m. py: the same, m.
+        px: point in the map frame, m.
+        py: the same, m.
         s_near: arc length of the last nearest point, m.
-        behind: window behind s_near, m. ahead: window ahead of it, m.
+        behind: window behind s_near, m.
+        ahead: window ahead of it, m.
 
     Returns:
         Arc length (m; grows over laps of a closed line, clipped to an open one), signed distance (m, positive left
@@ -109,19 +113,22 @@ def project(
     """
     count = len(x)
     length = spacing * (count - 1)
-    first = int(math.floor((s_near - behind) / spacing))
-    last = int(math.ceil((s_near + ahead) / spacing))
+    first = math.floor((s_near - behind) / spacing)
+    last = math.ceil((s_near + ahead) / spacing)
     if not closed:
         first, last = max(first, 0), min(last, count - 1)
         if first > last:
             first = last = min(max(first, 0), count - 1)
     best, best_d2 = first, 1e300
+    j = first % (count - 1) if closed else first
     for k in range(first, last + 1):
-        j = k % (count - 1) if closed else k
         d2 = (x[j] - px) ** 2 + (y[j] - py) ** 2
         if d2 < best_d2:
             best_d2 = d2
             best = k
+        j += 1
+        if closed and j == count - 1:
+            j = 0
     # Newton on the distance, with the line's local direction; three rounds end below 1e-9 m.
     s = best * spacing
     for _ in range(3):
@@ -164,11 +171,18 @@ def preview(
     """Write the preview points in the vehicle's frame (Weyrer et al. 2026, Eq. 5 and Fig. 6).
 
     Args:
-        x: samples, m. y: samples, m. heading: samples, rad.
-        spacing: distance of samples, m. closed: whether the line is closed.
-        px: rear contact point in the map frame, m. py: the same, m. yaw: rad.
-        s: arc length of the nearest point, m. step: preview distance along the line, m.
-        out_x: filled with the points' x forward in the C-frame, m. out_y: y left, m; out_y[0] is t_p0.
+        x: samples, m.
+        y: samples, m.
+        heading: samples, rad.
+        spacing: distance of samples, m.
+        closed: whether the line is closed.
+        px: rear contact point in the map frame, m.
+        py: the same, m.
+        yaw: yaw of the vehicle, rad.
+        s: arc length of the nearest point, m.
+        step: preview distance along the line, m.
+        out_x: filled with the points' x in the C-frame, m, positive forward.
+        out_y: filled with their y, m, positive to the left; out_y[0] is t_p0.
     """
     cos, sin = math.cos(yaw), math.sin(yaw)
     for k in range(len(out_x)):
