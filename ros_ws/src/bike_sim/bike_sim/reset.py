@@ -113,7 +113,7 @@ def begin(request: ResetRequest, vehicle: Vehicle, cached: Course | None = None)
     """
     rng = np.random.default_rng(request.seed)
     speed = rng.uniform(*request.speed_range)
-    state = st.upright_state(speed, vehicle.front_radius)
+    state = st.upright_state(speed, vehicle.rF)
     direction = 0.0
     if request.perturb:
         direction = _perturb(rng, state)

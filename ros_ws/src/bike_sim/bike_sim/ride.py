@@ -12,12 +12,15 @@ from numpy import ndarray
 from bike_sim.course import projection
 from bike_sim.physics import kinematics
 from bike_sim.physics.state import FRONT_WHEEL_RATE, ROLL, STEER, YAW, X, Y
+from bike_sim.physics.vehicle import PARAMETER_NAMES
 
 # Places in the vector of derived quantities that `look` fills.
 PITCH, YAW_RATE, SPEED, FRONT_X, FRONT_Y = range(5)
 PROGRESS, LATERAL_ERROR, HEADING_ERROR, CURVATURE = range(5, 9)
 FRONT_PROGRESS, FRONT_LATERAL_ERROR, PREVIEW_SPACING = range(9, 12)
 LOOK_SIZE = 12
+
+_FRONT_RADIUS = PARAMETER_NAMES.index("rF")
 
 
 @njit(cache=True)
@@ -68,7 +71,7 @@ def look(
     )
     seen[FRONT_PROGRESS] = s
     seen[FRONT_LATERAL_ERROR] = distance
-    step = interval * parameters[kinematics.FRONT_RADIUS] * state[FRONT_WHEEL_RATE] if by_time else interval
+    step = interval * parameters[_FRONT_RADIUS] * state[FRONT_WHEEL_RATE] if by_time else interval
     seen[PREVIEW_SPACING] = step
     projection.preview(
         course_x,

@@ -170,6 +170,11 @@ class Simulator:
         """Release the engine."""
         self.engine.close()
 
+    def _drive_torque(self, steering: float, state: FloatArray) -> float:
+        """Return the torque of the steering drive on the fork, Nm (Weyrer et al. 2026, Eq. 2)."""
+        error = float(state[st.STEER]) - steering * self.vehicle.max_steer
+        return -self.vehicle.P * error - self.vehicle.D * float(state[st.STEER_RATE])
+
     def _look(self, steering: float, throttle: float, fresh: bool) -> Snapshot:
         course = self.course
         assert course is not None
@@ -207,7 +212,7 @@ class Simulator:
             seen=seen,
             steering=steering,
             throttle=throttle,
-            steer_torque=self.vehicle.steer_torque(steering * self.vehicle.max_steer, steer, float(state[st.STEER_RATE])),
+            steer_torque=self._drive_torque(steering, state),
             preview_x=points[0],
             preview_y=points[1],
             roll_history=tuple(self._rolls),

@@ -1,0 +1,233 @@
+"""The observation contract: one function for training and for driving.
+
+An :class:`ObservationLayout` names the features that a policy sees, their scale, and the preview points it needs. It
+travels with the policy in its card, so that a simulator that shows something else is refused by name.
+
+Sources: Weyrer et al. (2026), Eqs. (1) to (6) for ``prop`` and the alternatives; the ``lean`` preview is this project's.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+LAYOUT_VERSION: Final = 1
+"""Grows when the meaning of a feature changes; older policies are then refused."""
+
+GRAVITY: Final = 9.81
+"""m/s^2, scales the lean preview."""
+
+# Place in the minimal state (bike_sim.physics.state), mirror sign, and bound of each state feature.
+_STATE_FEATURES: Final[Mapping[str, tuple[int, float, float]]] = {
+    "x": (0, 1.0, math.inf),
+    "y": (1, -1.0, math.inf),
+    "yaw": (2, -1.0, math.inf),
+    "roll": (3, -1.0, math.pi),
+    "steer": (4, -1.0, math.pi),
+    "rear_wheel": (5, 1.0, math.inf),
+    "front_wheel": (6, 1.0, math.inf),
+    "roll_rate": (7, -1.0, math.inf),
+    "steer_rate": (8, -1.0, math.inf),
+    "front_wheel_rate": (9, 1.0, math.inf),
+}
+_YAW_INDEX: Final = 2
+_YAW_VECTOR: Final[Mapping[str, float]] = {"yaw_cos": 1.0, "yaw_sin": -1.0}
+"""Components of the yaw as a unit vector (Eq. 3) with their mirror signs."""
+
+FEATURES: Final = (*_STATE_FEATURES, *_YAW_VECTOR)
+"""Names of all features that a layout can hold, before the preview."""
+
+
+@dataclass(frozen=True)
+class ObservationLayout:
+    """Which numbers a policy sees, in which order and scale.
+
+    Attributes:
+        name: name of the layout.
+        features: names out of FEATURES, in order.
+        scales: one factor a feature; the observation holds feature times scale.
+        preview_by_time: preview distance is speed times interval (Eq. 14), else the interval itself.
+        preview_interval: s when by time, else m.
+        preview_count: preview values, the nearest point included (n_prev + 1 of the paper).
+        preview_kind: ``points`` is t_p of Eq. (5), lateral offsets in m. ``lean`` is their linear transform into
+            offset (m), lateral velocity (m/s) and, from second differences, the tangent of the lean that a steady
+            turn along the previewed line asks for; it needs a preview by time.
+        preview_scale: factor of ``points``.
+        version: LAYOUT_VERSION of the code that made it.
+    """
+
+    name: str
+    features: tuple[str, ...]
+    scales: tuple[float, ...]
+    preview_by_time: bool = True
+    preview_interval: float = 0.4
+    preview_count: int = 5
+    preview_kind: Literal["points", "lean"] = "points"
+    preview_scale: float = 1.0
+    version: int = LAYOUT_VERSION
+
+    def __post_init__(self) -> None:
+        """Check that the layout means something here.
+
+        Raises:
+            ValueError: naming the value.
+        """
+        if self.version != LAYOUT_VERSION:
+            raise ValueError(
+                f"observation layout {self.name!r} has version {self.version}, this software speaks {LAYOUT_VERSION}"
+            )
+        unknown = [feature for feature in self.features if feature not in FEATURES]
+        if unknown:
+            raise ValueError(f"observation layout {self.name!r} names unknown features {unknown}")
+        if len(self.scales) != len(self.features):
+            raise ValueError(f"layout {self.name!r}: {len(self.scales)} scales for {len(self.features)} features")
+        if not (math.isfinite(self.preview_interval) and self.preview_interval > 0.0 and self.preview_count >= 1):
+            raise ValueError(
+                f"layout {self.name!r}: preview interval {self.preview_interval!r} and count {self.preview_count!r} "
+                "must be positive"
+            )
+        if self.preview_kind not in ("points", "lean"):
+            raise ValueError(f"layout {self.name!r}: preview kind must be points or lean, got {self.preview_kind!r}")
+        if self.preview_kind == "lean" and not (self.preview_by_time and self.preview_count >= 3):
+            raise ValueError(f"layout {self.name!r}: a lean preview needs a preview by time of at least 3 points")
+
+    @property
+    def size(self) -> int:
+        """Numbers in an observation."""
+        return len(self.features) + self.preview_count
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """One name for each number of the observation."""
+        return self.features + tuple(f"t_p{k}" for k in range(self.preview_count))
+
+    def observe(self, state: FloatArray, preview_y: FloatArray) -> FloatArray:
+        """Make the observation of one vehicle or of a batch.
+
+        Args:
+            state: minimal state, shape (..., 10).
+            preview_y: lateral offsets of exactly the preview points of this layout in base_link, m, shape
+                (..., preview_count); see :meth:`pick_preview`.
+
+        Returns:
+            float32 array of shape (..., size).
+        """
+        out = np.empty((*state.shape[:-1], self.size), dtype=np.float32)
+        for i, (feature, scale) in enumerate(zip(self.features, self.scales, strict=True)):
+            if feature in _STATE_FEATURES:
+                out[..., i] = state[..., _STATE_FEATURES[feature][0]] * scale
+            else:
+                turn = np.cos if feature == "yaw_cos" else np.sin
+                out[..., i] = turn(state[..., _YAW_INDEX]) * scale
+        first = len(self.features)
+        if self.preview_kind == "points":
+            out[..., first:] = preview_y * self.preview_scale
+        else:
+            self._lean_preview(preview_y, out[..., first:])
+        return out
+
+    def _lean_preview(self, y: FloatArray, out: NDArray[np.float32]) -> None:
+        # The interval is a time, so first differences over it are lateral velocities and second differences are
+        # lateral accelerations of a point that runs along the line: divided by g, the tangent of a steady lean.
+        interval = self.preview_interval
+        out[..., 0] = y[..., 0]
+        out[..., 1] = (y[..., 1] - y[..., 0]) / interval
+        out[..., 2:] = (y[..., 2:] - 2.0 * y[..., 1:-1] + y[..., :-2]) / (GRAVITY * interval**2)
+
+    def pick_preview(self, by_time: bool, interval: float, count: int) -> NDArray[np.intp]:
+        """Return which of a simulator's preview points this layout needs.
+
+        Args:
+            by_time: whether the simulator's preview is by time. interval: its interval, s or m.
+            count: its number of points.
+
+        Raises:
+            ValueError: the simulator's preview cannot serve this layout, naming the difference.
+        """
+        if by_time != self.preview_by_time:
+            raise ValueError(
+                f"layout {self.name!r} needs a preview by {_basis(self.preview_by_time)}, "
+                f"the simulator shows one by {_basis(by_time)}"
+            )
+        stride = self.preview_interval / interval
+        if round(stride) < 1 or abs(stride - round(stride)) > 1e-6:
+            raise ValueError(
+                f"layout {self.name!r} needs preview points every {self.preview_interval:g}, "
+                f"which is not a multiple of the simulator's {interval:g}"
+            )
+        index = np.arange(self.preview_count) * round(stride)
+        if index[-1] >= count:
+            raise ValueError(
+                f"layout {self.name!r} needs {index[-1] + 1} preview points every {interval:g}, "
+                f"the simulator shows {count}"
+            )
+        return index
+
+    @property
+    def mirror_signs(self) -> NDArray[np.float32]:
+        """Signs that turn an observation into the one of the left/right mirrored ride about the map's x axis."""
+        signs = [_STATE_FEATURES[f][1] if f in _STATE_FEATURES else _YAW_VECTOR[f] for f in self.features]
+        return np.array(signs + [-1.0] * self.preview_count, dtype=np.float32)
+
+    @property
+    def high(self) -> NDArray[np.float32]:
+        """Upper bounds of the observation; lower bounds are their negatives."""
+        bounds = [_STATE_FEATURES[f][2] if f in _STATE_FEATURES else 1.0 for f in self.features]
+        scaled = [bound * abs(scale) for bound, scale in zip(bounds, self.scales, strict=True)]
+        return np.array(scaled + [math.inf] * self.preview_count, dtype=np.float32)
+
+    def to_card(self) -> dict[str, Any]:
+        """Return the layout as plain values for a policy card."""
+        card = asdict(self)
+        card["features"] = list(self.features)
+        card["scales"] = [float(scale) for scale in self.scales]
+        return card
+
+    @classmethod
+    def from_card(cls, card: Mapping[str, Any]) -> ObservationLayout:
+        """Read a layout from a policy card.
+
+        Raises:
+            ValueError: a missing or unknown entry, or a version that this software does not speak.
+        """
+        known = {spec.name for spec in fields(cls)}
+        unknown = sorted(set(card) - known)
+        missing = sorted({"name", "features", "scales", "version"} - set(card))
+        if unknown or missing:
+            raise ValueError(f"observation layout: unknown entries {unknown}, missing entries {missing}")
+        values = dict(card)
+        values["features"] = tuple(values["features"])
+        values["scales"] = tuple(float(scale) for scale in values["scales"])
+        return cls(**values)
+
+
+def _basis(by_time: bool) -> str:
+    return "time" if by_time else "distance"
+
+
+_MINIMAL = ("x", "y", "yaw", "roll", "steer", "rear_wheel", "front_wheel", "roll_rate", "steer_rate", "front_wheel_rate")
+_REDUNDANT = ("x", "y", "yaw_cos", "yaw_sin", *_MINIMAL[3:])
+_LATERAL = ("roll", "steer", "roll_rate", "steer_rate", "front_wheel_rate")
+
+PROP_LAYOUT: Final = ObservationLayout("prop", _REDUNDANT, (1.0,) * len(_REDUNDANT))
+"""q' and t_p of the paper's proposed settings (Eqs. 4 to 6): 16 values, unscaled."""
+
+LEAN_LAYOUT: Final = ObservationLayout(
+    "lean",
+    _LATERAL,
+    (2.0, 2.0, 1.0, 0.5, 0.1),
+    preview_interval=0.2,
+    preview_count=11,
+    preview_kind="lean",
+)
+"""The lateral state, speed, and the preview as offset, lateral velocity and lean: 16 values of order one.
+
+It leaves out what steering cannot depend on: absolute position, yaw and wheel angles.
+"""

@@ -1,0 +1,119 @@
+"""The Gymnasium environment of the task over a simulator client."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_sim.physics.state import ROLL
+from bike_sim.physics.vehicle import load_vehicle
+from bike_sim.reset import ResetRequest
+from bike_sim.simulator import SimulatorConfig, Snapshot
+from bike_training.clients import Client, make_client
+from bike_training.curriculum import Curriculum, RideRanges
+from bike_training.task import TASKS, Task, failed
+from bike_training.vec_env import distances, task_spaces
+
+
+class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
+    """One bicycle on a random path.
+
+    An episode is terminated when a threshold is exceeded and truncated after ``task.max_steps`` steps. After a
+    truncated episode a plain ``reset()`` goes on with the same ride once, as the paper does (Weyrer et al. 2026,
+    Sect. 4.1); ``reset(seed=...)`` and ``reset(options=...)`` always begin a new one.
+
+    ``info`` holds the distance to the path, the progress and the snapshot of the simulator.
+    """
+
+    metadata = {"render_modes": []}  # noqa: RUF012 (Gymnasium's own declaration)
+
+    def __init__(
+        self,
+        client: Client | str = "local",
+        task: Task | str = "prop",
+        ranges: RideRanges | None = None,
+        config: SimulatorConfig | None = None,
+    ) -> None:
+        """Make the environment.
+
+        Args:
+            client: a client, or ``local`` or ``ros`` for one of its own.
+            task: a task or its name in :data:`bike_training.task.TASKS`.
+            ranges: intervals of new rides; the first part of the curriculum by default.
+            config: simulator of a client of its own; by default PyBullet at the paper's step of 5 ms.
+        """
+        config = config or SimulatorConfig(time_step=0.005)
+        self.client = make_client(client, config) if isinstance(client, str) else client
+        self.task = TASKS[task] if isinstance(task, str) else task
+        self.ranges = ranges or Curriculum().ranges(0)
+        self.observation_space, self.action_space = task_spaces(self.task)
+        self._command_scale = self.task.max_steer / load_vehicle(config.vehicle).max_steer
+        self._steps = 0
+        self._full_episodes = 0
+        self._goes_on = False
+        self._snapshot: Snapshot | None = None
+
+    def set_ranges(self, ranges: RideRanges) -> None:
+        """Draw new rides from other intervals from now on."""
+        self.ranges = ranges
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Begin an episode.
+
+        Args:
+            seed: seed of this and all later draws.
+            options: ``{"request": ResetRequest(...)}`` asks for a certain ride; its preview is replaced by the task's.
+        """
+        super().reset(seed=seed)
+        goes_on = self._goes_on and seed is None and not options
+        self._goes_on = False
+        self._steps = 0
+        if not goes_on:
+            request = (options or {}).get("request") or self._draw()
+            request = replace(request, preview=self.task.preview)
+            self._snapshot = self.client.reset(request)
+            self._full_episodes = 0
+        assert self._snapshot is not None
+        return self._observe(self._snapshot), self._info(self._snapshot)
+
+    def step(
+        self, action: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """Hold an action of shape (1,) in [-1, 1] for one control period."""
+        command = float(action[0]) * self._command_scale
+        snapshot = self.client.step(min(max(command, -1.0), 1.0))
+        self._snapshot = snapshot
+        self._steps += 1
+        roll = snapshot.state[ROLL]
+        reward = self.task.rewards(distances(self.task, snapshot.seen), roll)
+        terminated = bool(failed(snapshot.distance, roll))
+        truncated = not terminated and self._steps >= self.task.max_steps
+        if truncated:
+            self._full_episodes += 1
+            self._goes_on = self._full_episodes == 1
+        return self._observe(snapshot), float(reward), terminated, truncated, self._info(snapshot)
+
+    def close(self) -> None:
+        """Release the simulator."""
+        self.client.close()
+
+    def _draw(self) -> ResetRequest:
+        return ResetRequest(
+            seed=int(self.np_random.integers(2**31)),
+            speed_range=self.ranges.speed,
+            path_ranges=self.ranges.paths,
+            perturb=True,
+            preview=self.task.preview,
+        )
+
+    def _observe(self, snapshot: Snapshot) -> NDArray[np.float32]:
+        return self.task.layout.observe(snapshot.state, snapshot.preview_y)
+
+    def _info(self, snapshot: Snapshot) -> dict[str, Any]:
+        return {"snapshot": snapshot, "distance_m": snapshot.distance}

@@ -1,0 +1,143 @@
+"""Vector environment of compiled bicycles for Stable-Baselines3 and sbx."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+from stable_baselines3.common.vec_env import VecEnv
+
+from bike_sim import ride
+from bike_sim.physics.state import ROLL
+from bike_sim.physics.vehicle import load_vehicle
+from bike_sim.reset import ResetRequest
+from bike_training.batch import RideBatch
+from bike_training.curriculum import RideRanges
+from bike_training.task import Task, failed
+
+
+def task_spaces(task: Task) -> tuple[gym.spaces.Box, gym.spaces.Box]:
+    """Return the observation and action space of a task."""
+    high = task.layout.high
+    return gym.spaces.Box(-high, high, dtype=np.float32), gym.spaces.Box(-1.0, 1.0, (1,), dtype=np.float32)
+
+
+def distances(task: Task, seen: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return t_0 of the contact point that the task holds to the path, m, for one vehicle or a batch."""
+    place = ride.LATERAL_ERROR if task.contact == "rear" else ride.FRONT_LATERAL_ERROR
+    return np.abs(seen[..., place])
+
+
+class CompiledVecEnv(VecEnv):
+    """The paper's environment over :class:`~bike_training.batch.RideBatch`.
+
+    An episode ends after ``task.max_steps`` steps or when a threshold is exceeded. After a full episode the ride goes
+    on into the next one; after two full episodes in a row it begins anew (Weyrer et al. 2026, Sect. 4.1).
+    """
+
+    def __init__(self, count: int, task: Task, ranges: RideRanges, seed: int, time_step: float = 0.01) -> None:
+        """Make an environment of a number of bicycles.
+
+        Args:
+            count: number of bicycles.
+            task: what is learned.
+            ranges: intervals of new rides; :meth:`set_ranges` changes them.
+            seed: seed of all rides.
+            time_step: integration step, s.
+        """
+        super().__init__(count, *task_spaces(task))
+        self.task = task
+        self.ranges = ranges
+        self.vehicle = load_vehicle("whipple")
+        self.batch = RideBatch(count, self.vehicle, task.preview, self.vehicle.control_period, time_step)
+        self.rng = np.random.default_rng(seed)
+        self.steps = np.zeros(count, dtype=np.int64)
+        self.full_episodes = np.zeros(count, dtype=np.int64)
+        self.returns = np.zeros(count)
+        self._command_scale = task.max_steer / self.vehicle.max_steer
+        self._actions = np.zeros(count)
+
+    def set_ranges(self, ranges: RideRanges) -> None:
+        """Draw new rides from other intervals from now on."""
+        self.ranges = ranges
+
+    def reset(self) -> NDArray[np.float32]:
+        """Begin a new ride of every bicycle and return the observations, shape (n, layout size)."""
+        for index in range(self.num_envs):
+            self._begin(index)
+        return self._observe()
+
+    def _begin(self, index: int) -> None:
+        request = ResetRequest(
+            seed=int(self.rng.integers(2**31)),
+            speed_range=self.ranges.speed,
+            path_ranges=self.ranges.paths,
+            perturb=True,
+            preview=self.task.preview,
+        )
+        self.batch.reset(index, request)
+        self.steps[index] = 0
+        self.full_episodes[index] = 0
+        self.returns[index] = 0.0
+
+    def _observe(self) -> NDArray[np.float32]:
+        return self.task.layout.observe(self.batch.states, self.batch.preview_y)
+
+    def step_async(self, actions: NDArray[np.float32]) -> None:
+        """Take the actions of the next step, shape (n, 1)."""
+        self._actions = np.clip(actions[:, 0] * self._command_scale, -1.0, 1.0)
+
+    def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
+        """Step every bicycle; rides that ended have begun anew in the returned observations."""
+        self.batch.step(self._actions)
+        self.steps += 1
+        roll = self.batch.states[:, ROLL]
+        rear = np.abs(self.batch.seen[:, ride.LATERAL_ERROR])
+        rewards = self.task.rewards(distances(self.task, self.batch.seen), roll).astype(np.float32)
+        self.returns += rewards
+        terminated = failed(rear, roll)
+        truncated = ~terminated & (self.steps >= self.task.max_steps)
+        observations = self._observe()
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        ended = terminated | truncated
+        for index in np.flatnonzero(ended):
+            infos[index] = {
+                "terminal_observation": observations[index].copy(),
+                "TimeLimit.truncated": bool(truncated[index]),
+                "episode": {"r": float(self.returns[index]), "l": int(self.steps[index]), "t": 0.0},
+            }
+            if truncated[index] and self.full_episodes[index] == 0:
+                self.full_episodes[index] = 1
+                self.steps[index] = 0
+                self.returns[index] = 0.0
+            else:
+                self._begin(int(index))
+        if ended.any():
+            observations = self._observe()
+        return observations, rewards, ended, infos
+
+    def close(self) -> None:
+        """Nothing to release."""
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """Return an attribute of this environment once for each bicycle."""
+        return [getattr(self, attr_name)] * len(list(self._get_indices(indices)))
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Set an attribute for all bicycles together."""
+        setattr(self, attr_name, value)
+
+    def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
+        """Call a method once for all bicycles together."""
+        return [getattr(self, method_name)(*method_args, **method_kwargs)]
+
+    def env_is_wrapped(self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: Any = None) -> list[bool]:
+        """No bicycle is wrapped."""
+        return [False] * len(list(self._get_indices(indices)))
+
+    def get_images(self) -> Sequence[None]:
+        """There are no pictures."""
+        return [None] * self.num_envs
