@@ -1,0 +1,74 @@
+"""The door to the physics: what every engine can do, and how to get one."""
+
+from __future__ import annotations
+
+from typing import Final, Protocol
+
+from bike_sim.physics.state import StateVector
+from bike_sim.physics.vehicle import Vehicle
+
+ENGINE_KINDS: Final = ("pybullet", "whipple")
+
+
+class Engine(Protocol):
+    """One vehicle on flat ground, stepped with a fixed integration step.
+
+    Attributes:
+        vehicle: its parameters, the steering drive included.
+        time_step: integration step, s.
+    """
+
+    vehicle: Vehicle
+    time_step: float
+
+    def reset(self, state: StateVector) -> None:
+        """Set any minimal state exactly, positions and velocities; nothing of the earlier ride remains.
+
+        Raises:
+            ValueError: the state has the wrong shape, is not finite, or no such configuration exists.
+        """
+        ...
+
+    def advance(self, steer_set: float, steps: int) -> None:
+        """Integrate with the steering drive's set value held.
+
+        The drive's torque, ``-P (steer - steer_set) - D steer_rate`` on the fork and its opposite on
+        the rear frame, is evaluated anew at every step (Weyrer et al. 2026, Eq. 2).
+
+        Args:
+            steer_set: set value of the steering angle, rad, positive to the left.
+            steps: number of integration steps of `time_step`.
+        """
+        ...
+
+    def state(self) -> StateVector:
+        """Return the minimal state as a fresh vector of ten (see `bike_sim.physics.state`)."""
+        ...
+
+    def close(self) -> None:
+        """Release what the engine holds; a second call does nothing."""
+        ...
+
+
+def make_engine(kind: str, vehicle: Vehicle, time_step: float) -> Engine:
+    """Return a new engine, independent of all others in the process.
+
+    Args:
+        kind: "pybullet" (four bodies on Bullet's contacts) or "whipple" (the nonlinear equations of the ideal
+            bicycle in minimal coordinates, compiled).
+        vehicle: the vehicle to simulate.
+        time_step: integration step, s.
+
+    Raises:
+        ValueError: unknown kind or a time step that is not positive.
+    """
+    # Imported on demand: who asks for one engine does not pay for loading the other.
+    if kind == "pybullet":
+        from bike_sim.physics.pybullet_engine import PyBulletEngine
+
+        return PyBulletEngine(vehicle, time_step)
+    if kind == "whipple":
+        from bike_sim.physics.whipple_engine import WhippleEngine
+
+        return WhippleEngine(vehicle, time_step)
+    raise ValueError(f"unknown engine '{kind}'; choose one of {', '.join(ENGINE_KINDS)}")

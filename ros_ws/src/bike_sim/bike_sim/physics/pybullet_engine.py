@@ -1,0 +1,290 @@
+"""The Whipple bicycle as a tree of four bodies that rolls on Bullet's own contacts.
+
+Bullet knows nothing of bicycles: rear frame, fork and two wheels hang together by three hinges, the
+wheels touch a plane, and friction keeps them from slipping. That this becomes ideal rolling, as the
+benchmark of Meijaard et al. (2007) assumes, hangs on a handful of settings; each is justified where
+it is made. `bike validate` measures what they achieve.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import weakref
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Final
+
+import numpy as np
+
+from bike_sim.physics import kinematics, mapping
+from bike_sim.physics import state as st
+from bike_sim.physics.state import StateVector
+from bike_sim.physics.vehicle import Vehicle
+
+
+@contextmanager
+def _quiet_stderr() -> Iterator[None]:
+    """Silence the C level of standard error: Bullet greets with its build time at import."""
+    try:
+        saved = os.dup(2)
+    except OSError:  # no standard error at all, as under some service managers
+        yield
+        return
+    sink = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(sink, 2)
+    try:
+        yield
+    finally:
+        os.dup2(saved, 2)
+        os.close(saved)
+        os.close(sink)
+
+
+with _quiet_stderr():
+    import pybullet as bullet
+
+REAR_WHEEL: Final = 0
+FORK: Final = 1
+FRONT_WHEEL: Final = 2
+"""Link numbers; the rear frame is the base of the tree."""
+_LINKS: Final = (REAR_WHEEL, FORK, FRONT_WHEEL)
+
+_MARGIN: Final = 1e-5
+"""Collision margin, m. It rounds the wheel's edge to a torus of this radius, nearly the knife edge of the benchmark."""
+_FRICTION: Final = 1e3
+"""High enough that no wheel ever slips."""
+_SOLVER_ITERATIONS: Final = 10
+"""Sweeps over the contacts; each third one gains a digit. Ten leave 2e-4 rad of steer after 8 s of hard slalom at 5 ms,
+a fiftieth of what the step itself costs."""
+_CONTACT_ACCELERATION: Final = 5.0
+"""A contact lives while wheel and ground part by less than a third of this times the step squared, m/s2."""
+_LIFT: Final = 1e3
+"""Height, m, at which a vehicle surely touches nothing."""
+_READ_INTERVAL: Final = 0.1
+"""Longest time, s, between two readings of the yaw: far too short for half a turn, so that the yaw is never wrapped."""
+
+
+class PyBulletEngine:
+    """A bicycle in a Bullet world of its own; implements `bike_sim.physics.engine.Engine`.
+
+    Engines in one process do not see each other, and the same reset and commands give the same states
+    bit for bit, whatever the engine did before.
+
+    Attributes:
+        vehicle: its parameters, the steering drive included.
+        time_step: integration step, s.
+        client: number of the Bullet world, for those who want to look inside with PyBullet.
+        body: Bullet's number of the vehicle.
+    """
+
+    def __init__(self, vehicle: Vehicle, time_step: float) -> None:
+        """Build the world with the vehicle at rest in its upright reference configuration.
+
+        Args:
+            vehicle: the vehicle to simulate.
+            time_step: integration step, s.
+
+        Raises:
+            ValueError: the time step is not positive and finite.
+            RuntimeError: this process holds as many Bullet worlds as Bullet allows.
+        """
+        if not (math.isfinite(time_step) and time_step > 0.0):
+            raise ValueError(f"time step must be positive and finite, got {time_step} s")
+        self.vehicle = vehicle
+        self.time_step = float(time_step)
+        self.client: int = bullet.connect(bullet.DIRECT)
+        if self.client < 0:
+            raise RuntimeError("no further Bullet world can be made in this process; close engines no longer used")
+        # A forgotten engine must not hold on to one of Bullet's limited number of worlds.
+        self._disconnect = weakref.finalize(self, bullet.disconnect, self.client)
+        reference = mapping.layout(vehicle)
+        offset = reference.centres[mapping.REAR_WHEEL] - reference.centres[mapping.REAR_FRAME]
+        # Bullet knows the rear frame by its principal axes of inertia. The frame is symmetric about its xz plane, so
+        # these come from its own axes by a turn about y, and the y axis that yaw and roll are read from is the same.
+        self._principal, _ = _principal_axes(mapping.inertia_tensors(vehicle)[mapping.REAR_FRAME])
+        self._axle_offset = tuple(mapping.rotate(mapping.conjugate(self._principal), offset))
+        self._chunk = max(1, int(_READ_INTERVAL / self.time_step))
+        self.body = self._build_world(reference)
+        self._state = np.zeros(st.STATE_SIZE)
+        self.reset(st.upright_state(0.0, vehicle.rF))
+
+    def reset(self, state: StateVector) -> None:
+        """Set any minimal state exactly, positions and velocities; nothing of the earlier ride remains.
+
+        Raises:
+            ValueError: the state has the wrong shape, is not finite, or no such configuration exists.
+        """
+        state = mapping.checked_state(state)
+        bodies = mapping.redundant_from_minimal(state, self.vehicle)
+        client, body, frame = self.client, self.body, mapping.REAR_FRAME
+        # Bullet keeps contacts and their last impulses as a first guess. Lifting the vehicle off makes it forget them.
+        bullet.resetBasePositionAndOrientation(body, (0.0, 0.0, _LIFT), (0.0, 0.0, 0.0, 1.0), client)
+        bullet.performCollisionDetection(client)
+        orientation = mapping.multiply(bodies.orientations[frame], self._principal)
+        bullet.resetBasePositionAndOrientation(body, bodies.positions[frame], orientation, client)
+        bullet.resetBaseVelocity(body, bodies.velocities[frame], bodies.angular_velocities[frame], client)
+        rear_rate = kinematics.rear_wheel_rate(state, self.vehicle.parameters)
+        for link, angle, rate in (
+            (REAR_WHEEL, state[st.REAR_WHEEL], rear_rate),
+            (FORK, state[st.STEER], state[st.STEER_RATE]),
+            (FRONT_WHEEL, state[st.FRONT_WHEEL], state[st.FRONT_WHEEL_RATE]),
+        ):
+            bullet.resetJointState(body, link, angle, rate, client)
+        self._state = state.copy()
+        self._read()
+
+    def advance(self, steer_set: float, steps: int) -> None:
+        """Integrate with the steering drive's set value held; the drive acts anew at every step.
+
+        Args:
+            steer_set: set value of the steering angle, rad, positive to the left.
+            steps: number of integration steps of `time_step`.
+
+        Raises:
+            ValueError: the set value is not finite or the number of steps is negative.
+        """
+        if not math.isfinite(steer_set):
+            raise ValueError(f"steer_set = {steer_set!r} is not a finite angle in rad")
+        if steps < 0:
+            raise ValueError(f"steps = {steps} must not be negative")
+        while steps > self._chunk:
+            self._step(steer_set, self._chunk)
+            self._read()
+            steps -= self._chunk
+        self._step(steer_set, steps)
+        self._read()
+
+    def state(self) -> StateVector:
+        """Return the minimal state as a fresh vector; yaw and wheel angles are not wrapped."""
+        return self._state.copy()
+
+    def close(self) -> None:
+        """Give the Bullet world back; a second call does nothing."""
+        self._disconnect()
+
+    def _step(self, steer_set: float, steps: int) -> None:
+        """Step the world with the drive's torque. All time is spent here, hence the bound names and bare positions."""
+        body, client, stiffness, damping = self.body, self.client, self.vehicle.P, self.vehicle.D
+        read, push, step = bullet.getJointState, bullet.setJointMotorControl2, bullet.stepSimulation
+        mode, fork = bullet.TORQUE_CONTROL, FORK
+        for _ in range(steps):
+            steer, rate, _, _ = read(body, fork, client)
+            torque = stiffness * (steer_set - steer) - damping * rate
+            # Positions and gains (the zeros and ones) mean nothing in this mode; keywords would cost 0.2 us a step.
+            push(body, fork, mode, 0.0, 0.0, torque, 0.0, 0.0, -1.0, client)
+            step(client)
+
+    def _read(self) -> None:
+        """Read the minimal state out of Bullet, counting turns of yaw on from the last reading."""
+        body, client, last = self.body, self.client, self._state
+        position, orientation = bullet.getBasePositionAndOrientation(body, client)
+        _, angular_velocity = bullet.getBaseVelocity(body, client)
+        rear, fork, front = bullet.getJointStates(body, _LINKS, client)
+        x, y, yaw, roll, roll_rate = mapping.frame_coordinates(
+            position, orientation, angular_velocity, self._axle_offset, self.vehicle.rR
+        )
+        yaw = mapping.nearest_turn(yaw, last[st.YAW])
+        self._state = np.array((x, y, yaw, roll, fork[0], rear[0], front[0], roll_rate, fork[1], front[1]))
+
+    def _build_world(self, reference: mapping.Layout) -> int:
+        """Fill the empty world with the ground and the vehicle, and return the vehicle's number."""
+        client = self.client
+        bullet.setTimeStep(self.time_step, client)
+        bullet.setGravity(0.0, 0.0, -self.vehicle.g, client)
+        bullet.setPhysicsEngineParameter(
+            numSolverIterations=_SOLVER_ITERATIONS,
+            # A threshold is absolute: it would solve large motions well and small ones, as around balance, badly.
+            solverResidualThreshold=0.0,
+            # A rolling wheel rises off its old contact by (v dt)^2 / 2 r, and a wheel that bears the vehicle jumps by
+            # about a dt^2 / 2. The threshold (Bullet takes the fraction r of it) lies between the two, above 1 m/s:
+            # with less a contact is missed now and then, with more old ones pile up, unloaded, at twice the time.
+            contactBreakingThreshold=_CONTACT_ACCELERATION * self.time_step**2,
+            contactSlop=0.0,
+            deterministicOverlappingPairs=1,
+            physicsClientId=client,
+        )
+        plane = bullet.createCollisionShape(bullet.GEOM_PLANE, physicsClientId=client)
+        ground = bullet.createMultiBody(0.0, plane, physicsClientId=client)
+        bullet.changeDynamics(ground, -1, lateralFriction=_FRICTION, physicsClientId=client)
+        wheels = [self._wheel_shape(radius) for radius in (self.vehicle.rR, self.vehicle.rF)]
+        body = self._build_vehicle(reference, wheels)
+        for link in (-1, *_LINKS):
+            # No loss but the drive's; and Bullet's default limit of 100 rad/s on joints is 35 m/s on the road.
+            bullet.changeDynamics(
+                body,
+                link,
+                lateralFriction=_FRICTION,
+                rollingFriction=0.0,
+                spinningFriction=0.0,
+                restitution=0.0,
+                linearDamping=0.0,
+                angularDamping=0.0,
+                jointDamping=0.0,
+                maxJointVelocity=1e6,
+                activationState=bullet.ACTIVATION_STATE_DISABLE_SLEEPING,
+                physicsClientId=client,
+            )
+        for link in _LINKS:  # every new hinge comes with a motor that brakes it
+            bullet.setJointMotorControl2(body, link, bullet.VELOCITY_CONTROL, force=0.0, physicsClientId=client)
+        return body
+
+    def _wheel_shape(self, radius: float) -> int:
+        """Return a knife-edge wheel: an implicit cylinder (not a 32-gon) whose height is all margin.
+
+        The margin can only be set through the base of a body, so a passing body carries the shape once.
+        """
+        client = self.client
+        shape: int = bullet.createCollisionShape(
+            bullet.GEOM_CYLINDER, radius=radius, height=2.0 * _MARGIN, physicsClientId=client
+        )
+        carrier = bullet.createMultiBody(0.0, shape, basePosition=(0.0, 0.0, -_LIFT), physicsClientId=client)
+        bullet.changeDynamics(carrier, -1, collisionMargin=_MARGIN, physicsClientId=client)
+        bullet.removeBody(carrier, client)
+        return shape
+
+    def _build_vehicle(self, reference: mapping.Layout, wheels: list[int]) -> int:
+        """Hang the links on the rear frame: each link's frame sits in its hinge, a wheel's z axis is its axle."""
+        vehicle, client, nowhere = self.vehicle, self.client, (0.0, 0.0, 0.0)
+        rear, frame, fork, front = reference.centres
+        tensors = mapping.inertia_tensors(vehicle)
+        frame_axes, frame_moments = _principal_axes(tensors[mapping.REAR_FRAME])
+        fork_axes, fork_moments = _principal_axes(tensors[mapping.FORK])
+        straight, axle_up = (0.0, 0.0, 0.0, 1.0), mapping.axis_angle(np.array([1.0, 0.0, 0.0]), -0.5 * math.pi)
+        body: int = bullet.createMultiBody(
+            baseMass=vehicle.mB,
+            basePosition=frame,
+            baseInertialFrameOrientation=frame_axes,
+            linkMasses=(vehicle.mR, vehicle.mH, vehicle.mF),
+            linkCollisionShapeIndices=(wheels[0], -1, wheels[1]),
+            linkVisualShapeIndices=(-1, -1, -1),
+            linkPositions=(rear - frame, reference.head - frame, front - reference.head),
+            linkOrientations=(axle_up, straight, axle_up),
+            linkInertialFramePositions=(nowhere, fork - reference.head, nowhere),
+            linkInertialFrameOrientations=(straight, fork_axes, straight),
+            linkParentIndices=(0, 0, FORK + 1),
+            linkJointTypes=(bullet.JOINT_REVOLUTE,) * 3,
+            linkJointAxis=((0.0, 0.0, 1.0), reference.steering_axis, (0.0, 0.0, 1.0)),
+            physicsClientId=client,
+        )
+        moments = {
+            -1: frame_moments,
+            REAR_WHEEL: (vehicle.IRxx, vehicle.IRxx, vehicle.IRyy),
+            FORK: fork_moments,
+            FRONT_WHEEL: (vehicle.IFxx, vehicle.IFxx, vehicle.IFyy),
+        }
+        for link, diagonal in moments.items():  # what createMultiBody guesses from the shapes is not the vehicle's
+            bullet.changeDynamics(body, link, localInertiaDiagonal=diagonal, physicsClientId=client)
+        return body
+
+
+def _principal_axes(tensor: mapping.Vector) -> tuple[mapping.Vector, mapping.Vector]:
+    """Return the turn about y (quaternion) from the body's to its principal axes, and the three moments there.
+
+    Args:
+        tensor: inertia of a body symmetric about its xz plane, kg m2, shape (3, 3).
+    """
+    xx, xz, zz = tensor[0, 0], tensor[0, 2], tensor[2, 2]
+    angle = -0.5 * math.atan2(2.0 * xz, xx - zz)
+    mean, radius = 0.5 * (xx + zz), math.hypot(0.5 * (xx - zz), xz)
+    return mapping.axis_angle(np.array([0.0, 1.0, 0.0]), angle), np.array([mean + radius, tensor[1, 1], mean - radius])

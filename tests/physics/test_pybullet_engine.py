@@ -1,0 +1,220 @@
+"""The four-body bicycle on Bullet's contacts: set and read back, ride, repeat."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+from bike_sim.physics import kinematics, mapping
+from bike_sim.physics import state as st
+from bike_sim.physics.pybullet_engine import FORK, FRONT_WHEEL, REAR_WHEEL, PyBulletEngine, bullet
+from bike_sim.physics.vehicle import load_vehicle
+
+from .test_mapping import states
+
+VEHICLE = load_vehicle("whipple")
+COAST = replace(VEHICLE, P=0.0, D=0.0)
+
+
+@pytest.fixture
+def engine() -> Iterator[PyBulletEngine]:
+    engine = PyBulletEngine(VEHICLE, 0.005)
+    yield engine
+    engine.close()
+
+
+def ride(engine: PyBulletEngine, start: np.ndarray, periods: int = 40, phase: float = 0.0) -> np.ndarray:
+    """Weave about: steer into the fall plus a slow swing, in control periods of 50 ms."""
+    steps = round(0.05 / engine.time_step)
+    engine.reset(start)
+    states = [engine.state()]
+    for k in range(periods):
+        state = states[-1]
+        engine.advance(-3.0 * state[st.ROLL] - state[st.ROLL_RATE] + 0.4 * math.sin(0.15 * k + phase), steps)
+        states.append(engine.state())
+    return np.array(states)
+
+
+def start(speed: float, roll_rate: float = 0.0, yaw: float = 0.0) -> np.ndarray:
+    state = st.upright_state(speed, VEHICLE.rF)
+    state[st.ROLL_RATE], state[st.YAW] = roll_rate, yaw
+    return state
+
+
+@given(states)
+def test_any_state_is_set_and_read_back(state: np.ndarray) -> None:
+    shared = test_any_state_is_set_and_read_back.engine
+    shared.reset(state)
+    assert shared.state() == pytest.approx(state, rel=1e-10, abs=1e-9)
+
+
+test_any_state_is_set_and_read_back.engine = PyBulletEngine(VEHICLE, 0.005)  # one for all examples
+
+
+@settings(max_examples=25)
+@given(states)
+def test_bullet_places_every_body_where_the_mapping_does(state: np.ndarray) -> None:
+    shared = test_any_state_is_set_and_read_back.engine
+    shared.reset(state)
+    bodies = mapping.redundant_from_minimal(state, VEHICLE)
+    for link, row in ((REAR_WHEEL, mapping.REAR_WHEEL), (FORK, mapping.FORK), (FRONT_WHEEL, mapping.FRONT_WHEEL)):
+        # without computeForwardKinematics Bullet answers with poses of the last step
+        found = bullet.getLinkState(
+            shared.body, link, computeLinkVelocity=1, computeForwardKinematics=1, physicsClientId=shared.client
+        )
+        assert found[0] == pytest.approx(bodies.positions[row], abs=1e-9)
+        assert found[6] == pytest.approx(bodies.velocities[row], abs=1e-9)
+        assert found[7] == pytest.approx(bodies.angular_velocities[row], abs=1e-9)
+
+
+def test_state_is_a_fresh_vector(engine: PyBulletEngine) -> None:
+    before = engine.state()
+    before[:] = 7.0
+    assert engine.state() == pytest.approx(np.zeros(st.STATE_SIZE))
+
+
+def test_a_ride_repeats_bit_for_bit_after_another_ride(engine: PyBulletEngine) -> None:
+    first = ride(engine, start(4.0, 0.2))
+    other = ride(engine, start(4.0, 0.2, yaw=2.0), periods=33, phase=1.0)
+    assert not np.allclose(first[-1], other[-1])
+    np.testing.assert_array_equal(ride(engine, start(4.0, 0.2)), first)
+
+
+def test_a_reset_in_place_forgets_the_contacts(engine: PyBulletEngine) -> None:
+    # The nearly same place: what Bullet remembers of the contacts would still fit and be used.
+    engine.reset(start(4.0))
+    engine.advance(0.3, 1)
+    engine.reset(start(4.0))
+    engine.advance(0.0, 20)
+    fresh = PyBulletEngine(VEHICLE, 0.005)
+    fresh.reset(start(4.0))
+    fresh.advance(0.0, 20)
+    np.testing.assert_array_equal(engine.state(), fresh.state())
+    fresh.close()
+
+
+def test_engines_side_by_side_do_not_disturb_each_other(engine: PyBulletEngine) -> None:
+    alone = ride(engine, start(4.0, 0.2))
+    neighbour = PyBulletEngine(replace(VEHICLE, g=5.0), 0.001)
+    neighbour.reset(start(6.0))
+    engine.reset(start(4.0, 0.2))
+    states = [engine.state()]
+    for k in range(40):
+        state = states[-1]
+        engine.advance(-3.0 * state[st.ROLL] - state[st.ROLL_RATE] + 0.4 * math.sin(0.15 * k), 10)
+        neighbour.advance(0.1, 7)
+        states.append(engine.state())
+    neighbour.close()
+    np.testing.assert_array_equal(np.array(states), alone)
+
+
+def test_one_long_advance_equals_many_short_ones(engine: PyBulletEngine) -> None:
+    engine.reset(start(5.0))
+    engine.advance(0.05, 200)
+    long = engine.state()
+    engine.reset(start(5.0))
+    for _ in range(200):
+        engine.advance(0.05, 1)
+    np.testing.assert_array_equal(engine.state(), long)
+
+
+def test_yaw_and_wheel_angles_are_counted_beyond_a_turn(engine: PyBulletEngine) -> None:
+    # Circles to the left, leaning left: tan(0.3 rad) g / v is a turn in about eight seconds.
+    engine.reset(start(4.0))
+    yaw, turned = [0.0], 0.0
+    for _ in range(500):
+        state = engine.state()
+        engine.advance(0.2 - 3.0 * (state[st.ROLL] + 0.3) - state[st.ROLL_RATE], 10)
+        yaw.append(engine.state()[st.YAW])
+        turned += kinematics.yaw_rate(engine.state(), VEHICLE.parameters) * 0.05
+    assert yaw[-1] > 4.0 * math.pi
+    assert np.abs(np.diff(yaw)).max() < 0.1
+    assert yaw[-1] == pytest.approx(turned, rel=0.01)
+    assert engine.state()[st.FRONT_WHEEL] * VEHICLE.rF == pytest.approx(25.0 * 4.0, rel=0.1)
+
+
+def test_yaw_is_counted_within_one_long_advance() -> None:
+    # A little above the capsize speed the bicycle coasts through a turn and tightens it slowly.
+    engine = PyBulletEngine(COAST, 0.005)
+    begin = start(6.2)
+    begin[st.ROLL], begin[st.STEER] = -0.3, 0.06
+    engine.reset(begin)
+    engine.advance(0.0, 2400)
+    once = engine.state()
+    engine.reset(begin)
+    for _ in range(2400):
+        engine.advance(0.0, 1)
+    np.testing.assert_array_equal(engine.state(), once)
+    assert once[st.YAW] > math.pi
+    engine.close()
+
+
+def test_coasting_straight_keeps_the_speed() -> None:
+    engine = PyBulletEngine(COAST, 0.005)
+    engine.reset(start(5.0))
+    engine.advance(0.0, 2000)
+    state = engine.state()
+    assert state[st.FRONT_WHEEL_RATE] * VEHICLE.rF == pytest.approx(5.0, rel=1e-9)
+    assert state[st.X] == pytest.approx(50.0, rel=1e-6)
+    engine.close()
+
+
+def test_wheels_roll_without_slip_in_a_slalom(engine: PyBulletEngine) -> None:
+    states = ride(engine, start(4.0, 0.3), periods=80)
+    rolled = np.diff(states[:, st.REAR_WHEEL]) * VEHICLE.rR
+    travelled = np.hypot(*np.diff(states[:, : st.YAW], axis=0).T)
+    # between a chord and its arc lies (yaw rate * dt)^2 / 24, and the pitch rate moves the wheel in its frame
+    assert rolled == pytest.approx(travelled, rel=5e-3)
+
+
+def test_the_drive_works_against_the_frame_and_not_against_the_world() -> None:
+    # Far above the ground and without gravity, the steering drive must not change the angular momentum.
+    engine = PyBulletEngine(replace(VEHICLE, g=0.0), 0.0002)
+    bullet.resetBasePositionAndOrientation(engine.body, (0.0, 0.0, 50.0), (0.0, 0.0, 0.0, 1.0), engine.client)
+    engine.advance(0.5, 500)
+    _, frame_rate = bullet.getBaseVelocity(engine.body, engine.client)
+    assert engine.state()[st.STEER] > 0.05
+    assert frame_rate[2] < -1e-4
+    engine.close()
+
+
+def test_steer_set_positive_turns_the_fork_and_the_path_to_the_left(engine: PyBulletEngine) -> None:
+    engine.reset(start(3.0))
+    engine.advance(0.2, 30)
+    assert engine.state()[st.STEER] > 0.02
+    assert engine.state()[st.YAW] > 0.0
+    assert engine.state()[st.ROLL] > 0.0  # steered to the left it falls to the right
+
+
+@pytest.mark.parametrize("time_step", [0.0, -0.001, math.nan, math.inf])
+def test_a_time_step_that_cannot_be_is_refused(time_step: float) -> None:
+    with pytest.raises(ValueError, match="time step"):
+        PyBulletEngine(VEHICLE, time_step)
+
+
+def test_bad_commands_are_refused_and_leave_the_state_alone(engine: PyBulletEngine) -> None:
+    engine.reset(start(3.0))
+    before = engine.state()
+    with pytest.raises(ValueError, match="steer_set"):
+        engine.advance(math.nan, 10)
+    with pytest.raises(ValueError, match="steps"):
+        engine.advance(0.0, -1)
+    with pytest.raises(ValueError, match="roll_rad"):
+        engine.reset(np.array([0, 0, 0, math.nan, 0, 0, 0, 0, 0, 0]))
+    np.testing.assert_array_equal(engine.state(), before)
+
+
+def test_closing_gives_the_world_back() -> None:
+    engines = [PyBulletEngine(VEHICLE, 0.005) for _ in range(3)]
+    clients = [engine.client for engine in engines]
+    for engine in engines:
+        engine.close()
+        engine.close()
+    assert all(not bullet.isConnected(client) for client in clients)
+    forgotten = PyBulletEngine(VEHICLE, 0.005)
+    client = forgotten.client
+    del forgotten
+    assert not bullet.isConnected(client)
