@@ -1,9 +1,9 @@
 """Search paths of ROS 2, set once when a Python of the project's virtual environment starts.
 
-`tools/setup` copies this file into the environment's site-packages beside `bike_environment.pth`, which imports it before
-anything else runs. Every program of the environment (`bike`, the nodes, the tests, a plain `python`) then finds the
-message packages, their shared libraries and the ament index without a sourced shell. This is the only place where the
-project sets these variables:
+`tools/setup` copies this file into the environment's site-packages beside `bike_environment.pth`, which imports it
+before anything else runs. Every program of the environment (`bike`, the nodes, the tests, a plain `python`) then finds
+the message packages, their shared libraries and the ament index without a sourced shell. This is the only place where
+the project sets these variables:
 
 * `AMENT_PREFIX_PATH` gets the environment itself (colcon installs the workspace into it), then `/opt/ros/jazzy`.
 * `LD_LIBRARY_PATH` gets the libraries of both. The dynamic loader reads it when a process starts, so Python restarts
@@ -27,12 +27,14 @@ def _children(directory: str, ending: str) -> list[str]:
 
 
 def _site_packages(prefix: str) -> str:
+    """Directory of Python packages below `prefix`."""
     return os.path.join(prefix, "lib", f"python{sys.version_info.major}.{sys.version_info.minor}", "site-packages")
 
 
 def _library_directories() -> list[str]:
     """Directories of shared libraries: the workspace, those bundled in the wheels, an installed ROS 2."""
-    bundled = [path for path in _children(_site_packages(sys.prefix), ".libs") if os.path.basename(path).startswith("ros_")]
+    bundles = _children(_site_packages(sys.prefix), ".libs")
+    bundled = [path for path in bundles if os.path.basename(path).startswith("ros_")]
     vendored = [os.path.join(path, "lib") for path in _children(os.path.join(ROS_ROOT, "opt"), "")]
     directories = [os.path.join(sys.prefix, "lib"), *bundled, os.path.join(ROS_ROOT, "lib"), *vendored]
     return [directory for directory in directories if os.path.isdir(directory)]

@@ -1,7 +1,7 @@
 """Rides with the shipped actor on a machine with ROS 2 Jazzy: `ros2 launch bike_bringup ride.launch.py`.
 
-Starts the simulator free-running in real time, the policy node, and on request the recorder and RViz. When the simulator
-ends, everything ends. Every process is stopped by SIGINT, which all three nodes answer by closing their files.
+Starts the simulator free-running in real time, the policy node, the recorder, and on request RViz. When the simulator
+ends, everything ends: each process gets SIGINT, and the nodes answer it by closing their files.
 """
 
 from pathlib import Path
@@ -24,7 +24,7 @@ def arguments() -> list[DeclareLaunchArgument]:
             default_value=str(SHARE / "config" / "ride.yaml"),
             description="YAML file with the parameters of all nodes",
         ),
-        DeclareLaunchArgument("record", default_value="true", description="true: record the ride to the file `recording`"),
+        DeclareLaunchArgument("record", default_value="true", description="true: record the ride"),
         DeclareLaunchArgument("recording", default_value="ride.mcap", description="file that the recorder writes"),
         DeclareLaunchArgument("rviz", default_value="false", description="true: show the ride in RViz"),
     ]

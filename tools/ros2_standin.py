@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
 """Stand-in for `ros2 run` where ros2cli is not available (it is not on PyPI).
 
-`tools/setup` installs it into the project's environment, and only where there is no real `ros2`. It finds executables as
-ros2run of Jazzy does, with the same messages and exit codes. One difference is meant: ros2run waits for a child, which it
-leaves behind as an orphan on SIGTERM. The stand-in becomes the executable, so every signal reaches the node and its exit
-code is the node's own; ros2run's closing line "[ros2run]: Process exited with failure N" is therefore not printed.
+`tools/setup` installs it into the project's environment as `ros2`, and only where there is no real one. It finds
+executables as ros2run of Jazzy does, with the same messages and exit codes. One difference is meant: ros2run waits for a
+child, which it leaves behind as an orphan on SIGTERM. The stand-in becomes the executable, so every signal reaches the
+node and its exit code is the node's own; ros2run's closing line "[ros2run]: Process exited with failure N" is therefore
+not printed.
 """
 
 import argparse
@@ -57,9 +58,9 @@ def find_executable(package: str, name: str) -> str:
 
 def make_parser() -> argparse.ArgumentParser:
     """Makes the parser for the part of ros2's command line that the stand-in has."""
-    parser = argparse.ArgumentParser(prog="ros2", description="Stand-in for `ros2 run`; other commands need ROS 2 itself.")
+    parser = argparse.ArgumentParser(prog="ros2", description="Stand-in for `ros2 run`; all else needs ROS 2 itself.")
     commands = parser.add_subparsers(metavar="command", dest="command")
-    run = commands.add_parser("run", help="run an executable of a package", description="Run an executable of a package.")
+    run = commands.add_parser("run", help="run an executable of a package")
     run.add_argument("--prefix", help="command put before the executable, split by shell rules ('gdb -ex run --args')")
     run.add_argument("package_name", help="name of the ROS package")
     run.add_argument("executable_name", help="name of the executable")
