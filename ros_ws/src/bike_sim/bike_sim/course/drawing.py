@@ -1,0 +1,177 @@
+"""Pictures of courses: the line from above with its sections and limits, and its curvature.
+
+``python -m bike_sim.course.drawing FOLDER`` draws the pictures of docs/courses.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib import colors
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from bike_sim.course.course import Course
+from bike_sim.course.files import load_course, shipped_courses
+from bike_sim.course.projection import point_at
+from bike_sim.course.random_paths import CURRICULUM_PATHS, random_course
+
+_INK = "#222222"
+_STRAIGHT = "#8a8a8a"
+_LIMIT = "#bbbbbb"
+
+
+def section_spans(course: Course) -> list[tuple[str, float, float]]:
+    """Return name, first and last arc length (m) of each section; the whole course if it has none."""
+    if not course.sections:
+        return [(course.name, 0.0, course.length)]
+    ends = [begin for _, begin in course.sections[1:]] + [course.length]
+    return [(name, begin, end) for (name, begin), end in zip(course.sections, ends, strict=True)]
+
+
+def section_colours(course: Course) -> list[str]:
+    """Return one colour a section; straights are grey."""
+    palette = itertools.cycle(f"C{i}" for i in range(7))
+    colours = []
+    for _, begin, end in section_spans(course):
+        inside = (course.s >= begin) & (course.s < end)
+        bent = bool(np.any(np.abs(course.curvature[inside]) > 1e-9))
+        colours.append(colors.to_hex(next(palette)) if bent else _STRAIGHT)
+    return colours
+
+
+def draw_map(axes: Axes, course: Course, labels: bool = True) -> None:
+    """Draw a course from above: its limits (or how far a ride may leave it), its sections, start and direction.
+
+    Args:
+        axes: where to draw; equal scales are set, in m.
+        course: what to draw.
+        labels: write the names of the sections beside the line.
+    """
+    left = course.off_course_limit if course.width_left is None else course.width_left
+    right = course.off_course_limit if course.width_right is None else course.width_right
+    style = ":" if course.width_left is None else "-"
+    for offset in (left, -right):
+        # A limit farther inside a curve than its centre would run backwards.
+        shown = np.where(offset * course.curvature < 1.0, offset, np.nan)
+        axes.plot(
+            course.x - shown * np.sin(course.heading),
+            course.y + shown * np.cos(course.heading),
+            color=_LIMIT,
+            linestyle=style,
+            linewidth=0.8,
+        )
+    for (name, begin, end), colour in zip(section_spans(course), section_colours(course), strict=True):
+        inside = slice(max(0, int(np.searchsorted(course.s, begin)) - 1), int(np.searchsorted(course.s, end)) + 1)
+        axes.plot(course.x[inside], course.y[inside], color=colour, linewidth=2.2, solid_capstyle="round")
+        if labels and colour != _STRAIGHT:
+            _label(axes, course, name, 0.5 * (begin + end), colour)
+    _arrow(axes, course)
+    axes.set_aspect("equal")
+    axes.set_xlabel("x in m")
+    axes.set_ylabel("y in m")
+
+
+def _point(course: Course, s: float) -> tuple[float, float, float, float]:
+    return point_at(course.x, course.y, course.heading, course.spacing, course.closed, s)
+
+
+def _label(axes: Axes, course: Course, name: str, s: float, colour: str) -> None:
+    """Write a name outside the course, or inside where it stands beside an upright line and needs the room."""
+    x, y, tx, ty = _point(course, s)
+    middle = np.array([np.mean(course.x), np.mean(course.y)])
+    beside = np.array([-ty, tx])
+    inside = float(beside @ (np.array([x, y]) - middle)) < 0.0
+    if inside != (abs(beside[0]) > 0.9):
+        beside = -beside
+    axes.annotate(
+        name,
+        (x, y),
+        xytext=(9.0 * beside[0], 11.0 * beside[1]),
+        textcoords="offset points",
+        ha="center" if abs(beside[0]) < 0.5 else ("left" if beside[0] > 0.0 else "right"),
+        va="center" if abs(beside[1]) < 0.5 else ("bottom" if beside[1] > 0.0 else "top"),
+        color=colour,
+        fontsize=8,
+    )
+
+
+def _arrow(axes: Axes, course: Course) -> None:
+    x, y, tx, ty = _point(course, 0.0)
+    axes.plot(x, y, "o", color=_INK, markersize=5, zorder=3)
+    axes.annotate(
+        "",
+        (x, y),
+        xytext=(22.0 * tx, 22.0 * ty),
+        textcoords="offset points",
+        arrowprops={"arrowstyle": "<|-", "color": _INK},
+        zorder=3,
+    )
+
+
+def draw_curvature(axes: Axes, course: Course) -> None:
+    """Draw the curvature over arc length, coloured by section."""
+    for (_, begin, end), colour in zip(section_spans(course), section_colours(course), strict=True):
+        axes.axvspan(begin, end, color=colour, alpha=0.12, linewidth=0.0)
+    axes.plot(course.s, course.curvature, color=_INK, linewidth=1.0, drawstyle="steps-post")
+    axes.axhline(0.0, color=_LIMIT, linewidth=0.6, zorder=0)
+    axes.set_xlim(0.0, course.length)
+    axes.set_xlabel("distance along the line in m")
+    axes.set_ylabel("curvature in 1/m")
+
+
+def course_figure(course: Course) -> Figure:
+    """Return a figure of a course: seen from above, and its curvature (positive to the left)."""
+    width = max(float(np.ptp(course.x)), 1.0) + 3.0 * course.off_course_limit
+    height = max(float(np.ptp(course.y)), 1.0) + 3.0 * course.off_course_limit
+    map_height = float(np.clip(8.0 * height / width, 1.2, 6.0))
+    figure = Figure(figsize=(9.0, map_height + 2.6), layout="constrained")
+    above, below = figure.subplots(2, 1, height_ratios=[map_height, 1.6])
+    draw_map(above, course)
+    draw_curvature(below, course)
+    above.set_title(f"{course.name}: {course.length:.1f} m, {'closed' if course.closed else 'open'}", fontsize=10)
+    return figure
+
+
+def random_paths_figure(count: int = 8, length: float = 120.0, seed: int = 0) -> Figure:
+    """Return a figure of random paths of the four curriculum parts (Weyrer et al. 2026, Table 4)."""
+    figure = Figure(figsize=(9.0, 9.0), layout="constrained")
+    for part, (axes, ranges) in enumerate(zip(figure.subplots(2, 2).flat, CURRICULUM_PATHS, strict=True), start=1):
+        rng = np.random.default_rng([seed, part])
+        for _ in range(count):
+            course = random_course(rng, ranges, length)
+            inside = course.s <= length
+            axes.plot(course.x[inside], course.y[inside], linewidth=1.4)
+        axes.plot(0.0, 0.0, "o", color=_INK, markersize=4, zorder=3)
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_title(
+            f"part {part}: radius {ranges.radius_min:g} to {ranges.radius_max:g} m, transfers "
+            f"{ranges.quintic_length_min:g} to {ranges.quintic_length_max:g} m by "
+            f"{ranges.quintic_width_min:g} to {ranges.quintic_width_max:g} m",
+            fontsize=8,
+        )
+        axes.set_xlabel("x in m")
+        axes.set_ylabel("y in m")
+    return figure
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Draw the shipped courses and random paths as PNG files."""
+    parser = argparse.ArgumentParser(prog="python -m bike_sim.course.drawing", description=main.__doc__)
+    parser.add_argument("folder", type=Path, help="folder for the pictures; made if it is not there")
+    parser.add_argument("--course", action="append", help="name or file of a course, instead of all shipped ones")
+    options = parser.parse_args(arguments)
+    options.folder.mkdir(parents=True, exist_ok=True)
+    for name in options.course or shipped_courses():
+        course = load_course(name)
+        course_figure(course).savefig(options.folder / f"course_{Path(name).stem}.png", dpi=110)
+    if not options.course:
+        random_paths_figure().savefig(options.folder / "random_paths.png", dpi=110)
+
+
+if __name__ == "__main__":
+    main()
