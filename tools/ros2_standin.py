@@ -2,10 +2,10 @@
 """Stand-in for `ros2 run` where ros2cli is not available (it is not on PyPI).
 
 `tools/setup` installs it into the project's environment as `ros2`, and only where there is no real one. It finds
-executables as ros2run of Jazzy does, with the same messages and exit codes. One difference is meant: ros2run waits for a
-child, which it leaves behind as an orphan on SIGTERM. The stand-in becomes the executable, so every signal reaches the
-node and its exit code is the node's own; ros2run's closing line "[ros2run]: Process exited with failure N" is therefore
-not printed.
+executables as ros2run of Jazzy does, with the same messages and exit codes. One difference is meant: ros2run waits for
+a child, which it leaves behind as an orphan on SIGTERM. The stand-in becomes the executable, so every signal reaches
+the node and its exit code is the node's own; ros2run's closing line "[ros2run]: Process exited with failure N" is
+therefore not printed.
 """
 
 import argparse
