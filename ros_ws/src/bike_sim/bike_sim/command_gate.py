@@ -1,0 +1,112 @@
+"""Which commands reach the physics: finite, within range, and an answer to the state that is waiting for one."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from enum import Enum
+
+ANY_EPISODE = 0
+"""Episode number of a command that answers no particular state; episodes count from 1."""
+
+
+class Verdict(Enum):
+    """What becomes of a command."""
+
+    TAKEN = "taken"
+    REPEATED = "repeated"
+    STALE = "stale"
+    REFUSED = "refused"
+
+
+@dataclass(frozen=True)
+class Command:
+    """One command.
+
+    Attributes:
+        episode: episode of the state that it answers, or ANY_EPISODE.
+        step: step of that state.
+        steering: [-1, 1], positive to the left. throttle: [-1, 1], negative brakes.
+    """
+
+    episode: int
+    step: int
+    steering: float
+    throttle: float = 0.0
+
+
+@dataclass
+class CommandCounts:
+    """Commands since the node began.
+
+    Attributes:
+        taken: reached the physics. repeated: answered an already answered state again.
+        stale: answered another episode or an older state. refused: NaN or infinite. clipped: taken, but out of range.
+    """
+
+    taken: int = 0
+    repeated: int = 0
+    stale: int = 0
+    refused: int = 0
+    clipped: int = 0
+
+    def since(self, before: CommandCounts) -> CommandCounts:
+        """Return the growth since an earlier copy."""
+        return CommandCounts(*(getattr(self, f.name) - getattr(before, f.name) for f in fields(self)))
+
+
+class CommandGate:
+    """Judges commands and counts them.
+
+    Attributes:
+        counts: what was judged so far.
+    """
+
+    def __init__(self, lockstep: bool) -> None:
+        """Open a gate.
+
+        Args:
+            lockstep: whether only the answer to the last state is taken; else every recent command is.
+        """
+        self._lockstep = lockstep
+        self.counts = CommandCounts()
+
+    def judge(self, command: Command, episode: int, step: int, oldest: int = 0) -> tuple[Verdict, Command]:
+        """Judge a command against the state that waits for an answer.
+
+        Args:
+            command: what came.
+            episode: current episode. step: current step.
+            oldest: oldest step that a command may answer where there is no lockstep.
+
+        Returns:
+            The verdict, and the command clipped to [-1, 1].
+        """
+        verdict = self._verdict(command, episode, step, oldest)
+        count = verdict.value
+        setattr(self.counts, count, getattr(self.counts, count) + 1)
+        if verdict is not Verdict.TAKEN:
+            return verdict, command
+        steering, throttle = _clip(command.steering), _clip(command.throttle)
+        if (steering, throttle) != (command.steering, command.throttle):
+            self.counts.clipped += 1
+            command = Command(command.episode, command.step, steering, throttle)
+        return verdict, command
+
+    def _verdict(self, command: Command, episode: int, step: int, oldest: int) -> Verdict:
+        if not (math.isfinite(command.steering) and math.isfinite(command.throttle)):
+            return Verdict.REFUSED
+        if self._lockstep:
+            if (command.episode, command.step) == (episode, step):
+                return Verdict.TAKEN
+            if (command.episode, command.step) == (episode, step - 1):
+                return Verdict.REPEATED
+            return Verdict.STALE
+        if command.episode == ANY_EPISODE:
+            return Verdict.TAKEN
+        fits = command.episode == episode and oldest <= command.step <= step
+        return Verdict.TAKEN if fits else Verdict.STALE
+
+
+def _clip(value: float) -> float:
+    return min(max(value, -1.0), 1.0)

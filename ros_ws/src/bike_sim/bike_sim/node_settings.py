@@ -1,0 +1,117 @@
+"""Parameters of the simulator node: what they are called, what they mean, and which values make sense together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+from bike_sim.node_tools import ParameterSpec
+from bike_sim.physics.vehicle import load_vehicle
+from bike_sim.reset import Preview, ResetRequest, begin
+from bike_sim.simulator import SimulatorConfig
+
+LOCKSTEP: Final = "lockstep"
+FREE: Final = "free"
+NEVER, FALL, END = "never", "fall", "end"
+
+_CONFIG = SimulatorConfig()
+_PREVIEW = Preview()
+
+SPECS: Final = (
+    ParameterSpec("vehicle", _CONFIG.vehicle, "Shipped vehicle, or path of a YAML file.", fixed=True),
+    ParameterSpec("engine", _CONFIG.engine, "Physics engine.", fixed=True, choices=("pybullet", "whipple")),
+    ParameterSpec("time_step", _CONFIG.time_step, "Integration step, s.", fixed=True),
+    ParameterSpec("control_period", 0.0, "Time between two commands, s; 0 takes the vehicle's own.", fixed=True),
+    ParameterSpec("history", _CONFIG.history, "Roll and steer angles kept in the lean history.", fixed=True),
+    ParameterSpec(
+        "mode",
+        LOCKSTEP,
+        "lockstep: one control period for each command that answers the last state. free: time runs by itself.",
+        fixed=True,
+        choices=(LOCKSTEP, FREE),
+    ),
+    ParameterSpec("course", "benchmark", "Shipped course, path of a YAML or CSV file, or random. From the next episode."),
+    ParameterSpec("speed", 4.0, "Forward speed at the start of an episode, m/s. From the next episode."),
+    ParameterSpec("perturb", False, "Whether episodes start off the course, leaning and turning a little. From the next."),
+    ParameterSpec("seed", 0, "Seed of the first episode, counted up for each one the node begins; negative: drawn."),
+    ParameterSpec("preview_by_time", _PREVIEW.by_time, "Preview points by time, else by distance. From the next episode."),
+    ParameterSpec("preview_interval", _PREVIEW.interval, "Their interval, s or m. From the next episode."),
+    ParameterSpec("preview_count", _PREVIEW.count, "Their number, the nearest included. From the next episode."),
+    ParameterSpec("real_time_factor", 1.0, "Free mode: simulated over wall-clock time; 0: a step for each command."),
+    ParameterSpec(
+        "command_timeout_s",
+        0.5,
+        "Free mode: simulated time without a command after which steering and throttle go to 0, s; 0: never.",
+    ),
+    ParameterSpec(
+        "auto_reset",
+        NEVER,
+        "When a new episode begins by itself: never, after a fall, or at any end (fall, off course, course ridden).",
+        choices=(NEVER, FALL, END),
+    ),
+    ParameterSpec("publish_markers", True, "Publish markers for RViz and Foxglove where someone listens."),
+)
+
+
+@dataclass(frozen=True)
+class NodeSettings:
+    """Checked parameters of the simulator node.
+
+    Attributes:
+        simulator: what stays the same over all episodes.
+        episode: what the node's own episodes begin with; also serves where a reset leaves something open.
+        seed: seed of the first of them, or negative.
+        mode: LOCKSTEP or FREE.
+        real_time_factor: simulated over wall-clock time in free mode; 0 for a step a command.
+        command_timeout: s of simulated time, 0 for never.
+        auto_reset: NEVER, FALL or END.
+        publish_markers: whether markers are published.
+    """
+
+    simulator: SimulatorConfig
+    episode: ResetRequest
+    seed: int
+    mode: str
+    real_time_factor: float
+    command_timeout: float
+    auto_reset: str
+    publish_markers: bool
+
+    @classmethod
+    def from_parameters(cls, values: Mapping[str, Any]) -> NodeSettings:
+        """Check parameters together, as an episode would use them.
+
+        Raises:
+            ValueError: a value that cannot be. FileNotFoundError: an unknown vehicle or course.
+        """
+        for name in ("real_time_factor", "command_timeout_s", "control_period"):
+            if not math.isfinite(values[name]) or values[name] < 0.0:
+                raise ValueError(f"parameter {name} must be finite and not negative, got {values[name]!r}")
+        vehicle = load_vehicle(values["vehicle"])
+        simulator = SimulatorConfig(
+            vehicle=values["vehicle"],
+            engine=values["engine"],
+            time_step=values["time_step"],
+            control_period=values["control_period"] or vehicle.control_period,
+            history=values["history"],
+        )
+        episode = ResetRequest(
+            seed=max(values["seed"], 0),
+            course=values["course"],
+            speed_range=(values["speed"], values["speed"]),
+            perturb=values["perturb"],
+            preview=Preview(values["preview_by_time"], values["preview_interval"], values["preview_count"]),
+        )
+        begin(episode, vehicle)
+        return cls(
+            simulator=simulator,
+            episode=episode,
+            seed=values["seed"],
+            mode=values["mode"],
+            real_time_factor=values["real_time_factor"],
+            command_timeout=values["command_timeout_s"],
+            auto_reset=values["auto_reset"],
+            publish_markers=values["publish_markers"],
+        )

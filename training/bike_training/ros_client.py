@@ -1,0 +1,342 @@
+"""The simulator over ROS 2, with the same methods as the one in process.
+
+A `RosClient` starts its own simulator node in a ROS domain of its own, or joins one that runs. Each step is one command
+and one state in lockstep, so the rides are bit for bit those of :class:`bike_sim.simulator.Simulator`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import TracebackType
+from typing import IO, Any, Final, Self
+
+from bike_msgs.msg import BikeCommand, BikeState
+from bike_msgs.msg import Course as CourseMessage
+from bike_msgs.srv import Reset
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+from rclpy.node import Node
+
+from bike_sim import messages, node_tools
+from bike_sim.command_gate import Command
+from bike_sim.course.course import Course
+from bike_sim.isolation import DISCOVERY_VARIABLE, DOMAIN_VARIABLE, DomainLease, keep_local
+from bike_sim.physics.vehicle import Vehicle, load_vehicle
+from bike_sim.reset import ResetRequest
+from bike_sim.simulator import SimulatorConfig, Snapshot
+
+START_TIMEOUT: Final = 60.0
+"""Longest wait for a simulator to appear, s. The first start on a machine compiles the physics."""
+
+RESEND_AFTER: Final = 0.5
+"""Time without an answer after which a command is sent again, s."""
+
+STOP_TIMEOUT: Final = 3.0
+"""Time that a simulator of one's own gets to end, s."""
+
+
+class SimulatorLost(RuntimeError):
+    """The simulator ended, or has not answered in time."""
+
+
+@dataclass(frozen=True)
+class RosClientConfig:
+    """How a simulator is reached.
+
+    Attributes:
+        join: False starts a simulator node of one's own, True uses one that runs.
+        namespace: namespace of the simulator's topics.
+        domain_id: ROS domain; None takes a free one for a simulator of one's own, and this process's when joining.
+        timeout: wall-clock time without an answer after which the simulator counts as lost, s.
+        wait_set: wait for answers with a wait set of one's own instead of an executor: fewer microseconds a step,
+            but built on parts of rclpy that are not its public interface.
+    """
+
+    join: bool = False
+    namespace: str = node_tools.NAMESPACE
+    domain_id: int | None = None
+    timeout: float = 10.0
+    wait_set: bool = True
+
+
+class RosClient:
+    """Rides one simulator node in lockstep.
+
+    Attributes:
+        config: what the simulator was started with (as given, when joining).
+        vehicle: the vehicle of that name or file.
+        domain_id: ROS domain that is used.
+    """
+
+    def __init__(self, config: SimulatorConfig | None = None, ros: RosClientConfig | None = None) -> None:
+        """Start or find the simulator.
+
+        Raises:
+            SimulatorLost: it ended or did not appear in time; with its last words where it is one's own.
+            FileNotFoundError: an unknown vehicle. ValueError: a vehicle that cannot be.
+        """
+        self.config = config or SimulatorConfig()
+        self.vehicle: Vehicle = load_vehicle(self.config.vehicle)
+        self._ros = ros or RosClientConfig()
+        self._close = contextlib.ExitStack()
+        try:
+            self._open()
+        except BaseException:
+            self.close()
+            raise
+
+    def _open(self) -> None:
+        keep_local()
+        self.domain_id = self._choose_domain()
+        self._process: SimulatorProcess | None = None
+        if not self._ros.join:
+            self._process = SimulatorProcess(self.config, self._ros.namespace, self.domain_id)
+            self._close.callback(self._process.close)
+        context = Context()
+        context.init(args=[], domain_id=self.domain_id)
+        self._close.callback(context.try_shutdown)
+        self._node = Node(
+            f"ride_client_{os.getpid()}_{id(self) & 0xFFFF:x}",
+            context=context,
+            namespace=self._ros.namespace,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+        self._close.callback(self._node.destroy_node)
+        self._executor = SingleThreadedExecutor(context=context)
+        self._close.callback(self._executor.shutdown)
+        self._executor.add_node(self._node)
+        self._commands = self._node.create_publisher(BikeCommand, "command", node_tools.COMMAND_QOS)
+        self._reset_service = self._node.create_client(Reset, "reset")
+        self._answer: BikeState | None = None
+        self._course_message: CourseMessage | None = None
+        self._node.create_subscription(CourseMessage, "course", self._on_course, node_tools.LATCHED_QOS)
+        states = self._node.create_subscription(BikeState, "state", self._on_state, node_tools.STREAM_QOS)
+        self._fast = _FastReceiver(states, context) if self._ros.wait_set else None
+        self._last: Snapshot | None = None
+        self._wait_until(self._connected, START_TIMEOUT, "did not appear")
+
+    def _choose_domain(self) -> int:
+        if self._ros.domain_id is not None:
+            return self._ros.domain_id
+        if self._ros.join:
+            return int(os.environ.get(DOMAIN_VARIABLE) or 0)
+        lease = DomainLease()
+        self._close.callback(lease.close)
+        return lease.domain_id
+
+    # ---------------------------------------------------------------------------------------------- simulator's methods
+
+    @property
+    def course(self) -> Course | None:
+        """The course of the present episode, or None before the first."""
+        if self._last is None:
+            return None
+        episode = self._last.episode
+        self._wait_until(
+            lambda: self._course_message is not None and self._course_message.episode == episode,
+            self._ros.timeout,
+            f"has not sent the course of episode {episode}",
+        )
+        return messages.course_from_message(self._course_message)
+
+    def reset(self, request: ResetRequest) -> Snapshot:
+        """Begin an episode.
+
+        Raises:
+            ValueError: the simulator refused the request, in its words.
+            SimulatorLost: it does not answer.
+        """
+        future = self._reset_service.call_async(messages.reset_to_message(request))
+        try:
+            self._wait_until(future.done, self._ros.timeout, "has not answered a reset")
+        finally:
+            self._reset_service.remove_pending_request(future)
+        response = future.result()
+        assert response is not None
+        if not response.success:
+            raise ValueError(response.message)
+        self._last = messages.snapshot_from_message(response.state)
+        return self._last
+
+    def step(self, steering: float, throttle: float = 0.0) -> Snapshot:
+        """Hold a command for one control period.
+
+        Args:
+            steering: in [-1, 1], positive to the left.
+            throttle: in [-1, 1]; the bicycle has no drive and ignores it.
+
+        Raises:
+            ValueError: a command that is not finite or out of range.
+            RuntimeError: no episode was begun, or the vehicle has fallen, where the node ends the episode.
+            SimulatorLost: the simulator does not answer.
+        """
+        last = self._last
+        if last is None:
+            raise RuntimeError("call reset before step")
+        if last.fallen:
+            raise RuntimeError(f"episode {last.episode} ended with a fall in step {last.step}; call reset")
+        if not -1.0 <= steering <= 1.0 or not -1.0 <= throttle <= 1.0:
+            raise ValueError(f"commands must lie in [-1, 1], got steering {steering!r} and throttle {throttle!r}")
+        command = messages.command_to_message(Command(last.episode, last.step, steering, throttle))
+        state = self._exchange(command, last.episode, last.step + 1)
+        self._last = messages.snapshot_from_message(state)
+        return self._last
+
+    def close(self) -> None:
+        """End the simulator if it is one's own, and leave the domain. A second call does nothing."""
+        self._close.close()
+
+    def __enter__(self) -> Self:
+        """Return the client."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the client."""
+        self.close()
+
+    # --------------------------------------------------------------------------------------------------------- waiting
+
+    def _exchange(self, command: BikeCommand, episode: int, step: int) -> BikeState:
+        """Send a command, again and again if need be, until the state of the given step comes."""
+        given_up = time.monotonic() + self._ros.timeout
+        while True:
+            self._commands.publish(command)
+            resend_at = time.monotonic() + RESEND_AFTER
+            while (now := time.monotonic()) < resend_at:
+                state = self._receive(resend_at - now)
+                if state is not None and state.episode == episode and state.step == step:
+                    return state
+            self._check_alive()
+            if time.monotonic() > given_up:
+                raise self._lost(f"has not answered step {step} of episode {episode} within {self._ros.timeout:g} s")
+
+    def _receive(self, timeout: float) -> BikeState | None:
+        """Return the next state, or None after the time-out."""
+        if self._fast is not None:
+            return self._fast.take(timeout)
+        self._answer = None
+        self._executor.spin_once(timeout_sec=timeout)
+        return self._answer
+
+    def _on_state(self, message: BikeState) -> None:
+        self._answer = message
+
+    def _on_course(self, message: CourseMessage) -> None:
+        self._course_message = message
+
+    def _connected(self) -> bool:
+        # Both directions: a command that is sent before the simulator's reader is known would be lost until resent.
+        seen = self._node.count_publishers("state") and self._commands.get_subscription_count()
+        return bool(seen) and self._reset_service.service_is_ready()
+
+    def _wait_until(self, condition: Callable[[], bool], timeout: float, complaint: str) -> None:
+        given_up = time.monotonic() + timeout
+        while not condition():
+            self._executor.spin_once(timeout_sec=0.02)
+            self._check_alive()
+            if time.monotonic() > given_up:
+                raise self._lost(f"{complaint} within {timeout:g} s")
+
+    def _check_alive(self) -> None:
+        if self._process is not None:
+            self._process.check()
+
+    def _lost(self, complaint: str) -> SimulatorLost:
+        where = f"/{self._ros.namespace.strip('/')} in ROS domain {self.domain_id}"
+        return SimulatorLost(f"the simulator {where} {complaint}; is it running, in lockstep, and not paused?")
+
+
+class _FastReceiver:
+    """Takes the messages of one subscription with a wait set that is built once.
+
+    An executor builds its wait set anew for every message, which costs more than the message. The wait set is not part
+    of rclpy's public interface; `RosClientConfig.wait_set` chooses.
+    """
+
+    def __init__(self, subscription: Any, context: Context) -> None:
+        self._handle = subscription.handle
+        self._type = subscription.msg_type
+        with context.handle:
+            self._wait_set = _rclpy.WaitSet(1, 0, 0, 0, 0, 0, context.handle)
+
+    def take(self, timeout: float) -> Any:
+        """Return the next message, or None after the time-out (s)."""
+        with self._handle:
+            taken = self._handle.take_message(self._type, False)
+            if taken is None:
+                self._wait_set.clear_entities()
+                self._wait_set.add_subscription(self._handle)
+                self._wait_set.wait(max(int(timeout * messages.NANOSECONDS), 0))
+                taken = self._handle.take_message(self._type, False)
+        return None if taken is None else taken[0]
+
+
+class SimulatorProcess:
+    """A simulator node as a process of one's own.
+
+    Attributes:
+        process: the process.
+    """
+
+    def __init__(self, config: SimulatorConfig, namespace: str, domain_id: int) -> None:
+        """Start the node.
+
+        Args:
+            config: what it simulates.
+            namespace: namespace of its topics.
+            domain_id: its ROS domain.
+        """
+        parameters = {
+            "vehicle": config.vehicle,
+            "engine": config.engine,
+            "time_step": config.time_step,
+            "control_period": config.control_period,
+            "history": config.history,
+            "mode": "lockstep",
+            "auto_reset": "never",
+            "course": "line",
+        }
+        command = [sys.executable, "-m", "bike_sim.sim_node", "--ros-args", "-r", f"__ns:=/{namespace.strip('/')}"]
+        command += ["--log-level", "warn"]
+        for name, value in parameters.items():
+            command += ["-p", f"{name}:={json.dumps(value)}"]
+        environment = {**os.environ, DOMAIN_VARIABLE: str(domain_id)}
+        environment.setdefault(DISCOVERY_VARIABLE, "LOCALHOST")
+        self._words: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - closed by close()
+        # Its own session: a Ctrl-C at the terminal is for the training, which ends its simulators itself.
+        self.process = subprocess.Popen(
+            command, env=environment, stdout=subprocess.DEVNULL, stderr=self._words, start_new_session=True
+        )
+
+    def check(self) -> None:
+        """Raise SimulatorLost with the process's last words if it has ended."""
+        code = self.process.poll()
+        if code is not None:
+            self._words.seek(0)
+            lines = self._words.read().decode(errors="replace").strip().splitlines()
+            words = f": {lines[-1]}" if lines else ""
+            raise SimulatorLost(f"the simulator process ended with exit code {code}{words}")
+
+    def close(self) -> None:
+        """End the process, if need be by force."""
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGTERM)
+            try:
+                self.process.wait(STOP_TIMEOUT)
+            except subprocess.TimeoutExpired:
+                self.process.kill()
+                self.process.wait()
+        self._words.close()
