@@ -1,0 +1,1 @@
+"""Subcommands of ``bike`` that belong to the analysis."""

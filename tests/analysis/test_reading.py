@@ -1,0 +1,299 @@
+"""What is read is what was written, whole or torn; what is no ride gets one clear error."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+from mcap.writer import Writer
+from rosbags.highlevel import AnyReader
+
+from bike_analysis.columns import MessageSchema, SchemaError, decode_columns
+from bike_analysis.container import Container
+from bike_analysis.reading import RecordingError, States, read_recording
+from bike_sim.recording import MessageType, RideRecorder, message_type
+
+
+@pytest.fixture(scope="module")
+def recorded(writer, circle, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording of two rides in many small chunks."""
+    path = tmp_path_factory.mktemp("recorded") / "ride.mcap"
+    first = circle(
+        steps=60, events=[{"step": 30, "kind": 4, "time": 1.5, "progress": 6.0, "value": 1.5, "text": "Lap"}]
+    )
+    second = circle(steps=40, episode=2, start_s=10.0, offset=-0.2, latency_ms=(0.1, 0.4))
+    return writer.write(path, [first, second], chunk_bytes=3000, notes={"policy": "closed form"})
+
+
+def columns_by_rosbags(path: Path, names: list[str]) -> dict[str, np.ndarray]:
+    rows = []
+    with AnyReader([path]) as reader:
+        connections = [c for c in reader.connections if c.topic == "/bike/state"]
+        for connection, _, data in reader.messages(connections=connections):
+            rows.append(reader.deserialize(data, connection.msgtype))
+    return {name: np.array([getattr(row, name) for row in rows]) for name in names}
+
+
+def test_columns_agree_with_rosbags(recorded: Path) -> None:
+    recording = read_recording(recorded)
+    names = [name for name in States.__dataclass_fields__ if name not in ("order", "time_s")]
+    expected = columns_by_rosbags(recorded, names)
+    for name in names:
+        np.testing.assert_array_equal(getattr(recording.states, name), expected[name], err_msg=name)
+    assert len(recording.states) == 100
+    assert not recording.truncated
+    assert recording.warnings == ()
+    assert recording.notes == {"policy": "closed form"}
+
+
+def test_other_topics_are_read(recorded: Path) -> None:
+    recording = read_recording(recorded)
+    assert [c.episode for c in recording.courses] == [1, 2]
+    course = recording.courses[0]
+    assert (course.name, course.closed, course.section_names) == ("circle", True, ("first half", "second half"))
+    assert course.length == pytest.approx(20 * np.pi)
+    assert [(e.kind, e.step, e.text) for e in recording.events] == [("lap", 30, "Lap")]
+    assert len(recording.commands) == 59 + 39
+    assert [(x.median_s, x.p99_s) for x in recording.latencies] == [(1e-4, 4e-4)] * 2
+    assert np.all(np.diff(recording.states.order) > 0)
+    np.testing.assert_allclose(recording.states.time_s[:3], [1.0, 1.05, 1.10], rtol=0, atol=1e-9)
+
+
+def test_directory_and_file_read_the_same(writer, circle, tmp_path: Path) -> None:
+    path = writer.write(tmp_path / "bag", [circle(steps=10)])
+    whole, part = read_recording(tmp_path / "bag"), read_recording(path)
+    np.testing.assert_array_equal(whole.states.x, part.states.x)
+
+
+def assert_prefix(path: Path, whole: Path) -> None:
+    full, torn = read_recording(whole), read_recording(path)
+    count = len(torn.states)
+    assert torn.truncated
+    assert "torn" in torn.warnings[0]
+    assert 0 < count <= len(full.states)
+    for name in States.__dataclass_fields__:
+        np.testing.assert_array_equal(getattr(torn.states, name), getattr(full.states, name)[:count], err_msg=name)
+    np.testing.assert_array_equal(torn.commands.steering, full.commands.steering[: len(torn.commands)])
+
+
+def first_state_end(path: Path) -> int:
+    """End of the first chunk that has a state, in bytes from the file's begin."""
+    container = Container(path)
+    return next(
+        container.bytes_read for m in container.messages() if container.channels[m.channel].topic == "/bike/state"
+    )
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_cut_at_any_byte(recorded: Path, tmp_path: Path, data: st.DataObject) -> None:
+    content = recorded.read_bytes()
+    length = data.draw(st.integers(0, len(content) - 1))
+    torn = tmp_path / "torn.mcap"
+    torn.write_bytes(content[:length])
+    if length >= first_state_end(recorded):
+        assert_prefix(torn, recorded)
+        return
+    with pytest.raises(RecordingError) as caught:
+        read_recording(torn)
+    assert str(torn) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_every_whole_chunk_is_read(recorded: Path, tmp_path: Path) -> None:
+    """Cut in the middle of the file: at least the chunks before the cut are there."""
+    content = recorded.read_bytes()
+    torn = tmp_path / "torn.mcap"
+    torn.write_bytes(content[: len(content) // 2])
+    assert_prefix(torn, recorded)
+    assert len(read_recording(torn).states) > 20
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(place=st.floats(0.0, 1.0, exclude_max=True), value=st.integers(1, 255))
+@example(place=0.0, value=1)
+def test_damage_never_gives_wrong_numbers_or_a_traceback(
+    recorded: Path, tmp_path: Path, place: float, value: int
+) -> None:
+    content = bytearray(recorded.read_bytes())
+    content[int(place * len(content))] ^= value
+    damaged = tmp_path / "damaged.mcap"
+    damaged.write_bytes(content)
+    try:
+        recording = read_recording(damaged)
+    except RecordingError:
+        return
+    full = read_recording(recorded)
+    np.testing.assert_array_equal(recording.states.x, full.states.x[: len(recording.states)])
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "empty"),
+        (b"\x89MCA", "first 8 bytes"),
+        (b"SQLite format 3\0" + bytes(100), "SQLite"),
+        (b"#ROSBAG V2.0\n" + bytes(100), "ROS 1"),
+        (b"a,b\n1,2\n", "not an MCAP recording"),
+        (b"\x89MCAP0\r\n", "torn before its first whole chunk"),
+        (b"\x89MCAP0\r\n" + bytes(1000), "torn before its first whole chunk"),
+    ],
+)
+def test_foreign_files(content: bytes, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "foreign.mcap"
+    path.write_bytes(content)
+    with pytest.raises(RecordingError, match=message) as caught:
+        read_recording(path)
+    assert str(path) in str(caught.value)
+
+
+def test_missing_files(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match=r"nothing\.mcap"):
+        read_recording(tmp_path / "nothing.mcap")
+    with pytest.raises(FileNotFoundError, match=r"no \.mcap file"):
+        read_recording(tmp_path)
+
+
+def test_recordings_without_our_topics(tmp_path: Path, writer, circle, share) -> None:
+    with RideRecorder(tmp_path / "foreign.mcap") as recorder:
+        recorder.add_topic("/chatter", MessageType("std_msgs/msg/String", "string data\n"))
+        recorder.write("/chatter", b"\0\1\0\0" + (3).to_bytes(4, "little") + b"hi\0", 1)
+    with pytest.raises(RecordingError, match=r"/chatter \(std_msgs/msg/String\)"):
+        read_recording(tmp_path / "foreign.mcap")
+    writer.write(tmp_path / "idle.mcap", [])
+    with pytest.raises(RecordingError, match="holds no state"):
+        read_recording(tmp_path / "idle.mcap")
+    with (tmp_path / "json.mcap").open("wb") as file:
+        foreign = Writer(file)
+        foreign.start(profile="x-json")
+        foreign.finish()
+    with pytest.raises(RecordingError, match="profile 'x-json'"):
+        read_recording(tmp_path / "json.mcap")
+
+
+def test_missing_topics_are_a_warning(writer, circle, tmp_path: Path) -> None:
+    recording = read_recording(writer.write(tmp_path / "only.mcap", [circle(steps=10)], topics=["/bike/state"]))
+    assert len(recording.states) == 10
+    assert len(recording.commands) == 0
+    assert recording.courses == ()
+    assert any("/bike/command" in warning for warning in recording.warnings)
+
+
+def write_states_of(definition: str, tmp_path: Path, payload: bytes) -> Path:
+    with RideRecorder(tmp_path / "other.mcap", overwrite=True) as recorder:
+        recorder.add_topic("/robot/state", MessageType("bike_msgs/msg/BikeState", definition))
+        recorder.write("/robot/state", payload, 0)
+    return tmp_path / "other.mcap"
+
+
+def test_other_versions_of_the_state(tmp_path: Path, share) -> None:
+    header = message_type("bike_msgs/msg/BikeCommand", share).definition.split("=" * 80, 1)[1]
+    body = "std_msgs/Header header\nuint32 episode\nuint32 step\nfloat64 x\nfloat64 y\n"
+    stamp = b"\0\1\0\0" + bytes(8) + (1).to_bytes(4, "little") + b"\0" + bytes(3)  # frame_id "", padded to four bytes
+    numbers = (7).to_bytes(4, "little") + bytes(4) + np.array([1.5, -2.5, 0.25]).tobytes()
+    older = write_states_of(f"{body}float64 lateral_error\n{'=' * 80}{header}", tmp_path, stamp + numbers)
+    recording = read_recording(older)
+    assert recording.namespace == "/robot"
+    assert (recording.states.episode[0], recording.states.x[0], recording.states.y[0]) == (7, 1.5, -2.5)
+    assert recording.states.lateral_error[0] == 0.25
+    assert np.isnan(recording.states.roll[0])
+    assert any("roll" in warning for warning in recording.warnings)
+    foreign = write_states_of(f"{body}{'=' * 80}{header}", tmp_path, stamp + numbers)
+    with pytest.raises(RecordingError, match="has no lateral_error"):
+        read_recording(foreign)
+    broken = write_states_of("this is no definition", tmp_path, stamp + numbers)
+    with pytest.raises(RecordingError, match="lacks the type bike_msgs/msg/this"):
+        read_recording(broken)
+    short = write_states_of(f"{body}float64 lateral_error\n{'=' * 80}{header}", tmp_path, (stamp + numbers)[:-1])
+    with pytest.raises(RecordingError, match="shorter than its fields"):
+        read_recording(short)
+
+
+def test_several_vehicles_must_be_chosen(tmp_path: Path, writer, circle, messages, share) -> None:
+    message = messages.make("bike_msgs/msg/BikeState", header=messages.header(1.0), x=1.0)
+    data = messages.cdr("bike_msgs/msg/BikeState", message)
+    with RideRecorder(tmp_path / "two.mcap", share=share) as recorder:
+        for topic in ("/red/state", "/blue/state"):
+            recorder.add_topic(topic, "bike_msgs/msg/BikeState")
+            recorder.write(topic, data, 0)
+    with pytest.raises(RecordingError, match="/blue, /red"):
+        read_recording(tmp_path / "two.mcap")
+    assert read_recording(tmp_path / "two.mcap", namespace="red").namespace == "/red"
+    with pytest.raises(RecordingError, match="no states of /green"):
+        read_recording(tmp_path / "two.mcap", namespace="/green")
+
+
+DEFINITION = """bool flag
+float64[] values
+uint8 small
+string name
+float32[3] triple
+int64 number
+geometry_msgs/Point point
+================================================================================
+MSG: geometry_msgs/Point
+float64 x
+float64 y
+float64 z
+"""
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    rows=st.lists(
+        st.tuples(
+            st.booleans(),
+            st.integers(0, 2),
+            st.integers(0, 255),
+            st.text("abü", max_size=5),
+            st.integers(-(2**63), 2**63 - 1),
+        ),
+        min_size=1,
+        max_size=12,
+    ),
+    little=st.booleans(),
+)
+def test_columns_of_mixed_layouts_agree_with_rosbags(rows: list[tuple], little: bool) -> None:
+    """Strings and arrays of any length shift what follows; each message must still be read right."""
+    schema = MessageSchema("some_msgs/msg/Mixed", DEFINITION)
+    store = schema._store
+    mixed, point = store.types["some_msgs/msg/Mixed"], store.types["geometry_msgs/msg/Point"]
+    encoded = []
+    for flag, length, small, name, number in rows:
+        values, triple = np.arange(float(length)), np.array([1, 2, 3], np.float32)
+        message = mixed(flag, values, small, name, triple, number, point(0.5, small + 0.25, -1.0))
+        encoded.append(bytes(store.serialize_cdr(message, "some_msgs/msg/Mixed", little_endian=little)))
+    fields = ["flag", "small", "triple", "number", "point.y"]
+    columns = decode_columns(schema, encoded, fields)
+    expected = [schema.decode(data) for data in encoded]
+    assert columns["flag"].tolist() == [m.flag for m in expected] == [row[0] for row in rows]
+    assert columns["small"].tolist() == [m.small for m in expected]
+    assert columns["number"].tolist() == [m.number for m in expected] == [row[4] for row in rows]
+    assert columns["triple"].tolist() == [[1.0, 2.0, 3.0]] * len(rows)
+    assert columns["point.y"].tolist() == [row[2] + 0.25 for row in rows]
+    if len({row[1] for row in rows}) > 1:
+        with pytest.raises(SchemaError, match="values"):
+            decode_columns(schema, encoded, ["values"])
+
+
+def test_unchunked_files_are_read(tmp_path: Path, messages, share) -> None:
+    described = message_type("bike_msgs/msg/BikeState", share)
+    message = messages.make("bike_msgs/msg/BikeState", header=messages.header(1.0), episode=3, x=1.0)
+    with (tmp_path / "flat.mcap").open("wb") as file:
+        flat = Writer(file, use_chunking=False)
+        flat.start(profile="ros2")
+        schema = flat.register_schema(described.name, "ros2msg", described.definition.encode())
+        channel = flat.register_channel("/bike/state", "cdr", schema)
+        for number in range(3):
+            flat.add_message(channel, number, messages.cdr(described.name, message), number)
+        flat.finish()
+    recording = read_recording(tmp_path / "flat.mcap")
+    assert recording.states.episode.tolist() == [3, 3, 3]
+    torn = tmp_path / "torn.mcap"
+    torn.write_bytes((tmp_path / "flat.mcap").read_bytes()[:-200])
+    container = Container(torn)
+    assert len(list(container.messages())) <= 3
+    assert container.truncated

@@ -1,0 +1,232 @@
+"""The recorder writes what rosbag2's readers expect, and leaves a readable file however it ends."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+from mcap.reader import make_reader
+from mcap_ros2.reader import read_ros2_messages
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import get_types_from_msg
+
+from bike_sim.recording import Qos, RideRecorder, ament_share, first_share, message_type, source_share
+
+
+def read_with_rosbags(path: Path) -> list[tuple[str, int, object]]:
+    with AnyReader([path]) as reader:
+        return [(c.topic, t, reader.deserialize(data, c.msgtype)) for c, t, data in reader.messages()]
+
+
+def test_definition_holds_each_nested_type_once(share) -> None:
+    text = message_type("bike_msgs/msg/CoursePoints", share).definition
+    headings = [line for line in text.splitlines() if line.startswith("MSG: ")]
+    assert headings == ["MSG: geometry_msgs/Point", "MSG: std_msgs/Header", "MSG: builtin_interfaces/Time"]
+    assert text.count("=" * 80 + "\n") == 3
+    assert not text.startswith("=")
+    fields = dict(get_types_from_msg(text, "bike_msgs/msg/CoursePoints")["bike_msgs/msg/CoursePoints"][1])
+    assert "progress" in fields
+
+
+@pytest.mark.parametrize("kind", ["BikeState", "BikeCommand", "Course", "CoursePoints", "LeanHistory", "RideEvent"])
+def test_every_message_of_the_package_has_a_definition_that_parses(kind: str, share) -> None:
+    name = f"bike_msgs/msg/{kind}"
+    assert name in get_types_from_msg(message_type(name, share).definition, name)
+
+
+@pytest.mark.parametrize("name", ["BikeState", "bike_msgs/BikeState", "bike_msgs/srv/Reset", "/msg/A", "a/msg/"])
+def test_wrong_type_names_are_refused(name: str, share) -> None:
+    with pytest.raises(ValueError, match="package/msg/Type"):
+        message_type(name, share)
+
+
+def test_unknown_packages_and_types_are_named(share, tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match="no message 'Nothing'"):
+        message_type("bike_msgs/msg/Nothing", share)
+    with pytest.raises(FileNotFoundError, match="nowhere_msgs"):
+        message_type("nowhere_msgs/msg/A", share)
+    with pytest.raises(FileNotFoundError, match=r"'a'.*; .*'a'"):
+        first_share(source_share(tmp_path), source_share(tmp_path))("a")
+
+
+def test_installed_packages_are_found_through_the_ament_index(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    messages = tmp_path / "share" / "some_msgs" / "msg"
+    messages.mkdir(parents=True)
+    (messages / "A.msg").write_text("float64 x # m\n")
+    hashes = {"type_hashes": [{"type_name": "some_msgs/msg/A", "hash_string": "RIHS01_00"}]}
+    (messages / "A.json").write_text(json.dumps(hashes))
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"{tmp_path / 'other'}{os.pathsep}{tmp_path}")
+    with pytest.raises(FileNotFoundError, match="is the workspace built"):
+        ament_share("some_msgs")  # the directory is there, but nothing registered the package
+    marker = tmp_path / "share" / "ament_index" / "resource_index" / "packages" / "some_msgs"
+    marker.parent.mkdir(parents=True)
+    marker.touch()
+    described = message_type("some_msgs/msg/A")
+    assert described.definition == "float64 x # m\n"
+    assert described.type_hash == "RIHS01_00"
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
+def test_other_readers_see_what_was_written(compression: str, writer, circle, tmp_path: Path) -> None:
+    ride = circle(steps=150)
+    path = writer.write(tmp_path / "ride.mcap", [ride], compression=compression, chunk_bytes=8000)
+    seen = read_with_rosbags(path)
+    states = [(t, m) for topic, t, m in seen if topic == "/bike/state"]
+    assert [m.x for _, m in states] == ride.states["x"].tolist()
+    assert [t for t, _ in states] == [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for _, m in states]
+    by_mcap_ros2 = [m.ros_msg for m in read_ros2_messages(path, topics=["/bike/state"])]
+    assert [m.lateral_error for m in by_mcap_ros2] == ride.states["lateral_error"].tolist()
+    assert list(by_mcap_ros2[3].preview_x) == [0.0, 1.0, 2.0, 3.0, 4.0]
+
+
+def test_directory_is_a_rosbag2_recording(writer, circle, share, tmp_path: Path) -> None:
+    path = writer.write(tmp_path / "first_ride", [circle(steps=20)], notes={"vehicle": "whipple"})
+    assert path == tmp_path / "first_ride" / "first_ride_0.mcap"
+    with Reader(tmp_path / "first_ride") as reader:
+        assert reader.message_count == 20 + 19 + 1
+        assert reader.duration == 19 * 50_000_000 + 1  # rosbags counts the last nanosecond
+        connection = next(c for c in reader.connections if c.topic == "/bike/course")
+        assert connection.ext.offered_qos_profiles[0].durability.name == "TRANSIENT_LOCAL"
+        assert connection.ext.offered_qos_profiles[0].depth == 1
+    information = yaml.safe_load((tmp_path / "first_ride" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert information["version"] == 9
+    assert information["custom_data"] == {"vehicle": "whipple"}
+    counts = {t["topic_metadata"]["name"]: t["message_count"] for t in information["topics_with_message_count"]}
+    assert counts == {"/bike/state": 20, "/bike/command": 19, "/bike/course": 1, "/bike/events": 0, "/diagnostics": 0}
+
+
+def test_container_follows_rosbag2(writer, circle, share, tmp_path: Path) -> None:
+    path = writer.write(tmp_path / "ride.mcap", [circle(steps=200)])
+    with path.open("rb") as file:
+        reader = make_reader(file)
+        assert reader.get_header().profile == "ros2"
+        summary = reader.get_summary()
+        records = {m.name: m.metadata for m in reader.iter_metadata()}
+    assert summary.statistics.message_count == 200 + 199 + 1
+    assert len(summary.chunk_indexes) == summary.statistics.chunk_count > 1
+    assert {i.compression for i in summary.chunk_indexes} == {"zstd"}
+    inside = yaml.safe_load(records["rosbag2"]["serialized_metadata"])
+    beside = yaml.safe_load((tmp_path / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert inside == beside
+    for channel in summary.channels.values():
+        schema = summary.schemas[channel.schema_id]
+        assert (schema.encoding, channel.message_encoding) == ("ros2msg", "cdr")
+        profile = yaml.safe_load(channel.metadata["offered_qos_profiles"])
+        assert profile[0]["reliability"] == "reliable"
+        assert "&" not in channel.metadata["offered_qos_profiles"]
+        described = message_type(schema.name, share)
+        assert channel.metadata.get("topic_type_hash", "") == described.type_hash
+
+
+def test_metadata_file_never_replaces_that_of_another_recording(writer, circle, tmp_path: Path) -> None:
+    writer.write(tmp_path / "one.mcap", [circle(steps=5)])
+    first = (tmp_path / "metadata.yaml").read_text()
+    writer.write(tmp_path / "two.mcap", [circle(steps=6)])
+    assert (tmp_path / "metadata.yaml").read_text() == first
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "metadata.yaml").write_text("name: not a recording\n")
+    writer.write(tmp_path / "other" / "three.mcap", [circle(steps=5)])
+    assert (tmp_path / "other" / "metadata.yaml").read_text() == "name: not a recording\n"
+
+
+def test_overwriting_needs_permission(writer, circle, tmp_path: Path) -> None:
+    path = writer.write(tmp_path / "ride.mcap", [circle(steps=5)])
+    with pytest.raises(FileExistsError, match=r"ride\.mcap"):
+        writer.write(path, [circle(steps=6)])
+    writer.write(path, [circle(steps=7)], overwrite=True)
+    assert sum(topic == "/bike/state" for topic, _, _ in read_with_rosbags(path)) == 7
+
+
+def test_misuse_gets_one_clear_error(share, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="gzip"):
+        RideRecorder(tmp_path / "a.mcap", compression="gzip")
+    with pytest.raises(ValueError, match="chunk_bytes"):
+        RideRecorder(tmp_path / "a.mcap", chunk_bytes=0)
+    with pytest.raises(ValueError, match="reliability"):
+        Qos(reliability="maybe")
+    with RideRecorder(tmp_path / "ride.mcap", share=share) as recorder:
+        with pytest.raises(ValueError, match="add_topic"):
+            recorder.write("/bike/state", bytes(8), 0)
+        recorder.add_topic("/bike/state", "bike_msgs/msg/BikeState")
+        recorder.add_topic("/bike/state", "bike_msgs/msg/BikeState")  # the same again is no error
+        with pytest.raises(ValueError, match="BikeCommand"):
+            recorder.add_topic("/bike/state", "bike_msgs/msg/BikeCommand")
+        with pytest.raises(ValueError, match="-1 ns"):
+            recorder.write("/bike/state", bytes(8), -1)
+        with pytest.raises(ValueError, match="3 bytes"):
+            recorder.write("/bike/state", bytes(3), 0)
+    recorder.close()
+    with pytest.raises(ValueError, match="closed"):
+        recorder.write("/bike/state", bytes(8), 0)
+
+
+def test_the_file_is_finished_when_the_caller_fails(share, tmp_path: Path) -> None:
+    def record_and_fail() -> None:
+        with RideRecorder(tmp_path / "ride.mcap", share=share) as recorder:
+            recorder.add_topic("/bike/state", "bike_msgs/msg/BikeState")
+            recorder.write("/bike/state", bytes(2000), 5)
+            raise RuntimeError("the caller")
+
+    with pytest.raises(RuntimeError, match="the caller"):
+        record_and_fail()
+    with (tmp_path / "ride.mcap").open("rb") as file:
+        assert make_reader(file).get_summary().statistics.message_count == 1
+
+
+def write_much(recorder: RideRecorder) -> None:
+    for number in range(100):
+        recorder.write("/bike/state", os.urandom(2000), number)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_full_disk_is_one_clear_error(share, tmp_path: Path) -> None:
+    path = tmp_path / "ride.mcap"
+    path.symlink_to("/dev/full")
+    with pytest.raises(OSError, match=r"recording .*ride\.mcap stopped: No space left"):
+        RideRecorder(path, share=share, overwrite=True)
+    path.unlink()
+    with RideRecorder(path, share=share, chunk_bytes=1000) as recorder:
+        recorder.add_topic("/bike/state", "bike_msgs/msg/BikeState")
+        os.dup2(os.open("/dev/full", os.O_WRONLY), recorder._file.fileno())  # the disk fills up now
+        with pytest.raises(OSError, match=r"recording .*ride\.mcap stopped: No space left"):
+            write_much(recorder)
+        with pytest.raises(ValueError, match="closed"):
+            recorder.write("/bike/state", bytes(8), 1000)
+
+
+KILLED = """
+import os, sys, time
+sys.path[:0] = {path!r}
+from pathlib import Path
+from bike_sim.recording import RideRecorder, MessageType
+kind = MessageType("some_msgs/msg/Blob", "float64 x\\n")
+recorder = RideRecorder({file!r}, flush_period_s=0.05)
+recorder.add_topic("/blob", kind)
+for number in range(1000):
+    recorder.write("/blob", number.to_bytes(4, "little") + os.urandom(100), number)
+    time.sleep(0.001)
+    if number == 300:
+        print("go", flush=True)
+"""
+
+
+def test_a_killed_recorder_loses_no_more_than_the_flush_period(tmp_path: Path) -> None:
+    from bike_analysis.container import Container
+
+    file = tmp_path / "ride.mcap"
+    script = KILLED.format(path=sys.path, file=str(file))
+    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE) as process:
+        assert process.stdout.readline() == b"go\n"
+        process.send_signal(signal.SIGKILL)
+    container = Container(file)
+    numbers = [int.from_bytes(m.data[:4], "little") for m in container.messages()]
+    assert container.truncated
+    assert numbers == list(range(len(numbers)))
+    assert len(numbers) > 300 - 100  # 100 messages take twice the flush period here
