@@ -82,9 +82,7 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         assert self._snapshot is not None
         return self._observe(self._snapshot), self._info(self._snapshot)
 
-    def step(
-        self, action: NDArray[np.float32]
-    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+    def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Hold an action of shape (1,) in [-1, 1] for one control period."""
         command = float(action[0]) * self._command_scale
         snapshot = self.client.step(min(max(command, -1.0), 1.0))

@@ -77,6 +77,7 @@ def build_model(preset: Preset, task: Task, env: VecEnv, seed: int, log_dir: str
         return SAC("MlpPolicy", env, device="cpu", **common)
     from sbx import SAC as JaxSAC  # noqa: PLC0415 (JAX takes seconds to load and only this learner needs it)
 
+    common["policy_kwargs"]["layer_norm"] = preset.layer_norm
     return JaxSAC("MlpPolicy", env, **common)
 
 

@@ -21,6 +21,7 @@ class Preset:
         environments: bicycles that ride side by side.
         updates: gradient updates after each step of all bicycles.
         layers: hidden layers of actor and critics.
+        layer_norm: normalise the critics' hidden layers (sbx only).
         batch_size: transitions of an update.
         learning_rate: of actor, critics and temperature.
         final_learning_rate: reached linearly at the end of the run.
@@ -43,6 +44,7 @@ class Preset:
     environments: int = 1
     updates: int = 1
     layers: tuple[int, ...] = (256, 256)
+    layer_norm: bool = False
     batch_size: int = 256
     learning_rate: float = 3e-4
     final_learning_rate: float = 3e-4

@@ -125,4 +125,3 @@ TASKS: Final[dict[str, Task]] = {
     "lean": Task(),
 }
 """Table 5 by name, and this project's own."""
-

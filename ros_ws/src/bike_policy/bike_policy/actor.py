@@ -32,7 +32,9 @@ class Actor:
             if weight.ndim != 2 or bias.shape != (weight.shape[0],):
                 raise ValueError(f"actor layer {i}: weight {weight.shape} does not fit bias {bias.shape}")
             if i and weight.shape[1] != weights[i - 1].shape[0]:
-                raise ValueError(f"actor layer {i} takes {weight.shape[1]} inputs, layer {i - 1} gives {weights[i - 1].shape[0]}")
+                raise ValueError(
+                    f"actor layer {i} takes {weight.shape[1]} inputs, layer {i - 1} gives {weights[i - 1].shape[0]}"
+                )
             if not (np.all(np.isfinite(weight)) and np.all(np.isfinite(bias))):
                 raise ValueError(f"actor layer {i} holds values that are not finite")
         if weights[-1].shape[0] != 1:
@@ -90,6 +92,8 @@ class Actor:
         count = len(tensors) // 2
         expected = {f"layers.{i}.{part}" for i in range(count) for part in ("weight", "bias")}
         if not tensors or set(tensors) != expected:
-            raise ValueError(f"not an actor of this project: tensors {sorted(tensors)[:6]}, expected layers.0.weight, ...")
+            raise ValueError(
+                f"not an actor of this project: tensors {sorted(tensors)[:6]}, expected layers.0.weight, ..."
+            )
         weights = [tensors[f"layers.{i}.weight"] for i in range(count)]
         return cls(weights, [tensors[f"layers.{i}.bias"] for i in range(count)])

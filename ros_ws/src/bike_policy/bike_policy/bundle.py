@@ -62,7 +62,9 @@ class Bundle:
             ValueError: naming the difference.
         """
         if vehicle != self.vehicle:
-            raise ValueError(f"policy {self.name!r} was trained for vehicle {self.vehicle!r}, the simulator rides {vehicle!r}")
+            raise ValueError(
+                f"policy {self.name!r} was trained for vehicle {self.vehicle!r}, the simulator rides {vehicle!r}"
+            )
         if abs(control_period - self.control_period) > 1e-9:
             raise ValueError(
                 f"policy {self.name!r} was trained for a control period of {self.control_period} s, "

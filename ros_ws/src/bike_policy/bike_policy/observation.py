@@ -212,7 +212,18 @@ def _basis(by_time: bool) -> str:
     return "time" if by_time else "distance"
 
 
-_MINIMAL = ("x", "y", "yaw", "roll", "steer", "rear_wheel", "front_wheel", "roll_rate", "steer_rate", "front_wheel_rate")
+_MINIMAL = (
+    "x",
+    "y",
+    "yaw",
+    "roll",
+    "steer",
+    "rear_wheel",
+    "front_wheel",
+    "roll_rate",
+    "steer_rate",
+    "front_wheel_rate",
+)
 _REDUNDANT = ("x", "y", "yaw_cos", "yaw_sin", *_MINIMAL[3:])
 _LATERAL = ("roll", "steer", "roll_rate", "steer_rate", "front_wheel_rate")
 

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
+from bike_policy.action import ActionScale
 from bike_policy.actor import Actor
 from bike_sim import ride
 from bike_sim.physics.state import ROLL
-from bike_sim.physics.vehicle import Vehicle
+from bike_sim.physics.vehicle import Vehicle, load_vehicle
 from bike_sim.reset import ResetRequest
 from bike_training.batch import RideBatch
+from bike_training.clients import Client
 from bike_training.curriculum import VALIDATION_DURATION, VALIDATION_RIDES, RideRanges
 from bike_training.task import Task, failed, validation_error
 from bike_training.vec_env import distances
 
 
-def ride_requests(task: Task, ranges: RideRanges, rng: np.random.Generator) -> list[ResetRequest]:
+def draw_requests(task: Task, ranges: RideRanges, rng: np.random.Generator) -> list[ResetRequest]:
     """Draw the requests of one validation."""
     return [
         ResetRequest(
@@ -51,3 +53,22 @@ def validate_compiled(
         if not alive.any():
             break
     return [validation_error(track[:, i], bool(alive[i])) for i in range(len(requests))]
+
+
+def validate_simulator(actor: Actor, task: Task, simulator: Client, requests: list[ResetRequest]) -> list[float]:
+    """Ride all requests one after the other through a simulator and return the errors e_i (Eq. 12)."""
+    return [_ride(actor, task, simulator, request) for request in requests]
+
+
+def _ride(actor: Actor, task: Task, simulator: Client, request: ResetRequest) -> float:
+    vehicle = load_vehicle("whipple")
+    scale = ActionScale(task.max_steer)
+    track: list[float] = []
+    snapshot = simulator.reset(request)
+    for _ in range(round(VALIDATION_DURATION / vehicle.control_period)):
+        action = actor.act(task.layout.observe(snapshot.state, snapshot.preview_y))
+        snapshot = simulator.step(scale.to_command(action, vehicle.max_steer))
+        track.append(float(distances(task, snapshot.seen)))
+        if failed(snapshot.distance, snapshot.state[ROLL]):
+            return validation_error(np.array(track), False)
+    return validation_error(np.array(track), True)

@@ -1,0 +1,220 @@
+"""The policy as a ROS 2 node: a state comes, its command goes.
+
+Each state is answered once. A state that comes again was not heard, or its answer was not, and is answered again; but
+not more often than REANSWER_AFTER, so that two copies of a state cannot breed two copies of the next. The node keeps
+nothing from one state to the next that matters to the ride: it may be killed and started again at any time, and so may
+the simulator.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+import rclpy.node
+from bike_msgs.msg import BikeCommand, BikeState
+
+from bike_policy.bundle import DEFAULT_POLICY, Bundle, load_bundle
+from bike_sim import node_tools
+from bike_sim.command_gate import Command
+from bike_sim.messages import command_to_message, minimal_state, time_from_message
+from bike_sim.node_tools import CannotGoOn, ParameterSpec
+
+SPECS: Final = (
+    ParameterSpec("policy", DEFAULT_POLICY, "Shipped policy, or path of a bundle's folder.", fixed=True),
+    ParameterSpec("stale_after_s", 1.0, "Wall-clock time without a state after which a warning is given, s."),
+)
+
+REANSWER_AFTER: Final = 0.2
+"""Wall-clock time after which a repeated state is answered again, s."""
+
+REPORT_PERIOD: Final = 1.0
+LATENCY_WINDOW: Final = 100_000
+"""Latencies kept for the figures since the start."""
+
+
+@dataclass
+class StateCounts:
+    """States since the node began.
+
+    Attributes:
+        answered: answered with a command. repeated: came again. stale: older than one that had come before.
+        refused: not finite, so that no action exists. over: the vehicle has fallen, there is nothing to steer.
+    """
+
+    answered: int = 0
+    repeated: int = 0
+    stale: int = 0
+    refused: int = 0
+    over: int = 0
+
+
+class Drive(rclpy.node.Node):
+    """Answers states with the commands of a policy."""
+
+    def __init__(self) -> None:
+        """Load the policy.
+
+        Raises:
+            ValueError: a parameter or a bundle that cannot be. FileNotFoundError: no such bundle.
+        """
+        super().__init__("drive", namespace=node_tools.NAMESPACE)
+        values = node_tools.declare(self, SPECS)
+        self._bundle: Bundle = load_bundle(values["policy"])
+        self._accept(values)
+        self._preview = np.arange(0)
+        self._fitted: tuple[int, float] | None = None
+        self._last: BikeState | None = None
+        self._answered_at = self._heard_at = time.monotonic()
+        self._counts, self._reported = StateCounts(), StateCounts()
+        self._latencies: deque[float] = deque(maxlen=LATENCY_WINDOW)
+        self._answer_once()
+        self._commands = self.create_publisher(
+            BikeCommand, "command", node_tools.COMMAND_QOS, event_callbacks=node_tools.QUIET
+        )
+        self._diagnostics = node_tools.Diagnostics(self)
+        self.create_subscription(BikeState, "state", self._on_state, node_tools.STREAM_QOS)
+        node_tools.on_change(self, SPECS, self._accept)
+        node_tools.wall_timer(self, REPORT_PERIOD, self._report)
+        self.get_logger().info(f"policy {self._bundle.name!r} is waiting for states")
+
+    def finish(self) -> None:
+        """Report a last time, also in the log."""
+        self._report()
+        self.get_logger().info(f"{self._counts.answered} states answered, {self._latency_text()}")
+
+    def _accept(self, values: dict[str, Any]) -> None:
+        if not values["stale_after_s"] > 0.0:
+            raise ValueError(f"parameter stale_after_s must be positive, got {values['stale_after_s']!r}")
+        self._stale_after: float = values["stale_after_s"]
+
+    def _answer_once(self) -> None:
+        """Answer a made-up observation: the first answer of a process takes longer than all others."""
+        layout = self._bundle.layout
+        self._bundle.actor.act(layout.observe(np.zeros(10), np.zeros(layout.preview_count)))
+
+    # ---------------------------------------------------------------------------------------------------------- states
+
+    def _on_state(self, message: BikeState) -> None:
+        began = time.monotonic()
+        if self._is_stale(message, began):
+            self._counts.stale += 1
+            return
+        self._heard_at = began
+        repeated = self._last is not None and _same(message, self._last)
+        if repeated:
+            self._counts.repeated += 1
+            if began - self._answered_at < REANSWER_AFTER:
+                return
+        self._last = message
+        if message.fallen:
+            self._counts.over += 1
+            return
+        self._check_fit(message)
+        action = self._act(message)
+        if action is None:
+            return
+        steering = self._bundle.action.to_command(action, message.steering_limit)
+        self._commands.publish(
+            command_to_message(Command(message.episode, message.step, steering), message.header.stamp)
+        )
+        self._answered_at = time.monotonic()
+        if not repeated:
+            self._counts.answered += 1
+            self._latencies.append(self._answered_at - began)
+
+    def _act(self, message: BikeState) -> float | None:
+        layout = self._bundle.layout
+        preview = np.frombuffer(message.preview_y)[self._preview]
+        try:
+            return self._bundle.actor.act(layout.observe(minimal_state(message), preview))
+        except ValueError:  # an observation that is not finite
+            self._counts.refused += 1
+            return None
+
+    def _is_stale(self, message: BikeState, now: float) -> bool:
+        """Whether a state is older than one that has come.
+
+        Time runs backwards also where a simulator was started anew. That one begins with a step 0, or after a silence.
+        """
+        last = self._last
+        if last is None or message.step == 0 or now - self._heard_at > self._stale_after:
+            return False
+        return time_from_message(message.header.stamp) < time_from_message(last.header.stamp)
+
+    def _check_fit(self, message: BikeState) -> None:
+        """Check the simulator against the bundle where an episode or a simulator is new.
+
+        Raises:
+            CannotGoOn: naming the difference.
+        """
+        begin = time_from_message(message.header.stamp) - round(message.step * message.control_period * 1e9)
+        if self._fitted == (message.episode, begin):
+            return
+        try:
+            self._bundle.check_fit(vehicle=message.vehicle, control_period=message.control_period)
+            self._preview = self._bundle.layout.pick_preview(
+                message.preview_by_time, message.preview_interval, len(message.preview_y)
+            )
+        except ValueError as error:
+            self.get_logger().error(f"the policy does not fit the simulator: {error}")
+            raise CannotGoOn(f"the policy does not fit the simulator: {error}") from error
+        self._fitted = (message.episode, begin)
+        self.get_logger().info(f"driving episode {message.episode} from step {message.step}")
+
+    # ---------------------------------------------------------------------------------------------------- diagnostics
+
+    def _report(self) -> None:
+        """Tell on diagnostics, and in the log where something is wrong."""
+        silence = time.monotonic() - self._heard_at
+        level, text = self._diagnostics.OK, "driving"
+        stale = self._counts.stale - self._reported.stale
+        refused = self._counts.refused - self._reported.refused
+        if stale or refused:
+            level, text = self._diagnostics.WARN, f"states in the last second: {stale} stale, {refused} not finite"
+        elif self._last is None:
+            text = "waiting for the first state"
+        elif silence > self._stale_after:
+            level, text = self._diagnostics.WARN, f"no state for {silence:.1f} s, waiting for the simulator"
+        elif self._last.fallen:
+            text = "the vehicle has fallen, waiting for a reset"
+        if level == self._diagnostics.WARN:
+            self.get_logger().warning(text)
+        figures: dict[str, object] = {f"states_{name}": value for name, value in vars(self._counts).items()}
+        if self._latencies:
+            median, p99 = np.percentile(self._latencies, [50.0, 99.0])
+            figures |= {"latency_median_ms": median * 1e3, "latency_p99_ms": p99 * 1e3}
+        figures["policy"] = self._bundle.name
+        stamp = 0 if self._last is None else time_from_message(self._last.header.stamp)
+        self._diagnostics.report(level, text, figures, stamp)
+        self._reported = replace(self._counts)
+
+    def _latency_text(self) -> str:
+        if not self._latencies:
+            return "no latency measured"
+        median, p99 = np.percentile(self._latencies, [50.0, 99.0]) * 1e3
+        return f"latency median {median:.3f} ms, 99th percentile {p99:.3f} ms"
+
+
+def _same(a: BikeState, b: BikeState) -> bool:
+    """Whether two messages are copies of one state; a simulator that was started anew counts the same numbers again."""
+    return (a.episode, a.step, a.header.stamp, a.x, a.y, a.roll) == (
+        b.episode,
+        b.step,
+        b.header.stamp,
+        b.x,
+        b.y,
+        b.roll,
+    )
+
+
+def main() -> int:
+    """Run the node until a signal; the exit code is 2 if the policy cannot be used."""
+    return node_tools.run_node("drive", Drive)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

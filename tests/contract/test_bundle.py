@@ -1,0 +1,112 @@
+import math
+
+import numpy as np
+import pytest
+import torch
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bike_policy.action import ActionScale
+from bike_policy.actor import Actor
+from bike_policy.bundle import Bundle, load_bundle, shipped_policies
+from bike_policy.observation import LEAN_LAYOUT
+
+
+def make_actor(inputs=LEAN_LAYOUT.size, seed=0):
+    rng = np.random.default_rng(seed)
+    shapes = [(8, inputs), (8, 8), (1, 8)]
+    return Actor(
+        [rng.normal(size=s).astype("f4") for s in shapes], [rng.normal(size=s[0]).astype("f4") for s in shapes]
+    )
+
+
+@pytest.fixture
+def bundle():
+    return Bundle("test", make_actor(), LEAN_LAYOUT, ActionScale(math.radians(70)), "whipple", 0.05, {"seed": 1}, {})
+
+
+def test_actor_is_the_torch_network():
+    actor = make_actor()
+    layers = []
+    for weight, bias in zip(actor.weights, actor.biases, strict=True):
+        linear = torch.nn.Linear(*weight.shape)
+        linear.weight.data = torch.as_tensor(weight.T.copy())
+        linear.bias.data = torch.as_tensor(bias)
+        layers += [linear, torch.nn.ReLU()]
+    network = torch.nn.Sequential(*layers[:-1], torch.nn.Tanh())
+    observations = np.random.default_rng(2).normal(size=(20, actor.inputs)).astype("f4")
+    expected = network(torch.as_tensor(observations)).detach().numpy()[:, 0]
+    np.testing.assert_allclose(actor.act_batch(observations), expected, rtol=1e-5, atol=1e-6)
+    assert actor.act(observations[3]) == pytest.approx(expected[3], rel=1e-5, abs=1e-6)
+
+
+def test_round_trip(bundle, tmp_path):
+    bundle.save(tmp_path / "policy")
+    loaded = load_bundle(tmp_path / "policy")
+    observation = np.linspace(-1, 1, LEAN_LAYOUT.size, dtype="f4")
+    assert loaded.actor.act(observation) == bundle.actor.act(observation)
+    assert (loaded.layout, loaded.action, loaded.training) == (bundle.layout, bundle.action, bundle.training)
+
+
+def test_fit_names_the_difference(bundle):
+    bundle.check_fit("whipple", 0.05)
+    with pytest.raises(ValueError, match="panigale"):
+        bundle.check_fit("panigale", 0.05)
+    with pytest.raises(ValueError, match=r"0\.1 s"):
+        bundle.check_fit("whipple", 0.1)
+
+
+def test_unknown_policy_lists_the_shipped_ones():
+    with pytest.raises(FileNotFoundError, match="neither a folder"):
+        load_bundle("no_such_policy")
+
+
+@pytest.mark.parametrize(
+    ("entry", "value", "message"),
+    [("format", 99, "format 99"), ("layout", {}, "missing entries"), ("action", {"meaning": "throttle"}, "action")],
+)
+def test_foreign_card_is_refused(bundle, tmp_path, entry, value, message):
+    bundle.save(tmp_path)
+    card = yaml.safe_load((tmp_path / "card.yaml").read_text())
+    (tmp_path / "card.yaml").write_text(yaml.safe_dump({**card, entry: value}))
+    with pytest.raises(ValueError, match=message):
+        load_bundle(tmp_path)
+
+
+@settings(max_examples=30, deadline=None)
+@given(junk=st.binary(max_size=300))
+def test_junk_weights_give_one_clear_error(junk, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("policy")
+    Bundle("test", make_actor(), LEAN_LAYOUT, ActionScale(1.0), "whipple", 0.05).save(folder)
+    (folder / "actor.safetensors").write_bytes(junk)
+    with pytest.raises(ValueError, match=r"actor\.safetensors|not an actor"):
+        load_bundle(folder)
+
+
+def test_wrong_sizes_and_values_are_refused(bundle):
+    with pytest.raises(ValueError, match="takes 3 numbers"):
+        Bundle("test", make_actor(3), LEAN_LAYOUT, ActionScale(1.0), "whipple", 0.05)
+    with pytest.raises(ValueError, match="shape"):
+        bundle.actor.act(np.zeros(3, dtype="f4"))
+    with pytest.raises(ValueError, match="not finite"):
+        bundle.actor.act(np.full(LEAN_LAYOUT.size, np.nan, dtype="f4"))
+    with pytest.raises(ValueError, match="not finite"):
+        Actor([np.full((1, 3), np.inf, dtype="f4")], [np.zeros(1, dtype="f4")])
+
+
+@given(action=st.floats(-1, 1), max_steer=st.floats(0.01, 3.0))
+def test_command_stays_in_range_and_mirrors(action, max_steer):
+    scale = ActionScale(max_steer)
+    command = scale.to_command(action, 1.2)
+    assert -1.0 <= command <= 1.0
+    assert scale.to_command(-action, 1.2) == -command
+    if abs(command) < 1.0:
+        assert command * 1.2 == pytest.approx(action * max_steer)
+
+
+@pytest.mark.parametrize("name", shipped_policies())
+def test_shipped_policies_load(name):
+    bundle = load_bundle(name)
+    assert bundle.training["commit"] != "unknown"
+    assert bundle.results

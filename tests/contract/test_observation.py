@@ -1,0 +1,113 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from bike_policy.observation import LAYOUT_VERSION, LEAN_LAYOUT, PROP_LAYOUT, ObservationLayout
+from bike_sim.physics.state import MIRROR_SIGNS, STATE_SIZE
+from bike_training.task import TASKS
+
+LAYOUTS = [task.layout for task in TASKS.values()]
+finite = st.floats(-20.0, 20.0)
+
+
+def test_prop_is_the_papers_q_prime_and_preview():
+    state = np.arange(1.0, 11.0) / 10.0
+    preview = np.array([0.1, 0.2, 0.4, 0.8, 1.6])
+    observation = PROP_LAYOUT.observe(state, preview)
+    x, y, yaw, *rest = state
+    expected = [x, y, math.cos(yaw), math.sin(yaw), *rest, *preview]
+    np.testing.assert_allclose(observation, expected, rtol=1e-6)
+    assert observation.dtype == np.float32
+    assert PROP_LAYOUT.size == 16
+
+
+def test_lean_preview_of_a_circle_is_the_steady_lean():
+    """On a circle of radius R at speed v the second differences are v^2 / (g R), the tangent of the lean."""
+    speed, radius = 5.0, 40.0
+    arc = speed * LEAN_LAYOUT.preview_interval * np.arange(LEAN_LAYOUT.preview_count)
+    y = radius * (1.0 - np.cos(arc / radius))
+    observation = LEAN_LAYOUT.observe(np.zeros(STATE_SIZE), y)
+    lean = observation[len(LEAN_LAYOUT.features) + 2 :]
+    # The first of them is seen from the tangent point; the later ones turn away by the angle of the arc.
+    angles = arc[1:-1] / radius
+    np.testing.assert_allclose(lean, speed**2 / (9.81 * radius) * np.cos(angles), rtol=1e-3)
+
+
+def test_lean_preview_loses_nothing():
+    """The preview points can be found again from their lean form."""
+    rng = np.random.default_rng(0)
+    y = rng.normal(size=LEAN_LAYOUT.preview_count)
+    form = LEAN_LAYOUT.observe(np.zeros(STATE_SIZE), y)[len(LEAN_LAYOUT.features) :].astype(float)
+    t = LEAN_LAYOUT.preview_interval
+    back = [form[0], form[0] + form[1] * t]
+    for second in form[2:]:
+        back.append(second * 9.81 * t**2 + 2.0 * back[-1] - back[-2])
+    np.testing.assert_allclose(back, y, atol=1e-4)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: layout.name)
+@given(data=st.data())
+def test_mirrored_state_gives_mirrored_observation(layout, data):
+    state = data.draw(arrays(np.float64, STATE_SIZE, elements=finite))
+    preview = data.draw(arrays(np.float64, layout.preview_count, elements=finite))
+    observation = layout.observe(state, preview)
+    mirrored = layout.observe(state * MIRROR_SIGNS, -preview)
+    np.testing.assert_array_equal(mirrored, observation * layout.mirror_signs)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: layout.name)
+def test_batch_is_the_same_as_one_by_one(layout):
+    rng = np.random.default_rng(1)
+    states, previews = rng.normal(size=(7, STATE_SIZE)), rng.normal(size=(7, layout.preview_count))
+    batch = layout.observe(states, previews)
+    for row, state, preview in zip(batch, states, previews, strict=True):
+        np.testing.assert_array_equal(row, layout.observe(state, preview))
+    assert batch.shape == (7, layout.size) == (7, len(layout.names))
+
+
+@pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: layout.name)
+def test_card_round_trip(layout):
+    assert ObservationLayout.from_card(layout.to_card()) == layout
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"version": LAYOUT_VERSION + 1}, "version"),
+        ({"features": ["roll", "mood"]}, "mood"),
+        ({"scales": [1.0]}, "scales"),
+        ({"preview_kind": "holes"}, "holes"),
+        ({"colour": "red"}, "colour"),
+        ({"preview_interval": float("nan")}, "interval"),
+        ({"preview_by_time": False}, "lean preview"),
+    ],
+)
+def test_foreign_layout_is_refused_by_name(change, message):
+    with pytest.raises(ValueError, match=message):
+        ObservationLayout.from_card({**LEAN_LAYOUT.to_card(), **change})
+
+
+def test_preview_is_picked_from_a_finer_one():
+    index = PROP_LAYOUT.pick_preview(by_time=True, interval=0.1, count=25)
+    np.testing.assert_array_equal(index, [0, 4, 8, 12, 16])
+
+
+@pytest.mark.parametrize(
+    ("by_time", "interval", "count", "message"),
+    [(False, 0.1, 25, "by time"), (True, 0.3, 25, "multiple"), (True, 0.1, 16, "17 preview points")],
+)
+def test_preview_that_does_not_serve_is_refused(by_time, interval, count, message):
+    with pytest.raises(ValueError, match=message):
+        PROP_LAYOUT.pick_preview(by_time, interval, count)
+
+
+def test_bounds_hold_angles():
+    layout = replace(PROP_LAYOUT, scales=(2.0,) * len(PROP_LAYOUT.features))
+    assert layout.high[layout.features.index("roll")] == pytest.approx(2.0 * math.pi)
+    assert layout.high[layout.features.index("yaw_cos")] == pytest.approx(2.0)
+    assert math.isinf(layout.high[0])

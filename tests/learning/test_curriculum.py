@@ -1,0 +1,50 @@
+from dataclasses import astuple
+
+import pytest
+
+from bike_sim.course.random_paths import CURRICULUM_PATHS
+from bike_training.curriculum import TRANSITION_STEPS, Curriculum
+
+GOOD = [0.05] * 10
+BAD = [0.05] * 9 + [0.06]  # eta_e is 0.2 / 3.5 = 0.0571
+
+
+def test_table_4():
+    assert astuple(CURRICULUM_PATHS[0]) == (14, 14, 20, 22, 2, 2)
+    assert astuple(CURRICULUM_PATHS[1]) == (12, 14, 18, 22, 2, 4)
+    assert astuple(CURRICULUM_PATHS[2]) == (10, 14, 16, 22, 2, 6)
+    assert astuple(CURRICULUM_PATHS[3]) == (8, 14, 14, 22, 2, 8)
+
+
+def test_only_a_fully_successful_validation_passes_a_part():
+    curriculum = Curriculum()
+    assert not curriculum.report(1000, BAD)
+    assert curriculum.part == 1
+    assert curriculum.report(2000, GOOD)
+    assert curriculum.part == 2
+
+
+def test_ranges_grow_linearly_after_a_part_began():
+    curriculum = Curriculum()
+    curriculum.report(5000, GOOD)
+    start, half, full = (curriculum.ranges(5000 + n) for n in (0, TRANSITION_STEPS // 2, TRANSITION_STEPS))
+    assert start.speed == (4.0, 4.0)
+    assert half.speed == pytest.approx((3.0, 5.5))
+    assert full.speed == (2.0, 7.0)
+    assert start.paths.radius_min == 14
+    assert half.paths.radius_min == 13
+    assert full.paths == CURRICULUM_PATHS[1]
+    assert curriculum.in_transition(5000 + TRANSITION_STEPS - 1)
+    assert not curriculum.in_transition(5000 + TRANSITION_STEPS)
+
+
+def test_the_last_part_finishes_the_curriculum_once():
+    curriculum = Curriculum()
+    for step in (1, 20_000, 40_000, 60_000):
+        assert not curriculum.finished
+        assert curriculum.report(step, GOOD)
+    assert curriculum.finished_at == 60_000
+    assert not curriculum.report(80_000, GOOD)
+    assert curriculum.finished_at == 60_000
+    assert curriculum.ranges(90_000).paths == CURRICULUM_PATHS[3]
+    assert not curriculum.in_transition(60_001)

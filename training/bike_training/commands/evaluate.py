@@ -1,0 +1,100 @@
+"""`bike evaluate`: ride a policy at 21 speeds and write down how well."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+from tqdm import tqdm
+
+from bike_policy.bundle import DEFAULT_POLICY, Bundle, load_bundle
+from bike_sim.reset import ResetRequest
+from bike_sim.simulator import SimulatorConfig
+from bike_training.clients import CLIENT_KINDS, make_client
+from bike_training.evaluation import PAPER_MAX, PAPER_MEAN, SPEEDS, draw, evaluate
+from bike_training.riding import Ride, ride_through
+
+EXAMPLES = """examples:
+  bike evaluate                                the shipped policy, in process, PyBullet at 1 ms
+  bike evaluate runs/a/policy --client ros     through the simulator node
+  bike evaluate whipple --course junction --speeds 4
+"""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.epilog = EXAMPLES
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument("policy", nargs="?", default=DEFAULT_POLICY, help="name or folder (default: %(default)s)")
+    parser.add_argument("--client", choices=CLIENT_KINDS, default="local", help="where the simulator is")
+    parser.add_argument("--engine", choices=["pybullet", "whipple"], default="pybullet")
+    parser.add_argument("--time-step", type=float, default=0.001, help="integration step, s (default: %(default)s)")
+    parser.add_argument("--course", default="benchmark", help="fixed course (default: %(default)s)")
+    parser.add_argument("--speeds", type=float, nargs="+", default=list(SPEEDS), help="m/s (default: 2 to 7 by 0.25)")
+    parser.add_argument("--random-rides", type=int, default=1, help="30 s rides on random paths at each speed")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the random paths")
+    parser.add_argument("--out", type=Path, default=Path("out/evaluate"), help="folder of evaluation.json and .png")
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Evaluate and return the figures; not ok when a ride was not completed."""
+    bundle = load_bundle(args.policy)
+    config = SimulatorConfig(engine=args.engine, time_step=args.time_step)
+    bundle.check_fit(config.vehicle, config.control_period)
+    client = make_client(args.client, config)
+
+    def rider(request: ResetRequest, longest: float) -> Ride:
+        return ride_through(client, bundle, request, longest)
+
+    total = len(args.speeds) * (1 + args.random_rides)
+    try:
+        with tqdm(total=total, unit="ride", desc=bundle.name) as bar:
+            figures = evaluate(
+                rider, args.course, args.speeds, args.random_rides, args.seed, tick=lambda: bar.update() and None
+            )
+    finally:
+        client.close()
+    figures = {
+        "policy": bundle.name,
+        "client": args.client,
+        "engine": args.engine,
+        "time_step_s": args.time_step,
+        **figures,
+    }
+    args.out.mkdir(parents=True, exist_ok=True)
+    (args.out / "evaluation.json").write_text(json.dumps(figures, indent=1), encoding="utf-8")
+    draw(figures, bundle, args.out / "evaluation.png")
+    if not args.json:
+        _print(figures, bundle, args.out)
+    ok = all(ride["completed"] for ride in figures["rides"] + figures["random"])
+    return {"schema": "bike.evaluate/1", "ok": ok, "figures": figures}
+
+
+def _print(figures: dict[str, Any], bundle: Bundle, out: Path) -> None:
+    table = Table(title=f"{bundle.name}: {figures['course']} and random paths, {figures['engine']}")
+    for heading in ("speed m/s", "ridden", "mean m", "max m", "max roll °", "worst section", "random mean m", "max m"):
+        table.add_column(heading, justify="right")
+    randoms = figures["random"]
+    for place, ride in enumerate(figures["rides"]):
+        worst = max(ride.get("sections", []), key=lambda part: part["max_m"], default={"section": ""})
+        chance = randoms[place] if place < len(randoms) else None
+        table.add_row(
+            f"{ride['speed_m_s']:.2f}",
+            "yes" if ride["completed"] else "NO",
+            f"{ride['mean_m']:.3f}",
+            f"{ride['max_m']:.3f}",
+            f"{ride['max_roll_deg']:.1f}",
+            worst["section"],
+            f"{chance['mean_m']:.3f}" if chance else "",
+            f"{chance['max_m']:.3f}" + ("" if chance["completed"] else " NO") if chance else "",
+        )
+    console = Console()
+    console.print(table)
+    console.print(
+        f"worst mean {figures['worst_mean_m']:.3f} m (paper's best controller {PAPER_MEAN}), "
+        f"worst maximum {figures['worst_max_m']:.3f} m ({PAPER_MAX}); written to {out}"
+    )

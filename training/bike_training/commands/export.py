@@ -1,0 +1,69 @@
+"""`bike export`: make a policy bundle of a run."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+from bike_policy.action import ActionScale
+from bike_policy.bundle import Bundle
+from bike_sim.physics.vehicle import load_vehicle
+from bike_training.checkpoint import load_process_state
+from bike_training.process import Progress
+from bike_training.task import TASKS
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.epilog = "example:\n  bike export runs/a --name mine && bike evaluate runs/a/policy"
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument("run", type=Path, help="folder of a run of bike train")
+    parser.add_argument("--name", default="whipple", help="name of the policy (default: %(default)s)")
+    parser.add_argument("--out", type=Path, help="folder of the bundle (default: RUN/policy)")
+    parser.add_argument(
+        "--which",
+        choices=["success", "last"],
+        default="success",
+        help="most recent actor that passed every ride of a validation, or the last one (default: %(default)s)",
+    )
+    parser.add_argument("--evaluation", type=Path, help="evaluation.json whose summary goes into the card")
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Write the bundle."""
+    progress: Progress = load_process_state(args.run)["progress"]
+    summary = json.loads((args.run / "run.json").read_text(encoding="utf-8"))
+    actor = progress.latest_success if args.which == "success" else progress.averaged.actor()
+    if actor is None:
+        raise ValueError(f"{args.run}: no actor has passed a validation yet; train longer, or export --which last")
+    vehicle = load_vehicle("whipple")
+    preset = summary["preset"]
+    bundle = Bundle(
+        name=args.name,
+        actor=actor,
+        layout=TASKS[preset["task"]].layout,
+        action=ActionScale(preset["max_steer"]),
+        vehicle=vehicle.name,
+        control_period=vehicle.control_period,
+        training={**summary, "actor": args.which, "exported": time.strftime("%Y-%m-%d")},
+        results=_results(args.evaluation),
+    )
+    out = args.out or args.run / "policy"
+    bundle.save(out)
+    if not args.json:
+        print(f"policy {args.name} written to {out}")
+    return {
+        "schema": "bike.export/1",
+        "ok": True,
+        "figures": {"out": str(out), "name": args.name, "steps": summary["steps"]},
+    }
+
+
+def _results(path: Path | None) -> dict[str, Any]:
+    if path is None:
+        return {}
+    figures = json.loads(path.read_text(encoding="utf-8"))
+    return {key: value for key, value in figures.items() if not isinstance(value, list)}

@@ -1,0 +1,338 @@
+"""A learning process: learner, environments, curriculum, validations, logs and checkpoints together."""
+
+from __future__ import annotations
+
+import csv
+import json
+import subprocess
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import configure
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
+
+from bike_policy.actor import Actor
+from bike_sim.physics.vehicle import load_vehicle
+from bike_sim.reset import ResetRequest
+from bike_sim.simulator import Simulator, SimulatorConfig
+from bike_training.checkpoint import load_model, load_process_state, save_checkpoint
+from bike_training.curriculum import Curriculum, RideRanges
+from bike_training.env import BikeEnv
+from bike_training.learner import AveragedActor, actor_tensors, build_model
+from bike_training.presets import Preset
+from bike_training.task import DISTANCE_THRESHOLD, Task
+from bike_training.validation_rides import draw_requests, validate_compiled, validate_simulator
+from bike_training.vec_env import CompiledVecEnv
+
+COMPILED_TIME_STEP: Final = 0.01
+"""Integration step of the compiled engine in training, s; its error there is below 1e-6 in every state."""
+
+VALIDATION_COLUMNS: Final = ("step", "seconds", "part", "mean_error_m", "max_error_m", "passed", "updates")
+
+
+class StopLearning(Exception):
+    """Ends a run at a point where a checkpoint is whole."""
+
+
+@dataclass(frozen=True)
+class RunSettings:
+    """What a run is, beside its preset.
+
+    Attributes:
+        preset: settings of the learner and the task.
+        seed: seed of everything.
+        client: ``local`` or ``ros``.
+        engine: ``whipple`` or ``pybullet``.
+        time_step: integration step of a simulator, s; the compiled batch uses COMPILED_TIME_STEP.
+        checkpoint_every: learning steps between checkpoints.
+        record_every: validations between recorded rides; 0 records none.
+        until_finished: stop when the curriculum is finished.
+    """
+
+    preset: Preset
+    seed: int = 0
+    client: str = "local"
+    engine: str = "whipple"
+    time_step: float = 0.005
+    checkpoint_every: int = 50_000
+    record_every: int = 0
+    until_finished: bool = False
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain values that :meth:`from_json` reads."""
+        return {**asdict(self), "preset": self.preset.to_card()}
+
+    @classmethod
+    def from_json(cls, stored: dict[str, Any]) -> RunSettings:
+        """Read what :meth:`to_json` wrote."""
+        preset = Preset(**{**stored["preset"], "layers": tuple(stored["preset"]["layers"])})
+        return cls(**{**stored, "preset": preset})
+
+    @property
+    def compiled(self) -> bool:
+        """Whether all bicycles are stepped by one compiled loop in this process."""
+        return self.client == "local" and self.engine == "whipple"
+
+    def simulator(self) -> SimulatorConfig:
+        """Return the configuration of one simulator."""
+        return SimulatorConfig(engine=self.engine, time_step=self.time_step)
+
+
+@dataclass
+class Progress:
+    """What a process remembers beside learner and environment.
+
+    Attributes:
+        curriculum: where it stands.
+        averaged: average of the actor.
+        rng: draws of validation rides.
+        seconds: time spent learning so far, s, earlier sessions included.
+        validated_at: learning step of the last validation.
+        validation_due: whether an episode reached its full length since then.
+        validations: number of validations.
+        latest_success: most recent actor that passed all rides of a validation in the highest part so far.
+        recent_error_m: mean distance of the last validation, m.
+    """
+
+    curriculum: Curriculum
+    averaged: AveragedActor
+    rng: np.random.Generator
+    seconds: float = 0.0
+    validated_at: int = 0
+    validation_due: bool = False
+    validations: int = 0
+    latest_success: Actor | None = None
+    success_step: int = 0
+    recent_error_m: float = float("nan")
+    extra: dict[str, Any] = field(default_factory=dict)
+
+
+def make_environment(settings: RunSettings, task: Task, ranges: RideRanges) -> VecEnv:
+    """Return the vector environment of a run."""
+    preset = settings.preset
+    if settings.compiled:
+        return CompiledVecEnv(preset.environments, task, ranges, settings.seed, COMPILED_TIME_STEP)
+
+    def one() -> BikeEnv:
+        return BikeEnv(settings.client, task, ranges, settings.simulator())
+
+    env = DummyVecEnv([one] * preset.environments)
+    env.seed(settings.seed)
+    return env
+
+
+class LearningProcess:
+    """Runs a preset until its steps are done, it is stopped, or its curriculum is finished."""
+
+    def __init__(self, settings: RunSettings, out: Path, steps: int, resume: bool = False) -> None:
+        """Prepare a run.
+
+        Args:
+            settings: what it is.
+            out: its folder.
+            steps: learning steps in all, earlier sessions included.
+            resume: go on from the checkpoint in ``out``.
+
+        Raises:
+            FileNotFoundError: nothing to resume from.
+            ValueError: the folder holds another run and resume is off.
+        """
+        self.settings, self.out, self.steps = settings, out, steps
+        self.task = settings.preset.make_task()
+        self.vehicle = load_vehicle("whipple")
+        self._simulator: Simulator | None = None
+        self.progress = Progress(
+            Curriculum(), AveragedActor(settings.preset.averaging), np.random.default_rng(settings.seed + 1)
+        )
+        log_dir = str(out / "tensorboard")
+        if resume:
+            stored = load_process_state(out)
+            self.progress = stored["progress"]
+            self.env = stored["env"] or make_environment(settings, self.task, self._ranges(stored["step"]))
+            self.model = load_model(out, self.env)
+            if stored["env"] is None:
+                self.model._last_obs = None  # a simulator's rides cannot be taken up again: they begin anew
+        else:
+            if (out / "validations.csv").exists():
+                raise ValueError(f"{out} already holds a run; resume it or choose another folder")
+            out.mkdir(parents=True, exist_ok=True)
+            self.env = make_environment(settings, self.task, self._ranges(0))
+            self.model = build_model(settings.preset, self.task, self.env, settings.seed, log_dir)
+            with (out / "validations.csv").open("w", newline="", encoding="utf-8") as file:
+                csv.writer(file).writerow(VALIDATION_COLUMNS)
+        self.model.set_logger(configure(log_dir, ["tensorboard", "csv"]))
+
+    def _ranges(self, step: int) -> RideRanges:
+        return self.progress.curriculum.ranges(step)
+
+    def run(self, report: Callable[[LearningProcess], None] | None = None) -> None:
+        """Learn; a checkpoint is written at the end, also when stopped by KeyboardInterrupt.
+
+        Args:
+            report: called after each step of all bicycles, to show progress.
+        """
+        done = self.model.num_timesteps
+        callback = _Callback(self, report)
+        try:
+            if done < self.steps:
+                self.model.learn(self.steps - done, callback=callback, log_interval=None, reset_num_timesteps=done == 0)
+        except StopLearning:
+            pass
+        finally:
+            if callback.consistent:
+                self.save()
+            self.env.close()
+
+    def save(self) -> None:
+        """Write a checkpoint and the summary of the run."""
+        env = self.env if self.settings.compiled else None
+        save_checkpoint(self.out, self.model, {"progress": self.progress, "env": env, "step": self.model.num_timesteps})
+        (self.out / "run.json").write_text(json.dumps(self.summary(), indent=1), encoding="utf-8")
+
+    def summary(self) -> dict[str, Any]:
+        """Return what the run did so far as plain values."""
+        settings, progress = self.settings, self.progress
+        return {
+            "preset": settings.preset.to_card(),
+            "seed": settings.seed,
+            "client": settings.client,
+            "engine": settings.engine,
+            "commit": source_commit(),
+            "steps": self.model.num_timesteps,
+            "updates": self.model._n_updates,
+            "seconds": round(progress.seconds, 1),
+            "part": progress.curriculum.part,
+            "finished_at_step": progress.curriculum.finished_at,
+            "finished_after_s": progress.extra.get("finished_after_s"),
+            "success_step": progress.success_step,
+        }
+
+    def actor(self) -> Actor:
+        """Return the actor that would be deployed now."""
+        if self.settings.preset.averaging and self.progress.averaged.count:
+            return self.progress.averaged.actor()
+        return Actor(*actor_tensors(self.model))
+
+    def validate(self) -> None:
+        """Ride a validation, write it down, and move the curriculum on if it was fully successful."""
+        progress, step = self.progress, self.model.num_timesteps
+        actor = self.actor()
+        requests = draw_requests(self.task, self._ranges(step), progress.rng)
+        errors = self._ride(actor, requests)
+        part = progress.curriculum.part
+        passed = progress.curriculum.report(step, errors)
+        succeeded = max(errors) <= 0.2 / DISTANCE_THRESHOLD
+        progress.recent_error_m = float(np.mean(errors) * DISTANCE_THRESHOLD)
+        progress.validated_at, progress.validation_due = step, False
+        progress.validations += 1
+        if succeeded:
+            progress.latest_success, progress.success_step = actor, step
+        if passed and progress.curriculum.finished:
+            progress.extra["finished_after_s"] = round(progress.seconds, 1)
+        row = (
+            step,
+            round(progress.seconds, 2),
+            part,
+            round(progress.recent_error_m, 5),
+            round(max(errors) * DISTANCE_THRESHOLD, 5),
+            int(succeeded),
+            self.model._n_updates,
+        )
+        with (self.out / "validations.csv").open("a", newline="", encoding="utf-8") as file:
+            csv.writer(file).writerow(row)
+        self.model.logger.record("validation/mean_error_m", progress.recent_error_m)
+        self.model.logger.record("validation/max_error_m", max(errors) * DISTANCE_THRESHOLD)
+        self.model.logger.record("curriculum/part", progress.curriculum.part)
+        self.model.logger.dump(step)
+        self._record(actor, requests[0])
+
+    def _ride(self, actor: Actor, requests: list[ResetRequest]) -> list[float]:
+        if self.settings.compiled:
+            return validate_compiled(actor, self.task, self.vehicle, requests, COMPILED_TIME_STEP)
+        return validate_simulator(actor, self.task, self._validation_simulator(), requests)
+
+    def _validation_simulator(self) -> Simulator:
+        if self._simulator is None:
+            # In this process for every client: the rides are the same bit for bit, and ten times faster.
+            self._simulator = Simulator(self.settings.simulator())
+        return self._simulator
+
+    def _record(self, actor: Actor, request: ResetRequest) -> None:
+        every = self.settings.record_every
+        if not every or (self.progress.validations - 1) % every:
+            return
+        from bike_training.episode_recording import record_ride  # noqa: PLC0415 (needs the ROS messages)
+
+        path = self.out / "episodes" / f"step_{self.model.num_timesteps:09d}.mcap"
+        record_ride(path, actor, self.task, self._validation_simulator(), request)
+
+
+class _Callback(BaseCallback):
+    """Hooks of the learner's loop."""
+
+    def __init__(self, process: LearningProcess, report: Callable[[LearningProcess], None] | None) -> None:
+        super().__init__()
+        self.process = process
+        self.report = report
+        self.clock = time.perf_counter()
+        self.saved_at = 0
+        self.consistent = True
+
+    def _on_training_start(self) -> None:
+        self.clock = time.perf_counter()
+        self.saved_at = self.num_timesteps
+
+    def _tick(self) -> None:
+        now = time.perf_counter()
+        self.process.progress.seconds += now - self.clock
+        self.clock = now
+
+    def _on_rollout_start(self) -> None:
+        # Between two steps everything is whole: the last transition is stored and learned from.
+        self.consistent = True
+        process, settings = self.process, self.process.settings
+        progress = process.progress
+        self._tick()
+        if self.num_timesteps > settings.preset.learning_starts:
+            progress.averaged.update(self.model, max(1, settings.preset.updates))
+        if self._validation_is_due():
+            process.validate()
+        if self.num_timesteps - self.saved_at >= settings.checkpoint_every:
+            self.saved_at = self.num_timesteps
+            process.save()
+        if self.report:
+            self.report(process)
+        if settings.until_finished and progress.curriculum.finished:
+            raise StopLearning
+        self.training_env.env_method("set_ranges", process._ranges(self.num_timesteps))
+        self.consistent = False
+
+    def _validation_is_due(self) -> bool:
+        progress = self.process.progress
+        step = self.num_timesteps
+        waited = step - progress.validated_at >= self.process.settings.preset.validate_every
+        return progress.validation_due and waited and not progress.curriculum.in_transition(step)
+
+    def _on_step(self) -> bool:
+        if any(info.get("TimeLimit.truncated") for info in self.locals["infos"]):
+            self.process.progress.validation_due = True
+        return True
+
+    def _on_training_end(self) -> None:
+        self._tick()
+        self.consistent = True
+
+
+def source_commit() -> str:
+    """Return the commit of the sources, with ``-dirty`` for changed ones, or ``unknown`` outside a checkout."""
+    here = Path(__file__).parent
+    command = ["git", "-C", str(here), "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
+    try:
+        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=10).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        return "unknown"

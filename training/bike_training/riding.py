@@ -1,0 +1,115 @@
+"""Riding a policy through a simulator, and what the ride was like."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_policy.bundle import Bundle
+from bike_sim import ride as seen
+from bike_sim.course.course import Course
+from bike_sim.physics.state import ROLL, STEER
+from bike_sim.physics.vehicle import load_vehicle
+from bike_sim.reset import Preview, ResetRequest
+from bike_sim.simulator import Snapshot
+from bike_training.clients import Client
+from bike_training.task import failed
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Ride:
+    """One ride from its first to its last state.
+
+    Attributes:
+        speed: forward speed at the start, m/s.
+        completed: it reached its end without falling or leaving the course.
+        progress: arc length, m, shape (steps + 1,).
+        error: signed distance of the rear contact to the course, m.
+        roll: rad. steer: rad. command: steering command applied on the way to the state, [-1, 1].
+        x: rear contact, m. y: rear contact, m.
+    """
+
+    speed: float
+    completed: bool
+    progress: FloatArray
+    error: FloatArray
+    roll: FloatArray
+    steer: FloatArray
+    command: FloatArray
+    x: FloatArray
+    y: FloatArray
+
+    @classmethod
+    def from_snapshots(cls, snapshots: Sequence[Snapshot], completed: bool) -> Ride:
+        """Take what matters out of the snapshots."""
+        looks = np.array([snapshot.seen for snapshot in snapshots])
+        states = np.array([snapshot.state for snapshot in snapshots])
+        return cls(
+            speed=float(looks[0, seen.SPEED]),
+            completed=completed,
+            progress=looks[:, seen.PROGRESS],
+            error=looks[:, seen.LATERAL_ERROR],
+            roll=states[:, ROLL],
+            steer=states[:, STEER],
+            command=np.array([snapshot.steering for snapshot in snapshots]),
+            x=states[:, 0],
+            y=states[:, 1],
+        )
+
+    def figures(self, sections: Iterable[tuple[str, float]] = ()) -> dict[str, Any]:
+        """Return mean, maximum and RMS distance, also for each section (name, first arc length in m)."""
+        distance = np.abs(self.error)
+        found: dict[str, Any] = {
+            "speed_m_s": round(self.speed, 6),
+            "completed": self.completed,
+            "mean_m": float(distance.mean()),
+            "max_m": float(distance.max()),
+            "rms_m": float(np.sqrt(np.mean(distance**2))),
+            "max_roll_deg": float(np.degrees(np.abs(self.roll).max())),
+            "max_steer_deg": float(np.degrees(np.abs(self.steer).max())),
+        }
+        bounds = [*sections, ("", np.inf)]
+        per_section = []
+        for (name, first), (_, last) in zip(bounds[:-1], bounds[1:], strict=True):
+            inside = distance[(self.progress >= first) & (self.progress < last)]
+            if len(inside):
+                per_section.append({"section": name, "mean_m": float(inside.mean()), "max_m": float(inside.max())})
+        if per_section:
+            found["sections"] = per_section
+        return found
+
+
+def ride_through(client: Client, bundle: Bundle, request: ResetRequest, longest: float) -> Ride:
+    """Ride a policy until the course ends, it fails, or the time is up.
+
+    Args:
+        client: simulator.
+        bundle: policy; the request's preview is replaced by what it needs.
+        request: how the ride begins.
+        longest: longest ride, s; an open ride that lasts so long is completed, a closed one is not.
+    """
+    layout = bundle.layout
+    preview = Preview(layout.preview_by_time, layout.preview_interval, layout.preview_count)
+    max_steer = load_vehicle(bundle.vehicle).max_steer
+    snapshot = client.reset(replace(request, preview=preview))
+    snapshots = [snapshot]
+    for _ in range(round(longest / bundle.control_period)):
+        action = bundle.actor.act(layout.observe(snapshot.state, snapshot.preview_y))
+        snapshot = client.step(bundle.action.to_command(action, max_steer))
+        snapshots.append(snapshot)
+        if failed(snapshot.distance, snapshot.state[ROLL]):
+            return Ride.from_snapshots(snapshots, completed=False)
+        if snapshot.finished:
+            return Ride.from_snapshots(snapshots, completed=True)
+    return Ride.from_snapshots(snapshots, completed=request.course == "random")
+
+
+def time_for(course: Course, speed: float) -> float:
+    """Return a generous time limit for a course, s."""
+    return 1.5 * course.length / speed + 5.0
