@@ -25,6 +25,7 @@ check: setup ## Style, types, import rules, shell scripts, Dockerfiles, YAML
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/mypy tools
 	$(BIN)/lint-imports
 	$(BIN)/shellcheck $(SHELL_SCRIPTS)
 	$(BIN)/hadolint docker/Dockerfile docker/Dockerfile.jazzy
