@@ -95,7 +95,7 @@ def test_chain_is_continuous_and_uniform_in_arc_length(chain):
     turns = np.diff(heading)
     mean = 0.5 * (curvature[1:] + curvature[:-1]) * spacing
     across = -np.sin(heading[:-1] + 0.5 * turns) * np.diff(x) + np.cos(heading[:-1] + 0.5 * turns) * np.diff(y)
-    # Curvature that changes evenly turns the chord aside by h^3 / 12 of its change a metre: the first term of each bound.
+    # Curvature that changes evenly turns the chord aside by h^3 / 12 of its change a metre: each bound's first term.
     # In a piece with a step of curvature, either changes by part of what the step could do over the whole piece.
     step = np.zeros(len(turns))
     for begin in begins[1:]:

@@ -1,0 +1,182 @@
+"""Nearest point, signed distance and heading: exact where they are known, continuous everywhere."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bike_sim.course.course import Course
+from bike_sim.course.elements import Arc, Line
+from bike_sim.course.files import load_course
+from bike_sim.course.projection import wrap_angle
+from bike_sim.course.random_paths import CURRICULUM_PATHS, random_course, random_elements
+
+SEEDS = st.integers(0, 2**32 - 1)
+OFFSETS = st.floats(-3.0, 3.0)
+
+LINE = Course.from_elements("line", [Line(50.0)], start=(2.0, 1.0, 0.5))
+LEFT_CIRCLE = Course.from_elements("left", [Arc(10.0, 2.0 * math.pi)], closed=True)
+RIGHT_CIRCLE = Course.from_elements("right", [Arc(10.0, -2.0 * math.pi)], closed=True)
+EIGHT = Course.from_elements("eight", [Arc(8.0, 2.0 * math.pi), Arc(8.0, -2.0 * math.pi)], closed=True)
+# Crosses itself at right angles in (15, 0): straight on, then three quarters of a circle back over it.
+CROSSING = Course.from_elements("crossing", [Line(30.0), Arc(15.0, 1.5 * math.pi), Line(30.0)])
+
+
+def mirror(course):
+    return dataclasses.replace(course, y=-course.y, heading=-course.heading, curvature=-course.curvature)
+
+
+@given(st.floats(0.0, 50.0), OFFSETS)
+def test_line_is_exact(ask, s, offset):
+    x, y = 2.0 + s * math.cos(0.5) - offset * math.sin(0.5), 1.0 + s * math.sin(0.5) + offset * math.cos(0.5)
+    found = ask.project(LINE, x, y, s)
+    assert found == pytest.approx((s, offset, 0.5), abs=1e-9)
+
+
+@given(st.floats(0.0, 2.0 * math.pi), st.floats(-5.0, 5.0), st.booleans())
+def test_circle_is_exact(ask, angle, offset, left):
+    side = 1.0 if left else -1.0
+    radius = 10.0 - side * offset  # left of the line is inside a left circle, outside a right one
+    x, y = radius * math.sin(angle), side * (10.0 - radius * math.cos(angle))
+    s, distance, heading = ask.project(LEFT_CIRCLE if left else RIGHT_CIRCLE, x, y, 10.0 * angle)
+    assert s == pytest.approx(10.0 * angle, abs=1e-7)
+    assert distance == pytest.approx(offset, abs=1e-8)
+    assert wrap_angle(heading - side * angle) == pytest.approx(0.0, abs=1e-6)
+
+
+@given(SEEDS, st.floats(5.0, 95.0), OFFSETS, st.floats(-0.9, 0.9))
+def test_random_path_gives_back_what_was_put_beside_it(ask, seed, s, offset, slip):
+    # Offsets stay below the least radius of 8 m, so that the foot of the perpendicular is the nearest point.
+    course = random_course(np.random.default_rng(seed), CURRICULUM_PATHS[3], 100.0)
+    x, y, tx, ty = ask.point_at(course, s)
+    found, distance, heading = ask.project(course, x - offset * ty, y + offset * tx, s + slip)
+    # In the 0.1 m piece that holds a step of curvature the interpolated line is 1e-4 m off at most.
+    assert found == pytest.approx(s, abs=1e-3)
+    assert distance == pytest.approx(offset, abs=1e-4)
+    assert wrap_angle(heading - math.atan2(ty, tx)) == pytest.approx(0.0, abs=1e-3)
+
+
+@given(SEEDS, st.floats(5.0, 95.0), st.floats(-3.4, 3.4), st.floats(-3.4, 3.4))
+def test_no_point_of_the_window_is_nearer(ask, seed, s_near, dx, dy):
+    course = random_course(np.random.default_rng(seed), CURRICULUM_PATHS[3], 100.0)
+    x, y, _, _ = ask.point_at(course, s_near)
+    x, y = x + dx, y + dy
+    _, distance, _ = ask.project(course, x, y, s_near)
+    window = np.arange(s_near - 1.0, s_near + 3.0, 0.005)
+    points = np.array([ask.point_at(course, s)[:2] for s in window])
+    brute = np.hypot(points[:, 0] - x, points[:, 1] - y).min()
+    assert abs(distance) <= brute + 1e-6
+    # And it is the distance of a real point: the search reaches at most one sample beyond the window.
+    assert abs(distance) >= brute - 2.0 * course.spacing
+
+
+@pytest.mark.parametrize("course", [EIGHT, CROSSING, load_course("benchmark")], ids=lambda course: course.name)
+@pytest.mark.parametrize("step", [0.05, 0.35, 1.5], ids=lambda step: f"{step} m a step")
+def test_progress_is_continuous_over_crossings(ask, course, step):
+    # Up to 0.8 m beside the line, both sides; 1.5 m a step is 30 m/s at a control period of 50 ms.
+    s = np.arange(0.0, course.length, step)
+    offset = 0.8 * np.sin(0.7 * s)
+    found, distance = ask.walk(course, s, offset)
+    np.testing.assert_allclose(found, s, atol=0.02)
+    np.testing.assert_allclose(distance, offset, atol=1e-3)
+
+
+def test_without_the_window_the_other_branch_of_a_crossing_would_win(ask):
+    # The window is what the test above stands on: in (15, 0.2) a wide one sees the other branch, which is nearer.
+    near, distance, _ = ask.project(CROSSING, 15.0, 0.2, 15.0)
+    assert (near, distance) == pytest.approx((15.0, 0.2), abs=1e-9)
+    far, nothing, _ = ask.project(CROSSING, 15.0, 0.2, 15.0, 1.0, 200.0)
+    assert far == pytest.approx(30.0 + 22.5 * math.pi + 15.0 - 0.2, abs=1e-3)
+    assert nothing == pytest.approx(0.0, abs=1e-6)
+
+
+@given(SEEDS, st.floats(5.0, 95.0), OFFSETS, st.floats(-2.5, 0.9))
+def test_mirrored_course_gives_mirrored_errors(ask, seed, s, offset, slip):
+    course = random_course(np.random.default_rng(seed), CURRICULUM_PATHS[3], 100.0)
+    x, y = ask.beside(course, s, offset)
+    one = ask.project(course, x, y, s + slip)
+    other = ask.project(mirror(course), x, -y, s + slip)
+    assert other == pytest.approx((one[0], -one[1], -one[2]), abs=1e-9)
+
+
+@given(SEEDS, st.floats(5.0, 95.0), OFFSETS, st.floats(-2.5, 0.9), st.floats(-math.pi, math.pi))
+def test_errors_do_not_depend_on_where_the_course_lies(ask, seed, s, offset, slip, turn):
+    at_origin = random_course(np.random.default_rng(seed), CURRICULUM_PATHS[3], 100.0)
+    moved = random_course(np.random.default_rng(seed), CURRICULUM_PATHS[3], 100.0, start=(-7.0, 4.0, turn))
+    x, y = ask.beside(at_origin, s, offset)
+    point = complex(x, y) * np.exp(1j * turn) + complex(-7.0, 4.0)
+    one = ask.project(at_origin, x, y, s + slip)
+    other = ask.project(moved, point.real, point.imag, s + slip)
+    assert other[:2] == pytest.approx(one[:2], abs=1e-7)
+    assert wrap_angle(other[2] - one[2] - turn) == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("course", [LEFT_CIRCLE, EIGHT, load_course("benchmark")], ids=lambda course: course.name)
+def test_progress_grows_over_laps(ask, course):
+    s = np.arange(0.0, 2.5 * course.length, 0.4)
+    found, distance = ask.walk(course, s, np.full(len(s), 0.3))
+    np.testing.assert_allclose(found, s, atol=5e-3)
+    np.testing.assert_allclose(distance, 0.3, atol=1e-4)
+
+
+@given(st.floats(0.0, 4.0), OFFSETS)
+def test_beyond_an_open_end_the_distance_is_that_of_the_end(ask, beyond, offset):
+    x, y = ask.beside(LINE, 50.0 + beyond, offset)
+    s, distance, heading = ask.project(LINE, x, y, 49.5)
+    assert s == pytest.approx(50.0, abs=1e-9)
+    assert abs(distance) == pytest.approx(math.hypot(beyond, offset), abs=1e-9)
+    assert distance * offset >= 0.0 or abs(offset) < 1e-9
+    assert heading == pytest.approx(0.5, abs=1e-9)
+
+
+@given(st.floats(-30.0, 90.0), OFFSETS, st.floats(-1000.0, 1000.0))
+def test_any_guess_gives_a_point_of_an_open_line(ask, s, offset, s_near):
+    found, distance, _ = ask.project(LINE, *ask.beside(LINE, s, offset), s_near)
+    assert 0.0 <= found <= LINE.length
+    x, y = ask.beside(LINE, s, offset)
+    fx, fy, _, _ = ask.point_at(LINE, found)
+    assert abs(distance) == pytest.approx(math.hypot(x - fx, y - fy), abs=1e-9)
+
+
+def test_open_line_goes_on_straight_beyond_its_ends(ask):
+    cos, sin = math.cos(0.5), math.sin(0.5)
+    assert ask.point_at(LINE, -3.0) == pytest.approx((2.0 - 3.0 * cos, 1.0 - 3.0 * sin, cos, sin), abs=1e-12)
+    assert ask.point_at(LINE, 60.0) == pytest.approx((2.0 + 60.0 * cos, 1.0 + 60.0 * sin, cos, sin), abs=1e-12)
+
+
+@given(st.floats(-200.0, 400.0))
+def test_closed_line_repeats(ask, s):
+    here, there = ask.point_at(EIGHT, s), ask.point_at(EIGHT, s + EIGHT.length)
+    assert there == pytest.approx(here, abs=1e-9)
+
+
+@given(SEEDS)
+def test_line_and_tangent_between_samples_are_those_of_the_elements(ask, seed):
+    coarse = random_course(np.random.default_rng(seed), CURRICULUM_PATHS[3], 60.0)
+    fine = Course.from_elements(
+        "fine", random_elements(np.random.default_rng(seed), CURRICULUM_PATHS[3], 60.0), spacing=coarse.spacing / 8.0
+    )
+    for i in range(len(fine.s)):
+        x, y, tx, ty = ask.point_at(coarse, fine.s[i])
+        # 3e-5 m: what a step of curvature of 1/4 1/m (from 8 m left to 8 m right) does within a piece of 0.1 m.
+        assert math.hypot(x - fine.x[i], y - fine.y[i]) < 1e-4
+        assert math.hypot(tx - math.cos(fine.heading[i]), ty - math.sin(fine.heading[i])) < 7e-3
+
+
+def test_curvature_keeps_its_steps(ask):
+    course = Course.from_elements("step", [Line(10.0), Arc(8.0, 1.0), Arc(8.0, -1.0)])
+    values = {ask.curvature_at(course, s) for s in np.linspace(0.0, course.length, 1000)}
+    assert values == {0.0, 0.125, -0.125}
+    assert ask.curvature_at(course, 9.8) == 0.0
+    assert ask.curvature_at(course, 10.2) == 0.125
+    assert ask.curvature_at(course, course.length) == -0.125
+
+
+@given(st.floats(-100.0, 100.0))
+def test_wrapped_angle_is_the_same_direction(angle):
+    wrapped = wrap_angle(angle)
+    assert -math.pi <= wrapped < math.pi
+    assert math.cos(wrapped - angle) == pytest.approx(1.0, abs=1e-12)
