@@ -15,6 +15,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import ParameterException
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -40,6 +41,11 @@ BAD_INPUT_EXIT: Final = 2
 
 LONGEST_FAREWELL: Final = 1.5
 """Wall-clock time after a signal at which a process that is still busy is ended, s."""
+
+
+QUIET: Final = PublisherEventCallbacks(use_default_callbacks=False)
+"""For publishers: without it each brings two event handlers into every wait, which then takes three times as long. What
+they would report, a partner with other QoS, its subscription reports as well."""
 
 
 class CannotGoOn(Exception):
@@ -98,16 +104,18 @@ def _start_middleware(arguments: Sequence[str] | None) -> None:
 def _watch_signals(stop: threading.Event, ended: threading.Event, wake: Sequence[Callable[[], None]]) -> None:
     """End the node on SIGINT and SIGTERM, also where the main thread is inside a library.
 
-    Both signals are blocked in every thread and taken by one that does nothing else. So the node ends between two
+    Python runs its handlers only in the main thread, which may be waiting for messages; but the number of a signal is
+    written to the wake-up file at once, whichever thread it hits. A thread reads it there. So the node ends between two
     callbacks with its middleware still up, and can say goodbye and close its files.
     """
-    signals = {signal.SIGINT, signal.SIGTERM}
-    for number in signals:
-        signal.signal(number, signal.SIG_DFL)  # a shell starts background jobs with SIGINT ignored
-    signal.pthread_sigmask(signal.SIG_BLOCK, signals)
+    readable, writable = os.pipe()
+    os.set_blocking(writable, False)
+    signal.set_wakeup_fd(writable, warn_on_full_buffer=False)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: None)
 
     def wait() -> None:
-        number = signal.sigwait(signals)
+        number = os.read(readable, 1)[0]
         stop.set()
         for trigger in wake:
             trigger()
@@ -224,7 +232,7 @@ class Diagnostics:
 
     def __init__(self, node: Node) -> None:
         self._name = node.get_fully_qualified_name().lstrip("/")
-        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", STREAM_QOS)
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", STREAM_QOS, event_callbacks=QUIET)
 
     def report(self, level: bytes, text: str, figures: Mapping[str, object], stamp: int) -> None:
         """Publish one report.

@@ -23,6 +23,8 @@ from bike_msgs.msg import BikeCommand, BikeState, CoursePoints, LeanHistory, Rid
 from bike_msgs.msg import Course as CourseMessage
 from bike_msgs.srv import Pause, Reset
 from nav_msgs.msg import Odometry
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import Marker, MarkerArray
@@ -107,17 +109,21 @@ class SimNode(rclpy.node.Node):
 
     def _open_topics(self) -> None:
         stream, latched = node_tools.STREAM_QOS, node_tools.LATCHED_QOS
-        self._state_topic = self.create_publisher(BikeState, "state", stream)
-        self._clock_topic = self.create_publisher(Clock, "/clock", stream)
-        self._course_topic = self.create_publisher(CourseMessage, "course", latched)
-        self._course_marker_topic = self.create_publisher(Marker, "course_marker", latched)
-        self._event_topic = self.create_publisher(RideEvent, "events", node_tools.EVENT_QOS)
+
+        def open_topic(kind: type, name: str, qos: QoSProfile) -> Publisher:
+            return self.create_publisher(kind, name, qos, event_callbacks=node_tools.QUIET)
+
+        self._state_topic = open_topic(BikeState, "state", stream)
+        self._clock_topic = open_topic(Clock, "/clock", stream)
+        self._course_topic = open_topic(CourseMessage, "course", latched)
+        self._course_marker_topic = open_topic(Marker, "course_marker", latched)
+        self._event_topic = open_topic(RideEvent, "events", node_tools.EVENT_QOS)
         self._diagnostics = node_tools.Diagnostics(self)
         # Topics that are only made where someone listens: they cost more than the state itself.
-        self._extras: list[tuple[Any, Callable[[Snapshot], Any]]] = []
+        self._extras: list[tuple[Publisher, Callable[[Snapshot], Any]]] = []
 
         def extra(kind: type, name: str, make: Callable[[Snapshot], Any]) -> None:
-            self._extras.append((self.create_publisher(kind, name, stream), make))
+            self._extras.append((open_topic(kind, name, stream), make))
 
         extra(CoursePoints, "course_points", lambda s: course_points_to_message(s, self._course, self._stamp))
         extra(LeanHistory, "lean_history", lambda s: lean_history_to_message(s, self._stamp, self._period))
@@ -145,7 +151,8 @@ class SimNode(rclpy.node.Node):
                 topic.publish(make(snapshot))
 
     def _publish_state(self) -> None:
-        self._clock_topic.publish(Clock(clock=time_to_message(self._stamp)))
+        if self._clock_topic.get_subscription_count():
+            self._clock_topic.publish(Clock(clock=time_to_message(self._stamp)))
         self._state_topic.publish(self._state)
         self._published_at = time.monotonic()
 
