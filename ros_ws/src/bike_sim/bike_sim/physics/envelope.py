@@ -1,0 +1,88 @@
+"""What a machine can do: its largest lateral, driving and braking accelerations over speed (the g-g-v diagram).
+
+The container only; `bike_sim.physics.superbike_envelope.envelope` fills it for a machine from its tyres, geometry,
+power and air. A lap-time simulation needs nothing else of a machine.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Envelope:
+    """Quasi-steady limits of a machine on flat ground, sampled over speed. All accelerations are >= 0, in m/s^2.
+
+    Between samples values are linear, outside they are held. While the machine turns with lateral acceleration
+    ``a``, what the tyres can still do along the road shrinks as ``(1 - (a / lateral_max)^exponent)^(1 / exponent)``;
+    what the engine and the air do does not.
+
+    Attributes:
+        name: the machine's name.
+        speeds: m/s, increasing, shape (n,).
+        lateral_max: largest steady lateral acceleration, shape (n,).
+        drive_max: largest net forward acceleration going straight, drag taken off; 0 at and above top speed.
+        brake_max: largest deceleration going straight, drag included.
+        grip_drive_max: what tyres and wheelie limit would allow the engine to do, drag not taken off.
+        drag: deceleration by the air alone.
+        exponent: of the combination; 2 is an ellipse.
+    """
+
+    name: str
+    speeds: FloatArray
+    lateral_max: FloatArray
+    drive_max: FloatArray
+    brake_max: FloatArray
+    grip_drive_max: FloatArray
+    drag: FloatArray
+    exponent: float = 2.0
+
+    def __post_init__(self) -> None:
+        """Check shapes and values and make the arrays read-only.
+
+        Raises:
+            ValueError: naming the array that is wrong.
+        """
+        shape = np.shape(self.speeds)
+        for field in fields(self):
+            if field.name in ("name", "exponent"):
+                continue
+            values = np.array(getattr(self, field.name), dtype=np.float64)
+            if values.ndim != 1 or values.shape != shape or values.size < 2:
+                raise ValueError(f"envelope '{self.name}': {field.name} has shape {values.shape}, speeds {shape}")
+            if not np.isfinite(values).all() or (values < 0.0).any():
+                raise ValueError(f"envelope '{self.name}': {field.name} must be finite and not negative")
+            values.setflags(write=False)
+            object.__setattr__(self, field.name, values)
+        if (np.diff(self.speeds) <= 0.0).any():
+            raise ValueError(f"envelope '{self.name}': speeds must increase")
+        if (self.lateral_max <= 0.0).any():
+            raise ValueError(f"envelope '{self.name}': lateral_max must be positive")
+        if not self.exponent > 0.0:
+            raise ValueError(f"envelope '{self.name}': exponent = {self.exponent} must be positive")
+
+    def lateral(self, speed: FloatArray | float) -> FloatArray:
+        """Return the largest steady lateral acceleration at a speed (m/s), m/s^2."""
+        return np.asarray(np.interp(speed, self.speeds, self.lateral_max))
+
+    def left_for_tyres(self, speed: FloatArray | float, lateral: FloatArray | float) -> FloatArray:
+        """Return the fraction of the longitudinal tyre limit that is left at a lateral acceleration (m/s^2)."""
+        used = np.minimum(np.abs(lateral) / self.lateral(speed), 1.0)
+        return np.asarray((1.0 - used**self.exponent) ** (1.0 / self.exponent))
+
+    def drive(self, speed: FloatArray | float, lateral: FloatArray | float = 0.0) -> FloatArray:
+        """Return the largest net forward acceleration, m/s^2; negative where drag beats what the tyres have left."""
+        grip = np.interp(speed, self.speeds, self.grip_drive_max) * self.left_for_tyres(speed, lateral)
+        air = np.interp(speed, self.speeds, self.drag)
+        return np.asarray(np.minimum(np.interp(speed, self.speeds, self.drive_max), grip - air))
+
+    def brake(self, speed: FloatArray | float, lateral: FloatArray | float = 0.0) -> FloatArray:
+        """Return the largest deceleration, drag included, m/s^2."""
+        air = np.interp(speed, self.speeds, self.drag)
+        straight = np.interp(speed, self.speeds, self.brake_max)
+        return np.asarray((straight - air) * self.left_for_tyres(speed, lateral) + air)
