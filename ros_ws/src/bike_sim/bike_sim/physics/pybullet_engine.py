@@ -9,46 +9,26 @@ it is made. `bike validate` measures what they achieve.
 from __future__ import annotations
 
 import math
-import os
 import weakref
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Final
 
 import numpy as np
 
 from bike_sim.physics import kinematics, mapping
 from bike_sim.physics import state as st
+from bike_sim.physics.pybullet_tree import (
+    FORK,
+    FRONT_WHEEL,
+    LINKS,
+    REAR_WHEEL,
+    build_tree,
+    bullet,
+    principal_axes,
+    set_free,
+)
 from bike_sim.physics.state import StateVector
 from bike_sim.physics.vehicle import Vehicle
 
-
-@contextmanager
-def _quiet_stderr() -> Iterator[None]:
-    """Silence the C level of standard error: Bullet greets with its build time at import."""
-    try:
-        saved = os.dup(2)
-    except OSError:  # no standard error at all, as under some service managers
-        yield
-        return
-    sink = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(sink, 2)
-    try:
-        yield
-    finally:
-        os.dup2(saved, 2)
-        os.close(saved)
-        os.close(sink)
-
-
-with _quiet_stderr():
-    import pybullet as bullet
-
-REAR_WHEEL: Final = 0
-FORK: Final = 1
-FRONT_WHEEL: Final = 2
-"""Link numbers; the rear frame is the base of the tree."""
-_LINKS: Final = (REAR_WHEEL, FORK, FRONT_WHEEL)
 
 _MARGIN: Final = 1e-5
 """Collision margin, m. It rounds the wheel's edge to a torus of this radius, nearly the knife edge of the benchmark."""
@@ -102,10 +82,10 @@ class PyBulletEngine:
         offset = reference.centres[mapping.REAR_WHEEL] - reference.centres[mapping.REAR_FRAME]
         # Bullet knows the rear frame by its principal axes of inertia. The frame is symmetric about its xz plane, so
         # these come from its own axes by a turn about y, and the y axis that yaw and roll are read from is the same.
-        self._principal, _ = _principal_axes(mapping.inertia_tensors(vehicle)[mapping.REAR_FRAME])
+        self._principal, _ = principal_axes(mapping.inertia_tensors(vehicle)[mapping.REAR_FRAME])
         self._axle_offset = tuple(mapping.rotate(mapping.conjugate(self._principal), offset))
         self._chunk = max(1, int(_READ_INTERVAL / self.time_step))
-        self.body = self._build_world(reference)
+        self.body = self._build_world()
         self._state = np.zeros(st.STATE_SIZE)
         self.reset(st.upright_state(0.0, vehicle.rF))
 
@@ -180,14 +160,14 @@ class PyBulletEngine:
         body, client, last = self.body, self.client, self._state
         position, orientation = bullet.getBasePositionAndOrientation(body, client)
         _, angular_velocity = bullet.getBaseVelocity(body, client)
-        rear, fork, front = bullet.getJointStates(body, _LINKS, client)
+        rear, fork, front = bullet.getJointStates(body, LINKS, client)
         x, y, yaw, roll, roll_rate = mapping.frame_coordinates(
             position, orientation, angular_velocity, self._axle_offset, self.vehicle.rR
         )
         yaw = mapping.nearest_turn(yaw, last[st.YAW])
         self._state = np.array((x, y, yaw, roll, fork[0], rear[0], front[0], roll_rate, fork[1], front[1]))
 
-    def _build_world(self, reference: mapping.Layout) -> int:
+    def _build_world(self) -> int:
         """Fill the empty world with the ground and the vehicle, and return the vehicle's number."""
         client = self.client
         bullet.setTimeStep(self.time_step, client)
@@ -208,25 +188,8 @@ class PyBulletEngine:
         ground = bullet.createMultiBody(0.0, plane, physicsClientId=client)
         bullet.changeDynamics(ground, -1, lateralFriction=_FRICTION, physicsClientId=client)
         wheels = [self._wheel_shape(radius) for radius in (self.vehicle.rR, self.vehicle.rF)]
-        body = self._build_vehicle(reference, wheels)
-        for link in (-1, *_LINKS):
-            # No loss but the drive's; and Bullet's default limit of 100 rad/s on joints is 35 m/s on the road.
-            bullet.changeDynamics(
-                body,
-                link,
-                lateralFriction=_FRICTION,
-                rollingFriction=0.0,
-                spinningFriction=0.0,
-                restitution=0.0,
-                linearDamping=0.0,
-                angularDamping=0.0,
-                jointDamping=0.0,
-                maxJointVelocity=1e6,
-                activationState=bullet.ACTIVATION_STATE_DISABLE_SLEEPING,
-                physicsClientId=client,
-            )
-        for link in _LINKS:  # every new hinge comes with a motor that brakes it
-            bullet.setJointMotorControl2(body, link, bullet.VELOCITY_CONTROL, force=0.0, physicsClientId=client)
+        body = build_tree(client, self.vehicle, wheels)
+        set_free(client, body, _FRICTION)
         return body
 
     def _wheel_shape(self, radius: float) -> int:
@@ -242,49 +205,3 @@ class PyBulletEngine:
         bullet.changeDynamics(carrier, -1, collisionMargin=_MARGIN, physicsClientId=client)
         bullet.removeBody(carrier, client)
         return shape
-
-    def _build_vehicle(self, reference: mapping.Layout, wheels: list[int]) -> int:
-        """Hang the links on the rear frame: each link's frame sits in its hinge, a wheel's z axis is its axle."""
-        vehicle, client, nowhere = self.vehicle, self.client, (0.0, 0.0, 0.0)
-        rear, frame, fork, front = reference.centres
-        tensors = mapping.inertia_tensors(vehicle)
-        frame_axes, frame_moments = _principal_axes(tensors[mapping.REAR_FRAME])
-        fork_axes, fork_moments = _principal_axes(tensors[mapping.FORK])
-        straight, axle_up = (0.0, 0.0, 0.0, 1.0), mapping.axis_angle(np.array([1.0, 0.0, 0.0]), -0.5 * math.pi)
-        body: int = bullet.createMultiBody(
-            baseMass=vehicle.mB,
-            basePosition=frame,
-            baseInertialFrameOrientation=frame_axes,
-            linkMasses=(vehicle.mR, vehicle.mH, vehicle.mF),
-            linkCollisionShapeIndices=(wheels[0], -1, wheels[1]),
-            linkVisualShapeIndices=(-1, -1, -1),
-            linkPositions=(rear - frame, reference.head - frame, front - reference.head),
-            linkOrientations=(axle_up, straight, axle_up),
-            linkInertialFramePositions=(nowhere, fork - reference.head, nowhere),
-            linkInertialFrameOrientations=(straight, fork_axes, straight),
-            linkParentIndices=(0, 0, FORK + 1),
-            linkJointTypes=(bullet.JOINT_REVOLUTE,) * 3,
-            linkJointAxis=((0.0, 0.0, 1.0), reference.steering_axis, (0.0, 0.0, 1.0)),
-            physicsClientId=client,
-        )
-        moments = {
-            -1: frame_moments,
-            REAR_WHEEL: (vehicle.IRxx, vehicle.IRxx, vehicle.IRyy),
-            FORK: fork_moments,
-            FRONT_WHEEL: (vehicle.IFxx, vehicle.IFxx, vehicle.IFyy),
-        }
-        for link, diagonal in moments.items():  # what createMultiBody guesses from the shapes is not the vehicle's
-            bullet.changeDynamics(body, link, localInertiaDiagonal=diagonal, physicsClientId=client)
-        return body
-
-
-def _principal_axes(tensor: mapping.Vector) -> tuple[mapping.Vector, mapping.Vector]:
-    """Return the turn about y (quaternion) from the body's to its principal axes, and the three moments there.
-
-    Args:
-        tensor: inertia of a body symmetric about its xz plane, kg m2, shape (3, 3).
-    """
-    xx, xz, zz = tensor[0, 0], tensor[0, 2], tensor[2, 2]
-    angle = -0.5 * math.atan2(2.0 * xz, xx - zz)
-    mean, radius = 0.5 * (xx + zz), math.hypot(0.5 * (xx - zz), xz)
-    return mapping.axis_angle(np.array([0.0, 1.0, 0.0]), angle), np.array([mean + radius, tensor[1, 1], mean - radius])

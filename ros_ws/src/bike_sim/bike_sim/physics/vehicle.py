@@ -158,7 +158,7 @@ class Vehicle:
         """
         for field in fields(self):
             if field.type == "float":
-                _require_finite(self.name, field.name, getattr(self, field.name))
+                require_finite(self.name, field.name, getattr(self, field.name))
         for key in ("w", "rR", "rF", "mR", "mB", "mH", "mF", "max_steer", "fall_roll", "control_period"):
             if getattr(self, key) <= 0.0:
                 raise VehicleError(f"vehicle '{self.name}': {key} = {getattr(self, key)} must be positive")
@@ -243,6 +243,8 @@ def load_vehicle(name_or_path: str | Path) -> Vehicle:
 def vehicle_from_document(document: Any, origin: str) -> Vehicle:
     """Build a vehicle from the parsed content of a vehicle file.
 
+    A file with ``type: superbike`` gives a `bike_sim.physics.superbike.Superbike`, one without type a bicycle.
+
     Args:
         document: what the YAML parser returned.
         origin: name or path for error messages.
@@ -250,14 +252,22 @@ def vehicle_from_document(document: Any, origin: str) -> Vehicle:
     Raises:
         VehicleError: a key is missing or unknown, or a value cannot be.
     """
-    top = _require_keys(document, _TOP_LEVEL, f"vehicle '{origin}'")
+    kind = document.get("type") if isinstance(document, dict) else None
+    if kind == "superbike":
+        # Imported on demand: that module builds on this one.
+        from bike_sim.physics.superbike import superbike_from_document
+
+        return superbike_from_document(document, origin)
+    if kind is not None:
+        raise VehicleError(f"vehicle '{origin}': unknown type '{kind}'; there is 'superbike', and a bicycle has none")
+    top = require_keys(document, _TOP_LEVEL, f"vehicle '{origin}'")
     if top["format"] != FORMAT:
         raise VehicleError(f"vehicle '{origin}': format is '{top['format']}', this version reads '{FORMAT}'")
     values: dict[str, Any] = {"control_period": top["control_period_s"]}
     for section, keys in _SECTIONS.items():
-        values.update(_require_keys(top[section], keys, f"vehicle '{origin}', section '{section}'"))
+        values.update(require_keys(top[section], keys, f"vehicle '{origin}', section '{section}'"))
     for key, value in values.items():
-        _require_finite(origin, key, value)
+        require_finite(origin, key, value)
     values = {key: float(value) for key, value in values.items()}
     values["lam"] = values.pop("lambda")
     values["max_steer"] = math.radians(values.pop("max_steer_deg"))
@@ -265,7 +275,7 @@ def vehicle_from_document(document: Any, origin: str) -> Vehicle:
     return Vehicle(name=str(top["name"]), description=str(top["description"]), **values)
 
 
-def _require_keys(mapping: Any, keys: tuple[str, ...], where: str) -> dict[str, Any]:
+def require_keys(mapping: Any, keys: tuple[str, ...], where: str) -> dict[str, Any]:
     """Return the mapping if it has exactly these keys."""
     if not isinstance(mapping, dict):
         raise VehicleError(f"{where}: expected a mapping with the keys {', '.join(keys)}")
@@ -278,7 +288,7 @@ def _require_keys(mapping: Any, keys: tuple[str, ...], where: str) -> dict[str, 
     return dict(mapping)
 
 
-def _require_finite(origin: str, key: str, value: Any) -> None:
+def require_finite(origin: str, key: str, value: Any) -> None:
     """Raise unless the value is a finite real number (YAML reads ``1e3`` as text: it wants ``1.0e+3``)."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.floating) or not math.isfinite(value):
         raise VehicleError(f"vehicle '{origin}': {key} = {value!r} is not a finite number")

@@ -1,0 +1,138 @@
+"""A motorcycle tyre: Magic Formula with camber thrust, combined slip, relaxation and a toroidal crown.
+
+All functions are compiled (numba, nopython) and take one row of `Superbike.tyres` as ``t``. Signs are the project's:
+x along the wheel's heading on the ground, y to the left, z up; camber and lean are positive to the right.
+
+Steady state follows the similarity method with the Magic Formula of
+
+    Pacejka, H. B. (2012). Tire and Vehicle Dynamics, 3rd ed., Butterworth-Heinemann, chapters 4 and 11,
+
+reduced to what matters at large camber. Slips are normalised by friction, so that one curve serves all directions:
+
+    s_x = C_k kappa / mu_x,   s_y = (k(Fz) alpha - d3 gamma) / mu_y,   s = |(s_x, s_y)|,
+    (Fx, Fy) = Fz sin(C atan(s / C)) (mu_x s_x, mu_y s_y) / s,   mu = mu_0 / (1 + d7 gamma^2).
+
+The forces cannot leave the friction ellipse, and camber thrust and side slip share what there is.
+
+Transient slip follows ``sigma ds'/dt + |u| s' = slip velocity`` (Pacejka 2012, chapter 7), integrated exactly over a
+step with constant input, so that it holds at any speed, also at standstill where the tyre becomes a spring.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from bike_sim.physics.superbike import TYRE_NAMES
+
+FloatArray = NDArray[np.float64]
+
+(
+    CROWN, STIFFNESS, DAMPING, NOMINAL_LOAD, CORNERING, CORNERING_SLOPE, CAMBER, FRICTION, FRICTION_RATIO,
+    CAMBER_FADE, SHAPE, SLIP_STIFFNESS, RELAXATION, SLIP_RELAXATION, TRAIL, ROLLING,
+) = range(len(TYRE_NAMES))  # fmt: skip
+
+_LEAST_CORNERING: Final = 0.3
+"""Part of the nominal cornering coefficient that stays at any load."""
+
+
+@njit(cache=True)
+def cornering_coefficient(load: float, t: FloatArray) -> float:
+    """Return cornering stiffness by load, 1/rad: value and slope of Pacejka's at the nominal load, linear elsewhere."""
+    k = t[CORNERING] - (t[CORNERING] - t[CORNERING_SLOPE]) * (load / t[NOMINAL_LOAD] - 1.0)
+    return max(k, _LEAST_CORNERING * t[CORNERING])
+
+
+@njit(cache=True)
+def friction(camber: float, t: FloatArray) -> float:
+    """Return the largest lateral force by load at a camber, rad."""
+    return t[FRICTION] / (1.0 + t[CAMBER_FADE] * camber * camber)
+
+
+@njit(cache=True)
+def peak_slip(t: FloatArray) -> float:
+    """Return the normalised slip at which the force is largest: ``C tan(pi / 2 C)``."""
+    return t[SHAPE] * math.tan(0.5 * math.pi / t[SHAPE])
+
+
+@njit(cache=True)
+def forces(
+    slip: float, drift: float, camber: float, load: float, grip: float, t: FloatArray
+) -> tuple[float, float, float, float]:
+    """Return ``(Fx, Fy, Mz, s)``: forces in N, aligning moment in N m about the vertical, and the normalised slip.
+
+    Args:
+        slip: longitudinal slip kappa, positive driving.
+        drift: side slip, tangent of the slip angle: sideways over forward velocity of the contact, positive moving
+            to the left.
+        camber: rad, positive leaning right.
+        load: Fz, N; none or less gives no force.
+        grip: factor on friction, 1 on the track.
+        t: the tyre.
+    """
+    if load <= 0.0:
+        return 0.0, 0.0, 0.0, 0.0
+    mu_y = friction(camber, t) * grip
+    mu_x = mu_y * t[FRICTION_RATIO]
+    sx = t[SLIP_STIFFNESS] * slip / mu_x
+    # Both the side slip and the lean push to the right, where they are positive
+    sy = -(cornering_coefficient(load, t) * drift + t[CAMBER] * camber) / mu_y
+    s = math.hypot(sx, sy)
+    if s < 1e-9:
+        scale = 1.0
+    else:
+        scale = math.sin(t[SHAPE] * math.atan(s / t[SHAPE])) / s
+    fy = mu_y * load * scale * sy
+    # The side slip's part acts behind the middle of the contact; the trail vanishes where all of it slides.
+    trail = t[TRAIL] * max(0.0, 1.0 - s / peak_slip(t))
+    return mu_x * load * scale * sx, fy, -trail * fy, s
+
+
+@njit(cache=True)
+def relax(value: float, slip_velocity: float, speed: float, length: float, step: float) -> float:
+    """Return the transient slip after a step, exactly for constant slip velocity and speed.
+
+    Args:
+        value: transient slip at the start of the step.
+        slip_velocity: of the contact, m/s, in the sense of the slip; its steady state is ``slip_velocity / speed``.
+        speed: rolling speed |u|, m/s, not negative.
+        length: relaxation length, m.
+        step: s.
+    """
+    x = speed * step / length
+    # (1 - exp(-x)) / x, also where x vanishes
+    gain = -math.expm1(-x) / x if x > 1e-8 else 1.0 - 0.5 * x
+    return value * math.exp(-x) + slip_velocity * gain * step / length
+
+
+@njit(cache=True)
+def normal_load(height: float, height_rate: float, t: FloatArray) -> float:
+    """Return the load of a spring and damper that cannot pull, N.
+
+    Args:
+        height: of the undeformed tyre's lowest point above the ground, m; negative when pressed in.
+        height_rate: m/s.
+        t: the tyre.
+    """
+    if height >= 0.0:
+        return 0.0
+    return max(0.0, -t[STIFFNESS] * height - t[DAMPING] * height_rate)
+
+
+@njit(cache=True)
+def torus_height(centre_height: float, axle_z: float, radius: float, crown: float) -> float:
+    """Return the height of the lowest point of a torus, m.
+
+    It lies one crown radius below the lowest point of the ring through the middles of the cross-sections.
+
+    Args:
+        centre_height: of the wheel's centre, m.
+        axle_z: vertical part of the unit vector along the axle, the sine of the camber.
+        radius: of the wheel with tyre, m.
+        crown: radius of the cross-section, m.
+    """
+    return centre_height - (radius - crown) * math.sqrt(max(0.0, 1.0 - axle_z * axle_z)) - crown
