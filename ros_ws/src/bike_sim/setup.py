@@ -6,7 +6,15 @@ setup(
     name=NAME,
     version="0.1.0",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["py.typed", "config/vehicles/*.yaml", "config/courses/*.yaml", "config/courses/*.csv"]},
+    package_data={
+        NAME: [
+            "py.typed",
+            "config/vehicles/*.yaml",
+            "config/courses/*.yaml",
+            "config/courses/*.csv",
+            "config/tracks/*.yaml",
+        ]
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

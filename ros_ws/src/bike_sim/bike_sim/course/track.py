@@ -1,0 +1,304 @@
+"""A circuit: a closed centre line with limits, elevation, run-off, walls, sectors, corners and the lines to ride.
+
+Everything is given on the samples of the centre line. A place on a circuit is its progress (arc length of the nearest
+point of the centre line, m) and its offset (distance from there, m, positive to the left).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_sim.course.course import SAMPLE_SPACING, Course
+from bike_sim.course.spline import chord_lengths, smooth_line
+
+FloatArray = NDArray[np.float64]
+
+LINE_SPACING = 1.0
+"""Distance of the points through which a line beside the centre line is laid, m."""
+
+CORNER_CURVATURE = 1.0 / 450.0
+"""Where a circuit without names of its own bends more than this (1/m), it has a corner."""
+
+CORNER_ANGLE = math.radians(15.0)
+"""What turns by less than this is no corner of its own, rad."""
+
+
+@dataclass(frozen=True)
+class Corner:
+    """A corner of a circuit.
+
+    Attributes:
+        name: usually its number.
+        begin: progress where it begins, m. apex: where it bends most, m. end: m, beyond the length of the circuit if
+            the corner lies on the line.
+        angle: turned angle, rad, positive to the left.
+        radius: least radius of the centre line, m.
+    """
+
+    name: str
+    begin: float
+    apex: float
+    end: float
+    angle: float
+    radius: float
+
+    @property
+    def direction(self) -> str:
+        """``"left"`` or ``"right"``."""
+        return "left" if self.angle > 0.0 else "right"
+
+
+@dataclass(frozen=True)
+class Track:
+    """A circuit.
+
+    Attributes:
+        centre: closed centre line (the median) with widths; its sections are the sectors.
+        elevation: height of the centre line, m.
+        run_off_left: distance from the left limit to the wall behind it, m.
+        run_off_right: the same on the right, m.
+        corners: in the order of riding.
+        ideal: offset of the ideal line, m, or None as long as nobody has computed it (see
+            :mod:`bike_sim.course.racing_line`).
+        description: where it comes from, for people.
+    """
+
+    centre: Course
+    elevation: FloatArray
+    run_off_left: FloatArray
+    run_off_right: FloatArray
+    corners: tuple[Corner, ...] = ()
+    ideal: FloatArray | None = None
+    description: str = ""
+
+    def __post_init__(self) -> None:
+        """Check what every query relies on.
+
+        Raises:
+            ValueError: not closed, without widths, unequal lengths, values that are not finite, a wall inside the
+                limits, or an ideal line outside them.
+        """
+        name = self.centre.name
+        if not self.centre.closed:
+            gap = math.hypot(self.centre.x[-1] - self.centre.x[0], self.centre.y[-1] - self.centre.y[0])
+            raise ValueError(f"circuit {name!r} is not closed: its ends are {gap:.3g} m apart")
+        if self.centre.width_left is None or self.centre.width_right is None:
+            raise ValueError(f"circuit {name!r} has no widths; a circuit needs the distance to both limits")
+        columns = {"elevation": self.elevation, "run_off_left": self.run_off_left, "run_off_right": self.run_off_right}
+        for label, column in {**columns, "ideal": self.ideal}.items():
+            if column is None:
+                continue
+            if len(column) != len(self.centre.s):
+                raise ValueError(f"circuit {name!r}: {label} has {len(column)} samples, s has {len(self.centre.s)}")
+            if not np.all(np.isfinite(column)):
+                row = int(np.argmin(np.isfinite(column)))
+                raise ValueError(f"circuit {name!r}: {label} is {column[row]} at sample {row}")
+        for label in ("run_off_left", "run_off_right"):
+            if np.any(columns[label] < 0.0):
+                raise ValueError(f"circuit {name!r}: {label} is negative, so a wall would stand on the road")
+        if self.ideal is not None and not (
+            np.all(self.ideal <= self.width_left + 1e-6) and np.all(self.ideal >= -self.width_right - 1e-6)
+        ):
+            raise ValueError(f"circuit {name!r}: the ideal line leaves the limits")
+
+    @property
+    def name(self) -> str:
+        """Name for people and files."""
+        return self.centre.name
+
+    @property
+    def length(self) -> float:
+        """Length of the centre line, m."""
+        return self.centre.length
+
+    @property
+    def width_left(self) -> FloatArray:
+        """Distance to the left limit, m, at the samples."""
+        assert self.centre.width_left is not None  # __post_init__ refuses a circuit without
+        return self.centre.width_left
+
+    @property
+    def width_right(self) -> FloatArray:
+        """Distance to the right limit, m, at the samples."""
+        assert self.centre.width_right is not None
+        return self.centre.width_right
+
+    @property
+    def direction(self) -> str:
+        """``"clockwise"`` or ``"counter-clockwise"``, seen from above."""
+        return "counter-clockwise" if self.centre.heading[-1] > self.centre.heading[0] else "clockwise"
+
+    @property
+    def sectors(self) -> tuple[tuple[str, float], ...]:
+        """Name and first progress (m) of each sector."""
+        return self.centre.sections
+
+    def at(self, column: FloatArray, progress: FloatArray | float) -> FloatArray:
+        """Return a column's value at a progress (m, of any lap), linear between samples."""
+        u = np.mod(progress, self.length) / self.centre.spacing
+        i = np.minimum(u.astype(int) if isinstance(u, np.ndarray) else int(u), len(column) - 2)
+        return np.asarray(column[i] + (u - i) * (column[i + 1] - column[i]))
+
+    def points(self, progress: FloatArray, offset: FloatArray | float = 0.0) -> FloatArray:
+        """Return points in the map frame.
+
+        Args:
+            progress: m, of any lap.
+            offset: m, positive to the left of the centre line.
+
+        Returns:
+            x, y, z in m, shape (n, 3). The road is level across its width.
+        """
+        s = np.asarray(progress, dtype=np.float64)
+        heading = self.at(self.centre.heading, s)
+        x = self.at(self.centre.x, s) - offset * np.sin(heading)
+        y = self.at(self.centre.y, s) + offset * np.cos(heading)
+        return np.stack([x, y, self.at(self.elevation, s)], axis=-1)
+
+    def walls(self) -> tuple[FloatArray, FloatArray]:
+        """Return the offsets of the left and the right wall (m, positive and negative) at the samples."""
+        return self.width_left + self.run_off_left, -(self.width_right + self.run_off_right)
+
+    def outside(self, progress: FloatArray | float, offset: FloatArray | float) -> FloatArray:
+        """Return how far a point lies outside the limits, m; negative within."""
+        left = offset - self.at(self.width_left, progress)
+        right = -np.asarray(offset) - self.at(self.width_right, progress)
+        return np.maximum(left, right)
+
+    def with_ideal(self, offset: FloatArray) -> Track:
+        """Return the circuit with an ideal line, given by its offset at the samples, m."""
+        return replace(self, ideal=offset)
+
+    def line(self, lam: float) -> Course:
+        """Return a line of the family between the median (0) and the ideal line (1), as a course with limits.
+
+        Its offset is the given fraction of the ideal line's. Arc length begins where the line crosses the start.
+
+        Args:
+            lam: interpolation parameter lambda, see :func:`interpolation_parameter`.
+
+        Raises:
+            ValueError: lambda outside 0 to 1, or no ideal line is known.
+        """
+        if not 0.0 <= lam <= 1.0:
+            raise ValueError(f"interpolation parameter must be 0 (median) to 1 (ideal), got {lam!r}")
+        if lam == 0.0:
+            return self.centre
+        if self.ideal is None:
+            raise ValueError(f"circuit {self.name!r} has no ideal line yet; bike_sim.course.racing_line computes it")
+        return self._beside(lam * self.ideal, f"{self.name} ({'ideal' if lam == 1.0 else f'lambda {lam:g}'})")
+
+    def offset_line(self, offset: FloatArray, name: str) -> Course:
+        """Return a course at an offset (m, at the samples) from the centre line, with the same limits."""
+        return self._beside(offset, name)
+
+    def _beside(self, offset: FloatArray, name: str) -> Course:
+        count = max(16, round(self.length / LINE_SPACING))
+        # On samples of the centre line: between them positions are linear, which would show as curvature.
+        rows = np.round(np.linspace(0.0, len(self.centre.s) - 1, count + 1))
+        progress = rows * self.centre.spacing
+        aside = self.at(offset, progress)
+        points = self.points(progress, aside)[:, :2]
+        points[-1] = points[0]
+        smooth = smooth_line(points, True, SAMPLE_SPACING)
+        there = np.interp(smooth.chord, chord_lengths(points), progress)
+        sideways = self.at(offset, there)
+        return Course(
+            name,
+            smooth.s,
+            smooth.x,
+            smooth.y,
+            smooth.heading,
+            smooth.curvature,
+            True,
+            self.centre.off_course_limit,
+            width_left=np.maximum(self.at(self.width_left, there) - sideways, 0.0),
+            width_right=np.maximum(self.at(self.width_right, there) + sideways, 0.0),
+            sections=tuple((sector, float(np.interp(s, there, smooth.s))) for sector, s in self.sectors),
+        )
+
+    def mirrored(self) -> Track:
+        """Return the mirror image: left becomes right."""
+        centre = replace(
+            self.centre,
+            name=f"{self.name} (mirrored)",
+            y=-self.centre.y,
+            heading=-self.centre.heading,
+            curvature=-self.centre.curvature,
+            width_left=self.centre.width_right,
+            width_right=self.centre.width_left,
+        )
+        return Track(
+            centre,
+            self.elevation,
+            self.run_off_right,
+            self.run_off_left,
+            tuple(replace(corner, angle=-corner.angle) for corner in self.corners),
+            None if self.ideal is None else -self.ideal,
+            self.description,
+        )
+
+    @cached_property
+    def grade(self) -> FloatArray:
+        """Slope of the road along the centre line, positive uphill (rise per m), at the samples."""
+        step = self.centre.spacing
+        inner = np.diff(self.elevation) / step
+        ends = 0.5 * (inner[0] + inner[-1])
+        return np.concatenate(([ends], 0.5 * (inner[1:] + inner[:-1]), [ends]))
+
+
+def interpolation_parameter(from_median: float, from_ideal: float, speed_limit: float, highest_speed: float) -> float:
+    """Return lambda, which line of the family a curriculum context asks for (superbike paper, Eq. 3).
+
+    The mean of two terms: which of both lines is closer, and how fast the ride may be. The paper's text gives the
+    terms in words; this is the form that has the stated ends: 0 for the median and a standstill, 1 for the ideal line
+    at full speed.
+
+    Args:
+        from_median: distance from the median line d_m, m, >= 0.
+        from_ideal: distance from the ideal line d_i, m, >= 0; not both 0.
+        speed_limit: v, m/s.
+        highest_speed: its largest value, m/s.
+
+    Raises:
+        ValueError: a value outside its range.
+    """
+    if from_median < 0.0 or from_ideal < 0.0 or from_median + from_ideal <= 0.0:
+        raise ValueError(f"distances must be >= 0 and not both 0, got {from_median!r} and {from_ideal!r} m")
+    if not 0.0 <= speed_limit <= highest_speed or highest_speed <= 0.0:
+        raise ValueError(f"speed limit must be 0 to {highest_speed!r} m/s, got {speed_limit!r}")
+    return 0.5 * (from_median / (from_median + from_ideal) + speed_limit / highest_speed)
+
+
+def find_corners(centre: Course) -> tuple[Corner, ...]:
+    """Find the corners of a closed line: stretches that bend one way, numbered from the start."""
+    count = len(centre.s) - 1
+    bend = centre.curvature[:count]
+    kind = np.where(bend > CORNER_CURVATURE, 1, np.where(bend < -CORNER_CURVATURE, -1, 0))
+    changes = np.flatnonzero(kind != np.roll(kind, 1))
+    if not len(changes):
+        return ()
+    corners = []
+    for first, last in zip(changes, np.append(changes[1:], changes[0] + count), strict=True):
+        angle = float(np.sum(bend[np.arange(first, last) % count]) * centre.spacing)
+        if kind[first] == 0 or abs(angle) < CORNER_ANGLE:
+            continue
+        corners.append(_corner_between(centre, str(len(corners) + 1), first * centre.spacing, last * centre.spacing))
+    return tuple(corners)
+
+
+def _corner_between(centre: Course, name: str, begin: float, end: float) -> Corner:
+    """Return the corner between two progresses (m) of a closed line; ``end`` may lie beyond its length."""
+    count = len(centre.s) - 1
+    samples = np.arange(math.ceil(begin / centre.spacing), math.floor(end / centre.spacing) + 1)
+    bend = centre.curvature[samples % count]
+    angle = float(np.sum(bend) * centre.spacing)
+    sharpest = np.abs(bend).max()
+    # The middle of the stretch that bends as much as the sharpest point does, not its first sample.
+    apex = float(np.mean(samples[np.abs(bend) > 0.999 * sharpest]) * centre.spacing) % centre.length
+    return Corner(name, begin, apex, end, angle, float(1.0 / sharpest))

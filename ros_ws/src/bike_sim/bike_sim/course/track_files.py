@@ -1,0 +1,302 @@
+"""Circuits from files: shipped by name, or one's own as YAML (table of corners) or CSV (centre line and widths).
+
+The YAML keys are listed in :data:`KEYS`, the CSV columns in :data:`bike_sim.course.csv_line.COLUMNS`; docs/circuits.md
+shows both.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from bike_sim.course.course import SAMPLE_SPACING, Course
+from bike_sim.course.csv_line import CentreLine, CourseFileError, parse_csv
+from bike_sim.course.document import (
+    MAX_LENGTH,
+    check_keys,
+    length_of,
+    number_of,
+    parse_yaml,
+    read_text,
+    show,
+    text_of,
+    values_of,
+)
+from bike_sim.course.layout import Piece, close_layout, curvature_profile, trace_layout
+from bike_sim.course.limits import RunOff, check_limits, wall_distances
+from bike_sim.course.smoothing import TOLERANCE, WIDTH_SHARE, smooth_closed
+from bike_sim.course.spline import chord_lengths, smooth_line
+from bike_sim.course.track import Corner, Track, find_corners
+
+FloatArray = NDArray[np.float64]
+
+FORMAT = "bike.track/1"
+
+KEYS = (
+    "format",
+    "name",
+    "description",
+    "length_m",
+    "start",
+    "transition_m",
+    "width_m",
+    "elements",
+    "sectors_after",
+    "elevation_m",
+    "run_off_m",
+    "records_s",
+    "sources",
+)
+"""Keys of a circuit file; ``format``, ``length_m``, ``width_m`` and ``elements`` must be there."""
+
+START_KEYS = ("x_m", "y_m", "heading_deg")
+RUN_OFF_KEYS = ("straight", "inside", "outside")
+
+TRANSITION = 40.0
+"""Length of curvature ramps where a file does not say, m (own estimate from public outlines)."""
+
+LEAST_POINTS = 8
+"""A circuit given by fewer points is no circuit."""
+
+LEAST_WIDTH = 0.5
+"""Road narrower than this is a mistake, m."""
+
+SECTORS = 3
+"""Sectors of a circuit whose file names none: equal parts."""
+
+
+def shipped_tracks() -> tuple[str, ...]:
+    """Return the names of the shipped circuits, sorted."""
+    folder = resources.files("bike_sim") / "config" / "tracks"
+    return tuple(sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".yaml")))
+
+
+def load_track(name_or_path: str | Path) -> Track:
+    """Load a circuit, without its ideal line.
+
+    Args:
+        name_or_path: name of a shipped circuit, or path of a ``.yaml``, ``.yml`` or ``.csv`` file.
+
+    Raises:
+        FileNotFoundError: no such circuit or file.
+        CourseFileError: the file is broken; the message names the row or element and what is wrong.
+    """
+    path = Path(name_or_path)
+    if not path.suffix:
+        if str(name_or_path) not in shipped_tracks():
+            raise FileNotFoundError(
+                f"no shipped circuit is called {str(name_or_path)[:100]!r} (there are {', '.join(shipped_tracks())}); "
+                "a circuit of your own is given as the path of a .yaml or .csv file"
+            )
+        with resources.as_file(resources.files("bike_sim") / "config" / "tracks" / f"{path}.yaml") as shipped:
+            return _load_file(shipped)
+    if path.suffix.lower() not in (".yaml", ".yml", ".csv"):
+        raise CourseFileError(f"circuit file {path}: the ending {path.suffix!r} is not known; use .yaml, .yml or .csv")
+    return _load_file(path)
+
+
+def track_records(name: str) -> dict[str, float]:
+    """Return the published lap records of a shipped circuit, s, by what they are."""
+    path = resources.files("bike_sim") / "config" / "tracks" / f"{name}.yaml"
+    entries = parse_yaml(path.read_text(encoding="utf-8"), KEYS).get("records_s", {})
+    return {str(key): number_of(value, "records_s") for key, value in entries.items()}
+
+
+def _load_file(path: Path) -> Track:
+    try:
+        text = read_text(path)
+        if path.suffix.lower() == ".csv":
+            return track_from_points(path.stem, parse_csv(text))
+        return _track_from_yaml(parse_yaml(text, KEYS), path)
+    except FileNotFoundError:
+        raise
+    except ValueError as error:
+        raise CourseFileError(f"circuit file {path}: {error}") from None
+
+
+def track_from_points(name: str, line: CentreLine) -> Track:
+    """Make a circuit of measured points: smoothed, its limits checked, its corners found, flat.
+
+    Raises:
+        ValueError: not closed, without widths, too few points, or limits that cross.
+    """
+    if not line.closed:
+        gap = math.dist(line.points[0], line.points[-1])
+        raise CourseFileError(
+            f"is not closed: its ends are {gap:.3g} m apart, farther than neighbours are; is a part of the lap missing?"
+        )
+    if line.width_left is None or line.width_right is None:
+        raise CourseFileError("has no widths; a circuit needs the columns w_tr_right_m and w_tr_left_m")
+    if len(line.points) - 1 < LEAST_POINTS:
+        raise CourseFileError(f"has {len(line.points) - 1} points, a circuit needs at least {LEAST_POINTS}")
+    least = float(np.min(line.width_left + line.width_right))
+    if least < LEAST_WIDTH:
+        raise CourseFileError(
+            f"is {least:.2f} m wide at row {int(np.argmin(line.width_left + line.width_right)) + 1} of its points; "
+            f"a road is at least {LEAST_WIDTH} m wide"
+        )
+    given = chord_lengths(line.points)
+    if given[-1] > MAX_LENGTH:
+        raise CourseFileError(
+            f"is {given[-1] / 1e3:.6g} km long, at most {MAX_LENGTH / 1e3:g} km are possible; metres?"
+        )
+    points, there, moved = smooth_closed(line.points, min(TOLERANCE, WIDTH_SHARE * least))
+    smooth = smooth_line(points, True, SAMPLE_SPACING)
+    # Distances to the limits, which do not move with the line.
+    source = np.interp(smooth.chord, chord_lengths(points), there)
+    aside = np.interp(source, there, moved)
+    centre = Course(
+        name,
+        smooth.s,
+        smooth.x,
+        smooth.y,
+        smooth.heading,
+        smooth.curvature,
+        closed=True,
+        width_left=np.maximum(np.interp(source, given, line.width_left) - aside, 0.0),
+        width_right=np.maximum(np.interp(source, given, line.width_right) + aside, 0.0),
+        sections=tuple((f"sector {i + 1}", i * float(smooth.s[-1]) / SECTORS) for i in range(SECTORS)),
+    )
+    check_limits(centre)
+    run_off_left, run_off_right = wall_distances(centre, RunOff())
+    return Track(
+        centre, np.zeros(len(centre.s)), run_off_left, run_off_right, find_corners(centre), None, "from measured points"
+    )
+
+
+def _track_from_yaml(document: Mapping[str, Any], path: Path) -> Track:
+    check_keys("", document, KEYS)
+    if document.get("format") != FORMAT:
+        raise CourseFileError(f"format is {show(document.get('format', 'missing'))}, this version reads {FORMAT!r}")
+    for key in ("length_m", "width_m", "elements"):
+        if key not in document:
+            raise CourseFileError(f"{key} is missing")
+    name = text_of(document, "name", path.stem)
+    length = length_of(document["length_m"], "length_m")
+    transition = length_of(document.get("transition_m", str(TRANSITION)), "transition_m")
+    width = length_of(document["width_m"], "width_m")
+    if width < LEAST_WIDTH:
+        raise CourseFileError(f"width_m is {width}, a road is at least {LEAST_WIDTH} m wide")
+    if transition < 0.0:
+        raise CourseFileError(f"transition_m is {transition}, it must not be negative")
+    pieces = close_layout(_pieces(document["elements"]), length, transition)
+    profile = curvature_profile(pieces, transition)
+    s, x, y, heading, curvature = trace_layout(profile, SAMPLE_SPACING, _start(document.get("start", {})))
+    corners = _corners(pieces, profile.begins)
+    centre = Course(
+        name,
+        s,
+        x,
+        y,
+        heading,
+        curvature,
+        closed=True,
+        off_course_limit=0.5 * width,
+        width_left=np.full(len(s), 0.5 * width),
+        width_right=np.full(len(s), 0.5 * width),
+        sections=_sectors(document.get("sectors_after"), corners, float(s[-1])),
+    )
+    check_limits(centre)
+    run_off_left, run_off_right = wall_distances(centre, _run_off(document.get("run_off_m")))
+    elevation = _elevation(document.get("elevation_m"), s)
+    return Track(centre, elevation, run_off_left, run_off_right, corners, None, text_of(document, "description", name))
+
+
+def _start(start: Any) -> tuple[float, float, float]:
+    if not isinstance(start, dict):
+        raise CourseFileError(f"start must be a mapping with the keys {', '.join(START_KEYS)}, got {show(start)}")
+    check_keys("start: ", start, START_KEYS)
+    x, y, heading = (number_of(start.get(key, "0"), f"start: {key}") for key in START_KEYS)
+    return x, y, math.radians(heading)
+
+
+def _pieces(entries: Any) -> list[Piece]:
+    if not isinstance(entries, list) or not entries:
+        raise CourseFileError("elements must be a list with at least one element")
+    pieces = []
+    for number, entry in enumerate(entries, start=1):
+        where = f"element {number}: "
+        if not isinstance(entry, dict) or ("straight_m" in entry) == ("arc" in entry):
+            raise CourseFileError(f"{where}must have either straight_m or arc")
+        check_keys(where, entry, ("straight_m", "arc", "corner"))
+        try:
+            if "straight_m" in entry:
+                pieces.append(Piece(length_of(entry["straight_m"], f"{where}straight_m")))
+                continue
+            length, angle = values_of(entry["arc"], f"{where}arc", ("length_m", "angle_deg"))
+            turned = math.radians(number_of(angle, f"{where}angle_deg"))
+            if turned == 0.0:
+                raise CourseFileError("an arc's angle_deg must not be 0")
+            pieces.append(Piece(length_of(length, f"{where}length_m"), turned, text_of(entry, "corner", "", where)))
+        except CourseFileError:
+            raise
+        except ValueError as error:
+            raise CourseFileError(f"{where}{error}") from None
+    return pieces
+
+
+def _corners(pieces: tuple[Piece, ...], begins: FloatArray) -> tuple[Corner, ...]:
+    """Return one corner for each run of neighbouring pieces with the same corner name."""
+    corners: list[Corner] = []
+    for name, run in itertools.groupby(zip(pieces, begins, strict=True), key=lambda item: item[0].corner):
+        members = [(piece, float(begin)) for piece, begin in run]
+        if not name:
+            continue
+        if any(corner.name == name for corner in corners):
+            raise CourseFileError(f"corner {name!r} has pieces in two places")
+        # Of the table, not of the samples: a ramp to a sharper neighbour lies half within this corner.
+        sharpest, begin = max(members, key=lambda member: abs(member[0].curvature))
+        end = members[-1][1] + members[-1][0].length
+        angle = sum(piece.angle for piece, _ in members)
+        apex = begin + 0.5 * sharpest.length
+        corners.append(Corner(name, members[0][1], apex, end, angle, 1.0 / abs(sharpest.curvature)))
+    return tuple(corners)
+
+
+def _sectors(after: Any, corners: tuple[Corner, ...], length: float) -> tuple[tuple[str, float], ...]:
+    if after is None:
+        return tuple((f"sector {i + 1}", i * length / SECTORS) for i in range(SECTORS))
+    ends = {corner.name: corner.end for corner in corners}
+    if not isinstance(after, list) or any(not isinstance(name, str) or name not in ends for name in after):
+        raise CourseFileError(
+            f"sectors_after must be a list of corner names among {', '.join(ends)}, got {show(after)}"
+        )
+    begins = [0.0, *(ends[name] for name in after)]
+    if any(b <= a for a, b in itertools.pairwise(begins)) or begins[-1] >= length:
+        raise CourseFileError("sectors_after must name corners in the order of riding")
+    return tuple((f"sector {i + 1}", begin) for i, begin in enumerate(begins))
+
+
+def _run_off(value: Any) -> RunOff:
+    if value is None:
+        return RunOff()
+    straight, inside, outside = values_of(value, "run_off_m", RUN_OFF_KEYS)
+    return RunOff(
+        *(length_of(v, f"run_off_m: {k}") for v, k in zip((straight, inside, outside), RUN_OFF_KEYS, strict=True))
+    )
+
+
+def _elevation(entries: Any, s: FloatArray) -> FloatArray:
+    """Lay a periodic cubic spline through heights."""
+    if entries is None:
+        return np.zeros(len(s))
+    if not isinstance(entries, list) or len(entries) < 3:
+        raise CourseFileError("elevation_m must be a list of at least three pairs of distance and height")
+    knots = []
+    for number, entry in enumerate(entries, start=1):
+        if not isinstance(entry, list) or len(entry) != 2:
+            raise CourseFileError(f"elevation_m: entry {number} must be a pair of distance and height")
+        knots.append([length_of(value, f"elevation_m: entry {number}") for value in entry])
+    at, height = np.array(knots).T
+    if np.any(np.diff(at) <= 0.0) or at[0] < 0.0 or at[-1] >= s[-1]:
+        raise CourseFileError(f"elevation_m: distances must grow from 0 and stay below the length of {s[-1]:.0f} m")
+    closed = CubicSpline(np.append(at, at[0] + s[-1]), np.append(height, height[0]), bc_type="periodic")
+    return np.asarray(closed(s))
