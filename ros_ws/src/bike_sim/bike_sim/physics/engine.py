@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final, Protocol
 
 from bike_sim.physics.state import StateVector
+from bike_sim.physics.superbike import Superbike
 from bike_sim.physics.vehicle import Vehicle
 
 ENGINE_KINDS: Final = ("pybullet", "whipple")
@@ -54,15 +55,21 @@ def make_engine(kind: str, vehicle: Vehicle, time_step: float) -> Engine:
     """Return a new engine, independent of all others in the process.
 
     Args:
-        kind: "pybullet" (four bodies on Bullet's contacts) or "whipple" (the nonlinear equations of the ideal
-            bicycle in minimal coordinates, compiled).
+        kind: "pybullet" (bodies in Bullet: a bicycle on Bullet's contacts, a superbike on its tyres) or "whipple"
+            (the nonlinear equations of the ideal bicycle in minimal coordinates, compiled).
         vehicle: the vehicle to simulate.
         time_step: integration step, s.
 
     Raises:
-        ValueError: unknown kind or a time step that is not positive.
+        ValueError: unknown kind, one that cannot simulate this vehicle, or a time step that is not positive.
     """
     # Imported on demand: who asks for one engine does not pay for loading the other.
+    if isinstance(vehicle, Superbike):
+        if kind != "pybullet":
+            raise ValueError(f"engine '{kind}' has no tyres for the superbike '{vehicle.name}'; choose pybullet")
+        from bike_sim.physics.superbike_engine import SuperbikeEngine
+
+        return SuperbikeEngine(vehicle, time_step)
     if kind == "pybullet":
         from bike_sim.physics.pybullet_engine import PyBulletEngine
 

@@ -421,8 +421,7 @@ _SECTION_TYPES: Final[dict[str, type]] = {
 """Sections that stand in the file as they stand in the dataclass."""
 
 MACHINE_NAMES: Final = (
-    "w", "c", "lam", "g", "rR", "rF", "IRyy", "IFyy", "fall_roll", "max_steer",
-    "frame.x", "frame.height",
+    "w", "c", "lam", "g", "rR", "rF", "IRyy", "IFyy", "fall_roll", "max_steer", "mass",
     *(f"{section}.{field.name}" for section, kind in _SECTION_TYPES.items() for field in fields(kind)),
 )  # fmt: skip
 """Order of `Superbike.machine`."""
