@@ -203,6 +203,7 @@ class VirtualRider:
         lean_rate: largest rate of the reference, rad/s.
         gyro_share: the reference is also slow enough for its gyroscopic torque to stay below this part of the limit.
         torque: largest steering torque, N m.
+        hold_torque: steering torque into the lean that a steady turn needs, by the sine of the lean, N m.
         lean_gain: N m/rad.
         rate_gain_slow: N m s/rad at and below `Steering.slow`. rate_gain_fast: at and above `Steering.fast`.
         integral_gain: N m/(rad s).
@@ -214,6 +215,7 @@ class VirtualRider:
     lean_rate: float
     gyro_share: float
     torque: float
+    hold_torque: float
     lean_gain: float
     rate_gain_slow: float
     rate_gain_fast: float
@@ -223,27 +225,43 @@ class VirtualRider:
 
 @dataclass(frozen=True)
 class Electronics:
-    """Aids that cut torque in proportion between two thresholds. They know slips and loads exactly (idealised).
+    """Aids that know speed, lean, loads and slips exactly (idealised); each can be switched off with a 0.
 
-    Slips are normalised by friction: 1 is where a linear tyre would reach it, the peak lies at 2.6 for a shape of 1.5.
+    Each works twice: ahead, by a limit on the force computed from lean and statics, and after the fact, by a cut in
+    proportion between two thresholds. Slips are normalised by friction: 1 is where a linear tyre would reach it, and
+    the peak lies at 2.6 for a shape of 1.5.
 
     Attributes:
-        traction_control: 1 on, 0 off. traction_slip_on: cut begins. traction_slip_off: no drive is left.
-        wheelie_control: 1 on, 0 off. wheelie_load_on: front load where the cut begins, N. wheelie_load_off: no drive.
-        brake_control: 1 on, 0 off. brake_slip_on: cut begins. brake_slip_off: no brake on that wheel is left.
-        stoppie_control: 1 on, 0 off. stoppie_load_on: rear load where the cut begins, N. stoppie_load_off: no brake.
+        traction_control: 1 on, 0 off.
+        traction_share: part of the friction that the lean leaves which the drive may use.
+        traction_slip_on: cut begins. traction_slip_off: no drive is left.
+        wheelie_control: 1 on, 0 off.
+        wheelie_load: kept on the front wheel by the limit, N.
+        wheelie_load_lean: kept besides, by the sine of the lean, as a leaning front wheel must also steer, N.
+        wheelie_load_on: front load where the cut begins, N. wheelie_load_off: no drive.
+        brake_control: 1 on, 0 off.
+        brake_share: part of the friction that the lean leaves which the front brake may use.
+        brake_slip_on: cut begins. brake_slip_off: no brake on that wheel is left.
+        stoppie_control: 1 on, 0 off.
+        stoppie_load: kept on the rear wheel by the limit, N.
+        stoppie_load_on: rear load where the cut begins, N. stoppie_load_off: no brake.
     """
 
     traction_control: float
+    traction_share: float
     traction_slip_on: float
     traction_slip_off: float
     wheelie_control: float
+    wheelie_load: float
+    wheelie_load_lean: float
     wheelie_load_on: float
     wheelie_load_off: float
     brake_control: float
+    brake_share: float
     brake_slip_on: float
     brake_slip_off: float
     stoppie_control: float
+    stoppie_load: float
     stoppie_load_on: float
     stoppie_load_off: float
 
@@ -352,6 +370,16 @@ class Superbike(Vehicle):
         height = (self.mR * self.rR - self.mB * self.zB - self.mH * self.zH + self.mF * self.rF) / self.mass
         return x, height
 
+    @property
+    def com_x(self) -> float:
+        """Distance of the common centre of mass ahead of the rear contact, m."""
+        return self.centre_of_mass[0]
+
+    @property
+    def com_height(self) -> float:
+        """Height of the common centre of mass, upright, m."""
+        return self.centre_of_mass[1]
+
     @cached_property
     def wheel_torque(self) -> FloatArray:
         """Full-throttle torque at the rear wheel, N m, over wheel speeds of `wheel_torque_spacing`; best gear each."""
@@ -421,7 +449,7 @@ _SECTION_TYPES: Final[dict[str, type]] = {
 """Sections that stand in the file as they stand in the dataclass."""
 
 MACHINE_NAMES: Final = (
-    "w", "c", "lam", "g", "rR", "rF", "IRyy", "IFyy", "fall_roll", "max_steer", "mass",
+    "w", "c", "lam", "g", "rR", "rF", "IRyy", "IFyy", "fall_roll", "max_steer", "mass", "com_x", "com_height",
     *(f"{section}.{field.name}" for section, kind in _SECTION_TYPES.items() for field in fields(kind)),
 )  # fmt: skip
 """Order of `Superbike.machine`."""

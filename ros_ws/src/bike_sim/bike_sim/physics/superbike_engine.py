@@ -157,6 +157,7 @@ class SuperbikeEngine:
             bullet.resetJointState(body, link, value, rate, client)
         self._memory[:] = 0.0
         self._memory[sf.M_LEAN] = roll
+        self._memory[sf.M_FRONT_LOAD] = geometry[sf.G_FRONT_STATIC] * vehicle.front_tyre.stiffness
         self._memory[sf.M_SLIDE_AGE] = _FRESH
         self._state = state.copy()
         self._read()

@@ -11,7 +11,7 @@ the wheel's rotation about its axle, ``-R_e spin`` along t, with ``R_e = R - cro
 
 Falls are named by what went before:
 
-* low side: the machine lies on the side it was leaning to when a tyre slid;
+* low side: the machine lies on the side it was leaning to when a tyre slid, or slides broadside;
 * high side: after a slide it is thrown over to the other side;
 * stoppie, wheelie: it went over the front or the rear wheel, past the point of balance;
 * tip over: it fell to a side with both tyres holding, as when it is too slow.
@@ -36,12 +36,12 @@ Vec = tuple[float, float, float]
 # --- memory -----------------------------------------------------------------------------------------------------------
 MEMORY_NAMES: Final = (
     "rear_slip", "rear_drift", "front_slip", "front_drift", "lean_reference", "lean_reference_rate", "integral",
-    "drive", "brake", "slide_side", "slide_age", "fall",
+    "drive", "brake", "front_load", "slide_side", "slide_age", "fall",
 )  # fmt: skip
 """What the forces remember from step to step; `fall` is an index of `FALL_NAMES`."""
 (
     M_REAR_SLIP, M_REAR_DRIFT, M_FRONT_SLIP, M_FRONT_DRIFT, M_LEAN, M_LEAN_RATE, M_INTEGRAL, M_DRIVE, M_BRAKE,
-    M_SLIDE_SIDE, M_SLIDE_AGE, M_FALL,
+    M_FRONT_LOAD, M_SLIDE_SIDE, M_SLIDE_AGE, M_FALL,
 ) = range(len(MEMORY_NAMES))  # fmt: skip
 
 FALL_NAMES: Final = ("none", "low_side", "high_side", "tip_over", "stoppie", "wheelie")
@@ -68,33 +68,38 @@ normalised slip (1 is linear saturation, the peak lies at `tyres.peak_slip`); cu
 
 # --- constants of the machine (Superbike.machine) ---------------------------------------------------------------------
 (
-    _W, _C, _LAM, _G, _RR, _RF, _IRYY, _IFYY, _FALL_ROLL, _MAX_STEER, _MASS,
+    _W, _C, _LAM, _G, _RR, _RF, _IRYY, _IFYY, _FALL_ROLL, _MAX_STEER, _MASS, _COM_X, _COM_H,
     _RIDER_MASS, _RIDER_X, _RIDER_H, _RIDER_IXX, _RIDER_IYY, _RIDER_IZZ, _SLIDE, _SLIDE_LEAN, _SLIDE_FREQUENCY,
     _DENSITY, _DRAG_AREA, _DOWN_AREA, _AIR_X, _AIR_H,
     _POWER, _POWER_RPM, _TORQUE, _TORQUE_RPM, _LIMITER, _LOW_TORQUE, _EFFICIENCY, _GEARS, _FIRST, _TOP, _DRIVE_LAG,
     _ENGINE_BRAKE, _CRANK,
     _BRAKE_FORCE, _FRONT_SHARE, _BRAKE_LAG,
     _DAMPER_SLOW, _DAMPER_FAST, _SLOW, _FAST, _STOP,
-    _MAX_LEAN, _FREQUENCY, _LEAN_RATE, _GYRO_SHARE, _MAX_TORQUE, _LEAN_GAIN, _RATE_GAIN_SLOW, _RATE_GAIN_FAST,
+    _MAX_LEAN, _FREQUENCY, _LEAN_RATE, _GYRO_SHARE, _MAX_TORQUE, _HOLD, _LEAN_GAIN, _RATE_GAIN_SLOW, _RATE_GAIN_FAST,
     _INTEGRAL_GAIN, _INTEGRAL_TORQUE,
-    _TC, _TC_ON, _TC_OFF, _WC, _WC_ON, _WC_OFF, _BC, _BC_ON, _BC_OFF, _SC, _SC_ON, _SC_OFF,
+    _TC, _TC_SHARE, _TC_ON, _TC_OFF, _WC, _WC_KEEP, _WC_LEAN, _WC_ON, _WC_OFF,
+    _BC, _BC_SHARE, _BC_ON, _BC_OFF, _SC, _SC_KEEP, _SC_ON, _SC_OFF,
 ) = range(len(MACHINE_NAMES))  # fmt: skip
 
 _STOP_STIFFNESS: Final = 4000.0  # N m/rad of the steering stop
 _STOP_DAMPING: Final = 20.0  # N m s/rad
+_FEELING_LAG: Final = 0.2  # s until the rider feels a change of the front wheel's load
+_LIGHTEST_HAND: Final = 0.25  # part of the gains left when the front wheel is in the air
 _LEAST_SPEED: Final = 0.5  # m/s below which slips are no longer told as ratios
 _SLIDING: Final = 1.15  # times the peak slip from which a tyre counts as sliding
 _SLIDE_LEAN_MIN: Final = 0.15  # rad; upright a slide has no side
 _SLIDE_MEMORY: Final = 1.5  # s a slide explains a fall
 _THROWN_RATE: Final = 6.0  # rad/s of roll away from the slide at which nobody stays on
+_SPUN: Final = math.cos(math.radians(60.0))  # of the angle between heading and way at which a slide is a crash
+_SPUN_SPEED: Final = 4.0  # m/s above which that counts
 _OVER: Final = math.sin(math.radians(55.0))  # pitch beyond every machine's point of balance
 
 
 # --- geometry in the rear frame's principal axes ----------------------------------------------------------------------
 GEOMETRY_SIZE: Final = 14
 (
-    _COS_P, _SIN_P, _AXLE_X, _AXLE_Z, _HEAD_X, _HEAD_Z, _FRONT_U, _COS_T, _SIN_T, _AIR_DX, _AIR_DZ, _REAR_STATIC,
-    _FRONT_STATIC, _TORQUE_SPACING,
+    _COS_P, _SIN_P, _AXLE_X, _AXLE_Z, _HEAD_X, _HEAD_Z, _FRONT_U, _COS_T, _SIN_T, _AIR_DX, _AIR_DZ, G_REAR_STATIC,
+    G_FRONT_STATIC, _TORQUE_SPACING,
 ) = range(GEOMETRY_SIZE)  # fmt: skip
 
 
@@ -234,11 +239,12 @@ def _wheel(
 @njit(cache=True)
 def _ride(
     memory: FloatArray, steering: float, roll: float, roll_rate: float, speed: float, front_fx: float, step: float,
-    m: FloatArray, front_crown: float,
+    m: FloatArray, front_crown: float, load_share: float,
 ) -> float:  # fmt: skip
     """Advance the virtual rider's reference and return the steering torque, N m, positive to the left.
 
-    Countersteering is in the sign: a torque to the left makes the machine lean to the right.
+    Countersteering is in the sign: a torque to the left makes the machine lean to the right. What the front tyre does
+    with steering goes with its load, and so do the rider's hands: `load_share` is that load by the standing machine's.
     """
     fast = _between(speed, m[_SLOW], m[_FAST])
     gyro = m[_IFYY] / m[_RF] * math.cos(m[_LAM]) * abs(speed)
@@ -256,8 +262,47 @@ def _ride(
     memory[M_INTEGRAL] = integral
     damping = m[_RATE_GAIN_SLOW] + fast * (m[_RATE_GAIN_FAST] - m[_RATE_GAIN_SLOW])
     braking = -min(front_fx, 0.0) * front_crown * math.sin(roll) * math.cos(m[_LAM])
-    torque = m[_LEAN_GAIN] * error + damping * (rate - roll_rate) + integral + gyro * rate + braking
+    ahead = gyro * rate + braking - load_share * m[_HOLD] * math.sin(lean)
+    hand = min(max(load_share, _LIGHTEST_HAND), 1.0)
+    torque = hand * (m[_LEAN_GAIN] * error + damping * (rate - roll_rate) + integral) + ahead
     return min(max(torque, -m[_MAX_TORQUE]), m[_MAX_TORQUE])
+
+
+@njit(cache=True)
+def force_limits(roll: float, squared_speed: float, m: FloatArray, tyre: FloatArray) -> tuple[float, float]:
+    """Return what the electronics allow in a steady turn at this lean: drive and front brake force, N.
+
+    Statics of the machine as a mass on two wheels, with its centre of mass lowered by the lean, drag and downforce;
+    the turn takes its part of the friction ellipse, and `traction_share` of the rest is free. Without a control its
+    limit is infinite.
+    """
+    sin_lean, cos_lean = abs(math.sin(roll)), max(math.cos(roll), 0.2)
+    pressure = 0.5 * m[_DENSITY] * squared_speed
+    drag, down = pressure * m[_DRAG_AREA], pressure * m[_DOWN_AREA] * cos_lean
+    height, air_height = m[_COM_H] * cos_lean, m[_AIR_H] * cos_lean
+    weight = m[_MASS] * m[_G]
+    # With thrust T the machine accelerates by (T - drag) / mass, and the front load is front - T height / w
+    front = (weight * m[_COM_X] + down * m[_AIR_X] - drag * (air_height - height)) / m[_W]
+    rear = weight + down - front
+    drive, brake = math.inf, math.inf
+    if m[_WC] > 0.0:
+        keep = m[_WC_KEEP] + m[_WC_LEAN] * sin_lean
+        drive = max(0.0, (front - keep) * m[_W] / height)
+    if m[_SC] > 0.0:
+        brake = max(0.0, (rear - m[_SC_KEEP]) * m[_W] / height)
+    turn = sin_lean / cos_lean
+    if m[_TC] > 0.0:
+        mu = tyres.friction(roll, tyre[0])
+        left = m[_TC_SHARE] * mu * tyre[0, tyres.FRICTION_RATIO] * math.sqrt(max(0.0, 1.0 - (turn / mu) ** 2))
+        # the thrust itself loads the rear wheel; no more than all of the weight
+        transfer = left * height / m[_W]
+        drive = min(drive, left * rear / (1.0 - transfer) if transfer < 1.0 else math.inf)
+    if m[_BC] > 0.0:
+        mu = tyres.friction(roll, tyre[1])
+        left = m[_BC_SHARE] * mu * tyre[1, tyres.FRICTION_RATIO] * math.sqrt(max(0.0, 1.0 - (turn / mu) ** 2))
+        transfer = left * height / m[_W]
+        brake = min(brake, left * front / (1.0 - transfer) if transfer < 1.0 else math.inf)
+    return drive, brake
 
 
 @njit(cache=True)
@@ -269,7 +314,7 @@ def _brake_torque(limit: float, spin: float, inertia: float, tyre_torque: float,
 @njit(cache=True)
 def _fall(
     memory: FloatArray, roll: float, roll_rate: float, nose_up: float, rear_load: float, front_load: float,
-    sliding: bool, step: float, fall_roll: float,
+    sliding: bool, sideways: bool, step: float, fall_roll: float,
 ) -> int:  # fmt: skip
     """Return how the machine falls at this instant, or `NO_FALL`, and remember slides."""
     if sliding and abs(roll) > _SLIDE_LEAN_MIN:
@@ -284,6 +329,8 @@ def _fall(
         return WHEELIE
     if slid and roll_rate * side < -_THROWN_RATE:
         return HIGH_SIDE
+    if sideways:
+        return LOW_SIDE
     if abs(roll) > fall_roll:
         if not slid:
             return TIP_OVER
@@ -323,8 +370,8 @@ def settle(roll: float, steer: float, m: FloatArray, geometry: FloatArray, tyre:
         front = _add(_mix(geometry[_HEAD_X], ex, geometry[_HEAD_Z], ez), _scale(geometry[_FRONT_U], ahead))
         rear_low, _t, _l, _r = wheel_contact(rear, ey, m[_RR], tyre[0, tyres.CROWN])
         front_low, _t, _l, _r = wheel_contact(front, fy_axis, m[_RF], tyre[1, tyres.CROWN])
-        height = -geometry[_REAR_STATIC] - rear_low[2]
-        gap = height + front_low[2] + geometry[_FRONT_STATIC]
+        height = -geometry[G_REAR_STATIC] - rear_low[2]
+        gap = height + front_low[2] + geometry[G_FRONT_STATIC]
         # the nose turns about the rear axle: a unit of pitch lowers the front contact by its distance ahead
         change = gap / (cr * (front_low[0] - rear_low[0]))
         pitch += change
@@ -415,6 +462,7 @@ def step(
     memory[M_DRIVE] += (max(throttle, 0.0) - memory[M_DRIVE]) * -math.expm1(-dt / m[_DRIVE_LAG])
     memory[M_BRAKE] += (max(-throttle, 0.0) - memory[M_BRAKE]) * -math.expm1(-dt / m[_BRAKE_LAG])
     drive, brake = memory[M_DRIVE], memory[M_BRAKE]
+    drive_limit, front_limit_force = force_limits(roll, _dot(velocity, velocity), m, tyre)
     traction_cut = wheelie_cut = front_cut = rear_cut = 1.0
     if m[_TC] > 0.0 and memory[M_REAR_SLIP] > 0.0:
         traction_cut = 1.0 - _between(rear_use, m[_TC_ON], m[_TC_OFF])
@@ -425,12 +473,13 @@ def step(
         rear_cut = 1.0 - _between(rear_use, m[_BC_ON], m[_BC_OFF])
     if m[_SC] > 0.0:
         front_cut *= _between(rfz, m[_SC_OFF], m[_SC_ON])
-    drive_torque = drive * traction_cut * wheelie_cut * _lookup(wheel_torque, rear_spin / geometry[_TORQUE_SPACING])
+    available = drive * _lookup(wheel_torque, rear_spin / geometry[_TORQUE_SPACING])
+    drive_torque = traction_cut * wheelie_cut * min(available, drive_limit * rear_radius)
     power = drive_torque * rear_spin / m[_EFFICIENCY]
     # closed throttle drags like a brake; so does rolling resistance
     rear_limit = (1.0 - drive) * m[_ENGINE_BRAKE] * m[_RR] + tyre[0, tyres.ROLLING] * rfz * rear_radius
     rear_brake = (1.0 - m[_FRONT_SHARE]) * brake * rear_cut * m[_BRAKE_FORCE] * m[_RR]
-    front_brake = m[_FRONT_SHARE] * brake * front_cut * m[_BRAKE_FORCE] * m[_RF]
+    front_brake = front_cut * min(m[_FRONT_SHARE] * brake * m[_BRAKE_FORCE], front_limit_force) * m[_RF]
     rear_held = _brake_torque(
         rear_limit + rear_brake, rear_spin, m[_IRYY], drive_torque - rfx * rear_radius, dt
     )  # fmt: skip
@@ -439,7 +488,9 @@ def step(
     rear_torque = drive_torque + rear_held
 
     # steering
-    steer_torque = _ride(memory, steering, roll, roll_rate, speed, ffx, dt, m, tyre[1, tyres.CROWN])
+    memory[M_FRONT_LOAD] += (ffz - memory[M_FRONT_LOAD]) * -math.expm1(-dt / _FEELING_LAG)
+    share = memory[M_FRONT_LOAD] / (geometry[G_FRONT_STATIC] * tyre[1, tyres.STIFFNESS])
+    steer_torque = _ride(memory, steering, roll, roll_rate, speed, ffx, dt, m, tyre[1, tyres.CROWN], share)
     fast = _between(speed, m[_SLOW], m[_FAST])
     fork_torque = steer_torque - (m[_DAMPER_SLOW] + fast * (m[_DAMPER_FAST] - m[_DAMPER_SLOW])) * steer_rate
     if abs(steer) > m[_MAX_STEER]:
@@ -455,9 +506,9 @@ def step(
     air_point = _add(position, _mix(geometry[_AIR_DX], ex, geometry[_AIR_DZ], ez))
 
     # rider across the machine: leads with the reference he rides to
-    share = min(max(memory[M_LEAN] / math.radians(m[_SLIDE_LEAN]), -1.0), 1.0)
+    lean_share = min(max(memory[M_LEAN] / math.radians(m[_SLIDE_LEAN]), -1.0), 1.0)
     ws = m[_SLIDE_FREQUENCY]
-    slide_force = m[_RIDER_MASS] * ws * (ws * (-m[_SLIDE] * share - slide) - 2.0 * slide_rate)
+    slide_force = m[_RIDER_MASS] * ws * (ws * (-m[_SLIDE] * lean_share - slide) - 2.0 * slide_rate)
 
     # the crankshaft's spin momentum turns with the frame
     crank = _scale(m[_CRANK], _cross(ey, omega))
@@ -475,8 +526,9 @@ def step(
     steer_joint = fork_torque + _dot(axis, _add(front_moment, _cross(hub_arm, front_force)))
 
     sliding = max(rear_use / tyres.peak_slip(tyre[0]), front_use / tyres.peak_slip(tyre[1])) > _SLIDING
+    sideways = size > _SPUN_SPEED and speed < _SPUN * size
     if memory[M_FALL] == NO_FALL:
-        memory[M_FALL] = _fall(memory, roll, roll_rate, ex[2], rfz, ffz, sliding, dt, m[_FALL_ROLL])
+        memory[M_FALL] = _fall(memory, roll, roll_rate, ex[2], rfz, ffz, sliding, sideways, dt, m[_FALL_ROLL])
 
     yaw_rate = omega[2]
     telemetry[T_SPEED] = speed
