@@ -227,7 +227,8 @@ def driven(
     Args:
         limits: see :func:`limit_tables`.
         square: squared speed at this point, m^2/s^2.
-        bend: curvature here, 1/m. bend_ahead: at the next point, 1/m.
+        bend: curvature here, 1/m.
+        bend_ahead: curvature at the next point, 1/m.
         distance: to the next point, m.
         hill: deceleration by the slope of the road, m/s^2.
         exponent: of the combination of accelerations.

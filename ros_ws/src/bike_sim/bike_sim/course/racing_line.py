@@ -15,7 +15,9 @@ import numpy as np
 import osqp
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.interpolate import CubicSpline
 
+from bike_sim.course.projection import point_at
 from bike_sim.course.track import Track
 
 FloatArray = NDArray[np.float64]
@@ -80,14 +82,17 @@ def stations_of(track: Track, spacing: float = STATION_SPACING, margin: float = 
     if not spacing > 0.0 or not margin >= 0.0:
         raise ValueError(f"station spacing must be positive and margin >= 0, got {spacing!r} and {margin!r} m")
     count = max(LEAST_STATIONS, round(track.length / spacing))
-    rows = np.floor(np.linspace(0.0, len(track.centre.s) - 1, count, endpoint=False)).astype(np.int64)
-    heading = track.centre.heading[rows]
-    left, right = track.width_left[rows], track.width_right[rows]
+    # In exactly equal steps: offsets that are smooth from station to station would be a kinked line otherwise.
+    progress = np.linspace(0.0, track.length, count, endpoint=False)
+    centre = track.centre
+    found = [point_at(centre.x, centre.y, centre.heading, centre.spacing, True, s) for s in progress]
+    x, y, along, across = np.array(found).T
+    left, right = track.at(track.width_left, progress), track.at(track.width_right, progress)
     kept = np.minimum(margin, 0.1 * (left + right))
     return Stations(
-        track.centre.s[rows],
-        np.stack([track.centre.x[rows], track.centre.y[rows]], axis=1),
-        np.stack([-np.sin(heading), np.cos(heading)], axis=1),
+        progress,
+        np.stack([x, y], axis=1),
+        np.stack([-across, along], axis=1),
         -(right - kept),
         left - kept,
         track.length,
@@ -177,7 +182,8 @@ def solve_step(hessian: sparse.csc_matrix, gradient: FloatArray, lowest: FloatAr
     Args:
         hessian: H, sparse, symmetric, positive semidefinite.
         gradient: g.
-        lowest: least step. highest: largest step; both of the shape of the gradient.
+        lowest: least step, of the shape of the gradient.
+        highest: largest step.
 
     Raises:
         NoLineError: the solver does not find one.
@@ -207,8 +213,6 @@ def solve_step(hessian: sparse.csc_matrix, gradient: FloatArray, lowest: FloatAr
 
 def at_samples(track: Track, stations: Stations, offset: FloatArray) -> FloatArray:
     """Return offsets of stations at the samples of the centre line, by a periodic cubic spline kept within limits."""
-    from scipy.interpolate import CubicSpline
-
     spline = CubicSpline(
         np.append(stations.progress, stations.length), np.append(offset, offset[0]), bc_type="periodic"
     )
