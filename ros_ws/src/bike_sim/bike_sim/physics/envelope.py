@@ -1,7 +1,6 @@
 """What a machine can do: its largest lateral, driving and braking accelerations over speed (the g-g-v diagram).
 
-The container only; `bike_sim.physics.superbike_envelope.envelope` fills it for a machine from its tyres, geometry,
-power and air. A lap-time simulation needs nothing else of a machine.
+`envelope` computes them from tyres, geometry, power and air; a lap-time simulation needs nothing else of a machine.
 """
 
 from __future__ import annotations
@@ -10,6 +9,9 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
+
+from bike_sim.physics import superbike_statics as statics
+from bike_sim.physics.superbike import Superbike
 
 FloatArray = NDArray[np.float64]
 
@@ -86,3 +88,28 @@ class Envelope:
         air = np.interp(speed, self.speeds, self.drag)
         straight = np.interp(speed, self.speeds, self.brake_max)
         return np.asarray((straight - air) * self.left_for_tyres(speed, lateral) + air)
+
+
+def envelope(vehicle: Superbike, share: float = statics.RIDEABLE_SHARE) -> Envelope:
+    """Return what a machine can do from 5 m/s to beyond its top speed.
+
+    Args:
+        vehicle: the machine with its rider and electronics.
+        share: part of the tyres' friction that turning may use, see `superbike_statics.RIDEABLE_SHARE`.
+    """
+    speeds = np.arange(5.0, 1.1 * vehicle.motor.top_gear_speed, 1.0)
+    mass = statics.inertial_mass(vehicle)
+    lateral, drive, brake, grip, air = [], [], [], [], []
+    for speed in speeds:
+        resistance = statics.rolling_drag(vehicle, speed)
+        thrust, braking = statics.straight_limits(vehicle, speed)
+        lateral.append(statics.lateral_limit(vehicle, speed, share)[0])
+        drive.append(max(0.0, min(thrust, statics.engine_force(vehicle, speed)) - resistance) / mass)
+        brake.append((braking + resistance) / mass)
+        grip.append(thrust / mass)
+        air.append(resistance / mass)
+    return Envelope(
+        vehicle.name,
+        speeds,
+        *(np.array(values) for values in (lateral, drive, brake, grip, air)),
+    )

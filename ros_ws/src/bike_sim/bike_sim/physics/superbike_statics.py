@@ -1,0 +1,164 @@
+"""Steady states of a superbike in closed form: lateral acceleration against lean, and what limits turn, drive and brake.
+
+Independent of the engine: it is what the simulated steady turns are compared with, and where the envelope for lap-time
+simulation comes from. Written in the plane across the machine; sideways is positive into the turn.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_sim.physics import superbike_forces as sf
+from bike_sim.physics.superbike import Superbike, Tyre
+
+FloatArray = NDArray[np.float64]
+
+RIDEABLE_SHARE: Final = 0.9
+"""Part of a tyre's friction that a steady turn may use. Beyond it more slip gives hardly more force, and no rider holds
+the machine: simulated, the virtual rider of all five machines holds 57 deg of lean from 20 m/s up, and none holds 59."""
+
+
+def steady_lateral(vehicle: Superbike, lean: float, speed: float) -> float:
+    """Return the lateral acceleration of a steady turn at a lean (rad, >= 0) and speed (m/s), m/s^2.
+
+    Balance of moments about the line through both contact points, which the toroidal tyres move towards the lean and
+    the sliding rider's weight counters:
+
+        m a z + (a / u) H cos(lean) - (a / u)^2 K sin(lean) cos(lean) = m g y - D c sin(lean)
+
+    with the centre of mass at y (into the turn) and z (above the ground), the spin momentum H of wheels and crankshaft,
+    K the integral of z^2 - y^2 over the mass about its centre in the machine's own axes, the downforce D, and the
+    crown radius c.
+    """
+    sin_lean, cos_lean = math.sin(lean), math.cos(lean)
+    x, height = vehicle.centre_of_mass
+    front_share = x / vehicle.w
+    crown = front_share * vehicle.front_tyre.crown + (1.0 - front_share) * vehicle.rear_tyre.crown
+    slide = vehicle.rider.slide * min(1.0, math.degrees(lean) / vehicle.rider.slide_lean_deg)
+    offset = vehicle.rider.mass * slide / vehicle.mass
+    y = (height - crown) * sin_lean + offset * cos_lean
+    z = crown + (height - crown) * cos_lean - offset * sin_lean
+    momentum = vehicle.motor.crank_momentum
+    for inertia, radius, tyre in (
+        (vehicle.IRyy, vehicle.rR, vehicle.rear_tyre),
+        (vehicle.IFyy, vehicle.rF, vehicle.front_tyre),
+    ):
+        momentum += inertia * speed / (radius - tyre.crown * (1.0 - cos_lean))
+    down = 0.5 * vehicle.air.density * vehicle.air.down_area * speed**2
+    gravity = vehicle.mass * vehicle.g * y - down * crown * sin_lean
+    linear = vehicle.mass * z + momentum / speed * cos_lean
+    quadratic = _spread(vehicle, height) * sin_lean * cos_lean / speed**2
+    a = gravity / linear
+    for _ in range(20):
+        a = gravity / (linear - quadratic * a)
+    return a
+
+
+def _spread(vehicle: Superbike, height: float) -> float:
+    """Return the integral of z^2 - y^2 over the mass about its common centre, in the machine's axes, kg m2."""
+    bodies = (
+        (vehicle.mR, vehicle.rR, vehicle.IRyy, vehicle.IRxx),
+        (vehicle.mF, vehicle.rF, vehicle.IFyy, vehicle.IFxx),
+        (vehicle.mB, -vehicle.zB, vehicle.IByy, vehicle.IBzz),
+        (vehicle.mH, -vehicle.zH, vehicle.IHyy, vehicle.IHzz),
+    )
+    return sum(mass * (z - height) ** 2 + i_yy - i_zz for mass, z, i_yy, i_zz in bodies)
+
+
+def drag(vehicle: Superbike, speed: float) -> float:
+    """Return the drag at a speed (m/s), N."""
+    return 0.5 * vehicle.air.density * vehicle.air.drag_area * speed**2
+
+
+def wheel_loads(vehicle: Superbike, lean: float, speed: float, thrust: float) -> tuple[float, float]:
+    """Return the rear and the front load, N, with a thrust (N, negative braking) at the ground."""
+    cos_lean = math.cos(lean)
+    x, height = vehicle.centre_of_mass
+    air = vehicle.air
+    down = 0.5 * air.density * air.down_area * speed**2 * cos_lean
+    weight = vehicle.mass * vehicle.g
+    pull = drag(vehicle, speed)
+    front = (
+        weight * x + down * air.x - pull * (air.height - height) * cos_lean - thrust * height * cos_lean
+    ) / vehicle.w
+    return weight + down - front, front
+
+
+def friction_use(vehicle: Superbike, lean: float, speed: float) -> tuple[float, float]:
+    """Return which part of their friction the rear and the front tyre use in a steady turn; above 1 it slides out."""
+    lateral = vehicle.mass * steady_lateral(vehicle, lean, speed)
+    air = vehicle.air
+    outward = 0.5 * air.density * air.down_area * speed**2 * math.sin(lean)  # downforce leans with the machine
+    x, _ = vehicle.centre_of_mass
+    # Drag acts well inside the line of contacts, the thrust on it: both turn the machine in and relieve the front tyre
+    inside = (air.height - vehicle.rear_tyre.crown) * math.sin(lean)
+    front_side = (lateral * x + outward * air.x - drag(vehicle, speed) * inside) / vehicle.w
+    rear_side = lateral + outward - front_side
+    thrust = drag(vehicle, speed)
+    rear, front = wheel_loads(vehicle, lean, speed, thrust)
+    thrust += vehicle.rear_tyre.rolling * rear + vehicle.front_tyre.rolling * front
+    mu_rear, mu_front = (_friction(tyre, lean) for tyre in (vehicle.rear_tyre, vehicle.front_tyre))
+    along = thrust / (mu_rear * vehicle.rear_tyre.friction_ratio * rear)
+    return math.hypot(along, rear_side / (mu_rear * rear)), front_side / (mu_front * front)
+
+
+def _friction(tyre: Tyre, camber: float) -> float:
+    return tyre.friction / (1.0 + tyre.camber_fade * camber * camber)
+
+
+def lateral_limit(vehicle: Superbike, speed: float, share: float = RIDEABLE_SHARE) -> tuple[float, float]:
+    """Return the largest steady lateral acceleration at a speed (m/s), m/s^2, and its lean, rad.
+
+    Both tyres stay within `share` of their friction, and the lean within the rider's.
+    """
+    largest = math.radians(vehicle.virtual_rider.max_lean_deg)
+    low, high = 0.0, largest
+    if max(friction_use(vehicle, largest, speed)) > share:
+        for _ in range(40):  # friction use grows with lean
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if max(friction_use(vehicle, middle, speed)) <= share else (low, middle)
+    return steady_lateral(vehicle, high, speed), high
+
+
+def inertial_mass(vehicle: Superbike) -> float:
+    """Return the mass that thrust accelerates, the spinning wheels included, kg."""
+    return vehicle.mass + vehicle.IRyy / vehicle.rR**2 + vehicle.IFyy / vehicle.rF**2
+
+
+def rolling_drag(vehicle: Superbike, speed: float) -> float:
+    """Return drag and rolling resistance, N."""
+    rear, front = wheel_loads(vehicle, 0.0, speed, 0.0)
+    return drag(vehicle, speed) + vehicle.rear_tyre.rolling * rear + vehicle.front_tyre.rolling * front
+
+
+def engine_force(vehicle: Superbike, speed: float) -> float:
+    """Return the full-throttle force at the rear tyre in the best gear, N."""
+    position = speed / vehicle.rR / vehicle.wheel_torque_spacing
+    table = vehicle.wheel_torque
+    return float(np.interp(position, np.arange(table.size), table, right=0.0)) / vehicle.rR
+
+
+def straight_limits(vehicle: Superbike, speed: float) -> tuple[float, float]:
+    """Return the largest thrust and braking force that tyres, wheels on the ground and electronics allow, N.
+
+    With the wheelie and the stoppie control off a wheel may just lift.
+    """
+    drive, front_brake = sf.force_limits(0.0, speed**2, vehicle.machine, vehicle.tyres)
+    x, height = vehicle.centre_of_mass
+    rear, front = wheel_loads(vehicle, 0.0, speed, 0.0)
+    mu_rear = vehicle.rear_tyre.friction * vehicle.rear_tyre.friction_ratio
+    mu_front = vehicle.front_tyre.friction * vehicle.front_tyre.friction_ratio
+    lever = height / vehicle.w
+    lift = front / lever
+    grip = mu_rear * rear / (1.0 - mu_rear * lever) if mu_rear * lever < 1.0 else math.inf
+    drive = min(drive, lift, grip)
+    stoppie = rear / lever
+    front_most = mu_front * front / (1.0 - mu_front * lever) if mu_front * lever < 1.0 else math.inf
+    front_brake = min(front_brake, vehicle.brakes.front_share * vehicle.brakes.force, front_most)
+    rear_left = max(0.0, rear - front_brake * lever)
+    rear_brake = min((1.0 - vehicle.brakes.front_share) * vehicle.brakes.force, mu_rear * rear_left / (1.0 + mu_rear * lever))
+    return drive, min(front_brake + rear_brake, stoppie)
