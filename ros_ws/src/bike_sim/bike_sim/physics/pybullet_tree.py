@@ -39,6 +39,7 @@ with _quiet_stderr():
     import pybullet as bullet
 
 __all__ = [
+    "AXLE_TO_Z",
     "FORK",
     "FRONT_WHEEL",
     "LINKS",
@@ -57,6 +58,9 @@ FRONT_WHEEL: Final = 2
 SLIDER: Final = 3
 """Link numbers; the rear frame is the base of the tree, and a sliding rider comes last."""
 LINKS: Final = (REAR_WHEEL, FORK, FRONT_WHEEL)
+AXLE_TO_Z: Final = mapping.axis_angle(np.array([1.0, 0.0, 0.0]), -0.5 * math.pi)
+"""From a wheel's own axes, axle along y, to those of its Bullet link, axle along z: a cylinder that needs no turning
+inside its link is the cheapest shape."""
 
 
 class Slider(NamedTuple):
@@ -90,11 +94,11 @@ def build_tree(client: int, vehicle: Vehicle, wheels: list[int], slider: Slider 
     tensors = mapping.inertia_tensors(vehicle)
     frame_axes, frame_moments = principal_axes(tensors[mapping.REAR_FRAME])
     fork_axes, fork_moments = principal_axes(tensors[mapping.FORK])
-    straight, axle_up = (0.0, 0.0, 0.0, 1.0), mapping.axis_angle(np.array([1.0, 0.0, 0.0]), -0.5 * math.pi)
+    straight = (0.0, 0.0, 0.0, 1.0)
     masses = [vehicle.mR, vehicle.mH, vehicle.mF]
     shapes = [wheels[0], -1, wheels[1]]
     positions = [rear - frame, reference.head - frame, front - reference.head]
-    orientations = [axle_up, straight, axle_up]
+    orientations = [AXLE_TO_Z, straight, AXLE_TO_Z]
     inertial_positions = [nowhere, fork - reference.head, nowhere]
     inertial_orientations = [straight, fork_axes, straight]
     parents, axes = [0, 0, FORK + 1], [(0.0, 0.0, 1.0), reference.steering_axis, (0.0, 0.0, 1.0)]
