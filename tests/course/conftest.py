@@ -1,10 +1,15 @@
-"""Queries of a course without its columns."""
+"""Queries of a course without its columns, and circuits made by formula."""
+
+import math
 
 import numpy as np
 import pytest
 
 from bike_sim.course import projection
 from bike_sim.course.course import Course
+from bike_sim.course.elements import Arc, Line
+from bike_sim.course.limits import RunOff, wall_distances
+from bike_sim.course.track import Track, find_corners
 
 
 class Queries:
@@ -49,6 +54,56 @@ class Queries:
         return found[0], found[1]
 
 
+class Shapes:
+    """Circuits made by formula."""
+
+    @staticmethod
+    def track_of(centre: Course, width: float = 12.0) -> Track:
+        """Return a flat circuit of constant width."""
+        half = np.full(len(centre.s), 0.5 * width)
+        thirds = tuple((f"sector {i + 1}", i * centre.length / 3.0) for i in range(3))
+        centre = Course(
+            centre.name,
+            centre.s,
+            centre.x,
+            centre.y,
+            centre.heading,
+            centre.curvature,
+            True,
+            width_left=half,
+            width_right=half.copy(),
+            sections=thirds,
+        )
+        left, right = wall_distances(centre, RunOff())
+        return Track(centre, np.zeros(len(half)), left, right, find_corners(centre))
+
+    @staticmethod
+    def circle(radius: float = 100.0, width: float = 12.0) -> Track:
+        return Shapes.track_of(Course.from_elements("circle", [Arc(radius, 2.0 * math.pi)], closed=True), width)
+
+    @staticmethod
+    def oval(radius: float = 50.0, straight: float = 300.0, width: float = 12.0) -> Track:
+        half = [Line(straight), Arc(radius, math.pi)]
+        return Shapes.track_of(Course.from_elements("oval", half + half, closed=True), width)
+
+    @staticmethod
+    def ring_points(count: int = 200, radius: float = 150.0, wave: float = 0.25, lobes: int = 3) -> np.ndarray:
+        """Return points of a smooth closed line with bends both ways, counter-clockwise, the first not repeated."""
+        angle = np.linspace(0.0, 2.0 * math.pi, count, endpoint=False)
+        r = radius * (1.0 + wave * np.cos(lobes * angle))
+        return np.stack([r * np.cos(angle), r * np.sin(angle)], axis=1)
+
+    @staticmethod
+    def csv_text(points: np.ndarray, right: float = 5.0, left: float = 6.0) -> str:
+        rows = [f"{x!r},{y!r},{right},{left}" for x, y in points.tolist()]
+        return "# x_m,y_m,w_tr_right_m,w_tr_left_m\n" + "\n".join(rows) + "\n"
+
+
 @pytest.fixture(scope="session")
 def ask() -> type[Queries]:
     return Queries
+
+
+@pytest.fixture(scope="session")
+def shapes() -> type[Shapes]:
+    return Shapes

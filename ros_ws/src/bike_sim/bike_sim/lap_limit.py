@@ -152,9 +152,12 @@ def limit_tables(envelope: Envelope) -> FloatArray:
 
     Returns:
         Rows lateral, drive, brake by the tyres alone, drive by the tyres alone, drag; shape (5, m), 0.25 m/s apart
-        from standstill.
+        from standstill to the top speed (where drag takes all drive), which no profile exceeds.
     """
-    speeds = np.arange(0.0, float(envelope.speeds[-1]) + _TABLE_STEP, _TABLE_STEP)
+    pulling = envelope.drive_max > 0.0
+    stop = len(pulling) if pulling[-1] else len(pulling) - int(np.argmax(pulling[::-1])) + 1
+    highest = float(envelope.speeds[stop - 1])
+    speeds = np.arange(0.0, highest + _TABLE_STEP, _TABLE_STEP)
 
     def on_grid(values: FloatArray) -> FloatArray:
         return np.interp(speeds, envelope.speeds, values)

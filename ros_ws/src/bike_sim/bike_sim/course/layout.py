@@ -82,7 +82,12 @@ def curvature_profile(pieces: Sequence[Piece], transition: float) -> Profile:
     Args:
         pieces: in order; the last joins the first in curvature as well.
         transition: wanted length of the ramps, m.
+
+    Raises:
+        ValueError: the transition is not positive; curvature would jump.
     """
+    if not transition > 0.0:
+        raise ValueError(f"transition between pieces must be longer than 0, got {transition!r} m")
     lengths = np.array([piece.length for piece in pieces])
     bends = np.array([piece.curvature for piece in pieces])
     ends = np.cumsum(lengths)

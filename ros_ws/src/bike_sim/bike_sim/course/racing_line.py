@@ -36,7 +36,7 @@ CONVERGED = 0.01
 """The line is done when no station moves by more than this, m."""
 
 _STEP_PENALTY = 1e-9
-_SIGNIFICANT = 1e-4
+_SIGNIFICANT = 1e-5
 
 
 class NoLineError(ValueError):

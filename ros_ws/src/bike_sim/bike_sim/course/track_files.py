@@ -185,8 +185,6 @@ def _track_from_yaml(document: Mapping[str, Any], path: Path) -> Track:
     width = length_of(document["width_m"], "width_m")
     if width < LEAST_WIDTH:
         raise CourseFileError(f"width_m is {width}, a road is at least {LEAST_WIDTH} m wide")
-    if transition < 0.0:
-        raise CourseFileError(f"transition_m is {transition}, it must not be negative")
     pieces = close_layout(_pieces(document["elements"]), length, transition)
     profile = curvature_profile(pieces, transition)
     s, x, y, heading, curvature = trace_layout(profile, SAMPLE_SPACING, _start(document.get("start", {})))
@@ -234,7 +232,7 @@ def _pieces(entries: Any) -> list[Piece]:
             length, angle = values_of(entry["arc"], f"{where}arc", ("length_m", "angle_deg"))
             turned = math.radians(number_of(angle, f"{where}angle_deg"))
             if turned == 0.0:
-                raise CourseFileError("an arc's angle_deg must not be 0")
+                raise CourseFileError(f"{where}angle_deg of an arc must not be 0")
             pieces.append(Piece(length_of(length, f"{where}length_m"), turned, text_of(entry, "corner", "", where)))
         except CourseFileError:
             raise

@@ -1,0 +1,144 @@
+"""The theoretical lap against closed forms."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from bike_sim.course.course import Course
+from bike_sim.course.elements import Line
+from bike_sim.course.track_files import load_track
+from bike_sim.lap_limit import GRAVITY, lap_limit
+from bike_sim.minimum_time import with_fastest_line
+from bike_sim.physics.envelope import Envelope
+from bike_sim.point_mass import point_mass_envelope
+
+MACHINE = point_mass_envelope(1.4)
+
+
+def constant(lateral: float = 12.0, drive: float = 6.0, brake: float = 9.0, exponent: float = 2.0) -> Envelope:
+    """Return a machine without air whose limits do not change with speed."""
+    speeds = np.array([0.0, 100.0])
+    flat = np.ones(2)
+    return Envelope("constant", speeds, lateral * flat, drive * flat, brake * flat, drive * flat, 0.0 * flat, exponent)
+
+
+@pytest.mark.parametrize("radius", [30.0, 100.0, 400.0])
+def test_lap_of_a_circle(shapes, radius):
+    lap = lap_limit(constant(lateral=12.0), shapes.circle(radius).centre)
+    assert lap.lap_time == pytest.approx(2.0 * math.pi * radius / math.sqrt(12.0 * radius), rel=1e-4)
+    assert lap.speed == pytest.approx(math.sqrt(12.0 * radius), rel=1e-4)
+    assert np.abs(lap.lateral) == pytest.approx(12.0, rel=1e-4)
+    assert lap.braking_points == ()
+
+
+def test_lap_of_an_oval_whose_curves_do_not_accelerate(shapes):
+    # On the straight: v^2 grows by 2 a s until braking must begin. In the curves: constant speed.
+    radius, straight, lateral, drive, brake = 50.0, 300.0, 12.0, 6.0, 9.0
+    lap = lap_limit(constant(lateral, drive, brake), shapes.oval(radius, straight).centre, step=0.2)
+    corner = math.sqrt(lateral * radius)
+    gather = straight * brake / (drive + brake)
+    top = math.sqrt(corner**2 + 2.0 * drive * gather)
+    expected = 2.0 * (math.pi * radius / corner + (top - corner) / drive + (top - corner) / brake)
+    assert lap.lap_time == pytest.approx(expected, rel=1e-3)
+    assert lap.speed.max() == pytest.approx(top, rel=2e-3)
+    first, second = lap.braking_points
+    assert first.begin == pytest.approx(gather, abs=1.5)
+    assert second.begin == pytest.approx(gather + straight + math.pi * radius, abs=1.5)
+    assert (first.speed_before, first.speed_after) == pytest.approx((top, corner), rel=5e-3)
+    assert first.deceleration == pytest.approx(brake, rel=0.02)
+
+
+def test_top_speed_is_where_power_meets_drag(shapes):
+    lap = lap_limit(MACHINE, shapes.circle(5000.0).centre)
+    top = (151_800.0 / (0.5 * 1.2 * 0.33)) ** (1.0 / 3.0)
+    assert lap.speed == pytest.approx(top, rel=0.01)
+
+
+def test_refinement_converges(shapes):
+    line = load_track("cremona").centre
+    times = [lap_limit(MACHINE, line, step).lap_time for step in (4.0, 2.0, 1.0, 0.5)]
+    changes = np.abs(np.diff(times))
+    assert np.all(changes[1:] < 0.7 * changes[:-1])
+    assert changes[-1] < 0.02
+
+
+def test_mirrored_circuit_has_the_same_lap():
+    track = load_track("phillip_island")
+    track = track.with_ideal(2.0 * np.sin(track.centre.s / 100.0 * (200.0 * math.pi / track.length)))
+    for lam in (0.0, 1.0):
+        times = [lap_limit(MACHINE, t.line(lam)).lap_time for t in (track, track.mirrored())]
+        assert times[0] == pytest.approx(times[1], abs=1e-6)
+
+
+def test_profile_does_not_depend_on_where_the_line_is_drawn():
+    line = load_track("cremona").centre
+    rows = np.roll(np.arange(len(line.s) - 1), -12345)
+    rows = np.append(rows, rows[0])
+    heading = np.unwrap(line.heading[rows])
+    shifted = dataclasses.replace(
+        line, x=line.x[rows], y=line.y[rows], heading=heading, curvature=line.curvature[rows], sections=()
+    )
+    assert lap_limit(MACHINE, shifted).lap_time == pytest.approx(lap_limit(MACHINE, line).lap_time, abs=2e-3)
+
+
+def test_no_point_exceeds_the_machine():
+    lap = lap_limit(MACHINE, load_track("barcelona").centre)
+    lateral, longitudinal = lap.lateral[:-1], lap.longitudinal[:-1]
+    speed = 0.5 * (lap.speed[1:] + lap.speed[:-1])
+    assert np.all(lap.speed <= lap.corner_speed + 1e-9)
+    assert np.all(np.abs(lateral) <= MACHINE.lateral(speed) * 1.001)
+    # At the limit of cornering what is left has an infinite slope: a hundredth of the lateral acceleration is allowed.
+    side = 0.99 * 0.5 * (lap.lateral[1:] + lap.lateral[:-1])
+    assert np.all(longitudinal <= MACHINE.drive(speed, side) + 0.05)
+    assert np.all(-longitudinal <= MACHINE.brake(speed, side) + 0.05)
+
+
+def test_every_limit_matters():
+    line = load_track("barcelona").centre
+    base = lap_limit(constant(), line).lap_time
+    assert lap_limit(constant(lateral=13.0), line).lap_time < base - 0.5
+    assert lap_limit(constant(drive=7.0), line).lap_time < base - 0.5
+    assert lap_limit(constant(brake=11.0), line).lap_time < base - 0.3
+    assert lap_limit(constant(exponent=4.0), line).lap_time < base - 0.3
+
+
+def test_hills_slow_up_and_help_down(shapes):
+    track = shapes.oval(50.0, 400.0)
+    up = np.where(track.centre.s < 400.0, 0.05, 0.0)
+    flat, climbing = (lap_limit(MACHINE, track.centre, grade=grade) for grade in (None, up))
+    rows = (flat.s > 20.0) & (flat.s < 200.0)
+    lost = (flat.longitudinal - climbing.longitudinal)[rows]
+    assert np.mean(lost) == pytest.approx(0.05 * GRAVITY, rel=0.35)
+    assert climbing.lap_time > flat.lap_time
+
+
+def test_time_distance_and_sectors_agree():
+    lap = lap_limit(MACHINE, load_track("barcelona").centre)
+    assert sum(lap.sector_times) == pytest.approx(lap.lap_time, abs=1e-9)
+    assert len(lap.sector_times) == 3
+    middle = 0.5 * (lap.speed[1:] + lap.speed[:-1])
+    assert np.sum(np.diff(lap.time) * middle) == pytest.approx(lap.s[-1])
+    assert lap.speed_at(lap.s[-1] + lap.s[7]) == pytest.approx(lap.speed[7])
+
+
+# WorldSBK's best laps (2024 and 2025) and a machine that corners as theirs do. Cremona was lengthened by 66 m since.
+@pytest.mark.parametrize(("name", "record"), [("barcelona", 99.49), ("phillip_island", 87.92), ("cremona", 87.87)])
+def test_theoretical_lap_is_near_the_record(name, record):
+    track = with_fastest_line(load_track(name), MACHINE)
+    assert lap_limit(MACHINE, track.line(1.0)).lap_time == pytest.approx(record, rel=0.03)
+
+
+def test_bad_requests_are_refused(shapes):
+    line = shapes.circle().centre
+    with pytest.raises(ValueError, match="is open"):
+        lap_limit(MACHINE, Course.from_elements("line", [Line(100.0)]))
+    with pytest.raises(ValueError, match="step of the profile"):
+        lap_limit(MACHINE, line, step=0.0)
+    with pytest.raises(ValueError, match="grade has 3 samples"):
+        lap_limit(MACHINE, line, grade=np.zeros(3))
+    with pytest.raises(ValueError, match="no drive"):
+        lap_limit(constant(drive=0.0), line)
+    with pytest.raises(ValueError, match="power of a point mass"):
+        point_mass_envelope(power=-1.0)
