@@ -95,7 +95,7 @@ def _parse_rows(text: str) -> tuple[FloatArray, list[int], bool]:
             if not rows and {"x_m", "y_m"} <= set(cells):
                 columns, wanted = _named_columns(cells, number), len(cells)
             continue
-        if not rows and columns is None and not any(_is_number(cell) for cell in cells):
+        if not rows and columns is None and all(_is_name(cell) for cell in cells):
             columns, wanted = _named_columns(cells, number), len(cells)
             continue
         if columns is None:
@@ -118,6 +118,10 @@ def _split(line: str) -> list[str]:
     cells = [cell.strip() for cell in line.split(separator)]
     # Spreadsheets and some tools end every row with a separator.
     return cells[:-1] if len(cells) > 1 and not cells[-1] else cells
+
+
+def _is_name(cell: str) -> bool:
+    return cell[:1].isalpha() and not _is_number(cell)
 
 
 def _is_number(cell: str) -> bool:

@@ -79,13 +79,14 @@ def _load_file(path: Path) -> Course:
 
 
 def _read_text(path: Path) -> str:
-    if not path.is_file():
-        if path.exists():
-            raise CourseFileError("is not a file")
-        raise FileNotFoundError(f"there is no course file {path}")
-    if path.stat().st_size > MAX_FILE_SIZE:
-        raise CourseFileError(f"is larger than {MAX_FILE_SIZE // 1_000_000} MB, which no course is")
-    data = path.read_bytes()
+    try:
+        if path.stat().st_size > MAX_FILE_SIZE:
+            raise CourseFileError(f"is larger than {MAX_FILE_SIZE // 1_000_000} MB, which no course is")
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise FileNotFoundError(f"there is no course file {path}") from None
+    except OSError as error:
+        raise CourseFileError(f"cannot be read: {error.strerror}") from None
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

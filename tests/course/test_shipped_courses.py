@@ -1,0 +1,159 @@
+"""Every shipped course is found here by itself; the benchmark path also holds what its source says of it."""
+
+import math
+from importlib import resources
+
+import numpy as np
+import pytest
+import yaml
+
+from bike_sim.course.files import FORMAT, load_course, shipped_courses
+from bike_sim.course.random_paths import CURRICULUM_PATHS
+
+A = 5.0  # m, the length unit of the benchmark path
+
+
+@pytest.fixture(params=shipped_courses())
+def course(request):
+    return load_course(request.param)
+
+
+def document(name):
+    return yaml.safe_load((resources.files("bike_sim") / f"config/courses/{name}.yaml").read_text())
+
+
+def test_file_says_what_it_is(course):
+    text = document(course.name)
+    assert text["format"] == FORMAT
+    assert len(text["description"]) > 20
+
+
+def test_samples_are_about_a_tenth_of_a_metre_apart(course):
+    np.testing.assert_allclose(np.diff(course.s), 0.1, rtol=0.01)
+
+
+def test_position_and_heading_are_continuous(course):
+    chords = np.hypot(np.diff(course.x), np.diff(course.y))
+    bend = np.maximum(np.abs(course.curvature[1:]), np.abs(course.curvature[:-1])) * course.spacing
+    assert np.all(chords <= course.spacing * (1.0 + 1e-6))
+    assert np.all(chords >= course.spacing * (1.0 - 1e-6 - bend**2 / 20.0))
+    turns = np.diff(course.heading)
+    assert np.all(np.abs(turns) <= bend + 1e-4)
+    mean = course.heading[:-1] + 0.5 * turns
+    across = np.cos(mean) * np.diff(course.y) - np.sin(mean) * np.diff(course.x)
+    assert np.abs(across).max() <= 0.25 * course.spacing * bend.max() + 1e-9
+
+
+def test_curvature_is_the_slope_of_the_heading(course):
+    slope = np.diff(course.heading) / course.spacing
+    low = np.minimum(course.curvature[1:], course.curvature[:-1])
+    high = np.maximum(course.curvature[1:], course.curvature[:-1])
+    assert np.all(slope >= low - 1e-3)
+    assert np.all(slope <= high + 1e-3)
+
+
+def test_closed_course_closes(course):
+    gap = math.hypot(course.x[-1] - course.x[0], course.y[-1] - course.y[0])
+    turns = (course.heading[-1] - course.heading[0]) / (2.0 * math.pi)
+    if course.closed:
+        assert gap < 1e-9
+        assert turns == pytest.approx(round(turns), abs=1e-12)
+    else:
+        assert gap > 1.0
+
+
+def test_sections_cover_the_course_in_order(course):
+    begins = [begin for _, begin in course.sections]
+    assert begins[0] == 0.0
+    assert begins == sorted(set(begins))
+    assert begins[-1] < course.length
+
+
+@pytest.fixture(scope="module")
+def benchmark():
+    return load_course("benchmark")
+
+
+@pytest.fixture(scope="module")
+def sections(benchmark):
+    """Curvature samples (1/m) well inside each section, and its length, m."""
+    ends = [begin for _, begin in benchmark.sections[1:]] + [benchmark.length]
+    return {
+        name: (benchmark.curvature[(benchmark.s > begin + 0.1) & (benchmark.s < end - 0.1)], end - begin)
+        for (name, begin), end in zip(benchmark.sections, ends, strict=True)
+    }
+
+
+def test_benchmark_is_closed_and_about_as_long_as_drawn(benchmark):
+    assert benchmark.closed
+    assert 300.0 < benchmark.length < 400.0
+    assert benchmark.off_course_limit == 3.5
+
+
+def test_benchmark_has_its_parts_in_order(sections):
+    parts = [name for name in sections if "straight" not in name]
+    assert parts == ["full circle", "slalom", "flat curve", "soft lane change", "hard lane change", "closing curve"]
+    for name, (curvature, _) in sections.items():
+        if "straight" in name:
+            np.testing.assert_allclose(curvature, 0.0, atol=1e-12, err_msg=name)
+
+
+def test_benchmark_begins_on_a_straight(benchmark):
+    assert benchmark.sections[0][0] == "start straight"
+    np.testing.assert_allclose(benchmark.curvature[:100], 0.0, atol=1e-12)
+
+
+def test_circle_slalom_and_flat_curve_lie_in_the_first_200_m(benchmark):
+    # Fig. 12 plots the first 200 m; the text follows the circle, the slalom and the flat curve on it.
+    for name, begin in benchmark.sections[:6]:
+        assert begin < 190.0, name
+
+
+def test_full_circle_is_a_left_turn_of_radius_2a_entered_with_a_step(sections, benchmark):
+    curvature, length = sections["full circle"]
+    np.testing.assert_allclose(curvature, 1.0 / (2.0 * A), rtol=1e-12)
+    assert length == pytest.approx(2.0 * math.pi * 2.0 * A, rel=1e-12)
+
+
+def test_slalom_bends_equally_to_both_sides_and_ends_straight(sections, benchmark):
+    curvature, length = sections["slalom"]
+    assert set(np.round(curvature, 12)) == {-0.1, 0.1}
+    assert np.sum(curvature > 0.0) == pytest.approx(np.sum(curvature < 0.0), abs=6)
+    changes = np.flatnonzero(np.diff(np.sign(curvature)))
+    np.testing.assert_allclose(np.diff(changes) * benchmark.spacing, 0.5 * math.pi * 10.0, atol=0.2)
+    inside = dict(benchmark.sections)
+    headings = np.interp([inside["slalom"], inside["slalom"] + length], benchmark.s, benchmark.heading)
+    assert headings[1] == pytest.approx(headings[0], abs=1e-2)
+
+
+def test_flat_curve_is_flatter_than_every_training_curve(sections):
+    curvature, length = sections["flat curve"]
+    np.testing.assert_allclose(curvature, 1.0 / (4.0 * A), rtol=1e-12)
+    assert length * curvature[0] == pytest.approx(math.pi, rel=1e-12)
+    assert 1.0 / curvature[0] > CURRICULUM_PATHS[3].radius_max
+
+
+def test_soft_lane_change_is_in_the_training_family_and_the_hard_one_is_not():
+    quintics = {
+        element["section"]: element["quintic"] for element in document("benchmark")["elements"] if "quintic" in element
+    }
+    family = CURRICULUM_PATHS[3]
+    soft, hard = quintics["soft lane change"], quintics["hard lane change"]
+    assert family.quintic_length_min <= soft["length_m"] <= family.quintic_length_max
+    assert family.quintic_width_min <= abs(soft["width_m"]) <= family.quintic_width_max
+    assert hard == {"length_m": 2.0 * A, "width_m": -A}
+    assert hard["length_m"] < family.quintic_length_min
+
+
+def test_hard_lane_change_is_the_sharpest_bend_and_asks_for_too_much_lean_at_7_m_s(benchmark, sections):
+    sharpest = np.abs(sections["hard lane change"][0]).max()
+    assert sharpest == pytest.approx(np.abs(benchmark.curvature).max(), rel=1e-12)
+    assert math.atan(7.0**2 * sharpest / 9.81) > math.radians(45.0)
+
+
+def test_junction_turns_right_from_north_to_east():
+    course = load_course("junction")
+    assert course.heading[0] == pytest.approx(math.pi / 2.0)
+    assert course.heading[-1] == pytest.approx(0.0, abs=1e-12)
+    assert course.curvature.min() == pytest.approx(-1.0)
+    assert course.curvature.max() == 0.0
