@@ -53,7 +53,7 @@ def test_rviz_shows_topics_of_the_namespace_in_the_world_frame() -> None:
     config = yaml.safe_load((BRINGUP / "rviz" / "ride.rviz").read_text())["Visualization Manager"]
     assert config["Global Options"]["Fixed Frame"] == "map"
     topics = {display["Topic"]["Value"] for display in config["Displays"] if "Topic" in display}
-    assert topics == {"/bike/markers", "/bike/odom"}
+    assert topics == {"/bike/course_marker", "/bike/markers", "/bike/odom"}
 
 
 PARAMETERS = yaml.safe_load((BRINGUP / "config" / "ride.yaml").read_text())
