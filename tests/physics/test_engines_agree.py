@@ -10,6 +10,7 @@ from hypothesis import strategies as some
 from bike_sim.physics import mapping
 from bike_sim.physics import state as st
 from bike_sim.physics.engine import ENGINE_KINDS, Engine, make_engine
+from bike_sim.physics.pybullet_engine import PyBulletEngine
 from bike_sim.physics.validation import coast, free_of_drive, violent_start
 from bike_sim.physics.vehicle import load_vehicle
 
@@ -28,13 +29,11 @@ def slalom(engine: Engine, start: np.ndarray, periods: int) -> np.ndarray:
     return np.array(states)
 
 
-def errors(start: np.ndarray, periods: int, steps: tuple[float, ...]) -> list[np.ndarray]:
-    oracle = make_engine("whipple", VEHICLE, 0.001)
-    wanted = slalom(oracle, start, periods)
+def differences(start: np.ndarray, wanted: np.ndarray, steps: tuple[float, ...]) -> list[np.ndarray]:
     found = []
     for step in steps:
         engine = make_engine("pybullet", VEHICLE, step)
-        found.append((slalom(engine, start, periods) - wanted)[:, WATCHED])
+        found.append((slalom(engine, start, len(wanted) - 1) - wanted)[:, WATCHED])
         engine.close()
     return found
 
@@ -42,10 +41,10 @@ def errors(start: np.ndarray, periods: int, steps: tuple[float, ...]) -> list[np
 @settings(max_examples=15)
 @given(
     speed=some.floats(2.0, 7.0),
-    roll=some.floats(-0.4, 0.4),
-    steer=some.floats(-0.8, 0.8),
-    roll_rate=some.floats(-1.0, 1.0),
-    steer_rate=some.floats(-3.0, 3.0),
+    roll=some.floats(-0.3, 0.3),
+    steer=some.floats(-0.4, 0.4),
+    roll_rate=some.floats(-0.5, 0.5),
+    steer_rate=some.floats(-1.0, 1.0),
     yaw=some.floats(-3.0, 3.0),
 )
 def test_from_any_state_bullet_converges_to_the_compiled_bicycle(
@@ -53,10 +52,32 @@ def test_from_any_state_bullet_converges_to_the_compiled_bicycle(
 ) -> None:
     start = st.upright_state(speed, VEHICLE.rF)
     start[[st.ROLL, st.STEER, st.ROLL_RATE, st.STEER_RATE, st.YAW]] = roll, steer, roll_rate, steer_rate, yaw
-    coarse, fine = errors(start, 8, (0.001, 0.0005))
+    oracle = make_engine("whipple", VEHICLE, 0.001)
+    wanted = slalom(oracle, start, 8)
+    # Falling fast, a wheel leaves the ground, which Bullet shows and the ideal bicycle cannot. Compare the time before.
+    riding = np.abs(wanted[:, st.ROLL]) < VEHICLE.fall_roll
+    coarse, fine = (difference[riding] for difference in differences(start, wanted, (0.001, 0.0005)))
     # halving the step halves the error: what is left of the extrapolation is far below either
-    assert np.abs(fine).max() < 0.05
+    assert np.abs(fine).max() < 0.02
     assert np.abs(2.0 * fine - coarse).max() < 0.1 * np.abs(coarse).max() + 1e-5
+
+
+def test_a_wheel_without_load_leaves_the_ground_in_bullet_only() -> None:
+    # Thrown over at 3 m/s with the steering turning in: ideal constraints would pull, contacts do not.
+    start = st.upright_state(3.0, VEHICLE.rF)
+    start[[st.ROLL, st.STEER, st.ROLL_RATE, st.STEER_RATE]] = 0.25, 0.5, 1.0, 2.0
+    engine = PyBulletEngine(VEHICLE, 0.001)
+    engine.reset(start)
+    gaps = []
+    for _ in range(400):
+        engine.advance(0.0, 1)
+        bodies = engine.bodies()
+        axle = mapping.rotate(bodies.orientations[mapping.FRONT_WHEEL], np.array([0.0, 1.0, 0.0]))
+        lowest = bodies.positions[mapping.FRONT_WHEEL, 2] - VEHICLE.rF * math.hypot(axle[0], axle[1])
+        gaps.append(lowest)
+    engine.close()
+    assert max(gaps) > 5e-4
+    assert np.abs(gaps[:50]).max() < 1e-5  # at first it rolls
 
 
 def test_a_hard_start_stays_close_for_two_seconds() -> None:
