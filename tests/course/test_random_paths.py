@@ -45,16 +45,16 @@ def test_elements_lie_in_the_intervals_and_fill_them(part):
 
 
 def test_mix_is_40_40_20_and_signs_are_even():
-    elements = random_elements(np.random.default_rng(1), CURRICULUM_PATHS[3], 150_000.0)[1:]
+    elements = random_elements(np.random.default_rng(1), CURRICULUM_PATHS[3], 1_000_000.0)[1:]
     count = len(elements)
     for kind, share in ((Arc, 0.4), (Quintic, 0.4), (Line, 0.2)):
         found = sum(isinstance(e, kind) for e in elements)
-        assert abs(found - share * count) < 5.0 * math.sqrt(count * share * (1.0 - share)), kind
+        assert abs(found - share * count) < 4.0 * math.sqrt(count * share * (1.0 - share)), kind
     for signs in (
         [e.angle > 0.0 for e in elements if isinstance(e, Arc)],
         [e.width > 0.0 for e in elements if isinstance(e, Quintic)],
     ):
-        assert abs(sum(signs) - 0.5 * len(signs)) < 2.5 * math.sqrt(len(signs))
+        assert abs(sum(signs) - 0.5 * len(signs)) < 2.0 * math.sqrt(len(signs))
 
 
 def test_first_element_is_never_a_circle():

@@ -71,9 +71,9 @@ def smooth_line(points: FloatArray, closed: bool, spacing: float) -> SmoothLine:
     piece = np.clip(np.searchsorted(arcs, s, side="right") - 1, 0, len(knots) - 2)
     low, high = knots[piece], knots[piece + 1]
     u = low + (high - low) * (s - arcs[piece]) / np.maximum(arcs[piece + 1] - arcs[piece], 1e-300)
-    for _ in range(3):
-        speed = np.maximum(np.linalg.norm(velocity(u), axis=-1), 1e-9)
-        u = np.clip(u + (s - arcs[piece] - arc(low, u)) / speed, low, high)
+    # One step of Newton is enough: within so short a piece the arc length is almost linear in the parameter.
+    speed = np.maximum(np.linalg.norm(velocity(u), axis=-1), 1e-9)
+    u = np.clip(u + (s - arcs[piece] - arc(low, u)) / speed, low, high)
     u[0], u[-1] = chord[0], chord[-1]
 
     x, y = spline(u).T
