@@ -1,7 +1,9 @@
 """Courses from YAML: what a file may say, and one clear error for everything else."""
 
 import math
+import re
 from importlib import resources
+from pathlib import Path
 
 import pytest
 import yaml
@@ -46,6 +48,20 @@ def test_all_that_a_file_may_say(load):
     bend = 2.5 * math.pi
     assert [name for name, _ in course.sections] == ["start", "corner", "lane change"]
     assert [begin for _, begin in course.sections] == pytest.approx([0.0, 10.0, 20.0 + bend])
+
+
+def test_examples_of_the_documentation_are_courses(load):
+    page = (Path(__file__).parents[2] / "docs" / "courses.md").read_text(encoding="utf-8")
+    elements, wrapper = re.findall(r"```yaml\n(.*?)```", page, flags=re.DOTALL)
+    assert [name for name, _ in load(elements).sections] == ["start straight", "corner", "lane change"]
+    (rows,) = re.findall(r"```\n(# x_m,y_m,.*?)\.\.\.\n```", page, flags=re.DOTALL)
+    points = "9.8,0.9,4.5,5.0\n14.7,1.8,4.5,5.0\n"
+    with pytest.raises(CourseFileError, match="has 2 different points"):
+        load(rows, "my_track.csv")
+    with pytest.raises(CourseFileError, match="is called closed"):
+        load("closed: true\n" + elements.replace("closed: false", ""))
+    assert load(rows + points, "my_track.csv").width_left[0] == 5.0
+    assert load(wrapper).off_course_limit == 8.0
 
 
 def test_file_without_a_name_is_called_after_itself(load):
