@@ -114,7 +114,9 @@ def _subtitle(recording: Recording, figures: Sequence[RideFigures]) -> str:
     total = sum(f.duration_s for f in figures)
     way = sum(f.distance_m for f in figures)
     words = [f"{total:.1f} s of simulated time, {way:.0f} m, {recording.message_count:,} messages"]
-    words += [f"{name}: {value}" for name, value in recording.notes.items()]
+    if recording.vehicle:
+        words.append(f"vehicle: {recording.vehicle}")
+    words += [f"{name}: {value}" for name, value in recording.notes.items() if name != "vehicle"]
     return f'<p class="soft">{escape(" · ".join(words))}</p>'
 
 
@@ -166,8 +168,8 @@ def _ride(ride: Ride, figures: RideFigures) -> str:
                 ride,
                 f"{prefix}l",
                 "Roll is positive leaning right, steer positive to the left. The path's curvature is negated, since a "
-                "left turn needs a lean to the left, and scaled by v²/g: where roll lies on it, the lean balances the "
-                "turn. A short steer to the other side before a turn is counter-steering.",
+                "left turn needs a lean to the left, and scaled by v²/g: where roll lies on it, a small lean balances "
+                "the turn. A short steer to the other side before a turn is counter-steering.",
             ),
             "<h3>Command and its delay</h3>",
             _both(

@@ -49,14 +49,14 @@ def thin(x: NDArray[Any], y: NDArray[Any], points: int = _POINTS) -> tuple[NDArr
     """
     if len(x) <= points:
         return x, y
-    edges = np.linspace(0, len(x), points // 2 + 1).astype(int)
-    keep = []
-    for first, last in pairwise(edges):
-        part = y[first:last]
-        if np.isfinite(part).any():
-            keep += sorted({first + int(np.nanargmin(part)), first + int(np.nanargmax(part))})
-        else:
-            keep.append(first)
+    size = -(-len(x) // max(points // 2, 1))
+    stretches = -(-len(x) // size)
+    padded = np.full(stretches * size, np.nan)
+    padded[: len(y)] = y
+    rows = padded.reshape(stretches, size)
+    lowest = np.argmin(np.where(np.isfinite(rows), rows, np.inf), axis=1)
+    highest = np.argmax(np.where(np.isfinite(rows), rows, -np.inf), axis=1)
+    keep = np.sort(np.stack([lowest, highest], axis=1) + size * np.arange(stretches)[:, None], axis=1).ravel()
     return x[keep], y[keep]
 
 
@@ -364,11 +364,14 @@ def _draw_commands(axes: Axes, ride: Ride, close: bool) -> None:
     start = states.time_s[0]
     axes.axhline(0.0, color=MUTED, lw=0.7)
     if close:
+        limit = np.where(states.steering_limit > 0.0, states.steering_limit, np.nan)
+        if np.isfinite(limit).any():
+            axes.plot(ride.time, states.steer / limit, color=BAND, lw=2.0, label="steer reached")
         axes.step(ride.time, states.steering_command, where="pre", color=BLUE, lw=1.3, label="applied")
         if len(commands):
-            given: dict[str, Any] = dict(ls="", marker="o", ms=3.2, color=ORANGE, label="given for the state")
+            given: dict[str, Any] = dict(ls="", marker="o", ms=3.2, color=ORANGE, label="given")
             axes.plot(commands.time_s - start, commands.steering, **given)
-        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.1, handlelength=1.2)
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.1, handlelength=1.2)
     else:
         axes.plot(*thin(ride.time, states.steering_command), color=BLUE, lw=0.9)
     axes.set(ylabel="steering\ncommand", xlabel="time in s" if close else None)
@@ -378,7 +381,10 @@ def _draw_commands(axes: Axes, ride: Ride, close: bool) -> None:
 def _fit_command_axis(axes: Axes, ride: Ride) -> None:
     """Fit the vertical axis to what is seen in the horizontal one."""
     low, high = axes.get_xlim()
-    seen = ride.states.steering_command[(ride.time >= low) & (ride.time <= high)]
+    states = ride.states
+    rows = (ride.time >= low) & (ride.time <= high)
+    limit = np.where(states.steering_limit > 0.0, states.steering_limit, np.nan)
+    seen = np.concatenate([states.steering_command[rows], (states.steer / limit)[rows]])
     seen = seen[np.isfinite(seen)]
     if len(seen):
         pad = 0.12 * max(float(np.ptp(seen)), 0.02)

@@ -31,7 +31,7 @@ def analyze(
         namespace: Namespace of the vehicle's topics, where several were recorded.
 
     Returns:
-        Figures ready for JSON: ``recording``, ``truncated``, ``warnings``, ``notes``, ``messages``,
+        Figures ready for JSON: ``recording``, ``vehicle``, ``truncated``, ``warnings``, ``notes``, ``messages``,
         ``latency_median_s``, ``latency_p99_s``, ``rides`` (one dictionary a ride, see
         `bike_analysis.metrics.RideFigures`), and ``page`` and ``picture`` where they were written.
 
@@ -46,6 +46,7 @@ def analyze(
     median, p99 = latency_figures(recording.latencies)
     result: dict[str, Any] = {
         "recording": str(recording.path),
+        "vehicle": recording.vehicle or None,
         "truncated": recording.truncated,
         "warnings": list(recording.warnings),
         "notes": recording.notes,
