@@ -96,7 +96,7 @@ def draw(figures: dict[str, Any], bundle: Bundle, path: Path) -> None:
         path: PNG file.
     """
     mpl.use("Agg")
-    from matplotlib import pyplot as plt  # noqa: PLC0415 (after the backend is chosen)
+    from matplotlib import pyplot as plt
 
     rides, randoms = figures["rides"], figures["random"]
     fig, (top, middle, bottom) = plt.subplots(3, 1, figsize=(9, 12), layout="constrained")

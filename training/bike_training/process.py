@@ -94,6 +94,7 @@ class Progress:
         seconds: time spent learning so far, s, earlier sessions included.
         validated_at: learning step of the last validation.
         validation_due: whether an episode reached its full length since then.
+        handled_at: learning step that was last averaged and validated, so that a resumed run does not do it twice.
         validations: number of validations.
         latest_success: most recent actor that passed all rides of a validation in the highest part so far.
         recent_error_m: mean distance of the last validation, m.
@@ -105,6 +106,7 @@ class Progress:
     seconds: float = 0.0
     validated_at: int = 0
     validation_due: bool = False
+    handled_at: int = -1
     validations: int = 0
     latest_success: Actor | None = None
     success_step: int = 0
@@ -266,7 +268,7 @@ class LearningProcess:
         every = self.settings.record_every
         if not every or (self.progress.validations - 1) % every:
             return
-        from bike_training.episode_recording import record_ride  # noqa: PLC0415 (needs the ROS messages)
+        from bike_training.episode_recording import record_ride
 
         path = self.out / "episodes" / f"step_{self.model.num_timesteps:09d}.mcap"
         record_ride(path, actor, self.task, self._validation_simulator(), request)
@@ -298,10 +300,12 @@ class _Callback(BaseCallback):
         process, settings = self.process, self.process.settings
         progress = process.progress
         self._tick()
-        if self.num_timesteps > settings.preset.learning_starts:
-            progress.averaged.update(self.model, max(1, settings.preset.updates))
-        if self._validation_is_due():
-            process.validate()
+        if progress.handled_at != self.num_timesteps:
+            progress.handled_at = self.num_timesteps
+            if self.num_timesteps > settings.preset.learning_starts:
+                progress.averaged.update(self.model, max(1, settings.preset.updates))
+            if self._validation_is_due():
+                process.validate()
         if self.num_timesteps - self.saved_at >= settings.checkpoint_every:
             self.saved_at = self.num_timesteps
             process.save()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -76,7 +77,7 @@ class Ride:
         }
         bounds = [*sections, ("", np.inf)]
         per_section = []
-        for (name, first), (_, last) in zip(bounds[:-1], bounds[1:], strict=True):
+        for (name, first), (_, last) in pairwise(bounds):
             inside = distance[(self.progress >= first) & (self.progress < last)]
             if len(inside):
                 per_section.append({"section": name, "mean_m": float(inside.mean()), "max_m": float(inside.max())})

@@ -53,9 +53,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     total = len(args.speeds) * (1 + args.random_rides)
     try:
         with tqdm(total=total, unit="ride", desc=bundle.name) as bar:
-            figures = evaluate(
-                rider, args.course, args.speeds, args.random_rides, args.seed, tick=lambda: bar.update() and None
-            )
+
+            def tick() -> None:
+                bar.update()
+
+            figures = evaluate(rider, args.course, args.speeds, args.random_rides, args.seed, tick)
     finally:
         client.close()
     figures = {

@@ -38,7 +38,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--time-step", type=float, default=0.005, help="simulator's integration step, s")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--steps", type=int, default=500_000, help="learning steps in all (default: %(default)s)")
+    parser.add_argument("--steps", type=int, default=1_000_000, help="learning steps in all (default: %(default)s)")
     parser.add_argument("--until-finished", action="store_true", help="stop when the curriculum is finished")
     parser.add_argument("--resume", action="store_true", help="go on from the checkpoint in --out")
     parser.add_argument("--checkpoint-every", type=int, default=50_000, help="learning steps between checkpoints")

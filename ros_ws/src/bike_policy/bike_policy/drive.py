@@ -11,7 +11,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any, Final, NoReturn
 
 import numpy as np
 import rclpy.node
@@ -130,7 +130,8 @@ class Drive(rclpy.node.Node):
         layout = self._bundle.layout
         preview = np.frombuffer(message.preview_y)[self._preview]
         try:
-            return self._bundle.actor.act(layout.observe(minimal_state(message), preview))
+            observation = layout.observe(minimal_state(message), preview)
+            return self._bundle.actor.act(observation)
         except ValueError:  # an observation that is not finite
             self._counts.refused += 1
             return None
@@ -211,10 +212,10 @@ def _same(a: BikeState, b: BikeState) -> bool:
     )
 
 
-def main() -> int:
+def main() -> NoReturn:
     """Run the node until a signal; the exit code is 2 if the policy cannot be used."""
-    return node_tools.run_node("drive", Drive)
+    node_tools.leave(node_tools.run_node("drive", Drive))
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    main()
