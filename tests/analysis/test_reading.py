@@ -280,6 +280,20 @@ def test_columns_of_mixed_layouts_agree_with_rosbags(rows: list[tuple], little: 
             decode_columns(schema, encoded, ["values"])
 
 
+def test_excess_bytes_after_a_message_are_ignored_and_can_be_cut_off(messages, share) -> None:
+    """rclpy's serialize_message leaves arbitrary bytes behind a message with empty arrays."""
+    name = "bike_msgs/msg/Course"
+    schema = MessageSchema(name, message_type(name, share).definition)
+    exact = messages.cdr(name, messages.make(name, name="a", section_names=["b", "cde"]))
+    padded = exact + b"\xa5" * 28
+    assert schema.decode(padded).section_names == ["b", "cde"]
+    assert schema.trim(padded) == exact
+    assert schema.trim(exact) == exact
+    for wrong in (b"", b"\1\1\0\0", exact[:-1], b"\0\7" + exact[2:]):
+        with pytest.raises(SchemaError, match=r"bike_msgs/msg/Course"):
+            schema.decode(wrong)
+
+
 def test_unchunked_files_are_read(tmp_path: Path, messages, share) -> None:
     described = message_type("bike_msgs/msg/BikeState", share)
     message = messages.make("bike_msgs/msg/BikeState", header=messages.header(1.0), episode=3, x=1.0)
