@@ -163,14 +163,14 @@ class Stage:
         self._lease.close()
 
 
-@pytest.fixture()
+@pytest.fixture
 def stage(tmp_path: Path) -> Iterator[Stage]:
     stage = Stage(tmp_path)
     yield stage
     stage.close()
 
 
-@pytest.fixture()
+@pytest.fixture
 def other_stage(tmp_path: Path) -> Iterator[Stage]:
     stage = Stage(tmp_path)
     yield stage
@@ -195,7 +195,7 @@ LINEAR_LAYOUT = ObservationLayout(
 )
 
 
-def linear_bundle(speed: float = 4.0, **changes: Any) -> Bundle:
+def linear_bundle(speed: float = 4.0) -> Bundle:
     """Make a policy that keeps the bicycle upright and on a gentle course: a linear quadratic regulator in one layer.
 
     The regulated state is lateral position, yaw, roll, steer and their rates. The first two are read from two preview
@@ -222,16 +222,8 @@ def linear_bundle(speed: float = 4.0, **changes: Any) -> Bundle:
     gain = np.linalg.solve(10.0 + b.T @ p @ b, b.T @ p @ a)[0] / vehicle.max_steer
     y, yaw = gain[0], gain[1] / (0.4 * speed)
     row = [-gain[2], -gain[3], -gain[4], -gain[5], y - yaw, yaw]
-    values = {
-        "name": "linear",
-        "actor": Actor([np.array([row], dtype=np.float32)], [np.zeros(1, dtype=np.float32)]),
-        "layout": LINEAR_LAYOUT,
-        "action": ActionScale(vehicle.max_steer),
-        "vehicle": "whipple",
-        "control_period": 0.05,
-        **changes,
-    }
-    return Bundle(**values)
+    actor = Actor([np.array([row], dtype=np.float32)], [np.zeros(1, dtype=np.float32)])
+    return Bundle("linear", actor, LINEAR_LAYOUT, ActionScale(vehicle.max_steer), "whipple", 0.05)
 
 
 @pytest.fixture(scope="session")

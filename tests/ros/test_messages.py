@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 
-from bike_sim import messages, standard_messages
+from bike_sim import messages, ride, standard_messages
 from bike_sim.course.course import Course
 from bike_sim.course.files import load_course
 from bike_sim.course.random_paths import CURRICULUM_PATHS
@@ -85,7 +85,10 @@ def test_reset_requests_survive(seed, speed, ranges, state, length, preview) -> 
 def test_what_a_reset_leaves_open_is_the_simulators_own() -> None:
     own = ResetRequest(course="circle", speed_range=(3.0, 3.0), preview=Preview(False, 2.0, 7), path_length=50.0)
     empty = messages.Reset.Request(seed=5)
-    assert_same(messages.reset_from_message(empty, own), ResetRequest(5, "circle", (3.0, 3.0), preview=own.preview, path_length=50.0))
+    assert_same(
+        messages.reset_from_message(empty, own),
+        ResetRequest(5, "circle", (3.0, 3.0), preview=own.preview, path_length=50.0),
+    )
 
 
 @pytest.mark.parametrize("name", ["benchmark", "line"])
@@ -99,12 +102,16 @@ def test_limits_run_beside_the_line(ridden: tuple[Simulator, list[Snapshot]]) ->
     plain = simulator.course
     assert plain is not None
     left, right = 1.0 + 0.5 * np.sin(plain.s / 9.0), np.full_like(plain.s, 2.0)
-    wide = Course(**{f.name: getattr(plain, f.name) for f in fields(plain)} | {"width_left": left, "width_right": right})
+    wide = Course(
+        **{f.name: getattr(plain, f.name) for f in fields(plain)} | {"width_left": left, "width_right": right}
+    )
     snapshot = rides[-1]
     message = over_the_wire(messages.course_points_to_message(snapshot, wide, 0))
-    line, left_limit, right_limit = (np.array([[p.x, p.y] for p in points]) for points in (message.line, message.left, message.right))
+    line, left_limit, right_limit = (
+        np.array([[p.x, p.y] for p in points]) for points in (message.line, message.left, message.right)
+    )
     np.testing.assert_array_equal(line[:, 0], snapshot.preview_x)
-    stations = message.progress + np.arange(len(line)) * snapshot.seen[11]
+    stations = message.progress + np.arange(len(line)) * snapshot.seen[ride.PREVIEW_SPACING]
     np.testing.assert_allclose(np.linalg.norm(left_limit - line, axis=1), np.interp(stations, wide.s, left), atol=1e-9)
     np.testing.assert_allclose(np.linalg.norm(right_limit - line, axis=1), 2.0, atol=1e-9)
     ahead = np.gradient(line, axis=0)
@@ -145,11 +152,13 @@ def test_wheels_touch_the_ground_where_the_physics_says(roll: float, steer: floa
     # The frame is rigid: the distance between the axles along the steering axis' normal does not depend on the pose.
     axis = front_turn @ np.array([-math.sin(vehicle.lam), 0.0, math.cos(vehicle.lam)])
     span = front - rear
-    straight = simulator.reset(ResetRequest(course="line", initial_state=tuple(state_places.upright_state(4.0, vehicle.rF))))
+    straight = simulator.reset(
+        ResetRequest(course="line", initial_state=tuple(state_places.upright_state(4.0, vehicle.rF)))
+    )
     (r0, _), (f0, t0) = standard_messages.wheel_poses(straight, vehicle)
     axis0 = t0 @ np.array([-math.sin(vehicle.lam), 0.0, math.cos(vehicle.lam)])
     assert span @ axis == pytest.approx((f0 - r0) @ axis0, abs=1e-6)
-    assert kinematics.pitch(roll, steer, vehicle.parameters) == snapshot.seen[0]
+    assert kinematics.pitch(roll, steer, vehicle.parameters) == snapshot.seen[ride.PITCH]
 
 
 @given(st.lists(st.floats(-3.1, 3.1), min_size=3, max_size=3))

@@ -1,7 +1,8 @@
 """The recorder as a ROS 2 node: takes messages as bytes and writes them down as rosbag2 would.
 
-The log time of a message is simulated time: the stamp of its header where it has one, else the latest time of ``/clock``
-or of a state. The file is closed on SIGINT and SIGTERM; after a kill it can be read up to its last whole chunk.
+The log time of a message is simulated time: the stamp of its header where it has one, else the latest time of
+``/clock`` or of a state. The file is closed on SIGINT and SIGTERM; after a kill it can be read up to its last whole
+chunk.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import struct
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NoReturn
 
 import rclpy.node
 from rclpy.event_handler import SubscriptionEventCallbacks
@@ -195,10 +196,10 @@ def _described(publisher: TopicEndpointInfo, qos: QoSProfile) -> Qos:
     )
 
 
-def main() -> int:
+def main() -> NoReturn:
     """Run the node until a signal; the exit code is 2 if the file cannot be written."""
-    return node_tools.run_node("record", Record)
+    node_tools.leave(node_tools.run_node("record", Record))
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    main()

@@ -15,7 +15,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, Final
+from typing import Any, Final, NoReturn
 
 import numpy as np
 import rclpy.node
@@ -347,10 +347,10 @@ class SimNode(rclpy.node.Node):
         )
 
 
-def main() -> int:
+def main() -> NoReturn:
     """Run the node until a signal; the exit code is 2 after a parameter that cannot be."""
-    return node_tools.run_node("sim_node", SimNode)
+    node_tools.leave(node_tools.run_node("sim_node", SimNode))
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    main()
