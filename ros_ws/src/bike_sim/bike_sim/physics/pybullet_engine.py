@@ -57,9 +57,9 @@ _MARGIN: Final = 1e-7
 """Collision margin, m. It rounds the wheel's edge to a torus of this radius; the benchmark's wheels are knife edges
 (1e-5 m would already lower the capsize speed by 0.018 %)."""
 _FRICTION: Final = 1e3
-"""High enough that no wheel ever slips."""
+"""High enough that no loaded wheel ever slips. A wheel can leave the ground, as in a violent fall: contacts only push."""
 _SOLVER_ITERATIONS: Final = 10
-"""Sweeps over the contacts; each third one gains a digit. Ten leave 2e-4 rad of steer after 8 s of hard slalom at 5 ms,
+"""Sweeps over the contacts; six gain a digit. Ten leave 2e-4 rad of steer after 8 s of hard slalom at 5 ms,
 a fiftieth of what the step itself costs."""
 _CONTACT_ACCELERATION: Final = 5.0
 """A contact lives while wheel and ground part by less than a third of this times the step squared, m/s2."""
