@@ -57,7 +57,7 @@ _MARGIN: Final = 1e-7
 """Collision margin, m. It rounds the wheel's edge to a torus of this radius; the benchmark's wheels are knife edges
 (1e-5 m would already lower the capsize speed by 0.018 %)."""
 _FRICTION: Final = 1e3
-"""High enough that no loaded wheel ever slips. A wheel can leave the ground, as in a violent fall: contacts only push."""
+"""High enough that no loaded wheel ever slips. Contacts only push: in a violent fall a wheel can leave the ground."""
 _SOLVER_ITERATIONS: Final = 10
 """Sweeps over the contacts; six gain a digit. Ten leave 2e-4 rad of steer after 8 s of hard slalom at 5 ms,
 a fiftieth of what the step itself costs."""
