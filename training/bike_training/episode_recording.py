@@ -7,13 +7,14 @@ from typing import Any, Final
 
 from rclpy.serialization import serialize_message
 
+from bike_analysis.columns import MessageSchema
 from bike_policy.action import ActionScale
 from bike_policy.actor import Actor
 from bike_sim import messages
 from bike_sim.command_gate import Command
 from bike_sim.events import EventWatch
 from bike_sim.physics.state import ROLL
-from bike_sim.recording import Qos, RideRecorder
+from bike_sim.recording import LATCHED, Qos, RideRecorder, message_type
 from bike_sim.reset import ResetRequest
 from bike_sim.simulator import Simulator, Snapshot
 from bike_training.curriculum import VALIDATION_DURATION
@@ -41,8 +42,11 @@ def record_ride(path: Path, actor: Actor, task: Task, simulator: Simulator, requ
     period = simulator.config.control_period
     scale = ActionScale(task.max_steer)
     with RideRecorder(path, overwrite=True, notes={"layout": task.layout.name}) as recorder:
-        for topic, kind in TOPICS.items():
-            recorder.add_topic(topic, kind, Qos(durability="transient_local") if topic.endswith("course") else Qos())
+        schemas: dict[str, MessageSchema] = {}
+        for topic, name in TOPICS.items():
+            kind = message_type(name)
+            recorder.add_topic(topic, kind, LATCHED if topic == "/bike/course" else Qos())
+            schemas[topic] = MessageSchema(kind.name, kind.definition)
         snapshot = simulator.reset(request)
         assert simulator.course is not None
         episode = messages.Episode(simulator.vehicle, simulator.course, request.preview, period)
@@ -51,8 +55,10 @@ def record_ride(path: Path, actor: Actor, task: Task, simulator: Simulator, requ
         def stamp(seen: Snapshot) -> int:
             return round((seen.step + 1) * period * messages.NANOSECONDS)
 
-        def write(topic: str, message: Any) -> None:
-            recorder.write(f"/bike/{topic}", serialize_message(message), stamp(snapshot))
+        def write(name: str, message: Any) -> None:
+            # rclpy leaves excess bytes behind messages with empty arrays, which strict readers refuse.
+            topic = f"/bike/{name}"
+            recorder.write(topic, schemas[topic].trim(serialize_message(message)), stamp(snapshot))
 
         write("course", messages.course_to_message(simulator.course, snapshot.episode, stamp(snapshot)))
         write("events", messages.event_to_message(watch.begun(), snapshot, stamp(snapshot)))
