@@ -18,7 +18,8 @@ from rcl_interfaces.srv import SetParameters
 
 from bike_sim.reset import ResetRequest
 from bike_sim.simulator import SimulatorConfig
-from bike_training.ros_client import RosClient, RosClientConfig, SimulatorLost
+from bike_training.node_process import NodeLost
+from bike_training.ros_client import RosClient, RosClientConfig
 
 pytestmark = pytest.mark.ros
 
@@ -153,9 +154,9 @@ def test_a_dead_simulator_is_one_clear_error() -> None:
         assert client._process is not None
         os.kill(client._process.process.pid, signal.SIGKILL)
         client._process.process.wait()
-        with pytest.raises(SimulatorLost, match=r"ended with exit code -9"):
+        with pytest.raises(NodeLost, match=r"ended with exit code -9"):
             client.step(0.0)
-    with pytest.raises(SimulatorLost, match=r"exit code 2: sim_node: .*steam"):
+    with pytest.raises(NodeLost, match=r"exit code 2: sim_node: .*steam"):
         RosClient(SimulatorConfig(engine="steam"))
 
 

@@ -57,7 +57,7 @@ SPECS: Final = (
         "When a new episode begins by itself: never, after a fall, or at any end (fall, off course, course ridden).",
         choices=(NEVER, FALL, END),
     ),
-    ParameterSpec("publish_markers", True, "Publish markers for RViz and Foxglove where someone listens."),
+    ParameterSpec("publish_markers", True, "Publish markers for RViz and Foxglove where someone listens.", fixed=True),
 )
 
 

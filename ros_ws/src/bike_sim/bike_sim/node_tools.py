@@ -125,11 +125,13 @@ def _watch_signals(stop: threading.Event, ended: threading.Event, wake: Sequence
     readable, writable = os.pipe()
     os.set_blocking(writable, False)
     signal.set_wakeup_fd(writable, warn_on_full_buffer=False)
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: None)
+    for ending in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(ending, lambda *_: None)
 
     def wait() -> None:
-        number = os.read(readable, 1)[0]
+        number = 0
+        while number not in (signal.SIGINT, signal.SIGTERM):
+            number = os.read(readable, 1)[0]
         stop.set()
         for trigger in wake:
             trigger()

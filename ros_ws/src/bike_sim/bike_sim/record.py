@@ -94,14 +94,15 @@ class Record(rclpy.node.Node):
         return name.startswith(f"{self.get_namespace().rstrip('/')}/") or name in SHARED_TOPICS
 
     def _subscribe(self, name: str, kinds: list[str]) -> None:
-        publishers = self.get_publishers_info_by_topic(name)
-        if not publishers:
-            return  # only listened to so far
+        # A topic that is only listened to so far is waited for, so that its first message is not missed.
+        ends = self.get_publishers_info_by_topic(name) or self.get_subscriptions_info_by_topic(name)
+        if not ends:
+            return
         self._known.add(name)
         try:
             message_class = _message_class(kinds[0])
-            qos = _matching_qos(publishers)
-            self._recorder.add_topic(name, kinds[0], _described(publishers[0], qos))
+            qos = _matching_qos(ends)
+            self._recorder.add_topic(name, kinds[0], _described(ends[0], qos))
         except (ImportError, AttributeError, FileNotFoundError) as error:
             self.get_logger().warning(f"topic {name} is not recorded: {error}")
             return
@@ -173,9 +174,9 @@ def _stamp(data: bytes) -> int:
     return max(seconds * NANOSECONDS + rest, 0)
 
 
-def _matching_qos(publishers: list[TopicEndpointInfo]) -> QoSProfile:
-    """Return the strictest QoS that all publishers offer."""
-    profiles = [publisher.qos_profile for publisher in publishers]
+def _matching_qos(ends: list[TopicEndpointInfo]) -> QoSProfile:
+    """Return the strictest QoS that all publishers offer, or that all subscriptions ask for."""
+    profiles = [end.qos_profile for end in ends]
     reliable = all(p.reliability == ReliabilityPolicy.RELIABLE for p in profiles)
     latched = all(p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in profiles)
     return QoSProfile(
@@ -186,11 +187,11 @@ def _matching_qos(publishers: list[TopicEndpointInfo]) -> QoSProfile:
     )
 
 
-def _described(publisher: TopicEndpointInfo, qos: QoSProfile) -> Qos:
-    """Return what a publisher offers in the words of a recording. Discovery does not carry the depth of its queue."""
+def _described(end: TopicEndpointInfo, qos: QoSProfile) -> Qos:
+    """Return a QoS in the words of a recording. Discovery does not carry the depth of a publisher's queue."""
     latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
     return Qos(
-        depth=publisher.qos_profile.depth or (1 if latched else 10),
+        depth=end.qos_profile.depth or (1 if latched else 10),
         reliability="reliable" if qos.reliability == ReliabilityPolicy.RELIABLE else "best_effort",
         durability="transient_local" if latched else "volatile",
     )
