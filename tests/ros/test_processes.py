@@ -10,11 +10,13 @@ import time
 from pathlib import Path
 
 import pytest
+from bike_msgs.msg import BikeCommand, BikeState
 from bike_msgs.srv import Reset
 from mcap.reader import make_reader
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
+from rclpy.serialization import deserialize_message
 
 from bike_sim.reset import ResetRequest
 from bike_sim.simulator import SimulatorConfig
@@ -70,6 +72,25 @@ def test_all_programs_end_within_two_seconds_and_close_their_files(stage, policy
         assert min(times) >= 1_000_000_000
         assert max(times) < 3600 * 1_000_000_000  # simulated, not wall-clock time
     assert " 0 dropped" in recorder.words
+
+
+def test_a_recording_holds_every_state_and_command_of_a_ride(stage, policy, tmp_path: Path) -> None:
+    path = tmp_path / "ride.mcap"
+    recorder = stage.start("bike_sim.record", path=str(path))
+    simulator = stage.simulator(course="circle")
+    ears = stage.ears()
+    ears.until(lambda: ears.count_subscribers("command") == 2)  # simulator and recorder
+    driver = stage.start("bike_policy.drive", policy=policy)
+    ears.until(lambda: ears.states[-1].step > 200)
+    for program in (driver, simulator, recorder):
+        assert program.end()[0] == 0
+    with path.open("rb") as file:
+        messages = [(c.topic, m.data) for _, c, m in make_reader(file).iter_messages()]
+    states = {deserialize_message(data, BikeState).step for topic, data in messages if topic == "/bike/state"}
+    commands = {deserialize_message(data, BikeCommand).step for topic, data in messages if topic == "/bike/command"}
+    assert states == set(range(max(states) + 1))
+    assert max(states) > 200
+    assert commands >= set(range(max(states)))
 
 
 def test_an_existing_recording_is_not_overwritten(stage, tmp_path: Path) -> None:

@@ -31,6 +31,12 @@ SPECS: Final = (
 REANSWER_AFTER: Final = 0.2
 """Wall-clock time after which a repeated state is answered again, s."""
 
+SETTLING_TIME: Final = 0.5
+"""Wall-clock time after the start in which nothing is answered, s: a recorder needs a moment to find the commands, and
+would miss the first ones. The simulator repeats its state meanwhile."""
+LONGEST_SETTLING: Final = 3.0
+"""The same where a listener is known that the commands do not reach, as one with another QoS, s."""
+
 REPORT_PERIOD: Final = 1.0
 LATENCY_WINDOW: Final = 100_000
 """Latencies kept for the figures since the start."""
@@ -75,6 +81,7 @@ class Drive(rclpy.node.Node):
         self._commands = self.create_publisher(
             BikeCommand, "command", node_tools.COMMAND_QOS, event_callbacks=node_tools.QUIET
         )
+        self._started_at = time.monotonic()
         self._diagnostics = node_tools.Diagnostics(self)
         self.create_subscription(BikeState, "state", self._on_state, node_tools.STREAM_QOS)
         node_tools.on_change(self, SPECS, self._accept)
@@ -104,6 +111,8 @@ class Drive(rclpy.node.Node):
             self._counts.stale += 1
             return
         self._heard_at = began
+        if self._is_settling(began):
+            return
         repeated = self._last is not None and _same(message, self._last)
         if repeated:
             self._counts.repeated += 1
@@ -135,6 +144,14 @@ class Drive(rclpy.node.Node):
         except ValueError:  # an observation that is not finite
             self._counts.refused += 1
             return None
+
+    def _is_settling(self, now: float) -> bool:
+        """Whether someone who listens to commands may not have found this node yet."""
+        if self._last is not None:
+            return False
+        age = now - self._started_at
+        missing = self._commands.get_subscription_count() < self.count_subscribers("command")
+        return age < SETTLING_TIME or (missing and age < LONGEST_SETTLING)
 
     def _is_stale(self, message: BikeState, now: float) -> bool:
         """Whether a state is older than one that has come.

@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NoReturn
@@ -55,13 +56,16 @@ class CannotGoOn(Exception):
 # ------------------------------------------------------------------------------------------------------ start and end
 
 
-def run_node(name: str, make_node: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
+def run_node(
+    name: str, make_node: Callable[[], Node], arguments: Sequence[str] | None = None, linger: float = 0.0
+) -> int:
     """Run a node until SIGINT or SIGTERM, or until it raises.
 
     Args:
         name: name of the program for its messages.
         make_node: makes the node. A ValueError or OSError from it means bad input.
         arguments: command line; None for this process's own.
+        linger: wall-clock time that the node goes on after the signal, for messages that are under way, s.
 
     Returns:
         Exit code: 0 after a signal, 2 after bad input with one line on standard error.
@@ -82,6 +86,9 @@ def run_node(name: str, make_node: Callable[[], Node], arguments: Sequence[str] 
         while not stop.is_set():
             # The time-out only matters where a signal comes between the test and the wait.
             executor.spin_once(timeout_sec=0.5)
+        end = time.monotonic() + linger
+        while (left := end - time.monotonic()) > 0.0:
+            executor.spin_once(timeout_sec=left)
     except (CannotGoOn, ValueError, OSError, ParameterException) as error:
         print(f"{name}: {_one_line(error)}", file=sys.stderr, flush=True)
         code = BAD_INPUT_EXIT

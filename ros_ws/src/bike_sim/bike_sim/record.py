@@ -36,6 +36,8 @@ SHARED_TOPICS: Final = ("/clock", "/diagnostics", "/tf", "/tf_static")
 LOOK_PERIOD: Final = 0.2
 """Wall-clock time between two looks for new topics and two writes of open chunks, s."""
 REPORT_PERIOD: Final = 1.0
+LINGER: Final = 0.3
+"""Wall-clock time after a signal in which messages that were sent before it are still written, s."""
 LONGEST_LEAD: Final = 60 * NANOSECONDS
 """A stamp that is farther than this ahead of the latest time is of another clock, ns."""
 TIME_GIVERS: Final = ("rosgraph_msgs/msg/Clock", "bike_msgs/msg/BikeState")
@@ -199,7 +201,7 @@ def _described(end: TopicEndpointInfo, qos: QoSProfile) -> Qos:
 
 def main() -> NoReturn:
     """Run the node until a signal; the exit code is 2 if the file cannot be written."""
-    node_tools.leave(node_tools.run_node("record", Record))
+    node_tools.leave(node_tools.run_node("record", Record, linger=LINGER))
 
 
 if __name__ == "__main__":
