@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import os
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from types import TracebackType
@@ -36,6 +37,10 @@ START_TIMEOUT: Final = 60.0
 
 RESEND_AFTER: Final = 0.5
 """Time without an answer after which a command is sent again, s."""
+
+
+HEARD: Final = 1000
+"""States kept that nobody has asked for yet."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +113,8 @@ class RosClient:
         self._executor.add_node(self._node)
         self._commands = self._node.create_publisher(BikeCommand, "command", node_tools.COMMAND_QOS)
         self._reset_service = self._node.create_client(Reset, "reset")
-        self._answer: BikeState | None = None
+        # States that an executor took while it waited for something else.
+        self._heard: deque[BikeState] = deque(maxlen=HEARD)
         self._course_message: CourseMessage | None = None
         self._node.create_subscription(CourseMessage, "course", self._on_course, node_tools.LATCHED_QOS)
         states = self._node.create_subscription(BikeState, "state", self._on_state, node_tools.STREAM_QOS)
@@ -183,6 +189,19 @@ class RosClient:
         self._last = messages.snapshot_from_message(state)
         return self._last
 
+    def listen(self, timeout: float) -> BikeState | None:
+        """Return the next state that another's commands bring about, or None after a wall-clock time, s.
+
+        It comes as a message: who listens to a ride at full speed converts it later.
+
+        Raises:
+            NodeLost: the simulator ended.
+        """
+        state = self._receive(timeout)
+        if state is None:
+            self._check_alive()
+        return state
+
     def close(self) -> None:
         """End the simulator if it is one's own, and leave the domain. A second call does nothing."""
         self._close.close()
@@ -215,14 +234,14 @@ class RosClient:
 
     def _receive(self, timeout: float) -> BikeState | None:
         """Return the next state, or None after the time-out."""
-        if self._fast is not None:
-            return self._fast.take(timeout)
-        self._answer = None
-        self._executor.spin_once(timeout_sec=timeout)
-        return self._answer
+        if not self._heard:
+            if self._fast is not None:
+                return self._fast.take(timeout)
+            self._executor.spin_once(timeout_sec=timeout)
+        return self._heard.popleft() if self._heard else None
 
     def _on_state(self, message: BikeState) -> None:
-        self._answer = message
+        self._heard.append(message)
 
     def _on_course(self, message: CourseMessage) -> None:
         self._course_message = message
