@@ -5,9 +5,9 @@ nobody answers is published again twice a second, so a partner may join late, be
 
 In free mode, time runs by itself at `real_time_factor` from the first command of an episode on, and the last command
 is held. When commands stop for `command_timeout_s` of simulated time, the set values of steering and throttle go to 0.
-For a bicycle that is not a state of rest: below its weave speed and above its capsize speed it falls within seconds,
-whatever the handlebar's set value is; straight ahead is only the one that leaves the course last. After a fall the
-physics stops and waits for a reset.
+For a bicycle that is not a state of rest: with its steering held straight it falls within seconds. Straight is merely
+the set value that leaves the course last and needs no knowledge of the ride. After a fall the physics stops and waits
+for a reset.
 """
 
 from __future__ import annotations
