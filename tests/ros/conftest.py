@@ -94,7 +94,8 @@ class Ears(rclpy.node.Node):
         """Listen until a condition holds."""
         end = time.monotonic() + patience
         while not condition():
-            assert time.monotonic() < end, f"waited {patience} s in vain; last state: {self.states[-1:]}"
+            where = [(s.episode, s.step) for s in self.states[-1:]]
+            assert time.monotonic() < end, f"waited {patience} s in vain; last episode and step: {where}"
             self._spinner.spin_once(timeout_sec=0.05)
 
     def during(self, seconds: float) -> None:
@@ -160,6 +161,7 @@ class Stage:
             if program.process.poll() is None:
                 program.process.kill()
             program.process.wait()
+            print(program.words)  # shown where a test fails
         self._lease.close()
 
 

@@ -72,14 +72,13 @@ class Drive(rclpy.node.Node):
         self._bundle: Bundle = load_bundle(values["policy"])
         self._accept(values)
         self._preview = np.arange(0)
-        self._fitted: tuple[int, float] | None = None
         self._last: BikeState | None = None
         self._answered_at = self._heard_at = time.monotonic()
         self._counts, self._reported = StateCounts(), StateCounts()
         self._latencies: deque[float] = deque(maxlen=LATENCY_WINDOW)
         self._answer_once()
         self._commands = self.create_publisher(
-            BikeCommand, "command", node_tools.COMMAND_QOS, event_callbacks=node_tools.QUIET
+            BikeCommand, "command", node_tools.SENDER_QOS, event_callbacks=node_tools.QUIET
         )
         self._started_at = time.monotonic()
         self._diagnostics = node_tools.Diagnostics(self)
@@ -118,11 +117,12 @@ class Drive(rclpy.node.Node):
             self._counts.repeated += 1
             if began - self._answered_at < REANSWER_AFTER:
                 return
+        if self._is_new_ride(message):
+            self._check_fit(message)
         self._last = message
         if message.fallen:
             self._counts.over += 1
             return
-        self._check_fit(message)
         action = self._act(message)
         if action is None:
             return
@@ -163,15 +163,17 @@ class Drive(rclpy.node.Node):
             return False
         return time_from_message(message.header.stamp) < time_from_message(last.header.stamp)
 
+    def _is_new_ride(self, message: BikeState) -> bool:
+        """Whether the episode, or the simulator itself, is another one than before."""
+        last = self._last
+        return last is None or message.episode != last.episode or message.step < last.step
+
     def _check_fit(self, message: BikeState) -> None:
-        """Check the simulator against the bundle where an episode or a simulator is new.
+        """Check the simulator against the bundle.
 
         Raises:
             CannotGoOn: naming the difference.
         """
-        begin = time_from_message(message.header.stamp) - round(message.step * message.control_period * 1e9)
-        if self._fitted == (message.episode, begin):
-            return
         try:
             self._bundle.check_fit(vehicle=message.vehicle, control_period=message.control_period)
             self._preview = self._bundle.layout.pick_preview(
@@ -180,7 +182,6 @@ class Drive(rclpy.node.Node):
         except ValueError as error:
             self.get_logger().error(f"the policy does not fit the simulator: {error}")
             raise CannotGoOn(f"the policy does not fit the simulator: {error}") from error
-        self._fitted = (message.episode, begin)
         self.get_logger().info(f"driving episode {message.episode} from step {message.step}")
 
     # ---------------------------------------------------------------------------------------------------- diagnostics

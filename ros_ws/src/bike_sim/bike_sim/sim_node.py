@@ -108,7 +108,7 @@ class SimNode(rclpy.node.Node):
     # ------------------------------------------------------------------------------------------------------- topics
 
     def _open_topics(self) -> None:
-        stream, latched = node_tools.STREAM_QOS, node_tools.LATCHED_QOS
+        stream, latched = node_tools.SENDER_QOS, node_tools.LATCHED_QOS
 
         def open_topic(kind: type, name: str, qos: QoSProfile) -> Publisher:
             return self.create_publisher(kind, name, qos, event_callbacks=node_tools.QUIET)
