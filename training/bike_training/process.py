@@ -26,11 +26,19 @@ from bike_training.env import BikeEnv
 from bike_training.learner import AveragedActor, actor_tensors, build_model
 from bike_training.presets import Preset
 from bike_training.task import DISTANCE_THRESHOLD, Task
-from bike_training.validation_rides import draw_requests, validate_compiled, validate_simulator
+from bike_training.validation_rides import (
+    draw_requests,
+    selection_error,
+    validate_compiled,
+    validate_simulator,
+)
 from bike_training.vec_env import CompiledVecEnv
 
 COMPILED_TIME_STEP: Final = 0.01
 """Integration step of the compiled engine in training, s; its error there is below 1e-6 in every state."""
+
+SELECT_EVERY: Final = 10_000
+"""Learning steps between two comparisons of actors once the curriculum is finished."""
 
 VALIDATION_COLUMNS: Final = ("step", "seconds", "part", "mean_error_m", "max_error_m", "passed", "updates")
 
@@ -98,6 +106,10 @@ class Progress:
         validations: number of validations.
         latest_success: most recent actor that passed all rides of a validation in the highest part so far.
         recent_error_m: mean distance of the last validation, m.
+        best: actor with the least selection error since the curriculum was finished.
+        best_error_m: its selection error, m.
+        best_step: learning step at which it was found.
+        selected_at: learning step of the last comparison.
     """
 
     curriculum: Curriculum
@@ -111,6 +123,10 @@ class Progress:
     latest_success: Actor | None = None
     success_step: int = 0
     recent_error_m: float = float("nan")
+    best: Actor | None = None
+    best_error_m: float = float("inf")
+    best_step: int = 0
+    selected_at: int = 0
     extra: dict[str, Any] = field(default_factory=dict)
 
 
@@ -212,6 +228,8 @@ class LearningProcess:
             "finished_at_step": progress.curriculum.finished_at,
             "finished_after_s": progress.extra.get("finished_after_s"),
             "success_step": progress.success_step,
+            "best_step": progress.best_step,
+            "best_selection_rms_m": round(progress.best_error_m, 5) if progress.best else None,
         }
 
     def actor(self) -> Actor:
@@ -252,6 +270,18 @@ class LearningProcess:
         self.model.logger.record("curriculum/part", progress.curriculum.part)
         self.model.logger.dump(step)
         self._record(actor, requests[0])
+
+    def select(self) -> None:
+        """Compare the present actor with the best one so far on rides that are always the same."""
+        progress, step = self.progress, self.model.num_timesteps
+        progress.selected_at = step
+        actor = self.actor()
+        error = selection_error(actor, self.task, self.vehicle, COMPILED_TIME_STEP)
+        if error < progress.best_error_m:
+            progress.best, progress.best_error_m, progress.best_step = actor, error, step
+        with (self.out / "selection.csv").open("a", newline="", encoding="utf-8") as file:
+            csv.writer(file).writerow((step, round(error, 6)))
+        self.model.logger.record("selection/rms_error_m", error)
 
     def _ride(self, actor: Actor, requests: list[ResetRequest]) -> list[float]:
         if self.settings.compiled:
@@ -306,6 +336,8 @@ class _Callback(BaseCallback):
                 progress.averaged.update(self.model, max(1, settings.preset.updates))
             if self._validation_is_due():
                 process.validate()
+            if progress.curriculum.finished and self.num_timesteps - progress.selected_at >= SELECT_EVERY:
+                process.select()
         if self.num_timesteps - self.saved_at >= settings.checkpoint_every:
             self.saved_at = self.num_timesteps
             process.save()
