@@ -12,12 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bike_policy import drive
-from bike_sim import isolation, node_settings, record, ride
+from bike_sim import isolation, ride
 from bike_sim.command_gate import Command, CommandGate, Verdict
 from bike_sim.course.files import load_course
 from bike_sim.events import EventKind, EventWatch
-from bike_sim.node_tools import ParameterSpec
 from bike_sim.reset import ResetRequest
 from bike_sim.simulator import Simulator, SimulatorConfig, Snapshot
 
@@ -151,12 +149,3 @@ def test_discovery_is_local_unless_the_environment_says_otherwise() -> None:
         {isolation.DISCOVERY_VARIABLE: "LOCALHOST"},
         {isolation.DISCOVERY_VARIABLE: "SUBNET"},
     )
-
-
-@pytest.mark.parametrize("specs", [node_settings.SPECS, drive.SPECS, record.SPECS])
-def test_each_parameter_is_documented_with_its_default(specs: tuple[ParameterSpec, ...]) -> None:
-    rows = (Path(__file__).parents[2] / "docs" / "nodes.md").read_text().splitlines()
-    for spec in specs:
-        default = "" if spec.default in ("", ()) else str(spec.default)
-        default = default.lower() if isinstance(spec.default, bool) else default
-        assert any(row.startswith(f"| `{spec.name}` | {default} | {spec.text}") for row in rows), spec.name
