@@ -38,10 +38,9 @@ format: setup ## Apply the formatter and the fixes that are safe
 bench: setup ## Measure speeds and compare them
 	@$(BIN)/bike bench
 
-clean: ## Remove what was built and cached; .venv stays
+clean: ## Remove caches and what a plain `colcon build` left; .venv stays
 	rm -rf ros_ws/build ros_ws/install ros_ws/log .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
-	rm -f .venv/stamps/workspace
 	find analysis bench ros_ws tests tools training -name __pycache__ -type d -prune -exec rm -rf {} +
 
-distclean: clean ## Remove .venv as well
+distclean: clean ## Remove .venv as well, and with it the built workspace
 	rm -rf .venv

@@ -92,10 +92,41 @@ class MessageSchema:
         Raises:
             SchemaError: If the bytes do not fit the type.
         """
+        return self._decode(data)[0]
+
+    def trim(self, data: bytes) -> bytes:
+        """Cut off what follows a message.
+
+        ``rclpy.serialization.serialize_message`` reserves room for alignment that empty arrays do not need and hands
+        the whole buffer over (rmw_fastrtps 8.4), so that some arbitrary bytes may follow the message. Messages that
+        came over DDS have their exact length. Strict readers refuse the excess.
+
+        Args:
+            data: CDR bytes with header, and possibly more.
+
+        Returns:
+            The message's own bytes.
+
+        Raises:
+            SchemaError: If the bytes do not fit the type.
+        """
+        return data[: self._decode(data)[1]]
+
+    def _decode(self, data: bytes) -> tuple[Any, int]:
+        """The decoded message and the length of its own bytes."""
+        if len(data) < _HEADER_BYTES or data[0] != 0 or data[1] > 1:
+            raise SchemaError(
+                f"a {self.name} begins with {data[:_HEADER_BYTES]!r}, which is not the header of plain CDR"
+            )
+        definition = self._store.get_msgdef(self.name)
+        decode = definition.deserialize_cdr_le if data[1] else definition.deserialize_cdr_be
         try:
-            return self._store.deserialize_cdr(data, self.name)
+            message, end = decode(data[_HEADER_BYTES:], 0, definition.cls, self._store)
         except Exception as error:  # what the generated code raises depends on the damage
             raise SchemaError(f"a {self.name} of {len(data)} bytes cannot be decoded: {error}") from error
+        if end + _HEADER_BYTES > len(data):
+            raise SchemaError(f"a {self.name} of {len(data)} bytes is shorter than its fields")
+        return message, end + _HEADER_BYTES
 
     def fields(self) -> set[str]:
         """Names of the fields that columns can be made of; nested ones with dots, as ``header.stamp.sec``."""

@@ -80,6 +80,7 @@ class States(Table):
 
     Attributes:
         control_period: Time between two steps, s.
+        steering_limit: Set value of the steering angle that a steering command of 1 asks for, rad.
         x: Rear contact point in map, m.
         y: Rear contact point in map, m.
         yaw: rad, not wrapped.
@@ -106,6 +107,7 @@ class States(Table):
     """
 
     control_period: Floats
+    steering_limit: Floats
     x: Floats
     y: Floats
     yaw: Floats
@@ -230,6 +232,7 @@ class Recording:
     Attributes:
         path: The file.
         namespace: Namespace of the vehicle's topics.
+        vehicle: Name of the vehicle; empty where it was not recorded.
         states: Never empty.
         commands: Commands given.
         courses: Courses, in order.
@@ -243,6 +246,7 @@ class Recording:
 
     path: Path
     namespace: str
+    vehicle: str
     states: States
     commands: Commands
     courses: tuple[Course, ...]
@@ -332,6 +336,7 @@ class _Collector:
         self._schemas: dict[int, MessageSchema | None] = {}
         self._tables: dict[str, _TableReader] = {}
         self._others: dict[str, list[tuple[int, Any]]] = {}
+        self._vehicles: dict[str, str] = {}
         self._count = 0
 
     def read(self, namespace: str | None) -> Recording:
@@ -346,6 +351,7 @@ class _Collector:
         return Recording(
             path=box.path,
             namespace=chosen,
+            vehicle=self._vehicles.get(f"{chosen}/state", ""),
             states=states,
             commands=commands,
             courses=tuple(self._converted(f"{chosen}/course", _course)),
@@ -366,6 +372,7 @@ class _Collector:
             if channel.topic not in self._tables:
                 kind = States if schema.name == STATE_TYPE else Commands
                 self._tables[channel.topic] = _TableReader.of(kind, schema, _REQUIRED[schema.name])
+                self._vehicles[channel.topic] = str(getattr(schema.decode(message.data), "vehicle", ""))
             self._tables[channel.topic].add(self._count, message.data)
             return
         try:

@@ -97,6 +97,8 @@ def circle_ride(
         "progress": progress,
         "course_length": np.full(steps, 2.0 * np.pi * radius),
         "course_closed": np.full(steps, True),
+        "vehicle": np.full(steps, "whipple"),
+        "steering_limit": np.full(steps, np.radians(70.0)),
         "lateral_error": offset.copy(),
         "curvature": np.full(steps, 1.0 / radius),
         "steering_command": 0.2 * np.sin(0.37 * np.arange(steps)),

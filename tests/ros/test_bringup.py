@@ -9,7 +9,9 @@ from typing import Any
 import pytest
 import yaml
 
+from bike_sim import record
 from bike_sim.node_settings import SPECS, NodeSettings
+from bike_sim.node_tools import ParameterSpec
 
 ROOT = Path(__file__).parents[2]
 BRINGUP = ROOT / "ros_ws" / "src" / "bike_bringup"
@@ -51,16 +53,22 @@ def test_rviz_shows_topics_of_the_namespace_in_the_world_frame() -> None:
     config = yaml.safe_load((BRINGUP / "rviz" / "ride.rviz").read_text())["Visualization Manager"]
     assert config["Global Options"]["Fixed Frame"] == "map"
     topics = {display["Topic"]["Value"] for display in config["Displays"] if "Topic" in display}
-    assert topics == {"/bike/markers", "/bike/odom"}
+    assert topics == {"/bike/course_marker", "/bike/markers", "/bike/odom"}
+
+
+PARAMETERS = yaml.safe_load((BRINGUP / "config" / "ride.yaml").read_text())
+
+
+@pytest.mark.parametrize(("node", "specs"), [("sim_node", SPECS), ("record", record.SPECS)], ids=["sim_node", "record"])
+def test_parameters_of_the_ride_exist_and_have_their_type(node: str, specs: tuple[ParameterSpec, ...]) -> None:
+    given = PARAMETERS[f"/**/{node}"]["ros__parameters"]
+    types = {spec.name: type(spec.default) for spec in specs}
+    assert {name: type(value) for name, value in given.items()} == {name: types[name] for name in given}
 
 
 def test_parameters_of_the_ride_are_accepted_by_the_simulator() -> None:
-    config = yaml.safe_load((BRINGUP / "config" / "ride.yaml").read_text())
-    given = config["/**/sim_node"]["ros__parameters"]
-    defaults = {spec.name: spec.default for spec in SPECS}
-    assert set(given) <= set(defaults)
-    assert {name: type(value) for name, value in given.items()} == {name: type(defaults[name]) for name in given}
-    assert NodeSettings.from_parameters(defaults | given).mode == "free"
+    given = PARAMETERS["/**/sim_node"]["ros__parameters"]
+    assert NodeSettings.from_parameters({spec.name: spec.default for spec in SPECS} | given).mode == "free"
 
 
 def test_launch_file_starts_programs_and_reads_files_that_exist() -> None:

@@ -40,7 +40,7 @@ def save_checkpoint(folder: Path, model: OffPolicyAlgorithm, process_state: dict
     state = {
         "process": process_state,
         "random": random.getstate(),
-        "numpy": np.random.get_state(),  # noqa: NPY002 (the generator that SB3 samples with)
+        "numpy": np.random.get_state(),
         "torch": torch.get_rng_state(),
         "action_space": model.action_space.np_random.bit_generator.state,
         "jax_key": np.asarray(model.key) if hasattr(model, "key") else None,
@@ -76,15 +76,15 @@ def load_model(folder: Path, env: VecEnv) -> OffPolicyAlgorithm:
     if state["jax_key"] is None:
         model: Any = SAC.load(path, env=env, device="cpu", force_reset=False)
     else:
-        from sbx import SAC as JaxSAC  # noqa: PLC0415 (JAX takes seconds to load and only this learner needs it)
+        from sbx import SAC as JaxSAC
 
         model = JaxSAC.load(path, env=env, force_reset=False)
-        import jax.numpy as jnp  # noqa: PLC0415
+        import jax.numpy as jnp
 
         model.key = jnp.asarray(state["jax_key"])
     _load_replay(folder / CHECKPOINT / "replay.npz", model.replay_buffer)
     random.setstate(state["random"])
-    np.random.set_state(state["numpy"])  # noqa: NPY002
+    np.random.set_state(state["numpy"])
     torch.set_rng_state(state["torch"])
     model.action_space.np_random.bit_generator.state = state["action_space"]
     loaded: OffPolicyAlgorithm = model

@@ -9,6 +9,8 @@ import sys
 from collections.abc import Sequence
 from typing import Final
 
+from bike_training.node_process import NodeLost
+
 COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "ride": ("bike_training.commands.ride", "ride a course through the nodes, record it and report"),
     "train": ("bike_training.commands.train", "learn to ride"),
@@ -48,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     module = importlib.import_module(COMMANDS[args.command][0])
     try:
         result = module.run(args)
-    except (ValueError, OSError) as error:
+    except (ValueError, OSError, NodeLost) as error:
         print(f"bike {args.command}: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:

@@ -39,7 +39,7 @@ def make_client(kind: str, config: SimulatorConfig) -> Client:
     if kind == "local":
         return Simulator(config)
     if kind == "ros":
-        from bike_training.ros_client import RosClient  # noqa: PLC0415 (only this client needs ROS)
+        from bike_training.ros_client import RosClient
 
         return RosClient(config)
     raise ValueError(f"unknown client {kind!r}; choose one of {', '.join(CLIENT_KINDS)}")

@@ -9,6 +9,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from bike_sim import ride
 from bike_sim.physics.state import ROLL
 from bike_sim.physics.vehicle import load_vehicle
 from bike_sim.reset import ResetRequest
@@ -26,7 +27,7 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     truncated episode a plain ``reset()`` goes on with the same ride once, as the paper does (Weyrer et al. 2026,
     Sect. 4.1); ``reset(seed=...)`` and ``reset(options=...)`` always begin a new one.
 
-    ``info`` holds the distance to the path, the progress and the snapshot of the simulator.
+    ``info`` holds distance to the path, progress, speed and simulated time; ``snapshot`` all that the simulator shows.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012 (Gymnasium's own declaration)
@@ -50,12 +51,12 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.client = make_client(client, config) if isinstance(client, str) else client
         self.task = TASKS[task] if isinstance(task, str) else task
         self.ranges = ranges or Curriculum().ranges(0)
-        self.observation_space, self.action_space = task_spaces(self.task)
+        self.observation_space, self.action_space = task_spaces(self.task)  # type: ignore[assignment]
         self._command_scale = self.task.max_steer / load_vehicle(config.vehicle).max_steer
         self._steps = 0
         self._full_episodes = 0
         self._goes_on = False
-        self._snapshot: Snapshot | None = None
+        self.snapshot: Snapshot | None = None
 
     def set_ranges(self, ranges: RideRanges) -> None:
         """Draw new rides from other intervals from now on."""
@@ -77,16 +78,16 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if not goes_on:
             request = (options or {}).get("request") or self._draw()
             request = replace(request, preview=self.task.preview)
-            self._snapshot = self.client.reset(request)
+            self.snapshot = self.client.reset(request)
             self._full_episodes = 0
-        assert self._snapshot is not None
-        return self._observe(self._snapshot), self._info(self._snapshot)
+        assert self.snapshot is not None
+        return self._observe(self.snapshot), self._info(self.snapshot)
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Hold an action of shape (1,) in [-1, 1] for one control period."""
         command = float(action[0]) * self._command_scale
         snapshot = self.client.step(min(max(command, -1.0), 1.0))
-        self._snapshot = snapshot
+        self.snapshot = snapshot
         self._steps += 1
         roll = snapshot.state[ROLL]
         reward = self.task.rewards(distances(self.task, snapshot.seen), roll)
@@ -114,4 +115,9 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return self.task.layout.observe(snapshot.state, snapshot.preview_y)
 
     def _info(self, snapshot: Snapshot) -> dict[str, Any]:
-        return {"snapshot": snapshot, "distance_m": snapshot.distance}
+        return {
+            "distance_m": snapshot.distance,
+            "progress_m": float(snapshot.seen[ride.PROGRESS]),
+            "speed_m_s": float(snapshot.seen[ride.SPEED]),
+            "time_s": snapshot.time,
+        }

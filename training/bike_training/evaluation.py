@@ -96,7 +96,7 @@ def draw(figures: dict[str, Any], bundle: Bundle, path: Path) -> None:
         path: PNG file.
     """
     mpl.use("Agg")
-    from matplotlib import pyplot as plt  # noqa: PLC0415 (after the backend is chosen)
+    from matplotlib import pyplot as plt
 
     rides, randoms = figures["rides"], figures["random"]
     fig, (top, middle, bottom) = plt.subplots(3, 1, figsize=(9, 12), layout="constrained")
@@ -109,10 +109,11 @@ def draw(figures: dict[str, Any], bundle: Bundle, path: Path) -> None:
     top.axhline(PAPER_MAX, color="0.5", lw=1, ls=":")
     top.set(title=f"{bundle.name} on {figures['course']}", ylabel="distance / m", ylim=(0, None))
     top.legend()
-    _draw_distances(middle, randoms, "mean_m", "o", "mean of a 30 s ride")
-    _draw_distances(middle, randoms, "max_m", "s", "maximum")
+    if randoms:
+        _draw_distances(middle, randoms, "mean_m", "o", "mean of a 30 s ride")
+        _draw_distances(middle, randoms, "max_m", "s", "maximum")
+        middle.legend()
     middle.set(title="random paths of part 4", xlabel="speed / (m/s)", ylabel="distance / m", ylim=(0, None))
-    middle.legend()
     _draw_sections(fig, bottom, rides, speeds)
     fig.savefig(path, dpi=130)
     plt.close(fig)
@@ -120,7 +121,8 @@ def draw(figures: dict[str, Any], bundle: Bundle, path: Path) -> None:
 
 def _draw_distances(axes: Any, rides: Sequence[dict[str, Any]], key: str, style: str, label: str) -> None:
     done = [(ride["speed_m_s"], ride[key]) for ride in rides if ride["completed"]]
-    axes.plot(*zip(*done, strict=True), style, label=label, ms=4) if done else None
+    if done:
+        axes.plot(*zip(*done, strict=True), style, label=label, ms=4)
     for ride in rides:
         if not ride["completed"]:
             axes.axvline(ride["speed_m_s"], color="tab:red", alpha=0.4)

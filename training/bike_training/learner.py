@@ -31,7 +31,7 @@ class MirrorReplayBuffer(ReplayBuffer):
 
     def _get_samples(self, batch_inds: NDArray[np.int64], env: Any = None) -> ReplayBufferSamples:
         data = super()._get_samples(batch_inds, env)
-        flip = torch.as_tensor(np.random.random(len(batch_inds)) < 0.5)[:, None]  # noqa: NPY002 (SB3 seeds this one)
+        flip = torch.as_tensor(np.random.random(len(batch_inds)) < 0.5)[:, None]
         signs = torch.where(flip, self.mirror_signs, 1.0)
         return data._replace(
             observations=data.observations * signs,
@@ -75,7 +75,7 @@ def build_model(preset: Preset, task: Task, env: VecEnv, seed: int, log_dir: str
     if preset.learner == "sb3":
         torch.set_num_threads(1)
         return SAC("MlpPolicy", env, device="cpu", **common)
-    from sbx import SAC as JaxSAC  # noqa: PLC0415 (JAX takes seconds to load and only this learner needs it)
+    from sbx import SAC as JaxSAC
 
     common["policy_kwargs"]["layer_norm"] = preset.layer_norm
     return JaxSAC("MlpPolicy", env, **common)

@@ -26,11 +26,19 @@ from bike_training.env import BikeEnv
 from bike_training.learner import AveragedActor, actor_tensors, build_model
 from bike_training.presets import Preset
 from bike_training.task import DISTANCE_THRESHOLD, Task
-from bike_training.validation_rides import draw_requests, validate_compiled, validate_simulator
+from bike_training.validation_rides import (
+    draw_requests,
+    selection_error,
+    validate_compiled,
+    validate_simulator,
+)
 from bike_training.vec_env import CompiledVecEnv
 
 COMPILED_TIME_STEP: Final = 0.01
 """Integration step of the compiled engine in training, s; its error there is below 1e-6 in every state."""
+
+SELECT_EVERY: Final = 10_000
+"""Learning steps between two comparisons of actors once the curriculum is finished."""
 
 VALIDATION_COLUMNS: Final = ("step", "seconds", "part", "mean_error_m", "max_error_m", "passed", "updates")
 
@@ -94,9 +102,14 @@ class Progress:
         seconds: time spent learning so far, s, earlier sessions included.
         validated_at: learning step of the last validation.
         validation_due: whether an episode reached its full length since then.
+        handled_at: learning step that was last averaged and validated, so that a resumed run does not do it twice.
         validations: number of validations.
         latest_success: most recent actor that passed all rides of a validation in the highest part so far.
         recent_error_m: mean distance of the last validation, m.
+        best: actor with the least selection error since the curriculum was finished.
+        best_error_m: its selection error, m.
+        best_step: learning step at which it was found.
+        selected_at: learning step of the last comparison.
     """
 
     curriculum: Curriculum
@@ -105,10 +118,15 @@ class Progress:
     seconds: float = 0.0
     validated_at: int = 0
     validation_due: bool = False
+    handled_at: int = -1
     validations: int = 0
     latest_success: Actor | None = None
     success_step: int = 0
     recent_error_m: float = float("nan")
+    best: Actor | None = None
+    best_error_m: float = float("inf")
+    best_step: int = 0
+    selected_at: int = 0
     extra: dict[str, Any] = field(default_factory=dict)
 
 
@@ -210,6 +228,8 @@ class LearningProcess:
             "finished_at_step": progress.curriculum.finished_at,
             "finished_after_s": progress.extra.get("finished_after_s"),
             "success_step": progress.success_step,
+            "best_step": progress.best_step,
+            "best_selection_rms_m": round(progress.best_error_m, 5) if progress.best else None,
         }
 
     def actor(self) -> Actor:
@@ -251,6 +271,18 @@ class LearningProcess:
         self.model.logger.dump(step)
         self._record(actor, requests[0])
 
+    def select(self) -> None:
+        """Compare the present actor with the best one so far on rides that are always the same."""
+        progress, step = self.progress, self.model.num_timesteps
+        progress.selected_at = step
+        actor = self.actor()
+        error = selection_error(actor, self.task, self.vehicle, COMPILED_TIME_STEP)
+        if error < progress.best_error_m:
+            progress.best, progress.best_error_m, progress.best_step = actor, error, step
+        with (self.out / "selection.csv").open("a", newline="", encoding="utf-8") as file:
+            csv.writer(file).writerow((step, round(error, 6)))
+        self.model.logger.record("selection/rms_error_m", error)
+
     def _ride(self, actor: Actor, requests: list[ResetRequest]) -> list[float]:
         if self.settings.compiled:
             return validate_compiled(actor, self.task, self.vehicle, requests, COMPILED_TIME_STEP)
@@ -266,7 +298,7 @@ class LearningProcess:
         every = self.settings.record_every
         if not every or (self.progress.validations - 1) % every:
             return
-        from bike_training.episode_recording import record_ride  # noqa: PLC0415 (needs the ROS messages)
+        from bike_training.episode_recording import record_ride
 
         path = self.out / "episodes" / f"step_{self.model.num_timesteps:09d}.mcap"
         record_ride(path, actor, self.task, self._validation_simulator(), request)
@@ -298,10 +330,14 @@ class _Callback(BaseCallback):
         process, settings = self.process, self.process.settings
         progress = process.progress
         self._tick()
-        if self.num_timesteps > settings.preset.learning_starts:
-            progress.averaged.update(self.model, max(1, settings.preset.updates))
-        if self._validation_is_due():
-            process.validate()
+        if progress.handled_at != self.num_timesteps:
+            progress.handled_at = self.num_timesteps
+            if self.num_timesteps > settings.preset.learning_starts:
+                progress.averaged.update(self.model, max(1, settings.preset.updates))
+            if self._validation_is_due():
+                process.validate()
+            if progress.curriculum.finished and self.num_timesteps - progress.selected_at >= SELECT_EVERY:
+                process.select()
         if self.num_timesteps - self.saved_at >= settings.checkpoint_every:
             self.saved_at = self.num_timesteps
             process.save()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from bike_sim import ride as seen
 from bike_sim.course.course import Course
 from bike_sim.physics.state import ROLL, STEER
 from bike_sim.physics.vehicle import load_vehicle
-from bike_sim.reset import Preview, ResetRequest
+from bike_sim.reset import RANDOM_COURSE, Preview, ResetRequest
 from bike_sim.simulator import Snapshot
 from bike_training.clients import Client
 from bike_training.task import failed
@@ -33,6 +34,7 @@ class Ride:
         error: signed distance of the rear contact to the course, m.
         roll: rad. steer: rad. command: steering command applied on the way to the state, [-1, 1].
         x: rear contact, m. y: rear contact, m.
+        lost_states: states of the ride that are missing here.
     """
 
     speed: float
@@ -44,6 +46,7 @@ class Ride:
     command: FloatArray
     x: FloatArray
     y: FloatArray
+    lost_states: int = 0
 
     @classmethod
     def from_snapshots(cls, snapshots: Sequence[Snapshot], completed: bool) -> Ride:
@@ -68,6 +71,7 @@ class Ride:
         found: dict[str, Any] = {
             "speed_m_s": round(self.speed, 6),
             "completed": self.completed,
+            "lost_states": self.lost_states,
             "mean_m": float(distance.mean()),
             "max_m": float(distance.max()),
             "rms_m": float(np.sqrt(np.mean(distance**2))),
@@ -76,7 +80,7 @@ class Ride:
         }
         bounds = [*sections, ("", np.inf)]
         per_section = []
-        for (name, first), (_, last) in zip(bounds[:-1], bounds[1:], strict=True):
+        for (name, first), (_, last) in pairwise(bounds):
             inside = distance[(self.progress >= first) & (self.progress < last)]
             if len(inside):
                 per_section.append({"section": name, "mean_m": float(inside.mean()), "max_m": float(inside.max())})
@@ -97,17 +101,30 @@ def ride_through(client: Client, bundle: Bundle, request: ResetRequest, longest:
     layout = bundle.layout
     preview = Preview(layout.preview_by_time, layout.preview_interval, layout.preview_count)
     max_steer = load_vehicle(bundle.vehicle).max_steer
-    snapshot = client.reset(replace(request, preview=preview))
-    snapshots = [snapshot]
-    for _ in range(round(longest / bundle.control_period)):
+    snapshots = [client.reset(replace(request, preview=preview))]
+    while not is_over(snapshots[-1], longest):
+        snapshot = snapshots[-1]
         action = bundle.actor.act(layout.observe(snapshot.state, snapshot.preview_y))
-        snapshot = client.step(bundle.action.to_command(action, max_steer))
-        snapshots.append(snapshot)
-        if failed(snapshot.distance, snapshot.state[ROLL]):
-            return Ride.from_snapshots(snapshots, completed=False)
-        if snapshot.finished:
-            return Ride.from_snapshots(snapshots, completed=True)
-    return Ride.from_snapshots(snapshots, completed=request.course == "random")
+        snapshots.append(client.step(bundle.action.to_command(action, max_steer)))
+    return Ride.from_snapshots(snapshots, is_completed(snapshots[-1], request))
+
+
+def is_over(snapshot: Snapshot, longest: float) -> bool:
+    """Tell whether a ride ends with a snapshot: failed, at the end of the course, or out of time (s)."""
+    return has_failed(snapshot) or snapshot.finished or snapshot.time > longest - 1e-9
+
+
+def is_completed(last: Snapshot, request: ResetRequest) -> bool:
+    """Tell whether a ride that ended with a snapshot is completed.
+
+    A course must be ridden to its end; on a random path it is enough to have lasted.
+    """
+    return not has_failed(last) and (last.finished or request.course == RANDOM_COURSE)
+
+
+def has_failed(snapshot: Snapshot) -> bool:
+    """Tell whether the bicycle has fallen or is too far from its course (Weyrer et al. 2026, Sect. 4)."""
+    return bool(failed(snapshot.distance, snapshot.state[ROLL]))
 
 
 def time_for(course: Course, speed: float) -> float:

@@ -7,17 +7,13 @@ and one state in lockstep, so the rides are bit for bit those of :class:`bike_si
 from __future__ import annotations
 
 import contextlib
-import json
 import os
-import signal
-import subprocess
-import sys
-import tempfile
 import time
+from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from types import TracebackType
-from typing import IO, Any, Final, Self
+from typing import Any, Final, Self
 
 from bike_msgs.msg import BikeCommand, BikeState
 from bike_msgs.msg import Course as CourseMessage
@@ -30,10 +26,11 @@ from rclpy.node import Node
 from bike_sim import messages, node_tools
 from bike_sim.command_gate import Command
 from bike_sim.course.course import Course
-from bike_sim.isolation import DISCOVERY_VARIABLE, DOMAIN_VARIABLE, DomainLease, keep_local
+from bike_sim.isolation import DOMAIN_VARIABLE, DomainLease, keep_local
 from bike_sim.physics.vehicle import Vehicle, load_vehicle
 from bike_sim.reset import ResetRequest
 from bike_sim.simulator import SimulatorConfig, Snapshot
+from bike_training.node_process import NodeLost, NodeProcess
 
 START_TIMEOUT: Final = 60.0
 """Longest wait for a simulator to appear, s. The first start on a machine compiles the physics."""
@@ -41,12 +38,9 @@ START_TIMEOUT: Final = 60.0
 RESEND_AFTER: Final = 0.5
 """Time without an answer after which a command is sent again, s."""
 
-STOP_TIMEOUT: Final = 3.0
-"""Time that a simulator of one's own gets to end, s."""
 
-
-class SimulatorLost(RuntimeError):
-    """The simulator ended, or has not answered in time."""
+HEARD: Final = 1000
+"""States kept that nobody has asked for yet."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +76,7 @@ class RosClient:
         """Start or find the simulator.
 
         Raises:
-            SimulatorLost: it ended or did not appear in time; with its last words where it is one's own.
+            NodeLost: it ended or did not appear in time; with its last words where it is one's own.
             FileNotFoundError: an unknown vehicle. ValueError: a vehicle that cannot be.
         """
         self.config = config or SimulatorConfig()
@@ -98,9 +92,10 @@ class RosClient:
     def _open(self) -> None:
         keep_local()
         self.domain_id = self._choose_domain()
-        self._process: SimulatorProcess | None = None
+        self._process: NodeProcess | None = None
         if not self._ros.join:
-            self._process = SimulatorProcess(self.config, self._ros.namespace, self.domain_id)
+            parameters = asdict(self.config) | {"mode": "lockstep", "auto_reset": "never", "course": "line"}
+            self._process = NodeProcess("bike_sim.sim_node", parameters, self.domain_id, self._ros.namespace)
             self._close.callback(self._process.close)
         context = Context()
         context.init(args=[], domain_id=self.domain_id)
@@ -118,7 +113,8 @@ class RosClient:
         self._executor.add_node(self._node)
         self._commands = self._node.create_publisher(BikeCommand, "command", node_tools.COMMAND_QOS)
         self._reset_service = self._node.create_client(Reset, "reset")
-        self._answer: BikeState | None = None
+        # States that an executor took while it waited for something else.
+        self._heard: deque[BikeState] = deque(maxlen=HEARD)
         self._course_message: CourseMessage | None = None
         self._node.create_subscription(CourseMessage, "course", self._on_course, node_tools.LATCHED_QOS)
         states = self._node.create_subscription(BikeState, "state", self._on_state, node_tools.STREAM_QOS)
@@ -155,7 +151,7 @@ class RosClient:
 
         Raises:
             ValueError: the simulator refused the request, in its words.
-            SimulatorLost: it does not answer.
+            NodeLost: it does not answer.
         """
         future = self._reset_service.call_async(messages.reset_to_message(request))
         try:
@@ -179,7 +175,7 @@ class RosClient:
         Raises:
             ValueError: a command that is not finite or out of range.
             RuntimeError: no episode was begun, or the vehicle has fallen, where the node ends the episode.
-            SimulatorLost: the simulator does not answer.
+            NodeLost: the simulator does not answer.
         """
         last = self._last
         if last is None:
@@ -192,6 +188,19 @@ class RosClient:
         state = self._exchange(command, last.episode, last.step + 1)
         self._last = messages.snapshot_from_message(state)
         return self._last
+
+    def listen(self, timeout: float) -> BikeState | None:
+        """Return the next state that another's commands bring about, or None after a wall-clock time, s.
+
+        It comes as a message: who listens to a ride at full speed converts it later.
+
+        Raises:
+            NodeLost: the simulator ended.
+        """
+        state = self._receive(timeout)
+        if state is None:
+            self._check_alive()
+        return state
 
     def close(self) -> None:
         """End the simulator if it is one's own, and leave the domain. A second call does nothing."""
@@ -225,14 +234,14 @@ class RosClient:
 
     def _receive(self, timeout: float) -> BikeState | None:
         """Return the next state, or None after the time-out."""
-        if self._fast is not None:
-            return self._fast.take(timeout)
-        self._answer = None
-        self._executor.spin_once(timeout_sec=timeout)
-        return self._answer
+        if not self._heard:
+            if self._fast is not None:
+                return self._fast.take(timeout)
+            self._executor.spin_once(timeout_sec=timeout)
+        return self._heard.popleft() if self._heard else None
 
     def _on_state(self, message: BikeState) -> None:
-        self._answer = message
+        self._heard.append(message)
 
     def _on_course(self, message: CourseMessage) -> None:
         self._course_message = message
@@ -254,9 +263,9 @@ class RosClient:
         if self._process is not None:
             self._process.check()
 
-    def _lost(self, complaint: str) -> SimulatorLost:
+    def _lost(self, complaint: str) -> NodeLost:
         where = f"/{self._ros.namespace.strip('/')} in ROS domain {self.domain_id}"
-        return SimulatorLost(f"the simulator {where} {complaint}; is it running, in lockstep, and not paused?")
+        return NodeLost(f"the simulator {where} {complaint}; is it running, in lockstep, and not paused?")
 
 
 class _FastReceiver:
@@ -282,61 +291,3 @@ class _FastReceiver:
                 self._wait_set.wait(max(int(timeout * messages.NANOSECONDS), 0))
                 taken = self._handle.take_message(self._type, False)
         return None if taken is None else taken[0]
-
-
-class SimulatorProcess:
-    """A simulator node as a process of one's own.
-
-    Attributes:
-        process: the process.
-    """
-
-    def __init__(self, config: SimulatorConfig, namespace: str, domain_id: int) -> None:
-        """Start the node.
-
-        Args:
-            config: what it simulates.
-            namespace: namespace of its topics.
-            domain_id: its ROS domain.
-        """
-        parameters = {
-            "vehicle": config.vehicle,
-            "engine": config.engine,
-            "time_step": config.time_step,
-            "control_period": config.control_period,
-            "history": config.history,
-            "mode": "lockstep",
-            "auto_reset": "never",
-            "course": "line",
-        }
-        command = [sys.executable, "-m", "bike_sim.sim_node", "--ros-args", "-r", f"__ns:=/{namespace.strip('/')}"]
-        command += ["--log-level", "warn"]
-        for name, value in parameters.items():
-            command += ["-p", f"{name}:={json.dumps(value)}"]
-        environment = {**os.environ, DOMAIN_VARIABLE: str(domain_id)}
-        environment.setdefault(DISCOVERY_VARIABLE, "LOCALHOST")
-        self._words: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - closed by close()
-        # Its own session: a Ctrl-C at the terminal is for the training, which ends its simulators itself.
-        self.process = subprocess.Popen(
-            command, env=environment, stdout=subprocess.DEVNULL, stderr=self._words, start_new_session=True
-        )
-
-    def check(self) -> None:
-        """Raise SimulatorLost with the process's last words if it has ended."""
-        code = self.process.poll()
-        if code is not None:
-            self._words.seek(0)
-            lines = self._words.read().decode(errors="replace").strip().splitlines()
-            words = f": {lines[-1]}" if lines else ""
-            raise SimulatorLost(f"the simulator process ended with exit code {code}{words}")
-
-    def close(self) -> None:
-        """End the process, if need be by force."""
-        if self.process.poll() is None:
-            self.process.send_signal(signal.SIGTERM)
-            try:
-                self.process.wait(STOP_TIMEOUT)
-            except subprocess.TimeoutExpired:
-                self.process.kill()
-                self.process.wait()
-        self._words.close()

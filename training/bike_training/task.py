@@ -16,6 +16,7 @@ from bike_policy.observation import LEAN_LAYOUT, PROP_LAYOUT, ObservationLayout
 from bike_sim.reset import Preview
 
 FloatArray = NDArray[np.float64]
+Numbers = FloatArray | float
 
 DISTANCE_THRESHOLD: Final = 3.5
 """eta_y, m."""
@@ -85,13 +86,14 @@ class Task:
         return self.path_weight * path + (1.0 - self.path_weight) * upright
 
 
-def failed(rear_distance: FloatArray, roll: FloatArray) -> NDArray[np.bool_]:
+def failed(rear_distance: Numbers, roll: Numbers) -> NDArray[np.bool_]:
     """Return where a ride has failed: too far from the path or fallen (Sect. 4).
 
     Args:
-        rear_distance: d(P, P_P0), m. roll: rad.
+        rear_distance: d(P, P_P0), m.
+        roll: roll angle, rad.
     """
-    return (rear_distance > DISTANCE_THRESHOLD) | (np.abs(roll) > ROLL_THRESHOLD)
+    return np.logical_or(np.greater(rear_distance, DISTANCE_THRESHOLD), np.abs(roll) > ROLL_THRESHOLD)
 
 
 def validation_error(distances: FloatArray, succeeded: bool) -> float:

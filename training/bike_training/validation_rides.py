@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
+from numpy.typing import NDArray
 
 from bike_policy.action import ActionScale
 from bike_policy.actor import Actor
 from bike_sim import ride
+from bike_sim.course.random_paths import CURRICULUM_PATHS
 from bike_sim.physics.state import ROLL
 from bike_sim.physics.vehicle import Vehicle, load_vehicle
 from bike_sim.reset import ResetRequest
 from bike_training.batch import RideBatch
 from bike_training.clients import Client
-from bike_training.curriculum import VALIDATION_DURATION, VALIDATION_RIDES, RideRanges
-from bike_training.task import Task, failed, validation_error
+from bike_training.curriculum import SPEED_RANGES, VALIDATION_DURATION, VALIDATION_RIDES, RideRanges
+from bike_training.task import DISTANCE_THRESHOLD, Task, failed, validation_error
 from bike_training.vec_env import distances
+
+SELECTION_RIDES_PER_SPEED: Final = 3
+SELECTION_SEED: Final = 2**32
+"""Rides at each of 21 speeds that actors are compared on, and the seed of the first; training draws below 2**31."""
 
 
 def draw_requests(task: Task, ranges: RideRanges, rng: np.random.Generator) -> list[ResetRequest]:
@@ -32,10 +40,45 @@ def draw_requests(task: Task, ranges: RideRanges, rng: np.random.Generator) -> l
     ]
 
 
+def selection_requests(task: Task) -> list[ResetRequest]:
+    """Return the rides that actors are compared on: always the same, on random paths of the last part.
+
+    They are drawn from seeds that no training run reaches by counting, and the benchmark path is not among them.
+    """
+    return [
+        ResetRequest(
+            seed=SELECTION_SEED + number,
+            speed_range=(speed, speed),
+            path_ranges=CURRICULUM_PATHS[-1],
+            path_length=1.2 * VALIDATION_DURATION * speed + 20.0,
+            preview=task.preview,
+        )
+        for number, speed in enumerate(np.tile(np.linspace(*SPEED_RANGES[-1], 21), SELECTION_RIDES_PER_SPEED).tolist())
+    ]
+
+
+def selection_error(actor: Actor, task: Task, vehicle: Vehicle, time_step: float = 0.01) -> float:
+    """Return the RMS distance over all selection rides, m; a failed ride counts as 3.5 m throughout.
+
+    The root mean square weighs the places where a ride is worst, which the mean hides.
+    """
+    track, alive = _ride_batch(actor, task, vehicle, selection_requests(task), time_step)
+    track[:, ~alive] = DISTANCE_THRESHOLD
+    return float(np.sqrt(np.mean(track**2)))
+
+
 def validate_compiled(
     actor: Actor, task: Task, vehicle: Vehicle, requests: list[ResetRequest], time_step: float = 0.01
 ) -> list[float]:
     """Ride all requests side by side on the compiled engine and return the errors e_i (Eq. 12)."""
+    track, alive = _ride_batch(actor, task, vehicle, requests, time_step)
+    return [validation_error(track[:, i], bool(alive[i])) for i in range(len(requests))]
+
+
+def _ride_batch(
+    actor: Actor, task: Task, vehicle: Vehicle, requests: list[ResetRequest], time_step: float
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Ride on the compiled engine; return the distances (m), shape (steps, rides), and which rides did not fail."""
     batch = RideBatch(len(requests), vehicle, task.preview, vehicle.control_period, time_step)
     for index, request in enumerate(requests):
         batch.reset(index, request)
@@ -48,11 +91,11 @@ def validate_compiled(
         batch.step(np.clip(actions * scale, -1.0, 1.0))
         track[step] = distances(task, batch.seen)
         alive &= ~failed(np.abs(batch.seen[:, ride.LATERAL_ERROR]), batch.states[:, ROLL])
-        # A fallen bicycle would leave the model's range; it lies still for the rest of the validation.
+        # A fallen bicycle would leave the model's range; it lies still for the rest of the ride.
         batch.states[~alive] = 0.0
         if not alive.any():
             break
-    return [validation_error(track[:, i], bool(alive[i])) for i in range(len(requests))]
+    return track, alive
 
 
 def validate_simulator(actor: Actor, task: Task, simulator: Client, requests: list[ResetRequest]) -> list[float]:

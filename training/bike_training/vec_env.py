@@ -48,6 +48,7 @@ class CompiledVecEnv(VecEnv):
             seed: seed of all rides.
             time_step: integration step, s.
         """
+        self.render_mode = None
         super().__init__(count, *task_spaces(task))
         self.task = task
         self.ranges = ranges

@@ -1,0 +1,1 @@
+"""One module a subcommand of `bike`, with `configure(parser)` and `run(args)`."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -12,15 +14,16 @@ from rich.table import Table
 from tqdm import tqdm
 
 from bike_policy.bundle import DEFAULT_POLICY, Bundle, load_bundle
-from bike_sim.reset import ResetRequest
 from bike_sim.simulator import SimulatorConfig
 from bike_training.clients import CLIENT_KINDS, make_client
-from bike_training.evaluation import PAPER_MAX, PAPER_MEAN, SPEEDS, draw, evaluate
-from bike_training.riding import Ride, ride_through
+from bike_training.evaluation import PAPER_MAX, PAPER_MEAN, SPEEDS, Rider, draw, evaluate
+from bike_training.riding import ride_through
+
+NODES = "nodes"
 
 EXAMPLES = """examples:
   bike evaluate                                the shipped policy, in process, PyBullet at 1 ms
-  bike evaluate runs/a/policy --client ros     through the simulator node
+  bike evaluate runs/a/policy --client nodes   through the simulator node and the policy node
   bike evaluate whipple --course junction --speeds 4
 """
 
@@ -30,7 +33,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.epilog = EXAMPLES
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("policy", nargs="?", default=DEFAULT_POLICY, help="name or folder (default: %(default)s)")
-    parser.add_argument("--client", choices=CLIENT_KINDS, default="local", help="where the simulator is")
+    parser.add_argument(
+        "--client",
+        choices=[*CLIENT_KINDS, NODES],
+        default="local",
+        help="local: in this process; ros: simulator node, policy here; nodes: simulator node and policy node",
+    )
     parser.add_argument("--engine", choices=["pybullet", "whipple"], default="pybullet")
     parser.add_argument("--time-step", type=float, default=0.001, help="integration step, s (default: %(default)s)")
     parser.add_argument("--course", default="benchmark", help="fixed course (default: %(default)s)")
@@ -45,19 +53,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     bundle = load_bundle(args.policy)
     config = SimulatorConfig(engine=args.engine, time_step=args.time_step)
     bundle.check_fit(config.vehicle, config.control_period)
-    client = make_client(args.client, config)
-
-    def rider(request: ResetRequest, longest: float) -> Ride:
-        return ride_through(client, bundle, request, longest)
-
     total = len(args.speeds) * (1 + args.random_rides)
-    try:
-        with tqdm(total=total, unit="ride", desc=bundle.name) as bar:
-            figures = evaluate(
-                rider, args.course, args.speeds, args.random_rides, args.seed, tick=lambda: bar.update() and None
-            )
-    finally:
-        client.close()
+    with _rider(args, bundle, config) as rider, tqdm(total=total, unit="ride", desc=bundle.name) as bar:
+
+        def tick() -> None:
+            bar.update()
+
+        figures = evaluate(rider, args.course, args.speeds, args.random_rides, args.seed, tick)
     figures = {
         "policy": bundle.name,
         "client": args.client,
@@ -72,6 +74,22 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         _print(figures, bundle, args.out)
     ok = all(ride["completed"] for ride in figures["rides"] + figures["random"])
     return {"schema": "bike.evaluate/1", "ok": ok, "figures": figures}
+
+
+@contextmanager
+def _rider(args: argparse.Namespace, bundle: Bundle, config: SimulatorConfig) -> Iterator[Rider]:
+    """Open what rides, and close it."""
+    if args.client == NODES:
+        from bike_training.node_rides import NodeRides  # only rides through nodes need ROS
+
+        with NodeRides(args.policy, config) as nodes:
+            yield nodes.ride
+        return
+    client = make_client(args.client, config)
+    try:
+        yield lambda request, longest: ride_through(client, bundle, request, longest)
+    finally:
+        client.close()
 
 
 def _print(figures: dict[str, Any], bundle: Bundle, out: Path) -> None:
@@ -92,7 +110,7 @@ def _print(figures: dict[str, Any], bundle: Bundle, out: Path) -> None:
             f"{chance['mean_m']:.3f}" if chance else "",
             f"{chance['max_m']:.3f}" + ("" if chance["completed"] else " NO") if chance else "",
         )
-    console = Console()
+    console = Console(width=max(100, Console().width))
     console.print(table)
     console.print(
         f"worst mean {figures['worst_mean_m']:.3f} m (paper's best controller {PAPER_MEAN}), "

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from bike_policy.action import ActionScale
+from bike_policy.actor import Actor
 from bike_policy.bundle import Bundle
 from bike_sim.physics.vehicle import load_vehicle
 from bike_training.checkpoint import load_process_state
@@ -25,9 +26,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, help="folder of the bundle (default: RUN/policy)")
     parser.add_argument(
         "--which",
-        choices=["success", "last"],
-        default="success",
-        help="most recent actor that passed every ride of a validation, or the last one (default: %(default)s)",
+        choices=["best", "success", "last"],
+        default="best",
+        help="the best on the rides that actors are compared on, the most recent one that passed every ride of a "
+        "validation (as the paper does), or the last one (default: %(default)s)",
     )
     parser.add_argument("--evaluation", type=Path, help="evaluation.json whose summary goes into the card")
 
@@ -36,9 +38,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Write the bundle."""
     progress: Progress = load_process_state(args.run)["progress"]
     summary = json.loads((args.run / "run.json").read_text(encoding="utf-8"))
-    actor = progress.latest_success if args.which == "success" else progress.averaged.actor()
+    actor = _choose(progress, args.which)
     if actor is None:
-        raise ValueError(f"{args.run}: no actor has passed a validation yet; train longer, or export --which last")
+        raise ValueError(f"{args.run}: there is no {args.which!r} actor yet; train longer, or export --which last")
     vehicle = load_vehicle("whipple")
     preset = summary["preset"]
     bundle = Bundle(
@@ -60,6 +62,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "ok": True,
         "figures": {"out": str(out), "name": args.name, "steps": summary["steps"]},
     }
+
+
+def _choose(progress: Progress, which: str) -> Actor | None:
+    if which == "best":
+        return progress.best or progress.latest_success
+    return progress.latest_success if which == "success" else progress.averaged.actor()
 
 
 def _results(path: Path | None) -> dict[str, Any]:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import argparse
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
 from bike_training.clients import CLIENT_KINDS
-from bike_training.presets import PRESETS
+from bike_training.presets import PRESETS, Preset
 from bike_training.process import LearningProcess, RunSettings
 
 EXAMPLES = """examples:
@@ -37,8 +38,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--engine", choices=["whipple", "pybullet"], help="default: whipple locally, pybullet through ROS"
     )
     parser.add_argument("--time-step", type=float, default=0.005, help="simulator's integration step, s")
+    parser.add_argument(
+        "--simulators",
+        type=int,
+        default=2,
+        help="simulators side by side where they are not compiled into this process (default: %(default)s); "
+        "the updates for each step of learning stay the preset's",
+    )
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--steps", type=int, default=500_000, help="learning steps in all (default: %(default)s)")
+    parser.add_argument("--steps", type=int, default=1_000_000, help="learning steps in all (default: %(default)s)")
     parser.add_argument("--until-finished", action="store_true", help="stop when the curriculum is finished")
     parser.add_argument("--resume", action="store_true", help="go on from the checkpoint in --out")
     parser.add_argument("--checkpoint-every", type=int, default=50_000, help="learning steps between checkpoints")
@@ -75,10 +83,20 @@ def _new_settings(args: argparse.Namespace) -> RunSettings:
         record_every=args.record_every,
         until_finished=args.until_finished,
     )
+    if not settings.compiled:
+        settings = replace(settings, preset=_with_simulators(settings.preset, args.simulators))
     args.out.mkdir(parents=True, exist_ok=True)
     if not (args.out / "settings.json").exists():
         (args.out / "settings.json").write_text(json.dumps(settings.to_json(), indent=1), encoding="utf-8")
     return settings
+
+
+def _with_simulators(preset: Preset, count: int) -> Preset:
+    """Return a preset for fewer bicycles at once that learns as much from each of their steps."""
+    if count < 1:
+        raise ValueError(f"--simulators must be at least 1, got {count}")
+    count = min(count, preset.environments)
+    return replace(preset, environments=count, updates=max(1, round(preset.updates * count / preset.environments)))
 
 
 def _stored_settings(out: Path) -> RunSettings:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, Final
 
 ACTION_MEANING: Final = "steering_set_value"
@@ -42,7 +42,7 @@ class ActionScale:
 
     def to_card(self) -> dict[str, Any]:
         """Return plain values for a policy card."""
-        return asdict(self)
+        return {"max_steer": float(self.max_steer), "meaning": self.meaning}
 
     @classmethod
     def from_card(cls, card: Mapping[str, Any]) -> ActionScale:

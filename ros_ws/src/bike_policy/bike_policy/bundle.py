@@ -52,7 +52,7 @@ class Bundle:
         """Refuse an actor whose input is not the layout's."""
         if self.actor.inputs != self.layout.size:
             raise ValueError(
-                f"policy {self.name!r}: the actor takes {self.actor.inputs} numbers, its layout gives {self.layout.size}"
+                f"policy {self.name!r}: the actor takes {self.actor.inputs} numbers, its layout {self.layout.size}"
             )
 
     def check_fit(self, vehicle: str, control_period: float) -> None:

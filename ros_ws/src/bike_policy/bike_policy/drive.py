@@ -11,7 +11,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any, Final, NoReturn
 
 import numpy as np
 import rclpy.node
@@ -30,6 +30,12 @@ SPECS: Final = (
 
 REANSWER_AFTER: Final = 0.2
 """Wall-clock time after which a repeated state is answered again, s."""
+
+SETTLING_TIME: Final = 0.5
+"""Wall-clock time after the start in which nothing is answered, s: a recorder needs a moment to find the commands, and
+would miss the first ones. The simulator repeats its state meanwhile."""
+LONGEST_SETTLING: Final = 3.0
+"""The same where a listener is known that the commands do not reach, as one with another QoS, s."""
 
 REPORT_PERIOD: Final = 1.0
 LATENCY_WINDOW: Final = 100_000
@@ -66,15 +72,15 @@ class Drive(rclpy.node.Node):
         self._bundle: Bundle = load_bundle(values["policy"])
         self._accept(values)
         self._preview = np.arange(0)
-        self._fitted: tuple[int, float] | None = None
         self._last: BikeState | None = None
         self._answered_at = self._heard_at = time.monotonic()
         self._counts, self._reported = StateCounts(), StateCounts()
         self._latencies: deque[float] = deque(maxlen=LATENCY_WINDOW)
         self._answer_once()
         self._commands = self.create_publisher(
-            BikeCommand, "command", node_tools.COMMAND_QOS, event_callbacks=node_tools.QUIET
+            BikeCommand, "command", node_tools.SENDER_QOS, event_callbacks=node_tools.QUIET
         )
+        self._started_at = time.monotonic()
         self._diagnostics = node_tools.Diagnostics(self)
         self.create_subscription(BikeState, "state", self._on_state, node_tools.STREAM_QOS)
         node_tools.on_change(self, SPECS, self._accept)
@@ -104,16 +110,19 @@ class Drive(rclpy.node.Node):
             self._counts.stale += 1
             return
         self._heard_at = began
+        if self._is_settling(began):
+            return
         repeated = self._last is not None and _same(message, self._last)
         if repeated:
             self._counts.repeated += 1
             if began - self._answered_at < REANSWER_AFTER:
                 return
+        if self._is_new_ride(message):
+            self._check_fit(message)
         self._last = message
         if message.fallen:
             self._counts.over += 1
             return
-        self._check_fit(message)
         action = self._act(message)
         if action is None:
             return
@@ -130,10 +139,19 @@ class Drive(rclpy.node.Node):
         layout = self._bundle.layout
         preview = np.frombuffer(message.preview_y)[self._preview]
         try:
-            return self._bundle.actor.act(layout.observe(minimal_state(message), preview))
+            observation = layout.observe(minimal_state(message), preview)
+            return self._bundle.actor.act(observation)
         except ValueError:  # an observation that is not finite
             self._counts.refused += 1
             return None
+
+    def _is_settling(self, now: float) -> bool:
+        """Whether someone who listens to commands may not have found this node yet."""
+        if self._last is not None:
+            return False
+        age = now - self._started_at
+        missing = self._commands.get_subscription_count() < self.count_subscribers("command")
+        return age < SETTLING_TIME or (missing and age < LONGEST_SETTLING)
 
     def _is_stale(self, message: BikeState, now: float) -> bool:
         """Whether a state is older than one that has come.
@@ -145,15 +163,17 @@ class Drive(rclpy.node.Node):
             return False
         return time_from_message(message.header.stamp) < time_from_message(last.header.stamp)
 
+    def _is_new_ride(self, message: BikeState) -> bool:
+        """Whether the episode, or the simulator itself, is another one than before."""
+        last = self._last
+        return last is None or message.episode != last.episode or message.step < last.step
+
     def _check_fit(self, message: BikeState) -> None:
-        """Check the simulator against the bundle where an episode or a simulator is new.
+        """Check the simulator against the bundle.
 
         Raises:
             CannotGoOn: naming the difference.
         """
-        begin = time_from_message(message.header.stamp) - round(message.step * message.control_period * 1e9)
-        if self._fitted == (message.episode, begin):
-            return
         try:
             self._bundle.check_fit(vehicle=message.vehicle, control_period=message.control_period)
             self._preview = self._bundle.layout.pick_preview(
@@ -162,7 +182,6 @@ class Drive(rclpy.node.Node):
         except ValueError as error:
             self.get_logger().error(f"the policy does not fit the simulator: {error}")
             raise CannotGoOn(f"the policy does not fit the simulator: {error}") from error
-        self._fitted = (message.episode, begin)
         self.get_logger().info(f"driving episode {message.episode} from step {message.step}")
 
     # ---------------------------------------------------------------------------------------------------- diagnostics
@@ -211,10 +230,10 @@ def _same(a: BikeState, b: BikeState) -> bool:
     )
 
 
-def main() -> int:
+def main() -> NoReturn:
     """Run the node until a signal; the exit code is 2 if the policy cannot be used."""
-    return node_tools.run_node("drive", Drive)
+    node_tools.leave(node_tools.run_node("drive", Drive))
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    main()

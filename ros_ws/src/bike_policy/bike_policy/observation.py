@@ -3,7 +3,7 @@
 An :class:`ObservationLayout` names the features that a policy sees, their scale, and the preview points it needs. It
 travels with the policy in its card, so that a simulator that shows something else is refused by name.
 
-Sources: Weyrer et al. (2026), Eqs. (1) to (6) for ``prop`` and the alternatives; the ``lean`` preview is this project's.
+Source: Weyrer et al. (2026), Eqs. (1) to (6), for ``prop`` and the alternatives; the ``lean`` preview is new.
 """
 
 from __future__ import annotations
@@ -58,7 +58,8 @@ class ObservationLayout:
         preview_count: preview values, the nearest point included (n_prev + 1 of the paper).
         preview_kind: ``points`` is t_p of Eq. (5), lateral offsets in m. ``lean`` is their linear transform into
             offset (m), lateral velocity (m/s) and, from second differences, the tangent of the lean that a steady
-            turn along the previewed line asks for; it needs a preview by time.
+            turn along the previewed line asks for. It needs a
+            preview by time.
         preview_scale: factor of ``points``.
         version: LAYOUT_VERSION of the code that made it.
     """
@@ -108,7 +109,7 @@ class ObservationLayout:
         """One name for each number of the observation."""
         return self.features + tuple(f"t_p{k}" for k in range(self.preview_count))
 
-    def observe(self, state: FloatArray, preview_y: FloatArray) -> FloatArray:
+    def observe(self, state: FloatArray, preview_y: FloatArray) -> NDArray[np.float32]:
         """Make the observation of one vehicle or of a batch.
 
         Args:
@@ -126,26 +127,25 @@ class ObservationLayout:
             else:
                 turn = np.cos if feature == "yaw_cos" else np.sin
                 out[..., i] = turn(state[..., _YAW_INDEX]) * scale
-        first = len(self.features)
+        preview = out[..., len(self.features) :]
         if self.preview_kind == "points":
-            out[..., first:] = preview_y * self.preview_scale
+            preview[...] = preview_y * self.preview_scale
         else:
-            self._lean_preview(preview_y, out[..., first:])
+            # The interval is a time, so first differences over it are lateral velocities and second differences are
+            # lateral accelerations of a point that runs along the line: divided by g, the tangent of a steady lean.
+            step = self.preview_interval
+            preview[..., 0] = preview_y[..., 0]
+            preview[..., 1] = (preview_y[..., 1] - preview_y[..., 0]) / step
+            second = preview_y[..., 2:] - 2.0 * preview_y[..., 1:-1] + preview_y[..., :-2]
+            preview[..., 2:] = second / (GRAVITY * step**2)
         return out
-
-    def _lean_preview(self, y: FloatArray, out: NDArray[np.float32]) -> None:
-        # The interval is a time, so first differences over it are lateral velocities and second differences are
-        # lateral accelerations of a point that runs along the line: divided by g, the tangent of a steady lean.
-        interval = self.preview_interval
-        out[..., 0] = y[..., 0]
-        out[..., 1] = (y[..., 1] - y[..., 0]) / interval
-        out[..., 2:] = (y[..., 2:] - 2.0 * y[..., 1:-1] + y[..., :-2]) / (GRAVITY * interval**2)
 
     def pick_preview(self, by_time: bool, interval: float, count: int) -> NDArray[np.intp]:
         """Return which of a simulator's preview points this layout needs.
 
         Args:
-            by_time: whether the simulator's preview is by time. interval: its interval, s or m.
+            by_time: whether the simulator's preview is by time.
+            interval: its interval, s or m.
             count: its number of points.
 
         Raises:

@@ -76,7 +76,8 @@ class CommandGate:
 
         Args:
             command: what came.
-            episode: current episode. step: current step.
+            episode: current episode.
+            step: current step.
             oldest: oldest step that a command may answer where there is no lockstep.
 
         Returns:

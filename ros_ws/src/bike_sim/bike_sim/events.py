@@ -95,7 +95,7 @@ class EventWatch:
         return (lap + 1) * self._course.length, None
 
     def _crossings(self, snapshot: Snapshot) -> list[Event]:
-        events = []
+        events: list[Event] = []
         while True:
             line, sector = self._next_line()
             # The projection on an open course stops at its end, so the end counts as crossed when it is reached.

@@ -15,7 +15,7 @@ DOMAIN_VARIABLE: Final = "ROS_DOMAIN_ID"
 
 FIRST_DOMAIN: Final = 1
 LAST_DOMAIN: Final = 101
-"""Domains that are lent out. 0 is everyone's default; above 101 the ports reach into those that the kernel hands out."""
+"""Domains that are lent out. 0 is everyone's default; above 101 ports collide with those that the kernel hands out."""
 
 
 def keep_local(environment: MutableMapping[str, str] = os.environ) -> None:

@@ -326,7 +326,7 @@ def course_points_to_message(snapshot: Snapshot, course: Course, stamp: int) -> 
 
 
 def _limit(snapshot: Snapshot, course: Course, offset: FloatArray) -> list[Point]:
-    """Return points beside the preview points, at a signed distance (m, positive left) that is given along the course."""
+    """Return points beside the preview points, at a signed distance (m, positive left) given along the course."""
     count = len(snapshot.preview_x)
     stations = snapshot.seen[ride.PROGRESS] + np.arange(count) * snapshot.seen[ride.PREVIEW_SPACING]
     inside = stations % course.length if course.closed else np.clip(stations, 0.0, course.length)

@@ -32,11 +32,17 @@ SPECS: Final = (
         fixed=True,
         choices=(LOCKSTEP, FREE),
     ),
-    ParameterSpec("course", "benchmark", "Shipped course, path of a YAML or CSV file, or random. From the next episode."),
+    ParameterSpec(
+        "course", "benchmark", "Shipped course, path of a YAML or CSV file, or random. From the next episode."
+    ),
     ParameterSpec("speed", 4.0, "Forward speed at the start of an episode, m/s. From the next episode."),
-    ParameterSpec("perturb", False, "Whether episodes start off the course, leaning and turning a little. From the next."),
+    ParameterSpec(
+        "perturb", False, "Whether episodes start off the course, leaning and turning a little. From the next."
+    ),
     ParameterSpec("seed", 0, "Seed of the first episode, counted up for each one the node begins; negative: drawn."),
-    ParameterSpec("preview_by_time", _PREVIEW.by_time, "Preview points by time, else by distance. From the next episode."),
+    ParameterSpec(
+        "preview_by_time", _PREVIEW.by_time, "Preview points by time, else by distance. From the next episode."
+    ),
     ParameterSpec("preview_interval", _PREVIEW.interval, "Their interval, s or m. From the next episode."),
     ParameterSpec("preview_count", _PREVIEW.count, "Their number, the nearest included. From the next episode."),
     ParameterSpec("real_time_factor", 1.0, "Free mode: simulated over wall-clock time; 0: a step for each command."),
@@ -51,7 +57,7 @@ SPECS: Final = (
         "When a new episode begins by itself: never, after a fall, or at any end (fall, off course, course ridden).",
         choices=(NEVER, FALL, END),
     ),
-    ParameterSpec("publish_markers", True, "Publish markers for RViz and Foxglove where someone listens."),
+    ParameterSpec("publish_markers", True, "Publish markers for RViz and Foxglove where someone listens.", fixed=True),
 )
 
 

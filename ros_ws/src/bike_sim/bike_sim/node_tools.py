@@ -6,16 +6,17 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NoReturn
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
-from rclpy.exceptions import ParameterException
 from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -32,6 +33,9 @@ NAMESPACE: Final = "bike"
 STREAM_QOS: Final = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 COMMAND_QOS: Final = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 EVENT_QOS: Final = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
+SENDER_QOS: Final = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
+"""Of what is sent every control period. A sender keeps more than its listeners ask for, so that a recorder that is
+held up for a moment still gets each message."""
 LATCHED_QOS: Final = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
@@ -55,13 +59,16 @@ class CannotGoOn(Exception):
 # ------------------------------------------------------------------------------------------------------ start and end
 
 
-def run_node(name: str, make_node: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
+def run_node(
+    name: str, make_node: Callable[[], Node], arguments: Sequence[str] | None = None, linger: float = 0.0
+) -> int:
     """Run a node until SIGINT or SIGTERM, or until it raises.
 
     Args:
         name: name of the program for its messages.
         make_node: makes the node. A ValueError or OSError from it means bad input.
         arguments: command line; None for this process's own.
+        linger: wall-clock time that the node goes on after the signal, for messages that are under way, s.
 
     Returns:
         Exit code: 0 after a signal, 2 after bad input with one line on standard error.
@@ -70,7 +77,7 @@ def run_node(name: str, make_node: Callable[[], Node], arguments: Sequence[str] 
     stop, ended = threading.Event(), threading.Event()
     wake: list[Callable[[], None]] = []
     _watch_signals(stop, ended, wake)
-    node = None
+    node = executor = None
     code = 0
     try:
         _start_middleware(arguments)
@@ -82,6 +89,9 @@ def run_node(name: str, make_node: Callable[[], Node], arguments: Sequence[str] 
         while not stop.is_set():
             # The time-out only matters where a signal comes between the test and the wait.
             executor.spin_once(timeout_sec=0.5)
+        end = time.monotonic() + linger
+        while (left := end - time.monotonic()) > 0.0:
+            executor.spin_once(timeout_sec=left)
     except (CannotGoOn, ValueError, OSError, ParameterException) as error:
         print(f"{name}: {_one_line(error)}", file=sys.stderr, flush=True)
         code = BAD_INPUT_EXIT
@@ -89,9 +99,23 @@ def run_node(name: str, make_node: Callable[[], Node], arguments: Sequence[str] 
         if node is not None:
             getattr(node, "finish", lambda: None)()
             node.destroy_node()
+        if executor is not None:
+            executor.shutdown()
         rclpy.try_shutdown()
+        rclpy.get_default_context().destroy()  # tells the others at once that the node is gone
         ended.set()
     return code
+
+
+def leave(code: int) -> NoReturn:
+    """End the process after `run_node`.
+
+    Everything is closed by then. Python's own farewell would unload the compiler and the middleware, piece by piece,
+    for up to a second.
+    """
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
 
 
 def _start_middleware(arguments: Sequence[str] | None) -> None:
@@ -111,11 +135,13 @@ def _watch_signals(stop: threading.Event, ended: threading.Event, wake: Sequence
     readable, writable = os.pipe()
     os.set_blocking(writable, False)
     signal.set_wakeup_fd(writable, warn_on_full_buffer=False)
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: None)
+    for ending in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(ending, lambda *_: None)
 
     def wait() -> None:
-        number = os.read(readable, 1)[0]
+        number = 0
+        while number not in (signal.SIGINT, signal.SIGTERM):
+            number = os.read(readable, 1)[0]
         stop.set()
         for trigger in wake:
             trigger()

@@ -1,7 +1,8 @@
 """The recorder as a ROS 2 node: takes messages as bytes and writes them down as rosbag2 would.
 
-The log time of a message is simulated time: the stamp of its header where it has one, else the latest time of ``/clock``
-or of a state. The file is closed on SIGINT and SIGTERM; after a kill it can be read up to its last whole chunk.
+The log time of a message is simulated time: the stamp of its header where it has one, else the latest time of
+``/clock`` or of a state. The file is closed on SIGINT and SIGTERM; after a kill it can be read up to its last whole
+chunk.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import struct
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NoReturn
 
 import rclpy.node
 from rclpy.event_handler import SubscriptionEventCallbacks
@@ -35,6 +36,8 @@ SHARED_TOPICS: Final = ("/clock", "/diagnostics", "/tf", "/tf_static")
 LOOK_PERIOD: Final = 0.2
 """Wall-clock time between two looks for new topics and two writes of open chunks, s."""
 REPORT_PERIOD: Final = 1.0
+LINGER: Final = 0.3
+"""Wall-clock time after a signal in which messages that were sent before it are still written, s."""
 LONGEST_LEAD: Final = 60 * NANOSECONDS
 """A stamp that is farther than this ahead of the latest time is of another clock, ns."""
 TIME_GIVERS: Final = ("rosgraph_msgs/msg/Clock", "bike_msgs/msg/BikeState")
@@ -93,14 +96,15 @@ class Record(rclpy.node.Node):
         return name.startswith(f"{self.get_namespace().rstrip('/')}/") or name in SHARED_TOPICS
 
     def _subscribe(self, name: str, kinds: list[str]) -> None:
-        publishers = self.get_publishers_info_by_topic(name)
-        if not publishers:
-            return  # only listened to so far
+        # A topic that is only listened to so far is waited for, so that its first message is not missed.
+        ends = self.get_publishers_info_by_topic(name) or self.get_subscriptions_info_by_topic(name)
+        if not ends:
+            return
         self._known.add(name)
         try:
             message_class = _message_class(kinds[0])
-            qos = _matching_qos(publishers)
-            self._recorder.add_topic(name, kinds[0], _described(publishers[0], qos))
+            qos = _matching_qos(ends)
+            self._recorder.add_topic(name, kinds[0], _described(ends[0], qos))
         except (ImportError, AttributeError, FileNotFoundError) as error:
             self.get_logger().warning(f"topic {name} is not recorded: {error}")
             return
@@ -172,9 +176,9 @@ def _stamp(data: bytes) -> int:
     return max(seconds * NANOSECONDS + rest, 0)
 
 
-def _matching_qos(publishers: list[TopicEndpointInfo]) -> QoSProfile:
-    """Return the strictest QoS that all publishers offer."""
-    profiles = [publisher.qos_profile for publisher in publishers]
+def _matching_qos(ends: list[TopicEndpointInfo]) -> QoSProfile:
+    """Return the strictest QoS that all publishers offer, or that all subscriptions ask for."""
+    profiles = [end.qos_profile for end in ends]
     reliable = all(p.reliability == ReliabilityPolicy.RELIABLE for p in profiles)
     latched = all(p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in profiles)
     return QoSProfile(
@@ -185,20 +189,20 @@ def _matching_qos(publishers: list[TopicEndpointInfo]) -> QoSProfile:
     )
 
 
-def _described(publisher: TopicEndpointInfo, qos: QoSProfile) -> Qos:
-    """Return what a publisher offers in the words of a recording. Discovery does not carry the depth of its queue."""
+def _described(end: TopicEndpointInfo, qos: QoSProfile) -> Qos:
+    """Return a QoS in the words of a recording. Discovery does not carry the depth of a publisher's queue."""
     latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
     return Qos(
-        depth=publisher.qos_profile.depth or (1 if latched else 10),
+        depth=end.qos_profile.depth or (1 if latched else 10),
         reliability="reliable" if qos.reliability == ReliabilityPolicy.RELIABLE else "best_effort",
         durability="transient_local" if latched else "volatile",
     )
 
 
-def main() -> int:
+def main() -> NoReturn:
     """Run the node until a signal; the exit code is 2 if the file cannot be written."""
-    return node_tools.run_node("record", Record)
+    node_tools.leave(node_tools.run_node("record", Record, linger=LINGER))
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    main()

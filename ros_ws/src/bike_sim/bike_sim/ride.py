@@ -45,12 +45,18 @@ def look(
     Args:
         state: minimal state, see :mod:`bike_sim.physics.state`.
         parameters: flat vehicle parameters.
-        course_x: samples of the course, m. course_y: m. course_heading: rad. course_curvature: 1/m.
-        spacing: distance of samples, m. closed: whether the course is closed.
-        by_time: preview distance grows with speed (Weyrer et al. 2026, Eq. 14). interval: s if so, else m.
+        course_x: samples of the course, m.
+        course_y: the same, m.
+        course_heading: the same, rad.
+        course_curvature: the same, 1/m.
+        spacing: distance of samples, m.
+        closed: whether the course is closed.
+        by_time: preview distance grows with speed (Weyrer et al. 2026, Eq. 14).
+        interval: s if so, else m.
         fresh: search the whole window ahead from ``seen[PROGRESS]`` as given, after a reset.
         seen: vector of LOOK_SIZE, in and out: the last progress is where the search begins.
-        preview_x: out, m, base_link. preview_y: out, m, base_link.
+        preview_x: out, m, base_link.
+        preview_y: out, m, base_link.
     """
     seen[PITCH] = kinematics.pitch(state[ROLL], state[STEER], parameters)
     seen[YAW_RATE] = kinematics.yaw_rate(state, parameters)

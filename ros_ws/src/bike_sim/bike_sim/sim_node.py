@@ -5,9 +5,9 @@ nobody answers is published again twice a second, so a partner may join late, be
 
 In free mode, time runs by itself at `real_time_factor` from the first command of an episode on, and the last command
 is held. When commands stop for `command_timeout_s` of simulated time, the set values of steering and throttle go to 0.
-For a bicycle that is not a state of rest: below its weave speed and above its capsize speed it falls within seconds,
-whatever the handlebar's set value is; straight ahead is only the one that leaves the course last. After a fall the
-physics stops and waits for a reset.
+For a bicycle that is not a state of rest: with its steering held straight it falls within seconds. Straight is merely
+the set value that leaves the course last and needs no knowledge of the ride. After a fall the physics stops and waits
+for a reset.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, Final
+from typing import Any, Final, NoReturn
 
 import numpy as np
 import rclpy.node
@@ -108,7 +108,7 @@ class SimNode(rclpy.node.Node):
     # ------------------------------------------------------------------------------------------------------- topics
 
     def _open_topics(self) -> None:
-        stream, latched = node_tools.STREAM_QOS, node_tools.LATCHED_QOS
+        stream, latched = node_tools.SENDER_QOS, node_tools.LATCHED_QOS
 
         def open_topic(kind: type, name: str, qos: QoSProfile) -> Publisher:
             return self.create_publisher(kind, name, qos, event_callbacks=node_tools.QUIET)
@@ -347,10 +347,10 @@ class SimNode(rclpy.node.Node):
         )
 
 
-def main() -> int:
+def main() -> NoReturn:
     """Run the node until a signal; the exit code is 2 after a parameter that cannot be."""
-    return node_tools.run_node("sim_node", SimNode)
+    node_tools.leave(node_tools.run_node("sim_node", SimNode))
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    main()

@@ -1,0 +1,95 @@
+"""Speed of the environments on one core: physics, projection, preview, observation and reward together.
+
+Processor time of the steps is counted. Rides are steered by a linear balancing law, so that they last: speed in free
+fall is not the speed of riding.
+
+    python -m bench.environment_speed
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any, Final
+
+import numpy as np
+
+from bike_sim.course.random_paths import CURRICULUM_PATHS
+from bike_sim.physics.state import ROLL, ROLL_RATE
+from bike_sim.simulator import SimulatorConfig
+from bike_training.curriculum import RideRanges
+from bike_training.env import BikeEnv
+from bike_training.task import TASKS
+from bike_training.vec_env import CompiledVecEnv
+
+SPEED: Final = 5.0
+"""m/s; the bicycle balances itself there, so that a ride lasts without a policy."""
+
+ROUNDS: Final = 5
+
+
+def gymnasium_speed(time_step: float, engine: str = "pybullet", steps: int = 400) -> float:
+    """Return steps per second of the Gymnasium environment with the paper's observation, the best of some rounds.
+
+    Args:
+        time_step: integration step, s.
+        engine: physics engine.
+        steps: steps of a round.
+    """
+    config = SimulatorConfig(engine=engine, time_step=time_step)
+    env = BikeEnv("local", TASKS["prop"], RideRanges((SPEED, SPEED), CURRICULUM_PATHS[0]), config)
+    best = 0.0
+    for seed in range(ROUNDS):
+        env.reset(seed=seed)
+        spent = 0.0
+        for _ in range(steps):
+            assert env.snapshot is not None
+            roll, roll_rate = env.snapshot.state[ROLL], env.snapshot.state[ROLL_RATE]
+            action = np.array([np.clip(-0.4 * roll - 0.1 * roll_rate, -1.0, 1.0)], dtype=np.float32)
+            begun = time.process_time()
+            _, _, terminated, truncated, _ = env.step(action)
+            spent += time.process_time() - begun
+            if terminated or truncated:
+                env.reset()
+        best = max(best, steps / spent)
+    env.close()
+    return best
+
+
+def vector_speed(count: int = 64, steps: int = 100) -> float:
+    """Return steps per second of all bicycles of the compiled vector environment together, the best of some rounds.
+
+    Args:
+        count: number of bicycles.
+        steps: steps of a round.
+    """
+    ranges = RideRanges((SPEED, SPEED), CURRICULUM_PATHS[0])
+    best = 0.0
+    for seed in range(ROUNDS):
+        env = CompiledVecEnv(count, TASKS["prop"], ranges, seed)
+        env.reset()
+        env.step(np.zeros((count, 1), dtype=np.float32))
+        begun, falls = time.process_time(), 0
+        for _ in range(steps):
+            states = env.batch.states
+            actions = np.clip(-0.4 * states[:, ROLL] - 0.1 * states[:, ROLL_RATE], -1.0, 1.0).astype(np.float32)[
+                :, None
+            ]
+            falls += int(env.step(actions)[2].sum())
+        spent = time.process_time() - begun
+        best = max(best, count * steps / spent)
+        assert falls < count, "the balancing law must keep the bicycles up"
+    return best
+
+
+def environment_speed() -> dict[str, Any]:
+    """Return all figures of this module."""
+    return {
+        "gymnasium_pybullet_5ms_steps_per_s": gymnasium_speed(0.005),
+        "gymnasium_pybullet_1ms_steps_per_s": gymnasium_speed(0.001),
+        "vector_of_64_compiled_steps_per_s": vector_speed(64),
+    }
+
+
+if __name__ == "__main__":
+    for name, value in environment_speed().items():
+        print(f"{name}: {value:,.0f}")

@@ -1,0 +1,212 @@
+"""Speed of the road over ROS 2: control steps a second in lockstep, the policy's answer, and the recorder.
+
+Client, simulator and policy are separate processes that talk over DDS. The rides in process and over ROS take turns in
+short rounds and the best round of each counts, so their ratio is of one run and means something on a busy machine.
+
+    python -m bench.ros_speed
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import rclpy
+from bike_msgs.msg import BikeState
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.serialization import serialize_message
+
+from bike_policy.action import ActionScale
+from bike_policy.actor import Actor
+from bike_policy.bundle import DEFAULT_POLICY, Bundle, shipped_policies
+from bike_policy.observation import LEAN_LAYOUT
+from bike_sim import node_tools
+from bike_sim.isolation import DOMAIN_VARIABLE, DomainLease, keep_local
+from bike_sim.messages import Episode, state_to_message
+from bike_sim.physics.vehicle import load_vehicle
+from bike_sim.recording import RideRecorder
+from bike_sim.reset import ResetRequest
+from bike_sim.simulator import Simulator, SimulatorConfig, Snapshot
+from bike_training.clients import Client
+from bike_training.ros_client import RosClient
+
+EPISODE_STEPS: Final = 30
+"""Steps before the bicycle is set upright again: it rides without a hand on the handlebar."""
+START: Final = ResetRequest(course="line", speed_range=(5.0, 5.0))
+
+
+def lockstep_speed(time_step: float = 0.005, rounds: int = 5, steps: int = 300) -> dict[str, float]:
+    """Return control steps a second in process and over ROS, with the same engine in the same run.
+
+    Args:
+        time_step: integration step of PyBullet, s.
+        rounds: rounds of each; the best counts.
+        steps: control steps in a round.
+    """
+    config = SimulatorConfig(engine="pybullet", time_step=time_step)
+    local = Simulator(config)
+    times: dict[str, list[float]] = {"local": [], "ros": []}
+    single: list[float] = []
+    with RosClient(config) as remote:
+        for _ in range(rounds):
+            for name, client in (("local", local), ("ros", remote)):
+                took = _ride(client, steps)
+                times[name].append(float(np.sum(took)))
+                single += took if name == "ros" else []
+    local.close()
+    best = {name: steps / min(taken) for name, taken in times.items()}
+    median, p99 = np.percentile(single, [50.0, 99.0])
+    return {
+        "local_control_steps_per_s": best["local"],
+        "ros_control_steps_per_s": best["ros"],
+        "ros_to_local_ratio": best["ros"] / best["local"],
+        "ros_step_median_ms": 1e3 * float(median),
+        "ros_step_p99_ms": 1e3 * float(p99),
+    }
+
+
+def _ride(client: Client, steps: int) -> list[float]:
+    """Return the wall-clock time of each of a number of steps, s; resets are not counted."""
+    taken = []
+    snapshot: Snapshot | None = None
+    for _ in range(steps):
+        if snapshot is None or snapshot.step == EPISODE_STEPS:
+            snapshot = client.reset(START)
+        began = time.perf_counter()
+        snapshot = client.step(0.0)
+        taken.append(time.perf_counter() - began)
+    return taken
+
+
+def actor_latency(policy: str | None = None, duration: float = 6.0) -> dict[str, Any]:
+    """Return how long the policy node takes from a state to its command, as it measures it itself.
+
+    Args:
+        policy: name or folder of a bundle; None takes the shipped one, and where there is none, a network of two
+            hidden layers of 256 with random weights, whose answers are as fast as a trained one's.
+        duration: wall-clock time of the ride, s.
+    """
+    keep_local()
+    with tempfile.TemporaryDirectory() as folder, DomainLease() as lease:
+        name = policy or _any_policy(Path(folder))
+        context = Context()
+        context.init(args=[], domain_id=lease.domain_id)
+        node = rclpy.create_node("ros_speed", context=context, namespace=node_tools.NAMESPACE)
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(node)
+        figures: dict[str, str] = {}
+
+        def on_report(message: DiagnosticArray) -> None:
+            for status in message.status:
+                if status.name.endswith("/drive"):
+                    figures.update({entry.key: entry.value for entry in status.values})
+
+        node.create_subscription(DiagnosticArray, "/diagnostics", on_report, node_tools.STREAM_QOS)
+        try:
+            with (
+                _program("bike_sim.sim_node", lease.domain_id, "auto_reset:=fall", "time_step:=0.005"),
+                _program("bike_policy.drive", lease.domain_id, f"policy:={name}"),
+            ):
+                _spin(executor, 30.0, lambda: "latency_p99_ms" in figures)
+                answered, began = int(figures["states_answered"]), time.perf_counter()
+                _spin(executor, duration, lambda: False)
+                rate = (int(figures["states_answered"]) - answered) / (time.perf_counter() - began)
+        finally:
+            executor.shutdown()
+            node.destroy_node()
+            context.try_shutdown()
+    return {
+        "actor_latency_median_ms": float(figures["latency_median_ms"]),
+        "actor_latency_p99_ms": float(figures["latency_p99_ms"]),
+        "driven_control_steps_per_s": rate,
+        "policy": figures["policy"],
+    }
+
+
+def _spin(executor: SingleThreadedExecutor, duration: float, done: Any) -> None:
+    end = time.monotonic() + duration
+    while not done() and time.monotonic() < end:
+        executor.spin_once(timeout_sec=0.1)
+
+
+def _any_policy(folder: Path) -> str:
+    if DEFAULT_POLICY in shipped_policies():
+        return DEFAULT_POLICY
+    rng = np.random.default_rng(0)
+    sizes = [LEAN_LAYOUT.size, 256, 256, 1]
+    weights = [rng.normal(0.0, 0.01, (b, a)).astype(np.float32) for a, b in itertools.pairwise(sizes)]
+    actor = Actor(weights, [np.zeros(len(w), dtype=np.float32) for w in weights])
+    vehicle = load_vehicle("whipple")
+    bundle = Bundle("random", actor, LEAN_LAYOUT, ActionScale(vehicle.max_steer), vehicle.name, vehicle.control_period)
+    bundle.save(folder / "random")
+    return str(folder / "random")
+
+
+@contextmanager
+def _program(module: str, domain_id: int, *parameters: str) -> Iterator[None]:
+    """Run a node while the block lasts.
+
+    Raises:
+        RuntimeError: it ended by itself.
+    """
+    command = [sys.executable, "-m", module, "--ros-args", "--log-level", "error"]
+    for parameter in parameters:
+        command += ["-p", parameter]
+    process = subprocess.Popen(command, env={**os.environ, DOMAIN_VARIABLE: str(domain_id)})
+    try:
+        yield
+        if process.poll() is not None:
+            raise RuntimeError(f"{module} ended with exit code {process.returncode}")
+    finally:
+        process.terminate()
+        process.wait()
+
+
+def recorder_speed(messages: int = 20_000) -> dict[str, float]:
+    """Return how many states a second the recorder writes, compressed as it does by default.
+
+    Args:
+        messages: number of messages.
+    """
+    simulator = Simulator(SimulatorConfig(engine="whipple", time_step=0.005))
+    snapshots = [simulator.reset(START)] + [simulator.step(0.0) for _ in range(EPISODE_STEPS)]
+    assert simulator.course is not None
+    episode = Episode(simulator.vehicle, simulator.course, START.preview, simulator.config.control_period)
+    data = [bytes(serialize_message(state_to_message(s, episode, s.step))) for s in snapshots]
+    with tempfile.TemporaryDirectory() as folder:
+        began = time.perf_counter()
+        with RideRecorder(Path(folder) / "ride.mcap") as recorder:
+            recorder.add_topic("/bike/state", _type_name(BikeState))
+            for k in range(messages):
+                recorder.write("/bike/state", data[k % len(data)], k)
+        took = time.perf_counter() - began
+    return {"recorder_messages_per_s": messages / took, "recorded_message_bytes": float(len(data[-1]))}
+
+
+def _type_name(kind: type) -> str:
+    return f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}"
+
+
+def measure(policy: str | None = None) -> dict[str, Any]:
+    """Return all figures of this module.
+
+    Args:
+        policy: see `actor_latency`.
+    """
+    return {**lockstep_speed(), **actor_latency(policy), **recorder_speed()}
+
+
+if __name__ == "__main__":
+    for key, value in measure().items():
+        print(f"{key:30} {value:.4g}" if isinstance(value, float) else f"{key:30} {value}")

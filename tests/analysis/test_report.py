@@ -1,0 +1,264 @@
+"""Figures show what was recorded, and the page stands on its own."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import shutil
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+from collections import Counter
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from PIL import Image
+
+from bike_analysis import RecordingError, find_rides, page, read_recording
+from bike_analysis.commands import analyze as command
+from bike_analysis.plots import command_figure, error_figure, lean_figure, map_figure, thin
+from bike_analysis.report import analyze
+from bike_analysis.style import themed_svg
+
+FIGURES = [map_figure, error_figure, lean_figure, command_figure]
+
+
+@pytest.fixture(scope="module")
+def recorded(writer, circle, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A ride around the circle, and one that falls."""
+    path = tmp_path_factory.mktemp("report") / "ride.mcap"
+    offset = 0.2 + 0.15 * np.sin(0.05 * np.arange(400))
+    falling = circle(steps=100, episode=2, start_s=30.0)
+    falling.states["fallen"] = np.arange(100) >= 99
+    falling.events = [
+        {"step": 99, "kind": 1, "time": 4.95, "progress": 19.8, "value": 1.0, "text": "Fell <to> the left."}
+    ]
+    return writer.write(path, [circle(steps=400, offset=offset, latency_ms=(0.06, 0.31)), falling])
+
+
+@pytest.fixture(scope="module")
+def report(recorded: Path, tmp_path_factory: pytest.TempPathFactory) -> dict:
+    return analyze(recorded, tmp_path_factory.mktemp("out"))
+
+
+class Links(HTMLParser):
+    """Collects what the page refers to, its ids and its tags."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.references: list[str] = []
+        self.ids: list[str] = []
+        self.tags: Counter[str] = Counter()
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        self.tags[tag] += 1
+        for name, value in attributes:
+            if name in ("href", "xlink:href", "src", "srcset", "data", "action"):
+                self.references.append(value or "")
+            elif name == "id":
+                self.ids.append(value or "")
+
+
+def links(path: str) -> Links:
+    parser = Links()
+    parser.feed(Path(path).read_text(encoding="utf-8"))
+    return parser
+
+
+def test_page_needs_no_network(report: dict) -> None:
+    found = links(report["page"])
+    assert all(reference.startswith(("#", "data:")) for reference in found.references)
+    assert found.tags["script"] == 0
+    text = Path(report["page"]).read_text(encoding="utf-8")
+    assert "@import" not in text
+    assert set(re.findall(r"url\(([^)]{1})", text)) <= {"#"}
+    addresses = set(re.findall(r"https?://[^\"' <]+", text))
+    assert addresses <= {"http://www.w3.org/1999/xlink", "http://www.w3.org/2000/svg"}
+
+
+def test_references_within_the_page_meet_one_target(report: dict) -> None:
+    found = links(report["page"])
+    assert [i for i, count in Counter(found.ids).items() if count > 1] == []
+    text = Path(report["page"]).read_text(encoding="utf-8")
+    used = {r[1:] for r in found.references if r.startswith("#")} | set(re.findall(r"url\(#([^)]+)\)", text))
+    assert used <= set(found.ids)
+
+
+def test_every_colour_follows_the_scheme(report: dict) -> None:
+    """Outside the style sheet no colour is left that would not change with the scheme."""
+    text = Path(report["page"]).read_text(encoding="utf-8")
+    body = text[text.index("<body>") :]
+    assert set(re.findall(r"#[0-9a-f]{6}\b", body)) <= set()
+    variables = set(re.findall(r"var\(--([a-z0-9]+)\)", text))
+    style = text[: text.index("</style>")]
+    dark = style[style.index("prefers-color-scheme: dark") :]
+    assert variables - {"font"} <= set(re.findall(r"--([a-z0-9]+):", dark))
+
+
+def test_page_tells_the_figures(report: dict) -> None:
+    text = Path(report["page"]).read_text(encoding="utf-8")
+    for ride in report["rides"]:
+        assert f"{ride['mean_error_m']:.3f}" in text
+        assert f"{ride['max_error_m']:.3f}" in text
+    assert "Fell &lt;to&gt; the left." in text
+    assert "<to>" not in text
+    assert 'name="viewport"' in text
+    assert text.count("<svg") == 2 * 4 * 2  # rides, figures, wide and narrow
+
+
+def test_picture_is_a_picture(report: dict) -> None:
+    with Image.open(report["picture"]) as image:
+        assert image.width > 1000
+        colours = image.convert("RGB").getcolors(maxcolors=image.width * image.height)
+        pixels = image.width * image.height
+    assert dict((c, n) for n, c in colours)[255, 255, 255] > 0.5 * pixels  # a white page ...
+    assert len(colours) > 500  # ... with a drawing
+
+
+@pytest.mark.parametrize("draw", FIGURES)
+@pytest.mark.parametrize("narrow", [False, True])
+def test_svg_is_well_formed(draw, narrow: bool, recorded: Path) -> None:
+    ride = find_rides(read_recording(recorded))[0]
+    svg = themed_svg(draw(ride, narrow=narrow), "label", "p")
+    root = ElementTree.fromstring(svg)
+    assert root.attrib["aria-label"] == "label"
+    assert "width" not in root.attrib  # the page decides
+
+
+def test_lean_and_curvature_share_their_sign_and_scale(recorded: Path) -> None:
+    """On a circle to the left roll and negated curvature are below zero, and meet where the lean balances the turn."""
+    ride = find_rides(read_recording(recorded))[0]
+    axes, other = lean_figure(ride).axes
+    lines = {line.get_label(): line for line in axes.get_lines()}
+    roll = np.asarray(lines["roll φ"].get_ydata())
+    assert np.all(roll < 0)
+    np.testing.assert_allclose(roll, -np.degrees(np.arctan(16 / 98.1)))
+    assert np.all(np.asarray(lines["steer δ"].get_ydata()) > 0)
+    filled = axes.collections[0].get_paths()[0].vertices[:, 1]
+    assert filled.min() == pytest.approx(-np.degrees(16 / 98.1))
+    low, high = axes.get_ylim()
+    assert (low, high) == pytest.approx(tuple(np.degrees(16 / 9.81) * np.array(other.get_ylim())))
+
+
+def test_map_has_equal_scales_and_the_course(recorded: Path) -> None:
+    ride = find_rides(read_recording(recorded))[0]
+    axes = map_figure(ride).axes[0]
+    assert axes.get_aspect() == 1.0
+    wanted = next(line for line in axes.get_lines() if line.get_label() == "path wanted")
+    np.testing.assert_allclose(np.hypot(wanted.get_xdata(), np.asarray(wanted.get_ydata()) - 10.0), 10.0)
+    driven = axes.collections[0]
+    assert driven.norm.vmax == pytest.approx(np.abs(ride.states.lateral_error).max())
+
+
+@settings(max_examples=50, deadline=None)
+@given(y=hnp.arrays(float, st.integers(1, 3000), elements=st.floats(-1e3, 1e3)), points=st.integers(2, 500))
+def test_thinning_keeps_extremes_and_order(y: np.ndarray, points: int) -> None:
+    x = np.arange(len(y), dtype=float)
+    few_x, few_y = thin(x, y, points)
+    assert len(few_x) <= max(points, 1) or len(y) <= points
+    assert np.all(np.diff(few_x) >= 0)
+    assert (few_y.min(), few_y.max()) == (y.min(), y.max())
+    np.testing.assert_array_equal(y[few_x.astype(int)], few_y)
+
+
+@pytest.mark.parametrize("steps", [1, 2, 3])
+def test_very_short_rides_are_drawn(steps: int, writer, circle, tmp_path: Path) -> None:
+    result = analyze(writer.write(tmp_path / "ride.mcap", [circle(steps=steps)]), tmp_path / "out")
+    assert result["rides"][0]["steps"] == steps
+
+
+def test_rides_without_course_commands_and_optional_fields_are_drawn(writer, circle, tmp_path: Path) -> None:
+    ride = circle(steps=50)
+    for name in ("speed", "roll", "curvature", "steering_command"):
+        ride.states[name] = np.full(50, np.nan)
+    result = analyze(writer.write(tmp_path / "ride.mcap", [ride], topics=["/bike/state"]), tmp_path / "out")
+    figures = result["rides"][0]
+    assert figures["speed_mean_m_s"] is None
+    assert figures["mean_error_m"] == pytest.approx(0.3)
+    json.dumps(result, allow_nan=False)
+    assert "was not recorded" in Path(result["page"]).read_text()
+
+
+def test_many_rides_are_listed_and_the_worst_drawn(writer, circle, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(page, "DRAWN_RIDES", 2)
+    rides = [circle(steps=20, episode=n, start_s=5.0 * n, offset=0.01 * n) for n in range(1, 10)]
+    rides[0].states["fallen"] = np.arange(20) >= 19
+    result = analyze(writer.write(tmp_path / "ride.mcap", rides), tmp_path / "out")
+    drawn = re.findall(r'<section id="ride-(\d+)"', Path(result["page"]).read_text())
+    assert drawn == ["1", "9"]  # the one that fell, and the one farthest from its path
+    assert len(result["rides"]) == 9
+
+
+def test_torn_recordings_say_so_on_the_page(recorded: Path, tmp_path: Path) -> None:
+    torn = tmp_path / "torn.mcap"
+    torn.write_bytes(recorded.read_bytes()[:-3000])
+    result = analyze(torn, tmp_path)
+    assert result["truncated"]
+    assert "The recording is torn" in Path(result["page"]).read_text()
+
+
+def run_command(*words: str) -> dict:
+    parser = argparse.ArgumentParser()
+    command.configure(parser)
+    parser.add_argument("--json", action="store_true")
+    return command.run(parser.parse_args(words))
+
+
+def test_command_prints_a_table_and_writes_beside_the_recording(recorded: Path, tmp_path: Path, capsys) -> None:
+    copy = shutil.copy(recorded, tmp_path / "mine.mcap")
+    result = run_command(str(copy))
+    printed = capsys.readouterr().out
+    assert result["schema"] == "bike.analyze/1"
+    assert result["ok"] is True
+    assert f"{result['figures']['rides'][0]['mean_error_m']:.3f}" in printed
+    assert (tmp_path / "ride.html").exists()
+    assert (tmp_path / "ride.png").exists()
+
+
+def test_command_json_is_silent_and_writes_only_where_asked(recorded: Path, tmp_path: Path, capsys) -> None:
+    copy = shutil.copy(recorded, tmp_path / "mine.mcap")
+    result = run_command(str(copy), "--json")
+    assert capsys.readouterr().out == ""
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["mine.mcap"]
+    text = json.dumps(result, allow_nan=False)
+    assert json.loads(text)["figures"]["truncated"] is False
+    run_command(str(copy), "--json", "--out", str(tmp_path / "out"))
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["ride.html", "ride.png"]
+
+
+def test_command_refuses_what_is_no_ride(tmp_path: Path) -> None:
+    (tmp_path / "empty.mcap").touch()
+    with pytest.raises(RecordingError, match="empty"):
+        run_command(str(tmp_path / "empty.mcap"))
+    with pytest.raises(FileNotFoundError):
+        run_command(str(tmp_path / "nothing.mcap"))
+
+
+def test_nothing_here_needs_ros() -> None:
+    """Reading and reporting load neither rclpy nor a message package."""
+    code = (
+        "import sys, bike_analysis.report, bike_analysis.commands.analyze, bike_sim.recording;"
+        "sys.exit(any(m.split('.')[0] in ('rclpy', 'bike_msgs', 'rosidl_parser') for m in sys.modules))"
+    )
+    paths = [str(Path(__file__).parents[2] / p) for p in ("analysis", "ros_ws/src/bike_sim")]
+    subprocess.run([sys.executable, "-c", f"import sys; sys.path[:0] = {paths!r}\n{code}"], check=True)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="needs chromium")
+def test_page_opens_in_a_browser(report: dict, tmp_path: Path) -> None:
+    picture = tmp_path / "page.png"
+    flags = ["--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking"]
+    flags += ["--disable-component-update", "--disable-sync", f"--user-data-dir={tmp_path / 'profile'}"]
+    flags += ["--window-size=1000,1600", f"--screenshot={picture}", "--enable-logging=stderr", "--hide-scrollbars"]
+    done = subprocess.run(["chromium", *flags, f"file://{report['page']}"], capture_output=True, text=True, timeout=120)
+    assert "CONSOLE" not in done.stderr
+    with Image.open(picture) as image:
+        colours = image.convert("RGB").getcolors(maxcolors=image.width * image.height)
+    assert len(colours) > 200

@@ -1,0 +1,89 @@
+"""Identification of modes: on a bicycle whose modes are known exactly, and on both engines."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bike_sim.physics import linear, modes
+from bike_sim.physics import state as st
+from bike_sim.physics.engine import make_engine
+from bike_sim.physics.vehicle import load_vehicle
+
+VEHICLE = replace(load_vehicle("whipple"), P=0.0, D=0.0)
+
+
+class LinearEngine:
+    """An engine that is exactly linear about straight riding: the discrete transition matrix is a given one."""
+
+    def __init__(self, time_step: float, memory: float = 0.0) -> None:
+        self.vehicle, self.time_step, self._memory = VEHICLE, time_step, memory
+        self._state = np.zeros(st.STATE_SIZE)
+
+    def reset(self, state: np.ndarray) -> None:
+        self._state = state.copy()
+        speed = state[st.FRONT_WHEEL_RATE] * VEHICLE.rF
+        values, vectors = np.linalg.eig(linear.state_matrix(VEHICLE, speed))
+        self._step = np.real(vectors @ np.diag(np.exp(values * self.time_step)) @ np.linalg.inv(vectors))
+        # what an engine may do only once, in its first step: here everything shrinks a little
+        self._state[list(modes.LATERAL)] *= 1.0 - self._memory
+
+    def advance(self, steer_set: float, steps: int) -> None:
+        lateral = list(modes.LATERAL)
+        self._state[lateral] = np.linalg.matrix_power(self._step, steps) @ self._state[lateral]
+
+    def state(self) -> np.ndarray:
+        return self._state.copy()
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize("time_step", [0.001, 0.005, 0.007])
+@pytest.mark.parametrize("memory", [0.0, 0.01])
+def test_modes_of_a_linear_engine_are_found_exactly(time_step: float, memory: float) -> None:
+    engine = LinearEngine(time_step, memory)
+    for speed in (2.0, 5.0, 8.0):
+        measured, known = modes.measured_modes(engine, speed), linear.modes(VEHICLE, speed)
+        assert measured.weave == pytest.approx(known.weave, abs=1e-8)
+        assert measured.capsize == pytest.approx(known.capsize, abs=1e-8)
+        assert measured.castering == pytest.approx(known.castering, abs=1e-6)
+
+
+def test_weave_and_capsize_speed_of_a_linear_engine_are_the_published_ones() -> None:
+    engine = LinearEngine(0.005)
+    # Meijaard et al. (2007), section 5: stable from 4.292 to 6.024 m/s
+    assert modes.measured_weave_speed(engine, 3.5, 5.0) == pytest.approx(4.292, abs=5e-4)
+    assert modes.measured_capsize_speed(engine, 5.5, 7.0) == pytest.approx(6.024, abs=5e-4)
+
+
+def test_a_bracket_without_a_change_of_stability_is_refused() -> None:
+    engine = LinearEngine(0.005)
+    with pytest.raises(ValueError, match="no change of stability between 5 and 6 m/s"):
+        modes.measured_weave_speed(engine, 5.0, 6.0)
+
+
+@pytest.mark.parametrize("kind", ["pybullet", "whipple"])
+def test_transition_matrix_is_the_exponential_of_the_state_matrix(kind: str) -> None:
+    engine = make_engine(kind, VEHICLE, 0.0005)
+    matrix, period = modes.transition_matrix(engine, 5.0)
+    values, vectors = np.linalg.eig(linear.state_matrix(VEHICLE, 5.0))
+    expected = np.real(vectors @ np.diag(np.exp(values * period)) @ np.linalg.inv(vectors))
+    # entries reach the size of one; first-order integration at 0.5 ms leaves a few thousandths in the steering column
+    assert matrix == pytest.approx(expected, abs=5e-3 if kind == "pybullet" else 1e-6)
+    engine.close()
+
+
+def test_the_steering_drive_shows_in_the_modes() -> None:
+    vehicle = load_vehicle("whipple")
+    engine = make_engine("whipple", vehicle, 0.001)
+    measured = np.sort_complex(np.linalg.eigvals(modes.measured_state_matrix(engine, 5.0)))
+    assert measured == pytest.approx(np.sort_complex(np.linalg.eigvals(linear.state_matrix(vehicle, 5.0))), abs=1e-4)
+    assert measured.real.max() > 0.0  # held steering cannot balance
+
+
+def test_state_matrix_does_not_depend_on_the_direction_of_time_step_rounding() -> None:
+    coarse, fine = (make_engine("whipple", VEHICLE, step) for step in (0.0301, 0.001))
+    assert modes.measured_modes(coarse, 5.0).weave == pytest.approx(modes.measured_modes(fine, 5.0).weave, rel=1e-3)
+    assert math.isfinite(modes.measured_modes(coarse, 5.0).castering)

@@ -1,0 +1,87 @@
+"""What `bike validate` measures, held: every check of both engines, at the steps they are used with."""
+
+import argparse
+import functools
+import json
+import math
+
+import pytest
+
+from bike_sim.physics import validation
+from bike_sim.physics.vehicle import load_vehicle
+from bike_training.commands import validate as command
+
+VEHICLE = load_vehicle("whipple")
+
+
+@functools.cache
+def validated(kind: str, time_step: float) -> validation.Validation:
+    return validation.validate(VEHICLE, kind, time_step)
+
+
+@pytest.mark.parametrize(("kind", "time_step"), [("pybullet", 0.001), ("pybullet", 0.005), ("whipple", 0.005)])
+def test_every_published_figure_is_met(kind: str, time_step: float) -> None:
+    result = validated(kind, time_step)
+    missed = [f"{check.name} = {check.measured:.5g}" for check in result.checks if not check.passed]
+    assert not missed
+    assert len(result.checks) >= 13
+
+
+def test_the_limits_are_those_promised() -> None:
+    checks = {check.name: check for check in validated("pybullet", 0.001).checks}
+    weave, capsize = checks["weave_speed_m_s"], checks["capsize_speed_m_s"]
+    assert (weave.low, weave.high) == pytest.approx((4.292 * 0.9975, 4.292 * 1.0025), abs=5e-4)
+    assert (capsize.low, capsize.high) == pytest.approx((6.024 * 0.9975, 6.024 * 1.0025), abs=5e-4)
+    for name in ("weave_real", "weave_imaginary", "capsize"):
+        assert checks[f"{name}_error_max_1_s"].high == 0.04
+    assert checks["front_direction_error_max_deg"].high == 0.1
+    assert checks["steering_overshoot_percent"].high == 10.0
+    assert checks["speed_loss_60_s_percent"].high == 0.01
+
+
+def test_a_spoilt_engine_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Contacts solved too sloppily, as Bullet's defaults would: the checks must notice.
+    monkeypatch.setattr("bike_sim.physics.pybullet_engine._FRICTION", 0.5)
+    monkeypatch.setattr("bike_sim.physics.pybullet_engine._MARGIN", 0.002)
+    result = validation.validate(VEHICLE, "pybullet", 0.001)
+    assert not result.passed
+    assert {check.name for check in result.checks if not check.passed} >= {"capsize_speed_m_s"}
+
+
+def test_nan_does_not_pass() -> None:
+    assert not validation.Check("x", "x", math.nan, 0.0, 1.0).passed
+
+
+def test_command_prints_writes_and_returns_the_figures(tmp_path, capsys: pytest.CaptureFixture[str]) -> None:
+    parser = argparse.ArgumentParser()
+    command.configure(parser)
+    args = parser.parse_args(["--time-step", "0.005", "--out", str(tmp_path / "new")])
+    args.json = False
+    answer = command.run(args)
+    assert answer["schema"] == "bike.validate/1"
+    assert answer["ok"] is True
+    assert answer["figures"]["weave_speed_m_s"] == pytest.approx(4.292, rel=0.01)
+    assert [entry["speed_m_s"] for entry in answer["figures"]["modes"]] == [3.0, 4.0, 5.0, 6.0, 7.0, 8.0]
+    assert json.loads((tmp_path / "new" / "validate.json").read_text()) == answer
+    assert (tmp_path / "new" / "modes.png").read_bytes().startswith(b"\x89PNG")
+    printed = capsys.readouterr().out
+    assert "weave speed, m/s" in printed
+    assert "FAIL" not in printed
+
+
+def test_command_is_silent_for_json(capsys: pytest.CaptureFixture[str]) -> None:
+    parser = argparse.ArgumentParser()
+    command.configure(parser)
+    args = parser.parse_args(["--engine", "whipple", "--time-step", "0.005"])
+    args.json = True
+    json.dumps(command.run(args))
+    assert capsys.readouterr().out == ""
+
+
+def test_unknown_vehicle_is_one_clear_error() -> None:
+    parser = argparse.ArgumentParser()
+    command.configure(parser)
+    args = parser.parse_args(["no_such_bike"])
+    args.json = True
+    with pytest.raises(FileNotFoundError, match="no_such_bike"):
+        command.run(args)

@@ -1,0 +1,236 @@
+"""Processes, domains and ears for the tests that start ROS 2 nodes."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rclpy.node
+from bike_msgs.msg import BikeCommand, BikeState
+from bike_msgs.srv import Pause, Reset
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from scipy.linalg import solve_discrete_are
+
+from bike_policy.action import ActionScale
+from bike_policy.actor import Actor
+from bike_policy.bundle import Bundle
+from bike_policy.observation import ObservationLayout
+from bike_sim import node_tools
+from bike_sim.command_gate import Command
+from bike_sim.isolation import DomainLease
+from bike_sim.messages import command_to_message, reset_to_message
+from bike_sim.physics import state as st
+from bike_sim.physics.engine import make_engine
+from bike_sim.physics.vehicle import load_vehicle
+from bike_sim.reset import ResetRequest
+
+PATIENCE = 30.0
+"""Longest wait for anything, s. Nothing takes that long; it is what a busy machine may need."""
+
+
+class Program:
+    """A node in a process of its own."""
+
+    def __init__(self, module: str, domain: int, words: Path, **parameters: Any) -> None:
+        command = [sys.executable, "-m", module, "--ros-args"]
+        for name, value in parameters.items():
+            command += ["-p", f"{name}:={json.dumps(value)}"]
+        environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
+        environment.pop("ROS_AUTOMATIC_DISCOVERY_RANGE", None)  # the default is what is tested
+        self._words = words
+        with words.open("w") as file:
+            self.process = subprocess.Popen(command, env=environment, stdout=file, stderr=subprocess.STDOUT)
+
+    @property
+    def words(self) -> str:
+        return self._words.read_text()
+
+    def end(self, number: int = signal.SIGINT) -> tuple[int, float]:
+        """Send a signal; return the exit code and the seconds until the end."""
+        began = time.monotonic()
+        self.process.send_signal(number)
+        return self.process.wait(PATIENCE), time.monotonic() - began
+
+    def wait(self) -> int:
+        return self.process.wait(PATIENCE)
+
+
+class Ears(rclpy.node.Node):
+    """A node of the test's own: listens, commands and calls."""
+
+    def __init__(self, domain: int) -> None:
+        self._own_context = Context()
+        self._own_context.init(args=[], domain_id=domain)
+        super().__init__("ears", context=self._own_context, namespace="bike", start_parameter_services=False)
+        self._spinner = SingleThreadedExecutor(context=self._own_context)
+        self._spinner.add_node(self)
+        self.states: list[BikeState] = self.listen(BikeState, "state")
+        self.commands = self.create_publisher(BikeCommand, "command", node_tools.COMMAND_QOS)
+        self._reset = self.create_client(Reset, "reset")
+        self._pause = self.create_client(Pause, "pause")
+
+    def close(self) -> None:
+        self._spinner.shutdown()
+        self.destroy_node()
+        self._own_context.try_shutdown()
+
+    def listen(self, kind: type, topic: str, qos: Any = None) -> list[Any]:
+        """Return a list that grows with each message."""
+        heard: list[Any] = []
+        self.create_subscription(kind, topic, heard.append, qos or node_tools.EVENT_QOS)
+        return heard
+
+    def until(self, condition: Callable[[], Any], patience: float = PATIENCE) -> None:
+        """Listen until a condition holds."""
+        end = time.monotonic() + patience
+        while not condition():
+            where = [(s.episode, s.step) for s in self.states[-1:]]
+            assert time.monotonic() < end, f"waited {patience} s in vain; last episode and step: {where}"
+            self._spinner.spin_once(timeout_sec=0.05)
+
+    def during(self, seconds: float) -> None:
+        """Listen for some time."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self._spinner.spin_once(timeout_sec=max(end - time.monotonic(), 0.0))
+
+    def connected(self) -> bool:
+        return bool(self.states) and self.commands.get_subscription_count() > 0 and self._reset.service_is_ready()
+
+    def command(self, state: BikeState, steering: float = 0.0, **changes: Any) -> None:
+        """Answer a state, or something near it."""
+        values = {"episode": state.episode, "step": state.step, "steering": steering, **changes}
+        self.commands.publish(command_to_message(Command(**values)))
+
+    def answer(self, state: BikeState, steering: float = 0.0) -> BikeState:
+        """Answer a state and return the next one."""
+        self.command(state, steering)
+        self.until(lambda: (self.states[-1].episode, self.states[-1].step) == (state.episode, state.step + 1))
+        return self.states[-1]
+
+    def reset(self, request: ResetRequest | Reset.Request) -> Reset.Response:
+        message = request if isinstance(request, Reset.Request) else reset_to_message(request)
+        future = self._reset.call_async(message)
+        self.until(future.done)
+        return future.result()
+
+    def pause(self, paused: bool) -> Pause.Response:
+        future = self._pause.call_async(Pause.Request(paused=paused))
+        self.until(future.done)
+        return future.result()
+
+
+class Stage:
+    """A ROS domain with the programs and ears of one test."""
+
+    def __init__(self, folder: Path) -> None:
+        self._lease = DomainLease()
+        self._folder = folder
+        self._programs: list[Program] = []
+        self._ears: list[Ears] = []
+        self.domain = self._lease.domain_id
+
+    def start(self, module: str, **parameters: Any) -> Program:
+        words = self._folder / f"{module}_{self.domain}_{len(self._programs)}.txt"
+        self._programs.append(Program(module, self.domain, words, **parameters))
+        return self._programs[-1]
+
+    def simulator(self, **parameters: Any) -> Program:
+        return self.start("bike_sim.sim_node", **{"time_step": 0.005, "course": "line", **parameters})
+
+    def ears(self) -> Ears:
+        """Return ears that hear the simulator."""
+        self._ears.append(Ears(self.domain))
+        self._ears[-1].until(self._ears[-1].connected)
+        return self._ears[-1]
+
+    def close(self) -> None:
+        for ears in self._ears:
+            ears.close()
+        for program in self._programs:
+            if program.process.poll() is None:
+                program.process.kill()
+            program.process.wait()
+            print(program.words)  # shown where a test fails
+        self._lease.close()
+
+
+@pytest.fixture
+def stage(tmp_path: Path) -> Iterator[Stage]:
+    stage = Stage(tmp_path)
+    yield stage
+    stage.close()
+
+
+@pytest.fixture
+def other_stage(tmp_path: Path) -> Iterator[Stage]:
+    stage = Stage(tmp_path)
+    yield stage
+    stage.close()
+
+
+@pytest.fixture(scope="module")
+def lockstep(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ears]:
+    """Ears on a simulator in lockstep that the tests of a module share; each begins with a reset of its own."""
+    stage = Stage(tmp_path_factory.mktemp("lockstep"))
+    stage.simulator()
+    yield stage.ears()
+    stage.close()
+
+
+LINEAR_LAYOUT = ObservationLayout(
+    "linear",
+    ("roll", "steer", "roll_rate", "steer_rate"),
+    (1.0,) * 4,
+    preview_interval=0.4,
+    preview_count=2,
+)
+
+
+def linear_bundle(speed: float = 4.0) -> Bundle:
+    """Make a policy that keeps the bicycle upright and on a gentle course: a linear quadratic regulator in one layer.
+
+    The regulated state is lateral position, yaw, roll, steer and their rates. The first two are read from two preview
+    points: their offsets are -y and -y - yaw times the distance between them.
+    """
+    vehicle = load_vehicle("whipple")
+    engine = make_engine("whipple", vehicle, 0.005)
+    places = [st.Y, st.YAW, st.ROLL, st.STEER, st.ROLL_RATE, st.STEER_RATE]
+
+    def after(place: int | None, steer_set: float) -> np.ndarray:
+        state = st.upright_state(speed, vehicle.rF)
+        if place is not None:
+            state[place] += 1e-5
+        engine.reset(state)
+        engine.advance(steer_set, 10)
+        return engine.state()[places]
+
+    rest = after(None, 0.0)
+    a = np.stack([(after(place, 0.0) - rest) / 1e-5 for place in places], axis=1)
+    b = (after(None, 1e-5) - rest)[:, None] / 1e-5
+    engine.close()
+    weight = np.diag([1.0, 1.0, 1.0, 0.1, 0.1, 0.01])
+    p = solve_discrete_are(a, b, weight, np.array([[10.0]]))
+    gain = np.linalg.solve(10.0 + b.T @ p @ b, b.T @ p @ a)[0] / vehicle.max_steer
+    y, yaw = gain[0], gain[1] / (0.4 * speed)
+    row = [-gain[2], -gain[3], -gain[4], -gain[5], y - yaw, yaw]
+    actor = Actor([np.array([row], dtype=np.float32)], [np.zeros(1, dtype=np.float32)])
+    return Bundle("linear", actor, LINEAR_LAYOUT, ActionScale(vehicle.max_steer), "whipple", 0.05)
+
+
+@pytest.fixture(scope="session")
+def policy(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Folder of a policy that rides."""
+    folder = tmp_path_factory.mktemp("policy") / "linear"
+    linear_bundle().save(folder)
+    return str(folder)

@@ -1,0 +1,151 @@
+"""What the node decides without ROS: which commands count, and what happened in a ride."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import multiprocessing
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bike_sim import isolation, ride
+from bike_sim.command_gate import Command, CommandGate, Verdict
+from bike_sim.course.files import load_course
+from bike_sim.events import EventKind, EventWatch
+from bike_sim.reset import ResetRequest
+from bike_sim.simulator import Simulator, SimulatorConfig, Snapshot
+
+NUMBERS = st.floats(allow_nan=True, allow_infinity=True)
+COMMANDS = st.builds(Command, st.integers(0, 4), st.integers(0, 6), NUMBERS, NUMBERS)
+
+
+@given(st.booleans(), st.lists(COMMANDS, max_size=20))
+def test_only_finite_commands_within_range_reach_the_physics(lockstep: bool, commands: list[Command]) -> None:
+    gate = CommandGate(lockstep)
+    for command in commands:
+        verdict, passed = gate.judge(command, episode=2, step=3, oldest=1)
+        if verdict is Verdict.TAKEN:
+            assert -1.0 <= passed.steering <= 1.0
+            assert -1.0 <= passed.throttle <= 1.0
+            assert passed.steering == min(max(command.steering, -1.0), 1.0)
+            assert (command.episode, command.step) == (2, 3) if lockstep else command.episode in (0, 2)
+        if not (math.isfinite(command.steering) and math.isfinite(command.throttle)):
+            assert verdict is Verdict.REFUSED
+    counts = gate.counts
+    assert counts.taken + counts.repeated + counts.stale + counts.refused == len(commands)
+    assert counts.clipped <= counts.taken
+
+
+@pytest.mark.parametrize(
+    ("episode", "step", "verdict"),
+    [
+        (2, 3, Verdict.TAKEN),
+        (2, 2, Verdict.REPEATED),
+        (2, 1, Verdict.STALE),
+        (2, 4, Verdict.STALE),
+        (1, 3, Verdict.STALE),
+        (3, 0, Verdict.STALE),
+        (0, 3, Verdict.STALE),
+    ],
+)
+def test_lockstep_takes_the_answer_to_the_last_state_only(episode: int, step: int, verdict: Verdict) -> None:
+    assert CommandGate(lockstep=True).judge(Command(episode, step, 0.1), 2, 3)[0] is verdict
+
+
+def test_free_mode_takes_recent_and_unaddressed_commands() -> None:
+    gate = CommandGate(lockstep=False)
+    verdicts = [gate.judge(Command(2, step, 0.1), 2, 10, oldest=6)[0] for step in (5, 6, 10, 11)]
+    assert verdicts == [Verdict.STALE, Verdict.TAKEN, Verdict.TAKEN, Verdict.STALE]
+    assert gate.judge(Command(0, 0, 0.1), 2, 10, oldest=6)[0] is Verdict.TAKEN
+
+
+def snapshots(course: str, progress: list[float], **flags: list[bool]) -> list[Snapshot]:
+    """Snapshots 0.05 s apart at given arc lengths of a course."""
+    simulator = Simulator(SimulatorConfig(engine="whipple"))
+    first = simulator.reset(ResetRequest(course=course))
+    made = []
+    for step, s in enumerate(progress):
+        seen = first.seen.copy()
+        seen[ride.PROGRESS] = s
+        extra = {name: values[step] for name, values in flags.items()}
+        made.append(replace(first, step=step, time=0.05 * step, seen=seen, **extra))
+    return made
+
+
+@given(st.floats(2.0, 12.0), st.floats(0.0, 0.9))
+def test_lap_times_are_interpolated(speed: float, start: float) -> None:
+    circle = load_course("circle")
+    count = math.ceil((2.2 * circle.length) / (0.05 * speed))
+    ridden = snapshots("circle", [start + 0.05 * k * speed for k in range(count)])
+    watch = EventWatch(circle, ridden[0])
+    laps = [e for s in ridden[1:] for e in watch.look(s) if e.kind is EventKind.LAP]
+    assert [e.progress for e in laps] == [circle.length, 2 * circle.length]
+    assert laps[0].time == pytest.approx((circle.length - start) / speed, abs=1e-9)
+    assert laps[1].value == pytest.approx(circle.length / speed, abs=1e-9)
+
+
+@given(st.lists(st.floats(-3.0, 3.0), min_size=1, max_size=80), st.booleans())
+def test_each_line_is_crossed_once_and_in_order(steps: list[float], closed: bool) -> None:
+    course = load_course("benchmark" if closed else "line")
+    start = course.length - 10.0
+    progress = list(itertools.accumulate(steps, initial=start))
+    if not course.closed:
+        progress = [min(p, course.length) for p in progress]
+    ridden = snapshots(course.name, progress)
+    watch = EventWatch(course, ridden[0])
+    lines = [e.progress for s in ridden[1:] for e in watch.look(s)]
+    assert lines == sorted(set(lines))
+    marks = [s for _, s in course.sections if s > 0.0] + [course.length]
+    laps = 3 if course.closed else 1
+    expected = [lap * course.length + mark for lap in range(laps) for mark in marks]
+    reached = max(progress) + (0.0 if course.closed else 1e-9)
+    assert lines == pytest.approx([line for line in expected if start < line <= reached])
+
+
+def test_a_fall_and_leaving_the_course_are_told_once() -> None:
+    flags = {"fallen": [False, True, True], "off_course": [False, False, True]}
+    ridden = snapshots("line", [0.0, 0.2, 0.4], **flags)
+    watch = EventWatch(load_course("line"), ridden[0])
+    assert [[e.kind for e in watch.look(s)] for s in ridden[1:]] == [[EventKind.FALL], [EventKind.OFF_COURSE]]
+
+
+def _lease(folder: Path, ready: multiprocessing.Queue, end: multiprocessing.Event) -> None:
+    with isolation.DomainLease(folder) as lease:
+        ready.put(lease.domain_id)
+        end.wait(30.0)
+
+
+def test_processes_get_domains_of_their_own_and_give_them_back(tmp_path: Path) -> None:
+    context = multiprocessing.get_context("fork")
+    ready, end = context.Queue(), context.Event()
+    workers = [context.Process(target=_lease, args=(tmp_path, ready, end)) for _ in range(4)]
+    for worker in workers:
+        worker.start()
+    domains = {ready.get(timeout=30.0) for _ in workers}
+    with isolation.DomainLease(tmp_path) as lease:
+        domains.add(lease.domain_id)
+        assert len(domains) == 5
+        assert all(isolation.FIRST_DOMAIN <= d <= isolation.LAST_DOMAIN for d in domains)
+    end.set()
+    for worker in workers:
+        worker.join(30.0)
+    leases = [isolation.DomainLease(tmp_path) for _ in range(isolation.LAST_DOMAIN - isolation.FIRST_DOMAIN + 1)]
+    with pytest.raises(OSError, match="all ROS domains"):
+        isolation.DomainLease(tmp_path)
+    for taken in leases:
+        taken.close()
+
+
+def test_discovery_is_local_unless_the_environment_says_otherwise() -> None:
+    empty: dict[str, str] = {}
+    isolation.keep_local(empty)
+    chosen = {isolation.DISCOVERY_VARIABLE: "SUBNET"}
+    isolation.keep_local(chosen)
+    assert (empty, chosen) == (
+        {isolation.DISCOVERY_VARIABLE: "LOCALHOST"},
+        {isolation.DISCOVERY_VARIABLE: "SUBNET"},
+    )

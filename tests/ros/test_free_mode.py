@@ -1,0 +1,67 @@
+"""The simulator node where time runs by itself."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+from bike_msgs.msg import RideEvent
+
+pytestmark = pytest.mark.ros
+
+
+def test_time_runs_at_the_wanted_pace_and_commands_are_held(stage) -> None:
+    stage.simulator(mode="free", real_time_factor=2.0, command_timeout_s=0.0)
+    ears = stage.ears()
+    ears.during(0.7)
+    assert ears.states[-1].step == 0  # an episode's time begins with its first command
+    began = time.monotonic()
+    ears.command(ears.states[-1], 0.01)
+    ears.until(lambda: ears.states[-1].step >= 40)
+    elapsed = time.monotonic() - began
+    ridden = [s for s in ears.states if s.step > 0]
+    assert {s.steering_command for s in ridden} == {0.01}
+    assert elapsed > 0.8 * 40 * 0.05 / 2.0  # never faster; how much slower is up to the machine
+    assert ears.pause(True).success
+    ears.during(0.1)
+    step = ears.states[-1].step
+    ears.during(0.3)
+    assert ears.states[-1].step == step
+    ears.pause(False)
+    ears.until(lambda: ears.states[-1].step > step)
+
+
+def test_silence_sets_steering_straight_and_a_command_ends_it(stage) -> None:
+    stage.simulator(mode="free", command_timeout_s=0.25, real_time_factor=1.0)
+    ears = stage.ears()
+    ears.command(ears.states[-1], 0.02)
+    ears.until(lambda: ears.states[-1].step >= 12)
+    applied = {s.step: s.steering_command for s in ears.states}
+    assert {applied[step] for step in range(1, 6)} == {0.02}
+    assert {applied[step] for step in range(7, 12)} == {0.0}
+    ears.command(ears.states[-1], 0.03)
+    ears.until(lambda: ears.states[-1].steering_command == 0.03)
+    # A command of the far past is stale, one that names no episode is not.
+    ears.command(ears.states[-1], 0.04, step=1)
+    ears.command(ears.states[-1], 0.05, episode=0, step=0)
+    ears.until(lambda: ears.states[-1].steering_command == 0.05)
+    assert 0.04 not in {s.steering_command for s in ears.states}
+
+
+def test_without_a_pace_each_command_is_a_step_and_falls_begin_anew(stage) -> None:
+    stage.simulator(mode="free", real_time_factor=0.0, auto_reset="fall", seed=5)
+    ears = stage.ears()
+    events = ears.listen(RideEvent, "events")
+    for _ in range(200):
+        state = ears.states[-1]
+        if state.episode == 2:
+            break
+        ears.command(state, 0.4, episode=0)
+        ears.until(
+            lambda before=state: (ears.states[-1].episode, ears.states[-1].step) != (before.episode, before.step)
+        )
+    ears.until(lambda: any(e.kind == RideEvent.RESET and e.episode == 2 for e in events))
+    fallen = [s for s in ears.states if s.fallen]
+    assert [s.episode for s in fallen] == [1]
+    assert [s.step for s in ears.states if s.episode == 1] == sorted(s.step for s in ears.states if s.episode == 1)
+    assert ears.states[-1].episode == 2

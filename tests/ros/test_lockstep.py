@@ -1,0 +1,218 @@
+"""The simulator node in lockstep: one command, one period, the same ride as in process."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from bike_msgs.msg import Course as CourseMessage
+from bike_msgs.msg import CoursePoints, LeanHistory, RideEvent
+from bike_msgs.srv import Reset
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from visualization_msgs.msg import MarkerArray
+
+from bike_sim import messages, node_tools
+from bike_sim.course.files import load_course
+from bike_sim.reset import ResetRequest
+from bike_sim.simulator import Simulator, SimulatorConfig, Snapshot
+from bike_training.ros_client import RosClient, RosClientConfig
+
+pytestmark = pytest.mark.ros
+
+
+def assert_same(a: Snapshot, b: Snapshot) -> None:
+    for spec in fields(Snapshot):
+        if spec.name != "episode":  # the node begins one of its own when it starts
+            np.testing.assert_array_equal(getattr(a, spec.name), getattr(b, spec.name), err_msg=spec.name)
+
+
+@pytest.mark.parametrize(("engine", "wait_set"), [("pybullet", True), ("whipple", False)])
+def test_the_same_seed_is_the_same_ride_in_process_and_through_ros(engine: str, wait_set: bool) -> None:
+    config = SimulatorConfig(engine=engine, time_step=0.005, history=7)
+    local = Simulator(config)
+    with RosClient(config, RosClientConfig(wait_set=wait_set)) as client:
+        for seed in (11, 12):
+            request = ResetRequest(seed=seed, speed_range=(3.0, 6.0), perturb=True)
+            ours, theirs = local.reset(request), client.reset(request)
+            assert_same(ours, theirs)
+            rng = np.random.default_rng(seed)
+            while ours.step < 60 and not ours.fallen:
+                steering = float(np.clip(-3.0 * ours.state[3] + 0.01 * rng.normal(), -1.0, 1.0))
+                ours, theirs = local.step(steering), client.step(steering)
+                assert_same(ours, theirs)
+            course = client.course
+            assert course is not None
+            assert local.course is not None
+            np.testing.assert_array_equal(course.x, local.course.x)
+            np.testing.assert_array_equal(course.heading, local.course.heading)
+        for bad in (math.nan, 1.5):
+            with pytest.raises(ValueError, match="must lie in"):
+                client.step(bad)
+        with pytest.raises(ValueError, match="no shipped course is called 'nowhere'"):
+            client.reset(ResetRequest(course="nowhere"))
+        assert_same(client.step(0.0), local.step(0.0))
+
+
+def begin(ears, **values):
+    response = ears.reset(ResetRequest(**{"seed": 1, "course": "line", **values}))
+    assert response.success, response.message
+    ears.until(lambda: ears.states[-1].episode == response.state.episode)
+    return ears.states[-1]
+
+
+def test_a_repeated_command_gets_the_same_state_again(lockstep) -> None:
+    first = begin(lockstep)
+    second = lockstep.answer(first, 0.05)
+    count = len(lockstep.states)
+    lockstep.command(first, 0.9)
+    lockstep.until(lambda: len(lockstep.states) > count)
+    assert lockstep.states[-1] == second
+    third = lockstep.answer(second, 0.05)
+    assert third.step == 2
+
+
+def test_stale_and_foreign_commands_do_nothing(lockstep) -> None:
+    first = begin(lockstep)
+    second = lockstep.answer(first)
+    third = lockstep.answer(second)
+    for changes in ({"step": 0}, {"step": 3}, {"episode": third.episode - 1}, {"episode": third.episode + 1}):
+        lockstep.command(third, 0.5, **changes)
+    lockstep.during(0.2)
+    assert lockstep.states[-1] == third
+    assert lockstep.answer(third).steering_command == 0.0
+
+
+def test_commands_that_cannot_be_never_reach_the_physics_and_are_reported(lockstep) -> None:
+    reports = lockstep.listen(DiagnosticArray, "/diagnostics")
+    lockstep.until(lambda: reports)
+    state = begin(lockstep)
+    for value in (math.nan, math.inf, -math.inf):
+        lockstep.command(state, value)
+        lockstep.during(0.1)  # the queue holds one command, so a quicker one would take its place
+        lockstep.command(state, 0.0, throttle=value)
+        lockstep.during(0.1)
+    assert lockstep.states[-1] == state
+    clipped = lockstep.answer(state, 3.0)
+    assert clipped.steering_command == 1.0
+
+    def last(key: str) -> int:
+        return int({entry.key: entry.value for entry in reports[-1].status[0].values}[key])
+
+    lockstep.until(lambda: last("commands_refused") >= 6 and last("commands_clipped") >= 1)
+    warnings = [r.status[0].message for r in reports if r.status[0].level == DiagnosticStatus.WARN]
+    assert any("refused" in text for text in warnings)
+    assert any("clipped" in text for text in warnings)
+
+
+def test_an_unanswered_state_comes_again(lockstep) -> None:
+    state = begin(lockstep)
+    count = len(lockstep.states)
+    lockstep.until(lambda: len(lockstep.states) >= count + 2, patience=5.0)
+    assert all(again == state for again in lockstep.states[count:])
+
+
+def test_time_never_runs_backwards_also_over_resets(lockstep) -> None:
+    ticks = lockstep.listen(Clock, "/clock")
+    lockstep.until(lambda: ticks)
+    for _ in range(3):
+        state = begin(lockstep)
+        for _ in range(4):
+            state = lockstep.answer(state)
+    lockstep.until(
+        lambda: messages.time_from_message(ticks[-1].clock) == messages.time_from_message(state.header.stamp)
+    )
+    times = [messages.time_from_message(tick.clock) for tick in ticks]
+    stamps = [messages.time_from_message(s.header.stamp) for s in lockstep.states]
+    assert times[0] > 0
+    assert times == sorted(times)
+    assert stamps == sorted(stamps)
+    steps = np.diff(sorted(set(times)))
+    assert np.all(steps == 50_000_000)
+
+
+def test_a_refused_reset_says_why_and_leaves_the_ride_alone(lockstep) -> None:
+    state = lockstep.answer(begin(lockstep))
+    for request, words in [
+        (Reset.Request(seed=1, course="nowhere"), "'nowhere'"),
+        (Reset.Request(seed=1, speed_min=5.0, speed_max=2.0), "speed range"),
+        (Reset.Request(seed=1, initial_state=[1.0, 2.0]), "10 finite numbers"),
+        (Reset.Request(seed=1, initial_state=[math.nan] * 10), "finite"),
+        (Reset.Request(seed=1, radius_min=9.0), "radius_max"),
+        (Reset.Request(seed=1, preview_count=3), "preview interval"),
+    ]:
+        response = lockstep.reset(request)
+        assert not response.success
+        assert words in response.message
+        assert "\n" not in response.message
+    assert lockstep.answer(state).step == 2
+
+
+def test_a_seed_is_drawn_where_none_is_given(lockstep) -> None:
+    drawn = [lockstep.reset(Reset.Request(seed=-1, course="random", perturb=True)) for _ in range(2)]
+    assert drawn[0].seed != drawn[1].seed
+    again = lockstep.reset(Reset.Request(seed=drawn[0].seed, course="random", perturb=True))
+    assert again.state.roll == drawn[0].state.roll != drawn[1].state.roll
+
+
+def test_a_pause_keeps_the_command_for_later(lockstep) -> None:
+    state = begin(lockstep)
+    assert lockstep.pause(True).success
+    lockstep.command(state, 0.25)
+    lockstep.during(0.2)
+    assert lockstep.states[-1].step == 0
+    lockstep.pause(False)
+    lockstep.until(lambda: lockstep.states[-1].step == 1)
+    assert lockstep.states[-1].steering_command == 0.25
+
+
+def test_all_topics_tell_of_the_same_ride(lockstep) -> None:
+    kinds = {
+        "course_points": CoursePoints,
+        "lean_history": LeanHistory,
+        "odom": Odometry,
+        "joint_states": JointState,
+        "markers": MarkerArray,
+    }
+    heard = {topic: lockstep.listen(kind, topic) for topic, kind in kinds.items()}
+    lockstep.until(lambda: all(lockstep.count_publishers(topic) for topic in kinds))
+    lockstep.during(0.5)
+    state = begin(lockstep, course="benchmark")
+    for _ in range(5):
+        state = lockstep.answer(state, 0.01)
+    lockstep.until(lambda: all(len(heard[topic]) >= 6 for topic in kinds))
+    points, history, odom, joints = (heard[topic][-1] for topic in list(kinds)[:4])
+    assert {m.header.stamp.nanosec for m in (points, history, odom, joints)} == {state.header.stamp.nanosec}
+    assert [p.x for p in points.line] == list(state.preview_x)
+    assert [p.y for p in points.line] == list(state.preview_y)
+    assert list(history.roll) == list(state.roll_history)
+    assert (odom.pose.pose.position.x, odom.pose.pose.position.y) == (state.x, state.y)
+    assert list(joints.position) == [state.steer, state.rear_wheel_angle, state.front_wheel_angle]
+    assert len(heard["markers"][-1].markers) == 4
+
+
+def test_who_comes_late_still_gets_the_course(lockstep) -> None:
+    state = begin(lockstep, course="circle")
+    courses = lockstep.listen(CourseMessage, "course", node_tools.LATCHED_QOS)
+    lockstep.until(lambda: courses)
+    assert courses[-1].episode == state.episode
+    np.testing.assert_array_equal(messages.course_from_message(courses[-1]).x, load_course("circle").x)
+
+
+def test_a_fall_is_told_and_ends_the_episode(lockstep) -> None:
+    events = lockstep.listen(RideEvent, "events")
+    lockstep.during(0.5)
+    state = begin(lockstep)
+    while not state.fallen:
+        state = lockstep.answer(state, 0.3)
+    lockstep.until(lambda: events and events[-1].kind == RideEvent.FALL)
+    assert events[-1].value == state.roll
+    assert [e.kind for e in events if e.episode == state.episode] == [RideEvent.RESET, RideEvent.FALL]
+    lockstep.command(state)
+    lockstep.during(0.2)
+    assert lockstep.states[-1] == state
+    assert not begin(lockstep).fallen

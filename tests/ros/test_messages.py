@@ -1,0 +1,175 @@
+"""Core types through messages and back: nothing is lost, nothing changes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rclpy.serialization import deserialize_message, serialize_message
+
+from bike_sim import messages, ride, standard_messages
+from bike_sim.course.course import Course
+from bike_sim.course.files import load_course
+from bike_sim.course.random_paths import CURRICULUM_PATHS
+from bike_sim.events import EventKind
+from bike_sim.physics import kinematics
+from bike_sim.physics import state as state_places
+from bike_sim.reset import Preview, ResetRequest
+from bike_sim.simulator import Simulator, SimulatorConfig, Snapshot
+
+
+def over_the_wire(message):
+    return deserialize_message(serialize_message(message), type(message))
+
+
+def assert_same(a, b) -> None:
+    """Compare two records field by field, floating-point numbers bit by bit."""
+    for spec in fields(a):
+        left, right = getattr(a, spec.name), getattr(b, spec.name)
+        if isinstance(left, np.ndarray):
+            np.testing.assert_array_equal(left, right, err_msg=spec.name, strict=True)
+        else:
+            assert left == right, spec.name
+
+
+@pytest.fixture(scope="module")
+def ridden() -> tuple[Simulator, list[Snapshot]]:
+    simulator = Simulator(SimulatorConfig(engine="whipple", time_step=0.005))
+    rides = [simulator.reset(ResetRequest(seed=4, course="benchmark", perturb=True, speed_range=(5.0, 5.0)))]
+    rides += [simulator.step(0.02 * math.sin(0.3 * k)) for k in range(25)]
+    return simulator, rides
+
+
+def episode_of(simulator: Simulator) -> messages.Episode:
+    assert simulator.course is not None
+    return messages.Episode(simulator.vehicle, simulator.course, simulator.request.preview, 0.05)
+
+
+def test_snapshots_survive_bit_for_bit(ridden: tuple[Simulator, list[Snapshot]]) -> None:
+    simulator, rides = ridden
+    for snapshot in rides:
+        message = over_the_wire(messages.state_to_message(snapshot, episode_of(simulator), 3_000_000_017))
+        assert_same(messages.snapshot_from_message(message), snapshot)
+        assert messages.time_from_message(message.header.stamp) == 3_000_000_017
+        assert (message.vehicle, message.steering_limit) == ("whipple", simulator.vehicle.max_steer)
+
+
+@given(
+    st.integers(0, 2**60),
+    st.tuples(st.floats(0.1, 10.0), st.floats(0.0, 10.0)),
+    st.sampled_from(CURRICULUM_PATHS),
+    st.none() | st.lists(st.floats(-1e3, 1e3), min_size=10, max_size=10).map(tuple),
+    st.none() | st.floats(1.0, 1e4),
+    st.builds(Preview, st.booleans(), st.floats(0.01, 10.0), st.integers(1, 1000)),
+)
+def test_reset_requests_survive(seed, speed, ranges, state, length, preview) -> None:
+    asked = ResetRequest(
+        seed=seed,
+        course="somewhere.csv",
+        speed_range=(speed[0], speed[0] + speed[1]),
+        perturb=bool(seed % 2),
+        initial_state=state,
+        path_ranges=ranges,
+        path_length=length,
+        preview=preview,
+        context=(1.0, 2.5),
+    )
+    own = ResetRequest(course="line", path_length=17.0 if length else None)
+    assert_same(messages.reset_from_message(over_the_wire(messages.reset_to_message(asked)), own), asked)
+
+
+def test_what_a_reset_leaves_open_is_the_simulators_own() -> None:
+    own = ResetRequest(course="circle", speed_range=(3.0, 3.0), preview=Preview(False, 2.0, 7), path_length=50.0)
+    empty = messages.Reset.Request(seed=5)
+    assert_same(
+        messages.reset_from_message(empty, own),
+        ResetRequest(5, "circle", (3.0, 3.0), preview=own.preview, path_length=50.0),
+    )
+
+
+@pytest.mark.parametrize("name", ["benchmark", "line"])
+def test_courses_survive(name: str) -> None:
+    course = load_course(name)
+    assert_same(messages.course_from_message(over_the_wire(messages.course_to_message(course, 1, 0))), course)
+
+
+def test_limits_run_beside_the_line(ridden: tuple[Simulator, list[Snapshot]]) -> None:
+    simulator, rides = ridden
+    plain = simulator.course
+    assert plain is not None
+    left, right = 1.0 + 0.5 * np.sin(plain.s / 9.0), np.full_like(plain.s, 2.0)
+    wide = Course(
+        **{f.name: getattr(plain, f.name) for f in fields(plain)} | {"width_left": left, "width_right": right}
+    )
+    snapshot = rides[-1]
+    message = over_the_wire(messages.course_points_to_message(snapshot, wide, 0))
+    line, left_limit, right_limit = (
+        np.array([[p.x, p.y] for p in points]) for points in (message.line, message.left, message.right)
+    )
+    np.testing.assert_array_equal(line[:, 0], snapshot.preview_x)
+    stations = message.progress + np.arange(len(line)) * snapshot.seen[ride.PREVIEW_SPACING]
+    np.testing.assert_allclose(np.linalg.norm(left_limit - line, axis=1), np.interp(stations, wide.s, left), atol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(right_limit - line, axis=1), 2.0, atol=1e-9)
+    ahead = np.gradient(line, axis=0)
+    across = left_limit - right_limit
+    turn = ahead[:, 0] * across[:, 1] - ahead[:, 1] * across[:, 0]
+    assert np.all(turn > 0.0)  # the left limit lies to the left
+    assert messages.course_points_to_message(snapshot, plain, 0).left == []
+
+
+def test_lean_history_belongs_to_its_times(ridden: tuple[Simulator, list[Snapshot]]) -> None:
+    _, rides = ridden
+    for count, snapshot in ((1, rides[0]), (4, rides[3]), (10, rides[-1])):
+        message = over_the_wire(messages.lean_history_to_message(snapshot, 9_000_000_000, 50_000_000))
+        assert len(message.roll) == len(message.steer) == len(message.stamps) == count
+        assert messages.time_from_message(message.stamps[-1]) == 9_000_000_000
+        assert messages.time_from_message(message.stamps[0]) == 9_000_000_000 - (count - 1) * 50_000_000
+        assert message.roll[-1] == snapshot.state[state_places.ROLL]
+        assert message.roll_delta[0] == message.steer_delta[0] == 0.0
+        np.testing.assert_array_equal(message.roll_delta[1:], np.diff(message.roll))
+
+
+def test_kinds_of_events_are_those_of_the_message() -> None:
+    for kind in EventKind:
+        assert getattr(messages.RideEvent, kind.name) == kind.value
+
+
+@given(st.floats(-0.7, 0.7), st.floats(-0.7, 0.7), st.floats(-4.0, 4.0))
+def test_wheels_touch_the_ground_where_the_physics_says(roll: float, steer: float, yaw: float) -> None:
+    simulator = Simulator(SimulatorConfig(engine="whipple"))
+    state = state_places.upright_state(4.0, simulator.vehicle.rF)
+    state[[state_places.ROLL, state_places.STEER, state_places.YAW]] = roll, steer, yaw
+    snapshot = simulator.reset(ResetRequest(course="line", initial_state=tuple(state)))
+    vehicle = simulator.vehicle
+    (rear, rear_turn), (front, front_turn) = standard_messages.wheel_poses(snapshot, vehicle)
+    for centre, turn, radius in ((rear, rear_turn, vehicle.rR), (front, front_turn, vehicle.rF)):
+        np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
+        assert centre[2] == pytest.approx(radius * math.sqrt(1.0 - turn[2, 1] ** 2), abs=1e-9)
+    # The frame is rigid: the distance between the axles along the steering axis' normal does not depend on the pose.
+    axis = front_turn @ np.array([-math.sin(vehicle.lam), 0.0, math.cos(vehicle.lam)])
+    span = front - rear
+    straight = simulator.reset(
+        ResetRequest(course="line", initial_state=tuple(state_places.upright_state(4.0, vehicle.rF)))
+    )
+    (r0, _), (f0, t0) = standard_messages.wheel_poses(straight, vehicle)
+    axis0 = t0 @ np.array([-math.sin(vehicle.lam), 0.0, math.cos(vehicle.lam)])
+    assert span @ axis == pytest.approx((f0 - r0) @ axis0, abs=1e-6)
+    assert kinematics.pitch(roll, steer, vehicle.parameters) == snapshot.seen[ride.PITCH]
+
+
+@given(st.lists(st.floats(-3.1, 3.1), min_size=3, max_size=3))
+def test_quaternions_are_the_rotation(angles: list[float]) -> None:
+    turn = (
+        standard_messages._rotation_z(angles[0])
+        @ standard_messages._rotation_y(angles[1])
+        @ standard_messages._rotation_x(angles[2])
+    )
+    q = standard_messages._quaternion(turn)
+    vector, w = np.array([q.x, q.y, q.z]), q.w
+    for point in np.eye(3):
+        turned = point + 2.0 * np.cross(vector, np.cross(vector, point) + w * point)
+        np.testing.assert_allclose(turned, turn @ point, atol=1e-12)

@@ -1,0 +1,206 @@
+"""How the programs begin and end: bad parameters, signals, neighbours, and a simulator that dies."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from bike_msgs.msg import BikeCommand, BikeState
+from bike_msgs.srv import Reset
+from mcap.reader import make_reader
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
+from rclpy.serialization import deserialize_message
+
+from bike_sim.reset import ResetRequest
+from bike_sim.simulator import SimulatorConfig
+from bike_training.node_process import NodeLost
+from bike_training.ros_client import RosClient, RosClientConfig
+
+pytestmark = pytest.mark.ros
+
+
+@pytest.mark.parametrize(
+    ("parameters", "words"),
+    [
+        ({"speed": "fast"}, "parameter speed must be a number, got 'fast'"),
+        ({"engine": "steam"}, "parameter engine must be one of pybullet, whipple, got 'steam'"),
+        ({"time_step": 0.003}, "not a whole number of time steps"),
+        ({"course": "nowhere"}, "'nowhere'"),
+        ({"vehicle": "nothing"}, "no vehicle 'nothing'"),
+        ({"real_time_factor": -1.0}, "real_time_factor must be finite and not negative"),
+    ],
+)
+def test_a_parameter_that_cannot_be_is_one_line_and_exit_code_2(stage, parameters, words) -> None:
+    program = stage.simulator(**parameters)
+    assert program.wait() == 2
+    assert words in program.words
+    assert program.words.count("\n") == 1
+    assert program.words.startswith("sim_node: ")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_all_programs_end_within_two_seconds_and_close_their_files(stage, policy, tmp_path: Path, number: int) -> None:
+    simulator = stage.simulator(course="circle")
+    recorder = stage.start("bike_sim.record", path=str(tmp_path / "ride.mcap"), notes=["policy=linear"])
+    driver = stage.start("bike_policy.drive", policy=policy)
+    ears = stage.ears()
+    ears.until(lambda: ears.states[-1].step > 40 and "recording to" in recorder.words)
+    ears.during(1.0)
+    programs = [driver, simulator, recorder]
+    began = time.monotonic()
+    for program in programs:
+        program.process.send_signal(number)
+    assert [program.wait() for program in programs] == [0, 0, 0]
+    assert time.monotonic() - began < 2.0
+    ears.until(lambda: not ears.count_publishers("state"), patience=5.0)  # they said goodbye
+    with (tmp_path / "ride.mcap").open("rb") as file:
+        reader = make_reader(file)
+        summary = reader.get_summary()
+        assert summary is not None
+        counts = {c.topic: summary.statistics.channel_message_counts.get(c.id, 0) for c in summary.channels.values()}
+        assert counts["/bike/state"] > 10
+        assert counts["/bike/course"] == 1
+        assert {"/bike/command", "/bike/course_points", "/bike/events", "/clock", "/diagnostics"} <= set(counts)
+        times = [message.log_time for _, channel, message in reader.iter_messages(topics=["/bike/state", "/bike/odom"])]
+        assert min(times) >= 1_000_000_000
+        assert max(times) < 3600 * 1_000_000_000  # simulated, not wall-clock time
+    assert " 0 dropped" in recorder.words
+
+
+def test_a_recording_holds_every_state_and_command_of_a_ride(stage, policy, tmp_path: Path) -> None:
+    path = tmp_path / "ride.mcap"
+    recorder = stage.start("bike_sim.record", path=str(path))
+    simulator = stage.simulator(course="circle")
+    ears = stage.ears()
+    ears.until(lambda: ears.count_subscribers("command") == 2)  # simulator and recorder
+    driver = stage.start("bike_policy.drive", policy=policy)
+    ears.until(lambda: ears.states[-1].step > 200)
+    for program in (driver, simulator, recorder):
+        assert program.end()[0] == 0
+    with path.open("rb") as file:
+        messages = [(c.topic, m.data) for _, c, m in make_reader(file).iter_messages()]
+    states = {deserialize_message(data, BikeState).step for topic, data in messages if topic == "/bike/state"}
+    commands = {deserialize_message(data, BikeCommand).step for topic, data in messages if topic == "/bike/command"}
+    assert states == set(range(max(states) + 1))
+    assert max(states) > 200
+    assert commands >= set(range(max(states)))
+
+
+def test_an_existing_recording_is_not_overwritten(stage, tmp_path: Path) -> None:
+    (tmp_path / "ride.mcap").write_text("precious")
+    recorder = stage.start("bike_sim.record", path=str(tmp_path / "ride.mcap"))
+    assert recorder.wait() == 2
+    assert "exists already" in recorder.words
+    assert (tmp_path / "ride.mcap").read_text() == "precious"
+
+
+def test_simulators_side_by_side_do_not_hear_each_other(stage, other_stage) -> None:
+    assert stage.domain != other_stage.domain
+    stage.simulator(course="line")
+    other_stage.simulator(course="circle")
+    one, other = stage.ears(), other_stage.ears()
+    for ears, seed in ((one, 1), (other, 2)):
+        assert ears.reset(ResetRequest(seed=seed, course="random", perturb=True)).success
+        ears.until(lambda ears=ears: ears.states[-1].episode == 2)
+    for ears in (one, other):
+        state = ears.states[-1]
+        for _ in range(5):
+            state = ears.answer(state)
+        ears.during(0.2)
+        assert len({(s.roll, s.step) for s in ears.states if s.episode == 2}) == 6
+        assert [p.node_name for p in ears.get_publishers_info_by_topic("/bike/state")] == ["sim_node"]
+    assert one.states[-1].roll != other.states[-1].roll
+
+
+TWO_MACHINES = """
+set -e
+mount -t tmpfs none /dev/shm
+ip link set lo up
+unshare -n -m sh -c 'mount -t tmpfs none /dev/shm; exec sleep 60' & other=$!
+trap 'kill $other $simulator' EXIT
+sleep 0.3
+ip link add v0 type veth peer name v1 netns $other
+ip addr add 10.77.0.1/24 dev v0
+ip link set v0 up
+ip route add default dev v0
+far_away() { nsenter -t $other -n -m "$@"; }
+far_away ip link set lo up
+far_away ip addr add 10.77.0.2/24 dev v1
+far_away ip link set v1 up
+far_away ip route add default dev v1
+echo connected
+"$PYTHON" -m bike_sim.sim_node & simulator=$!
+far_away env ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET "$PYTHON" -c "$LISTENER"
+"""
+"""Two network namespaces with a cable between them: the simulator in one, a node that listens in the other."""
+
+LISTENER = """
+import time, rclpy
+rclpy.init()
+node = rclpy.create_node("far_away")
+end = time.monotonic() + float({patience})
+while time.monotonic() < end and not node.count_publishers("/bike/state"):
+    time.sleep(0.1)
+print("heard", node.count_publishers("/bike/state"))
+"""
+
+
+@pytest.mark.parametrize(("discovery", "heard", "patience"), [(None, 0, 6.0), ("SUBNET", 1, 30.0)])
+def test_other_machines_see_nothing_unless_they_shall(discovery: str | None, heard: int, patience: float) -> None:
+    environment = {**os.environ, "PYTHON": sys.executable, "LISTENER": LISTENER.format(patience=patience)}
+    environment.pop("ROS_AUTOMATIC_DISCOVERY_RANGE", None)
+    if discovery:
+        environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = discovery
+    command = ["unshare", "-n", "-m", "sh", "-c", TWO_MACHINES]
+    try:
+        result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=90.0, check=False)
+    except FileNotFoundError:
+        pytest.skip("no unshare here")
+    if "connected" not in result.stdout:
+        pytest.skip(f"network namespaces cannot be made here: {result.stderr.strip()[-100:]}")
+    assert f"heard {heard}" in result.stdout, result.stderr
+
+
+def test_a_dead_simulator_is_one_clear_error() -> None:
+    with RosClient(SimulatorConfig(engine="whipple"), RosClientConfig(timeout=5.0)) as client:
+        client.reset(ResetRequest(course="line"))
+        client.step(0.0)
+        assert client._process is not None
+        os.kill(client._process.process.pid, signal.SIGKILL)
+        client._process.process.wait()
+        with pytest.raises(NodeLost, match=r"ended with exit code -9"):
+            client.step(0.0)
+    with pytest.raises(NodeLost, match=r"exit code 2: sim_node: .*steam"):
+        RosClient(SimulatorConfig(engine="steam"))
+
+
+def test_parameters_are_checked_when_they_change(lockstep) -> None:
+    service = lockstep.create_client(SetParameters, "sim_node/set_parameters")
+    lockstep.until(service.service_is_ready)
+
+    def set_parameter(name: str, value: ParameterValue) -> tuple[bool, str]:
+        future = service.call_async(SetParameters.Request(parameters=[ParameterMessage(name=name, value=value)]))
+        lockstep.until(future.done)
+        result = future.result().results[0]
+        return result.successful, result.reason
+
+    double = ParameterType.PARAMETER_DOUBLE
+    text = ParameterType.PARAMETER_STRING
+    assert set_parameter("speed", ParameterValue(type=double, double_value=-3.0)) == (
+        False,
+        "speed range must be 0 < min <= max and finite, got -3.0 to -3.0 m/s",
+    )
+    assert not set_parameter("course", ParameterValue(type=text, string_value="nowhere"))[0]
+    assert not set_parameter("vehicle", ParameterValue(type=text, string_value="whipple"))[0]
+    assert set_parameter("speed", ParameterValue(type=ParameterType.PARAMETER_INTEGER, integer_value=5))[0]
+    request = ResetRequest(course="line", seed=1)
+    lockstep.reset(request)
+    lockstep.until(lambda: abs(lockstep.states[-1].speed - 4.0) < 0.01)
+    assert lockstep.reset(Reset.Request(seed=1)).state.speed == pytest.approx(5.0, abs=1e-6)

@@ -1,0 +1,69 @@
+"""`bike bench`: speeds of this project, as ratios to peers in the same run."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from pathlib import Path
+from typing import Any, Final
+
+from rich.console import Console
+from rich.table import Table
+
+PARTS: Final = {
+    "physics": ("bench.physics_speed", "physics_speed"),
+    "environment": ("bench.environment_speed", "environment_speed"),
+    "ros": ("bench.ros_speed", "measure"),
+}
+"""Parts of the benchmark with module and function."""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.epilog = "example:\n  bike bench physics environment"
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument("parts", nargs="*", metavar="PART", help=f"which parts (default: all of {', '.join(PARTS)})")
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Measure and return all figures."""
+    unknown = [part for part in args.parts if part not in PARTS]
+    if unknown:
+        raise ValueError(f"unknown parts {unknown}; choose from {', '.join(PARTS)}")
+    figures: dict[str, Any] = {}
+    for part in args.parts or PARTS:
+        module, function = PARTS[part]
+        print(f"measuring {part} ...", file=sys.stderr)
+        figures.update(getattr(_load(module), function)())
+    if not args.json:
+        _print(figures)
+    return {"schema": "bike.bench/1", "ok": True, "figures": figures}
+
+
+def _load(module: str) -> Any:
+    """Import a module of the folder bench/ of the checkout that this package is run from."""
+    root = Path(__file__).resolve().parents[3]
+    if not (root / "bench").is_dir():
+        raise FileNotFoundError(
+            "bike bench needs a checkout of the project: the folder bench/ was not found beside training/"
+        )
+    if str(root) not in sys.path:
+        sys.path.insert(0, str(root))
+    return importlib.import_module(module)
+
+
+def _print(figures: dict[str, Any]) -> None:
+    table = Table(show_header=False)
+    for name, value in figures.items():
+        if isinstance(value, list):
+            for entry in value:
+                label = f"{entry['name']}, {1e3 * entry['time_step_s']:g} ms"
+                table.add_row(
+                    label,
+                    f"{entry['control_steps_per_s']:,.0f}/s, weave {entry['weave_speed_error_percent']:+.3f} %, "
+                    f"capsize {entry['capsize_speed_error_percent']:+.3f} %",
+                )
+        else:
+            table.add_row(name, f"{value:,.4g}" if isinstance(value, float) else str(value))
+    Console().print(table)

@@ -1,0 +1,90 @@
+"""`bike ride`: simulator, policy and recorder as processes on their own, one ride, one report."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from bike_analysis.commands.analyze import text_of
+from bike_analysis.report import analyze
+from bike_policy.bundle import DEFAULT_POLICY, load_bundle
+from bike_sim.course.files import load_course
+from bike_sim.isolation import DomainLease
+from bike_training.node_process import NodeProcess
+from bike_training.riding import time_for
+
+EXAMPLES = """examples:
+  bike ride                                   the benchmark path at 4 m/s with the shipped policy
+  bike ride --speed 6.5 --course junction --out out/junction
+  bike ride --real-time                       at the pace of the clock, to watch it in Foxglove or RViz
+"""
+
+START_TIMEOUT = 30.0
+"""Wall-clock time that the nodes get to find each other, s."""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.epilog = EXAMPLES
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument("--policy", default=DEFAULT_POLICY, help="name or folder of a policy (default: %(default)s)")
+    parser.add_argument("--course", default="benchmark", help="name or file of a course (default: %(default)s)")
+    parser.add_argument("--speed", type=float, default=4.0, help="forward speed, m/s (default: %(default)s)")
+    parser.add_argument("--engine", choices=["pybullet", "whipple"], default="pybullet")
+    parser.add_argument("--time-step", type=float, default=0.001, help="integration step, s (default: %(default)s)")
+    parser.add_argument(
+        "--real-time", action="store_true", help="ride at the pace of the clock, not as fast as it goes"
+    )
+    parser.add_argument("--domain", type=int, help="ROS domain (default: a free one, so that rides do not meet)")
+    parser.add_argument("--out", type=Path, default=Path("out/ride"), help="folder of recording and report")
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Ride, record, analyse; not ok when the ride was not completed."""
+    bundle = load_bundle(args.policy)
+    course = load_course(args.course)
+    longest = time_for(course, args.speed)
+    args.out.mkdir(parents=True, exist_ok=True)
+    recording = args.out / "ride.mcap"
+    if args.domain is None:
+        with DomainLease() as lease:
+            wall = _ride(args, lease.domain_id, recording, course.length, longest)
+    else:
+        wall = _ride(args, args.domain, recording, course.length, longest)
+    figures = analyze(recording, args.out) | {"wall_s": round(wall, 2), "policy": bundle.name}
+    if not args.json:
+        print(text_of(figures))
+        print(f"recording: {recording}")
+    completed = bool(figures["rides"]) and all(ride["completed"] for ride in figures["rides"])
+    return {"schema": "bike.ride/1", "ok": completed, "figures": figures}
+
+
+def _ride(args: argparse.Namespace, domain: int, recording: Path, length: float, longest: float) -> float:
+    """Start the nodes, wait for the end of the ride, stop them; return the wall-clock time of the ride, s."""
+    simulator = {
+        "course": args.course,
+        "speed": args.speed,
+        "engine": args.engine,
+        "time_step": args.time_step,
+        "mode": "free" if args.real_time else "lockstep",
+        "auto_reset": "never",
+    }
+    record = {"path": str(recording.resolve()), "overwrite": True}
+    with (
+        NodeProcess("bike_sim.record", record, domain) as recorder,
+        NodeProcess("bike_sim.sim_node", simulator, domain) as sim,
+    ):
+        from bike_training.ride_monitor import RideMonitor  # only rides through nodes need ROS
+
+        with RideMonitor(domain) as monitor:
+            # The policy starts last, when the recorder hears the simulator: then no step is missed.
+            monitor.wait_for_recorder(START_TIMEOUT, [sim, recorder])
+            with NodeProcess("bike_policy.drive", {"policy": args.policy}, domain) as drive:
+                begun = time.monotonic()
+                with tqdm(total=round(length), unit="m", desc=f"{args.course} at {args.speed:g} m/s") as bar:
+                    monitor.watch(bar, longest, [sim, recorder, drive])
+                return time.monotonic() - begun

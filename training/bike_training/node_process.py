@@ -1,0 +1,92 @@
+"""A node of this project as a process of one's own, in its own ROS domain."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping
+from types import TracebackType
+from typing import IO, Any, Final, Self
+
+from bike_sim.isolation import DISCOVERY_VARIABLE, DOMAIN_VARIABLE
+
+STOP_TIMEOUT: Final = 3.0
+"""Time that a node gets to end, s."""
+
+
+class NodeLost(RuntimeError):
+    """A node ended that was needed, or did not answer in time."""
+
+
+class NodeProcess:
+    """A node started as ``python -m <module>``.
+
+    It runs in a session of its own: a Ctrl-C at the terminal is for whoever started it, who ends it in turn.
+    """
+
+    def __init__(
+        self,
+        module: str,
+        parameters: Mapping[str, Any],
+        domain_id: int,
+        namespace: str = "bike",
+        log_level: str = "warn",
+    ) -> None:
+        """Start the node.
+
+        Args:
+            module: its Python module.
+            parameters: ROS parameters.
+            domain_id: its ROS domain.
+            namespace: namespace of its topics.
+            log_level: least severity that it prints.
+        """
+        self.module = module
+        command = [sys.executable, "-m", module, "--ros-args", "-r", f"__ns:=/{namespace.strip('/')}"]
+        command += ["--log-level", log_level]
+        for name, value in parameters.items():
+            command += ["-p", f"{name}:={json.dumps(value)}"]
+        environment = {**os.environ, DOMAIN_VARIABLE: str(domain_id)}
+        environment.setdefault(DISCOVERY_VARIABLE, "LOCALHOST")
+        self._words: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - closed by close()
+        self.process = subprocess.Popen(
+            command, env=environment, stdout=subprocess.DEVNULL, stderr=self._words, start_new_session=True
+        )
+
+    def __enter__(self) -> Self:
+        """Return the running node."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End the node."""
+        self.close()
+
+    def check(self) -> None:
+        """Check that the node runs.
+
+        Raises:
+            NodeLost: it has ended; with its last words.
+        """
+        code = self.process.poll()
+        if code is not None:
+            self._words.seek(0)
+            lines = self._words.read().decode(errors="replace").strip().splitlines()
+            words = f": {lines[-1]}" if lines else ""
+            raise NodeLost(f"{self.module} ended with exit code {code}{words}")
+
+    def close(self) -> None:
+        """End the process, if need be by force; a second call does nothing."""
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGTERM)
+            try:
+                self.process.wait(STOP_TIMEOUT)
+            except subprocess.TimeoutExpired:
+                self.process.kill()
+                self.process.wait()
+        self._words.close()
