@@ -201,6 +201,7 @@ class VirtualRider:
         max_lean_deg: lean at a steering command of 1, deg.
         frequency: of the critically damped reference model, rad/s.
         lean_rate: largest rate of the reference, rad/s.
+        lean_acceleration: largest change of that rate, rad/s2.
         gyro_share: the reference is also slow enough for its gyroscopic torque to stay below this part of the limit.
         torque: largest steering torque, N m.
         hold_torque: steering torque into the lean that a steady turn needs, by the sine of the lean, N m.
@@ -213,6 +214,7 @@ class VirtualRider:
     max_lean_deg: float
     frequency: float
     lean_rate: float
+    lean_acceleration: float
     gyro_share: float
     torque: float
     hold_torque: float
@@ -237,7 +239,7 @@ class Electronics:
         traction_slip_on: cut begins. traction_slip_off: no drive is left.
         wheelie_control: 1 on, 0 off.
         wheelie_load: kept on the front wheel by the limit, N.
-        wheelie_load_lean: kept besides, by the sine of the lean, as a leaning front wheel must also steer, N.
+        wheelie_load_lean: kept besides when lying flat or thrown over at 1 rad/s, in proportion before, N.
         wheelie_load_on: front load where the cut begins, N. wheelie_load_off: no drive.
         brake_control: 1 on, 0 off.
         brake_share: part of the friction that the lean leaves which the front brake may use.
@@ -432,7 +434,7 @@ _SIGNED: Final = frozenset({"crank_momentum", "Ixz"})
 _POSITIVE: Final = frozenset(
     "crown stiffness nominal_load cornering friction friction_ratio slip_stiffness relaxation slip_relaxation mass "
     "height Ixx Iyy Izz slide_lean_deg slide_frequency peak_power peak_torque peak_torque_rpm efficiency "
-    "first_gear_speed lag force frequency lean_rate torque max_lean_deg stop_deg".split()
+    "first_gear_speed lag force frequency lean_rate lean_acceleration torque max_lean_deg stop_deg".split()
 )
 
 TYRE_NAMES: Final = tuple(field.name for field in fields(Tyre))

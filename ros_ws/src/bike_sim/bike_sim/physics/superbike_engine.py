@@ -33,6 +33,9 @@ from bike_sim.physics.pybullet_tree import (
 from bike_sim.physics.state import StateVector
 from bike_sim.physics.superbike import Superbike
 
+TIME_STEP: Final = 0.002
+"""Integration step, s, that rides a lap far faster than real time; `bike validate superbike` shows what it costs."""
+
 _JOINTS: Final = (REAR_WHEEL, FORK, FRONT_WHEEL, SLIDER)
 _READ_INTERVAL: Final = 0.1
 """Longest time, s, between two readings of the yaw: far too short for half a turn, so that the yaw is never wrapped."""
@@ -66,6 +69,7 @@ class SuperbikeEngine:
         time_step: integration step, s.
         client: number of the Bullet world.
         body: Bullet's number of the vehicle.
+        memory: what the forces remember, in the order of `superbike_forces.MEMORY_NAMES`.
         rear_grip: factor on friction under the rear wheel, 1 on the track. front_grip: under the front wheel.
     """
 
@@ -103,7 +107,7 @@ class SuperbikeEngine:
         slider = Slider(rider.mass, (rider.x, 0.0, rider.height), (rider.Ixx, rider.Iyy, rider.Izz))
         self.body = build_tree(self.client, bare, [-1, -1], slider)
         set_free(self.client, self.body)
-        self._memory = np.zeros(len(sf.MEMORY_NAMES))
+        self.memory = np.zeros(len(sf.MEMORY_NAMES))
         self._telemetry = np.zeros(len(sf.TELEMETRY_NAMES))
         self._state = np.zeros(st.STATE_SIZE)
         self.reset(st.upright_state(0.0, vehicle.rF))
@@ -155,10 +159,10 @@ class SuperbikeEngine:
             (SLIDER, slide, 0.0),
         ):
             bullet.resetJointState(body, link, value, rate, client)
-        self._memory[:] = 0.0
-        self._memory[sf.M_LEAN] = roll
-        self._memory[sf.M_FRONT_LOAD] = geometry[sf.G_FRONT_STATIC] * vehicle.front_tyre.stiffness
-        self._memory[sf.M_SLIDE_AGE] = _FRESH
+        self.memory[:] = 0.0
+        self.memory[sf.M_LEAN] = roll
+        self.memory[sf.M_FRONT_LOAD] = geometry[sf.G_FRONT_STATIC] * vehicle.front_tyre.stiffness
+        self.memory[sf.M_SLIDE_AGE] = _FRESH
         self._state = state.copy()
         self._read()
         self._look()
@@ -202,7 +206,7 @@ class SuperbikeEngine:
     @property
     def fall(self) -> int:
         """How the machine fell, an index of `superbike_forces.FALL_NAMES`; 0 while it rides."""
-        return int(self._memory[sf.M_FALL])
+        return int(self.memory[sf.M_FALL])
 
     @property
     def fall_name(self) -> str:
@@ -217,7 +221,7 @@ class SuperbikeEngine:
         """Step the world with all forces. All time is spent here, hence the bound names and bare positions."""
         body, client, dt = self.body, self.client, self.time_step
         rear_grip, front_grip = self.rear_grip, self.front_grip
-        memory, telemetry = self._memory, self._telemetry
+        memory, telemetry = self.memory, self._telemetry
         machine, geometry, wheel_torque, tyre = self._arguments
         pose, twist, joints = bullet.getBasePositionAndOrientation, bullet.getBaseVelocity, bullet.getJointStates
         push, turn, joint, go = (
@@ -245,7 +249,7 @@ class SuperbikeEngine:
 
     def _look(self) -> None:
         """Fill the telemetry without moving anything: the memory is put back."""
-        body, client, memory = self.body, self.client, self._memory.copy()
+        body, client, memory = self.body, self.client, self.memory.copy()
         position, orientation = bullet.getBasePositionAndOrientation(body, client)
         velocity, omega = bullet.getBaseVelocity(body, client)
         rear, fork, front, rider = bullet.getJointStates(body, _JOINTS, client)

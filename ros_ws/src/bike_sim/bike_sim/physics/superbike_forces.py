@@ -75,7 +75,7 @@ normalised slip (1 is linear saturation, the peak lies at `tyres.peak_slip`); cu
     _ENGINE_BRAKE, _CRANK,
     _BRAKE_FORCE, _FRONT_SHARE, _BRAKE_LAG,
     _DAMPER_SLOW, _DAMPER_FAST, _SLOW, _FAST, _STOP,
-    _MAX_LEAN, _FREQUENCY, _LEAN_RATE, _GYRO_SHARE, _MAX_TORQUE, _HOLD, _LEAN_GAIN, _RATE_GAIN_SLOW, _RATE_GAIN_FAST,
+    _MAX_LEAN, _FREQUENCY, _LEAN_RATE, _LEAN_ACCELERATION, _GYRO_SHARE, _MAX_TORQUE, _HOLD, _LEAN_GAIN, _RATE_GAIN_SLOW, _RATE_GAIN_FAST,
     _INTEGRAL_GAIN, _INTEGRAL_TORQUE,
     _TC, _TC_SHARE, _TC_ON, _TC_OFF, _WC, _WC_KEEP, _WC_LEAN, _WC_ON, _WC_OFF,
     _BC, _BC_SHARE, _BC_ON, _BC_OFF, _SC, _SC_KEEP, _SC_ON, _SC_OFF,
@@ -84,6 +84,10 @@ normalised slip (1 is linear saturation, the peak lies at `tyres.peak_slip`); cu
 _STOP_STIFFNESS: Final = 4000.0  # N m/rad of the steering stop
 _STOP_DAMPING: Final = 20.0  # N m s/rad
 _FEELING_LAG: Final = 0.2  # s until the rider feels a change of the front wheel's load
+_ARM_STIFFNESS: Final = 300.0  # N m/rad of arms that hold the bars straight while the front wheel is in the air
+_ARM_DAMPING: Final = 20.0  # N m s/rad
+_THROW_RATE: Final = 1.0  # rad/s of roll at which the electronics keep the front wheel as loaded as lying flat
+_LIGHT: Final = 0.5  # part of the standing machine's front load below which the wheel feels light
 _LIGHTEST_HAND: Final = 0.25  # part of the gains left when the front wheel is in the air
 _LEAST_SPEED: Final = 0.5  # m/s below which slips are no longer told as ratios
 _SLIDING: Final = 1.15  # times the peak slip from which a tyre counts as sliding
@@ -238,13 +242,14 @@ def _wheel(
 
 @njit(cache=True)
 def _ride(
-    memory: FloatArray, steering: float, roll: float, roll_rate: float, speed: float, front_fx: float, step: float,
-    m: FloatArray, front_crown: float, load_share: float,
+    memory: FloatArray, steering: float, roll: float, roll_rate: float, steer: float, steer_rate: float, speed: float,
+    front_fx: float, step: float, m: FloatArray, front_crown: float, load_share: float,
 ) -> float:  # fmt: skip
     """Advance the virtual rider's reference and return the steering torque, N m, positive to the left.
 
     Countersteering is in the sign: a torque to the left makes the machine lean to the right. What the front tyre does
     with steering goes with its load, and so do the rider's hands: `load_share` is that load by the standing machine's.
+    When the wheel is light he holds the bars straight, so that it does not land across.
     """
     fast = _between(speed, m[_SLOW], m[_FAST])
     gyro = m[_IFYY] / m[_RF] * math.cos(m[_LAM]) * abs(speed)
@@ -252,7 +257,8 @@ def _ride(
     limit = min(m[_LEAN_RATE], m[_GYRO_SHARE] * m[_MAX_TORQUE] / max(gyro, 1e-6))
     target = -steering * math.radians(m[_MAX_LEAN])
     lean, rate, wn = memory[M_LEAN], memory[M_LEAN_RATE], m[_FREQUENCY]
-    rate += step * wn * (wn * (target - lean) - 2.0 * rate)
+    change = wn * (wn * (target - lean) - 2.0 * rate)
+    rate += step * min(max(change, -m[_LEAN_ACCELERATION]), m[_LEAN_ACCELERATION])
     rate = min(max(rate, -limit), limit)
     lean += step * rate
     memory[M_LEAN], memory[M_LEAN_RATE] = lean, rate
@@ -262,15 +268,16 @@ def _ride(
     memory[M_INTEGRAL] = integral
     damping = m[_RATE_GAIN_SLOW] + fast * (m[_RATE_GAIN_FAST] - m[_RATE_GAIN_SLOW])
     braking = -min(front_fx, 0.0) * front_crown * math.sin(roll) * math.cos(m[_LAM])
-    ahead = gyro * rate + braking - load_share * m[_HOLD] * math.sin(lean)
-    hand = min(max(load_share, _LIGHTEST_HAND), 1.0)
-    torque = hand * (m[_LEAN_GAIN] * error + damping * (rate - roll_rate) + integral) + ahead
+    hand = min(max(load_share / _LIGHT, _LIGHTEST_HAND), 1.0)
+    ahead = hand * gyro * rate + braking - load_share * m[_HOLD] * math.sin(lean)
+    arms = (1.0 - hand) * (_ARM_STIFFNESS * steer + _ARM_DAMPING * steer_rate)
+    torque = hand * (m[_LEAN_GAIN] * error + damping * (rate - roll_rate) + integral) + ahead - arms
     return min(max(torque, -m[_MAX_TORQUE]), m[_MAX_TORQUE])
 
 
 @njit(cache=True)
-def force_limits(roll: float, squared_speed: float, m: FloatArray, tyre: FloatArray) -> tuple[float, float]:
-    """Return what the electronics allow in a steady turn at this lean: drive and front brake force, N.
+def force_limits(roll: float, roll_rate: float, squared_speed: float, m: FloatArray, tyre: FloatArray) -> tuple[float, float]:
+    """Return what the electronics allow at this lean and roll rate: drive and front brake force, N.
 
     Statics of the machine as a mass on two wheels, with its centre of mass lowered by the lean, drag and downforce;
     the turn takes its part of the friction ellipse, and `traction_share` of the rest is free. Without a control its
@@ -286,7 +293,8 @@ def force_limits(roll: float, squared_speed: float, m: FloatArray, tyre: FloatAr
     rear = weight + down - front
     drive, brake = math.inf, math.inf
     if m[_WC] > 0.0:
-        keep = m[_WC_KEEP] + m[_WC_LEAN] * sin_lean
+        # a front wheel must also steer, most of all when the machine is thrown over
+        keep = m[_WC_KEEP] + m[_WC_LEAN] * min(1.0, sin_lean + abs(roll_rate) / _THROW_RATE)
         drive = max(0.0, (front - keep) * m[_W] / height)
     if m[_SC] > 0.0:
         brake = max(0.0, (rear - m[_SC_KEEP]) * m[_W] / height)
@@ -462,7 +470,7 @@ def step(
     memory[M_DRIVE] += (max(throttle, 0.0) - memory[M_DRIVE]) * -math.expm1(-dt / m[_DRIVE_LAG])
     memory[M_BRAKE] += (max(-throttle, 0.0) - memory[M_BRAKE]) * -math.expm1(-dt / m[_BRAKE_LAG])
     drive, brake = memory[M_DRIVE], memory[M_BRAKE]
-    drive_limit, front_limit_force = force_limits(roll, _dot(velocity, velocity), m, tyre)
+    drive_limit, front_limit_force = force_limits(roll, roll_rate, _dot(velocity, velocity), m, tyre)
     traction_cut = wheelie_cut = front_cut = rear_cut = 1.0
     if m[_TC] > 0.0 and memory[M_REAR_SLIP] > 0.0:
         traction_cut = 1.0 - _between(rear_use, m[_TC_ON], m[_TC_OFF])
@@ -490,7 +498,9 @@ def step(
     # steering
     memory[M_FRONT_LOAD] += (ffz - memory[M_FRONT_LOAD]) * -math.expm1(-dt / _FEELING_LAG)
     share = memory[M_FRONT_LOAD] / (geometry[G_FRONT_STATIC] * tyre[1, tyres.STIFFNESS])
-    steer_torque = _ride(memory, steering, roll, roll_rate, speed, ffx, dt, m, tyre[1, tyres.CROWN], share)
+    steer_torque = _ride(
+        memory, steering, roll, roll_rate, steer, steer_rate, speed, ffx, dt, m, tyre[1, tyres.CROWN], share
+    )
     fast = _between(speed, m[_SLOW], m[_FAST])
     fork_torque = steer_torque - (m[_DAMPER_SLOW] + fast * (m[_DAMPER_FAST] - m[_DAMPER_SLOW])) * steer_rate
     if abs(steer) > m[_MAX_STEER]:

@@ -75,15 +75,23 @@ def drag(vehicle: Superbike, speed: float) -> float:
 
 
 def wheel_loads(vehicle: Superbike, lean: float, speed: float, thrust: float) -> tuple[float, float]:
-    """Return the rear and the front load, N, with a thrust (N, negative braking) at the ground."""
+    """Return the rear and the front load, N, with a thrust (N, negative braking) at the ground.
+
+    What the thrust accelerates are also the spinning wheels, whose moment goes through the frame to the loads.
+    """
     cos_lean = math.cos(lean)
     x, height = vehicle.centre_of_mass
     air = vehicle.air
     down = 0.5 * air.density * air.down_area * speed**2 * cos_lean
     weight = vehicle.mass * vehicle.g
     pull = drag(vehicle, speed)
+    spin = (vehicle.IRyy / vehicle.rR + vehicle.IFyy / vehicle.rF) / vehicle.mass
     front = (
-        weight * x + down * air.x - pull * (air.height - height) * cos_lean - thrust * height * cos_lean
+        weight * x
+        + down * air.x
+        - pull * (air.height - height) * cos_lean
+        - thrust * height * cos_lean
+        - (thrust - pull) * spin
     ) / vehicle.w
     return weight + down - front, front
 
@@ -147,7 +155,7 @@ def straight_limits(vehicle: Superbike, speed: float) -> tuple[float, float]:
 
     With the wheelie and the stoppie control off a wheel may just lift.
     """
-    drive, front_brake = sf.force_limits(0.0, speed**2, vehicle.machine, vehicle.tyres)
+    drive, front_brake = sf.force_limits(0.0, 0.0, speed**2, vehicle.machine, vehicle.tyres)
     x, height = vehicle.centre_of_mass
     rear, front = wheel_loads(vehicle, 0.0, speed, 0.0)
     mu_rear = vehicle.rear_tyre.friction * vehicle.rear_tyre.friction_ratio
