@@ -279,27 +279,40 @@ def check_trail_braking(result: Validation, vehicle: Superbike) -> Iterator[Chec
 def check_pitch_limits(result: Validation, vehicle: Superbike) -> Iterator[Check]:
     """Braking force and thrust at which a wheel leaves the ground, squeezed slowly, against statics."""
     brakes = replace(vehicle.brakes, front_share=1.0, force=1.6 * vehicle.mass * _G)
-    bare = replace(without_electronics(vehicle), brakes=brakes)
-    for title, start, force, load, duration, sign in (
-        ("stoppie", 85.0, sf.T_FRONT_FX, sf.T_REAR_LOAD, 5.0, -1.0),
-        ("wheelie", 20.0, sf.T_REAR_FX, sf.T_FRONT_LOAD, 4.0, 1.0),
+    # a rear wheel that loses its load would spin down under engine braking and push the nose down besides
+    bare = replace(without_electronics(vehicle), brakes=brakes, motor=replace(vehicle.motor, engine_brake=0.0))
+    for title, start, load, duration, sign in (
+        ("stoppie", 85.0, sf.T_REAR_LOAD, 5.0, -1.0),
+        ("wheelie", 15.0, sf.T_FRONT_LOAD, 2.5, 1.0),
     ):
         engine = SuperbikeEngine(bare, result.time_step)
         at_speed(engine, start, settle=0.5)
-        squeeze = ride(engine, duration, lambda now, telemetry, d=duration, s=sign: (0.0, s * now / d))
+        squeeze = ride(engine, 2.0 * duration, lambda now, telemetry, d=duration, s=sign: (0.0, s * min(1.0, now / d)))
         engine.close()
         lifted = int(np.argmax(squeeze.telemetry[:, load] <= 0.0))
         row = squeeze.telemetry[max(0, lifted - 1)]
         speed = float(row[sf.T_SPEED])
-        # loads fall linearly with thrust: two values of the formula give the thrust that leaves nothing
-        index = 0 if title == "stoppie" else 1
-        none, some = (statics.wheel_loads(bare, 0.0, speed, thrust)[index] for thrust in (0.0, sign * 1000.0))
-        expected = 1000.0 * none / (none - some)
+        expected = _lifting_force(bare, speed, sign)
         measured = abs(float(row[sf.T_FRONT_FX] + row[sf.T_REAR_FX])) if lifted else math.nan
         yield Check(
             f"{title}_force_ratio", f"{title}: force that lifts a wheel, by statics", measured / expected, 0.96, 1.04, 1.0
         )
         yield Check(f"{title}_named", f"squeezing on ends in a {title}", squeeze.fall == title, 1, 1)
+
+
+def _lifting_force(vehicle: Superbike, speed: float, sign: float) -> float:
+    """Return the force at which a wheel lifts, N, by statics: the front with thrust (1), the rear with brakes (-1).
+
+    The machine pitches on its tyres until one carries all, which moves its weight the same way.
+    """
+    loads = statics.wheel_loads(vehicle, 0.0, speed, 0.0)
+    more = statics.wheel_loads(vehicle, 0.0, speed, sign * 1000.0)
+    index = 1 if sign > 0.0 else 0
+    tyres = (vehicle.rear_tyre, vehicle.front_tyre)
+    # the other wheel gains what this one loses
+    pitch = loads[index] * sum(1.0 / tyre.stiffness for tyre in tyres) / vehicle.w
+    moved = vehicle.mass * vehicle.g * vehicle.centre_of_mass[1] * pitch / vehicle.w
+    return 1000.0 * (loads[index] - moved) / (loads[index] - more[index])
 
 
 def check_mirror(result: Validation, vehicle: Superbike) -> Iterator[Check]:
