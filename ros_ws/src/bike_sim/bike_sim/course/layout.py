@@ -184,7 +184,7 @@ def close_layout(pieces: Sequence[Piece], length: float, transition: float) -> t
         # In comparable units: a radian moves what is a radius away.
         return np.array([x, y, 100.0 * (heading - 2.0 * math.pi * turns), profile.s[-1] - length])
 
-    parameters = np.zeros(sum(2 if piece.angle else 1 for piece in pieces))
+    parameters: FloatArray = np.zeros(sum(2 if piece.angle else 1 for piece in pieces))
     for _ in range(40):
         error = violation(parameters)
         if float(np.abs(error).max()) < _CLOSED:

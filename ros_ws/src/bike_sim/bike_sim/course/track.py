@@ -283,7 +283,7 @@ def find_corners(centre: Course) -> tuple[Corner, ...]:
     changes = np.flatnonzero(kind != np.roll(kind, 1))
     if not len(changes):
         return ()
-    corners = []
+    corners: list[Corner] = []
     for first, last in zip(changes, np.append(changes[1:], changes[0] + count), strict=True):
         angle = float(np.sum(bend[np.arange(first, last) % count]) * centre.spacing)
         if kind[first] == 0 or abs(angle) < CORNER_ANGLE:

@@ -60,7 +60,8 @@ def _draw_direction(axes: Axes, track: Track) -> None:
     reach = 0.035 * track.length
     side = 3.0 * float(np.max(track.width_left))
     arrow = track.points(np.array([0.0, reach]), side)
-    axes.annotate("", arrow[1, :2], xytext=arrow[0, :2], arrowprops={"arrowstyle": "-|>", "color": _INK})
+    (x0, y0), (x1, y1) = arrow[:, :2].tolist()
+    axes.annotate("", (x1, y1), xytext=(x0, y0), arrowprops={"arrowstyle": "-|>", "color": _INK})
 
 
 def draw_line_by_speed(axes: Axes, line: Course, s: FloatArray, speed: FloatArray) -> Colorbar:
