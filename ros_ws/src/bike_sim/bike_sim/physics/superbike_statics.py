@@ -144,10 +144,16 @@ def rolling_drag(vehicle: Superbike, speed: float) -> float:
 
 
 def engine_force(vehicle: Superbike, speed: float) -> float:
-    """Return the full-throttle force at the rear tyre in the best gear, N."""
-    position = speed / vehicle.rR / vehicle.wheel_torque_spacing
-    table = vehicle.wheel_torque
-    return float(np.interp(position, np.arange(table.size), table, right=0.0)) / vehicle.rR
+    """Return the full-throttle force at the rear tyre in the best gear, N, at the slip that it needs."""
+    table, tyre = vehicle.wheel_torque, vehicle.rear_tyre
+    force = 0.0
+    for _ in range(8):
+        rear, _front = wheel_loads(vehicle, 0.0, speed, force)
+        # slip of a linear tyre: full throttle is far from its peak where the engine is the limit
+        wheel_speed = speed * (1.0 + force / (tyre.slip_stiffness * rear)) / vehicle.rR
+        position = wheel_speed / vehicle.wheel_torque_spacing
+        force = 0.5 * (force + float(np.interp(position, np.arange(table.size), table, right=0.0)) / vehicle.rR)
+    return force
 
 
 def straight_limits(vehicle: Superbike, speed: float) -> tuple[float, float]:

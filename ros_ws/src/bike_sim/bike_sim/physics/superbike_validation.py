@@ -393,8 +393,8 @@ def check_machines(result: Validation, vehicle: Superbike) -> Iterator[Check]:
             worst_step = max(worst_step, step.lean_error if step.fall == "none" else math.inf)
         engine.close()
     yield Check("machines_lean_error_deg", "five machines, lean step to 50 deg: largest error, deg", worst_step, 0.0, 3.5)
-    yield Check("launch_time_error", "time from 20 to 75 m/s, share off the envelope's", drive_error, 0.0, 0.08)
-    yield Check("stop_time_error", "time from 75 to 20 m/s, share off the envelope's", brake_error, 0.0, 0.08)
+    yield Check("launch_time_error", "time from 20 to 75 m/s, share off the envelope's", drive_error, 0.0, 0.04)
+    yield Check("stop_time_error", "time from 75 to 20 m/s, share off the envelope's", brake_error, 0.0, 0.04)
 
 
 def _time_error(recorded: Ride, acceleration: Callable[[FloatArray], FloatArray], start: float, end: float) -> float:
