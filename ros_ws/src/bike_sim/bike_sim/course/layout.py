@@ -195,7 +195,7 @@ def close_layout(pieces: Sequence[Piece], length: float, transition: float) -> t
         )
         # The smallest parameters, not the smallest step, that remove the linearised violation.
         target = jacobian @ parameters - error
-        parameters = np.linalg.lstsq(jacobian, target, rcond=None)[0]
+        parameters = np.asarray(np.linalg.lstsq(jacobian, target, rcond=None)[0], dtype=np.float64)
         if not np.all(np.isfinite(parameters)) or float(np.abs(parameters).max()) > MAX_CHANGE:
             break
     worst = float(np.abs(parameters).max())
