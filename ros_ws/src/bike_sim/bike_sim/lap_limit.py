@@ -88,7 +88,13 @@ class LapLimit:
         return np.asarray(np.interp(np.mod(s, self.s[-1]), self.s, self.speed))
 
 
-def lap_limit(envelope: Envelope, line: Course, step: float = STEP, grade: FloatArray | None = None) -> LapLimit:
+def lap_limit(
+    envelope: Envelope,
+    line: Course,
+    step: float = STEP,
+    grade: FloatArray | None = None,
+    cap: FloatArray | None = None,
+) -> LapLimit:
     """Return the theoretical lap of a machine on a closed line.
 
     Args:
@@ -96,9 +102,11 @@ def lap_limit(envelope: Envelope, line: Course, step: float = STEP, grade: Float
         line: closed line.
         step: distance of the profile's points, m.
         grade: slope of the road at the line's samples, positive uphill, or None for a flat road.
+        cap: largest speed that somebody wants at each point of the profile, m/s, or None.
 
     Raises:
-        ValueError: the line is open, the step is not positive, the grade does not fit, or the machine cannot move.
+        ValueError: the line is open, the step is not positive, the grade or the cap does not fit, or the machine
+            cannot move.
     """
     if not line.closed:
         raise ValueError(f"course {line.name!r} is open; a lap needs a closed line")
@@ -115,6 +123,10 @@ def lap_limit(envelope: Envelope, line: Course, step: float = STEP, grade: Float
     distance = np.full(count, line.length / count)
     limits = limit_tables(envelope)
     corner_speed = corner_speeds(bend, limits)
+    if cap is not None:
+        if np.shape(cap) != (count,):
+            raise ValueError(f"cap has shape {np.shape(cap)}, the profile {count} points")
+        corner_speed = np.minimum(corner_speed, cap)
     speed = solve_profile(corner_speed, bend, distance, slope, limits, envelope.exponent)
     closed = np.append(speed, speed[0])
     time = np.concatenate(([0.0], np.cumsum(2.0 * distance / (closed[1:] + closed[:-1]))))

@@ -69,6 +69,8 @@ class ResetRequest:
             the training task may go on without a new start.
         preview: preview settings.
         context: curriculum context, kept for the record only.
+        line: superbikes: which line is followed, 0 the median of the circuit, 1 the ideal line.
+        progress: superbikes: where the ride begins, m along the centre line.
     """
 
     seed: int = 0
@@ -80,6 +82,8 @@ class ResetRequest:
     path_length: float | None = None
     preview: Preview = field(default_factory=Preview)
     context: tuple[float, ...] = ()
+    line: float = 1.0
+    progress: float = 0.0
 
     def __post_init__(self) -> None:
         """Check every value.
@@ -96,6 +100,10 @@ class ResetRequest:
             values = np.asarray(self.initial_state, dtype=np.float64)
             if values.shape != (st.STATE_SIZE,) or not np.all(np.isfinite(values)):
                 raise ValueError(f"initial state must be {st.STATE_SIZE} finite numbers, got {self.initial_state!r}")
+        if not 0.0 <= self.line <= 1.0:
+            raise ValueError(f"line must be 0 (median) to 1 (ideal line), got {self.line!r}")
+        if not math.isfinite(self.progress):
+            raise ValueError(f"progress must be finite, got {self.progress!r} m")
         if self.path_length is not None and not (math.isfinite(self.path_length) and self.path_length > 0.0):
             raise ValueError(f"path length must be positive and finite, got {self.path_length!r} m")
 

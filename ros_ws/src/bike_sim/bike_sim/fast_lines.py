@@ -1,0 +1,98 @@
+"""Circuits with a machine's fastest line, computed once and kept on disk.
+
+The line depends on the circuit, the machine's limits and the way it is computed; a file's name is a hash over all of
+that, so a changed circuit, machine or method never meets an old line.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import os
+import zipfile
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_sim import lap_limit, minimum_time
+from bike_sim.course import racing_line
+from bike_sim.course.track import Track
+from bike_sim.course.track_files import load_track
+from bike_sim.minimum_time import with_fastest_line
+from bike_sim.physics.envelope import Envelope
+
+FOLDER_VARIABLE = "BIKE_CACHE"
+"""Environment variable that names another folder for computed lines."""
+
+
+def cache_folder() -> Path:
+    """Return the folder of computed lines: $BIKE_CACHE, else ``bike/lines`` in the user's cache folder."""
+    chosen = os.environ.get(FOLDER_VARIABLE)
+    if chosen:
+        return Path(chosen)
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "bike" / "lines"
+
+
+def track_with_line(circuit: str | Path, envelope: Envelope) -> Track:
+    """Load a circuit and give it the machine's fastest line.
+
+    Args:
+        circuit: name of a shipped circuit, or path of a YAML or CSV file.
+        envelope: the machine's limits.
+
+    Raises:
+        FileNotFoundError: no such circuit. ValueError: a broken file, or no line between its limits.
+    """
+    track = load_track(circuit)
+    path = cache_folder() / f"{content_key(track, envelope)}.npy"
+    offset = _read(path, len(track.centre.s))
+    if offset is not None:
+        return track.with_ideal(offset)
+    track = with_fastest_line(track, envelope)
+    assert track.ideal is not None
+    _write(path, track.ideal)
+    return track
+
+
+def content_key(track: Track, envelope: Envelope) -> str:
+    """Return the hash over everything that a line depends on."""
+    digest = hashlib.sha256()
+    centre = track.centre
+    columns = (centre.x, centre.y, centre.heading, centre.curvature, track.width_left, track.width_right)
+    limits = (
+        envelope.speeds,
+        envelope.lateral_max,
+        envelope.drive_max,
+        envelope.brake_max,
+        envelope.grip_drive_max,
+        envelope.drag,
+        np.array([envelope.exponent]),
+    )
+    for column in (*columns, *limits):
+        digest.update(np.ascontiguousarray(column).tobytes())
+    for module in (racing_line, minimum_time, lap_limit):
+        digest.update(inspect.getsource(module).encode())
+    return digest.hexdigest()[:32]
+
+
+def _read(path: Path, count: int) -> NDArray[np.float64] | None:
+    """Return the offsets in a file, or None if there are none that could be right."""
+    try:
+        offset = np.load(path, allow_pickle=False)
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile):
+        return None
+    sound = isinstance(offset, np.ndarray) and offset.shape == (count,) and bool(np.isfinite(offset).all())
+    return offset if sound else None
+
+
+def _write(path: Path, offset: NDArray[np.float64]) -> None:
+    """Keep offsets; where nothing can be written the next call computes them again."""
+    scratch = path.with_name(f"{path.stem}.{os.getpid()}.tmp")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with scratch.open("wb") as stream:
+            np.save(stream, offset)
+        scratch.replace(path)
+    except OSError:
+        scratch.unlink(missing_ok=True)
