@@ -100,14 +100,16 @@ def _number(value: float) -> float | None:
 
 def _table(result: validation.Validation) -> Table:
     """Return the checks as a table for people."""
-    table = Table(title=f"five superbikes, PyBullet, step {1e3 * result.time_step:g} ms", box=box.SIMPLE, pad_edge=False)
+    title = f"five superbikes, PyBullet, step {1e3 * result.time_step:g} ms"
+    table = Table(title=title, box=box.SIMPLE, pad_edge=False)
     table.add_column("figure")
     for heading in ("measured", "allowed", ""):
         table.add_column(heading, justify="right", no_wrap=True)
     for check in result.checks:
         allowed = f"≤ {check.high:.4g}" if check.low in (0.0, -math.inf) else f"{check.low:.4g} to {check.high:.4g}"
-        measured = f"{check.measured:.4g}" if abs(check.measured) >= 1e-3 or not check.measured else f"{check.measured:.0e}"
-        table.add_row(check.title, measured, allowed, "[green]pass[/green]" if check.passed else "[bold red]FAIL[/bold red]")
+        digits = ".4g" if abs(check.measured) >= 1e-3 or not check.measured else ".0e"
+        verdict = "[green]pass[/green]" if check.passed else "[bold red]FAIL[/bold red]"
+        table.add_row(check.title, format(float(check.measured), digits), allowed, verdict)
     return table
 
 
@@ -156,8 +158,9 @@ def _draw_tyres(result: validation.Validation, figure: Any) -> None:
         forces = np.array([tyres.forces(s, math.tan(math.radians(drift)), 0.0, load, 1.0, row)[:2] for s in slips])
         ellipse.plot(forces[:, 0] / load, forces[:, 1] / load, label=f"side slip {drift:.0f}°")
     turn = np.linspace(0.0, 2.0 * math.pi, 200)
-    mu = tyres.friction(0.0, row)
-    ellipse.plot(mu * row[tyres.FRICTION_RATIO] * np.cos(turn), mu * np.sin(turn), "k--", linewidth=0.8, label="ellipse")
+    mu_y = tyres.friction(0.0, row)
+    mu_x = mu_y * row[tyres.FRICTION_RATIO]
+    ellipse.plot(mu_x * np.cos(turn), mu_y * np.sin(turn), "k--", linewidth=0.8, label="ellipse")
     ellipse.set(xlabel="longitudinal by load", ylabel="lateral by load", title="combined slip", aspect="equal")
     for axes in (side, along, ellipse):
         axes.grid(alpha=0.3)
@@ -254,7 +257,7 @@ def _draw_envelopes(result: validation.Validation, figure: Any) -> None:
             long = np.concatenate([limits.drive(speed, lateral), -limits.brake(speed, lateral[::-1])])
             circle.plot(both / _G, long / _G, color=colour, linewidth=width)
     over_speed.set(xlabel="speed, m/s", ylabel="g", title="lateral —, drive - -, brake ···")
-    circle.set(xlabel="lateral, g", ylabel="longitudinal, g", title="at 30 m/s (bold) and 70 m/s (fine)", aspect="equal")
+    circle.set(xlabel="lateral, g", ylabel="longitudinal, g", title="at 30 m/s (bold) and 70 m/s", aspect="equal")
     over_speed.legend(fontsize="small")
     for axes in (over_speed, circle):
         axes.grid(alpha=0.3)

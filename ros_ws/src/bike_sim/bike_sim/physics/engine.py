@@ -15,12 +15,15 @@ class Engine(Protocol):
     """One vehicle on flat ground, stepped with a fixed integration step.
 
     Attributes:
-        vehicle: its parameters, the steering drive included.
         time_step: integration step, s.
     """
 
-    vehicle: Vehicle
     time_step: float
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The vehicle's parameters, the steering drive included."""
+        ...
 
     def reset(self, state: StateVector) -> None:
         """Set any minimal state exactly, positions and velocities; nothing of the earlier ride remains.

@@ -108,8 +108,5 @@ def envelope(vehicle: Superbike, share: float = statics.RIDEABLE_SHARE) -> Envel
         brake.append((braking + resistance) / mass)
         grip.append(thrust / mass)
         air.append(resistance / mass)
-    return Envelope(
-        vehicle.name,
-        speeds,
-        *(np.array(values) for values in (lateral, drive, brake, grip, air)),
-    )
+    columns = (np.array(values) for values in (lateral, drive, brake, grip, air))
+    return Envelope(vehicle.name, speeds, *columns)  # type: ignore[arg-type]

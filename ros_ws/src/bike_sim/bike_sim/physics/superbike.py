@@ -9,6 +9,7 @@ Files are z-up and in SI units: heights are positive. The inherited fields keep 
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -424,7 +425,7 @@ class Superbike(Vehicle):
 
     def _check_order(self, section: str, values: Any, keys: tuple[str, ...]) -> None:
         numbers = [getattr(values, key) for key in keys]
-        if any(low >= high for low, high in zip(numbers, numbers[1:], strict=False)):
+        if any(low >= high for low, high in itertools.pairwise(numbers)):
             text = " < ".join(f"{key} ({number:.6g})" for key, number in zip(keys, numbers, strict=True))
             self._refuse(f"{section} must have {text}")
 
@@ -432,10 +433,14 @@ class Superbike(Vehicle):
 _VEHICLE_FIELDS: Final = frozenset(field.name for field in fields(Vehicle))
 _SIGNED: Final = frozenset({"crank_momentum", "Ixz"})
 _POSITIVE: Final = frozenset(
-    "crown stiffness nominal_load cornering friction friction_ratio slip_stiffness relaxation slip_relaxation mass "
-    "height Ixx Iyy Izz slide_lean_deg slide_frequency peak_power peak_torque peak_torque_rpm efficiency "
-    "first_gear_speed lag force frequency lean_rate lean_acceleration torque max_lean_deg stop_deg".split()
-)
+    {
+        "crown", "stiffness", "nominal_load", "cornering", "friction", "friction_ratio", "slip_stiffness", "relaxation",
+        "slip_relaxation", "mass", "height", "Ixx", "Iyy", "Izz", "slide_lean_deg", "slide_frequency", "peak_power",
+        "peak_torque", "peak_torque_rpm", "efficiency", "first_gear_speed", "lag", "force", "frequency", "lean_rate",
+        "lean_acceleration", "torque", "max_lean_deg", "stop_deg",
+    }
+)  # fmt: skip
+"""Values that must not be zero either, in any section."""
 
 TYRE_NAMES: Final = tuple(field.name for field in fields(Tyre))
 
@@ -490,7 +495,7 @@ def superbike_from_document(document: Any, origin: str) -> Superbike:
     geometry = _numbers(top["geometry"], _GEOMETRY, where, "geometry")
     bodies = _numbers(top["bodies"], _BODIES, where, "bodies")
     limits = _numbers(top["limits"], ("fall_roll_deg",), where, "limits")
-    sections = {name: _section(top[name], kind, where, name) for name, kind in _SECTION_TYPES.items()}
+    sections: dict[str, Any] = {name: _section(top[name], kind, where, name) for name, kind in _SECTION_TYPES.items()}
     front_tyre, rear_tyre = (_section(top[name], Tyre, where, name) for name in ("front_tyre", "rear_tyre"))
     require_finite(origin, "control_period_s", top["control_period_s"])
     frame = _frame(geometry, bodies, where)

@@ -32,6 +32,7 @@ from bike_sim.physics.superbike import MACHINE_NAMES, Superbike
 
 FloatArray = NDArray[np.float64]
 Vec = tuple[float, float, float]
+Wheel = tuple[float, float, float, float, float]
 
 # --- memory -----------------------------------------------------------------------------------------------------------
 MEMORY_NAMES: Final = (
@@ -75,8 +76,8 @@ normalised slip (1 is linear saturation, the peak lies at `tyres.peak_slip`); cu
     _ENGINE_BRAKE, _CRANK,
     _BRAKE_FORCE, _FRONT_SHARE, _BRAKE_LAG,
     _DAMPER_SLOW, _DAMPER_FAST, _SLOW, _FAST, _STOP,
-    _MAX_LEAN, _FREQUENCY, _LEAN_RATE, _LEAN_ACCELERATION, _GYRO_SHARE, _MAX_TORQUE, _HOLD, _LEAN_GAIN, _RATE_GAIN_SLOW, _RATE_GAIN_FAST,
-    _INTEGRAL_GAIN, _INTEGRAL_TORQUE,
+    _MAX_LEAN, _FREQUENCY, _LEAN_RATE, _LEAN_ACCELERATION, _GYRO_SHARE, _MAX_TORQUE, _HOLD, _LEAN_GAIN,
+    _RATE_GAIN_SLOW, _RATE_GAIN_FAST, _INTEGRAL_GAIN, _INTEGRAL_TORQUE,
     _TC, _TC_SHARE, _TC_ON, _TC_OFF, _WC, _WC_KEEP, _WC_LEAN, _WC_ON, _WC_OFF,
     _BC, _BC_SHARE, _BC_ON, _BC_OFF, _SC, _SC_KEEP, _SC_ON, _SC_OFF,
 ) = range(len(MACHINE_NAMES))  # fmt: skip
@@ -95,7 +96,7 @@ _SLIDE_LEAN_MIN: Final = 0.15  # rad; upright a slide has no side
 _SLIDE_MEMORY: Final = 1.5  # s a slide explains a fall
 _THROWN_RATE: Final = 6.0  # rad/s of roll away from the slide at which nobody stays on
 _SPUN: Final = math.cos(math.radians(60.0))  # of the angle between heading and way at which a slide is a crash
-_SPUN_SPEED: Final = 4.0  # m/s above which that counts
+_SLIDE_SPEED: Final = 4.0  # m/s; what slips while falling over at a walk is no slide
 _OVER: Final = math.sin(math.radians(55.0))  # pitch beyond every machine's point of balance
 
 
@@ -222,10 +223,19 @@ def _wheel(
     """Return ``(Fx, Fy, Fz, Mz, s)`` of a tyre and advance its transient slips.
 
     Args:
-        memory: of the machine. first: index of the longitudinal slip in it, the lateral follows.
-        point: lowest point. velocity: of the carrier's material there. carrier_rate: its angular velocity.
-        n: axle. t: heading. l: left. rolling_radius: m. spin: of the wheel relative to its carrier, rad/s.
-        grip: factor on friction. step: s. tyre: its parameters.
+        memory: of the machine.
+        first: index of the longitudinal slip in it, the lateral follows.
+        point: lowest point, m.
+        velocity: of the carrier's material there, m/s.
+        carrier_rate: its angular velocity, rad/s.
+        n: axle.
+        t: heading.
+        l: left.
+        rolling_radius: m.
+        spin: of the wheel relative to its carrier, rad/s.
+        grip: factor on friction.
+        step: s.
+        tyre: its parameters.
     """
     load = tyres.normal_load(point[2], velocity[2], tyre)
     along = _dot(velocity, t)
@@ -276,7 +286,9 @@ def _ride(
 
 
 @njit(cache=True)
-def force_limits(roll: float, roll_rate: float, squared_speed: float, m: FloatArray, tyre: FloatArray) -> tuple[float, float]:
+def force_limits(
+    roll: float, roll_rate: float, squared_speed: float, m: FloatArray, tyre: FloatArray
+) -> tuple[float, float]:
     """Return what the electronics allow at this lean and roll rate: drive and front brake force, N.
 
     Statics of the machine as a mass on two wheels, with its centre of mass lowered by the lean, drag and downforce;
@@ -317,6 +329,68 @@ def force_limits(roll: float, roll_rate: float, squared_speed: float, m: FloatAr
 def _brake_torque(limit: float, spin: float, inertia: float, tyre_torque: float, step: float) -> float:
     """Return the torque of a brake that can hold up to `limit`, N m: it stops a wheel but never turns it back."""
     return min(max(-(inertia * spin / step + tyre_torque), -limit), limit)
+
+
+@njit(cache=True)
+def _drive_and_brake(
+    memory: FloatArray, telemetry: FloatArray, throttle: float, roll: float, roll_rate: float, squared_speed: float,
+    rear: Wheel, front: Wheel, dt: float, m: FloatArray, geometry: FloatArray, wheel_torque: FloatArray,
+    tyre: FloatArray,
+) -> tuple[float, float]:  # fmt: skip
+    """Return the torques of engine and brakes on the rear and the front wheel, N m, and write down what they did.
+
+    ``rear`` and ``front`` are (spin, rolling radius, Fx, Fz, normalised slip) of the wheels.
+    """
+    rear_spin, rear_radius, rfx, rfz, rear_use = rear
+    front_spin, front_radius, ffx, ffz, front_use = front
+    memory[M_DRIVE] += (max(throttle, 0.0) - memory[M_DRIVE]) * -math.expm1(-dt / m[_DRIVE_LAG])
+    memory[M_BRAKE] += (max(-throttle, 0.0) - memory[M_BRAKE]) * -math.expm1(-dt / m[_BRAKE_LAG])
+    drive, brake = memory[M_DRIVE], memory[M_BRAKE]
+    drive_limit, front_force_limit = force_limits(roll, roll_rate, squared_speed, m, tyre)
+    traction_cut = wheelie_cut = front_cut = rear_cut = 1.0
+    if m[_TC] > 0.0 and memory[M_REAR_SLIP] > 0.0:
+        traction_cut = 1.0 - _between(rear_use, m[_TC_ON], m[_TC_OFF])
+    if m[_WC] > 0.0:
+        wheelie_cut = _between(ffz, m[_WC_OFF], m[_WC_ON])
+    if m[_BC] > 0.0:
+        front_cut = 1.0 - _between(front_use, m[_BC_ON], m[_BC_OFF])
+        rear_cut = 1.0 - _between(rear_use, m[_BC_ON], m[_BC_OFF])
+    if m[_SC] > 0.0:
+        front_cut *= _between(rfz, m[_SC_OFF], m[_SC_ON])
+
+    available = drive * _lookup(wheel_torque, rear_spin / geometry[_TORQUE_SPACING])
+    drive_torque = traction_cut * wheelie_cut * min(available, drive_limit * rear_radius)
+    rear_brake = (1.0 - m[_FRONT_SHARE]) * brake * rear_cut * m[_BRAKE_FORCE] * m[_RR]
+    front_brake = front_cut * min(m[_FRONT_SHARE] * brake * m[_BRAKE_FORCE], front_force_limit) * m[_RF]
+    # closed throttle drags like a brake; so does rolling resistance
+    rear_hold = rear_brake + (1.0 - drive) * m[_ENGINE_BRAKE] * m[_RR] + tyre[0, tyres.ROLLING] * rfz * rear_radius
+    front_hold = front_brake + tyre[1, tyres.ROLLING] * ffz * front_radius
+    rear_torque = drive_torque + _brake_torque(rear_hold, rear_spin, m[_IRYY], drive_torque - rfx * rear_radius, dt)
+    front_torque = _brake_torque(front_hold, front_spin, m[_IFYY], -ffx * front_radius, dt)
+
+    telemetry[T_DRIVE], telemetry[T_POWER] = drive_torque, drive_torque * rear_spin / m[_EFFICIENCY]
+    telemetry[T_FRONT_BRAKE], telemetry[T_REAR_BRAKE] = front_brake, rear_brake
+    telemetry[T_TRACTION_CUT], telemetry[T_WHEELIE_CUT] = traction_cut, wheelie_cut
+    telemetry[T_FRONT_CUT], telemetry[T_REAR_CUT] = front_cut, rear_cut
+    return rear_torque, front_torque
+
+
+@njit(cache=True)
+def _damper_and_stop(steer: float, steer_rate: float, speed: float, m: FloatArray) -> float:
+    """Return the torque of the steering damper and, beyond the largest angle, of the stop, N m."""
+    fast = _between(speed, m[_SLOW], m[_FAST])
+    torque = -(m[_DAMPER_SLOW] + fast * (m[_DAMPER_FAST] - m[_DAMPER_SLOW])) * steer_rate
+    if abs(steer) > m[_MAX_STEER]:
+        torque -= _STOP_STIFFNESS * (steer - math.copysign(m[_MAX_STEER], steer)) + _STOP_DAMPING * steer_rate
+    return torque
+
+
+@njit(cache=True)
+def _air(velocity: Vec, up: Vec, m: FloatArray) -> Vec:
+    """Return drag against the velocity and downforce in the machine's own plane, N."""
+    squared = _dot(velocity, velocity)
+    against = -0.5 * m[_DENSITY] * m[_DRAG_AREA] * math.sqrt(squared)
+    return _mix(against, velocity, -0.5 * m[_DENSITY] * m[_DOWN_AREA] * squared, up)
 
 
 @njit(cache=True)
@@ -419,14 +493,26 @@ def step(
     only. So nobody needs the links' poses but this function.
 
     Args:
-        position: centre of mass of the frame without rider, m. orientation: of its principal axes (x, y, z, w).
-        velocity: m/s. omega: angular velocity, rad/s, in map axes.
-        rear_rate: of the rear wheel relative to the frame, rad/s. steer: rad. steer_rate: rad/s.
-        front_rate: of the front wheel relative to the fork, rad/s. slide: of the rider, m to the left. slide_rate: m/s.
-        steering: command in [-1, 1], positive to the left. throttle: drive above 0, brakes below.
-        rear_grip: factor on friction under the rear wheel. front_grip: under the front wheel.
-        dt: time step, s. memory: see `MEMORY_NAMES`. telemetry: written, see `TELEMETRY_NAMES`.
-        m: `Superbike.machine`. geometry: from `bare_geometry`. wheel_torque: `Superbike.wheel_torque`.
+        position: centre of mass of the frame without rider, m.
+        orientation: of its principal axes (x, y, z, w).
+        velocity: m/s.
+        omega: angular velocity, rad/s, in map axes.
+        rear_rate: of the rear wheel relative to the frame, rad/s.
+        steer: rad.
+        steer_rate: rad/s.
+        front_rate: of the front wheel relative to the fork, rad/s.
+        slide: of the rider, m to the left.
+        slide_rate: m/s.
+        steering: command in [-1, 1], positive to the left.
+        throttle: drive above 0, brakes below.
+        rear_grip: factor on friction under the rear wheel.
+        front_grip: under the front wheel.
+        dt: time step, s.
+        memory: see `MEMORY_NAMES`.
+        telemetry: written, see `TELEMETRY_NAMES`.
+        m: `Superbike.machine`.
+        geometry: from `bare_geometry`.
+        wheel_torque: `Superbike.wheel_torque`.
         tyre: `Superbike.tyres`.
 
     Returns:
@@ -466,53 +552,21 @@ def step(
     roll_rate = cos_yaw * omega[0] + sin_yaw * omega[1]
     speed = cos_yaw * velocity[0] + sin_yaw * velocity[1]
 
-    # engine and brakes
-    memory[M_DRIVE] += (max(throttle, 0.0) - memory[M_DRIVE]) * -math.expm1(-dt / m[_DRIVE_LAG])
-    memory[M_BRAKE] += (max(-throttle, 0.0) - memory[M_BRAKE]) * -math.expm1(-dt / m[_BRAKE_LAG])
-    drive, brake = memory[M_DRIVE], memory[M_BRAKE]
-    drive_limit, front_limit_force = force_limits(roll, roll_rate, _dot(velocity, velocity), m, tyre)
-    traction_cut = wheelie_cut = front_cut = rear_cut = 1.0
-    if m[_TC] > 0.0 and memory[M_REAR_SLIP] > 0.0:
-        traction_cut = 1.0 - _between(rear_use, m[_TC_ON], m[_TC_OFF])
-    if m[_WC] > 0.0:
-        wheelie_cut = _between(ffz, m[_WC_OFF], m[_WC_ON])
-    if m[_BC] > 0.0:
-        front_cut = 1.0 - _between(front_use, m[_BC_ON], m[_BC_OFF])
-        rear_cut = 1.0 - _between(rear_use, m[_BC_ON], m[_BC_OFF])
-    if m[_SC] > 0.0:
-        front_cut *= _between(rfz, m[_SC_OFF], m[_SC_ON])
-    available = drive * _lookup(wheel_torque, rear_spin / geometry[_TORQUE_SPACING])
-    drive_torque = traction_cut * wheelie_cut * min(available, drive_limit * rear_radius)
-    power = drive_torque * rear_spin / m[_EFFICIENCY]
-    # closed throttle drags like a brake; so does rolling resistance
-    rear_limit = (1.0 - drive) * m[_ENGINE_BRAKE] * m[_RR] + tyre[0, tyres.ROLLING] * rfz * rear_radius
-    rear_brake = (1.0 - m[_FRONT_SHARE]) * brake * rear_cut * m[_BRAKE_FORCE] * m[_RR]
-    front_brake = front_cut * min(m[_FRONT_SHARE] * brake * m[_BRAKE_FORCE], front_limit_force) * m[_RF]
-    rear_held = _brake_torque(
-        rear_limit + rear_brake, rear_spin, m[_IRYY], drive_torque - rfx * rear_radius, dt
+    rear_wheel = rear_spin, rear_radius, rfx, rfz, rear_use
+    front_wheel = front_spin, front_radius, ffx, ffz, front_use
+    rear_torque, front_torque = _drive_and_brake(
+        memory, telemetry, throttle, roll, roll_rate, _dot(velocity, velocity), rear_wheel, front_wheel, dt, m,
+        geometry, wheel_torque, tyre,
     )  # fmt: skip
-    front_limit = front_brake + tyre[1, tyres.ROLLING] * ffz * front_radius
-    front_torque = _brake_torque(front_limit, front_spin, m[_IFYY], -ffx * front_radius, dt)
-    rear_torque = drive_torque + rear_held
 
-    # steering
     memory[M_FRONT_LOAD] += (ffz - memory[M_FRONT_LOAD]) * -math.expm1(-dt / _FEELING_LAG)
     share = memory[M_FRONT_LOAD] / (geometry[G_FRONT_STATIC] * tyre[1, tyres.STIFFNESS])
     steer_torque = _ride(
         memory, steering, roll, roll_rate, steer, steer_rate, speed, ffx, dt, m, tyre[1, tyres.CROWN], share
     )
-    fast = _between(speed, m[_SLOW], m[_FAST])
-    fork_torque = steer_torque - (m[_DAMPER_SLOW] + fast * (m[_DAMPER_FAST] - m[_DAMPER_SLOW])) * steer_rate
-    if abs(steer) > m[_MAX_STEER]:
-        beyond = steer - math.copysign(m[_MAX_STEER], steer)
-        fork_torque -= _STOP_STIFFNESS * beyond + _STOP_DAMPING * steer_rate
+    fork_torque = steer_torque + _damper_and_stop(steer, steer_rate, speed, m)
 
-    # air: drag against the velocity, downforce in the machine's own plane
-    pressure = 0.5 * m[_DENSITY] * _dot(velocity, velocity)
-    drag = pressure * m[_DRAG_AREA]
-    size = math.sqrt(_dot(velocity, velocity))
-    against = -0.5 * m[_DENSITY] * m[_DRAG_AREA] * size
-    air = _mix(against, velocity, -pressure * m[_DOWN_AREA], ez)
+    air = _air(velocity, ez, m)
     air_point = _add(position, _mix(geometry[_AIR_DX], ex, geometry[_AIR_DZ], ez))
 
     # rider across the machine: leads with the reference he rides to
@@ -535,15 +589,18 @@ def step(
     front_joint = front_torque + _dot(fy_axis, front_moment)
     steer_joint = fork_torque + _dot(axis, _add(front_moment, _cross(hub_arm, front_force)))
 
-    sliding = max(rear_use / tyres.peak_slip(tyre[0]), front_use / tyres.peak_slip(tyre[1])) > _SLIDING
-    sideways = size > _SPUN_SPEED and speed < _SPUN * size
+    size = math.sqrt(_dot(velocity, velocity))
+    slip = max(rear_use / tyres.peak_slip(tyre[0]), front_use / tyres.peak_slip(tyre[1]))
+    sliding = size > _SLIDE_SPEED and slip > _SLIDING
+    sideways = size > _SLIDE_SPEED and speed < _SPUN * size
     if memory[M_FALL] == NO_FALL:
         memory[M_FALL] = _fall(memory, roll, roll_rate, ex[2], rfz, ffz, sliding, sideways, dt, m[_FALL_ROLL])
 
-    yaw_rate = omega[2]
-    telemetry[T_SPEED] = speed
+    telemetry[T_SPEED], telemetry[T_YAW_RATE] = speed, omega[2]
     telemetry[T_PITCH] = -math.asin(min(max(ex[2], -1.0), 1.0))
-    telemetry[T_YAW_RATE] = yaw_rate
+    # acceleration by the forces on the whole machine, along and to the left of its heading
+    telemetry[T_ALONG] = (cos_yaw * total[0] + sin_yaw * total[1]) / m[_MASS]
+    telemetry[T_LATERAL] = (cos_yaw * total[1] - sin_yaw * total[0]) / m[_MASS]
     telemetry[T_REAR_LOAD], telemetry[T_FRONT_LOAD] = rfz, ffz
     telemetry[T_REAR_SLIP], telemetry[T_FRONT_SLIP] = memory[M_REAR_SLIP], memory[M_FRONT_SLIP]
     telemetry[T_REAR_DRIFT], telemetry[T_FRONT_DRIFT] = (
@@ -555,15 +612,7 @@ def step(
     telemetry[T_FRONT_FX], telemetry[T_FRONT_FY] = ffx, ffy
     telemetry[T_REAR_USE], telemetry[T_FRONT_USE] = rear_use, front_use
     telemetry[T_STEER_TORQUE], telemetry[T_LEAN_REFERENCE] = steer_torque, memory[M_LEAN]
-    telemetry[T_SLIDE] = slide
-    telemetry[T_DRIVE], telemetry[T_POWER] = drive_torque, power
-    telemetry[T_FRONT_BRAKE], telemetry[T_REAR_BRAKE] = front_brake, rear_brake
-    telemetry[T_TRACTION_CUT], telemetry[T_WHEELIE_CUT] = traction_cut, wheelie_cut
-    telemetry[T_FRONT_CUT], telemetry[T_REAR_CUT] = front_cut, rear_cut
-    telemetry[T_DRAG] = drag
-    telemetry[T_FALL] = memory[M_FALL]
-    # acceleration by the forces on the whole machine, along and to the left of its heading
-    telemetry[T_ALONG] = (cos_yaw * total[0] + sin_yaw * total[1]) / m[_MASS]
-    telemetry[T_LATERAL] = (cos_yaw * total[1] - sin_yaw * total[0]) / m[_MASS]
+    telemetry[T_SLIDE], telemetry[T_FALL] = slide, memory[M_FALL]
+    telemetry[T_DRAG] = 0.5 * m[_DENSITY] * m[_DRAG_AREA] * size * size
 
     return total, torque, rear_joint, steer_joint, front_joint, slide_force, int(memory[M_FALL])

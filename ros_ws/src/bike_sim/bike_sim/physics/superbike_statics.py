@@ -1,4 +1,4 @@
-"""Steady states of a superbike in closed form: lateral acceleration against lean, and what limits turn, drive and brake.
+"""Steady states of a superbike in closed form: lateral acceleration against lean; limits of turn, drive and brake.
 
 Independent of the engine: it is what the simulated steady turns are compared with, and where the envelope for lap-time
 simulation comes from. Written in the plane across the machine; sideways is positive into the turn.
@@ -17,9 +17,10 @@ from bike_sim.physics.superbike import Superbike, Tyre
 
 FloatArray = NDArray[np.float64]
 
-RIDEABLE_SHARE: Final = 0.9
+RIDEABLE_SHARE: Final = 0.88
 """Part of a tyre's friction that a steady turn may use. Beyond it more slip gives hardly more force, and no rider holds
-the machine: simulated, the virtual rider of all five machines holds 57 deg of lean from 20 m/s up, and none holds 59."""
+the machine: in simulation the virtual rider holds 55 to 57 deg of lean at 15 m/s, 57 to 58 deg from 40 m/s up, and none
+of the five machines at 59 deg; this share means 56.5 deg."""
 
 
 def steady_lateral(vehicle: Superbike, lean: float, speed: float) -> float:
@@ -162,7 +163,7 @@ def straight_limits(vehicle: Superbike, speed: float) -> tuple[float, float]:
     With the wheelie and the stoppie control off a wheel may just lift.
     """
     drive, front_brake = sf.force_limits(0.0, 0.0, speed**2, vehicle.machine, vehicle.tyres)
-    x, height = vehicle.centre_of_mass
+    _, height = vehicle.centre_of_mass
     rear, front = wheel_loads(vehicle, 0.0, speed, 0.0)
     mu_rear = vehicle.rear_tyre.friction * vehicle.rear_tyre.friction_ratio
     mu_front = vehicle.front_tyre.friction * vehicle.front_tyre.friction_ratio
@@ -174,5 +175,7 @@ def straight_limits(vehicle: Superbike, speed: float) -> tuple[float, float]:
     front_most = mu_front * front / (1.0 - mu_front * lever) if mu_front * lever < 1.0 else math.inf
     front_brake = min(front_brake, vehicle.brakes.front_share * vehicle.brakes.force, front_most)
     rear_left = max(0.0, rear - front_brake * lever)
-    rear_brake = min((1.0 - vehicle.brakes.front_share) * vehicle.brakes.force, mu_rear * rear_left / (1.0 + mu_rear * lever))
+    rear_brake = min(
+        (1.0 - vehicle.brakes.front_share) * vehicle.brakes.force, mu_rear * rear_left / (1.0 + mu_rear * lever)
+    )
     return drive, min(front_brake + rear_brake, stoppie)

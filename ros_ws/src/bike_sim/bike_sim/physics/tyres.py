@@ -82,10 +82,7 @@ def forces(
     # Both the side slip and the lean push to the right, where they are positive
     sy = -(cornering_coefficient(load, t) * drift + t[CAMBER] * camber) / mu_y
     s = math.hypot(sx, sy)
-    if s < 1e-9:
-        scale = 1.0
-    else:
-        scale = math.sin(t[SHAPE] * math.atan(s / t[SHAPE])) / s
+    scale = math.sin(t[SHAPE] * math.atan(s / t[SHAPE])) / s if s > 1e-9 else 1.0
     fy = mu_y * load * scale * sy
     # The side slip's part acts behind the middle of the contact; the trail vanishes where all of it slides.
     trail = t[TRAIL] * max(0.0, 1.0 - s / peak_slip(t))

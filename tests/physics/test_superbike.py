@@ -1,0 +1,267 @@
+"""Superbike files and dataclass, and the closed-form steady states."""
+
+import math
+import re
+from dataclasses import FrozenInstanceError, fields, replace
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from bike_sim.physics import linear, mapping
+from bike_sim.physics import superbike_statics as statics
+from bike_sim.physics.engine import make_engine
+from bike_sim.physics.envelope import Envelope, envelope
+from bike_sim.physics.superbike import MACHINE_NAMES, Superbike
+from bike_sim.physics.superbike_engine import SuperbikeEngine, without_rider
+from bike_sim.physics.vehicle import Vehicle, VehicleError, load_vehicle, shipped_vehicles
+
+NAMES = ("panigale_v4r", "zx10rr", "cbr1000rr_r", "r1", "m1000rr")
+FOLDER = resources.files("bike_sim") / "config" / "vehicles"
+
+
+def machine(name: str) -> Superbike:
+    vehicle = load_vehicle(name)
+    assert isinstance(vehicle, Superbike)
+    return vehicle
+
+
+MACHINES = {name: machine(name) for name in NAMES}
+DUCATI = MACHINES["panigale_v4r"]
+
+
+def document(name: str = "panigale_v4r") -> dict:
+    return yaml.safe_load((FOLDER / f"{name}.yaml").read_text(encoding="utf-8"))
+
+
+def write(content: dict, folder: Path) -> Path:
+    path = folder / "own.yaml"
+    path.write_text(yaml.safe_dump(content), encoding="utf-8")
+    return path
+
+
+def test_the_five_are_shipped_and_the_bicycle_is_still_one() -> None:
+    assert set(NAMES) <= set(shipped_vehicles())
+    bicycle = load_vehicle("whipple")
+    assert type(bicycle) is Vehicle
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_value_has_a_source_or_is_an_estimate(name: str) -> None:
+    lines = (FOLDER / f"{name}.yaml").read_text(encoding="utf-8").splitlines()
+    values = [line for line in lines if re.match(r"\s*\w+: -?[\d.]+(e[+-]?\d+)?\s", line + " ")]
+    assert len(values) > 100
+    for line in values:
+        if re.match(r"\s+\w+_control: 1.0 ", line):  # a switch
+            continue
+        comment = line.partition("#")[2]
+        assert re.search(r"\[(S\d|maker|reference rider|estimate)|\[.*estimate", comment), line
+    cited = set(re.findall(r"\bS\d\b", "\n".join(values)))
+    assert cited <= set(document(name)["sources"])
+
+
+def test_wet_mass_and_load_share_come_back() -> None:
+    for name, vehicle in MACHINES.items():
+        bodies = document(name)["bodies"]
+        bare = without_rider(vehicle)
+        assert bare.mass == pytest.approx(bodies["wet_mass"])
+        x, height = bare.centre_of_mass
+        assert x / vehicle.w == pytest.approx(bodies["front_load_share"])
+        assert height == pytest.approx(bodies["centre_height"])
+        assert vehicle.mass == pytest.approx(bodies["wet_mass"] + 80.0)
+
+
+def test_rear_body_is_frame_and_rider_by_parallel_axes() -> None:
+    v, f, r = DUCATI, DUCATI.frame, DUCATI.rider
+    assert v.xB == pytest.approx((f.mass * f.x + r.mass * r.x) / v.mB)
+    pitch = f.Iyy + r.Iyy
+    for body in (f, r):
+        pitch += body.mass * ((body.x - v.xB) ** 2 + (body.height + v.zB) ** 2)
+    assert v.IByy == pytest.approx(pitch)
+    # the product of inertia that a z-down benchmark file would hold, from first principles
+    product = f.Ixz - sum(body.mass * (body.x - v.xB) * (body.height + v.zB) for body in (f, r))
+    tensor = mapping.inertia_tensors(v)[mapping.REAR_FRAME]
+    assert tensor[0, 2] == pytest.approx(product)
+
+
+def test_the_power_curve_peaks_as_published() -> None:
+    for vehicle in MACHINES.values():
+        motor = vehicle.motor
+        rpm = np.linspace(5000.0, motor.limiter_rpm, 20001)
+        torque = motor.crank_torque(rpm)
+        assert torque.max() == pytest.approx(motor.peak_torque, rel=1e-6)
+        power = torque * rpm * math.pi / 30.0
+        assert power.max() == pytest.approx(motor.peak_power, rel=0.012)
+        assert motor.crank_torque(np.array([motor.limiter_rpm + 1.0]))[0] == 0.0
+
+
+def test_wheel_power_never_exceeds_the_engines() -> None:
+    for vehicle in MACHINES.values():
+        spin = vehicle.wheel_torque_spacing * np.arange(vehicle.wheel_torque.size)
+        power = vehicle.wheel_torque * spin
+        assert power.max() <= 1.012 * vehicle.motor.efficiency * vehicle.motor.peak_power
+        assert power.max() >= 0.97 * vehicle.motor.efficiency * vehicle.motor.peak_power
+        assert vehicle.wheel_torque[-1] == 0.0
+
+
+def test_machines_differ_in_handling_not_only_in_power() -> None:
+    assert len({(v.w, v.lam, v.c) for v in MACHINES.values()}) == 5
+    for value in (
+        lambda v: v.mass, lambda v: v.IBzz, lambda v: v.front_tyre.friction, lambda v: v.air.down_area,
+        lambda v: v.centre_of_mass[0] / v.w,
+    ):  # fmt: skip
+        assert len({round(value(v), 6) for v in MACHINES.values()}) >= 4
+    assert MACHINES["panigale_v4r"].motor.crank_momentum < 0.0 < MACHINES["r1"].motor.crank_momentum
+
+
+def test_vectors_for_compiled_code_carry_every_number_once() -> None:
+    assert len(set(MACHINE_NAMES)) == len(MACHINE_NAMES) == DUCATI.machine.size
+    lookup = dict(zip(MACHINE_NAMES, DUCATI.machine, strict=True))
+    assert lookup["mass"] == DUCATI.mass
+    assert lookup["virtual_rider.lean_gain"] == DUCATI.virtual_rider.lean_gain
+    for array in (DUCATI.machine, DUCATI.tyres, DUCATI.wheel_torque):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1.0
+    with pytest.raises(FrozenInstanceError):
+        DUCATI.air.drag_area = 0.0  # type: ignore[misc]
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value", "message"),
+    [
+        ("air", "drag_area", -0.3, "air.drag_area = -0.3 must not be negative"),
+        ("front_tyre", "crown", 0.4, "must stay below the wheel's radius"),
+        ("rear_tyre", "shape", 2.5, "has no peak"),
+        ("rear_tyre", "friction", 0.0, "rear_tyre.friction = 0.0 must be positive"),
+        ("rear_tyre", "friction", float("nan"), "rear_tyre.friction = nan is not a finite number"),
+        ("motor", "peak_power_rpm", 9000.0, "peak_torque_rpm"),
+        ("motor", "gears", 5.5, "whole number"),
+        ("brakes", "front_share", 1.2, "between 0 and 1"),
+        ("virtual_rider", "max_lean_deg", 80.0, "below the fall"),
+        ("bodies", "wet_mass", 20.0, "leaves no mass for the frame"),
+        ("electronics", "traction_slip_off", 1.0, "traction_slip_on"),
+        ("geometry", "wheelbase", "long", "'long' is not a finite number"),
+    ],
+)  # fmt: skip
+def test_impossible_machines_are_refused(section: str, key: str, value: object, message: str, tmp_path: Path) -> None:
+    content = document()
+    content[section][key] = value
+    with pytest.raises(VehicleError, match=re.escape(message)):
+        load_vehicle(write(content, tmp_path))
+
+
+def test_missing_unknown_and_foreign(tmp_path: Path) -> None:
+    content = document()
+    del content["air"]["height"]
+    content["air"]["colour"] = 1.0
+    with pytest.raises(VehicleError, match="lacks height and has unknown colour"):
+        load_vehicle(write(content, tmp_path))
+    with pytest.raises(VehicleError, match="unknown type 'tricycle'"):
+        load_vehicle(write({**document(), "type": "tricycle"}, tmp_path))
+
+
+def test_it_is_a_vehicle_to_the_rest_of_the_physics() -> None:
+    matrices = linear.canonical_matrices(DUCATI)
+    assert np.linalg.eigvalsh(matrices.M).min() > 0.0
+    with pytest.raises(ValueError, match="no tyres"):
+        make_engine("whipple", DUCATI, 0.002)
+    with pytest.raises(ValueError, match="is no superbike"):
+        SuperbikeEngine(load_vehicle("whipple"), 0.002)  # type: ignore[arg-type]
+
+
+def blade() -> Superbike:
+    """A machine on knife edges without spin, air and hang-off: it leans like a point on a blade."""
+    thin = {"crown": 1e-9}
+    return replace(
+        DUCATI,
+        front_tyre=replace(DUCATI.front_tyre, **thin),
+        rear_tyre=replace(DUCATI.rear_tyre, **thin),
+        rider=replace(DUCATI.rider, slide=0.0),
+        motor=replace(DUCATI.motor, crank_momentum=0.0),
+        air=replace(DUCATI.air, down_area=0.0),
+        IRyy=1e-6, IRxx=1e-6, IFyy=1e-6, IFxx=1e-6,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("lean_deg", [5.0, 30.0, 55.0])
+def test_a_point_on_a_blade_leans_by_the_tangent(lean_deg: float) -> None:
+    lean = math.radians(lean_deg)
+    assert statics.steady_lateral(blade(), lean, 1e4) == pytest.approx(9.81 * math.tan(lean), rel=1e-6)
+
+
+def test_steady_lateral_by_hand() -> None:
+    """Toroidal tyres and hang-off at 45 deg, fast enough for nothing else but spin to matter."""
+    c, h = 0.08, 0.6
+    v = replace(
+        blade(),
+        front_tyre=replace(DUCATI.front_tyre, crown=c),
+        rear_tyre=replace(DUCATI.rear_tyre, crown=c),
+        rider=replace(DUCATI.rider, slide=0.18, slide_lean_deg=45.0),
+    )
+    _, h = v.centre_of_mass
+    offset = 80.0 * 0.18 / v.mass
+    root = math.sqrt(0.5)
+    y, z = (h - c) * root + offset * root, c + (h - c) * root - offset * root
+    assert statics.steady_lateral(v, math.radians(45.0), 1e4) == pytest.approx(9.81 * y / z, rel=1e-6)
+
+
+def test_crowns_and_spin_cost_lateral_acceleration_and_hang_off_gives() -> None:
+    lean, speed = math.radians(50.0), 40.0
+    plain = statics.steady_lateral(blade(), lean, speed)
+    spinning = statics.steady_lateral(replace(blade(), IRyy=0.64, IRxx=0.4, IFyy=0.48, IFxx=0.28), lean, speed)
+    round_tyres = replace(blade(), front_tyre=DUCATI.front_tyre, rear_tyre=DUCATI.rear_tyre)
+    hanging = replace(blade(), rider=DUCATI.rider)
+    assert spinning < plain
+    assert statics.steady_lateral(round_tyres, lean, speed) < plain
+    assert statics.steady_lateral(hanging, lean, speed) > plain
+
+
+def test_loads_of_the_standing_machine() -> None:
+    rear, front = statics.wheel_loads(DUCATI, 0.0, 0.0, 0.0)
+    x, _ = DUCATI.centre_of_mass
+    assert rear + front == pytest.approx(DUCATI.mass * 9.81)
+    assert front * DUCATI.w == pytest.approx(DUCATI.mass * 9.81 * x)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_envelope(name: str) -> None:
+    limits = envelope(MACHINES[name])
+    assert 1.35 < limits.lateral(30.0) / 9.81 < 1.5
+    assert 0.7 < limits.drive(20.0) / 9.81 < 1.0
+    assert 1.0 < limits.brake(20.0) / 9.81 < 1.25
+    assert limits.drive_max[-1] == 0.0  # beyond top speed
+    assert (np.diff(limits.brake_max) > 0.0).all()  # air helps
+    top = limits.speeds[np.argmax(limits.drive_max <= 0.0)]
+    assert 80.0 < top < 95.0
+    # at the limit of lean nothing is left for the tyres, and only the air brakes
+    assert limits.drive(30.0, limits.lateral(30.0)) == pytest.approx(-np.interp(30.0, limits.speeds, limits.drag))
+    assert limits.brake(30.0, limits.lateral(30.0)) == pytest.approx(np.interp(30.0, limits.speeds, limits.drag))
+    lateral = np.linspace(0.0, float(limits.lateral(30.0)), 50)
+    assert (np.diff(limits.brake(30.0, lateral)) <= 0.0).all()
+
+
+def test_without_wheelie_control_the_limit_is_the_lifting_wheel() -> None:
+    off = replace(DUCATI.electronics, wheelie_control=0.0, traction_control=0.0)
+    v = replace(DUCATI, electronics=off)
+    x, height = v.centre_of_mass
+    thrust, _ = statics.straight_limits(v, 0.0)
+    assert thrust == pytest.approx(v.mass * 9.81 * x / height)
+    assert thrust > statics.straight_limits(DUCATI, 0.0)[0]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"speeds": np.array([1.0, 1.0, 2.0])}, "speeds must increase"),
+        ({"drag": np.ones(2)}, "drag has shape"),
+        ({"brake_max": np.array([1.0, np.nan, 1.0])}, "brake_max must be finite"),
+        ({"lateral_max": np.zeros(3)}, "lateral_max must be positive"),
+        ({"exponent": 0.0}, "exponent"),
+    ],
+)  # fmt: skip
+def test_wrong_envelopes_are_refused(change: dict, message: str) -> None:
+    arrays = {f.name: np.ones(3) for f in fields(Envelope) if f.name not in ("name", "exponent")}
+    with pytest.raises(ValueError, match=message):
+        Envelope(**{"name": "x", **arrays, "speeds": np.arange(3.0), **change})

@@ -1,0 +1,324 @@
+"""The superbike in Bullet: set and read back, repeat, mirror, balance of forces, riding, and falls by name."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as some
+
+from bike_sim.physics import state as st
+from bike_sim.physics import superbike_forces as sf
+from bike_sim.physics import superbike_statics as statics
+from bike_sim.physics.engine import make_engine
+from bike_sim.physics.superbike import Superbike
+from bike_sim.physics.superbike_engine import SuperbikeEngine
+from bike_sim.physics.superbike_validation import (
+    Validation,
+    at_speed,
+    check_mirror,
+    check_pitch_limits,
+    check_trail_braking,
+    constant,
+    holding,
+    ride,
+    without_electronics,
+)  # fmt: skip
+from bike_sim.physics.vehicle import load_vehicle
+
+STEP = 0.002
+
+
+def machine(name: str) -> Superbike:
+    vehicle = load_vehicle(name)
+    assert isinstance(vehicle, Superbike)
+    return vehicle
+
+
+DUCATI = machine("panigale_v4r")
+
+
+@pytest.fixture(scope="module")
+def engine() -> Iterator[SuperbikeEngine]:
+    engine = SuperbikeEngine(DUCATI, STEP)
+    yield engine
+    engine.close()
+
+
+@pytest.fixture(scope="module")
+def bare() -> Iterator[SuperbikeEngine]:
+    """No electronics."""
+    engine = SuperbikeEngine(without_electronics(DUCATI), STEP)
+    yield engine
+    engine.close()
+
+
+states = some.builds(
+    lambda x, y, yaw, roll, steer, rear, front, roll_rate, steer_rate, speed: np.array(
+        [x, y, yaw, roll, steer, rear, front, roll_rate, steer_rate, speed / DUCATI.rF]
+    ),
+    some.floats(-1e3, 1e3), some.floats(-1e3, 1e3), some.floats(-3.0, 3.0), some.floats(-1.0, 1.0),
+    some.floats(-0.3, 0.3), some.floats(-3.0, 3.0), some.floats(-3.0, 3.0), some.floats(-1.0, 1.0),
+    some.floats(-1.0, 1.0), some.floats(0.0, 90.0),
+)  # fmt: skip
+
+
+@settings(max_examples=30)
+@given(states)
+def test_any_state_is_set_and_read_back(state: np.ndarray) -> None:
+    shared = test_any_state_is_set_and_read_back.engine
+    shared.reset(state)
+    assert shared.state() == pytest.approx(state, rel=1e-9, abs=1e-9)
+    loads = shared.telemetry()[[sf.T_REAR_LOAD, sf.T_FRONT_LOAD]]
+    # both tyres are pressed in by what the standing machine's weight does; damping adds where wheels move down
+    assert (loads >= 0.0).all()
+
+
+test_any_state_is_set_and_read_back.engine = SuperbikeEngine(DUCATI, STEP)  # one for all examples
+
+
+def test_standing_it_carries_its_weight(engine: SuperbikeEngine) -> None:
+    engine.reset(st.upright_state(0.0, DUCATI.rF))
+    loads = engine.telemetry()[[sf.T_REAR_LOAD, sf.T_FRONT_LOAD]]
+    assert loads == pytest.approx(statics.wheel_loads(DUCATI, 0.0, 0.0, 0.0), rel=1e-9)
+    engine.advance_commands(0.0, 0.0, 100)
+    assert engine.telemetry()[[sf.T_REAR_LOAD, sf.T_FRONT_LOAD]] == pytest.approx(loads, rel=1e-3)
+
+
+def test_make_engine_gives_it(engine: SuperbikeEngine) -> None:
+    other = make_engine("pybullet", DUCATI, STEP)
+    assert isinstance(other, SuperbikeEngine)
+    other.close()
+    other.close()
+
+
+def test_rides_repeat_bit_for_bit_whatever_came_before(engine: SuperbikeEngine) -> None:
+    def once(ridden: SuperbikeEngine) -> np.ndarray:
+        ridden.reset(st.upright_state(30.0, DUCATI.rF))
+        return ride(ridden, 2.0, lambda now, _: (0.6 * math.sin(3.0 * now), math.cos(2.0 * now))).telemetry
+
+    first = once(engine)
+    engine.reset(st.upright_state(80.0, DUCATI.rF))
+    engine.advance_commands(1.0, 1.0, 300)
+    assert (once(engine) == first).all()
+    other = SuperbikeEngine(DUCATI, STEP)
+    assert (once(other) == first).all()
+    other.close()
+
+
+def test_chunks_do_not_matter(engine: SuperbikeEngine) -> None:
+    ends = []
+    for chunk in (1, 7, 210):
+        engine.reset(st.upright_state(25.0, DUCATI.rF))
+        for _ in range(210 // chunk):
+            engine.advance_commands(0.4, 0.3, chunk)
+        ends.append(engine.state())
+    assert (ends[0] == ends[1]).all()
+    assert (ends[0] == ends[2]).all()
+
+
+def test_without_losses_it_rolls_on_for_ever() -> None:
+    """Forces handed to Bullet one step late would show here as drag; at 2 ms the speed must stay to 1e-6."""
+    tyre = {"rolling": 0.0}
+    free = replace(
+        DUCATI,
+        air=replace(DUCATI.air, drag_area=0.0, down_area=0.0),
+        motor=replace(DUCATI.motor, engine_brake=0.0),
+        front_tyre=replace(DUCATI.front_tyre, **tyre),
+        rear_tyre=replace(DUCATI.rear_tyre, **tyre),
+    )
+    engine = SuperbikeEngine(free, STEP)
+    engine.reset(st.upright_state(60.0, free.rF))
+    engine.advance_commands(0.0, 0.0, 500)
+    before = engine.telemetry()[sf.T_SPEED]
+    engine.advance_commands(0.0, 0.0, 1000)
+    assert engine.telemetry()[sf.T_SPEED] == pytest.approx(before, rel=1e-6)
+    engine.close()
+
+
+def test_coasting_slows_by_drag_rolling_and_engine(engine: SuperbikeEngine) -> None:
+    at_speed(engine, 50.0, settle=0.5)
+    coasting = ride(engine, 2.0, constant(DUCATI, 0.0, 0.0))
+    measured = (coasting.speed[-1] - coasting.speed[49]) / (coasting.time[-1] - coasting.time[49])
+    speed = float(coasting.speed[75])
+    force = statics.rolling_drag(DUCATI, speed) + DUCATI.motor.engine_brake
+    assert -measured == pytest.approx(force / statics.inertial_mass(DUCATI), rel=0.01)
+
+
+def test_telemetry_agrees_with_the_motion(engine: SuperbikeEngine) -> None:
+    at_speed(engine, 40.0, 40.0, 3.0)
+    turn = ride(engine, 1.0, holding(DUCATI, 40.0, lambda now: 40.0))
+    mean = turn.telemetry.mean(axis=0)
+    yaw_rate = np.gradient(turn.states[:, st.YAW], turn.time).mean()
+    assert mean[sf.T_YAW_RATE] == pytest.approx(yaw_rate, rel=1e-3)
+    assert mean[sf.T_LATERAL] == pytest.approx(mean[sf.T_SPEED] * yaw_rate, rel=0.02)
+    # the vertical balance: weight and the leaning downforce
+    down = 0.5 * DUCATI.air.density * DUCATI.air.down_area * 40.0**2 * math.cos(math.radians(40.0))
+    assert mean[sf.T_REAR_LOAD] + mean[sf.T_FRONT_LOAD] == pytest.approx(DUCATI.mass * 9.81 + down, rel=2e-3)
+    assert mean[sf.T_SLIDE] == pytest.approx(-DUCATI.rider.slide * 40.0 / DUCATI.rider.slide_lean_deg, rel=0.05)
+
+
+def test_steering_to_the_left_leans_and_turns_to_the_left(engine: SuperbikeEngine) -> None:
+    at_speed(engine, 30.0)
+    ride(engine, 3.0, lambda now, _: (0.5, 0.1))
+    state = engine.state()
+    assert math.degrees(state[st.ROLL]) == pytest.approx(-0.5 * DUCATI.virtual_rider.max_lean_deg, abs=1.0)
+    assert state[st.YAW] > 0.3
+    assert state[st.Y] > 1.0
+
+
+def test_it_begins_by_countersteering(engine: SuperbikeEngine) -> None:
+    at_speed(engine, 40.0)
+    first = ride(engine, 0.1, lambda now, _: (-0.5, 0.1))  # to the right
+    assert first.telemetry[-1, sf.T_STEER_TORQUE] > 10.0  # pushes the bars to the left
+    assert engine.state()[st.ROLL] > 0.0
+
+
+@pytest.mark.parametrize("name", ["panigale_v4r", "zx10rr", "cbr1000rr_r", "r1", "m1000rr"])
+@pytest.mark.parametrize("speed", [12.0, 40.0, 75.0])
+def test_lean_step_to_50_deg_and_the_formula(name: str, speed: float) -> None:
+    vehicle = machine(name)
+    engine = SuperbikeEngine(vehicle, STEP)
+    at_speed(engine, speed)
+    step = ride(engine, 5.0, holding(vehicle, speed, lambda now: 50.0))
+    engine.close()
+    assert step.fall == "none"
+    assert step.lean_error < 3.0
+    tail = slice(-50, None)
+    expected = statics.steady_lateral(vehicle, float(step.lean[tail].mean()), float(step.speed[tail].mean()))
+    assert -step.telemetry[tail, sf.T_LATERAL].mean() == pytest.approx(expected, rel=0.03)
+
+
+def test_the_formulas_tell_how_much_grip_a_turn_takes(engine: SuperbikeEngine) -> None:
+    at_speed(engine, 40.0, 50.0, 5.0)
+    row = engine.telemetry()
+    lean, speed = float(engine.state()[st.ROLL]), float(row[sf.T_SPEED])
+    for index, tyre in enumerate((DUCATI.rear_tyre, DUCATI.front_tyre)):
+        fx, fy = row[[(sf.T_REAR_FX, sf.T_FRONT_FX)[index], (sf.T_REAR_FY, sf.T_FRONT_FY)[index]]]
+        load = row[(sf.T_REAR_LOAD, sf.T_FRONT_LOAD)[index]]
+        mu = tyre.friction / (1.0 + tyre.camber_fade * lean**2)
+        used = math.hypot(fx / (mu * tyre.friction_ratio * load), fy / (mu * load))
+        assert used == pytest.approx(statics.friction_use(DUCATI, lean, speed)[index], abs=0.04)
+
+
+@pytest.mark.parametrize("check", [check_pitch_limits, check_mirror, check_trail_braking])
+def test_checks_of_the_validation_hold(check) -> None:
+    failed = [c for c in check(Validation(STEP), DUCATI) if not c.passed]
+    assert not failed
+
+
+def test_a_finer_step_changes_little() -> None:
+    leans = []
+    for step in (0.002, 0.001, 0.0005):
+        engine = SuperbikeEngine(DUCATI, step)
+        at_speed(engine, 45.0, settle=0.2)
+        leans.append(ride(engine, 3.0, lambda now, _: (-0.7 if now < 2.0 else 0.2, 0.3 if now > 1.0 else -0.4)).lean)
+        engine.close()
+    coarse, fine = (np.degrees(np.abs(lean - leans[2]).max()) for lean in leans[:2])
+    assert fine < coarse < 0.5
+
+
+# --- falls ---
+
+
+def test_too_much_brake_in_a_turn_is_a_low_side(bare: SuperbikeEngine) -> None:
+    at_speed(bare, 45.0, 50.0, 2.5)
+    crash = ride(bare, 3.0, constant(DUCATI, 50.0, -1.0))
+    assert crash.fall == "low_side"
+    assert bare.fall == sf.LOW_SIDE
+    assert crash.telemetry[-1, sf.T_FALL] == sf.LOW_SIDE
+
+
+def test_too_much_throttle_in_a_turn_throws_off_and_the_electronics_save(
+    bare: SuperbikeEngine, engine: SuperbikeEngine
+) -> None:
+    falls = []
+    for ridden in (bare, engine):
+        at_speed(ridden, 30.0, 45.0, 2.5)
+        falls.append(ride(ridden, 2.5, constant(DUCATI, 45.0, 1.0)).fall)
+    assert falls[0] in ("low_side", "high_side")
+    assert falls[1] == "none"
+
+
+def test_grass_does_not_hold_what_the_track_does(engine: SuperbikeEngine) -> None:
+    at_speed(engine, 30.0, 45.0, 2.5)
+    engine.rear_grip = engine.front_grip = 0.5
+    try:
+        assert ride(engine, 2.0, constant(DUCATI, 45.0, 0.1)).fall == "low_side"
+        at_speed(engine, 30.0)
+        assert ride(engine, 2.0, constant(DUCATI, 10.0, 0.1)).fall == "none"
+    finally:
+        engine.rear_grip = engine.front_grip = 1.0
+
+
+def test_standing_still_it_tips_over_and_stays_down(engine: SuperbikeEngine) -> None:
+    start = st.upright_state(0.0, DUCATI.rF)
+    start[st.ROLL] = 0.1
+    engine.reset(start)
+    assert ride(engine, 3.0, constant(DUCATI, 0.0, 0.0)).fall == "tip_over"
+    down = engine.state()
+    engine.advance_commands(0.0, 1.0, 200)
+    assert (engine.state() == down).all()
+    engine.reset(st.upright_state(20.0, DUCATI.rF))
+    assert engine.fall_name == "none"
+
+
+def name_of(
+    memory: dict[str, float],
+    roll: float = 0.0,
+    roll_rate: float = 0.0,
+    nose_up: float = 0.0,
+    rear: float = 1000.0,
+    front: float = 1000.0,
+    sliding: bool = False,
+    sideways: bool = False,
+) -> str:
+    vector = np.zeros(len(sf.MEMORY_NAMES))
+    vector[sf.M_SLIDE_AGE] = 1e3
+    for key, value in memory.items():
+        vector[sf.MEMORY_NAMES.index(key)] = value
+    code = sf._fall(vector, roll, roll_rate, nose_up, rear, front, sliding, sideways, 0.002, math.radians(75.0))
+    return sf.FALL_NAMES[code]
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_rules_that_name_falls(side: float) -> None:
+    flat, slid = side * 1.35, {"slide_side": side, "slide_age": 0.3}
+    long_ago = {"slide_side": side, "slide_age": 5.0}
+    assert name_of({}, roll=0.9 * side, sliding=True) == "none"
+    assert name_of({}, roll=flat) == "tip_over"
+    assert name_of(long_ago, roll=flat) == "tip_over"
+    assert name_of(slid, roll=flat) == "low_side"
+    assert name_of({}, roll=flat, sliding=True) == "low_side"
+    assert name_of(slid, roll=-flat) == "high_side"
+    assert name_of(slid, roll=0.2 * side, roll_rate=-8.0 * side) == "high_side"
+    assert name_of(long_ago, roll=0.2 * side, roll_rate=-8.0 * side) == "none"
+    assert name_of(slid, roll=0.2 * side, roll_rate=8.0 * side) == "none"
+    assert name_of({}, roll=0.5 * side, sideways=True) == "low_side"
+
+
+def test_rules_that_name_falls_over_a_wheel() -> None:
+    over = math.sin(math.radians(60.0))
+    assert name_of({}, nose_up=-over, rear=0.0) == "stoppie"
+    assert name_of({}, nose_up=over, front=0.0) == "wheelie"
+    assert name_of({}, nose_up=0.5 * over, front=0.0) == "none"
+
+
+# --- bad input ---
+
+
+def test_bad_input_is_refused(engine: SuperbikeEngine) -> None:
+    for steering, throttle in ((1.1, 0.0), (0.0, -1.1), (math.nan, 0.0)):
+        with pytest.raises(ValueError, match=r"commands must lie in \[-1, 1\]"):
+            engine.advance_commands(steering, throttle, 1)
+    with pytest.raises(ValueError, match="steps = -1"):
+        engine.advance_commands(0.0, 0.0, -1)
+    for step in (0.0, -0.001, math.inf):
+        with pytest.raises(ValueError, match="time step must be positive"):
+            SuperbikeEngine(DUCATI, step)
+    bad = st.upright_state(10.0, DUCATI.rF)
+    bad[st.ROLL] = math.nan
+    with pytest.raises(ValueError, match="roll_rad"):
+        engine.reset(bad)

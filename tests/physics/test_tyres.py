@@ -1,0 +1,145 @@
+"""The motorcycle tyre: numbers by hand, symmetry, the friction ellipse, relaxation."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as some
+
+from bike_sim.physics import tyres
+from bike_sim.physics.superbike import Superbike, Tyre
+from bike_sim.physics.vehicle import load_vehicle
+
+VEHICLE = load_vehicle("panigale_v4r")
+assert isinstance(VEHICLE, Superbike)
+# Round numbers, so that the arithmetic below can be checked on paper
+PLAIN = Tyre(
+    crown=0.06, stiffness=100_000.0, damping=1000.0, nominal_load=2000.0, cornering=14.0, cornering_slope=9.0,
+    camber=0.8, friction=1.5, friction_ratio=0.8, camber_fade=0.1, shape=1.5, slip_stiffness=20.0, relaxation=0.2,
+    slip_relaxation=0.1, trail=0.03, rolling=0.01,
+)  # fmt: skip
+
+
+def row(tyre: Tyre) -> np.ndarray:
+    return np.array([getattr(tyre, name) for name in tyres.TYRE_NAMES])
+
+
+PLAIN_ROW = row(PLAIN)
+slips = some.floats(-3.0, 3.0)
+cambers = some.floats(-1.2, 1.2)
+loads = some.floats(1.0, 6000.0)
+
+
+def test_side_slip_by_hand() -> None:
+    # k = 14 at the nominal load; s = 14 * 0.05 / 1.5 = 0.46667; F = 1.5 * 2000 * sin(1.5 * atan(0.46667 / 1.5))
+    # atan(0.311111) = 0.301615; sin(0.452422) = 0.437144; F = 1311.43 N to the right of a drift to the left
+    fx, fy, _, s = tyres.forces(0.0, 0.05, 0.0, 2000.0, 1.0, PLAIN_ROW)
+    assert s == pytest.approx(0.466667, abs=1e-6)
+    assert fy == pytest.approx(-1311.43, abs=0.05)
+    assert fx == 0.0
+
+
+def test_drive_by_hand() -> None:
+    # mu_x = 1.5 * 0.8 = 1.2; s = 20 * 0.06 / 1.2 = 1; F = 1.2 * 2000 * sin(1.5 * atan(1 / 1.5)) = 2400 * sin(0.882004)
+    fx, fy, mz, s = tyres.forces(0.06, 0.0, 0.0, 2000.0, 1.0, PLAIN_ROW)
+    assert s == pytest.approx(1.0)
+    assert fx == pytest.approx(2400.0 * math.sin(0.882004), abs=0.01)
+    assert fy == mz == 0.0
+
+
+def test_camber_thrust_pushes_into_the_lean() -> None:
+    # small camber: Fy = -0.8 * 0.02 * 2000 = -32 N (to the right when leaning right), the curve bends by 0.01 %
+    _, fy, _, _ = tyres.forces(0.0, 0.0, 0.02, 2000.0, 1.0, PLAIN_ROW)
+    assert fy == pytest.approx(-32.0, rel=2e-3)
+
+
+def test_cornering_coefficient_falls_with_load() -> None:
+    assert tyres.cornering_coefficient(2000.0, PLAIN_ROW) == 14.0
+    assert tyres.cornering_coefficient(3000.0, PLAIN_ROW) == pytest.approx(14.0 - 5.0 * 0.5)
+    assert tyres.cornering_coefficient(1e6, PLAIN_ROW) == pytest.approx(0.3 * 14.0)
+
+
+def test_peak_is_where_and_as_high_as_it_says() -> None:
+    at = tyres.peak_slip(PLAIN_ROW)
+    assert at == pytest.approx(1.5 * math.tan(math.pi / 3.0))
+    drifts = np.linspace(0.0, 1.0, 20001)
+    found = np.array([tyres.forces(0.0, d, 0.0, 2000.0, 1.0, PLAIN_ROW)[1::2] for d in drifts])
+    best = int(np.argmin(found[:, 0]))
+    assert found[best, 1] == pytest.approx(at, rel=1e-3)
+    assert found[best, 0] == pytest.approx(-1.5 * 2000.0, rel=1e-8)
+
+
+@given(slips, slips, cambers, loads)
+def test_mirror(slip: float, drift: float, camber: float, load: float) -> None:
+    fx, fy, mz, s = tyres.forces(slip, drift, camber, load, 1.0, PLAIN_ROW)
+    assert tyres.forces(slip, -drift, -camber, load, 1.0, PLAIN_ROW) == (fx, -fy, -mz, s)
+
+
+@given(slips, slips, cambers, loads, some.floats(0.1, 1.0))
+def test_friction_ellipse_is_never_left(slip: float, drift: float, camber: float, load: float, grip: float) -> None:
+    for tyre in (PLAIN_ROW, *VEHICLE.tyres):
+        fx, fy, _, _ = tyres.forces(slip, drift, camber, load, grip, tyre)
+        mu = tyres.friction(camber, tyre) * grip * load
+        assert math.hypot(fx / (mu * tyre[tyres.FRICTION_RATIO]), fy / mu) <= 1.0 + 1e-12
+
+
+@given(slips, slips, cambers)
+def test_no_load_no_force(slip: float, drift: float, camber: float) -> None:
+    assert tyres.forces(slip, drift, camber, 0.0, 1.0, PLAIN_ROW) == (0.0, 0.0, 0.0, 0.0)
+
+
+@given(slips, some.floats(-0.5, 0.5), some.floats(-0.2, 0.2), some.floats(100.0, 4000.0))
+def test_side_force_resists_side_slip_upright(slip: float, drift: float, camber: float, load: float) -> None:
+    fx, fy, mz, _ = tyres.forces(slip, drift, 0.0, load, 1.0, PLAIN_ROW)
+    assert fx * slip >= 0.0
+    assert fy * drift <= 0.0
+    assert mz * drift >= 0.0  # the trail turns the wheel towards where it goes
+
+
+@given(some.floats(-1.0, 1.0), some.floats(-5.0, 5.0), some.floats(0.0, 90.0), some.floats(0.05, 0.5))
+def test_relaxation_is_exact_for_any_step(value: float, slip_velocity: float, speed: float, length: float) -> None:
+    """Two halves of a step make the same as the whole, however coarse, and all as the closed solution."""
+    step = 0.05
+    whole = tyres.relax(value, slip_velocity, speed, length, step)
+    half = tyres.relax(value, slip_velocity, speed, length, 0.5 * step)
+    assert tyres.relax(half, slip_velocity, speed, length, 0.5 * step) == pytest.approx(whole, rel=1e-9, abs=1e-9)
+    if speed > 0.1:
+        steady = slip_velocity / speed
+        assert whole == pytest.approx(steady + (value - steady) * math.exp(-speed * step / length), rel=1e-9, abs=1e-9)
+
+
+def test_relaxation_at_standstill_is_a_spring() -> None:
+    assert tyres.relax(0.1, 0.4, 0.0, 0.2, 0.01) == pytest.approx(0.1 + 0.4 * 0.01 / 0.2)
+
+
+@given(some.floats(-1.2, 1.2), some.floats(0.0, 1.0))
+def test_torus_height_against_search(camber: float, height: float) -> None:
+    """The closed lowest point is the lowest of a sampled torus."""
+    radius, crown = 0.3, 0.06
+    around, across = np.meshgrid(np.linspace(0, 2 * np.pi, 721), np.linspace(0, 2 * np.pi, 361))
+    outward = (radius - crown) + crown * np.cos(across)
+    in_plane, along_axle = -outward * np.cos(around), crown * np.sin(across)  # axle along y, turned about x
+    z = height + in_plane * math.cos(camber) + along_axle * math.sin(camber)
+    assert tyres.torus_height(height, math.sin(camber), radius, crown) == pytest.approx(z.min(), abs=2e-5)
+
+
+def test_normal_load_pushes_only() -> None:
+    assert tyres.normal_load(0.001, -5.0, PLAIN_ROW) == 0.0
+    assert tyres.normal_load(-0.01, 0.0, PLAIN_ROW) == pytest.approx(1000.0)
+    assert tyres.normal_load(-0.01, -0.1, PLAIN_ROW) == pytest.approx(1100.0)
+    assert tyres.normal_load(-0.01, 2.0, PLAIN_ROW) == 0.0
+
+
+def test_less_grip_less_force() -> None:
+    upright = [abs(tyres.forces(0.0, 0.5, 0.0, 2000.0, grip, PLAIN_ROW)[1]) for grip in (0.3, 0.6, 1.0)]
+    assert upright == sorted(upright)
+    assert upright[0] <= 0.3 * 1.5 * 2000.0
+
+
+def test_a_flatter_curve_keeps_its_slope() -> None:
+    sharp = row(replace(PLAIN, shape=1.8))
+    slopes = [tyres.forces(0.0, 1e-6, 0.0, 2000.0, 1.0, tyre)[1] for tyre in (PLAIN_ROW, sharp)]
+    assert slopes[0] == pytest.approx(slopes[1], rel=1e-6)
+    assert slopes[0] == pytest.approx(-14.0 * 2000.0 * 1e-6, rel=1e-6)
