@@ -18,6 +18,7 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "export": ("bike_training.commands.export", "make a policy bundle of a run"),
     "analyze": ("bike_analysis.commands.analyze", "figures, plots and a report page from a recording"),
     "validate": ("bike_training.commands.validate", "hold the physics against its publications"),
+    "lap": ("bike_training.commands.lap", "lap circuits on superbikes with the classical rider"),
     "course": ("bike_training.commands.course", "check a circuit's file, or draw a circuit"),
     "bench": ("bike_training.commands.bench", "measure speeds and compare them"),
     "curves": ("bike_training.commands.curves", "learning curves of several runs"),

@@ -54,19 +54,19 @@ class RiderSettings:
         roll_span: s.
     """
 
-    lateral: float = 0.90
-    drive: float = 0.95
-    brake: float = 0.85
-    exponent: float = 1.6
+    lateral: float = 0.95
+    drive: float = 1.0
+    brake: float = 0.92
+    exponent: float = 1.9
     preview: float = 0.10
-    stencil: float = 0.12
+    stencil: float = 0.2
     smoothing: float = 6.0
     lateral_trust: float = 2.0
     speed_gain: float = 2.0
     speed_preview: float = 0.10
     largest_lean: float = math.radians(58.0)
-    roll_rate: float = 1.0
-    roll_span: float = 0.4
+    roll_rate: float = 1.3
+    roll_span: float = 0.6
 
 
 @dataclass(frozen=True)
@@ -136,6 +136,7 @@ class ClassicalRider:
         self._curvature = self._smooth(self.profile.lateral / self.profile.speed**2)
         self._machine(vehicle)
         self._before: Seen | None = None
+        self._answer = (0.0, 0.0)
 
     def _plan(self, limits: Envelope, line: Course) -> LapLimit:
         """Return the fastest profile that asks for no faster rolling than the settings allow.
@@ -207,11 +208,11 @@ class ClassicalRider:
         self._before = None
 
     def command(self, seen: Seen) -> tuple[float, float]:
-        """Return steering and throttle in [-1, 1]."""
-        steering = self._steer(seen)
-        throttle = self._throttle(seen)
-        self._before = seen
-        return steering, throttle
+        """Return steering and throttle in [-1, 1]; the same again for what was seen just before."""
+        if seen != self._before:
+            self._answer = (self._steer(seen), self._throttle(seen))
+            self._before = seen
+        return self._answer
 
     # ------------------------------------------------------------------------------------------------------------ lean
 

@@ -15,16 +15,20 @@ from typing import Any, Final, NoReturn
 
 import numpy as np
 import rclpy.node
-from bike_msgs.msg import BikeCommand, BikeState
+from bike_msgs.msg import BikeCommand, BikeState, Course
 
-from bike_policy.bundle import DEFAULT_POLICY, Bundle, load_bundle
+from bike_policy.bundle import DEFAULT_POLICY
+from bike_policy.pilots import Pilot, make_pilot
 from bike_sim import node_tools
 from bike_sim.command_gate import Command
-from bike_sim.messages import command_to_message, minimal_state, time_from_message
+from bike_sim.messages import command_to_message, time_from_message
 from bike_sim.node_tools import CannotGoOn, ParameterSpec
 
 SPECS: Final = (
-    ParameterSpec("policy", DEFAULT_POLICY, "Shipped policy, or path of a bundle's folder.", fixed=True),
+    ParameterSpec(
+        "policy", DEFAULT_POLICY, "Shipped policy, path of a bundle's folder, or classical for superbikes.", fixed=True
+    ),
+    ParameterSpec("vehicle", "", "classical: YAML file of the vehicle, where it is not a shipped one.", fixed=True),
     ParameterSpec("stale_after_s", 1.0, "Wall-clock time without a state after which a warning is given, s."),
 )
 
@@ -69,23 +73,22 @@ class Drive(rclpy.node.Node):
         """
         super().__init__("drive", namespace=node_tools.NAMESPACE)
         values = node_tools.declare(self, SPECS)
-        self._bundle: Bundle = load_bundle(values["policy"])
+        self._pilot: Pilot = make_pilot(values["policy"], values["vehicle"])
         self._accept(values)
-        self._preview = np.arange(0)
         self._last: BikeState | None = None
         self._answered_at = self._heard_at = time.monotonic()
         self._counts, self._reported = StateCounts(), StateCounts()
         self._latencies: deque[float] = deque(maxlen=LATENCY_WINDOW)
-        self._answer_once()
         self._commands = self.create_publisher(
             BikeCommand, "command", node_tools.SENDER_QOS, event_callbacks=node_tools.QUIET
         )
         self._started_at = time.monotonic()
         self._diagnostics = node_tools.Diagnostics(self)
+        self.create_subscription(Course, "course", self._pilot.on_course, node_tools.LATCHED_QOS)
         self.create_subscription(BikeState, "state", self._on_state, node_tools.STREAM_QOS)
         node_tools.on_change(self, SPECS, self._accept)
         node_tools.wall_timer(self, REPORT_PERIOD, self._report)
-        self.get_logger().info(f"policy {self._bundle.name!r} is waiting for states")
+        self.get_logger().info(f"policy {self._pilot.name!r} is waiting for states")
 
     def finish(self) -> None:
         """Report a last time, also in the log."""
@@ -96,11 +99,6 @@ class Drive(rclpy.node.Node):
         if not values["stale_after_s"] > 0.0:
             raise ValueError(f"parameter stale_after_s must be positive, got {values['stale_after_s']!r}")
         self._stale_after: float = values["stale_after_s"]
-
-    def _answer_once(self) -> None:
-        """Answer a made-up observation: the first answer of a process takes longer than all others."""
-        layout = self._bundle.layout
-        self._bundle.actor.act(layout.observe(np.zeros(10), np.zeros(layout.preview_count)))
 
     # ---------------------------------------------------------------------------------------------------------- states
 
@@ -117,33 +115,23 @@ class Drive(rclpy.node.Node):
             self._counts.repeated += 1
             if began - self._answered_at < REANSWER_AFTER:
                 return
-        if self._is_new_ride(message):
-            self._check_fit(message)
+        if self._is_new_ride(message) and not self._fits(message):
+            return
         self._last = message
         if message.fallen:
             self._counts.over += 1
             return
-        action = self._act(message)
-        if action is None:
+        answer = self._pilot.command(message)
+        if answer is None:
+            self._counts.refused += 1
             return
-        steering = self._bundle.action.to_command(action, message.steering_limit)
         self._commands.publish(
-            command_to_message(Command(message.episode, message.step, steering), message.header.stamp)
+            command_to_message(Command(message.episode, message.step, *answer), message.header.stamp)
         )
         self._answered_at = time.monotonic()
         if not repeated:
             self._counts.answered += 1
             self._latencies.append(self._answered_at - began)
-
-    def _act(self, message: BikeState) -> float | None:
-        layout = self._bundle.layout
-        preview = np.frombuffer(message.preview_y)[self._preview]
-        try:
-            observation = layout.observe(minimal_state(message), preview)
-            return self._bundle.actor.act(observation)
-        except ValueError:  # an observation that is not finite
-            self._counts.refused += 1
-            return None
 
     def _is_settling(self, now: float) -> bool:
         """Whether someone who listens to commands may not have found this node yet."""
@@ -168,21 +156,20 @@ class Drive(rclpy.node.Node):
         last = self._last
         return last is None or message.episode != last.episode or message.step < last.step
 
-    def _check_fit(self, message: BikeState) -> None:
-        """Check the simulator against the bundle.
+    def _fits(self, message: BikeState) -> bool:
+        """Prepare the pilot for a ride; false while it still waits for the course.
 
         Raises:
             CannotGoOn: naming the difference.
         """
         try:
-            self._bundle.check_fit(vehicle=message.vehicle, control_period=message.control_period)
-            self._preview = self._bundle.layout.pick_preview(
-                message.preview_by_time, message.preview_interval, len(message.preview_y)
-            )
-        except ValueError as error:
+            if not self._pilot.fit(message):
+                return False
+        except (ValueError, FileNotFoundError) as error:
             self.get_logger().error(f"the policy does not fit the simulator: {error}")
             raise CannotGoOn(f"the policy does not fit the simulator: {error}") from error
         self.get_logger().info(f"driving episode {message.episode} from step {message.step}")
+        return True
 
     # ---------------------------------------------------------------------------------------------------- diagnostics
 
@@ -206,7 +193,7 @@ class Drive(rclpy.node.Node):
         if self._latencies:
             median, p99 = np.percentile(self._latencies, [50.0, 99.0])
             figures |= {"latency_median_ms": median * 1e3, "latency_p99_ms": p99 * 1e3}
-        figures["policy"] = self._bundle.name
+        figures["policy"] = self._pilot.name
         stamp = 0 if self._last is None else time_from_message(self._last.header.stamp)
         self._diagnostics.report(level, text, figures, stamp)
         self._reported = replace(self._counts)

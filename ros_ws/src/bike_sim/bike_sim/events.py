@@ -21,6 +21,7 @@ class EventKind(IntEnum):
     LAP = 4
     FINISH = 5
     SECTOR = 6
+    BACK_ON_COURSE = 7
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,8 @@ class Event:
         kind: what.
         time: s since the reset, interpolated below the step where a line was crossed.
         progress: arc length of the course, m.
-        value: time of the lap or sector (s), roll of a fall (rad), lateral error off the course (m), else 0.
+        value: time of the lap or sector (s), roll of a fall (rad), lateral error off the course (m), speed at a wall
+            (m/s), time away of who comes back (s), else 0.
         text: one sentence for people.
     """
 

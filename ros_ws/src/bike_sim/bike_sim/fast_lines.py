@@ -25,6 +25,13 @@ from bike_sim.physics.envelope import Envelope
 FOLDER_VARIABLE = "BIKE_CACHE"
 """Environment variable that names another folder for computed lines."""
 
+MARGIN = 0.9
+"""Distance that a line to be ridden keeps from the limits, m: what a good rider strays from it."""
+
+ROLL_COST = 0.2
+"""What rolling costs on a line to be ridden, see `minimum_time.ROLL_COST`: at most half a second a lap of theory, and
+chicanes that a machine can follow."""
+
 
 def cache_folder() -> Path:
     """Return the folder of computed lines: $BIKE_CACHE, else ``bike/lines`` in the user's cache folder."""
@@ -49,7 +56,7 @@ def track_with_line(circuit: str | Path, envelope: Envelope) -> Track:
     offset = _read(path, len(track.centre.s))
     if offset is not None:
         return track.with_ideal(offset)
-    track = with_fastest_line(track, envelope)
+    track = with_fastest_line(track, envelope, margin=MARGIN, roll_cost=ROLL_COST)
     assert track.ideal is not None
     _write(path, track.ideal)
     return track
@@ -67,7 +74,8 @@ def content_key(track: Track, envelope: Envelope) -> str:
         envelope.brake_max,
         envelope.grip_drive_max,
         envelope.drag,
-        np.array([envelope.exponent]),
+        np.array([envelope.exponent, MARGIN, ROLL_COST]),
+        envelope.left_for_drive(np.linspace(0.0, 1.0, 50)),
     )
     for column in (*columns, *limits):
         digest.update(np.ascontiguousarray(column).tobytes())

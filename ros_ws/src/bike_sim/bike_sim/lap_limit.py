@@ -163,8 +163,9 @@ def limit_tables(envelope: Envelope) -> FloatArray:
     """Return the envelope on a uniform grid of speeds for compiled look-up.
 
     Returns:
-        Rows lateral, drive, brake by the tyres alone, drive by the tyres alone, drag; shape (5, m), 0.25 m/s apart
-        from standstill to the top speed (where drag takes all drive), which no profile exceeds.
+        Rows lateral, drive, brake by the tyres alone, drive by the tyres alone, drag; 0.25 m/s apart from standstill
+        to the top speed (where drag takes all drive), which no profile exceeds. The last row is no function of speed:
+        the part of the drive that is left over the used part of the lateral limit, from 0 to 1. Shape (6, m).
     """
     pulling = envelope.drive_max > 0.0
     stop = len(pulling) if pulling[-1] else len(pulling) - int(np.argmax(pulling[::-1])) + 1
@@ -182,6 +183,7 @@ def limit_tables(envelope: Envelope) -> FloatArray:
             np.maximum(on_grid(envelope.brake_max) - drag, 0.0),
             on_grid(envelope.grip_drive_max),
             drag,
+            envelope.left_for_drive(np.linspace(0.0, 1.0, len(speeds))),
         ]
     )
 
@@ -208,7 +210,12 @@ def _left_for_tyres(limits: np.ndarray, speed: float, bend: float, exponent: flo
 
 @njit(cache=True)
 def _drive(limits: np.ndarray, speed: float, bend: float, exponent: float) -> float:
-    grip = _look_up(limits[3], speed) * _left_for_tyres(limits, speed, bend, exponent)
+    used = speed * speed * abs(bend) / _look_up(limits[0], speed)
+    # An infinite slope at the very limit would be lost in a table, hence both.
+    left = min(
+        _left_for_tyres(limits, speed, bend, exponent), _look_up(limits[5], used * (limits.shape[1] - 1) * _TABLE_STEP)
+    )
+    grip = _look_up(limits[3], speed) * left
     return min(_look_up(limits[1], speed), grip - _look_up(limits[4], speed))
 
 

@@ -19,7 +19,7 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point
 from numpy.typing import NDArray
 
-from bike_sim import ride
+from bike_sim import ride, track_look
 from bike_sim.command_gate import Command
 from bike_sim.course import projection
 from bike_sim.course.course import Course
@@ -29,6 +29,7 @@ from bike_sim.physics import state as st
 from bike_sim.physics.vehicle import Vehicle
 from bike_sim.reset import Preview, ResetRequest
 from bike_sim.simulator import Snapshot
+from bike_sim.track_ride import TrackSnapshot
 
 FloatArray = NDArray[np.float64]
 
@@ -249,6 +250,8 @@ def reset_from_message(message: Reset.Request, own: ResetRequest) -> ResetReques
         path_length=message.path_length or own.path_length,
         preview=preview,
         context=tuple(message.context),
+        line=own.line,
+        progress=own.progress,
     )
 
 
@@ -317,6 +320,10 @@ def course_points_to_message(snapshot: Snapshot, course: Course, stamp: int) -> 
     message.progress = float(snapshot.seen[ride.PROGRESS])
     message.lateral_error = float(snapshot.seen[ride.LATERAL_ERROR])
     message.heading_error = float(snapshot.seen[ride.HEADING_ERROR])
+    if isinstance(snapshot, TrackSnapshot):
+        for name, row in (("line", track_look.LINE), ("left", track_look.LEFT), ("right", track_look.RIGHT)):
+            setattr(message, name, [Point(x=x, y=y, z=z) for x, y, z in snapshot.points[row].tolist()])
+        return message
     message.line = _points(snapshot.preview_x, snapshot.preview_y)
     if course.width_left is not None:
         message.left = _limit(snapshot, course, course.width_left)

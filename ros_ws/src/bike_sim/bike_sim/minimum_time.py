@@ -65,7 +65,11 @@ _SIGNIFICANT = 1e-5
 
 
 def with_fastest_line(
-    track: Track, envelope: Envelope, spacing: float = STATION_SPACING, margin: float = MARGIN
+    track: Track,
+    envelope: Envelope,
+    spacing: float = STATION_SPACING,
+    margin: float = MARGIN,
+    roll_cost: float = ROLL_COST,
 ) -> Track:
     """Return the circuit with the machine's fastest line as its ideal line.
 
@@ -76,6 +80,7 @@ def with_fastest_line(
         envelope: the machine's limits.
         spacing: distance of stations, m.
         margin: distance kept from the limits, m.
+        roll_cost: see `ROLL_COST`; more gives a line that is easier to ride.
 
     Raises:
         NoLineError: the solver finds no line.
@@ -84,7 +89,7 @@ def with_fastest_line(
     gentle = least_curvature(stations)
     limits = limit_tables(envelope)
     best, shortest = np.zeros(len(track.centre.s)), lap_limit(envelope, track.centre).lap_time
-    for start in (gentle, fastest_offsets(stations, limits, envelope.exponent, gentle)):
+    for start in (gentle, fastest_offsets(stations, limits, envelope.exponent, gentle, roll_cost)):
         offset = at_samples(track, stations, start)
         time = lap_limit(envelope, track.with_ideal(offset).line(1.0)).lap_time
         if time < shortest:
@@ -92,7 +97,9 @@ def with_fastest_line(
     return track.with_ideal(best)
 
 
-def fastest_offsets(stations: Stations, limits: FloatArray, exponent: float, start: FloatArray) -> FloatArray:
+def fastest_offsets(
+    stations: Stations, limits: FloatArray, exponent: float, start: FloatArray, roll_cost: float = ROLL_COST
+) -> FloatArray:
     """Descend on the lap time.
 
     Args:
@@ -100,6 +107,7 @@ def fastest_offsets(stations: Stations, limits: FloatArray, exponent: float, sta
         limits: the machine's, see :func:`bike_sim.lap_limit.limit_tables`.
         exponent: of the combination of accelerations.
         start: offsets to begin with, m; the median is tried as well.
+        roll_cost: see `ROLL_COST`.
 
     Returns:
         Offsets of the stations, m.
@@ -117,7 +125,7 @@ def fastest_offsets(stations: Stations, limits: FloatArray, exponent: float, sta
         gradient, spent = time_gradient(stations, offset, limits, exponent)
         curvature, length, jacobian = curvature_jacobian(stations, offset)
         # Roll angle is about v^2 curvature / g, so its rate is this many times the change of curvature to the next.
-        effort = ROLL_COST * spent * ((length / spent) ** 3 / (GRAVITY * length)) ** 2
+        effort = roll_cost * spent * ((length / spent) ** 3 / (GRAVITY * length)) ** 2
         rolled = change @ curvature
         gradient = gradient + 2.0 * jacobian.T @ (change.T @ (effort * rolled))
         bent = jacobian @ basis

@@ -7,7 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+from bike_sim.course.track_files import load_track
 from bike_sim.node_tools import ParameterSpec
+from bike_sim.physics.superbike import Superbike
 from bike_sim.physics.vehicle import load_vehicle
 from bike_sim.reset import Preview, ResetRequest, begin
 from bike_sim.simulator import SimulatorConfig
@@ -15,6 +17,10 @@ from bike_sim.simulator import SimulatorConfig
 LOCKSTEP: Final = "lockstep"
 FREE: Final = "free"
 NEVER, FALL, END = "never", "fall", "end"
+
+BICYCLE_SPEED: Final = 4.0
+SUPERBIKE_SPEED: Final = 35.0
+"""Speeds at which episodes begin if nothing else is asked for, m/s."""
 
 _CONFIG = SimulatorConfig()
 _PREVIEW = Preview()
@@ -35,7 +41,16 @@ SPECS: Final = (
     ParameterSpec(
         "course", "benchmark", "Shipped course, path of a YAML or CSV file, or random. From the next episode."
     ),
-    ParameterSpec("speed", 4.0, "Forward speed at the start of an episode, m/s. From the next episode."),
+    ParameterSpec(
+        "speed",
+        0.0,
+        "Forward speed at the start of an episode, m/s; 0 takes the kind's own: 4 for a bicycle, 35 for a superbike. "
+        "From the next episode.",
+    ),
+    ParameterSpec(
+        "line", 1.0, "Superbike: line that is followed, 0 the median of the circuit, 1 the ideal line. From the next."
+    ),
+    ParameterSpec("progress", 0.0, "Superbike: where an episode begins, m along the centre line. From the next."),
     ParameterSpec(
         "perturb", False, "Whether episodes start off the course, leaning and turning a little. From the next."
     ),
@@ -92,7 +107,7 @@ class NodeSettings:
         Raises:
             ValueError: a value that cannot be. FileNotFoundError: an unknown vehicle or course.
         """
-        for name in ("real_time_factor", "command_timeout_s", "control_period"):
+        for name in ("real_time_factor", "command_timeout_s", "control_period", "speed"):
             if not math.isfinite(values[name]) or values[name] < 0.0:
                 raise ValueError(f"parameter {name} must be finite and not negative, got {values[name]!r}")
         vehicle = load_vehicle(values["vehicle"])
@@ -103,14 +118,21 @@ class NodeSettings:
             control_period=values["control_period"] or vehicle.control_period,
             history=values["history"],
         )
+        on_circuit = isinstance(vehicle, Superbike)
+        speed = values["speed"] or (SUPERBIKE_SPEED if on_circuit else BICYCLE_SPEED)
         episode = ResetRequest(
             seed=max(values["seed"], 0),
             course=values["course"],
-            speed_range=(values["speed"], values["speed"]),
+            speed_range=(speed, speed),
             perturb=values["perturb"],
             preview=Preview(values["preview_by_time"], values["preview_interval"], values["preview_count"]),
+            line=values["line"],
+            progress=values["progress"],
         )
-        begin(episode, vehicle)
+        if on_circuit:
+            load_track(episode.course)
+        else:
+            begin(episode, vehicle)
         return cls(
             simulator=simulator,
             episode=episode,

@@ -47,7 +47,9 @@ from bike_sim.messages import (
 )
 from bike_sim.node_settings import END, FALL, LOCKSTEP, SPECS, NodeSettings
 from bike_sim.reset import ResetRequest
-from bike_sim.simulator import Simulator, Snapshot
+from bike_sim.simulator import Snapshot
+from bike_sim.track_events import TrackWatch
+from bike_sim.track_ride import PREVIEW, TrackRide, TrackSnapshot, make_simulator
 
 try:
     from tf2_msgs.msg import TFMessage
@@ -78,7 +80,7 @@ class SimNode(rclpy.node.Node):
         """
         super().__init__("sim_node", namespace=node_tools.NAMESPACE)
         self._settings = NodeSettings.from_parameters(node_tools.declare(self, SPECS))
-        self._simulator = Simulator(self._settings.simulator)
+        self._simulator = make_simulator(self._settings.simulator)
         self._period = round(self._settings.simulator.control_period * NANOSECONDS)
         self._gate = CommandGate(lockstep=self._settings.mode == LOCKSTEP)
         self._reported = CommandCounts()
@@ -177,9 +179,14 @@ class SimNode(rclpy.node.Node):
         snapshot = self._simulator.reset(request)
         config, course = self._simulator.config, self._simulator.course
         assert course is not None
-        self._episode = Episode(self._simulator.vehicle, course, request.preview, config.control_period)
+        preview = PREVIEW if isinstance(self._simulator, TrackRide) else request.preview
+        self._episode = Episode(self._simulator.vehicle, course, preview, config.control_period)
         self._begin_stamp = self._stamp + self._period
-        self._watch = EventWatch(course, snapshot)
+        self._watch: EventWatch | TrackWatch = EventWatch(course, snapshot)
+        if isinstance(snapshot, TrackSnapshot):
+            assert isinstance(self._simulator, TrackRide)
+            assert self._simulator.track is not None
+            self._watch = TrackWatch(self._simulator.track.name, snapshot)
         self._hold: Command | None = None
         self._held_since = 0
         self._waiting = None

@@ -28,7 +28,7 @@ from bike_sim.physics.superbike_engine import TIME_STEP, SuperbikeEngine
 from bike_sim.physics.superbike_statics import steady_lateral
 from bike_sim.physics.vehicle import load_vehicle
 from bike_sim.reset import Preview, ResetRequest
-from bike_sim.simulator import SimulatorConfig, Snapshot
+from bike_sim.simulator import Simulator, SimulatorConfig, Snapshot
 
 FloatArray = NDArray[np.float64]
 
@@ -44,6 +44,9 @@ OFF_TRACK_GRIP: Final = 0.6
 REACH: Final = 4.0
 """The nearest point is searched this far both ways, m: over two control steps at top speed, less than to a road that
 runs beside."""
+
+EXACT: Final = 1e-6
+"""Rounding of the projection, m."""
 
 WALL: Final = "wall"
 
@@ -89,6 +92,17 @@ class TrackSnapshot(Snapshot):
     def speed(self) -> float:
         """Forward speed, m/s."""
         return float(self.seen[ride.SPEED])
+
+
+def make_simulator(config: SimulatorConfig) -> Simulator | TrackRide:
+    """Return what rides the vehicle: a bicycle on a course, or a superbike on a circuit.
+
+    Raises:
+        ValueError: a parameter that is wrong. FileNotFoundError: an unknown vehicle.
+    """
+    if isinstance(load_vehicle(config.vehicle), Superbike):
+        return TrackRide(config)
+    return Simulator(config)
 
 
 def superbike_config(vehicle: str = "panigale_v4r", time_step: float = TIME_STEP) -> SimulatorConfig:
@@ -258,7 +272,8 @@ class TrackRide:
 
     def _look(self, steering: float, throttle: float) -> TrackSnapshot:
         track, line = self.track, self.course
-        assert track is not None and line is not None
+        assert track is not None
+        assert line is not None
         state, telemetry = self.engine.state(), self.engine.telemetry()
         centre = track.centre
         seen, place, points = self._seen.copy(), self._place.copy(), np.empty((3, track_look.STATIONS, 3))
@@ -281,6 +296,8 @@ class TrackRide:
             place,
             points,
         )
+        if self._step == 0 and abs(place[track_look.PROGRESS] - self._place[track_look.PROGRESS]) < EXACT:
+            place[track_look.PROGRESS] = self._place[track_look.PROGRESS]  # a start on the line is one
         self._seen, self._place = seen, place
         time = self._step * self.config.control_period
         timing = tuple(self._timer.feed(Sample(time, *(float(value) for value in place))))

@@ -1,0 +1,135 @@
+"""`bike lap`: the classical rider laps circuits on superbikes, and the theoretical laps beside it."""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import math
+import time
+from typing import Any, Final
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from tqdm import tqdm
+
+from bike_sim import track_look
+from bike_sim.course.track_files import shipped_tracks
+from bike_sim.physics.superbike import Superbike
+from bike_sim.physics.vehicle import load_vehicle, shipped_vehicles
+from bike_sim.track_ride import WALL, TrackSnapshot
+from bike_training.laps import LapRide, ride_laps
+
+SCHEMA: Final = "bike.lap/1"
+
+ALLOWED_EXCESS: Final = 0.06
+"""How much longer than the theoretical lap a flying lap may be, as a part of it."""
+
+_EXAMPLES: Final = """examples:
+  bike lap                                                     the Panigale V4 R, three flying laps of Barcelona
+  bike lap --vehicle r1 --course monza.csv --laps 1            a circuit from a CSV file
+  bike lap --all --json                                        all machines on all circuits, as one JSON object
+
+The first lap, from a rolling start, is not counted. Lines once computed are kept in $BIKE_CACHE, else ~/.cache/bike."""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = _EXAMPLES
+    parser.add_argument("--vehicle", default="panigale_v4r", help="superbike or YAML file (default: %(default)s)")
+    parser.add_argument("--course", default="barcelona", help="circuit, YAML or CSV file (default: %(default)s)")
+    parser.add_argument("--laps", type=int, default=3, help="flying laps (default: %(default)s)")
+    parser.add_argument("--all", action="store_true", help="all shipped superbikes on all shipped circuits")
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Ride, print a table unless `args.json`, and return the figures.
+
+    Raises:
+        ValueError: a file that is wrong. FileNotFoundError: an unknown vehicle or circuit.
+    """
+    pairs = [(args.vehicle, args.course)]
+    if args.all:
+        pairs = list(itertools.product(shipped_superbikes(), shipped_tracks()))
+    found = []
+    for vehicle, circuit in pairs:
+        found.append(_ride(vehicle, circuit, args.laps, quiet=args.json))
+    figures = {"pairs": found}
+    if not args.json:
+        Console().print(_table(found))
+    return {"schema": SCHEMA, "ok": all(pair["ok"] for pair in found), "figures": figures, "pairs": found}
+
+
+def shipped_superbikes() -> tuple[str, ...]:
+    """Return the names of the superbikes that come with the package."""
+    return tuple(name for name in shipped_vehicles() if isinstance(load_vehicle(name), Superbike))
+
+
+def _ride(vehicle: str, circuit: str, laps: int, quiet: bool) -> dict[str, Any]:
+    began = time.monotonic()
+    with tqdm(desc=f"{vehicle}, {circuit}", unit="m", disable=quiet, leave=False) as bar:
+
+        def tell(snapshot: TrackSnapshot, length: float) -> None:
+            if snapshot.step % 50:
+                return
+            bar.total = round(length * (laps + 1))
+            bar.set_postfix_str(f"{snapshot.speed:.0f} m/s, {math.degrees(snapshot.state[3]):+.0f}°", refresh=False)
+            bar.update(round(float(snapshot.place[track_look.PROGRESS])) - bar.n)
+
+        ride = ride_laps(vehicle, circuit, laps, tell=tell)
+    return pair_figures(ride, laps) | {"wall_s": round(time.monotonic() - began, 1)}
+
+
+def pair_figures(ride: LapRide, laps: int) -> dict[str, Any]:
+    """Return the figures of one machine on one circuit; ok when all flying laps are finished, clean and fast enough."""
+    best, excess = ride.best, ride.excess
+    fell = ride.end not in ("finished", "slow", WALL)
+    return {
+        "vehicle": ride.vehicle,
+        "course": ride.circuit,
+        "ok": ride.end == "finished" and excess is not None and excess <= ALLOWED_EXCESS,
+        "end": ride.end,
+        "lap_s": None if best is None else best.duration,
+        "laps_s": [lap.duration for lap in ride.laps],
+        "sectors_s": [] if best is None else list(best.sectors),
+        "limit_s": ride.limit.lap_time,
+        "excess": excess,
+        "plan_s": ride.plan.lap_time,
+        "out_lap_s": None if ride.out_lap is None else ride.out_lap.duration,
+        "laps": len(ride.laps),
+        "wanted_laps": laps,
+        "falls": int(fell),
+        "walls": int(ride.end == WALL),
+        "valid_laps": sum(lap.valid for lap in ride.laps),
+        "off_track_s": ride.off_track,
+        "line_error_max_m": ride.largest_error,
+        "lean_max_deg": math.degrees(ride.largest_lean),
+        "speed_max_m_s": ride.highest_speed,
+    }
+
+
+def _table(found: list[dict[str, Any]]) -> Table:
+    table = Table(box=box.SIMPLE, title="Flying laps of the classical rider")
+    columns = ("machine", "circuit", "best lap", "theoretical", "slowest over it", "laps", "valid", "off line", "end")
+    for name in columns:
+        table.add_column(name, justify="left" if name in ("machine", "circuit", "end") else "right")
+    for pair in found:
+        table.add_row(
+            pair["vehicle"],
+            pair["course"],
+            "-" if pair["lap_s"] is None else lap_text(pair["lap_s"]),
+            lap_text(pair["limit_s"]),
+            "-" if pair["excess"] is None else f"{100.0 * pair['excess']:+.1f} %",
+            f"{pair['laps']}",
+            f"{pair['valid_laps']}",
+            f"{pair['line_error_max_m']:.2f} m",
+            pair["end"] if pair["ok"] else f"[red]{pair['end']}[/red]",
+        )
+    return table
+
+
+def lap_text(seconds: float) -> str:
+    """Return a lap time as people write it."""
+    minutes, rest = divmod(seconds, 60.0)
+    return f"{int(minutes)}:{rest:06.3f}"
