@@ -1,6 +1,6 @@
 # Every target sets up first what it needs; a set-up that is current costs a fraction of a second.
 .DEFAULT_GOAL := help
-.PHONY: help setup build ride test check format bench clean distclean
+.PHONY: help setup build ride lap test check format bench clean distclean
 
 BIN := .venv/bin
 SHELL_SCRIPTS := tools/setup tools/update-constraints .ci/run
@@ -17,6 +17,9 @@ build: setup ## Build the colcon workspace, also when it is current
 
 ride: setup ## Ride the benchmark path with the shipped actor and write ride.mcap and a report
 	@$(BIN)/bike ride
+
+lap: setup ## Three laps of Barcelona on a superbike through the nodes: out/lap/lap.mcap and its report
+	@$(BIN)/bike lap --nodes
 
 test: setup ## Run the tests, quick ones first
 	$(BIN)/python -m pytest

@@ -81,14 +81,13 @@ def render_page(recording: Recording, rides: Sequence[Ride], figures: Sequence[R
         HTML without any reference to the outside.
     """
     title = f"{recording.path.name}: {len(rides)} ride{'s' if len(rides) != 1 else ''}"
-    style = _STYLE.replace("@LIGHT@", style_variables(dark=False)).replace("@DARK@", style_variables(dark=True))
     drawn = _chosen(figures)
     parts = [
         "<!DOCTYPE html>",
         '<html lang="en"><head><meta charset="utf-8">',
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
         '<link rel="icon" href="data:,">',
-        f"<title>{escape(title)}</title><style>{style}</style></head><body><main>",
+        f"<title>{escape(title)}</title><style>{page_style()}</style></head><body><main>",
         f"<header><h1>{escape(recording.path.name)}</h1>{_subtitle(recording, figures)}{_warnings(recording)}</header>",
     ]
     if len(rides) > 1:
@@ -97,6 +96,11 @@ def render_page(recording: Recording, rides: Sequence[Ride], figures: Sequence[R
         parts.append(_ride(rides[index], figures[index]))
     parts.append("</main></body></html>")
     return "\n".join(parts)
+
+
+def page_style() -> str:
+    """Return the style sheet of report pages."""
+    return _STYLE.replace("@LIGHT@", style_variables(dark=False)).replace("@DARK@", style_variables(dark=True))
 
 
 def _chosen(figures: Sequence[RideFigures]) -> list[int]:

@@ -28,7 +28,7 @@ _T = TypeVar("_T")
 STATE_TYPE: Final = "bike_msgs/msg/BikeState"
 COMMAND_TYPE: Final = "bike_msgs/msg/BikeCommand"
 DEFAULT_NAMESPACE: Final = "/bike"
-EVENT_KINDS: Final = ("reset", "fall", "off_course", "wall", "lap", "finish", "sector")
+EVENT_KINDS: Final = ("reset", "fall", "off_course", "wall", "lap", "finish", "sector", "back_on_course")
 """Names of ``RideEvent.kind``, by number."""
 
 _STAMP: Final = ("header.stamp.sec", "header.stamp.nanosec")

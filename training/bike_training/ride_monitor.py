@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Any, Final, Self
 
@@ -75,13 +75,20 @@ class RideMonitor:
             if time.monotonic() > end:
                 raise NodeLost(f"simulator and recorder did not find each other within {timeout:g} s")
 
-    def watch(self, bar: Any, longest: float, needed: Sequence[NodeProcess]) -> None:
+    def watch(
+        self,
+        bar: Any,
+        longest: float,
+        needed: Sequence[NodeProcess],
+        is_over: Callable[[BikeState], bool] = lambda state: state.finished or state.fallen or state.off_course,
+    ) -> None:
         """Show progress until the ride ends: finished, fallen, off course or out of simulated time.
 
         Args:
             bar: a tqdm bar in m.
             longest: longest ride, s of simulated time.
             needed: processes that must not end meanwhile.
+            is_over: whether a state ends the ride.
 
         Raises:
             NodeLost: a process ended, or no new state came for SILENCE seconds.
@@ -99,8 +106,7 @@ class RideMonitor:
                     refresh=False,
                 )
                 bar.update(min(round(state.progress), bar.total) - bar.n)
-                over = state.finished or state.fallen or state.off_course
-                if over or state.step * state.control_period > longest:
+                if is_over(state) or state.step * state.control_period > longest:
                     return
             elif now - heard > SILENCE:
                 raise NodeLost(f"no new state for {SILENCE:g} s; the ride is stuck at step {step}")

@@ -6,6 +6,7 @@ import argparse
 import itertools
 import math
 import time
+from pathlib import Path
 from typing import Any, Final
 
 from rich import box
@@ -13,8 +14,12 @@ from rich.console import Console
 from rich.table import Table
 from tqdm import tqdm
 
+from bike_analysis.lap_report import Theory, lap_figures, load_laps, write_lap_report
 from bike_sim import track_look
 from bike_sim.course.track_files import shipped_tracks
+from bike_sim.fast_lines import track_with_line
+from bike_sim.lap_limit import lap_limit
+from bike_sim.physics.envelope import envelope
 from bike_sim.physics.superbike import Superbike
 from bike_sim.physics.vehicle import load_vehicle, shipped_vehicles
 from bike_sim.track_ride import WALL, TrackSnapshot
@@ -25,9 +30,12 @@ SCHEMA: Final = "bike.lap/1"
 ALLOWED_EXCESS: Final = 0.06
 """How much longer than the theoretical lap a flying lap may be, as a part of it."""
 
+TABLE_WIDTH: Final = 110
+
 _EXAMPLES: Final = """examples:
   bike lap                                                     the Panigale V4 R, three flying laps of Barcelona
   bike lap --vehicle r1 --course monza.csv --laps 1            a circuit from a CSV file
+  bike lap --nodes --out out/lap                               through the nodes: lap.mcap and the report lap.html
   bike lap --all --json                                        all machines on all circuits, as one JSON object
 
 The first lap, from a rolling start, is not counted. Lines once computed are kept in $BIKE_CACHE, else ~/.cache/bike."""
@@ -40,6 +48,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--vehicle", default="panigale_v4r", help="superbike or YAML file (default: %(default)s)")
     parser.add_argument("--course", default="barcelona", help="circuit, YAML or CSV file (default: %(default)s)")
     parser.add_argument("--laps", type=int, default=3, help="flying laps (default: %(default)s)")
+    parser.add_argument(
+        "--nodes", action="store_true", help="through simulator, policy and recorder nodes, with recording and report"
+    )
+    parser.add_argument(
+        "--out", type=Path, default=Path("out/lap"), help="with --nodes: folder of recording and report (%(default)s)"
+    )
     parser.add_argument("--all", action="store_true", help="all shipped superbikes on all shipped circuits")
 
 
@@ -49,6 +63,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     Raises:
         ValueError: a file that is wrong. FileNotFoundError: an unknown vehicle or circuit.
     """
+    if args.nodes:
+        if args.all:
+            raise ValueError("--nodes rides one machine on one circuit; leave --all out")
+        return _through_nodes(args)
     pairs = [(args.vehicle, args.course)]
     if args.all:
         pairs = list(itertools.product(shipped_superbikes(), shipped_tracks()))
@@ -57,8 +75,40 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         found.append(_ride(vehicle, circuit, args.laps, quiet=args.json))
     figures = {"pairs": found}
     if not args.json:
-        Console().print(_table(found))
+        console = Console()
+        console.width = max(console.width, TABLE_WIDTH)
+        console.print(_table(found))
     return {"schema": SCHEMA, "ok": all(pair["ok"] for pair in found), "figures": figures, "pairs": found}
+
+
+def _through_nodes(args: argparse.Namespace) -> dict[str, Any]:
+    """Ride through the nodes, write the report, print the times unless `args.json`, and return the figures."""
+    from bike_training.node_laps import ride_through_nodes  # only rides through nodes need ROS
+
+    args.out.mkdir(parents=True, exist_ok=True)
+    recording = args.out / "lap.mcap"
+    machine = load_vehicle(args.vehicle)
+    if not isinstance(machine, Superbike):
+        raise ValueError(f"vehicle '{args.vehicle}' is no superbike")
+    limits = envelope(machine)
+    track = track_with_line(args.course, limits)
+    line = track.line(1.0)
+    limit = lap_limit(limits, line)
+    wall = ride_through_nodes(args.vehicle, args.course, line.length, args.laps, recording, limit.lap_time)
+    laps = load_laps(recording, track)
+    theory = Theory(limit.s, limit.speed, limit.lateral, limit.longitudinal, limit.lap_time, limit.sector_times)
+    figures = lap_figures(laps, theory) | {"wall_s": round(wall, 1), "recording": str(recording)}
+    figures["page"] = str(write_lap_report(laps, theory, args.out))
+    excess = figures["excess"]
+    clean = figures["falls"] == 0 and figures["walls"] == 0 and len(figures["laps_s"]) >= args.laps
+    figures["ok"] = bool(clean and excess is not None and excess <= ALLOWED_EXCESS and figures["timing_agrees"])
+    if not args.json:
+        for number, lap in enumerate(figures["laps_s"], start=1):
+            print(f"lap {number}: {lap_text(lap)}")
+        print(f"theoretical lap: {lap_text(limit.lap_time)}")
+        print(f"timing of the recording equals the events: {'yes' if figures['timing_agrees'] else 'no'}")
+        print(f"report: {figures['page']}")
+    return {"schema": SCHEMA, "ok": figures["ok"], "figures": figures}
 
 
 def shipped_superbikes() -> tuple[str, ...]:

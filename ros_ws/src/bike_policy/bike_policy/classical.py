@@ -171,9 +171,7 @@ class ClassicalRider:
 
     def lean_of(self, lateral: FloatArray, speed: FloatArray) -> FloatArray:
         """Return the lean at which lateral accelerations (m/s^2, positive left) are steady, rad, positive left."""
-        found = [
-            np.interp(abs(a), self._row(float(v)), self._table_leans) for a, v in zip(lateral, speed, strict=True)
-        ]
+        found = [np.interp(abs(a), self._row(float(v)), self._table_leans) for a, v in zip(lateral, speed, strict=True)]
         return np.asarray(np.copysign(found, lateral))
 
     def _smooth(self, curvature: FloatArray) -> FloatArray:

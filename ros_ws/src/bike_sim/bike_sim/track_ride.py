@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from bike_sim import ride, track_look
 from bike_sim.course.course import Course
 from bike_sim.course.lap_timing import LapTimer, Sample, Timing, TimingEvent
+from bike_sim.course.placing import EXACT, REACH
 from bike_sim.course.projection import curvature_at, point_at
 from bike_sim.course.track import Track
 from bike_sim.fast_lines import track_with_line
@@ -40,13 +41,6 @@ PREVIEW: Final = Preview(by_time=True, interval=HORIZON / (track_look.STATIONS -
 
 OFF_TRACK_GRIP: Final = 0.6
 """Factor on friction outside the limits: between dusty asphalt and grass (estimate)."""
-
-REACH: Final = 4.0
-"""The nearest point is searched this far both ways, m: over two control steps at top speed, less than to a road that
-runs beside."""
-
-EXACT: Final = 1e-6
-"""Rounding of the projection, m."""
 
 WALL: Final = "wall"
 
@@ -111,9 +105,7 @@ def superbike_config(vehicle: str = "panigale_v4r", time_step: float = TIME_STEP
     Raises:
         ValueError: a vehicle file that is wrong. FileNotFoundError: an unknown vehicle.
     """
-    return SimulatorConfig(
-        vehicle=vehicle, time_step=time_step, control_period=load_vehicle(vehicle).control_period
-    )
+    return SimulatorConfig(vehicle=vehicle, time_step=time_step, control_period=load_vehicle(vehicle).control_period)
 
 
 class TrackRide:

@@ -1,0 +1,260 @@
+"""From the recording of laps to their report: times, traces against the theoretical lap, map, g-g diagram, follow view.
+
+Everything about the ride comes from the recording; the circuit and the theoretical lap are given beside it. Lap timing
+is computed again from the recorded contact points and compared with the recorded events.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from bike_analysis.follow_view import follow_view
+from bike_analysis.lap_plots import gg_figure, lean_trace_figure, speed_trace_figure, track_map_figure
+from bike_analysis.page import page_style
+from bike_analysis.reading import Floats, Recording, read_recording
+from bike_analysis.rides import Ride, find_rides
+from bike_analysis.style import themed_svg
+from bike_sim.course.lap_timing import Lap, Timing, TimingEvent, TimingKind, time_laps
+from bike_sim.course.placing import samples_of
+from bike_sim.course.track import Track
+
+PAGE_NAME: Final = "lap.html"
+
+_KINDS: Final = {
+    TimingKind.LAP: "lap",
+    TimingKind.SECTOR: "sector",
+    TimingKind.LEFT_TRACK: "off_course",
+    TimingKind.BACK_ON_TRACK: "back_on_course",
+}
+
+
+@dataclass(frozen=True)
+class Theory:
+    """A theoretical lap on the followed line.
+
+    Attributes:
+        s: Arc length of the line, m, from 0 to its length.
+        speed: m/s.
+        lateral: Lateral acceleration, m/s^2, positive to the left.
+        longitudinal: m/s^2.
+        lap_time: s.
+        sector_times: s.
+    """
+
+    s: Floats
+    speed: Floats
+    lateral: Floats
+    longitudinal: Floats
+    lap_time: float
+    sector_times: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class LapRecording:
+    """A recorded ride on a circuit with its timing.
+
+    Attributes:
+        recording: What was read.
+        ride: Its ride.
+        track: The circuit.
+        timing: Laps, computed again from the recording.
+        events: Timing events, computed again.
+        progress: Along the centre line, m, one value a state.
+        outside: How far the contact point less far out lay outside the limits, m; negative on the track.
+    """
+
+    recording: Recording
+    ride: Ride
+    track: Track
+    timing: Timing
+    events: tuple[TimingEvent, ...]
+    progress: Floats
+    outside: Floats
+
+    @property
+    def flying(self) -> tuple[Lap, ...]:
+        """Laps without the first, which begins rolling."""
+        return self.timing.laps[1:]
+
+    @property
+    def time(self) -> Floats:
+        """Time since the reset, s, one value a state."""
+        return self.ride.states.step * self.ride.states.control_period
+
+    def rows(self, lap: Lap) -> slice:
+        """States of a lap."""
+        first, last = np.searchsorted(self.time, [lap.began, lap.began + lap.duration])
+        return slice(int(first), int(last))
+
+
+def load_laps(path: str | os.PathLike[str], track: Track) -> LapRecording:
+    """Read a recording and time its laps anew.
+
+    Args:
+        path: The recording; its first ride counts.
+        track: The circuit that was ridden.
+
+    Raises:
+        FileNotFoundError: If there is no such recording.
+        RecordingError: If it is none.
+        ValueError: If its states do not lie on the circuit.
+    """
+    recording = read_recording(path)
+    ride = find_rides(recording)[0]
+    states = ride.states
+    time = states.step * states.control_period
+    rear, front = np.stack([states.x, states.y], axis=1), np.stack([states.front_x, states.front_y], axis=1)
+    begun = next((event for event in ride.events if event.kind == "reset"), None)
+    begin = begun.progress_m if begun is not None else float(states.progress[0])
+    samples = list(samples_of(track, time, rear, front, begin, begin + math.dist(rear[0], front[0])))
+    timing, events = time_laps(track, samples)
+    progress = np.array([sample.progress for sample in samples])
+    outside = np.minimum(
+        track.outside(progress, np.array([sample.offset for sample in samples])),
+        track.outside(
+            np.array([sample.front_progress for sample in samples]),
+            np.array([sample.front_offset for sample in samples]),
+        ),
+    )
+    if np.abs([sample.offset for sample in samples]).max() > 500.0:
+        raise ValueError(f"the recording {recording.path} was not ridden on circuit {track.name!r}")
+    return LapRecording(recording, ride, track, timing, events, progress, outside)
+
+
+def timing_agrees(laps: LapRecording) -> bool:
+    """Whether the timing computed from the recording equals the recorded events, time by time and bit for bit.
+
+    Left out are the values of the event of leaving the track (a distance there, none here).
+    """
+    again = [(_KINDS[event.kind], event.time, event.progress) for event in laps.events]
+    wanted = set(_KINDS.values())
+    recorded = [(event.kind, event.time_s, event.progress_m) for event in laps.ride.events if event.kind in wanted]
+    again_values = [event.value for event in laps.events if event.kind is not TimingKind.LEFT_TRACK]
+    recorded_values = [e.value for e in laps.ride.events if e.kind in wanted and e.kind != "off_course"]
+    return bool(again) and again == recorded and again_values == recorded_values
+
+
+def lap_figures(laps: LapRecording, theory: Theory) -> dict[str, Any]:
+    """Return the figures of recorded laps, ready for JSON."""
+    flying = laps.flying
+    best = min(flying, key=lambda lap: lap.duration, default=None)
+    kinds = [event.kind for event in laps.ride.events]
+    return {
+        "vehicle": laps.recording.vehicle,
+        "course": laps.track.name,
+        "laps_s": [lap.duration for lap in flying],
+        "lap_s": None if best is None else best.duration,
+        "sectors_s": [] if best is None else list(best.sectors),
+        "out_lap_s": laps.timing.laps[0].duration if laps.timing.laps else None,
+        "limit_s": theory.lap_time,
+        "limit_sectors_s": list(theory.sector_times),
+        "excess": None if best is None else max(lap.duration for lap in flying) / theory.lap_time - 1.0,
+        "falls": kinds.count("fall"),
+        "walls": kinds.count("wall"),
+        "valid_laps": sum(lap.valid for lap in flying),
+        "off_track_s": laps.timing.off_track,
+        "timing_agrees": timing_agrees(laps),
+        "lost_steps": int(np.sum(np.diff(laps.ride.states.step) - 1)),
+    }
+
+
+def write_lap_report(laps: LapRecording, theory: Theory, out_dir: Path) -> Path:
+    """Write the report page and return its path.
+
+    Raises:
+        OSError: If it cannot be written.
+    """
+    out_dir.mkdir(parents=True, exist_ok=True)
+    path = out_dir / PAGE_NAME
+    path.write_text(render_lap_page(laps, theory), encoding="utf-8")
+    return path
+
+
+def render_lap_page(laps: LapRecording, theory: Theory) -> str:
+    """Return the report page: HTML without any reference to the outside."""
+    figures = lap_figures(laps, theory)
+    title = f"{laps.recording.vehicle} on {laps.track.name}"
+    sections = [
+        _key(figures),
+        "<h2>Follow view</h2>",
+        follow_view(laps, None if not laps.flying else min(laps.flying, key=lambda lap: lap.duration)),
+        "<h2>Lap and sector times</h2>",
+        _time_table(laps, theory),
+        _agreement(figures),
+        "<h2>Speed and lean</h2>",
+        _figure(speed_trace_figure(laps, theory), "Speed over distance", "speed", _SPEED_CAPTION),
+        _figure(lean_trace_figure(laps), "Lean over distance", "lean", _LEAN_CAPTION),
+        "<h2>Accelerations</h2>",
+        _figure(gg_figure(laps, theory), "g-g diagram", "gg", _GG_CAPTION),
+        "<h2>Line</h2>",
+        _figure(track_map_figure(laps), "Map of the ride", "map", _MAP_CAPTION),
+    ]
+    head = (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">'
+        f"<title>{escape(title)}</title><style>{page_style()}</style></head><body><main>"
+        f'<header><h1>{escape(title)}</h1><p class="soft">{escape(laps.recording.path.name)}, '
+        f"{laps.recording.message_count:,} messages</p></header>"
+    )
+    return "\n".join([head, *sections, "</main></body></html>"])
+
+
+_SPEED_CAPTION: Final = "Flying laps in blue, the theoretical lap of the machine on the followed line in orange."
+_LEAN_CAPTION: Final = "Lean of the flying laps, positive leaning right."
+_GG_CAPTION: Final = (
+    "Accelerations of the flying laps from the recorded states (speed times yaw rate; change of speed), in blue, and "
+    "of the theoretical lap, in orange."
+)
+_MAP_CAPTION: Final = "All laps between the limits, coloured by speed. Places with both wheels outside are marked."
+
+
+def _figure(figure: Any, label: str, prefix: str, caption: str) -> str:
+    return f"<figure>{themed_svg(figure, label, prefix)}<figcaption>{escape(caption)}</figcaption></figure>"
+
+
+def lap_text(seconds: float) -> str:
+    """Return a lap time as people write it."""
+    minutes, rest = divmod(seconds, 60.0)
+    return f"{int(minutes)}:{rest:06.3f}" if minutes else f"{rest:.3f}"
+
+
+def _key(figures: dict[str, Any]) -> str:
+    cells = {
+        "best flying lap": "-" if figures["lap_s"] is None else lap_text(figures["lap_s"]),
+        "theoretical lap": lap_text(figures["limit_s"]),
+        "slowest flying lap over it": "-" if figures["excess"] is None else f"{100 * figures['excess']:+.1f} %",
+        "falls, walls": f"{figures['falls']}, {figures['walls']}",
+    }
+    items = "".join(f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>" for name, value in cells.items())
+    return f'<dl class="key">{items}</dl>'
+
+
+def _time_table(laps: LapRecording, theory: Theory) -> str:
+    names = [name for name, _ in laps.track.sectors]
+    head = "".join(f"<th>{escape(name)}</th>" for name in ("lap", "time", *names, "off track"))
+    rows = [_time_row("out" if lap.number == 1 else str(lap.number - 1), lap) for lap in laps.timing.laps]
+    sectors = "".join(f"<td>{lap_text(time)}</td>" for time in theory.sector_times)
+    rows.append(f"<tr><td>theoretical</td><td>{lap_text(theory.lap_time)}</td>{sectors}<td></td></tr>")
+    return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table></div>'
+
+
+def _time_row(name: str, lap: Lap) -> str:
+    sectors = "".join(f"<td>{lap_text(time)}</td>" for time in lap.sectors)
+    off = f"{lap.off_track:.2f} s" if lap.off_track else ""
+    return f"<tr><td>{name}</td><td>{lap_text(lap.duration)}</td>{sectors}<td>{off}</td></tr>"
+
+
+def _agreement(figures: dict[str, Any]) -> str:
+    if figures["timing_agrees"]:
+        return '<p class="soft">Computed again from the recorded contact points, all times equal the events.</p>'
+    return (
+        '<div class="warning" role="status"><p>The times computed from the recording differ from its events; '
+        f"{figures['lost_steps']} steps are missing.</p></div>"
+    )

@@ -1,0 +1,47 @@
+"""Where a ride was on a circuit, from recorded contact points: what lap timing is computed again from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_sim.course.lap_timing import Sample
+from bike_sim.course.projection import project
+from bike_sim.course.track import Track
+
+FloatArray = NDArray[np.float64]
+
+REACH = 4.0
+"""The nearest point is searched this far both ways, m: over two control steps at top speed, less than to a road that
+runs beside."""
+
+EXACT = 1e-6
+"""Rounding of the projection, m: a start this close to where it was asked for is there."""
+
+
+def samples_of(
+    track: Track, time: FloatArray, rear: FloatArray, front: FloatArray, begin: float, front_begin: float
+) -> Iterator[Sample]:
+    """Yield where a ride was, one sample for each instant.
+
+    Args:
+        track: the circuit.
+        time: s.
+        rear: rear contact points in the map, m, shape (n, 2).
+        front: front contact points, shape (n, 2).
+        begin: progress of the first rear contact point, m, as the ride was begun with.
+        front_begin: progress near the first front contact point, m.
+    """
+    centre = track.centre
+    near, front_near = begin, front_begin
+    for k in range(len(time)):
+        found = [
+            project(centre.x, centre.y, centre.heading, centre.spacing, True, float(x), float(y), s, REACH, REACH)
+            for (x, y), s in ((rear[k], near), (front[k], front_near))
+        ]
+        (near, offset, _), (front_near, front_offset, _) = found
+        if k == 0 and abs(near - begin) < EXACT:
+            near = begin
+        yield Sample(float(time[k]), near, offset, front_near, front_offset)
