@@ -5,7 +5,7 @@
   const W = canvas.width, H = canvas.height, N = data.x.length;
   const play = document.getElementById("follow-play"), slider = document.getElementById("follow-time");
   const rate = document.getElementById("follow-rate");
-  const BACK = 5.2, UP = 2.1, FOCAL = 620, NEAR = 1.0, FAR = 420, HORIZON = H * 0.40;
+  const BACK = 5.6, UP = 2.2, FOCAL = 640, NEAR = 1.0, FAR = 420, HORIZON = H * 0.42;
   const [lx, ly, rx, ry] = data.edges, E = lx.length;
 
   const mix = (a, b, u) => a + u * (b - a);
@@ -144,8 +144,9 @@
 
   function instruments(k) {
     const speed = at(data.speed, k), roll = at(data.roll, k), throttle = at(data.throttle, k);
+    const H = 204;                                                        // below the title, out of the machine's way
     panel(16, H - 116, 400, 100);
-    text(String(Math.round(3.6 * speed)), 126, H - 48, 56, "#fff", "right", 700); text("km/h", 132, H - 48, 16, "#b8c2cf");
+    text(String(Math.round(3.6 * speed)), 130, H - 48, 52, "#fff", "right", 700); text("km/h", 138, H - 48, 16, "#b8c2cf");
     const cx = 258, cy = H - 40, r = 54;
     g.lineWidth = 6; g.strokeStyle = "#3a434e"; g.beginPath(); g.arc(cx, cy, r, -Math.PI * 5 / 6, -Math.PI / 6); g.stroke();
     g.strokeStyle = Math.abs(roll) > 0.87 ? "#ff8c5a" : "#62b0f4"; g.beginPath();
@@ -158,11 +159,11 @@
       g.fillStyle = colour; g.fillRect(x, H - 40 - 66 * value, 20, 66 * value);
       text(name, x + 10, H - 24, 13, "#b8c2cf", "center");
     }
-    panel(16, 16, 330, 64);
+    panel(16, 16, 400, 64);
     text(data.title, 30, 42, 16, "#dfe6ee");
     const t = data.t0 + k * data.dt, minutes = Math.floor(t / 60);
     text(`${minutes}:${(t - 60 * minutes).toFixed(2).padStart(5, "0")}`, 30, 68, 20, "#fff", "left", 700);
-    if (data.lap) text(`lap ${Math.floor(data.lap / 60)}:${(data.lap % 60).toFixed(3).padStart(6, "0")}`, 332, 68, 15, "#b8c2cf", "right");
+    if (data.lap) text(`lap ${Math.floor(data.lap / 60)}:${(data.lap % 60).toFixed(3).padStart(6, "0")}`, 400, 68, 15, "#b8c2cf", "right");
   }
 
   const box = { x0: Math.min(...lx, ...rx), x1: Math.max(...lx, ...rx), y0: Math.min(...ly, ...ry), y1: Math.max(...ly, ...ry) };

@@ -69,7 +69,7 @@ def accelerations(laps: LapRecording, rows: slice) -> tuple[Floats, Floats]:
 def gg_figure(laps: LapRecording, theory: Theory) -> Figure:
     """Draw the g-g diagram of the flying laps and of the theoretical lap."""
     with mpl.rc_context(RC):
-        figure = new_figure(0.55 * WIDE, 0.55 * WIDE)
+        figure = new_figure(WIDE, 0.55 * WIDE)
         axes = figure.subplots()
         for lap in laps.flying:
             lateral, along = accelerations(laps, laps.rows(lap))

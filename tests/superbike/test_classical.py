@@ -1,0 +1,131 @@
+"""The classical rider: what it plans, what it answers, and that it laps."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bike_policy.classical import ClassicalRider, RiderSettings, Seen, reserved
+from bike_sim.course.course import Course
+from bike_sim.lap_limit import lap_limit
+from bike_sim.physics.envelope import Envelope, envelope
+from bike_sim.physics.superbike import Superbike
+from bike_sim.physics.vehicle import load_vehicle
+from bike_training import cli
+from bike_training.commands.lap import ALLOWED_EXCESS
+from bike_training.laps import ride_laps
+from tests.superbike.conftest import write_circuit
+
+
+@pytest.fixture(scope="module")
+def machine() -> Superbike:
+    machine = load_vehicle("panigale_v4r")
+    assert isinstance(machine, Superbike)
+    return machine
+
+
+@pytest.fixture(scope="module")
+def limits(machine: Superbike) -> Envelope:
+    return envelope(machine)
+
+
+def circle(radius: float) -> Course:
+    """A closed circle to the left."""
+    count = round(2.0 * math.pi * radius / 0.1)
+    s = np.linspace(0.0, 2.0 * math.pi * radius, count + 1)
+    angle = s / radius
+    return Course(
+        "circle",
+        s,
+        radius * np.sin(angle),
+        radius - radius * np.cos(angle),
+        angle,
+        np.full(count + 1, 1 / radius),
+        True,
+        10.0,
+    )
+
+
+def test_plan_keeps_its_reserve(machine: Superbike, limits: Envelope) -> None:
+    line = circle(80.0)
+    rider = ClassicalRider(machine, line, 0.02, limits=limits)
+    limit = lap_limit(limits, line)
+    lateral = rider.profile.lateral.max() / limit.lateral.max()
+    assert lateral == pytest.approx(RiderSettings().lateral, abs=0.02)
+    careful = reserved(limits, RiderSettings())
+    assert np.all(careful.brake_max <= limits.brake_max)
+    assert np.all(careful.lateral_max < limits.lateral_max)
+
+
+def test_steady_on_the_line_asks_for_the_lean_of_the_turn(machine: Superbike, limits: Envelope) -> None:
+    rider = ClassicalRider(machine, circle(80.0), 0.02, limits=limits)
+    speed = 25.0
+    lean = float(rider.lean_of(np.array([speed**2 / 80.0]), np.array([speed]))[0])
+    rider.profile = replace(rider.profile, speed=np.full_like(rider.profile.speed, speed))
+    steering, _ = rider.command(Seen(speed, -lean, 40.0, 0.0, 0.0))
+    assert steering == pytest.approx(lean / math.radians(machine.virtual_rider.max_lean_deg), abs=0.01)
+
+
+def test_turns_back_to_the_line_and_mirrors(machine: Superbike, limits: Envelope) -> None:
+    line = circle(5000.0)
+    rider = ClassicalRider(machine, line, 0.02, limits=limits)
+    speed = 40.0
+
+    def steering(error: float, heading: float) -> float:
+        rider.reset()
+        return rider.command(Seen(speed, 0.0, 100.0, error, heading))[0]
+
+    middle = steering(0.0, 0.0)
+    assert steering(1.0, 0.0) < middle < steering(-1.0, 0.0)
+    assert steering(0.0, 0.05) < middle < steering(0.0, -0.05)
+    left, right = steering(1.0, 0.0) - middle, steering(-1.0, 0.0) - middle
+    assert left == pytest.approx(-right, rel=0.1)
+
+
+def test_brakes_when_too_fast_and_drives_when_too_slow(machine: Superbike, limits: Envelope) -> None:
+    rider = ClassicalRider(machine, circle(80.0), 0.02, limits=limits)
+    wanted = float(rider.profile.speed_at(10.0))
+    _, brake = rider.command(Seen(wanted + 8.0, -0.5, 10.0, 0.0, 0.0))
+    _, drive = rider.command(Seen(wanted - 8.0, -0.5, 10.0, 0.0, 0.0))
+    assert brake < -0.2
+    assert drive > 0.3
+
+
+def test_same_state_again_gets_the_same_answer(machine: Superbike, limits: Envelope) -> None:
+    rider = ClassicalRider(machine, circle(80.0), 0.02, limits=limits)
+    rider.command(Seen(25.0, -0.6, 40.0, 0.3, 0.01))
+    seen = Seen(25.0, -0.6, 40.5, 0.32, 0.01)
+    assert rider.command(seen) == rider.command(seen)
+
+
+@pytest.mark.parametrize("reverse", [False, True])
+def test_laps_a_circuit_it_has_never_seen(tmp_path: Path, reverse: bool) -> None:
+    path = write_circuit(tmp_path / "unseen.csv", reverse)
+    ride = ride_laps("panigale_v4r", path, laps=2)
+    assert ride.end == "finished"
+    assert len(ride.laps) == 2
+    assert all(lap.valid for lap in ride.laps)
+    assert ride.excess is not None
+    assert 0.0 < ride.excess < ALLOWED_EXCESS
+
+
+def test_command_prints_one_object(circuit: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code = cli.main(["lap", "--vehicle", "zx10rr", "--course", str(circuit), "--laps", "1", "--json"])
+    answer = json.loads(capsys.readouterr().out)
+    assert code == 0
+    (pair,) = answer["pairs"]
+    assert pair["vehicle"] == "zx10rr"
+    assert pair["falls"] == pair["walls"] == 0
+    assert pair["limit_s"] < pair["lap_s"] < (1.0 + ALLOWED_EXCESS) * pair["limit_s"]
+
+
+def test_bicycles_and_unknown_circuits_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["lap", "--vehicle", "whipple"]) == 2
+    assert "no superbike" in capsys.readouterr().err
+    assert cli.main(["lap", "--course", "nowhere"]) == 2
+    assert "nowhere" in capsys.readouterr().err

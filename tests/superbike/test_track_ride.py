@@ -1,0 +1,157 @@
+"""A superbike on a circuit: what is seen, grip, walls, timing, determinism."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bike_sim import ride, track_look
+from bike_sim.course.lap_timing import time_laps
+from bike_sim.course.placing import samples_of
+from bike_sim.events import EventKind
+from bike_sim.fast_lines import content_key, track_with_line
+from bike_sim.physics import state as st
+from bike_sim.reset import ResetRequest
+from bike_sim.simulator import Simulator, SimulatorConfig
+from bike_sim.track_events import TrackWatch
+from bike_sim.track_ride import HORIZON, OFF_TRACK_GRIP, TrackRide, TrackSnapshot, make_simulator, superbike_config
+
+
+@pytest.fixture(scope="module")
+def machine() -> Iterator[TrackRide]:
+    machine = TrackRide(superbike_config("panigale_v4r"))
+    yield machine
+    machine.close()
+
+
+def request(circuit: Path, **changes: object) -> ResetRequest:
+    return ResetRequest(**({"course": str(circuit), "speed_range": (30.0, 30.0)} | changes))  # type: ignore[arg-type]
+
+
+def until_the_end(machine: TrackRide, snapshot: TrackSnapshot, steering: float, throttle: float) -> list[TrackSnapshot]:
+    """Ride with held commands until the machine stops, 20 s at most."""
+    seen = [snapshot]
+    while not seen[-1].fallen and len(seen) < 1000:
+        seen.append(machine.step(steering, throttle))
+    return seen
+
+
+def test_starts_where_asked_on_the_line_leaning_into_the_bend(machine: TrackRide, circuit: Path) -> None:
+    for progress in (0.0, 300.0, 900.0):
+        snapshot = machine.reset(request(circuit, progress=progress))
+        assert snapshot.place[track_look.PROGRESS] == pytest.approx(progress, abs=2.0)
+        assert abs(snapshot.seen[ride.LATERAL_ERROR]) < 1e-6
+        bend = snapshot.seen[ride.CURVATURE]
+        # Left is positive for bends, right for roll; the lean is a little more than that of a point mass on thin tyres.
+        lean = math.atan(abs(bend) * 30.0**2 / 9.81)
+        assert snapshot.state[st.ROLL] * bend <= 0.0
+        assert abs(snapshot.state[st.ROLL]) == pytest.approx(lean, rel=0.15, abs=0.01)
+
+
+def test_too_fast_a_start_is_refused(machine: TrackRide, circuit: Path) -> None:
+    machine.reset(request(circuit))
+    before = machine.step(0.0, 0.1)
+    with pytest.raises(ValueError, match="too fast for the curve"):
+        machine.reset(request(circuit, speed_range=(90.0, 90.0)))
+    assert machine.step(0.0, 0.1).step == before.step + 1  # the episode before goes on
+
+
+def test_course_points_are_the_next_six_seconds_between_the_limits(machine: TrackRide, circuit: Path) -> None:
+    snapshot = machine.reset(request(circuit))
+    points = snapshot.points
+    assert points.shape == (3, 20, 3)
+    line = points[track_look.LINE, :, :2]
+    # Chords are a little shorter than the way.
+    length = np.linalg.norm(np.diff(line, axis=0), axis=1).sum()
+    assert length == pytest.approx(HORIZON * snapshot.speed, rel=0.02)
+    across = points[track_look.LEFT, :, :2] - points[track_look.RIGHT, :, :2]
+    assert np.linalg.norm(across, axis=1) == pytest.approx(np.full(20, 12.0), abs=0.05)
+    assert points[track_look.LEFT, 0, 1] > points[track_look.LINE, 0, 1] > points[track_look.RIGHT, 0, 1]
+
+
+def test_course_points_have_the_height_of_the_road() -> None:
+    machine = TrackRide(superbike_config("panigale_v4r"))
+    snapshot = machine.reset(ResetRequest(course="barcelona", speed_range=(50.0, 50.0), progress=200.0))
+    track = machine.track
+    assert track is not None
+    ahead = 200.0 + HORIZON * snapshot.speed
+    climb = float(track.at(track.elevation, ahead) - track.at(track.elevation, 200.0))
+    assert snapshot.points[track_look.LINE, -1, 2] == pytest.approx(climb, abs=0.2)
+    assert abs(climb) > 1.0
+    machine.close()
+
+
+def test_going_straight_on_leaves_the_track_and_meets_the_wall(machine: TrackRide, circuit: Path) -> None:
+    snapshot = machine.reset(request(circuit))
+    watch = TrackWatch("kidney", snapshot)
+    seen = until_the_end(machine, snapshot, 0.0, 0.3)
+    events = [event for snapshot in seen[1:] for event in watch.look(snapshot)]
+    assert [event.kind for event in events][-1] is EventKind.WALL
+    assert EventKind.OFF_COURSE in [event.kind for event in events]
+    hit = seen[-1].wall
+    assert hit is not None
+    assert hit.energy == pytest.approx(0.5 * machine.vehicle.mass * hit.speed**2)
+    assert events[-1].value == hit.speed > 30.0
+    after = machine.step(0.0, 1.0)
+    assert after.speed == 0.0
+    assert after.state[:3] == pytest.approx(seen[-1].state[:3])
+    off = next(snapshot for snapshot in seen if snapshot.outside > 0.0)
+    assert off.off_course
+    assert machine.engine.rear_grip == machine.engine.front_grip == OFF_TRACK_GRIP
+
+
+def test_falls_have_names(machine: TrackRide, circuit: Path) -> None:
+    snapshot = machine.reset(request(circuit, speed_range=(25.0, 25.0)))
+    machine.engine.rear_grip = machine.engine.front_grip = 1.0
+    seen = until_the_end(machine, snapshot, 1.0, 0.0)  # leans as far as it goes: off the track at full lean
+    assert seen[-1].fallen
+    assert seen[-1].fall in ("low_side", "high_side", "wall")
+
+
+def test_same_commands_same_snapshots(machine: TrackRide, circuit: Path) -> None:
+    def states() -> np.ndarray:
+        machine.reset(request(circuit, seed=7, perturb=True))
+        return np.array([machine.step(0.3 * math.sin(k / 20), 0.2).state for k in range(150)])
+
+    assert np.array_equal(states(), states())
+
+
+def test_timing_from_recorded_points_is_that_of_the_ride(machine: TrackRide, circuit: Path) -> None:
+    seen = until_the_end(machine, machine.reset(request(circuit)), 0.0, 0.3)
+    track = machine.track
+    assert track is not None
+    again = samples_of(
+        track,
+        np.array([snapshot.time for snapshot in seen]),
+        np.array([snapshot.state[:2] for snapshot in seen]),
+        np.array([snapshot.seen[[ride.FRONT_X, ride.FRONT_Y]] for snapshot in seen]),
+        0.0,
+        machine.vehicle.w,
+    )
+    timing, events = time_laps(track, again)
+    assert timing == machine.timing()
+    assert events == tuple(event for snapshot in seen for event in snapshot.timing)
+
+
+def test_lines_are_kept_by_what_they_depend_on(machine: TrackRide, circuit: Path, own_cache: Path) -> None:
+    track = track_with_line(circuit, machine.envelope)
+    kept = own_cache / f"{content_key(track, machine.envelope)}.npy"
+    assert kept.exists()
+    kept.write_bytes(b"torn")
+    again = track_with_line(circuit, machine.envelope)
+    assert np.array_equal(again.ideal, track.ideal)  # type: ignore[arg-type]
+
+
+def test_vehicle_decides_what_rides_it() -> None:
+    bicycle = make_simulator(SimulatorConfig())
+    assert isinstance(bicycle, Simulator)
+    bicycle.close()
+    superbike = make_simulator(superbike_config("r1"))
+    assert isinstance(superbike, TrackRide)
+    superbike.close()
+    with pytest.raises(ValueError, match="no superbike"):
+        TrackRide(SimulatorConfig())
