@@ -22,7 +22,7 @@ from bike_analysis.reading import Floats, Recording, read_recording
 from bike_analysis.rides import Ride, find_rides
 from bike_analysis.style import themed_svg
 from bike_sim.course.lap_timing import Lap, Timing, TimingEvent, TimingKind, time_laps
-from bike_sim.course.placing import samples_of
+from bike_sim.course.placing import EXACT, samples_of
 from bike_sim.course.track import Track
 
 PAGE_NAME: Final = "lap.html"
@@ -112,7 +112,9 @@ def load_laps(path: str | os.PathLike[str], track: Track) -> LapRecording:
     time = states.step * states.control_period
     rear, front = np.stack([states.x, states.y], axis=1), np.stack([states.front_x, states.front_y], axis=1)
     begun = next((event for event in ride.events if event.kind == "reset"), None)
+    # A recorder that came after the reset has missed its event; rides begin on the start line or somewhere else.
     begin = begun.progress_m if begun is not None else float(states.progress[0])
+    begin = 0.0 if abs(begin) < EXACT else begin
     samples = list(samples_of(track, time, rear, front, begin, begin + math.dist(rear[0], front[0])))
     timing, events = time_laps(track, samples)
     progress = np.array([sample.progress for sample in samples])

@@ -20,7 +20,7 @@ def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 def write_circuit(path: Path, reverse: bool = False) -> Path:
-    """Write a circuit of about 1.3 km with left and right bends as a CSV file, in the format of the racing community."""
+    """Write a circuit of about 1.3 km with left and right bends as a CSV file."""
     angle = np.linspace(0.0, 2.0 * math.pi, 160, endpoint=False)
     radius = 190.0 + 45.0 * np.cos(2.0 * angle) + 22.0 * np.sin(3.0 * angle)
     points = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)

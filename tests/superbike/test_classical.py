@@ -114,6 +114,16 @@ def test_laps_a_circuit_it_has_never_seen(tmp_path: Path, reverse: bool) -> None
     assert 0.0 < ride.excess < ALLOWED_EXCESS
 
 
+def test_a_start_line_in_a_bend_is_begun_slowly(tmp_path: Path) -> None:
+    angle = np.linspace(0.0, 2.0 * math.pi, 120, endpoint=False)
+    rows = "\n".join(f"{70.0 * math.cos(a):.4f},{70.0 * math.sin(a):.4f},5.0,5.0" for a in angle)
+    path = tmp_path / "bowl.csv"
+    path.write_text(f"# x_m,y_m,w_tr_right_m,w_tr_left_m\n{rows}\n", encoding="utf-8")
+    ride = ride_laps("cbr1000rr_r", path, laps=1)
+    assert ride.end == "finished"
+    assert all(lap.valid for lap in ride.laps)
+
+
 def test_command_prints_one_object(circuit: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code = cli.main(["lap", "--vehicle", "zx10rr", "--course", str(circuit), "--laps", "1", "--json"])
     answer = json.loads(capsys.readouterr().out)

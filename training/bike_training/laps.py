@@ -14,10 +14,7 @@ from bike_sim.physics import state as st
 from bike_sim.physics.vehicle import load_vehicle
 from bike_sim.reset import ResetRequest
 from bike_sim.simulator import Snapshot
-from bike_sim.track_ride import TrackRide, TrackSnapshot, superbike_config
-
-START_SPEED = 35.0
-"""Speed at which a ride begins on the start line, m/s."""
+from bike_sim.track_ride import TrackRide, TrackSnapshot, start_speed, superbike_config
 
 LONGEST_LAP = 3.0
 """Times the theoretical lap, after which a lap counts as never finished."""
@@ -97,7 +94,8 @@ def ride_laps(
         raise ValueError(f"number of laps must be at least 1, got {laps}")
     machine = TrackRide(superbike_config(vehicle))
     try:
-        snapshot = machine.reset(ResetRequest(course=str(circuit), speed_range=(START_SPEED, START_SPEED)))
+        speed = start_speed(circuit, machine.envelope)
+        snapshot = machine.reset(ResetRequest(course=str(circuit), speed_range=(speed, speed)))
         assert machine.course is not None
         assert machine.track is not None
         limit = lap_limit(machine.envelope, machine.course)
@@ -105,7 +103,7 @@ def ride_laps(
             machine.vehicle, machine.course, machine.config.control_period, settings, machine.envelope
         )
         finished, end, length = 0, "", machine.track.length
-        error = lean = speed = 0.0
+        error = lean = fastest = 0.0
         while not end:
             snapshot = machine.step(*rider.command(seen_from(snapshot)))
             if tell is not None:
@@ -114,7 +112,7 @@ def ride_laps(
             if finished > 0:
                 error = max(error, snapshot.distance)
                 lean = max(lean, abs(float(snapshot.state[st.ROLL])))
-                speed = max(speed, snapshot.speed)
+                fastest = max(fastest, snapshot.speed)
             if snapshot.fallen:
                 end = snapshot.fall
             elif finished > laps:
@@ -135,6 +133,6 @@ def ride_laps(
         end,
         error,
         lean,
-        speed,
+        fastest,
         sum(lap.off_track for lap in flying),
     )

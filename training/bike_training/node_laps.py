@@ -12,7 +12,7 @@ from tqdm import tqdm
 from bike_policy.pilots import CLASSICAL
 from bike_sim.isolation import DomainLease
 from bike_sim.physics.superbike_engine import TIME_STEP
-from bike_training.laps import LONGEST_LAP, START_SPEED
+from bike_training.laps import LONGEST_LAP
 from bike_training.node_process import NodeProcess
 from bike_training.ride_monitor import RideMonitor
 
@@ -42,7 +42,7 @@ def ride_through_nodes(vehicle: str, circuit: str, length: float, laps: int, rec
     """
     with DomainLease() as lease:
         domain = lease.domain_id
-        simulator = {"vehicle": vehicle, "course": circuit, "time_step": TIME_STEP, "speed": START_SPEED}
+        simulator = {"vehicle": vehicle, "course": circuit, "time_step": TIME_STEP}
         record = {"path": str(recording.resolve()), "overwrite": True, "notes": [f"circuit={circuit}"]}
         pilot = {"policy": CLASSICAL}
         if vehicle.endswith((".yaml", ".yml")):

@@ -54,7 +54,7 @@ class RiderSettings:
         roll_span: s.
     """
 
-    lateral: float = 0.95
+    lateral: float = 0.957
     drive: float = 1.0
     brake: float = 0.92
     exponent: float = 1.9

@@ -9,18 +9,19 @@ from typing import Any, Final
 
 from bike_sim.course.track_files import load_track
 from bike_sim.node_tools import ParameterSpec
+from bike_sim.physics.envelope import envelope
 from bike_sim.physics.superbike import Superbike
 from bike_sim.physics.vehicle import load_vehicle
 from bike_sim.reset import Preview, ResetRequest, begin
 from bike_sim.simulator import SimulatorConfig
+from bike_sim.track_ride import start_speed
 
 LOCKSTEP: Final = "lockstep"
 FREE: Final = "free"
 NEVER, FALL, END = "never", "fall", "end"
 
 BICYCLE_SPEED: Final = 4.0
-SUPERBIKE_SPEED: Final = 35.0
-"""Speeds at which episodes begin if nothing else is asked for, m/s."""
+"""Speed at which episodes of a bicycle begin if nothing else is asked for, m/s."""
 
 _CONFIG = SimulatorConfig()
 _PREVIEW = Preview()
@@ -44,7 +45,7 @@ SPECS: Final = (
     ParameterSpec(
         "speed",
         0.0,
-        "Forward speed at the start of an episode, m/s; 0 takes the kind's own: 4 for a bicycle, 35 for a superbike. "
+        "Forward speed at the start of an episode, m/s; 0 takes the kind's own: 4 for a bicycle, at most 35 for a superbike. "
         "From the next episode.",
     ),
     ParameterSpec(
@@ -118,8 +119,10 @@ class NodeSettings:
             control_period=values["control_period"] or vehicle.control_period,
             history=values["history"],
         )
-        on_circuit = isinstance(vehicle, Superbike)
-        speed = values["speed"] or (SUPERBIKE_SPEED if on_circuit else BICYCLE_SPEED)
+        speed = values["speed"] or BICYCLE_SPEED
+        if isinstance(vehicle, Superbike):
+            load_track(values["course"])
+            speed = values["speed"] or start_speed(values["course"], envelope(vehicle))
         episode = ResetRequest(
             seed=max(values["seed"], 0),
             course=values["course"],
@@ -129,9 +132,7 @@ class NodeSettings:
             line=values["line"],
             progress=values["progress"],
         )
-        if on_circuit:
-            load_track(episode.course)
-        else:
+        if not isinstance(vehicle, Superbike):
             begin(episode, vehicle)
         return cls(
             simulator=simulator,

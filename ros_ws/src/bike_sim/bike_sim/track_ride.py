@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -20,10 +21,11 @@ from bike_sim.course.placing import EXACT, REACH
 from bike_sim.course.projection import curvature_at, point_at
 from bike_sim.course.track import Track
 from bike_sim.fast_lines import track_with_line
+from bike_sim.lap_limit import lap_limit
 from bike_sim.physics import state as st
 from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics.engine import make_engine
-from bike_sim.physics.envelope import envelope
+from bike_sim.physics.envelope import Envelope, envelope
 from bike_sim.physics.superbike import Superbike
 from bike_sim.physics.superbike_engine import TIME_STEP, SuperbikeEngine
 from bike_sim.physics.superbike_statics import steady_lateral
@@ -41,6 +43,11 @@ PREVIEW: Final = Preview(by_time=True, interval=HORIZON / (track_look.STATIONS -
 
 OFF_TRACK_GRIP: Final = 0.6
 """Factor on friction outside the limits: between dusty asphalt and grass (estimate)."""
+
+START_SPEED: Final = 35.0
+"""Speed at which rides begin if nothing else is asked for, m/s."""
+START_SHARE: Final = 0.8
+"""The same as a part of what the theoretical lap has there."""
 
 WALL: Final = "wall"
 
@@ -106,6 +113,20 @@ def superbike_config(vehicle: str = "panigale_v4r", time_step: float = TIME_STEP
         ValueError: a vehicle file that is wrong. FileNotFoundError: an unknown vehicle.
     """
     return SimulatorConfig(vehicle=vehicle, time_step=time_step, control_period=load_vehicle(vehicle).control_period)
+
+
+def start_speed(circuit: str | Path, limits: Envelope) -> float:
+    """Return a speed at which a ride may begin on a circuit's start line: START_SPEED, or less if it lies in a bend.
+
+    Args:
+        circuit: name or file.
+        limits: the machine's.
+
+    Raises:
+        ValueError: a broken file. FileNotFoundError: no such circuit.
+    """
+    limit = lap_limit(limits, track_with_line(circuit, limits).line(1.0))
+    return min(START_SPEED, START_SHARE * float(limit.speed[0]))
 
 
 class TrackRide:

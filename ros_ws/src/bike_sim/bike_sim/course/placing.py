@@ -17,8 +17,9 @@ REACH = 4.0
 """The nearest point is searched this far both ways, m: over two control steps at top speed, less than to a road that
 runs beside."""
 
-EXACT = 1e-6
-"""Rounding of the projection, m: a start this close to where it was asked for is there."""
+EXACT = 0.05
+"""A start this close to where it was asked for is there, m: the way from the centre line to the followed line and back
+goes through tables."""
 
 
 def samples_of(
