@@ -10,8 +10,8 @@ import pytest
 from bike_analysis.lap_report import Theory, lap_figures, load_laps, render_lap_page
 from bike_sim.fast_lines import track_with_line
 from bike_sim.lap_limit import lap_limit
-from bike_sim.messages import course_points_to_message, snapshot_from_message, state_to_message
 from bike_sim.messages import Episode as MessageEpisode
+from bike_sim.messages import course_points_to_message, snapshot_from_message, state_to_message
 from bike_sim.physics.envelope import envelope
 from bike_sim.physics.superbike import Superbike
 from bike_sim.physics.vehicle import load_vehicle

@@ -45,8 +45,8 @@ SPECS: Final = (
     ParameterSpec(
         "speed",
         0.0,
-        "Forward speed at the start of an episode, m/s; 0 takes the kind's own: 4 for a bicycle, at most 35 for a superbike. "
-        "From the next episode.",
+        "Forward speed at the start of an episode, m/s; 0 takes the kind's own: 4 for a bicycle, at most 35 for a "
+        "superbike. From the next episode.",
     ),
     ParameterSpec(
         "line", 1.0, "Superbike: line that is followed, 0 the median of the circuit, 1 the ideal line. From the next."
