@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import csv
 import json
+import signal
 import subprocess
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from types import FrameType
 from typing import Any, Final
 
 import numpy as np
@@ -314,6 +318,7 @@ class _Callback(BaseCallback):
         self.clock = time.perf_counter()
         self.saved_at = 0
         self.consistent = True
+        self.stop_wanted = False
 
     def _on_training_start(self) -> None:
         self.clock = time.perf_counter()
@@ -343,6 +348,8 @@ class _Callback(BaseCallback):
             process.save()
         if self.report:
             self.report(process)
+        if self.stop_wanted:
+            raise KeyboardInterrupt
         if settings.until_finished and progress.curriculum.finished:
             raise StopLearning
         self.training_env.env_method("set_ranges", process._ranges(self.num_timesteps))
@@ -362,6 +369,26 @@ class _Callback(BaseCallback):
     def _on_training_end(self) -> None:
         self._tick()
         self.consistent = True
+
+
+@contextmanager
+def _stopping_between_steps(callback: _Callback) -> Iterator[None]:
+    """Let SIGINT and SIGTERM end a run where its checkpoint is whole; a second signal ends it at once."""
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        if callback.stop_wanted:
+            raise KeyboardInterrupt
+        callback.stop_wanted = True
+
+    if threading.current_thread() is not threading.main_thread():
+        yield  # only the main thread may listen to signals
+        return
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def source_commit() -> str:

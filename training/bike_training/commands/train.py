@@ -56,7 +56,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Learn and return what came of it."""
+    """Learn and return what came of it; not ok when interrupted."""
     settings = _stored_settings(args.out) if args.resume else _new_settings(args)
     process = LearningProcess(settings, args.out, args.steps, resume=args.resume)
     interrupted = False
@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     figures = process.summary() | {"interrupted": interrupted, "out": str(args.out)}
     if not args.json:
         _print(figures)
-    return {"schema": "bike.train/1", "ok": True, "figures": figures}
+    return {"schema": "bike.train/1", "ok": not interrupted, "figures": figures}
 
 
 def _new_settings(args: argparse.Namespace) -> RunSettings:
