@@ -175,9 +175,11 @@ class LearningProcess:
         if resume:
             stored = load_process_state(out)
             self.progress = stored["progress"]
-            self.env = stored["env"] or make_environment(settings, self.task, self._ranges(stored["step"]))
+            goes_on = settings.compiled and stored["env"] is not None
+            self.env = stored["env"] if goes_on else make_environment(settings, self.task, self._ranges(stored["step"]))
             self.model = load_model(out, self.env)
-            if stored["env"] is None:
+            self.model.gradient_steps = settings.preset.updates
+            if not goes_on:
                 self.model._last_obs = None  # a simulator's rides cannot be taken up again: they begin anew
         else:
             if (out / "validations.csv").exists():
@@ -188,6 +190,10 @@ class LearningProcess:
             with (out / "validations.csv").open("w", newline="", encoding="utf-8") as file:
                 csv.writer(file).writerow(VALIDATION_COLUMNS)
         self.model.set_logger(configure(log_dir, ["tensorboard", "csv"]))
+        stage = {"client": settings.client, "engine": settings.engine, "from_step": self.model.num_timesteps}
+        stages = self.progress.extra.setdefault("stages", [])
+        if not stages or (stages[-1]["client"], stages[-1]["engine"]) != (settings.client, settings.engine):
+            stages.append(stage)
 
     def _ranges(self, step: int) -> RideRanges:
         return self.progress.curriculum.ranges(step)
@@ -222,8 +228,7 @@ class LearningProcess:
         return {
             "preset": settings.preset.to_card(),
             "seed": settings.seed,
-            "client": settings.client,
-            "engine": settings.engine,
+            "stages": progress.extra["stages"],
             "commit": source_commit(),
             "steps": self.model.num_timesteps,
             "updates": self.model._n_updates,
