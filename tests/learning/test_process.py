@@ -1,5 +1,6 @@
 """A run that is stopped and resumed is the run that was not stopped."""
 
+import signal
 from dataclasses import replace
 
 import numpy as np
@@ -93,6 +94,38 @@ def test_a_folder_with_a_run_is_not_overwritten(tmp_path):
     LearningProcess(settings, tmp_path, 8)
     with pytest.raises(ValueError, match="already holds a run"):
         LearningProcess(settings, tmp_path, 8)
+
+
+@pytest.mark.parametrize("learner", ["sbx", "sb3"])
+def test_a_run_goes_on_with_another_simulator(learner, tmp_path):
+    """First on the compiled engine with many bicycles, then on PyBullet with two."""
+    settings = learner_settings(learner)
+    first = LearningProcess(settings, tmp_path, 800)
+    first.run()
+    preset = replace(settings.preset, environments=2, updates=1)
+    second = LearningProcess(replace(settings, preset=preset, engine="pybullet"), tmp_path, 840, resume=True)
+    assert second.model.replay_buffer.size() * 2 == first.model.replay_buffer.size() * 8
+    np.testing.assert_array_equal(weights(second), weights(first))
+    second.run()
+    assert second.model.num_timesteps == 840
+    assert second.model._n_updates == first.model._n_updates + 20
+    assert [stage["engine"] for stage in second.summary()["stages"]] == ["whipple", "pybullet"]
+    assert np.abs(weights(second) - weights(first)).max() > 0.0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_stops_with_a_whole_checkpoint(number, tmp_path):
+    process = LearningProcess(learner_settings("sb3"), tmp_path, 100_000)
+
+    def ask(p: LearningProcess) -> None:
+        if p.model.num_timesteps == 400:
+            signal.raise_signal(number)
+
+    with pytest.raises(KeyboardInterrupt):
+        process.run(ask)
+    resumed = LearningProcess(learner_settings("sb3"), tmp_path, 440, resume=True)
+    assert resumed.model.num_timesteps == 400
+    np.testing.assert_array_equal(weights(resumed), weights(process))
 
 
 def test_nothing_to_resume(tmp_path):

@@ -38,7 +38,15 @@ def add(prefix: Path, path: str, text: str = SHOW_ARGUMENTS, mode: int = 0o755) 
 def start(prefix: Path, *arguments: str) -> subprocess.Popen[str]:
     environment = os.environ | {"AMENT_PREFIX_PATH": str(prefix)}
     command = [sys.executable, str(STANDIN), *arguments]
-    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    # A test run in the background of a script ignores SIGINT, and what it starts would inherit that.
+    return subprocess.Popen(
+        command,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
 
 
 def ros2(prefix: Path, *arguments: str) -> tuple[int, str, str]:

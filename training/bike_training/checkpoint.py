@@ -109,7 +109,17 @@ def _save_replay(path: Path, buffer: ReplayBuffer | None) -> None:
 def _load_replay(path: Path, buffer: ReplayBuffer | None) -> None:
     assert buffer is not None
     with np.load(path) as stored:
+        if stored["rewards"].shape[1] == buffer.n_envs:
+            for name in _ARRAYS:
+                getattr(buffer, name)[: len(stored[name])] = stored[name]
+            buffer.pos = int(stored["pos"])
+            buffer.full = bool(stored["full"])
+            return
+        # Another number of bicycles: each transition stands for itself, so they may be dealt out anew.
+        rows = min(stored["rewards"].size // buffer.n_envs, buffer.buffer_size)
         for name in _ARRAYS:
-            getattr(buffer, name)[: len(stored[name])] = stored[name]
-        buffer.pos = int(stored["pos"])
-        buffer.full = bool(stored["full"])
+            target = getattr(buffer, name)
+            transitions = stored[name].reshape(-1, *target.shape[2:])[-rows * buffer.n_envs :]
+            target[:rows] = transitions.reshape(rows, buffer.n_envs, *target.shape[2:])
+        buffer.pos = rows % buffer.buffer_size
+        buffer.full = rows == buffer.buffer_size

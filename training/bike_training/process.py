@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import csv
 import json
+import signal
 import subprocess
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from types import FrameType
 from typing import Any, Final
 
 import numpy as np
@@ -171,9 +175,11 @@ class LearningProcess:
         if resume:
             stored = load_process_state(out)
             self.progress = stored["progress"]
-            self.env = stored["env"] or make_environment(settings, self.task, self._ranges(stored["step"]))
+            goes_on = settings.compiled and stored["env"] is not None
+            self.env = stored["env"] if goes_on else make_environment(settings, self.task, self._ranges(stored["step"]))
             self.model = load_model(out, self.env)
-            if stored["env"] is None:
+            self.model.gradient_steps = settings.preset.updates
+            if not goes_on:
                 self.model._last_obs = None  # a simulator's rides cannot be taken up again: they begin anew
         else:
             if (out / "validations.csv").exists():
@@ -184,6 +190,10 @@ class LearningProcess:
             with (out / "validations.csv").open("w", newline="", encoding="utf-8") as file:
                 csv.writer(file).writerow(VALIDATION_COLUMNS)
         self.model.set_logger(configure(log_dir, ["tensorboard", "csv"]))
+        stage = {"client": settings.client, "engine": settings.engine, "from_step": self.model.num_timesteps}
+        stages = self.progress.extra.setdefault("stages", [])
+        if not stages or (stages[-1]["client"], stages[-1]["engine"]) != (settings.client, settings.engine):
+            stages.append(stage)
 
     def _ranges(self, step: int) -> RideRanges:
         return self.progress.curriculum.ranges(step)
@@ -218,8 +228,7 @@ class LearningProcess:
         return {
             "preset": settings.preset.to_card(),
             "seed": settings.seed,
-            "client": settings.client,
-            "engine": settings.engine,
+            "stages": progress.extra["stages"],
             "commit": source_commit(),
             "steps": self.model.num_timesteps,
             "updates": self.model._n_updates,
@@ -314,6 +323,7 @@ class _Callback(BaseCallback):
         self.clock = time.perf_counter()
         self.saved_at = 0
         self.consistent = True
+        self.stop_wanted = False
 
     def _on_training_start(self) -> None:
         self.clock = time.perf_counter()
@@ -343,6 +353,8 @@ class _Callback(BaseCallback):
             process.save()
         if self.report:
             self.report(process)
+        if self.stop_wanted:
+            raise KeyboardInterrupt
         if settings.until_finished and progress.curriculum.finished:
             raise StopLearning
         self.training_env.env_method("set_ranges", process._ranges(self.num_timesteps))
@@ -362,6 +374,26 @@ class _Callback(BaseCallback):
     def _on_training_end(self) -> None:
         self._tick()
         self.consistent = True
+
+
+@contextmanager
+def _stopping_between_steps(callback: _Callback) -> Iterator[None]:
+    """Let SIGINT and SIGTERM end a run where its checkpoint is whole; a second signal ends it at once."""
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        if callback.stop_wanted:
+            raise KeyboardInterrupt
+        callback.stop_wanted = True
+
+    if threading.current_thread() is not threading.main_thread():
+        yield  # only the main thread may listen to signals
+        return
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def source_commit() -> str:

@@ -117,7 +117,7 @@ class RosClient:
         self._heard: deque[BikeState] = deque(maxlen=HEARD)
         self._course_message: CourseMessage | None = None
         self._node.create_subscription(CourseMessage, "course", self._on_course, node_tools.LATCHED_QOS)
-        states = self._node.create_subscription(BikeState, "state", self._on_state, node_tools.STREAM_QOS)
+        states = self._node.create_subscription(BikeState, "state", self._on_state, node_tools.SENDER_QOS)
         self._fast = _FastReceiver(states, context) if self._ros.wait_set else None
         self._last: Snapshot | None = None
         self._wait_until(self._connected, START_TIMEOUT, "did not appear")

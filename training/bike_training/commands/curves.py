@@ -27,7 +27,7 @@ class Curve:
         summary: contents of its run.json.
         steps: learning step of each validation.
         seconds: learning time until it, s.
-        part: part of the curriculum that it was ridden in; 5 after the last.
+        part: part of the curriculum after it; 5 once the last is passed.
         error: mean distance, m.
     """
 
@@ -97,7 +97,9 @@ def read_curve(folder: Path) -> Curve:
         return np.array([float(row[name]) for row in rows])
 
     summary = json.loads((folder / "run.json").read_text(encoding="utf-8"))
-    return Curve(folder.name, summary, column("step"), column("seconds"), column("part"), column("mean_error_m"))
+    ridden_in = column("part")
+    part = ridden_in + column("passed") * (ridden_in <= PARTS)
+    return Curve(folder.name, summary, column("step"), column("seconds"), part, column("mean_error_m"))
 
 
 def draw(curves: Sequence[Curve], path: Path) -> None:

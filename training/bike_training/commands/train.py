@@ -11,14 +11,17 @@ from typing import Any
 from tqdm import tqdm
 
 from bike_training.clients import CLIENT_KINDS
-from bike_training.presets import PRESETS, Preset
+from bike_training.presets import PRESETS
 from bike_training.process import LearningProcess, RunSettings
+
+SETTINGS_FILE = "settings.json"
 
 EXAMPLES = """examples:
   bike train whipple --out runs/a                        the default preset on the compiled engine
   bike train whipple --out runs/b --client ros           through ROS, with PyBullet behind it
   bike train whipple --out runs/c --preset paper         as published
   bike train whipple --out runs/a --resume --steps 2000000
+  bike train whipple --out runs/a --resume --steps 2050000 --client ros   the last steps through ROS
   bike train whipple --out runs/d --set layers=128,128 --set gamma=0.98
 """
 
@@ -33,7 +36,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--set", action="append", default=[], metavar="NAME=VALUE", help="change one setting of the preset"
     )
-    parser.add_argument("--client", choices=CLIENT_KINDS, default="local", help="where the simulator is")
+    parser.add_argument("--client", choices=CLIENT_KINDS, help="where the simulator is (default: local)")
     parser.add_argument(
         "--engine", choices=["whipple", "pybullet"], help="default: whipple locally, pybullet through ROS"
     )
@@ -56,8 +59,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Learn and return what came of it."""
-    settings = _stored_settings(args.out) if args.resume else _new_settings(args)
+    """Learn and return what came of it; not ok when interrupted."""
+    settings = _resumed_settings(args) if args.resume else _new_settings(args)
     process = LearningProcess(settings, args.out, args.steps, resume=args.resume)
     interrupted = False
     with tqdm(total=args.steps, initial=process.model.num_timesteps, unit="step", smoothing=0.05) as bar:
@@ -68,7 +71,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     figures = process.summary() | {"interrupted": interrupted, "out": str(args.out)}
     if not args.json:
         _print(figures)
-    return {"schema": "bike.train/1", "ok": True, "figures": figures}
+    return {"schema": "bike.train/1", "ok": not interrupted, "figures": figures}
 
 
 def _new_settings(args: argparse.Namespace) -> RunSettings:
@@ -76,34 +79,50 @@ def _new_settings(args: argparse.Namespace) -> RunSettings:
     settings = RunSettings(
         preset=PRESETS[args.preset].override(overrides),
         seed=args.seed,
-        client=args.client,
-        engine=args.engine or ("pybullet" if args.client == "ros" else "whipple"),
         time_step=args.time_step,
         checkpoint_every=args.checkpoint_every,
         record_every=args.record_every,
         until_finished=args.until_finished,
     )
-    if not settings.compiled:
-        settings = replace(settings, preset=_with_simulators(settings.preset, args.simulators))
+    settings = _with_simulator(settings, args)
     args.out.mkdir(parents=True, exist_ok=True)
-    if not (args.out / "settings.json").exists():
-        (args.out / "settings.json").write_text(json.dumps(settings.to_json(), indent=1), encoding="utf-8")
+    if not (args.out / SETTINGS_FILE).exists():
+        _store(settings, args.out)
     return settings
 
 
-def _with_simulators(preset: Preset, count: int) -> Preset:
-    """Return a preset for fewer bicycles at once that learns as much from each of their steps."""
-    if count < 1:
-        raise ValueError(f"--simulators must be at least 1, got {count}")
-    count = min(count, preset.environments)
-    return replace(preset, environments=count, updates=max(1, round(preset.updates * count / preset.environments)))
-
-
-def _stored_settings(out: Path) -> RunSettings:
-    path = out / "settings.json"
+def _resumed_settings(args: argparse.Namespace) -> RunSettings:
+    """Return the settings of a run that goes on, with another simulator if one is asked for."""
+    path = args.out / SETTINGS_FILE
     if not path.is_file():
-        raise FileNotFoundError(f"{out} holds no run to resume ({path.name} is missing)")
-    return RunSettings.from_json(json.loads(path.read_text(encoding="utf-8")))
+        raise FileNotFoundError(f"{args.out} holds no run to resume ({path.name} is missing)")
+    settings = RunSettings.from_json(json.loads(path.read_text(encoding="utf-8")))
+    if args.client or args.engine:
+        settings = _with_simulator(settings, args)
+        _store(settings, args.out)
+    return settings
+
+
+def _store(settings: RunSettings, out: Path) -> None:
+    (out / SETTINGS_FILE).write_text(json.dumps(settings.to_json(), indent=1), encoding="utf-8")
+
+
+def _with_simulator(settings: RunSettings, args: argparse.Namespace) -> RunSettings:
+    """Return settings with the simulator that the arguments ask for.
+
+    Fewer bicycles at once learn as much from each of their steps.
+    """
+    if args.simulators < 1:
+        raise ValueError(f"--simulators must be at least 1, got {args.simulators}")
+    client = args.client or "local"
+    engine = args.engine or ("pybullet" if client == "ros" else "whipple")
+    settings = replace(settings, client=client, engine=engine)
+    if settings.compiled:
+        return settings
+    preset = settings.preset
+    count = min(args.simulators, preset.environments)
+    updates = max(1, round(preset.updates * count / preset.environments))
+    return replace(settings, preset=replace(preset, environments=count, updates=updates))
 
 
 def _split(pair: str) -> tuple[str, str]:

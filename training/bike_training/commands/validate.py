@@ -14,14 +14,19 @@ from rich.table import Table
 
 from bike_sim.physics import linear, modes, validation
 from bike_sim.physics.engine import ENGINE_KINDS, Engine, make_engine
+from bike_sim.physics.superbike_engine import TIME_STEP
 from bike_sim.physics.vehicle import Vehicle, load_vehicle
+from bike_training.commands import validate_superbike
 
 SCHEMA = "bike.validate/1"
 
 _EXAMPLES = """examples:
   bike validate                                   the benchmark bicycle in PyBullet at 1 ms
   bike validate --time-step 0.005 --out out       at 5 ms, with modes.png and validate.json in out/
-  bike validate --engine whipple --json           the compiled bicycle, figures as JSON"""
+  bike validate --engine whipple --json           the compiled bicycle, figures as JSON
+  bike validate superbike --out out               five superbikes against statics and closed formulas"""
+
+SUPERBIKES = "superbike"
 
 _PLOT_SPEEDS = np.arange(0.5, 10.01, 0.5)
 
@@ -30,16 +35,25 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = _EXAMPLES
-    parser.add_argument("vehicle", nargs="?", default="whipple", help="shipped vehicle or YAML file (default: whipple)")
+    parser.add_argument(
+        "vehicle",
+        nargs="?",
+        default="whipple",
+        help=f"bicycle: shipped vehicle or YAML file (default: whipple); {SUPERBIKES}: all five machines",
+    )
     parser.add_argument("--engine", choices=ENGINE_KINDS, default="pybullet", help="default: pybullet")
     parser.add_argument(
-        "--time-step", type=float, default=0.001, metavar="S", help="integration step, s (default: 0.001)"
+        "--time-step", type=float, metavar="S", help="integration step, s (default: 0.001; superbike 0.002)"
     )
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder for modes.png and validate.json")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Measure, print a table unless `args.json`, and return the result."""
+    if args.vehicle == SUPERBIKES:
+        args.time_step = args.time_step or TIME_STEP
+        return validate_superbike.run(args)
+    args.time_step = args.time_step or 0.001
     vehicle = load_vehicle(args.vehicle)
     console = Console(quiet=args.json)
     with console.status("measuring") as status:

@@ -75,6 +75,7 @@ class Bundle:
         """Write the bundle into a folder, which is made if need be."""
         folder.mkdir(parents=True, exist_ok=True)
         save_file(self.actor.tensors(), folder / ACTOR_FILE)
+        (folder / ACTOR_FILE).chmod(0o644)  # safetensors makes it readable for its owner only
         card = {
             "format": FORMAT_VERSION,
             "name": self.name,

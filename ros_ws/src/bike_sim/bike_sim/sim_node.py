@@ -80,6 +80,7 @@ class SimNode(rclpy.node.Node):
         """
         super().__init__("sim_node", namespace=node_tools.NAMESPACE)
         self._settings = NodeSettings.from_parameters(node_tools.declare(self, SPECS))
+        _compile(self._settings)
         self._simulator = make_simulator(self._settings.simulator)
         self._period = round(self._settings.simulator.control_period * NANOSECONDS)
         self._gate = CommandGate(lockstep=self._settings.mode == LOCKSTEP)
@@ -352,6 +353,14 @@ class SimNode(rclpy.node.Node):
             f"{self._settings.episode.speed_range[0]:g} m/s, {config.engine} at {config.time_step * 1e3:g} ms, "
             f"a command every {config.control_period * 1e3:g} ms, {self._settings.mode}"
         )
+
+
+def _compile(settings: NodeSettings) -> None:
+    """Ride a step that nobody sees: the first on a machine compiles the physics, longer than a partner would wait."""
+    simulator = Simulator(settings.simulator)
+    simulator.reset(settings.episode)
+    simulator.step(0.0)
+    simulator.close()
 
 
 def main() -> NoReturn:
