@@ -357,7 +357,7 @@ class SimNode(rclpy.node.Node):
 
 def _compile(settings: NodeSettings) -> None:
     """Ride a step that nobody sees: the first on a machine compiles the physics, longer than a partner would wait."""
-    simulator = Simulator(settings.simulator)
+    simulator = make_simulator(settings.simulator)
     simulator.reset(settings.episode)
     simulator.step(0.0)
     simulator.close()
