@@ -199,16 +199,22 @@ class LearningProcess:
         return self.progress.curriculum.ranges(step)
 
     def run(self, report: Callable[[LearningProcess], None] | None = None) -> None:
-        """Learn; a checkpoint is written at the end, also when stopped by KeyboardInterrupt.
+        """Learn; a checkpoint is written at the end, also when stopped by SIGINT or SIGTERM.
 
         Args:
             report: called after each step of all bicycles, to show progress.
+
+        Raises:
+            KeyboardInterrupt: stopped by a signal, between two steps and with a checkpoint.
         """
         done = self.model.num_timesteps
         callback = _Callback(self, report)
         try:
             if done < self.steps:
-                self.model.learn(self.steps - done, callback=callback, log_interval=None, reset_num_timesteps=done == 0)
+                with _stopping_between_steps(callback):
+                    self.model.learn(
+                        self.steps - done, callback=callback, log_interval=None, reset_num_timesteps=done == 0
+                    )
         except StopLearning:
             pass
         finally:
