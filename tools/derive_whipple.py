@@ -313,7 +313,8 @@ def function(name: str, summary: str, arguments: Sequence[str], d: Derivation, r
         *(f"    {line}" for line in lines),
         f"    return {', '.join(str(result) for result in results)}",
     ]
-    head = f'@njit(cache=True, fastmath={{"contract", "reassoc", "arcp", "nsz"}})\ndef {name}(\n'
+    # Strict arithmetic: relaxed, the same step compiled in two processes may differ in the last bit.
+    head = f"@njit(cache=True)\ndef {name}(\n"
     head += "".join(f"    {argument}: float,\n" for argument in arguments)
     head += f"    constants: Constants,\n) -> tuple[{', '.join(['float'] * len(results))}]:\n"
     return head + "\n".join(body) + "\n"

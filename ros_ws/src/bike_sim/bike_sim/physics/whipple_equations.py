@@ -21,7 +21,7 @@ Constants = tuple[
 CONSTANT_NAMES = ("rR", "rF", "d1", "fx", "fz", "g", "m1", "x1", "z1", "I1xx", "I1xz", "I1yy", "I1zz", "JR", "m2", "x2", "z2", "I2xx", "I2xz", "I2yy", "I2zz", "JF")
 
 
-@njit(cache=True, fastmath={"contract", "reassoc", "arcp", "nsz"})
+@njit(cache=True)
 def motion(
     sr: float,
     cr: float,
@@ -333,7 +333,7 @@ def motion(
     return yaw_rate, rear_speed, pitch_rate, roll_acc, steer_acc, front_wheel_acc
 
 
-@njit(cache=True, fastmath={"contract", "reassoc", "arcp", "nsz"})
+@njit(cache=True)
 def energies(
     sr: float,
     cr: float,
