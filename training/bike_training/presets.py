@@ -120,7 +120,7 @@ FAST: Final = Preset(
 )
 """The default: many bicycles, small networks, mirrored replay, little noise and a reward that is sharp at the path.
 
-What each of them brings is measured in docs/training.md.
+Why each of them was chosen is in docs/training.md, what came of them in docs/results.md.
 """
 
 PRESETS: Final[dict[str, Preset]] = {
