@@ -22,6 +22,7 @@ from bike_sim.physics.envelope import envelope
 from bike_sim.physics.superbike import Superbike
 from bike_sim.physics.superbike_engine import TIME_STEP, SuperbikeEngine
 from bike_sim.physics.superbike_modes import SuperbikeModes, holding_throttle, measure_modes
+from bike_sim.physics.validation import Check
 from bike_sim.physics.vehicle import load_vehicle
 
 FloatArray = NDArray[np.float64]
@@ -40,28 +41,6 @@ CONVERGENCE_STEPS: Final = (0.004, 0.002, 0.001, 0.0005)
 _REFERENCE_STEP: Final = 0.000125
 _PERIOD: Final = 0.02  # s between two commands
 _G: Final = 9.81
-
-
-@dataclass(frozen=True, slots=True)
-class Check:
-    """One figure measured, and what it must be.
-
-    Attributes:
-        name: with its unit as suffix. title: for people. measured: the figure.
-        low: smallest value that passes. high: largest. reference: independent value, where there is one.
-    """
-
-    name: str
-    title: str
-    measured: float
-    low: float
-    high: float
-    reference: float | None = None
-
-    @property
-    def passed(self) -> bool:
-        """Whether the figure lies within its limits; nan does not."""
-        return bool(self.low <= self.measured <= self.high)
 
 
 @dataclass(frozen=True)
