@@ -3,7 +3,7 @@ from dataclasses import astuple
 import pytest
 
 from bike_sim.course.random_paths import CURRICULUM_PATHS
-from bike_training.curriculum import TRANSITION_STEPS, Curriculum
+from bike_training.curriculum import REFINEMENT, TRANSITION_STEPS, Curriculum
 
 GOOD = [0.05] * 10
 BAD = [0.05] * 9 + [0.06]  # eta_e is 0.2 / 3.5 = 0.0571
@@ -48,3 +48,16 @@ def test_the_last_part_finishes_the_curriculum_once():
     assert curriculum.finished_at == 60_000
     assert curriculum.ranges(90_000).paths == CURRICULUM_PATHS[3]
     assert not curriculum.in_transition(60_001)
+
+
+def test_refinement_grows_out_of_the_last_part_and_is_not_validated():
+    curriculum = Curriculum(refine=True)
+    for step in (1, 20_000, 40_000, 60_000):
+        curriculum.report(step, GOOD)
+    start, end = (curriculum.ranges(60_000 + n) for n in (0, TRANSITION_STEPS))
+    assert (start.speed, start.paths) == ((2.0, 7.0), CURRICULUM_PATHS[3])
+    assert end == REFINEMENT
+    assert curriculum.validation_ranges() == start
+    low, high = end.speed
+    assert low < 2.0 and high > 7.0
+    assert end.paths.quintic_length_min > 10.0  # the benchmark's hard lane change stays unseen

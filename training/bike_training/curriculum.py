@@ -38,6 +38,13 @@ class RideRanges:
     paths: PathRanges
 
 
+REFINEMENT: Final = RideRanges((1.8, 7.3), PathRanges(7.5, 14.0, 11.0, 22.0, 2.0, 8.0))
+"""Rides after the curriculum where a run asks for them: a margin around part 4, so that its edges lie inside.
+
+Not from the paper. The hard lane change of the benchmark path (10 m long) stays outside.
+"""
+
+
 @dataclass
 class Curriculum:
     """Where a learning process stands.
@@ -46,8 +53,10 @@ class Curriculum:
         part: 1 to 4; 5 once the curriculum is finished.
         entered_at: learning step at which the part began.
         finished_at: learning step at which the last part was passed, or None.
+        refine: whether the intervals grow into REFINEMENT afterwards; otherwise they stay those of part 4.
     """
 
+    refine: bool = False
     part: int = 1
     entered_at: int = 0
     finished_at: int | None = None
@@ -63,20 +72,17 @@ class Curriculum:
 
     def ranges(self, step: int) -> RideRanges:
         """Return the intervals at a learning step, growing linearly after a new part began."""
-        part = min(self.part, PARTS)
-        speed, paths = SPEED_RANGES[part - 1], CURRICULUM_PATHS[part - 1]
-        if part == 1 or self.finished:
-            return RideRanges(speed, paths)
+        stages = [RideRanges(*stage) for stage in zip(SPEED_RANGES, CURRICULUM_PATHS, strict=True)]
+        stages.append(REFINEMENT if self.refine else stages[-1])
+        if self.part == 1:
+            return stages[0]
         share = min((step - self.entered_at) / TRANSITION_STEPS, 1.0)
-        before_speed, before_paths = SPEED_RANGES[part - 2], CURRICULUM_PATHS[part - 2]
-        grown = PathRanges(
-            **{
-                spec.name: _between(getattr(before_paths, spec.name), getattr(paths, spec.name), share)
-                for spec in fields(PathRanges)
-            }
-        )
-        low, high = (_between(a, b, share) for a, b in zip(before_speed, speed, strict=True))
-        return RideRanges((low, high), grown)
+        return _ranges_between(stages[self.part - 2], stages[self.part - 1], share)
+
+    def validation_ranges(self) -> RideRanges:
+        """Return the intervals of validation rides: those of the present part, at most of the last."""
+        part = min(self.part, PARTS)
+        return RideRanges(SPEED_RANGES[part - 1], CURRICULUM_PATHS[part - 1])
 
     def report(self, step: int, errors: Sequence[float]) -> bool:
         """Take the errors e_i of a validation and return whether a part was passed.
@@ -90,6 +96,15 @@ class Curriculum:
         if self.part > PARTS:
             self.finished_at = step
         return True
+
+
+def _ranges_between(before: RideRanges, after: RideRanges, share: float) -> RideRanges:
+    paths = {
+        spec.name: _between(getattr(before.paths, spec.name), getattr(after.paths, spec.name), share)
+        for spec in fields(PathRanges)
+    }
+    low, high = (_between(a, b, share) for a, b in zip(before.speed, after.speed, strict=True))
+    return RideRanges((low, high), PathRanges(**paths))
 
 
 def _between(a: float, b: float, share: float) -> float:

@@ -36,6 +36,7 @@ class Preset:
         max_steer: steering set value of action 1, rad.
         reward: overrides the task's reward; empty keeps it.
         sharpness: width of the ``sharp`` reward's peak, m.
+        refine: ride beyond the intervals of the last part once the curriculum is finished.
     """
 
     name: str
@@ -59,6 +60,7 @@ class Preset:
     max_steer: float = math.radians(70.0)
     reward: str = ""
     sharpness: float = 0.2
+    refine: bool = False
 
     def make_task(self) -> Task:
         """Return the task that this preset learns."""
@@ -117,6 +119,7 @@ FAST: Final = Preset(
     mirror=True,
     averaging=0.999,
     reward="sharp",
+    refine=True,
 )
 """The default: many bicycles, small networks, mirrored replay, little noise and a reward that is sharp at the path.
 

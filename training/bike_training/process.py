@@ -16,6 +16,7 @@ from types import FrameType
 from typing import Any, Final
 
 import numpy as np
+from safetensors.numpy import save_file
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
@@ -169,7 +170,9 @@ class LearningProcess:
         self.vehicle = load_vehicle("whipple")
         self._simulator: Simulator | None = None
         self.progress = Progress(
-            Curriculum(), AveragedActor(settings.preset.averaging), np.random.default_rng(settings.seed + 1)
+            Curriculum(settings.preset.refine),
+            AveragedActor(settings.preset.averaging),
+            np.random.default_rng(settings.seed + 1),
         )
         log_dir = str(out / "tensorboard")
         if resume:
@@ -257,7 +260,7 @@ class LearningProcess:
         """Ride a validation, write it down, and move the curriculum on if it was fully successful."""
         progress, step = self.progress, self.model.num_timesteps
         actor = self.actor()
-        requests = draw_requests(self.task, self._ranges(step), progress.rng)
+        requests = draw_requests(self.task, progress.curriculum.validation_ranges(), progress.rng)
         errors = self._ride(actor, requests)
         part = progress.curriculum.part
         passed = progress.curriculum.report(step, errors)
@@ -287,10 +290,13 @@ class LearningProcess:
         self._record(actor, requests[0])
 
     def select(self) -> None:
-        """Compare the present actor with the best one so far on rides that are always the same."""
+        """Keep the present actor, and compare it with the best one so far on rides that are always the same."""
         progress, step = self.progress, self.model.num_timesteps
         progress.selected_at = step
         actor = self.actor()
+        actors = self.out / "actors"
+        actors.mkdir(exist_ok=True)
+        save_file(actor.tensors(), actors / f"{step:09d}.safetensors")
         error = selection_error(actor, self.task, self.vehicle, COMPILED_TIME_STEP)
         if error < progress.best_error_m:
             progress.best, progress.best_error_m, progress.best_step = actor, error, step

@@ -20,7 +20,7 @@ from bike_training.curriculum import SPEED_RANGES, VALIDATION_DURATION, VALIDATI
 from bike_training.task import DISTANCE_THRESHOLD, Task, failed, validation_error
 from bike_training.vec_env import distances
 
-SELECTION_RIDES_PER_SPEED: Final = 3
+SELECTION_RIDES_PER_SPEED: Final = 5
 SELECTION_SEED: Final = 2**32
 """Rides at each of 21 speeds that actors are compared on, and the seed of the first; training draws below 2**31."""
 
