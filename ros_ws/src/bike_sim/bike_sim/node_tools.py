@@ -33,7 +33,7 @@ NAMESPACE: Final = "bike"
 STREAM_QOS: Final = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 COMMAND_QOS: Final = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 EVENT_QOS: Final = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
-SENDER_QOS: Final = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
+SENDER_QOS: Final = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 """Of what is sent every control period. A sender keeps more than its listeners ask for, so that a recorder that is
 held up for a moment still gets each message."""
 LATCHED_QOS: Final = QoSProfile(
