@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Final
 
 import numpy as np
-from bike_msgs.msg import BikeCommand, BikeState, CoursePoints, LeanHistory, RideEvent
+from bike_msgs.msg import BikeCommand, BikeState, CoursePoints, EpisodeStart, LeanHistory, RideEvent, Telemetry
 from bike_msgs.msg import Course as CourseMessage
 from bike_msgs.srv import Reset
 from builtin_interfaces.msg import Time
@@ -26,9 +26,11 @@ from bike_sim.course.course import Course
 from bike_sim.course.random_paths import PathRanges
 from bike_sim.events import Event
 from bike_sim.physics import state as st
+from bike_sim.physics import superbike_forces as sf
+from bike_sim.physics.superbike import Superbike
 from bike_sim.physics.vehicle import Vehicle
 from bike_sim.reset import Preview, ResetRequest
-from bike_sim.simulator import Snapshot
+from bike_sim.simulator import SimulatorConfig, Snapshot
 from bike_sim.track_ride import TrackSnapshot
 
 FloatArray = NDArray[np.float64]
@@ -66,6 +68,40 @@ _SEEN_FIELDS: Final = (
     ("preview_spacing", ride.PREVIEW_SPACING),
 )
 """Fields of BikeState with their places in the vector of derived quantities."""
+
+_TELEMETRY_FIELDS: Final = (
+    ("acceleration_longitudinal", sf.T_ALONG),
+    ("acceleration_lateral", sf.T_LATERAL),
+    ("rear_slip_angle", sf.T_REAR_DRIFT),
+    ("rear_slip", sf.T_REAR_SLIP),
+    ("rear_camber", sf.T_REAR_CAMBER),
+    ("rear_load", sf.T_REAR_LOAD),
+    ("rear_force_longitudinal", sf.T_REAR_FX),
+    ("rear_force_lateral", sf.T_REAR_FY),
+    ("rear_slip_use", sf.T_REAR_USE),
+    ("front_slip_angle", sf.T_FRONT_DRIFT),
+    ("front_slip", sf.T_FRONT_SLIP),
+    ("front_camber", sf.T_FRONT_CAMBER),
+    ("front_load", sf.T_FRONT_LOAD),
+    ("front_force_longitudinal", sf.T_FRONT_FX),
+    ("front_force_lateral", sf.T_FRONT_FY),
+    ("front_slip_use", sf.T_FRONT_USE),
+    ("engine_power", sf.T_POWER),
+    ("drag_force", sf.T_DRAG),
+    ("rider_offset", sf.T_SLIDE),
+    ("lean_reference", sf.T_LEAN_REFERENCE),
+)
+"""Fields of Telemetry with their places in the telemetry of the forces."""
+
+_AID_FIELDS: Final = (
+    ("traction_control", sf.T_TRACTION_ACTIVE),
+    ("anti_wheelie", sf.T_WHEELIE_ACTIVE),
+    ("brake_control", sf.T_BRAKE_ACTIVE),
+    ("anti_stoppie", sf.T_STOPPIE_ACTIVE),
+)
+
+_OWN: Final = -1.0
+"""What line and progress of a reset say to keep the simulator's own."""
 
 _RANGE_FIELDS: Final = (
     "radius_min",
@@ -209,19 +245,7 @@ def command_from_message(message: BikeCommand) -> Command:
 def reset_to_message(request: ResetRequest) -> Reset.Request:
     """Return the service request that asks for an episode."""
     message = Reset.Request()
-    message.seed = int(request.seed)
-    message.course = request.course
-    message.speed_min, message.speed_max = map(float, request.speed_range)
-    message.perturb = bool(request.perturb)
-    if request.initial_state is not None:
-        message.initial_state = _floats(request.initial_state)
-    for name in _RANGE_FIELDS:
-        setattr(message, name, float(getattr(request.path_ranges, name)))
-    message.path_length = float(request.path_length or 0.0)
-    message.preview_count = int(request.preview.count)
-    message.preview_by_time = bool(request.preview.by_time)
-    message.preview_interval = float(request.preview.interval)
-    message.context = array("d", request.context)
+    _fill_request(message, request)
     return message
 
 
@@ -250,9 +274,46 @@ def reset_from_message(message: Reset.Request, own: ResetRequest) -> ResetReques
         path_length=message.path_length or own.path_length,
         preview=preview,
         context=tuple(message.context),
-        line=own.line,
-        progress=own.progress,
+        line=own.line if message.line == _OWN else message.line,
+        progress=own.progress if message.progress == _OWN else message.progress,
     )
+
+
+def episode_start_to_message(request: ResetRequest, config: SimulatorConfig, episode: int, stamp: int) -> EpisodeStart:
+    """Return the message of how an episode began.
+
+    Args:
+        request: the request that was met.
+        config: the simulator.
+        episode: number of the episode.
+        stamp: simulated time of the first state, ns.
+    """
+    message = EpisodeStart()
+    message.header.stamp = time_to_message(stamp)
+    message.episode = episode
+    for spec in fields(config):
+        setattr(message, spec.name, getattr(config, spec.name))
+    _fill_request(message, request)
+    return message
+
+
+def _fill_request(message: Reset.Request | EpisodeStart, request: ResetRequest) -> None:
+    """Set the fields that a reset and the start of an episode have in common."""
+    message.seed = int(request.seed)
+    message.course = request.course
+    message.speed_min, message.speed_max = map(float, request.speed_range)
+    message.perturb = bool(request.perturb)
+    if request.initial_state is not None:
+        message.initial_state = _floats(request.initial_state)
+    for name in _RANGE_FIELDS:
+        setattr(message, name, float(getattr(request.path_ranges, name)))
+    message.path_length = float(request.path_length or 0.0)
+    message.preview_count = int(request.preview.count)
+    message.preview_by_time = bool(request.preview.by_time)
+    message.preview_interval = float(request.preview.interval)
+    message.context = array("d", request.context)
+    message.line = float(request.line)
+    message.progress = float(request.progress)
 
 
 # ----------------------------------------------------------------------------------------------------------- course
@@ -370,6 +431,35 @@ def lean_history_to_message(snapshot: Snapshot, stamp: int, period: int) -> Lean
     message.steer = array("d", snapshot.steer_history)
     message.roll_delta = _floats(np.diff(snapshot.roll_history, prepend=snapshot.roll_history[:1]))
     message.steer_delta = _floats(np.diff(snapshot.steer_history, prepend=snapshot.steer_history[:1]))
+    return message
+
+
+# -------------------------------------------------------------------------------------------------------- telemetry
+
+
+def telemetry_to_message(snapshot: TrackSnapshot, vehicle: Superbike, stamp: int) -> Telemetry:
+    """Return what tyres, engine, brakes and electronics of a superbike do.
+
+    Args:
+        snapshot: what is seen.
+        vehicle: the machine; its radii turn torques into forces.
+        stamp: simulated time, ns.
+    """
+    message = Telemetry()
+    message.header.stamp = time_to_message(stamp)
+    message.header.frame_id = BASE_FRAME
+    message.episode = snapshot.episode
+    message.step = snapshot.step
+    measured = snapshot.telemetry.tolist()
+    for name, place in _TELEMETRY_FIELDS:
+        setattr(message, name, measured[place])
+    for name, place in _AID_FIELDS:
+        setattr(message, name, measured[place] != 0.0)
+    message.engine_force = measured[sf.T_DRIVE] / vehicle.rR
+    message.rear_brake_force = measured[sf.T_REAR_BRAKE] / vehicle.rR
+    message.front_brake_force = measured[sf.T_FRONT_BRAKE] / vehicle.rF
+    message.rear_contact_lost = measured[sf.T_REAR_LOAD] <= 0.0
+    message.front_contact_lost = measured[sf.T_FRONT_LOAD] <= 0.0
     return message
 
 

@@ -19,7 +19,7 @@ from typing import Any, Final, NoReturn
 
 import numpy as np
 import rclpy.node
-from bike_msgs.msg import BikeCommand, BikeState, CoursePoints, LeanHistory, RideEvent
+from bike_msgs.msg import BikeCommand, BikeState, CoursePoints, EpisodeStart, LeanHistory, RideEvent, Telemetry
 from bike_msgs.msg import Course as CourseMessage
 from bike_msgs.srv import Pause, Reset
 from nav_msgs.msg import Odometry
@@ -39,10 +39,12 @@ from bike_sim.messages import (
     command_from_message,
     course_points_to_message,
     course_to_message,
+    episode_start_to_message,
     event_to_message,
     lean_history_to_message,
     reset_from_message,
     state_to_message,
+    telemetry_to_message,
     time_to_message,
 )
 from bike_sim.node_settings import END, FALL, LOCKSTEP, SPECS, NodeSettings
@@ -118,6 +120,7 @@ class SimNode(rclpy.node.Node):
 
         self._state_topic = open_topic(BikeState, "state", stream)
         self._clock_topic = open_topic(Clock, "/clock", stream)
+        self._start_topic = open_topic(EpisodeStart, "episode", latched)
         self._course_topic = open_topic(CourseMessage, "course", latched)
         self._course_marker_topic = open_topic(Marker, "course_marker", latched)
         self._event_topic = open_topic(RideEvent, "events", node_tools.EVENT_QOS)
@@ -130,6 +133,9 @@ class SimNode(rclpy.node.Node):
 
         extra(CoursePoints, "course_points", lambda s: course_points_to_message(s, self._course, self._stamp))
         extra(LeanHistory, "lean_history", lambda s: lean_history_to_message(s, self._stamp, self._period))
+        if isinstance(self._simulator, TrackRide):
+            machine = self._simulator.vehicle
+            extra(Telemetry, "telemetry", lambda s: telemetry_to_message(s, machine, self._stamp))
         extra(Odometry, "odom", lambda s: standard_messages.odometry(s, self._stamp))
         extra(JointState, "joint_states", lambda s: standard_messages.joint_state(s, self._stamp))
         if self._settings.publish_markers:
@@ -191,6 +197,7 @@ class SimNode(rclpy.node.Node):
         self._hold: Command | None = None
         self._held_since = 0
         self._waiting = None
+        self._start_topic.publish(episode_start_to_message(request, config, snapshot.episode, self._begin_stamp))
         self._course_topic.publish(course_to_message(course, snapshot.episode, self._begin_stamp))
         if self._settings.publish_markers:
             self._course_marker_topic.publish(standard_messages.course_marker(course, self._begin_stamp))
