@@ -1,16 +1,16 @@
-// Follow view of a recorded ride. Axes as recorded: x forward, y left; roll positive leaning right.
-(() => {
-  const data = JSON.parse(document.getElementById("follow-data").textContent);
-  const canvas = document.getElementById("follow"), g = canvas.getContext("2d");
-  const W = canvas.width, H = canvas.height, N = data.x.length;
-  const play = document.getElementById("follow-play"), slider = document.getElementById("follow-time");
-  const rate = document.getElementById("follow-rate");
+// The ride seen from behind, drawn from the view's own columns. x forward, y left; roll positive leaning right.
+
+// Makes the function that draws the ride at a place (a row, or between two rows) on a canvas.
+function followDrawing(canvas, ride, { title, lapTime, edges, line, step }) {
+  const g = canvas.getContext("2d"), W = canvas.width, H = canvas.height, N = ride.x.length;
   const BACK = 5.6, UP = 2.2, FOCAL = 640, NEAR = 1.0, FAR = 420, HORIZON = H * 0.42;
-  const [lx, ly, rx, ry] = data.edges, E = lx.length;
+  const CAMERA_LAG = 0.04;                                             // s, between the headings that the camera follows
+  const lag = Math.max(1, Math.round(CAMERA_LAG * N / (ride.time[N - 1] - ride.time[0])));
+  const [lx, ly, rx, ry] = edges, E = lx.length;
 
   const mix = (a, b, u) => a + u * (b - a);
   function at(column, k) {
-    const i = Math.min(Math.floor(k), N - 2);
+    const i = Math.max(0, Math.min(Math.floor(k), N - 2));
     return mix(column[i], column[i + 1], k - i);
   }
 
@@ -19,11 +19,11 @@
     let yaw = 0, weight = 0;
     for (let j = 0; j < 12; j++) {
       const w = Math.exp(-j / 4);
-      yaw += w * at(data.yaw, Math.max(0, k - j)); weight += w;
+      yaw += w * at(ride.yaw, Math.max(0, k - j * lag)); weight += w;
     }
     yaw /= weight;
-    const x = at(data.x, k), y = at(data.y, k), c = Math.cos(yaw), s = Math.sin(yaw);
-    return { x: x - BACK * c, y: y - BACK * s, c, s, tilt: 0.22 * at(data.roll, k) };
+    const x = at(ride.x, k), y = at(ride.y, k), c = Math.cos(yaw), s = Math.sin(yaw);
+    return { x: x - BACK * c, y: y - BACK * s, c, s, tilt: 0.22 * at(ride.roll, k) };
   }
   function project(cam, x, y, z) {
     const dx = x - cam.x, dy = y - cam.y;
@@ -73,8 +73,8 @@
   });
 
   function road(cam, k) {
-    const s = Math.floor(at(data.progress, Math.floor(k)) / data.step);
-    const first = s - 4, last = s + Math.floor(FAR / data.step);
+    const s = Math.floor(at(ride.distance, Math.floor(k)) / step);
+    const first = s - 4, last = s + Math.floor(FAR / step);
     const kerb = q => bend[((q % E) + E) % E] > 0.04 ? (q % 2 ? "#d8412f" : "#f3f3f3") : "#6f8a4e";
     strip(cam, grassL[0], grassL[1], lx, ly, first, last, q => q % 4 < 2 ? "#5f7f45" : "#66884b");
     strip(cam, grassR[0], grassR[1], rx, ry, first, last, q => q % 4 < 2 ? "#5f7f45" : "#66884b");
@@ -83,11 +83,11 @@
     strip(cam, kerbR[0], kerbR[1], rx, ry, first, last, kerb);
     strip(cam, lx, ly, whiteL[0], whiteL[1], first, last, "#e8e8e8");
     strip(cam, rx, ry, whiteR[0], whiteR[1], first, last, "#e8e8e8");
-    if (!data.line.length) return;
+    if (!line.length) return;
     g.strokeStyle = "rgba(120,200,255,.55)"; g.lineWidth = 2; g.beginPath();
     let pen = false;
     for (let q = s + 1; q < last; q++) {
-      const i = ((q % E) + E) % E, p = project(cam, data.line[0][i], data.line[1][i], 0);
+      const i = ((q % E) + E) % E, p = project(cam, line[0][i], line[1][i], 0);
       if (!p) { pen = false; continue; }
       pen ? g.lineTo(p[0], p[1]) : g.moveTo(p[0], p[1]); pen = true;
     }
@@ -96,9 +96,9 @@
 
   // Machine and rider from behind, in metres: u to the right, v up, about the contact point.
   function machine(cam, k) {
-    const p = project(cam, at(data.x, k), at(data.y, k), 0);
+    const p = project(cam, at(ride.x, k), at(ride.y, k), 0);
     if (!p) return;
-    const m = FOCAL / p[2], roll = at(data.roll, k), hang = Math.max(-1, Math.min(1, roll / 0.87));
+    const m = FOCAL / p[2], roll = at(ride.roll, k), hang = Math.max(-1, Math.min(1, roll / 0.87));
     g.save();
     g.translate(p[0], p[1]);
     g.fillStyle = "rgba(0,0,0,.35)";
@@ -143,7 +143,7 @@
   function panel(x, y, w, h) { g.fillStyle = "rgba(12,15,20,.62)"; g.beginPath(); g.roundRect(x, y, w, h, 10); g.fill(); }
 
   function instruments(k) {
-    const speed = at(data.speed, k), roll = at(data.roll, k), throttle = at(data.throttle, k);
+    const speed = at(ride.speed, k), roll = at(ride.roll, k), throttle = at(ride.throttle, k);
     const H = 204;                                                        // below the title, out of the machine's way
     panel(16, H - 116, 400, 100);
     text(String(Math.round(3.6 * speed)), 130, H - 48, 52, "#fff", "right", 700); text("km/h", 138, H - 48, 16, "#b8c2cf");
@@ -160,10 +160,10 @@
       text(name, x + 10, H - 24, 13, "#b8c2cf", "center");
     }
     panel(16, 16, 400, 64);
-    text(data.title, 30, 42, 16, "#dfe6ee");
-    const t = data.t0 + k * data.dt, minutes = Math.floor(t / 60);
+    text(title, 30, 42, 16, "#dfe6ee");
+    const t = at(ride.time, k), minutes = Math.floor(t / 60);
     text(`${minutes}:${(t - 60 * minutes).toFixed(2).padStart(5, "0")}`, 30, 68, 20, "#fff", "left", 700);
-    if (data.lap) text(`lap ${Math.floor(data.lap / 60)}:${(data.lap % 60).toFixed(3).padStart(6, "0")}`, 400, 68, 15, "#b8c2cf", "right");
+    if (lapTime) text(`lap ${lapTime}`, 400, 68, 15, "#b8c2cf", "right");
   }
 
   const box = { x0: Math.min(...lx, ...rx), x1: Math.max(...lx, ...rx), y0: Math.min(...ly, ...ry), y1: Math.max(...ly, ...ry) };
@@ -174,7 +174,7 @@
     g.strokeStyle = "#cfd6de"; g.lineWidth = 2.5; g.beginPath();
     for (let i = 0; i <= E; i++) { const j = i % E, x = mapX((lx[j] + rx[j]) / 2), y = mapY((ly[j] + ry[j]) / 2); i ? g.lineTo(x, y) : g.moveTo(x, y); }
     g.stroke();
-    g.fillStyle = "#ff5a48"; g.beginPath(); g.arc(mapX(at(data.x, k)), mapY(at(data.y, k)), 5, 0, 7); g.fill();
+    g.fillStyle = "#ff5a48"; g.beginPath(); g.arc(mapX(at(ride.x, k)), mapY(at(ride.y, k)), 5, 0, 7); g.fill();
   }
 
   function draw(k) {
@@ -201,20 +201,15 @@
     g.restore();
     instruments(k); map(k);
   }
+  return draw;
+}
 
-  let k = 0, running = true, last = null;
-  const asked = new URLSearchParams(location.search).get("t");         // ?t=12.5 shows one instant and stands still
-  if (asked !== null) { k = Math.min(Math.max(parseFloat(asked) / data.dt, 0), N - 1.001); running = false; play.textContent = "play"; }
-  function tick(now) {
-    if (running && last !== null) k += (now - last) / 1000 * parseFloat(rate.value) / data.dt;
-    if (k >= N - 1) k = 0;
-    last = now;
-    slider.value = k / (N - 1);
-    draw(k);
-    requestAnimationFrame(tick);
+class FollowPart {
+  constructor(view, figure, spec) {
+    this.view = view;
+    this.figure = figure;
+    this.drawing = followDrawing(figure.querySelector("canvas"), view.main.columns, spec);
   }
-  play.onclick = () => { running = !running; play.textContent = running ? "pause" : "play"; };
-  slider.oninput = () => { k = Math.min(parseFloat(slider.value) * (N - 1), N - 1.001); };
-  draw(k);
-  requestAnimationFrame(tick);
-})();
+  draw() { this.drawing(this.view.place); }
+  point() { if (this.view.moved) this.draw(); }
+}

@@ -86,8 +86,13 @@ class States(Table):
         yaw: rad, not wrapped.
         roll: rad, positive leaning right.
         steer: rad, positive to the left.
+        rear_wheel_angle: rad, not wrapped, positive rolling forward.
+        front_wheel_angle: The same for the front wheel, rad.
         roll_rate: rad/s.
         steer_rate: rad/s.
+        front_wheel_rate: rad/s.
+        pitch: Of the rear frame, rad, positive nose down.
+        yaw_rate: rad/s, positive to the left.
         speed: Forward speed of the rear contact point, m/s.
         front_x: Front contact point in map, m.
         front_y: Front contact point in map, m.
@@ -98,7 +103,8 @@ class States(Table):
         course_length: Length of the course, m.
         course_closed: Whether the course ends where it begins.
         lateral_error: Signed distance of the rear contact to the course, m, positive left of it.
-        front_lateral_error: The same for the front contact, m.
+        front_progress: Arc length of the point of the course nearest to the front contact, m.
+        front_lateral_error: Signed distance of the front contact to the course, m.
         heading_error: rad, positive left.
         curvature: Of the course at progress, 1/m, positive turning left.
         fallen: Whether the vehicle lies.
@@ -113,8 +119,13 @@ class States(Table):
     yaw: Floats
     roll: Floats
     steer: Floats
+    rear_wheel_angle: Floats
+    front_wheel_angle: Floats
     roll_rate: Floats
     steer_rate: Floats
+    front_wheel_rate: Floats
+    pitch: Floats
+    yaw_rate: Floats
     speed: Floats
     front_x: Floats
     front_y: Floats
@@ -125,6 +136,7 @@ class States(Table):
     course_length: Floats
     course_closed: Flags
     lateral_error: Floats
+    front_progress: Floats
     front_lateral_error: Floats
     heading_error: Floats
     curvature: Floats
