@@ -1,9 +1,11 @@
 from dataclasses import astuple
 
+import numpy as np
 import pytest
 
 from bike_sim.course.random_paths import CURRICULUM_PATHS
-from bike_training.curriculum import REFINEMENT, TRANSITION_STEPS, Curriculum
+from bike_sim.reset import Preview
+from bike_training.curriculum import FAST_AND_SHARP, REFINEMENT, TRANSITION_STEPS, Curriculum
 
 GOOD = [0.05] * 10
 BAD = [0.05] * 9 + [0.06]  # eta_e is 0.2 / 3.5 = 0.0571
@@ -58,6 +60,22 @@ def test_refinement_grows_out_of_the_last_part_and_is_not_validated():
     assert (start.speed, start.paths) == ((2.0, 7.0), CURRICULUM_PATHS[3])
     assert end == REFINEMENT
     assert curriculum.validation_ranges() == start
-    low, high = end.speed
-    assert low < 2.0 and high > 7.0
-    assert end.paths.quintic_length_min > 10.0  # the benchmark's hard lane change stays unseen
+    assert end.speed[0] < 2.0
+    assert end.speed[1] > 7.0
+
+
+def test_refinement_draws_both_kinds_of_rides_and_never_the_hard_lane_change():
+    rng = np.random.default_rng(0)
+    requests = [REFINEMENT.draw(rng, Preview()) for _ in range(400)]
+    fast = [request for request in requests if request.speed_range == FAST_AND_SHARP.speed]
+    assert 150 < len(fast) < 250
+    assert all(request.path_ranges.quintic_length_min > 10.0 for request in requests)
+    assert len({request.seed for request in requests}) == len(requests)
+
+
+def test_ranges_without_others_draw_no_choice():
+    """So that runs without refinement stay the runs that they were."""
+    ranges = Curriculum().ranges(0)
+    request = ranges.draw(np.random.default_rng(3), Preview())
+    assert request.seed == np.random.default_rng(3).integers(2**31)
+    assert (request.speed_range, request.path_ranges) == (ranges.speed, ranges.paths)

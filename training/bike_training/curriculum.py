@@ -9,7 +9,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Final
 
+import numpy as np
+
 from bike_sim.course.random_paths import CURRICULUM_PATHS, PathRanges
+from bike_sim.reset import Preview, ResetRequest
 from bike_training.task import DISTANCE_THRESHOLD, VALIDATION_THRESHOLD
 
 SPEED_RANGES: Final = ((4.0, 4.0), (2.0, 7.0), (2.0, 7.0), (2.0, 7.0))
@@ -32,16 +35,38 @@ class RideRanges:
     Attributes:
         speed: forward speed, m/s.
         paths: elements of the random path.
+        also: other intervals that a ride is drawn from just as often.
     """
 
     speed: tuple[float, float]
     paths: PathRanges
+    also: tuple[RideRanges, ...] = ()
+
+    def draw(self, rng: np.random.Generator, preview: Preview, path_length: float | None = None) -> ResetRequest:
+        """Draw a perturbed ride.
+
+        Args:
+            rng: draws.
+            preview: what is seen of the path.
+            path_length: least length of the path, m; None for two episodes.
+        """
+        chosen = (self, *self.also)[rng.integers(1 + len(self.also))] if self.also else self
+        return ResetRequest(
+            seed=int(rng.integers(2**31)),
+            speed_range=chosen.speed,
+            path_ranges=chosen.paths,
+            path_length=path_length,
+            perturb=True,
+            preview=preview,
+        )
 
 
-REFINEMENT: Final = RideRanges((1.8, 7.3), PathRanges(7.5, 14.0, 11.0, 22.0, 2.0, 8.0))
-"""Rides after the curriculum where a run asks for them: a margin around part 4, so that its edges lie inside.
+FAST_AND_SHARP: Final = RideRanges((5.5, 7.3), PathRanges(7.5, 14.0, 11.0, 14.0, 3.0, 7.0))
+REFINEMENT: Final = RideRanges((1.8, 7.3), PathRanges(7.5, 14.0, 11.0, 22.0, 2.0, 8.0), (FAST_AND_SHARP,))
+"""Rides after the curriculum where a run asks for them. Not from the paper.
 
-Not from the paper. The hard lane change of the benchmark path (10 m long) stays outside.
+Half of them lie in a margin around part 4, so that its edges lie inside. The other half are what part 4 seldom has,
+sharp transfers at high speed. The hard lane change of the benchmark path (10 m long) stays outside of both.
 """
 
 
@@ -76,7 +101,9 @@ class Curriculum:
         stages.append(REFINEMENT if self.refine else stages[-1])
         if self.part == 1:
             return stages[0]
-        share = min((step - self.entered_at) / TRANSITION_STEPS, 1.0)
+        share = (step - self.entered_at) / TRANSITION_STEPS
+        if share >= 1.0:
+            return stages[self.part - 1]
         return _ranges_between(stages[self.part - 2], stages[self.part - 1], share)
 
     def validation_ranges(self) -> RideRanges:

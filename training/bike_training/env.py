@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from bike_sim import ride
 from bike_sim.physics.state import ROLL
 from bike_sim.physics.vehicle import load_vehicle
-from bike_sim.reset import ResetRequest
 from bike_sim.simulator import SimulatorConfig, Snapshot
 from bike_training.clients import Client, make_client
 from bike_training.curriculum import Curriculum, RideRanges
@@ -76,7 +75,7 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._goes_on = False
         self._steps = 0
         if not goes_on:
-            request = (options or {}).get("request") or self._draw()
+            request = (options or {}).get("request") or self.ranges.draw(self.np_random, self.task.preview)
             request = replace(request, preview=self.task.preview)
             self.snapshot = self.client.reset(request)
             self._full_episodes = 0
@@ -101,15 +100,6 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def close(self) -> None:
         """Release the simulator."""
         self.client.close()
-
-    def _draw(self) -> ResetRequest:
-        return ResetRequest(
-            seed=int(self.np_random.integers(2**31)),
-            speed_range=self.ranges.speed,
-            path_ranges=self.ranges.paths,
-            perturb=True,
-            preview=self.task.preview,
-        )
 
     def _observe(self, snapshot: Snapshot) -> NDArray[np.float32]:
         return self.task.layout.observe(snapshot.state, snapshot.preview_y)

@@ -27,17 +27,8 @@ SELECTION_SEED: Final = 2**32
 
 def draw_requests(task: Task, ranges: RideRanges, rng: np.random.Generator) -> list[ResetRequest]:
     """Draw the requests of one validation."""
-    return [
-        ResetRequest(
-            seed=int(rng.integers(2**31)),
-            speed_range=ranges.speed,
-            path_ranges=ranges.paths,
-            path_length=1.2 * VALIDATION_DURATION * ranges.speed[1],
-            perturb=True,
-            preview=task.preview,
-        )
-        for _ in range(VALIDATION_RIDES)
-    ]
+    length = 1.2 * VALIDATION_DURATION * ranges.speed[1]
+    return [ranges.draw(rng, task.preview, length) for _ in range(VALIDATION_RIDES)]
 
 
 def selection_requests(task: Task) -> list[ResetRequest]:

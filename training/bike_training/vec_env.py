@@ -13,7 +13,6 @@ from stable_baselines3.common.vec_env import VecEnv
 from bike_sim import ride
 from bike_sim.physics.state import ROLL
 from bike_sim.physics.vehicle import load_vehicle
-from bike_sim.reset import ResetRequest
 from bike_training.batch import RideBatch
 from bike_training.curriculum import RideRanges
 from bike_training.task import Task, failed
@@ -72,14 +71,7 @@ class CompiledVecEnv(VecEnv):
         return self._observe()
 
     def _begin(self, index: int) -> None:
-        request = ResetRequest(
-            seed=int(self.rng.integers(2**31)),
-            speed_range=self.ranges.speed,
-            path_ranges=self.ranges.paths,
-            perturb=True,
-            preview=self.task.preview,
-        )
-        self.batch.reset(index, request)
+        self.batch.reset(index, self.ranges.draw(self.rng, self.task.preview))
         self.steps[index] = 0
         self.full_episodes[index] = 0
         self.returns[index] = 0.0
