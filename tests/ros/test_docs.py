@@ -16,8 +16,8 @@ from bike_sim.node_tools import ParameterSpec
 PAGE = (Path(__file__).parents[2] / "docs" / "ros.md").read_text()
 NODES = ("sim_node", "drive", "record")
 EVERY_NODE_HAS = ("/rosout", "/parameter_events")
-ONLY_WITH_TF2 = "/tf"
-"""Published where tf2_msgs is installed, which the wheels do not bring."""
+ONLY_WITH = {"/tf", "/bike/telemetry"}
+"""Published where tf2_msgs is installed, which the wheels do not bring, and with a superbike."""
 
 
 def table(heading: str) -> list[list[str]]:
@@ -85,7 +85,7 @@ def check_topics(ears: Any) -> None:
         if node != "record":  # which hears everything
             heard |= {topic for topic, _ in ears.get_subscriber_names_and_types_by_node(node, "/bike")}
     documented = {row[0].strip("`"): row for row in table("## Topics")}
-    assert set(documented) - {ONLY_WITH_TF2} == set(published) - {ONLY_WITH_TF2}
+    assert set(documented) - ONLY_WITH == set(published) - ONLY_WITH
     assert heard - set(EVERY_NODE_HAS) <= set(documented)
     for topic, (kind, nodes) in published.items():
         _, documented_kind, qos, documented_nodes, _ = documented[topic]

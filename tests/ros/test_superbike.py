@@ -2,17 +2,31 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 import pytest
+from bike_msgs.msg import Telemetry
+from bike_msgs.srv import Reset
 
 from bike_analysis.lap_report import Theory, lap_figures, load_laps, render_lap_page
+from bike_sim import ride
 from bike_sim.fast_lines import track_with_line
 from bike_sim.lap_limit import lap_limit
 from bike_sim.messages import Episode as MessageEpisode
-from bike_sim.messages import course_points_to_message, snapshot_from_message, state_to_message
+from bike_sim.messages import (
+    course_points_to_message,
+    snapshot_from_message,
+    state_to_message,
+    telemetry_to_message,
+)
+from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics.envelope import envelope
+from bike_sim.physics.state import upright_state
 from bike_sim.physics.superbike import Superbike
 from bike_sim.physics.vehicle import load_vehicle
 from bike_sim.reset import ResetRequest
@@ -47,6 +61,92 @@ def test_messages_carry_what_the_rider_sees(circuit: Path) -> None:
     assert [len(points.line), len(points.left), len(points.right)] == [20, 20, 20]
     assert [(p.x, p.y, p.z) for p in points.right] == [tuple(row) for row in snapshot.points[2]]
     machine.close()
+
+
+def straight_on(vehicle: str, circuit: Path, throttles: list[float]) -> Iterator[tuple[TrackRide, Telemetry, str]]:
+    """Ride upright on the open plane; yield ride, telemetry and fall after each control period."""
+    ride = TrackRide(superbike_config(vehicle))
+    seen = ride.reset(ResetRequest(course=str(circuit), speed_range=(20.0, 20.0)))
+    ride.engine.reset(upright_state(25.0, ride.vehicle.rF))
+    for throttle in throttles:
+        ride.engine.advance_commands(0.0, throttle, ride.config.substeps)
+        seen = replace(seen, telemetry=ride.engine.telemetry())
+        yield ride, telemetry_to_message(seen, ride.vehicle, 10**9), ride.engine.fall_name
+    ride.close()
+
+
+def test_telemetry_balances_what_moves_the_machine(circuit: Path) -> None:
+    throttles = [0.3] * 40 + [1.0] * 60 + [-1.0] * 60
+    aids: list[set[str]] = [set(), set()]
+    for throttle, (machine, message, fall) in zip(throttles, straight_on("m1000rr", circuit, throttles), strict=True):
+        assert fall == "none"
+        along = message.rear_force_longitudinal + message.front_force_longitudinal - message.drag_force
+        assert message.acceleration_longitudinal * machine.vehicle.mass == pytest.approx(along, abs=1.0)
+        assert message.front_contact_lost == (message.front_load == 0.0)
+        at_tyre = message.engine_power * machine.vehicle.motor.efficiency
+        # The tread is faster than the machine by the slip.
+        speed = machine.engine.telemetry()[sf.T_SPEED] * (1.0 + message.rear_slip)
+        assert at_tyre == pytest.approx(message.engine_force * speed, rel=0.03, abs=1.0)
+        for name in ("traction_control", "anti_wheelie", "brake_control", "anti_stoppie"):
+            if getattr(message, name):
+                aids[throttle < 0.0].add(name)
+    # The brakes take a while after the throttle, whose aid may then still hold something back.
+    assert "anti_wheelie" in aids[0]
+    assert "anti_stoppie" in aids[1]
+    assert not aids[0] & {"brake_control", "anti_stoppie"}
+
+
+def test_aids_that_are_off_are_never_active(circuit: Path, tmp_path: Path) -> None:
+    text = (files("bike_sim") / "config/vehicles/r1.yaml").read_text()
+    for aid in ("traction_control", "wheelie_control", "brake_control", "stoppie_control"):
+        text, count = re.subn(rf"{aid}: 1\.0", f"{aid}: 0.0", text)
+        assert count == 1, aid
+    path = tmp_path / "bare.yaml"
+    path.write_text(text)
+    seen = list(straight_on(str(path), circuit, [1.0] * 100))
+    for _, message, _ in seen:
+        assert not any((message.traction_control, message.anti_wheelie, message.brake_control, message.anti_stoppie))
+    assert any(message.front_contact_lost for _, message, _ in seen)
+    assert seen[-1][2] == "wheelie"
+
+
+def test_reset_chooses_line_and_place_alike_in_process_and_through_ros(circuit: Path, stage) -> None:
+    name = str(circuit)
+    stage.simulator(vehicle="panigale_v4r", course=name, time_step=0.002, speed=20.0)
+    ears = stage.ears()
+    told = ears.listen(Telemetry, "telemetry")
+    local = TrackRide(superbike_config())
+    for line, progress in ((0.0, 150.0), (1.0, 0.0), (0.4, 333.3)):
+        request = ResetRequest(course=name, speed_range=(20.0, 20.0), line=line, progress=progress)
+        ours, response = local.reset(request), ears.reset(request)
+        assert response.success, response.message
+        theirs = snapshot_from_message(response.state)
+        np.testing.assert_array_equal(theirs.state, ours.state)
+        np.testing.assert_array_equal(theirs.seen, ours.seen)
+        ears.until(lambda number=response.state.episode: ears.states[-1].episode == number)
+        state = ears.states[-1]
+        for _ in range(5):
+            state, ours = ears.answer(state, 0.1), local.step(0.1)
+        np.testing.assert_array_equal(snapshot_from_message(state).state, ours.state)
+        number = response.state.episode
+        ears.until(lambda number=number: (told[-1].episode, told[-1].step) == (number, 5))
+        expected = telemetry_to_message(ours, local.vehicle, 0)
+        expected.header, expected.episode = told[-1].header, number
+        assert told[-1] == expected
+    assert ours.seen[ride.PROGRESS] > 300.0
+    # What is left open is the node's own: the ideal line from the start.
+    response = ears.reset(Reset.Request(seed=0, course=name))
+    assert response.success, response.message
+    first = local.reset(ResetRequest(course=name, speed_range=(20.0, 20.0)))
+    np.testing.assert_array_equal(snapshot_from_message(response.state).state, first.state)
+    refused = {"line": (1.5, -0.5, float("nan")), "progress": (5000.0, -3.0, float("inf"))}
+    for field, values in refused.items():
+        for value in values:
+            response = ears.reset(Reset.Request(seed=0, course=name, **{field: value}))
+            assert not response.success
+            assert response.message.startswith(field)
+            assert str(value) in response.message
+    local.close()
 
 
 def test_laps_through_the_nodes_are_recorded_and_timed_alike(circuit: Path, tmp_path: Path) -> None:

@@ -18,7 +18,15 @@ from bike_sim.physics import state as st
 from bike_sim.reset import ResetRequest
 from bike_sim.simulator import Simulator, SimulatorConfig
 from bike_sim.track_events import TrackWatch
-from bike_sim.track_ride import HORIZON, OFF_TRACK_GRIP, TrackRide, TrackSnapshot, make_simulator, superbike_config
+from bike_sim.track_ride import (
+    HORIZON,
+    OFF_TRACK_GRIP,
+    TrackRide,
+    TrackSnapshot,
+    make_simulator,
+    start_speed,
+    superbike_config,
+)
 
 
 @pytest.fixture(scope="module")
@@ -155,3 +163,39 @@ def test_vehicle_decides_what_rides_it() -> None:
     superbike.close()
     with pytest.raises(ValueError, match="no superbike"):
         TrackRide(SimulatorConfig())
+
+
+def test_places_that_cannot_be_are_refused_with_their_value(machine: TrackRide, circuit: Path) -> None:
+    first = machine.reset(request(circuit))
+    track = machine.track
+    assert track is not None
+    with pytest.raises(ValueError, match=f"progress {track.length!r} m lies beyond circuit 'kidney'"):
+        machine.reset(request(circuit, progress=track.length))
+    for field, value in (
+        ("progress", -0.1),
+        ("progress", math.inf),
+        ("line", -0.5),
+        ("line", 1.01),
+        ("line", math.nan),
+    ):
+        with pytest.raises(ValueError, match=f"{field} must be .*{value!r}"):
+            request(circuit, **{field: value})
+    assert machine.step(0.0).episode == first.episode  # the episode before goes on
+
+
+def test_bicycles_have_no_line_to_choose() -> None:
+    bicycle = Simulator(SimulatorConfig(engine="whipple"))
+    for changes in ({"line": 0.5}, {"progress": 20.0}):
+        with pytest.raises(ValueError, match="are for superbikes"):
+            bicycle.reset(ResetRequest(course="line", **changes))
+    bicycle.close()
+
+
+def test_start_speed_is_for_the_place_and_the_line(machine: TrackRide, circuit: Path) -> None:
+    places = np.linspace(0.0, 1200.0, 13)
+    speeds = {lam: [start_speed(circuit, machine.envelope, lam, float(s)) for s in places] for lam in (0.0, 1.0)}
+    assert max(speeds[1.0]) > min(speeds[1.0]) + 1.0
+    assert speeds[0.0] != speeds[1.0]
+    for s, speed in zip(places, speeds[1.0], strict=True):
+        snapshot = machine.reset(request(circuit, progress=float(s), speed_range=(speed, speed)))
+        assert snapshot.speed == pytest.approx(speed, rel=0.08)  # of the frame, which leans inwards

@@ -39,70 +39,6 @@ MAP_FRAME: Final = "map"
 BASE_FRAME: Final = "base_link"
 NANOSECONDS: Final = 1_000_000_000
 
-_STATE_FIELDS: Final = (
-    "x",
-    "y",
-    "yaw",
-    "roll",
-    "steer",
-    "rear_wheel_angle",
-    "front_wheel_angle",
-    "roll_rate",
-    "steer_rate",
-    "front_wheel_rate",
-)
-"""Fields of BikeState in the order of the minimal state."""
-
-_SEEN_FIELDS: Final = (
-    ("pitch", ride.PITCH),
-    ("yaw_rate", ride.YAW_RATE),
-    ("speed", ride.SPEED),
-    ("front_x", ride.FRONT_X),
-    ("front_y", ride.FRONT_Y),
-    ("progress", ride.PROGRESS),
-    ("lateral_error", ride.LATERAL_ERROR),
-    ("heading_error", ride.HEADING_ERROR),
-    ("curvature", ride.CURVATURE),
-    ("front_progress", ride.FRONT_PROGRESS),
-    ("front_lateral_error", ride.FRONT_LATERAL_ERROR),
-    ("preview_spacing", ride.PREVIEW_SPACING),
-)
-"""Fields of BikeState with their places in the vector of derived quantities."""
-
-_TELEMETRY_FIELDS: Final = (
-    ("acceleration_longitudinal", sf.T_ALONG),
-    ("acceleration_lateral", sf.T_LATERAL),
-    ("rear_slip_angle", sf.T_REAR_DRIFT),
-    ("rear_slip", sf.T_REAR_SLIP),
-    ("rear_camber", sf.T_REAR_CAMBER),
-    ("rear_load", sf.T_REAR_LOAD),
-    ("rear_force_longitudinal", sf.T_REAR_FX),
-    ("rear_force_lateral", sf.T_REAR_FY),
-    ("rear_slip_use", sf.T_REAR_USE),
-    ("front_slip_angle", sf.T_FRONT_DRIFT),
-    ("front_slip", sf.T_FRONT_SLIP),
-    ("front_camber", sf.T_FRONT_CAMBER),
-    ("front_load", sf.T_FRONT_LOAD),
-    ("front_force_longitudinal", sf.T_FRONT_FX),
-    ("front_force_lateral", sf.T_FRONT_FY),
-    ("front_slip_use", sf.T_FRONT_USE),
-    ("engine_power", sf.T_POWER),
-    ("drag_force", sf.T_DRAG),
-    ("rider_offset", sf.T_SLIDE),
-    ("lean_reference", sf.T_LEAN_REFERENCE),
-)
-"""Fields of Telemetry with their places in the telemetry of the forces."""
-
-_AID_FIELDS: Final = (
-    ("traction_control", sf.T_TRACTION_ACTIVE),
-    ("anti_wheelie", sf.T_WHEELIE_ACTIVE),
-    ("brake_control", sf.T_BRAKE_ACTIVE),
-    ("anti_stoppie", sf.T_STOPPIE_ACTIVE),
-)
-
-_OWN: Final = -1.0
-"""What line and progress of a reset say to keep the simulator's own."""
-
 _RANGE_FIELDS: Final = (
     "radius_min",
     "radius_max",
@@ -163,11 +99,10 @@ def state_to_message(snapshot: Snapshot, episode: Episode, stamp: int) -> BikeSt
     message.control_period = episode.control_period
     message.vehicle = episode.vehicle.name
     message.steering_limit = episode.vehicle.max_steer
-    for name, value in zip(_STATE_FIELDS, snapshot.state.tolist(), strict=True):
+    for name, value in zip(st.FIELDS, snapshot.state.tolist(), strict=True):
         setattr(message, name, value)
-    seen = snapshot.seen.tolist()
-    for name, place in _SEEN_FIELDS:
-        setattr(message, name, seen[place])
+    for name, value in zip(ride.FIELDS, snapshot.seen.tolist(), strict=True):
+        setattr(message, name, value)
     message.steering_command = float(snapshot.steering)
     message.throttle_command = float(snapshot.throttle)
     message.steer_torque = float(snapshot.steer_torque)
@@ -187,15 +122,12 @@ def state_to_message(snapshot: Snapshot, episode: Episode, stamp: int) -> BikeSt
 
 def snapshot_from_message(message: BikeState) -> Snapshot:
     """Return the snapshot that a message was made of, bit for bit."""
-    seen = np.empty(ride.LOOK_SIZE)
-    for name, place in _SEEN_FIELDS:
-        seen[place] = getattr(message, name)
     return Snapshot(
         episode=message.episode,
         step=message.step,
         time=message.step * message.control_period,
         state=minimal_state(message),
-        seen=seen,
+        seen=np.array([getattr(message, name) for name in ride.FIELDS]),
         steering=message.steering_command,
         throttle=message.throttle_command,
         steer_torque=message.steer_torque,
@@ -211,7 +143,7 @@ def snapshot_from_message(message: BikeState) -> Snapshot:
 
 def minimal_state(message: BikeState) -> st.StateVector:
     """Return the ten minimal coordinates of a state message."""
-    return np.array([getattr(message, name) for name in _STATE_FIELDS])
+    return np.array([getattr(message, name) for name in st.FIELDS])
 
 
 # ---------------------------------------------------------------------------------------------------------- command

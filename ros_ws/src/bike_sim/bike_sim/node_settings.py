@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
-from bike_sim.course.track_files import load_track
 from bike_sim.node_tools import ParameterSpec
 from bike_sim.physics.envelope import envelope
 from bike_sim.physics.superbike import Superbike
@@ -51,7 +50,9 @@ SPECS: Final = (
     ParameterSpec(
         "line", 1.0, "Superbike: line that is followed, 0 the median of the circuit, 1 the ideal line. From the next."
     ),
-    ParameterSpec("progress", 0.0, "Superbike: where an episode begins, m along the centre line. From the next."),
+    ParameterSpec(
+        "progress", 0.0, "Superbike: where it begins, m along the centre line, below its length. From the next episode."
+    ),
     ParameterSpec(
         "perturb", False, "Whether episodes start off the course, leaning and turning a little. From the next."
     ),
@@ -120,9 +121,6 @@ class NodeSettings:
             history=values["history"],
         )
         speed = values["speed"] or BICYCLE_SPEED
-        if isinstance(vehicle, Superbike):
-            load_track(values["course"])
-            speed = values["speed"] or start_speed(values["course"], envelope(vehicle))
         episode = ResetRequest(
             seed=max(values["seed"], 0),
             course=values["course"],
@@ -132,7 +130,10 @@ class NodeSettings:
             line=values["line"],
             progress=values["progress"],
         )
-        if not isinstance(vehicle, Superbike):
+        if isinstance(vehicle, Superbike):
+            own = start_speed(episode.course, envelope(vehicle), episode.line, episode.progress)
+            episode = episode if values["speed"] else replace(episode, speed_range=(own, own))
+        else:
             begin(episode, vehicle)
         return cls(
             simulator=simulator,

@@ -20,6 +20,9 @@ from bike_sim.physics.vehicle import Vehicle
 RANDOM_COURSE = "random"
 """Name that asks for a random path instead of a file."""
 
+MEDIAN, IDEAL = 0.0, 1.0
+"""Lines of a circuit that a superbike may follow; a number between them is that part of the way."""
+
 EPISODE_DURATION = 60.0
 """Longest episode of the training task, s (Weyrer et al. 2026, Sect. 4)."""
 
@@ -70,7 +73,7 @@ class ResetRequest:
         preview: preview settings.
         context: curriculum context, kept for the record only.
         line: superbikes: which line is followed, 0 the median of the circuit, 1 the ideal line.
-        progress: superbikes: where the ride begins, m along the centre line.
+        progress: superbikes: where the ride begins, m along the centre line, below its length.
     """
 
     seed: int = 0
@@ -82,7 +85,7 @@ class ResetRequest:
     path_length: float | None = None
     preview: Preview = field(default_factory=Preview)
     context: tuple[float, ...] = ()
-    line: float = 1.0
+    line: float = IDEAL
     progress: float = 0.0
 
     def __post_init__(self) -> None:
@@ -102,8 +105,8 @@ class ResetRequest:
                 raise ValueError(f"initial state must be {st.STATE_SIZE} finite numbers, got {self.initial_state!r}")
         if not 0.0 <= self.line <= 1.0:
             raise ValueError(f"line must be 0 (median) to 1 (ideal line), got {self.line!r}")
-        if not math.isfinite(self.progress):
-            raise ValueError(f"progress must be finite, got {self.progress!r} m")
+        if not (math.isfinite(self.progress) and self.progress >= 0.0):
+            raise ValueError(f"progress must be finite and not negative, got {self.progress!r} m")
         if self.path_length is not None and not (math.isfinite(self.path_length) and self.path_length > 0.0):
             raise ValueError(f"path length must be positive and finite, got {self.path_length!r} m")
 
@@ -119,6 +122,11 @@ def begin(request: ResetRequest, vehicle: Vehicle, cached: Course | None = None)
     Raises:
         ValueError: a course that cannot be read. FileNotFoundError: a course that does not exist.
     """
+    if request.line != IDEAL or request.progress != 0.0:
+        raise ValueError(
+            f"line {request.line!r} and progress {request.progress!r} m are for superbikes on circuits; vehicle "
+            f"'{vehicle.name}' begins at the start of its course"
+        )
     rng = np.random.default_rng(request.seed)
     speed = rng.uniform(*request.speed_range)
     state = st.upright_state(speed, vehicle.rF)

@@ -134,8 +134,7 @@ class SimNode(rclpy.node.Node):
         extra(CoursePoints, "course_points", lambda s: course_points_to_message(s, self._course, self._stamp))
         extra(LeanHistory, "lean_history", lambda s: lean_history_to_message(s, self._stamp, self._period))
         if isinstance(self._simulator, TrackRide):
-            machine = self._simulator.vehicle
-            extra(Telemetry, "telemetry", lambda s: telemetry_to_message(s, machine, self._stamp))
+            extra(Telemetry, "telemetry", self._telemetry)
         extra(Odometry, "odom", lambda s: standard_messages.odometry(s, self._stamp))
         extra(JointState, "joint_states", lambda s: standard_messages.joint_state(s, self._stamp))
         if self._settings.publish_markers:
@@ -143,6 +142,11 @@ class SimNode(rclpy.node.Node):
             extra(MarkerArray, "markers", lambda s: standard_messages.vehicle_markers(s, vehicle, self._stamp))
         if TFMessage is not None:
             extra(TFMessage, "/tf", lambda s: TFMessage(transforms=[standard_messages.base_transform(s, self._stamp)]))
+
+    def _telemetry(self, snapshot: Snapshot) -> Telemetry:
+        assert isinstance(self._simulator, TrackRide)
+        assert isinstance(snapshot, TrackSnapshot)
+        return telemetry_to_message(snapshot, self._simulator.vehicle, self._stamp)
 
     @property
     def _course(self) -> Course:

@@ -30,7 +30,7 @@ from bike_sim.physics.superbike import Superbike
 from bike_sim.physics.superbike_engine import TIME_STEP, SuperbikeEngine
 from bike_sim.physics.superbike_statics import steady_lateral
 from bike_sim.physics.vehicle import load_vehicle
-from bike_sim.reset import Preview, ResetRequest
+from bike_sim.reset import IDEAL, Preview, ResetRequest
 from bike_sim.simulator import Simulator, SimulatorConfig, Snapshot
 
 FloatArray = NDArray[np.float64]
@@ -115,18 +115,47 @@ def superbike_config(vehicle: str = "panigale_v4r", time_step: float = TIME_STEP
     return SimulatorConfig(vehicle=vehicle, time_step=time_step, control_period=load_vehicle(vehicle).control_period)
 
 
-def start_speed(circuit: str | Path, limits: Envelope) -> float:
-    """Return a speed at which a ride may begin on a circuit's start line: START_SPEED, or less if it lies in a bend.
+def start_speed(circuit: str | Path, limits: Envelope, lam: float = IDEAL, progress: float = 0.0) -> float:
+    """Return a speed at which a ride may begin at a place of a circuit: START_SPEED, or less in a bend.
 
     Args:
         circuit: name or file.
         limits: the machine's.
+        lam: line that is followed, 0 the median of the circuit, 1 the ideal line.
+        progress: along the centre line, m.
 
     Raises:
-        ValueError: a broken file. FileNotFoundError: no such circuit.
+        ValueError: a broken file, or a place beyond the circuit. FileNotFoundError: no such circuit.
     """
-    limit = lap_limit(limits, track_with_line(circuit, limits).line(1.0))
-    return min(START_SPEED, START_SHARE * float(limit.speed[0]))
+    track = track_with_line(circuit, limits)
+    line = track.line(lam)
+    limit = lap_limit(limits, line)
+    at = start_place(track, line, along_centre(track, line), progress)
+    return min(START_SPEED, START_SHARE * float(limit.speed_at(at)))
+
+
+def along_centre(track: Track, line: Course) -> FloatArray:
+    """Return the progress along the centre line at the samples of a line of the circuit, never decreasing, m."""
+    centre = track.centre
+    along = track_look.centre_progress(centre.x, centre.y, centre.heading, centre.spacing, line.x, line.y)
+    return np.maximum.accumulate(along)
+
+
+def start_place(track: Track, line: Course, along: FloatArray, progress: float) -> float:
+    """Return where on a line a ride begins that is to begin at a progress along the centre line, m.
+
+    Args:
+        track: the circuit.
+        line: one of its lines.
+        along: from :func:`along_centre`.
+        progress: m.
+
+    Raises:
+        ValueError: the progress lies beyond the circuit.
+    """
+    if progress >= track.length:
+        raise ValueError(f"progress {progress!r} m lies beyond circuit {track.name!r} of {track.length:.1f} m")
+    return float(np.interp(progress, along, line.s))
 
 
 class TrackRide:
@@ -170,8 +199,8 @@ class TrackRide:
         """
         track = self._track(request.course)
         line, to_centre = self._follow(track, request.line)
-        progress = request.progress % track.length
-        s = float(np.interp(progress, to_centre, line.s))
+        progress = request.progress
+        s = start_place(track, line, to_centre, progress)
         state = self._first_state(request, line, s)
         self.engine.reset(state)
         self.track, self.course, self.request = track, line, request
@@ -230,9 +259,8 @@ class TrackRide:
     def _follow(self, track: Track, lam: float) -> tuple[Course, FloatArray]:
         """Return a line of the circuit and the progress along the centre line at its samples."""
         if self._line is None or self._line[:2] != (track, lam):
-            line, centre = track.line(lam), track.centre
-            along = track_look.centre_progress(centre.x, centre.y, centre.heading, centre.spacing, line.x, line.y)
-            self._line = (track, lam, line, np.maximum.accumulate(along))
+            line = track.line(lam)
+            self._line = (track, lam, line, along_centre(track, line))
         return self._line[2:]
 
     def _first_state(self, request: ResetRequest, line: Course, s: float) -> st.StateVector:

@@ -57,14 +57,17 @@ TELEMETRY_NAMES: Final = (
     "rear_use", "front_use", "steer_torque_nm", "lean_reference_rad", "rider_slide_m",
     "drive_torque_nm", "engine_power_w", "front_brake_nm", "rear_brake_nm",
     "traction_cut", "wheelie_cut", "front_brake_cut", "rear_brake_cut", "drag_n", "fall",
+    "traction_active", "wheelie_active", "brake_active", "stoppie_active",
 )  # fmt: skip
 """What is measured at every step: forces on the machine along the wheel's heading and to its left; `*_use` is the
-normalised slip (1 is linear saturation, the peak lies at `tyres.peak_slip`); cuts are 1 for none, 0 for all."""
+normalised slip (1 is linear saturation, the peak lies at `tyres.peak_slip`); cuts are 1 for none, 0 for all; an aid is
+active (1, else 0) where it allows less than the command asks for, by its limit ahead or its cut after the fact."""
 (
     T_SPEED, T_PITCH, T_ALONG, T_LATERAL, T_YAW_RATE, T_REAR_LOAD, T_FRONT_LOAD, T_REAR_SLIP, T_FRONT_SLIP,
     T_REAR_DRIFT, T_FRONT_DRIFT, T_REAR_CAMBER, T_FRONT_CAMBER, T_REAR_FX, T_REAR_FY, T_FRONT_FX, T_FRONT_FY,
     T_REAR_USE, T_FRONT_USE, T_STEER_TORQUE, T_LEAN_REFERENCE, T_SLIDE, T_DRIVE, T_POWER, T_FRONT_BRAKE, T_REAR_BRAKE,
     T_TRACTION_CUT, T_WHEELIE_CUT, T_FRONT_CUT, T_REAR_CUT, T_DRAG, T_FALL,
+    T_TRACTION_ACTIVE, T_WHEELIE_ACTIVE, T_BRAKE_ACTIVE, T_STOPPIE_ACTIVE,
 ) = range(len(TELEMETRY_NAMES))  # fmt: skip
 
 # --- constants of the machine (Superbike.machine) ---------------------------------------------------------------------
@@ -88,6 +91,7 @@ _FEELING_LAG: Final = 0.2  # s until the rider feels a change of the front wheel
 _ARM_STIFFNESS: Final = 300.0  # N m/rad of arms that hold the bars straight while the front wheel is in the air
 _ARM_DAMPING: Final = 20.0  # N m s/rad
 _THROW_RATE: Final = 1.0  # rad/s of roll at which the electronics keep the front wheel as loaded as lying flat
+_ASKS: Final = 0.01  # part of full throttle or full brake below which an aid has nothing to hold back
 _LIGHT: Final = 0.5  # part of the standing machine's front load below which the wheel feels light
 _LIGHTEST_HAND: Final = 0.25  # part of the gains left when the front wheel is in the air
 _LEAST_SPEED: Final = 0.5  # m/s below which slips are no longer told as ratios
@@ -289,7 +293,18 @@ def _ride(
 def force_limits(
     roll: float, roll_rate: float, squared_speed: float, m: FloatArray, tyre: FloatArray
 ) -> tuple[float, float]:
-    """Return what the electronics allow at this lean and roll rate: drive and front brake force, N.
+    """Return what the electronics together allow: drive and front brake force, N; see :func:`aid_limits`."""
+    traction, wheelie, braking, stoppie = aid_limits(roll, roll_rate, squared_speed, m, tyre)
+    return min(wheelie, traction), min(stoppie, braking)
+
+
+@njit(cache=True)
+def aid_limits(
+    roll: float, roll_rate: float, squared_speed: float, m: FloatArray, tyre: FloatArray
+) -> tuple[float, float, float, float]:
+    """Return what each of the electronics allows at this lean and roll rate, N.
+
+    These are the drive by traction and by wheelie control, and the front brake by brake and by stoppie control.
 
     Statics of the machine as a mass on two wheels, with its centre of mass lowered by the lean, drag and downforce;
     the turn takes its part of the friction ellipse, and `traction_share` of the rest is free. Without a control its
@@ -303,26 +318,26 @@ def force_limits(
     # With thrust T the machine accelerates by (T - drag) / mass, and the front load is front - T height / w
     front = (weight * m[_COM_X] + down * m[_AIR_X] - drag * (air_height - height)) / m[_W]
     rear = weight + down - front
-    drive, brake = math.inf, math.inf
+    traction, wheelie, braking, stoppie = math.inf, math.inf, math.inf, math.inf
     if m[_WC] > 0.0:
         # a front wheel must also steer, most of all when the machine is thrown over
         keep = m[_WC_KEEP] + m[_WC_LEAN] * min(1.0, sin_lean + abs(roll_rate) / _THROW_RATE)
-        drive = max(0.0, (front - keep) * m[_W] / height)
+        wheelie = max(0.0, (front - keep) * m[_W] / height)
     if m[_SC] > 0.0:
-        brake = max(0.0, (rear - m[_SC_KEEP]) * m[_W] / height)
+        stoppie = max(0.0, (rear - m[_SC_KEEP]) * m[_W] / height)
     turn = sin_lean / cos_lean
     if m[_TC] > 0.0:
         mu = tyres.friction(roll, tyre[0])
         left = m[_TC_SHARE] * mu * tyre[0, tyres.FRICTION_RATIO] * math.sqrt(max(0.0, 1.0 - (turn / mu) ** 2))
         # the thrust itself loads the rear wheel; no more than all of the weight
         transfer = left * height / m[_W]
-        drive = min(drive, left * rear / (1.0 - transfer) if transfer < 1.0 else math.inf)
+        traction = left * rear / (1.0 - transfer) if transfer < 1.0 else math.inf
     if m[_BC] > 0.0:
         mu = tyres.friction(roll, tyre[1])
         left = m[_BC_SHARE] * mu * tyre[1, tyres.FRICTION_RATIO] * math.sqrt(max(0.0, 1.0 - (turn / mu) ** 2))
         transfer = left * height / m[_W]
-        brake = min(brake, left * front / (1.0 - transfer) if transfer < 1.0 else math.inf)
-    return drive, brake
+        braking = left * front / (1.0 - transfer) if transfer < 1.0 else math.inf
+    return traction, wheelie, braking, stoppie
 
 
 @njit(cache=True)
@@ -346,8 +361,8 @@ def _drive_and_brake(
     memory[M_DRIVE] += (max(throttle, 0.0) - memory[M_DRIVE]) * -math.expm1(-dt / m[_DRIVE_LAG])
     memory[M_BRAKE] += (max(-throttle, 0.0) - memory[M_BRAKE]) * -math.expm1(-dt / m[_BRAKE_LAG])
     drive, brake = memory[M_DRIVE], memory[M_BRAKE]
-    drive_limit, front_force_limit = force_limits(roll, roll_rate, squared_speed, m, tyre)
-    traction_cut = wheelie_cut = front_cut = rear_cut = 1.0
+    traction, wheelie, braking, stoppie = aid_limits(roll, roll_rate, squared_speed, m, tyre)
+    traction_cut = wheelie_cut = front_cut = rear_cut = stoppie_cut = 1.0
     if m[_TC] > 0.0 and memory[M_REAR_SLIP] > 0.0:
         traction_cut = 1.0 - _between(rear_use, m[_TC_ON], m[_TC_OFF])
     if m[_WC] > 0.0:
@@ -356,12 +371,13 @@ def _drive_and_brake(
         front_cut = 1.0 - _between(front_use, m[_BC_ON], m[_BC_OFF])
         rear_cut = 1.0 - _between(rear_use, m[_BC_ON], m[_BC_OFF])
     if m[_SC] > 0.0:
-        front_cut *= _between(rfz, m[_SC_OFF], m[_SC_ON])
+        stoppie_cut = _between(rfz, m[_SC_OFF], m[_SC_ON])
 
     available = drive * _lookup(wheel_torque, rear_spin / geometry[_TORQUE_SPACING])
-    drive_torque = traction_cut * wheelie_cut * min(available, drive_limit * rear_radius)
+    drive_torque = traction_cut * wheelie_cut * min(available, min(wheelie, traction) * rear_radius)
     rear_brake = (1.0 - m[_FRONT_SHARE]) * brake * rear_cut * m[_BRAKE_FORCE] * m[_RR]
-    front_brake = front_cut * min(m[_FRONT_SHARE] * brake * m[_BRAKE_FORCE], front_force_limit) * m[_RF]
+    asked = m[_FRONT_SHARE] * brake * m[_BRAKE_FORCE]
+    front_brake = front_cut * stoppie_cut * min(asked, min(stoppie, braking)) * m[_RF]
     # closed throttle drags like a brake; so does rolling resistance
     rear_hold = rear_brake + (1.0 - drive) * m[_ENGINE_BRAKE] * m[_RR] + tyre[0, tyres.ROLLING] * rfz * rear_radius
     front_hold = front_brake + tyre[1, tyres.ROLLING] * ffz * front_radius
@@ -371,7 +387,12 @@ def _drive_and_brake(
     telemetry[T_DRIVE], telemetry[T_POWER] = drive_torque, drive_torque * rear_spin / m[_EFFICIENCY]
     telemetry[T_FRONT_BRAKE], telemetry[T_REAR_BRAKE] = front_brake, rear_brake
     telemetry[T_TRACTION_CUT], telemetry[T_WHEELIE_CUT] = traction_cut, wheelie_cut
-    telemetry[T_FRONT_CUT], telemetry[T_REAR_CUT] = front_cut, rear_cut
+    telemetry[T_FRONT_CUT], telemetry[T_REAR_CUT] = front_cut * stoppie_cut, rear_cut
+    drives, brakes = drive > _ASKS, brake > _ASKS
+    telemetry[T_TRACTION_ACTIVE] = drives and (traction_cut < 1.0 or available > traction * rear_radius)
+    telemetry[T_WHEELIE_ACTIVE] = drives and (wheelie_cut < 1.0 or available > wheelie * rear_radius)
+    telemetry[T_BRAKE_ACTIVE] = brakes and (min(front_cut, rear_cut) < 1.0 or asked > braking)
+    telemetry[T_STOPPIE_ACTIVE] = brakes and (stoppie_cut < 1.0 or asked > stoppie)
     return rear_torque, front_torque
 
 
