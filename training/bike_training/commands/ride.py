@@ -73,7 +73,9 @@ def _ride(args: argparse.Namespace, domain: int, recording: Path, length: float,
         "mode": "free" if args.real_time else "lockstep",
         "auto_reset": "never",
     }
-    record = {"path": str(recording.resolve()), "overwrite": True}
+    # By its full path, so that the note serves from anywhere; shipped policies by name.
+    policy = str(Path(args.policy).resolve()) if Path(args.policy).is_dir() else args.policy
+    record = {"path": str(recording.resolve()), "overwrite": True, "notes": [f"policy={policy}"]}
     with (
         NodeProcess("bike_sim.record", record, domain) as recorder,
         NodeProcess("bike_sim.sim_node", simulator, domain) as sim,

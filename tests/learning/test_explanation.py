@@ -1,0 +1,234 @@
+"""SHAP values of a policy on a recorded ride: sums, symmetry, and a statement that follows the signs."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bike_policy.action import ActionScale
+from bike_policy.actor import Actor
+from bike_policy.bundle import Bundle, load_bundle
+from bike_policy.observation import LEAN_LAYOUT, PROP_LAYOUT
+from bike_training.cli import main
+from bike_training.explanation import explain, set_values
+from bike_training.explanation_drawing import labels
+from bike_training.explanation_findings import correlation, state_findings
+
+SMALL = {"permutations": 4, "background": 20, "silent": True}
+COURSE = """format: bike.course/1
+name: short slalom
+description: A run-up and two bends.
+closed: false
+off_course_limit_m: 3.5
+elements:
+  - {line: 8.0, section: run-up}
+  - {arc: {radius_m: 10.0, angle_deg: -45.0}, section: slalom}
+  - {arc: {radius_m: 10.0, angle_deg: 90.0}, section: slalom}
+  - {arc: {radius_m: 10.0, angle_deg: -45.0}, section: slalom}
+  - {line: 4.0, section: end}
+"""
+
+
+def bundle_of(actor, layout=LEAN_LAYOUT):
+    return Bundle("made up", actor, layout, ActionScale(1.0), "whipple", 0.05)
+
+
+def random_bundle(layout, rng, hidden=12):
+    """A policy that nobody trained."""
+    weights = [rng.normal(0.0, 0.4, (hidden, layout.size)), rng.normal(0.0, 0.4, (1, hidden))]
+    biases = [rng.normal(0.0, 0.2, hidden), rng.normal(0.0, 0.2, 1)]
+    return bundle_of(Actor([w.astype("f4") for w in weights], [b.astype("f4") for b in biases]), layout)
+
+
+def swapped(bundle, names):
+    """The same policy with the opposite answer to some features."""
+    tensors = {name: value.copy() for name, value in bundle.actor.tensors().items()}
+    places = [place for place, name in enumerate(bundle.layout.names) if name in names]
+    tensors["layers.0.weight"][:, places] *= -1.0
+    return replace(bundle, actor=Actor.from_tensors(tensors))
+
+
+def mirrored(bundle):
+    """The policy that answers the mirrored observation with the mirrored steering."""
+    tensors = {name: value.copy() for name, value in bundle.actor.tensors().items()}
+    last = max(int(name.split(".")[1]) for name in tensors)
+    tensors["layers.0.weight"] *= bundle.layout.mirror_signs
+    for part in ("weight", "bias"):
+        tensors[f"layers.{last}.{part}"] *= -1.0
+    return replace(bundle, actor=Actor.from_tensors(tensors))
+
+
+def observations_of(layout, rng, count=40):
+    return rng.normal(0.0, 0.3, (count, layout.size)).astype("f4")
+
+
+# ---------------------------------------------------------------------------------------------------------- the values
+
+
+@pytest.mark.parametrize("layout", [LEAN_LAYOUT, PROP_LAYOUT], ids=lambda layout: layout.name)
+def test_values_sum_to_the_output_minus_the_base(layout):
+    rng = np.random.default_rng(1)
+    bundle, observations = random_bundle(layout, rng), observations_of(layout, rng)
+    explanation = explain(bundle, observations, **SMALL)
+    sums = explanation.values.sum(axis=1)
+    np.testing.assert_allclose(sums, set_values(bundle, observations) - explanation.base, atol=1e-6)
+    assert explanation.additivity_error < 1e-6
+    assert np.ptp(sums) > 0.1  # there is something to share
+
+
+def test_a_linear_policy_has_the_values_of_the_closed_form():
+    rng = np.random.default_rng(2)
+    weight = 1e-3 * rng.normal(size=(1, LEAN_LAYOUT.size))  # so small that the tanh is a line
+    bundle = bundle_of(Actor([weight.astype("f4")], [np.zeros(1, dtype="f4")]))
+    observations = observations_of(LEAN_LAYOUT, rng, count=20)
+    explanation = explain(bundle, observations, **SMALL)
+    expected = weight * (observations - observations.mean(axis=0))
+    np.testing.assert_allclose(explanation.values, expected, atol=2e-8)
+
+
+def test_the_mirrored_policy_on_the_mirrored_ride_has_the_opposite_values():
+    rng = np.random.default_rng(3)
+    bundle, observations = random_bundle(LEAN_LAYOUT, rng), observations_of(LEAN_LAYOUT, rng)
+    one = explain(bundle, observations, **SMALL)
+    other = explain(mirrored(bundle), observations * LEAN_LAYOUT.mirror_signs, **SMALL)
+    np.testing.assert_allclose(other.values, -one.values, atol=1e-6)
+    np.testing.assert_allclose(other.features, one.features * LEAN_LAYOUT.mirror_signs, rtol=1e-12)
+    for mine, its in zip(state_findings(one, 0.0).findings, state_findings(other, 0.0).findings, strict=True):
+        assert its.correlation == pytest.approx(mine.correlation, abs=1e-4)
+
+
+def test_a_feature_without_a_weight_has_no_value():
+    rng = np.random.default_rng(4)
+    bundle = random_bundle(LEAN_LAYOUT, rng)
+    place = LEAN_LAYOUT.names.index("steer_rate")
+    tensors = bundle.actor.tensors()
+    tensors["layers.0.weight"][:, place] = 0.0
+    explanation = explain(
+        replace(bundle, actor=Actor.from_tensors(tensors)), observations_of(LEAN_LAYOUT, rng), **SMALL
+    )
+    assert np.abs(explanation.values[:, place]).max() < 1e-7
+    statement = state_findings(explanation, 0.0)
+    (finding,) = [finding for finding in statement.findings if finding.subject == "steer rate"]
+    assert finding.sign == 0
+
+
+# -------------------------------------------------------------------------------------------------------- the statement
+
+
+def test_a_feature_that_does_not_vary_shows_nothing():
+    rng = np.random.default_rng(5)
+    observations = observations_of(LEAN_LAYOUT, rng)
+    observations[:, LEAN_LAYOUT.names.index("roll")] = 0.2
+    observations[:, LEAN_LAYOUT.names.index("roll_rate")] = 0.0
+    statement = state_findings(explain(random_bundle(LEAN_LAYOUT, rng), observations, **SMALL), 0.0)
+    roll = next(finding for finding in statement.findings if finding.subject == "roll")
+    assert np.isnan(roll.correlation)
+    assert "does not vary" in roll.sentence
+    assert statement.steers_into_the_fall is None
+
+
+def test_correlation_is_that_of_the_textbook():
+    rng = np.random.default_rng(6)
+    x = rng.normal(size=50)
+    assert correlation(x, -2.0 * x + 1.0) == pytest.approx(-1.0)
+    assert np.isnan(correlation(x, np.full(50, 3.0)))
+
+
+def test_labels_name_every_number_once():
+    for layout in (LEAN_LAYOUT, PROP_LAYOUT):
+        assert len(set(labels(layout))) == layout.size
+    assert "t_p3: line 1.2 s ahead" in labels(PROP_LAYOUT)
+
+
+# ------------------------------------------------------------------------------------------------------ a recorded ride
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    """A short slalom, ridden by the shipped policy through the nodes."""
+    pytest.importorskip("rclpy")
+    folder = tmp_path_factory.mktemp("slalom")
+    (folder / "short_slalom.yaml").write_text(COURSE)
+    words = ["ride", "--course", str(folder / "short_slalom.yaml"), "--engine", "whipple", "--out", str(folder)]
+    assert main([*words, "--json"]) == 0
+    return folder / "ride.mcap"
+
+
+@pytest.fixture(scope="module")
+def seen(recording):
+    from bike_training.recorded_observations import read_observations
+
+    return read_observations(recording, load_bundle("whipple"), "slalom")
+
+
+@pytest.mark.ros
+def test_observations_are_those_that_were_driven_on(seen):
+    """The policy answers each of them as it did in the ride."""
+    bundle = load_bundle("whipple")
+    assert len(seen.observations) > 100
+    assert np.isfinite(seen.steering).all()
+    commands = np.clip(set_values(bundle, seen.observations) / seen.steering_limit, -1.0, 1.0)
+    np.testing.assert_allclose(commands, seen.steering, atol=1e-6)
+    assert np.ptp(seen.steering) > 0.1
+
+
+@pytest.mark.ros
+def test_the_statement_follows_the_signs_of_the_policy(seen):
+    bundle = load_bundle("whipple")
+    ahead = [name for name in bundle.layout.names if name.startswith("t_p")]
+
+    def statement(policy):
+        return state_findings(explain(policy, seen.observations[::3], **SMALL), 0.0)
+
+    shipped = statement(bundle)
+    assert shipped.steers_into_the_fall is True
+    assert shipped.counter_steers is True
+    fallen = statement(swapped(bundle, ["roll", "roll_rate"]))
+    assert fallen.steers_into_the_fall is False
+    assert "out of the fall" in fallen.findings[0].sentence
+    assert statement(swapped(bundle, ahead)).counter_steers is False
+
+
+@pytest.mark.ros
+def test_command_explains_the_policy_that_the_recording_names(recording, tmp_path, capsys):
+    assert main(["explain", str(recording), "--out", str(tmp_path), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    figures = result["figures"]
+    assert result["schema"] == "bike.explain/1"
+    assert (figures["policy"], figures["section"], figures["course"]) == ("whipple", "slalom", "short slalom")
+    assert figures["answers_differ_rad"] < 1e-6
+    assert figures["additivity_error_rad"] < 1e-5
+    assert [entry["mean_abs_rad"] for entry in figures["features"]] == sorted(
+        (entry["mean_abs_rad"] for entry in figures["features"]), reverse=True
+    )
+    assert json.loads((tmp_path / "explanation.json").read_text()) == figures
+    assert (tmp_path / "explanation.png").stat().st_size > 20_000
+
+
+@pytest.mark.ros
+def test_another_policy_is_explained_but_said_to_be_another(recording, tmp_path, capsys):
+    swapped(load_bundle("whipple"), ["roll"]).save(tmp_path / "other")
+    words = ["explain", str(recording), "--policy", str(tmp_path / "other"), "--section", "end"]
+    assert main([*words, "--out", str(tmp_path)]) == 0
+    assert "did not drive the ride" in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["{ride}", "--section", "circle"], "no section 'circle'; there is run-up, slalom, end, all"),
+        (["{ride}", "--ride", "7"], "no ride 7"),
+        (["{ride}", "--policy", "classical"], "only a policy with an actor"),
+        (["{ride}", "--policy", "{tmp}"], "card.yaml"),
+        (["{ride}.not"], "ride.mcap.not"),
+        (["{tmp}"], "mcap"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(recording, words, message, tmp_path, capsys):
+    filled = [word.format(ride=recording, tmp=tmp_path) for word in words]
+    assert main(["explain", *filled, "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert len(error.strip().splitlines()) == 1
