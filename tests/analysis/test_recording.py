@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
 import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
@@ -182,25 +186,47 @@ def test_the_file_is_finished_when_the_caller_fails(share, tmp_path: Path) -> No
         assert make_reader(file).get_summary().statistics.message_count == 1
 
 
-def write_much(recorder: RideRecorder) -> None:
-    for number in range(100):
-        recorder.write("/bike/state", os.urandom(2000), number)
-
-
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-def test_a_full_disk_is_one_clear_error(share, tmp_path: Path) -> None:
+def test_a_disk_that_is_full_from_the_start_is_one_clear_error(share, tmp_path: Path) -> None:
     path = tmp_path / "ride.mcap"
     path.symlink_to("/dev/full")
     with pytest.raises(OSError, match=r"recording .*ride\.mcap stopped: No space left"):
         RideRecorder(path, share=share, overwrite=True)
-    path.unlink()
-    with RideRecorder(path, share=share, chunk_bytes=1000) as recorder:
-        recorder.add_topic("/bike/state", "bike_msgs/msg/BikeState")
-        os.dup2(os.open("/dev/full", os.O_WRONLY), recorder._file.fileno())  # the disk fills up now
-        with pytest.raises(OSError, match=r"recording .*ride\.mcap stopped: No space left"):
-            write_much(recorder)
-        with pytest.raises(ValueError, match="closed"):
-            recorder.write("/bike/state", bytes(8), 1000)
+
+
+FILLED = """
+import os, resource, sys
+sys.path[:0] = {path!r}
+from bike_sim.recording import MessageType, RideRecorder
+recorder = RideRecorder({file!r}, chunk_bytes=4096, compression="none")
+recorder.add_topic("/blob", MessageType("some_msgs/msg/Blob", "uint64 number\\nuint8[] more\\n"))
+resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, resource.RLIM_INFINITY))
+try:
+    for number in range(100_000):
+        data = number.to_bytes(8, "little") + (1000).to_bytes(4, "little") + os.urandom(1000)
+        recorder.write("/blob", bytes([0, 1, 0, 0]) + data, number)
+except OSError as error:
+    print(error)
+recorder.close()
+try:
+    recorder.write("/blob", bytes(8), 0)
+except ValueError as error:
+    print(error)
+"""
+
+
+@settings(max_examples=4, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(limit=st.integers(20_000, 60_000))
+def test_a_disk_that_fills_up_leaves_a_whole_file(limit: int, tmp_path: Path) -> None:
+    folder = Path(tempfile.mkdtemp(dir=tmp_path))
+    script = FILLED.format(path=sys.path, file=str(folder / "ride"), limit=limit)
+    said = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
+    assert re.fullmatch(r".*ride_0\.mcap stopped: File too large\n.*is closed\n", said)
+    with Reader(folder / "ride") as reader:
+        numbers = [int.from_bytes(data[4:12], "little") for *_, data in reader.messages()]
+        assert reader.message_count == len(numbers)
+    assert numbers == list(range(len(numbers)))
+    assert len(numbers) * 1047 > limit - 4096 - 1047 - 3000  # all but the last chunk, which had no room
 
 
 KILLED = """

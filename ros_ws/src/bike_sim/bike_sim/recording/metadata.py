@@ -1,0 +1,206 @@
+"""What a recording says about itself, in the words of rosbag2 (metadata version 9): offered QoS, ``metadata.yaml``.
+
+Source: rosbag2_storage (``yaml.hpp``, ``qos.cpp``) and rosbag2_storage_mcap of ROS 2 Jazzy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import yaml
+
+from bike_sim.recording.definitions import MessageType
+
+METADATA_FILE: Final = "metadata.yaml"
+NOTES_RECORD: Final = "ride_notes"
+"""Name of the MCAP metadata record with the notes, which stands before the first chunk and so survives a kill."""
+UNLIMITED: Final = 9223372036_854775807
+"""rmw's infinite duration, ns: the largest int64."""
+
+_METADATA_VERSION: Final = 9
+_SECOND: Final = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class Qos:
+    """Quality of service that a publisher offers, in rosbag2's words.
+
+    Attributes:
+        depth: Length of the publisher's queue.
+        reliability: ``reliable`` or ``best_effort``.
+        durability: ``volatile`` or ``transient_local``.
+        history: ``keep_last`` or ``keep_all``.
+        deadline_ns: Longest time between two messages, ns.
+        lifespan_ns: Time after which a message is no longer delivered, ns.
+    """
+
+    depth: int = 10
+    reliability: str = "reliable"
+    durability: str = "volatile"
+    history: str = "keep_last"
+    deadline_ns: int = UNLIMITED
+    lifespan_ns: int = UNLIMITED
+
+    def __post_init__(self) -> None:
+        """Refuse words that rosbag2 does not know.
+
+        Raises:
+            ValueError: If a value is unknown or the depth is negative.
+        """
+        allowed = {
+            "reliability": ("reliable", "best_effort"),
+            "durability": ("volatile", "transient_local"),
+            "history": ("keep_last", "keep_all"),
+        }
+        for name, values in allowed.items():
+            if getattr(self, name) not in values:
+                raise ValueError(f"QoS {name} must be one of {', '.join(values)}, not {getattr(self, name)!r}")
+        if self.depth < 0:
+            raise ValueError(f"QoS depth must not be negative, got {self.depth}")
+
+    @property
+    def latched(self) -> bool:
+        """Whether a late subscriber still gets the last messages."""
+        return self.durability == "transient_local"
+
+    def profile(self) -> dict[str, Any]:
+        """The profile as rosbag2's metadata version 9 spells it."""
+        return {
+            "history": self.history,
+            "depth": self.depth,
+            "reliability": self.reliability,
+            "durability": self.durability,
+            "deadline": _duration(self.deadline_ns),
+            "lifespan": _duration(self.lifespan_ns),
+            "liveliness": "automatic",
+            "liveliness_lease_duration": _duration(UNLIMITED),
+            "avoid_ros_namespace_conventions": False,
+        }
+
+
+LATCHED: Final = Qos(depth=1, durability="transient_local")
+"""Of static data such as the course: a late subscriber still gets the last message."""
+
+
+@dataclass(frozen=True)
+class FileSummary:
+    """What one file holds.
+
+    Attributes:
+        name: Name of the file in its directory.
+        counts: Messages by topic, also topics without any.
+        start_ns: Earliest log time, ns; 0 without messages.
+        end_ns: Latest log time, ns.
+    """
+
+    name: str
+    counts: Mapping[str, int]
+    start_ns: int = 0
+    end_ns: int = 0
+
+    @property
+    def message_count(self) -> int:
+        """Messages on all topics."""
+        return sum(self.counts.values())
+
+
+def bag_information(
+    topics: Mapping[str, tuple[MessageType, Sequence[Qos]]], files: Sequence[FileSummary], notes: Mapping[str, str]
+) -> dict[str, Any]:
+    """Return what ``metadata.yaml`` says about a recording.
+
+    Args:
+        topics: Type and offered QoS of each topic.
+        files: Its files, in order.
+        notes: Its notes.
+    """
+    spans = [(file.start_ns, file.end_ns) for file in files if file.message_count]
+    start = min((begin for begin, _ in spans), default=0)
+    end = max((end for _, end in spans), default=0)
+    return {
+        "version": _METADATA_VERSION,
+        "storage_identifier": "mcap",
+        **_span(start, end),
+        "message_count": sum(file.message_count for file in files),
+        "topics_with_message_count": [
+            _topic_information(name, kind, offered, sum(file.counts.get(name, 0) for file in files))
+            for name, (kind, offered) in topics.items()
+        ],
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": [file.name for file in files],
+        "files": [
+            {"path": file.name, **_span(file.start_ns, file.end_ns), "message_count": file.message_count}
+            for file in files
+        ],
+        "custom_data": dict(notes) or None,
+        "ros_distro": "jazzy",
+    }
+
+
+def to_yaml(data: Any) -> str:
+    """Return data as YAML without anchors, which rosbag2's reader of QoS profiles does not follow."""
+    return yaml.dump(data, Dumper=_PlainDumper, sort_keys=False, default_flow_style=False)
+
+
+def write_metadata_file(directory: Path, information: Mapping[str, Any]) -> None:
+    """Write or replace ``metadata.yaml`` in one step, so that a kill never leaves half of it.
+
+    Raises:
+        OSError: If the disk refuses it; the file before stays.
+    """
+    temporary = directory / f"{METADATA_FILE}.tmp"
+    try:
+        temporary.write_text(to_yaml({"rosbag2_bagfile_information": dict(information)}), encoding="utf-8")
+        temporary.replace(directory / METADATA_FILE)
+    except OSError:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+def is_only_recording(path: Path) -> bool:
+    """Whether the directory of an MCAP file holds no other recording and no metadata of another one."""
+    if any(other != path for other in path.parent.glob("*.mcap")):
+        return False
+    metadata = path.parent / METADATA_FILE
+    if not metadata.exists():
+        return True
+    try:
+        content = yaml.safe_load(metadata.read_text(encoding="utf-8"))
+        described: Iterable[Any] = content["rosbag2_bagfile_information"]["relative_file_paths"]
+        return list(described) == [path.name]
+    except (OSError, ValueError, KeyError, TypeError, yaml.YAMLError):
+        return False  # somebody else's file of the same name
+
+
+class _PlainDumper(yaml.SafeDumper):
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+def _duration(nanoseconds: int) -> dict[str, int]:
+    seconds, rest = divmod(min(nanoseconds, UNLIMITED), _SECOND)
+    return {"sec": seconds, "nsec": rest}
+
+
+def _span(start: int, end: int) -> dict[str, Any]:
+    return {
+        "duration": {"nanoseconds": max(0, end - start)},
+        "starting_time": {"nanoseconds_since_epoch": start},
+    }
+
+
+def _topic_information(name: str, kind: MessageType, offered: Sequence[Qos], count: int) -> dict[str, Any]:
+    return {
+        "topic_metadata": {
+            "name": name,
+            "type": kind.name,
+            "serialization_format": "cdr",
+            "offered_qos_profiles": [qos.profile() for qos in offered],
+            "type_description_hash": kind.type_hash,
+        },
+        "message_count": count,
+    }

@@ -1,0 +1,406 @@
+"""A recording as rosbag2 writes it: one MCAP file, or a directory with one or more of them."""
+
+from __future__ import annotations
+
+import os
+import re
+import time
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final, Self
+
+from bike_sim.recording.definitions import MessageType, ShareResolver, ament_share, message_type
+from bike_sim.recording.mcap_file import COMPRESSIONS, McapFile
+from bike_sim.recording.metadata import (
+    METADATA_FILE,
+    NOTES_RECORD,
+    FileSummary,
+    Qos,
+    bag_information,
+    is_only_recording,
+    to_yaml,
+    write_metadata_file,
+)
+
+CHUNK_BYTES: Final = 64 * 1024
+"""Uncompressed size of a chunk. A killed recorder loses the open chunk, so small chunks lose little."""
+FLUSH_PERIOD_S: Final = 0.5
+"""Wall-clock time after which an open chunk is written even if it is not full."""
+
+_CDR_HEADER_BYTES: Final = 4
+_SECOND: Final = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class Split:
+    """When a recording goes on in the next file, as ``ros2 bag record`` takes it: at the first message after a limit.
+
+    Attributes:
+        max_bytes: Size on disk at which a file has enough, bytes; 0 for no limit.
+        max_duration_s: Time between its first and the next message after which it has enough, s; 0 for no limit.
+    """
+
+    max_bytes: int = 0
+    max_duration_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the limits.
+
+        Raises:
+            ValueError: If one is negative.
+        """
+        if self.max_bytes < 0 or not 0.0 <= self.max_duration_s < float("inf"):
+            raise ValueError(f"limits of a file must not be negative, got {self.max_bytes} and {self.max_duration_s}")
+
+    def __bool__(self) -> bool:
+        """Whether there is a limit."""
+        return bool(self.max_bytes or self.max_duration_s)
+
+
+@dataclass
+class _Topic:
+    """One recorded topic; `last` holds the messages that a late subscriber would still get."""
+
+    type: MessageType
+    offered: tuple[Qos, ...]
+    channel: int = 0
+    count: int = 0
+    last: deque[tuple[int, bytes]] | None = None
+
+
+class RideRecorder:
+    """Writes one recording. Use it as a context manager, or call `close`.
+
+    The process may be killed at any time: whole chunks are on their way to the disk as soon as they are full or
+    `flush_period_s` old, and `bike_analysis` reads a torn file up to its last whole chunk.
+
+    Attributes:
+        path: The MCAP file being written, or the last one.
+        message_count: Messages written so far, without those repeated at the head of a file.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        share: ShareResolver = ament_share,
+        compression: str = "zstd",
+        chunk_bytes: int = CHUNK_BYTES,
+        flush_period_s: float = FLUSH_PERIOD_S,
+        split: Split | None = None,
+        notes: Mapping[str, str] | None = None,
+        overwrite: bool = False,
+        metadata_file: bool | None = None,
+    ) -> None:
+        """Open a new recording.
+
+        Args:
+            path: ``name.mcap`` for a single file, or a directory name for a rosbag2 directory (``name/name_0.mcap``
+                and ``name/metadata.yaml``, as ``ros2 bag record -o name`` makes it). Parents are created.
+            share: Where message packages are, for the schemas of `add_topic`.
+            compression: Of chunks: ``zstd``, ``lz4`` or ``none``.
+            chunk_bytes: Uncompressed size at which a chunk is closed, bytes.
+            flush_period_s: Largest age of an open chunk, s of wall-clock time, checked at each message and `flush`.
+            split: When to go on in the next file; only for a directory. None: never.
+            notes: Anything worth keeping about the ride (vehicle, policy, seed ...), text to text.
+            overwrite: Replace an existing recording of this name.
+            metadata_file: Write ``metadata.yaml`` beside the file. By default always for a directory, and for a single
+                file where it is the only recording in its directory (``metadata.yaml`` describes a directory).
+
+        Raises:
+            FileExistsError: If the recording exists and `overwrite` is false.
+            ValueError: If a setting is out of range.
+            OSError: If the file cannot be created.
+        """
+        if compression not in COMPRESSIONS:
+            raise ValueError(f"compression must be one of {', '.join(COMPRESSIONS)}, not {compression!r}")
+        if chunk_bytes <= 0 or flush_period_s <= 0.0:
+            raise ValueError(f"chunk_bytes and flush_period_s must be positive, got {chunk_bytes} and {flush_period_s}")
+        target = Path(path)
+        if not target.name:
+            raise ValueError(f"{os.fspath(path)!r} is no name for a recording")
+        self._directory = None if target.suffix == ".mcap" else target
+        self._split = split or Split()
+        if self._split and not self._directory:
+            raise ValueError(f"recording {target} cannot be split: give a directory, a path without .mcap")
+        self._make_room(target, overwrite)
+        self.message_count = 0
+        self._share = share
+        self._compression = compression
+        self._chunk_bytes = chunk_bytes
+        self._flush_period_s = flush_period_s
+        self._notes = dict(notes or {})
+        self._metadata_file = metadata_file
+        self._topics: dict[str, _Topic] = {}
+        self._finished: list[FileSummary] = []
+        self._finished_bytes = 0
+        self._longest_lag_s = 0.0
+        self.path = self._name_of_file(0) if self._directory else target
+        with self._stopping_on_error():
+            self._open_next()
+
+    def __enter__(self) -> Self:
+        """Return the open recorder."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the recording, also after an error: what was written so far is worth keeping."""
+        self.close()
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Names of the topics added so far."""
+        return tuple(self._topics)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether messages can be written."""
+        return self._file is not None
+
+    @property
+    def bytes_written(self) -> int:
+        """Size of all files so far, bytes; the open chunk is not part of it."""
+        return self._finished_bytes + (self._file.size if self._file else 0)
+
+    def add_topic(self, topic: str, type_: str | MessageType, qos: Qos | Sequence[Qos] | None = None) -> None:
+        """Announce a topic. A topic without messages is recorded as such.
+
+        The last messages of a latched topic are repeated at the head of each further file, as many as its publishers
+        keep together. Announcing it again tells that there are more publishers.
+
+        Args:
+            topic: Full name, for example ``/bike/state``.
+            type_: Full type name, whose definition the resolver finds, or the type itself.
+            qos: What its publisher offers, or each of them.
+
+        Raises:
+            ValueError: If the recorder is closed, or the topic was added before with another type.
+            FileNotFoundError: If the type's definition is not installed.
+        """
+        file = self._open_file()
+        name = type_ if isinstance(type_, str) else type_.name
+        offered = (qos,) if isinstance(qos, Qos) else tuple(qos or (Qos(),))
+        known = self._topics.get(topic)
+        if known is None:
+            described = message_type(type_, self._share) if isinstance(type_, str) else type_
+            known = self._topics[topic] = _Topic(described, offered)
+            self._announce(file, topic, known)
+        elif known.type.name != name:
+            raise ValueError(f"topic {topic} is recorded as {known.type.name}, not as {name}")
+        if all(each.latched for each in offered):
+            known.last = deque(known.last or (), maxlen=sum(each.depth for each in offered) or 1)
+
+    def write(self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int | None = None) -> None:
+        """Record one message.
+
+        Args:
+            topic: A topic that was added.
+            data: The message in CDR with its four-byte encapsulation header, as rclpy hands it over raw.
+            log_time_ns: Time of the message, ns, not negative. Use one clock for all topics.
+            publish_time_ns: Time of publication on the same clock, ns; `log_time_ns` where it is not known.
+
+        Raises:
+            ValueError: If the recorder is closed, the topic is unknown, or the data or the time cannot be right.
+            OSError: If the disk refuses it. The recording is closed then; what is on disk stays readable.
+        """
+        file = self._open_file()
+        known = self._topics.get(topic)
+        if known is None:
+            raise ValueError(f"topic {topic} is not recorded; add_topic comes before write")
+        if len(data) < _CDR_HEADER_BYTES:
+            raise ValueError(f"a message on {topic} has {len(data)} bytes, fewer than the CDR header's four")
+        if log_time_ns < 0:
+            raise ValueError(f"log time of a message on {topic} is {log_time_ns} ns; it must not be negative")
+        published = log_time_ns if publish_time_ns is None else publish_time_ns
+        try:
+            if self._split and self._has_enough(file, log_time_ns):
+                file = self._go_on(log_time_ns)
+            self._put(file, known, data, log_time_ns, published)
+        except OSError as error:
+            self._stop(error)
+        if known.last is not None:
+            known.last.append((published, data))
+        self.message_count += 1
+
+    def flush(self, older_than_s: float = 0.0) -> None:
+        """Write the open chunk and hand everything to the operating system, so that a kill cannot lose it.
+
+        Call it from a timer where messages may stop coming. It does nothing on a closed recorder.
+
+        Args:
+            older_than_s: Only if the chunk's first message came this long ago, s of wall-clock time.
+
+        Raises:
+            OSError: If the disk refuses it. The recording is closed then.
+        """
+        file = self._file
+        if file is not None and file.has_open_chunk and time.monotonic() - self._chunk_begun >= older_than_s:
+            with self._stopping_on_error():
+                file.flush()
+                self._note_lag()
+
+    def take_longest_lag(self) -> float:
+        """Return the longest time between a message and its way to the disk since the last call, s."""
+        longest, self._longest_lag_s = self._longest_lag_s, 0.0
+        return longest
+
+    def close(self) -> None:
+        """Finish the file with its index and write ``metadata.yaml``. A second call does nothing.
+
+        Raises:
+            OSError: If the disk refuses it.
+        """
+        if self._file is None:
+            return
+        with self._stopping_on_error():
+            self._finish_file()
+            self._write_metadata_file()
+
+    # ----------------------------------------------------------------------------------------------------------- files
+
+    def _make_room(self, target: Path, overwrite: bool) -> None:
+        """Make the directory; see that nothing is in the way.
+
+        Raises:
+            FileExistsError: If the recording exists and may not be replaced.
+        """
+        there = [target] if target.exists() else []
+        if self._directory:
+            numbered = re.compile(re.escape(target.name) + r"_\d+\.mcap")
+            there = [file for file in sorted(target.glob("*.mcap")) if numbered.fullmatch(file.name)]
+        if there and not overwrite:
+            raise FileExistsError(f"recording {there[0]} exists already; choose another name or allow overwriting")
+        (self._directory or target.parent).mkdir(parents=True, exist_ok=True)
+        if self._directory:
+            for file in (*there, target / METADATA_FILE):
+                file.unlink(missing_ok=True)
+
+    def _name_of_file(self, number: int) -> Path:
+        assert self._directory is not None
+        return self._directory / f"{self._directory.name}_{number}.mcap"
+
+    def _open_next(self) -> McapFile:
+        """Open a file and announce all topics in it."""
+        self._file: McapFile | None = None
+        self._file = file = McapFile(self.path, self._chunk_bytes, self._compression)
+        self._schemas: dict[str, int] = {}
+        self._begun_at: int | None = None
+        self._chunk_begun = time.monotonic()
+        if self._notes:
+            file.add_metadata(NOTES_RECORD, self._notes)
+        for name, topic in self._topics.items():
+            self._announce(file, name, topic)
+        self._head_bytes = file.size
+        return file
+
+    def _announce(self, file: McapFile, name: str, topic: _Topic) -> None:
+        kind = topic.type
+        if kind.name not in self._schemas:
+            self._schemas[kind.name] = file.add_schema(kind.name, kind.definition)
+        metadata = {"offered_qos_profiles": to_yaml([qos.profile() for qos in topic.offered])}
+        if kind.type_hash:
+            metadata["topic_type_hash"] = kind.type_hash
+        topic.channel = file.add_channel(name, self._schemas[kind.name], metadata)
+
+    def _has_enough(self, file: McapFile, log_time: int) -> bool:
+        limits, begun = self._split, self._begun_at
+        if begun is None:
+            return False
+        by_size = limits.max_bytes and file.size >= max(limits.max_bytes, self._head_bytes + 1)
+        by_time = limits.max_duration_s and log_time - begun > limits.max_duration_s * _SECOND
+        return bool(by_size or by_time)
+
+    def _go_on(self, log_time: int) -> McapFile:
+        """Go on in the next file, which begins with what a late subscriber would get."""
+        self._finish_file()
+        self._write_metadata_file()  # after a kill it describes the files that are whole
+        self.path = self._name_of_file(len(self._finished))
+        file = self._open_next()
+        for topic in self._topics.values():
+            for published, data in topic.last or ():
+                self._put(file, topic, data, log_time, published)
+        file.flush()
+        self._head_bytes = file.size
+        return file
+
+    def _put(self, file: McapFile, topic: _Topic, data: bytes, log_time: int, published: int) -> None:
+        now = time.monotonic()
+        if not file.has_open_chunk:
+            self._chunk_begun = now
+        if self._begun_at is None:
+            self._begun_at = log_time
+        file.add_message(topic.channel, topic.count, log_time, published, data)
+        topic.count += 1
+        if file.has_open_chunk and now - self._chunk_begun >= self._flush_period_s:
+            file.flush()
+        if not file.has_open_chunk:
+            self._note_lag()
+
+    def _note_lag(self) -> None:
+        self._longest_lag_s = max(self._longest_lag_s, time.monotonic() - self._chunk_begun)
+
+    def _finish_file(self) -> None:
+        file = self._open_file()
+        file.flush()
+        information = self._information([self._summary(file)])
+        file.add_metadata("rosbag2", {"serialized_metadata": to_yaml(information)})
+        file.finish()
+        self._file = None
+        self._keep_books(file)
+
+    def _keep_books(self, file: McapFile) -> None:
+        self._finished.append(self._summary(file))
+        self._finished_bytes += file.size
+
+    def _summary(self, file: McapFile) -> FileSummary:
+        counts = {name: file.counts.get(topic.channel, 0) for name, topic in self._topics.items()}
+        return FileSummary(file.path.name, counts, file.start_ns, file.end_ns)
+
+    # ---------------------------------------------------------------------------------------------------- what is wrong
+
+    def _open_file(self) -> McapFile:
+        if self._file is None:
+            raise ValueError(f"recording {self.path} is closed")
+        return self._file
+
+    @contextmanager
+    def _stopping_on_error(self) -> Iterator[None]:
+        """Turn a failed write into the end of the recording and one clear error."""
+        try:
+            yield
+        except OSError as error:
+            self._stop(error)
+
+    def _stop(self, error: OSError) -> None:
+        """End the recording with what is on disk.
+
+        Raises:
+            OSError: Always.
+        """
+        file, self._file = self._file, None
+        if file is not None:
+            file.salvage()
+            self._keep_books(file)
+            with suppress(OSError):
+                self._write_metadata_file()
+        raise OSError(error.errno, f"recording {self.path} stopped: {error.strerror or error}") from error
+
+    # -------------------------------------------------------------------------------------------------------- metadata
+
+    def _write_metadata_file(self) -> None:
+        """Describe the finished files, where that is wanted."""
+        wanted = self._metadata_file
+        if wanted is None:
+            wanted = self._directory is not None or is_only_recording(self.path)
+        if wanted:
+            write_metadata_file(self.path.parent, self._information(self._finished))
+
+    def _information(self, files: Sequence[FileSummary]) -> dict[str, Any]:
+        topics = {name: (topic.type, topic.offered) for name, topic in self._topics.items()}
+        return bag_information(topics, files, self._notes)
