@@ -39,6 +39,40 @@ MAP_FRAME: Final = "map"
 BASE_FRAME: Final = "base_link"
 NANOSECONDS: Final = 1_000_000_000
 
+_TELEMETRY_FIELDS: Final = (
+    ("acceleration_longitudinal", sf.T_ALONG),
+    ("acceleration_lateral", sf.T_LATERAL),
+    ("rear_slip_angle", sf.T_REAR_DRIFT),
+    ("rear_slip", sf.T_REAR_SLIP),
+    ("rear_camber", sf.T_REAR_CAMBER),
+    ("rear_load", sf.T_REAR_LOAD),
+    ("rear_force_longitudinal", sf.T_REAR_FX),
+    ("rear_force_lateral", sf.T_REAR_FY),
+    ("rear_slip_use", sf.T_REAR_USE),
+    ("front_slip_angle", sf.T_FRONT_DRIFT),
+    ("front_slip", sf.T_FRONT_SLIP),
+    ("front_camber", sf.T_FRONT_CAMBER),
+    ("front_load", sf.T_FRONT_LOAD),
+    ("front_force_longitudinal", sf.T_FRONT_FX),
+    ("front_force_lateral", sf.T_FRONT_FY),
+    ("front_slip_use", sf.T_FRONT_USE),
+    ("engine_power", sf.T_POWER),
+    ("drag_force", sf.T_DRAG),
+    ("rider_offset", sf.T_SLIDE),
+    ("lean_reference", sf.T_LEAN_REFERENCE),
+)
+"""Fields of Telemetry with their places in the telemetry of the forces."""
+
+_AID_FIELDS: Final = (
+    ("traction_control", sf.T_TRACTION_ACTIVE),
+    ("anti_wheelie", sf.T_WHEELIE_ACTIVE),
+    ("brake_control", sf.T_BRAKE_ACTIVE),
+    ("anti_stoppie", sf.T_STOPPIE_ACTIVE),
+)
+
+_OWN: Final = -1.0
+"""What line and progress of a reset say to keep the simulator's own."""
+
 _RANGE_FIELDS: Final = (
     "radius_min",
     "radius_max",

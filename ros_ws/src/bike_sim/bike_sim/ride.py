@@ -20,6 +20,22 @@ PROGRESS, LATERAL_ERROR, HEADING_ERROR, CURVATURE = range(5, 9)
 FRONT_PROGRESS, FRONT_LATERAL_ERROR, PREVIEW_SPACING = range(9, 12)
 LOOK_SIZE = 12
 
+FIELDS = (
+    "pitch",
+    "yaw_rate",
+    "speed",
+    "front_x",
+    "front_y",
+    "progress",
+    "lateral_error",
+    "heading_error",
+    "curvature",
+    "front_progress",
+    "front_lateral_error",
+    "preview_spacing",
+)
+"""What they are called in messages and recordings, in the same order."""
+
 _FRONT_RADIUS = PARAMETER_NAMES.index("rF")
 
 

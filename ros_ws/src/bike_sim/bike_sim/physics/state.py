@@ -49,6 +49,19 @@ STATE_NAMES: Final = (
     "steer_rate_rad_s",
     "front_wheel_rate_rad_s",
 )
+FIELDS: Final = (
+    "x",
+    "y",
+    "yaw",
+    "roll",
+    "steer",
+    "rear_wheel_angle",
+    "front_wheel_angle",
+    "roll_rate",
+    "steer_rate",
+    "front_wheel_rate",
+)
+"""What the coordinates are called in messages and recordings, in the same order."""
 
 StateVector = NDArray[np.float64]
 
