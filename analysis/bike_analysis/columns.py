@@ -1,9 +1,10 @@
 """Columns out of CDR messages, many at a time.
 
 Decoding message by message in Python costs tens of microseconds each; an hour of states at 100 Hz is 360,000 of them.
-But the messages of one topic mostly have one size and one layout, because their strings and arrays keep their lengths.
-So the layout is worked out once for the first message of each size, and the fields of all messages that share it are
-read with one NumPy view. Messages whose lengths differ get their own layout; nothing is assumed that is not checked.
+But the messages of one topic mostly have one layout, because their strings and arrays keep their lengths. So the layout
+is worked out once for the first message that no known layout fits, and the fields of all messages that share it are
+picked out of the recording with one NumPy expression each. Messages whose lengths differ get their own layout; nothing
+is assumed that is not checked.
 
 Encoding: classic CDR (XCDR1, OMG DDS-XTypes 1.3, 7.4.1): a four-byte header that names the byte order, then fields
 aligned to their size from there.
@@ -12,7 +13,7 @@ aligned to their size from there.
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Final
@@ -23,10 +24,17 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+Bytes = NDArray[np.uint8]
+Integers = NDArray[np.int64]
+
 BATCH: Final = 4096
 """Messages decoded at once; bounds the memory that raw messages hold."""
 
 _HEADER_BYTES: Final = 4
+_DEEPEST: Final = 32
+"""Messages within messages; what is deeper contains itself."""
+_KEPT_LAYOUTS: Final = 8
+"""Layouts that are tried before a new one is worked out."""
 _DTYPES: Final = {
     "bool": "u1",
     "byte": "u1",
@@ -130,18 +138,36 @@ class MessageSchema:
 
     def fields(self) -> set[str]:
         """Names of the fields that columns can be made of; nested ones with dots, as ``header.stamp.sec``."""
-        return {name for name, _ in self._leaves(self.name, "")}
+        return {name for name, kind, _ in self._leaves(self.name, "", 0) if kind is not None}
 
-    def _leaves(self, type_name: str, prefix: str) -> Iterable[tuple[str, Any]]:
-        """Fields in their order of transmission, nested messages resolved."""
-        for field, descriptor in self._store.fielddefs[type_name][1]:
-            kind, detail = descriptor
-            if kind == Nodetype.NAME and detail not in self._store.fielddefs:
-                raise SchemaError(f"the definition of {self.name} in the recording lacks the type {detail}")
+    def scalars(self) -> set[str]:
+        """Names of the fields that are one number or flag."""
+        return {name for name, kind, many in self._leaves(self.name, "", 0) if kind in _DTYPES and not many}
+
+    def _leaves(self, type_name: str, prefix: str, depth: int) -> Iterator[tuple[str, str | None, bool]]:
+        """Fields, nested messages resolved: name, basic type (None for an array of others) and whether it is an array.
+
+        Strings count as a basic type of their own.
+        """
+        for field, kind, detail in self._fields_of(type_name, depth):
+            name = f"{prefix}{field}"
             if kind == Nodetype.NAME:
-                yield from self._leaves(detail, f"{prefix}{field}.")
+                yield from self._leaves(detail, f"{name}.", depth + 1)
+            elif kind == Nodetype.BASE:
+                yield name, detail[0], False
             else:
-                yield f"{prefix}{field}", descriptor
+                (inner_kind, inner), _ = detail
+                number = inner_kind == Nodetype.BASE and inner[0] in _DTYPES
+                yield name, inner[0] if number else None, True
+
+    def _fields_of(self, type_name: str, depth: int) -> Iterator[tuple[str, Any, Any]]:
+        """Name, kind and detail of a type's own fields, in the order of transmission."""
+        if depth > _DEEPEST:
+            raise SchemaError(f"the definition of {self.name} in the recording contains itself")
+        if type_name not in self._store.fielddefs:
+            raise SchemaError(f"the definition of {self.name} in the recording lacks the type {type_name}")
+        for field, (kind, detail) in self._store.fielddefs[type_name][1]:
+            yield field, kind, detail
 
     def layout(self, data: bytes) -> Layout:
         """Work out where the fields of a message lie.
@@ -153,21 +179,40 @@ class MessageSchema:
             Its layout, which holds for every message with the same lengths.
 
         Raises:
-            SchemaError: If the type has fields that columns cannot hold, or the message is too short for it.
+            SchemaError: If the message is not plain CDR or too short for the type.
         """
-        order = "<" if data[1] & 1 else ">"
-        walker = _Walker(data, order)
-        for name, (kind, detail) in self._leaves(self.name, ""):
-            if kind == Nodetype.BASE:
+        if len(data) < _HEADER_BYTES or data[0] != 0 or data[1] > 1:
+            raise SchemaError(f"a {self.name} begins with {data[:_HEADER_BYTES]!r}, which is no header of plain CDR")
+        walker = _Walker(self.name, data)
+        self._walk(walker, self.name, "", 0)
+        return Layout(tuple(walker.places), tuple(walker.guards), walker.position)
+
+    def _walk(self, walker: _Walker, type_name: str, prefix: str | None, depth: int) -> None:
+        """Walk over the fields of a type; without a prefix they are passed and not noted."""
+        for field, kind, detail in self._fields_of(type_name, depth):
+            name = None if prefix is None else f"{prefix}{field}"
+            if kind == Nodetype.NAME:
+                self._walk(walker, detail, None if name is None else f"{name}.", depth + 1)
+            elif kind == Nodetype.BASE:
                 walker.base(name, detail[0])
             else:
                 (inner_kind, inner), length = detail
-                if inner_kind != Nodetype.BASE or inner[0] not in _DTYPES:
-                    raise SchemaError(f"field {name} of {self.name} is an array of non-numbers; decode it by message")
-                walker.array(name, inner[0], length if kind == Nodetype.ARRAY else None)
-        if walker.position > len(data):
-            raise SchemaError(f"a {self.name} of {len(data)} bytes is shorter than its fields")
-        return Layout(tuple(walker.places), tuple(walker.guards))
+                count = int(length) if kind == Nodetype.ARRAY else walker.length()
+                if inner_kind == Nodetype.BASE and inner[0] in _DTYPES:
+                    walker.array(name, inner[0], count)
+                else:
+                    self._walk_each(walker, inner_kind, inner, count, depth)
+
+    def _walk_each(self, walker: _Walker, kind: Any, detail: Any, count: int, depth: int) -> None:
+        """Walk over an array of strings or messages; the walker stops where the message ends."""
+        for _ in range(count):
+            before = walker.position
+            if kind == Nodetype.NAME:
+                self._walk(walker, detail, None, depth + 1)
+            else:
+                walker.base(None, detail[0])
+            if walker.position == before:
+                return  # elements without content
 
 
 @dataclass(frozen=True)
@@ -182,74 +227,103 @@ class _Place:
 
 @dataclass(frozen=True)
 class Layout:
-    """Places of the fields of a message, and the lengths (offset, four bytes) that they depend on."""
+    """Places of the fields of a message, the bytes (offset, value) that they depend on, and the message's length."""
 
     places: tuple[_Place, ...]
     guards: tuple[tuple[int, bytes], ...]
+    size: int
 
-    def fits(self, rows: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """Tell which messages of equal size have this layout.
+    def fits(self, contents: Bytes, begin: Integers, end: Integers) -> NDArray[np.bool_]:
+        """Tell which messages have this layout.
 
         Args:
-            rows: Messages, shape (messages, bytes).
+            contents: Bytes that the messages lie in.
+            begin: Where each one begins.
+            end: Where each one ends.
 
         Returns:
             Mask of shape (messages,).
         """
-        mask = np.ones(len(rows), dtype=bool)
+        mask = end - begin >= self.size
         for offset, value in self.guards:
-            mask &= (rows[:, offset : offset + 4] == np.frombuffer(value, np.uint8)).all(axis=1)
+            rows = np.flatnonzero(mask)
+            found = windows(contents, begin[rows] + offset, len(value))
+            mask[rows] = (found == np.frombuffer(value, np.uint8)).all(axis=1)
         return mask
+
+
+def windows(contents: Bytes, begin: Integers, width: int) -> Bytes:
+    """Copy stretches of bytes.
+
+    Args:
+        contents: Bytes.
+        begin: Where each stretch begins; it must end within the contents.
+        width: Its length.
+
+    Returns:
+        Shape (stretches, width).
+    """
+    if not len(begin) or not width:
+        return np.empty((len(begin), width), np.uint8)
+    return np.lib.stride_tricks.sliding_window_view(contents, width)[begin]
 
 
 class _Walker:
     """Walks through one message and notes places and lengths."""
 
-    def __init__(self, data: bytes, order: str) -> None:
+    def __init__(self, name: str, data: bytes) -> None:
+        self._name = name
         self._data = data
-        self._order = order
+        self._order = "<" if data[1] & 1 else ">"
         self.position = _HEADER_BYTES
         self.places: list[_Place] = []
-        self.guards: list[tuple[int, bytes]] = []
+        self.guards: list[tuple[int, bytes]] = [(0, data[:2])]
 
     def _align(self, size: int) -> None:
         self.position += -(self.position - _HEADER_BYTES) % size
 
-    def _length(self) -> int:
+    def _pass(self, size: int) -> None:
+        self.position += size
+        if self.position > len(self._data):
+            raise SchemaError(f"a {self._name} of {len(self._data)} bytes is shorter than its fields")
+
+    def length(self) -> int:
+        """Read the length of a string or sequence."""
         self._align(4)
-        raw = self._data[self.position : self.position + 4]
-        if len(raw) < 4:
-            raise SchemaError(f"a message of {len(self._data)} bytes ends before a length at byte {self.position}")
-        self.guards.append((self.position, raw))
-        self.position += 4
+        begin = self.position
+        self._pass(4)
+        raw = self._data[begin : begin + 4]
+        self.guards.append((begin, raw))
         return int(struct.unpack(f"{self._order}I", raw)[0])
 
-    def base(self, name: str, kind: str) -> None:
+    def base(self, name: str | None, kind: str) -> None:
         if kind == "string":
-            length = self._length()
-            self.position += length
-            return
-        if kind not in _DTYPES:
-            raise SchemaError(f"field {name} has the type {kind}, which columns cannot hold")
-        self._place(name, kind, None)
+            self._pass(self.length())
+        elif kind in _DTYPES:
+            self._place(name, kind, None)
+        else:
+            raise SchemaError(f"{self._name} has a field of type {kind}, which cannot be read")
 
-    def array(self, name: str, kind: str, length: int | None) -> None:
-        count = self._length() if length is None else length
+    def array(self, name: str | None, kind: str, count: int) -> None:
         self._place(name, kind, count)
 
-    def _place(self, name: str, kind: str, count: int | None) -> None:
+    def _place(self, name: str | None, kind: str, count: int | None) -> None:
         dtype = self._order + _DTYPES[kind]
         size = np.dtype(dtype).itemsize
         if count != 0:  # an empty sequence is not followed by padding
             self._align(size)
-        self.places.append(_Place(name, "?" if kind == "bool" else dtype, self.position, count))
-        self.position += size * (1 if count is None else count)
+        if name is not None:
+            self.places.append(_Place(name, "?" if kind == "bool" else dtype, self.position, count))
+        self._pass(size * (1 if count is None else count))
 
 
 class ColumnReader:
     """Collects messages of one topic and turns them into columns.
 
     A wanted field is either a scalar, or an array of one length in all messages.
+
+    Attributes:
+        damage: What was wrong with the first message that could not be decoded, in words; empty if none.
     """
 
     def __init__(self, schema: MessageSchema, fields: Sequence[str]) -> None:
@@ -259,13 +333,15 @@ class ColumnReader:
             schema: Type of the messages.
             fields: Names of the wanted fields, as `MessageSchema.fields` gives them.
         """
+        self.damage = ""
         self._schema = schema
         self._fields = tuple(fields)
+        self._layouts: list[Layout] = []
         self._pending: list[bytes] = []
         self._blocks: list[dict[str, NDArray[Any]]] = []
 
     def add(self, data: bytes) -> None:
-        """Add one message.
+        """Add one message. One that does not fit its type makes `finish` fail.
 
         Args:
             data: CDR bytes with header.
@@ -273,6 +349,54 @@ class ColumnReader:
         self._pending.append(data)
         if len(self._pending) >= BATCH:
             self._decode_pending()
+
+    def add_block(self, contents: Bytes, begin: Integers, end: Integers) -> NDArray[np.bool_]:
+        """Add many messages.
+
+        Args:
+            contents: Bytes that they lie in.
+            begin: Where each one begins.
+            end: Where each one ends.
+
+        Returns:
+            Mask of the messages that fit their type; the others are left out.
+        """
+        good = np.ones(len(begin), dtype=bool)
+        columns: dict[str, NDArray[Any]] = {}
+        remaining = np.arange(len(begin))
+        for layout in self._layouts:
+            remaining = self._take(layout, contents, begin, end, remaining, columns)
+        while len(remaining):
+            first = remaining[0]
+            try:
+                layout = self._schema.layout(contents[begin[first] : end[first]].tobytes())
+            except SchemaError as error:
+                self.damage = self.damage or str(error)
+                good[first] = False
+                remaining = remaining[1:]
+                continue
+            self._layouts = [layout, *self._layouts[: _KEPT_LAYOUTS - 1]]
+            remaining = self._take(layout, contents, begin, end, remaining, columns)
+        self._blocks.append(columns if good.all() else {name: values[good] for name, values in columns.items()})
+        return good
+
+    def _take(
+        self,
+        layout: Layout,
+        contents: Bytes,
+        begin: Integers,
+        end: Integers,
+        remaining: Integers,
+        columns: dict[str, NDArray[Any]],
+    ) -> Integers:
+        """Read the messages of one layout and return the others."""
+        if not len(remaining):
+            return remaining
+        fits = layout.fits(contents, begin[remaining], end[remaining])
+        if fits.any():
+            mine = remaining[fits]
+            _extract(layout, contents, begin[mine], mine, self._fields, columns, len(begin))
+        return remaining[~fits]
 
     def finish(self) -> dict[str, NDArray[Any]]:
         """Decode what is left.
@@ -284,17 +408,25 @@ class ColumnReader:
             SchemaError: If a message does not fit its type, or an array has several lengths.
         """
         self._decode_pending()
-        if not self._blocks:
+        blocks, self._blocks = [block for block in self._blocks if block], []
+        if not blocks:
             return {name: np.empty(0) for name in self._fields}
-        try:
-            return {name: np.concatenate([block[name] for block in self._blocks]) for name in self._fields}
-        except ValueError as error:
-            raise SchemaError(f"an array of {self._schema.name} changes its length within the recording") from error
+        columns = {}
+        for name in self._fields:
+            try:
+                columns[name] = np.concatenate([block.pop(name) for block in blocks])
+            except ValueError as error:
+                raise SchemaError(f"array {name} of {self._schema.name} changes its length") from error
+        return columns
 
     def _decode_pending(self) -> None:
         if self._pending:
-            self._blocks.append(decode_columns(self._schema, self._pending, self._fields))
+            ends = np.cumsum([len(data) for data in self._pending])
+            begins = np.concatenate([[0], ends[:-1]])
+            good = self.add_block(np.frombuffer(b"".join(self._pending), np.uint8), begins, ends)
             self._pending = []
+            if not good.all():
+                raise SchemaError(self.damage)
 
 
 def decode_columns(schema: MessageSchema, messages: Sequence[bytes], fields: Sequence[str]) -> dict[str, NDArray[Any]]:
@@ -311,26 +443,17 @@ def decode_columns(schema: MessageSchema, messages: Sequence[bytes], fields: Seq
     Raises:
         SchemaError: If a message does not fit the type, or an array field has several lengths.
     """
-    groups: dict[tuple[int, bytes], list[int]] = {}
-    for index, data in enumerate(messages):
-        groups.setdefault((len(data), data[:_HEADER_BYTES]), []).append(index)
-    columns: dict[str, NDArray[Any]] = {}
-    for (size, _), indices in groups.items():
-        remaining = np.array(indices)
-        while len(remaining):
-            layout = schema.layout(messages[remaining[0]])
-            joined = b"".join(messages[i] for i in remaining)
-            rows = np.frombuffer(joined, np.uint8).reshape(len(remaining), size)
-            fits = layout.fits(rows)
-            _extract(layout, rows[fits], remaining[fits], fields, columns, len(messages))
-            remaining = remaining[~fits]
-    return columns
+    reader = ColumnReader(schema, fields)
+    for data in messages:
+        reader.add(data)
+    return reader.finish()
 
 
 def _extract(
     layout: Layout,
-    rows: NDArray[np.uint8],
-    indices: NDArray[np.int64],
+    contents: Bytes,
+    begin: Integers,
+    rows: Integers,
     fields: Sequence[str],
     columns: dict[str, NDArray[Any]],
     total: int,
@@ -341,10 +464,10 @@ def _extract(
         place = places[name]
         dtype = np.dtype(place.dtype)
         width = 1 if place.count is None else place.count
-        raw = np.ascontiguousarray(rows[:, place.offset : place.offset + width * dtype.itemsize])
+        raw = windows(contents, begin + place.offset, width * dtype.itemsize)
         values = raw.view(dtype) if width else np.empty((len(rows), 0), dtype)
         shape = () if place.count is None else (place.count,)
         column = columns.setdefault(name, np.empty((total, *shape), dtype.newbyteorder("=")))
         if column.shape[1:] != shape:
             raise SchemaError(f"array {name} has {place.count} values in one message and {column.shape[1]} in another")
-        column[indices] = values.reshape(len(rows), *shape)
+        column[rows] = values.reshape(len(rows), *shape)

@@ -1,35 +1,53 @@
-"""The container: raw messages out of an MCAP file, also out of one that was torn off at any byte.
+"""The container: raw messages out of an MCAP file, also out of one that was torn off or damaged at any byte.
 
-The index at the end of an MCAP file is what a killed recorder never wrote, so nothing here uses it: the records are
-read in order from the beginning, chunk by chunk, until the footer or until a record is not whole. Chunks are checked
-against their CRC. The `mcap` library decodes the records; only messages inside a chunk are cut here, because there are
-many.
+The index at the end of an MCAP file is what a killed recorder never wrote, so it is not needed: the records are read in
+order from the beginning, chunk by chunk, until the footer or until a record is not whole. Chunks are checked against
+their CRC, and one that is damaged is left out. Only chunks are decompressed; what the file declares about its lengths
+is believed only where it fits the file, so that a damaged length cannot eat memory.
+
+Format: the MCAP specification, https://mcap.dev/spec. The `mcap` library decodes the small records.
 """
 
 from __future__ import annotations
 
+import io
 import os
 import struct
 import zlib
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import IO, Any, Final, NamedTuple
 
 import lz4.frame  # type: ignore[import-untyped]
+import numpy as np
 import yaml
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Header, Message, Metadata, Schema
-from mcap.stream_reader import StreamReader
+from mcap.records import Channel, Footer, Header, Metadata, Schema
+from numpy.typing import NDArray
+
+from bike_analysis.records import MESSAGE_BYTES, RECORD_BYTES, scan
 
 MAGIC: Final = b"\x89MCAP0\r\n"
+BLOCK_BYTES: Final = 8 * 1024 * 1024
+"""Contents of chunks that are looked at together."""
+LARGEST_RECORD: Final = 256 * 1024 * 1024
+"""A record or a chunk's contents beyond this size are not read, bytes. Recorders make chunks of a few megabytes."""
 
 _RECORD: Final = struct.Struct("<BQ")
-_MESSAGE: Final = struct.Struct("<HIQQ")
+_CHUNK: Final = struct.Struct("<QQQII")
+_LENGTH: Final = struct.Struct("<Q")
+_KINDS: Final[dict[int, Any]] = {
+    Opcode.HEADER: Header,
+    Opcode.SCHEMA: Schema,
+    Opcode.CHANNEL: Channel,
+    Opcode.METADATA: Metadata,
+}
 _DAMAGE: Final = (McapError, EOFError, struct.error, UnicodeDecodeError, OverflowError, MemoryError, ValueError)
 
 
@@ -51,27 +69,61 @@ class RawMessage(NamedTuple):
     data: bytes
 
 
+@dataclass(frozen=True)
+class Block:
+    """Messages of some chunks, in the order of recording.
+
+    Attributes:
+        contents: Bytes that they lie in.
+        channel: Channel of each message.
+        log_time_ns: Log time of each message, ns.
+        begin: Where the CDR bytes of each message begin in `contents`.
+        end: Where they end.
+        first: Place of the first message in the recording, counted from 1 over all topics.
+    """
+
+    contents: NDArray[np.uint8]
+    channel: NDArray[np.int64]
+    log_time_ns: NDArray[np.int64]
+    begin: NDArray[np.int64]
+    end: NDArray[np.int64]
+    first: int
+
+    def __len__(self) -> int:
+        return len(self.channel)
+
+    def data(self, index: int) -> bytes:
+        """CDR bytes of one message."""
+        return self.contents[self.begin[index] : self.end[index]].tobytes()
+
+
 @dataclass
 class Container:
-    """An MCAP file. Reading `messages` fills the other attributes.
+    """An MCAP file. Reading `blocks` or `messages` fills the other attributes.
 
     Attributes:
         path: The file.
         channels: Channels met so far, by id.
         schemas: Schemas met so far, by id.
         metadata: Metadata records met so far, by name.
+        counts: Messages met so far, by channel.
         truncated: Whether reading ended before the file's own end.
         bytes_read: Length of the part that was whole, bytes.
         reason: Why reading ended early, in words; empty for a whole file.
+        damaged_chunks: Chunks that were left out.
+        damage: What was wrong with the first of them, in words.
     """
 
     path: Path
     channels: dict[int, Channel] = field(default_factory=dict)
     schemas: dict[int, Schema] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    counts: dict[int, int] = field(default_factory=dict)
     truncated: bool = False
     bytes_read: int = 0
     reason: str = ""
+    damaged_chunks: int = 0
+    damage: str = ""
 
     def messages(self) -> Iterator[RawMessage]:
         """Yield all messages in the order in which they were recorded.
@@ -83,71 +135,160 @@ class Container:
             RecordingError: If the file is not MCAP at all.
             OSError: If the file cannot be read.
         """
-        size = self.path.stat().st_size
-        with self.path.open("rb") as file:
-            _check_magic(self.path, file.read(len(MAGIC)))
-            file.seek(0)
-            reader = StreamReader(file, emit_chunks=True, record_size_limit=size)
-            records = reader.records
-            while True:
-                try:
-                    record = next(records)
-                    messages = self._messages_of(record)
-                except StopIteration:
-                    return  # the footer and the closing magic were there
-                except _DAMAGE as error:
-                    self.truncated = True
-                    detail = str(error) or "a record is not whole"
-                    self.reason = f"{self.bytes_read} of {size} bytes are whole ({type(error).__name__}: {detail})"
-                    return
-                self.bytes_read = file.tell()
-                if isinstance(record, Header) and record.profile not in ("ros2", ""):
-                    raise RecordingError(f"{self.path} is an MCAP file of profile {record.profile!r}, not of ROS 2")
-                yield from messages
+        for block in self.blocks():
+            for index in range(len(block)):
+                yield RawMessage(int(block.channel[index]), int(block.log_time_ns[index]), block.data(index))
+
+    def blocks(self) -> Iterator[Block]:
+        """Yield all messages, many at a time; the same and in the same order as `messages`.
+
+        Raises:
+            RecordingError: If the file is not MCAP at all.
+            OSError: If the file cannot be read.
+        """
+        pieces: list[bytes] = []
+        size, count = 0, 0
+        for piece in self._pieces():
+            pieces.append(piece)
+            size += len(piece)
+            if size >= BLOCK_BYTES:
+                block = self._block(pieces, count + 1)
+                count += len(block)
+                yield block
+                pieces, size = [], 0
+        if pieces:
+            yield self._block(pieces, count + 1)
 
     def topics(self) -> dict[str, str]:
         """Topics met so far with their type names."""
         return {c.topic: self.schemas[c.schema_id].name for c in self.channels.values() if c.schema_id in self.schemas}
 
-    def _messages_of(self, record: object) -> list[RawMessage]:
-        """Messages of one top-level record; schemas, channels and metadata are noted."""
-        if isinstance(record, Chunk):
-            return self._cut(_chunk_contents(record))
-        if isinstance(record, Message):
-            return [RawMessage(record.channel_id, record.log_time, record.data)]
+    def _pieces(self) -> Iterator[bytes]:
+        """Contents of the chunks, and message records that stand outside of chunks."""
+        size = self.path.stat().st_size
+        with self.path.open("rb", buffering=1024 * 1024) as file:
+            _check_magic(self.path, file.read(len(MAGIC)))
+            self.bytes_read = len(MAGIC)
+            while True:
+                try:
+                    opcode, length = self._next_record(file, size)
+                    if opcode == Opcode.FOOTER:
+                        _check_end(file, length)
+                        self.bytes_read = file.tell()
+                        return
+                    piece = self._content(file, opcode, length, size)
+                except _DAMAGE as error:
+                    if isinstance(error, RecordingError):
+                        raise
+                    self.truncated = True
+                    self.reason = f"{self.bytes_read} of {size} bytes are whole ({_said(error)})"
+                    return
+                self.bytes_read += RECORD_BYTES + length
+                if piece:
+                    yield piece
+
+    def _next_record(self, file: IO[bytes], size: int) -> tuple[int, int]:
+        """Opcode and length of the next record.
+
+        Raises:
+            ValueError: If it does not fit the file.
+        """
+        head = file.read(RECORD_BYTES)
+        if len(head) < RECORD_BYTES:
+            raise ValueError("the file ends without its footer")
+        opcode, length = _RECORD.unpack(head)
+        if opcode == 0:
+            raise ValueError("a record has no type")
+        if length > size - self.bytes_read - RECORD_BYTES:
+            raise ValueError("a record is not whole")
+        return opcode, length
+
+    def _content(self, file: IO[bytes], opcode: int, length: int, size: int) -> bytes:
+        """Records of a chunk, or a message with its record header; of anything else nothing, but it is noted."""
+        if opcode not in (Opcode.CHUNK, Opcode.MESSAGE, *_KINDS):
+            if opcode == Opcode.MESSAGE_INDEX and (length < 6 or (length - 6) % 16):
+                raise ValueError("a message index is damaged")
+            file.seek(length, io.SEEK_CUR)
+            return b""
+        if length > LARGEST_RECORD:
+            raise ValueError(f"a record of {length} bytes is larger than the {LARGEST_RECORD} that are read")
+        content = file.read(length)
+        if opcode == Opcode.MESSAGE:
+            return _RECORD.pack(opcode, length) + content
+        if opcode != Opcode.CHUNK:
+            self._note(opcode, content)
+            return b""
+        try:
+            return _chunk_contents(content)
+        except _DAMAGE as error:
+            self._leave_out(file, size, _said(error))
+            return b""
+
+    def _leave_out(self, file: IO[bytes], size: int, damage: str) -> None:
+        """Count a damaged chunk. It may have described topics; the file's summary describes them once more."""
+        self.damaged_chunks += 1
+        self.damage = self.damage or damage
+        if self.damaged_chunks == 1:
+            position = file.tell()
+            with suppress(*_DAMAGE):  # a torn file has none
+                self._read_summary(file, size)
+            file.seek(position)
+
+    def _read_summary(self, file: IO[bytes], size: int) -> None:
+        """Note the schemas and channels of the summary section, where there is one."""
+        footer_bytes = RECORD_BYTES + 20
+        file.seek(size - len(MAGIC) - footer_bytes)
+        footer = Footer.read(ReadDataStream(BytesIO(file.read(footer_bytes)[RECORD_BYTES:])))
+        if not 0 < footer.summary_start < size:
+            return
+        file.seek(footer.summary_start)
+        while True:
+            opcode, length = _RECORD.unpack(file.read(RECORD_BYTES))
+            if opcode not in (Opcode.SCHEMA, Opcode.CHANNEL) or length > size:
+                return
+            self._note(opcode, file.read(length))
+
+    def _note(self, opcode: int, content: bytes) -> None:
+        """Keep a schema, channel or metadata record; the first of a name counts.
+
+        Raises:
+            RecordingError: If the header is that of another kind of recording.
+        """
+        record = _KINDS[opcode].read(ReadDataStream(BytesIO(content)))
         if isinstance(record, Channel):
             self.channels.setdefault(record.id, record)
         elif isinstance(record, Schema):
             self.schemas.setdefault(record.id, record)
         elif isinstance(record, Metadata):
             self.metadata[record.name] = dict(record.metadata)
-        return []
+        elif isinstance(record, Header) and record.profile not in ("ros2", ""):
+            raise RecordingError(f"{self.path} is an MCAP file of profile {record.profile!r}, not of ROS 2")
 
-    def _cut(self, contents: bytes) -> list[RawMessage]:
-        """Cut the contents of a chunk into messages; schemas and channels are noted.
-
-        Raises:
-            ValueError: If a record reaches beyond the chunk.
-        """
-        messages: list[RawMessage] = []
-        position, end = 0, len(contents)
-        while position < end:
-            opcode, length = _RECORD.unpack_from(contents, position)
-            start = position + _RECORD.size
-            position = start + length
-            if position > end:
-                raise ValueError("a record reaches beyond its chunk")
-            if opcode == Opcode.MESSAGE:
-                channel, _, log_time, _ = _MESSAGE.unpack_from(contents, start)
-                messages.append(RawMessage(channel, log_time, contents[start + _MESSAGE.size : position]))
-            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                kind = Schema if opcode == Opcode.SCHEMA else Channel
-                self._messages_of(kind.read(ReadDataStream(BytesIO(contents[start:position]))))
-        return messages
+    def _block(self, pieces: list[bytes], first: int) -> Block:
+        """Find the messages in the contents of chunks; schemas and channels are noted."""
+        contents = np.frombuffer(b"".join(pieces), np.uint8)
+        bounds = np.concatenate([[0], np.cumsum([len(piece) for piece in pieces])]).astype(np.int64)
+        most = len(contents) // RECORD_BYTES + 1
+        messages = np.empty((len(contents) // (RECORD_BYTES + MESSAGE_BYTES) + 1, 4), np.int64)
+        others = np.empty((most, 3), np.int64)
+        found, rest, broken = scan(contents, bounds, messages, others)
+        if broken:
+            self.damaged_chunks += broken
+            self.damage = self.damage or "a record reaches beyond its chunk"
+        for opcode, begin, end in others[:rest].tolist():
+            if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                try:
+                    self._note(opcode, contents[begin:end].tobytes())
+                except _DAMAGE as error:
+                    self.damage = self.damage or _said(error)
+        channel, log_time, begins, ends = np.ascontiguousarray(messages[:found].T)
+        for name, count in zip(*np.unique(channel, return_counts=True), strict=True):
+            self.counts[int(name)] = self.counts.get(int(name), 0) + int(count)
+        return Block(contents, channel, log_time, begins, ends, first)
 
 
 def find_file(path: str | os.PathLike[str]) -> Path:
-    """Find the MCAP file of a recording.
+    """Find the MCAP file of a recording in one file.
 
     Args:
         path: An MCAP file, or a rosbag2 directory with one.
@@ -157,20 +298,43 @@ def find_file(path: str | os.PathLike[str]) -> Path:
 
     Raises:
         FileNotFoundError: If there is none.
-        RecordingError: If the directory has several files.
+        RecordingError: If the recording is split over several files, or the directory holds several recordings.
+    """
+    files = find_files(path)
+    if len(files) > 1:
+        raise RecordingError(f"{path} is split over {len(files)} files; name one of them")
+    return files[0]
+
+
+def find_files(path: str | os.PathLike[str]) -> tuple[Path, ...]:
+    """Find the MCAP files of a recording.
+
+    Args:
+        path: An MCAP file, or a rosbag2 directory. One that was split while recording has several files, which its
+            ``metadata.yaml`` lists.
+
+    Returns:
+        The files in order, at least one.
+
+    Raises:
+        FileNotFoundError: If there is none.
+        RecordingError: If the directory has several files and nothing says that they belong together.
     """
     target = Path(path)
     if not target.exists():
         raise FileNotFoundError(f"recording {target} does not exist")
     if target.is_file():
-        return target
-    files = _listed_files(target) or sorted(target.glob("*.mcap"))
+        return (target,)
+    if not target.is_dir():
+        raise RecordingError(f"{target} is neither a file nor a directory")
+    listed = _listed_files(target)
+    files = listed or sorted(target.glob("*.mcap"))
     if not files:
         raise FileNotFoundError(f"directory {target} holds no .mcap file")
-    if len(files) > 1:
+    if len(files) > 1 and not listed:
         names = ", ".join(f.name for f in files[:5])
         raise RecordingError(f"directory {target} holds {len(files)} recordings ({names}); name one of them")
-    return files[0]
+    return tuple(files)
 
 
 def _listed_files(directory: Path) -> list[Path]:
@@ -198,23 +362,62 @@ def _check_magic(path: Path, start: bytes) -> None:
     raise RecordingError(f"{path} is not an MCAP recording (it begins with {start!r}){hint}")
 
 
-def _chunk_contents(chunk: Chunk) -> bytes:
+def _check_end(file: IO[bytes], length: int) -> None:
+    """Read the footer and the closing magic.
+
+    Raises:
+        ValueError: If they are not whole.
+    """
+    if length != 20 or len(file.read(length)) != length or file.read(len(MAGIC)) != MAGIC:
+        raise ValueError("the file's end is damaged")
+
+
+def _chunk_contents(record: bytes) -> bytes:
     """Decompress a chunk and check it.
 
     Raises:
         ValueError: If the chunk is damaged, or compressed in a way that MCAP does not know.
     """
+    _, _, size, crc, name_length = _CHUNK.unpack_from(record)
+    position = _CHUNK.size + name_length
+    if name_length > 16 or position + _LENGTH.size > len(record):
+        raise ValueError("a chunk's header is damaged")
+    compression = record[_CHUNK.size : position].decode()
+    (length,) = _LENGTH.unpack_from(record, position)
+    position += _LENGTH.size
+    if length != len(record) - position:
+        raise ValueError("a chunk's length is wrong")
+    if size > LARGEST_RECORD:
+        raise ValueError(f"a chunk declares {size} bytes, more than the {LARGEST_RECORD} that are read")
+    contents = _decompressed(compression, memoryview(record)[position:], size)
+    if len(contents) != size:
+        raise ValueError(f"a chunk holds {len(contents)} bytes and declares {size}")
+    if crc and zlib.crc32(contents) != crc:
+        raise ValueError("a chunk's checksum is wrong")
+    return contents
+
+
+def _decompressed(compression: str, data: memoryview, size: int) -> bytes:
+    """Contents of a chunk, `size` bytes if it is whole; never many more.
+
+    Raises:
+        ValueError: If it cannot be decompressed.
+    """
     try:
-        if chunk.compression == "zstd":
-            data = zstandard.decompress(chunk.data, chunk.uncompressed_size)
-        elif chunk.compression == "lz4":
-            data = lz4.frame.decompress(chunk.data)
-        elif chunk.compression == "":
-            data = chunk.data
-        else:
-            raise ValueError(f"a chunk has the unknown compression {chunk.compression!r}")
+        if compression == "zstd":
+            declared = zstandard.frame_content_size(data)
+            if declared not in (-1, size):  # -1: the frame does not tell
+                raise ValueError(f"a chunk's frame declares {declared} bytes instead of {size}")
+            return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
+        if compression == "lz4":
+            return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1))
     except (zstandard.ZstdError, RuntimeError) as error:
         raise ValueError(f"a chunk cannot be decompressed: {error}") from error
-    if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
-        raise ValueError("a chunk's checksum is wrong")
-    return data
+    if compression == "":
+        return bytes(data)
+    raise ValueError(f"a chunk has the unknown compression {compression!r}")
+
+
+def _said(error: BaseException) -> str:
+    """What an error says, for people."""
+    return str(error) or "a record is not whole"

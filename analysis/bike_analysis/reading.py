@@ -1,8 +1,8 @@
 """A recording as typed columns: states, commands, courses, events and latencies. Needs no ROS.
 
 What a message means is said in ``bike_msgs``; here its fields keep their names and units. A recording may lack topics
-and fields: what is not there becomes NaN or an empty list, and a warning says so. Only a recording without states is
-refused.
+and fields: what is not there becomes NaN or an empty list, and a warning says so. Where nobody recorded our states, the
+motion is worked out from standard messages (`bike_analysis.motion`). Only a recording without any motion is refused.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Final, Self, TypeVar
 
@@ -18,24 +18,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_analysis.columns import ColumnReader, MessageSchema, SchemaError
-from bike_analysis.container import Container, RawMessage, RecordingError, find_file
+from bike_analysis.container import Block, Container, RecordingError, find_files
+from bike_analysis.motion import MOTION_FIELDS, MOTION_TYPES, Motion, states_of_motion
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 _T = TypeVar("_T")
+_TableT = TypeVar("_TableT", bound="Table")
 
 STATE_TYPE: Final = "bike_msgs/msg/BikeState"
 COMMAND_TYPE: Final = "bike_msgs/msg/BikeCommand"
+TELEMETRY_TYPE: Final = "bike_msgs/msg/Telemetry"
 DEFAULT_NAMESPACE: Final = "/bike"
 EVENT_KINDS: Final = ("reset", "fall", "off_course", "wall", "lap", "finish", "sector", "back_on_course")
 """Names of ``RideEvent.kind``, by number."""
 
 _STAMP: Final = ("header.stamp.sec", "header.stamp.nanosec")
-_REQUIRED: Final = {
-    STATE_TYPE: (*_STAMP, "episode", "step", "x", "y", "lateral_error"),
-    COMMAND_TYPE: (*_STAMP, "episode", "step", "steering"),
-}
+_NOTES: Final = "ride_notes"
 _DECODED_BY_MESSAGE: Final = ("bike_msgs/msg/Course", "bike_msgs/msg/RideEvent", "diagnostic_msgs/msg/DiagnosticArray")
 _LATENCY_KEY: Final = re.compile(r"^(?:\w+_)?latency_(median|p50|p99)_(s|ms|us)$")
 _SECONDS: Final = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
@@ -159,6 +159,71 @@ class Commands(Table):
 
 
 @dataclass(frozen=True)
+class Telemetry:
+    """What tyres, engine, brakes and rider aids of a superbike did (``bike_msgs/Telemetry``), one row a message.
+
+    Attributes:
+        order: Place of each message in the recording.
+        time_s: Simulated time, s.
+        episode: Episode of the state that it belongs to.
+        step: Step of that state.
+        values: Numbers and flags by name of the message's field, in its units.
+    """
+
+    order: Integers
+    time_s: Floats
+    episode: Integers
+    step: Integers
+    values: dict[str, Floats]
+
+    def take(self, rows: NDArray[Any]) -> Telemetry:
+        """Select rows by mask or indices."""
+        values = {name: column[rows] for name, column in self.values.items()}
+        return Telemetry(self.order[rows], self.time_s[rows], self.episode[rows], self.step[rows], values)
+
+
+TELEMETRY_COLUMNS: Final = {
+    "acceleration_longitudinal": "tyre_acceleration_longitudinal_m_s2",
+    "acceleration_lateral": "tyre_acceleration_lateral_m_s2",
+    **{
+        f"{wheel}_{name}": f"{wheel}_{name}{unit}"
+        for wheel in ("rear", "front")
+        for name, unit in (
+            ("slip_angle", "_rad"),
+            ("slip", ""),
+            ("camber", "_rad"),
+            ("load", "_n"),
+            ("force_longitudinal", "_n"),
+            ("force_lateral", "_n"),
+            ("slip_use", ""),
+            ("brake_force", "_n"),
+            ("contact_lost", ""),
+        )
+    },
+    "engine_power": "engine_power_w",
+    "engine_force": "engine_force_n",
+    "drag_force": "drag_force_n",
+    "rider_offset": "rider_offset_m",
+    "lean_reference": "lean_reference_rad",
+    "traction_control": "traction_control",
+    "anti_wheelie": "anti_wheelie",
+    "brake_control": "brake_control",
+    "anti_stoppie": "anti_stoppie",
+}
+"""Fields of ``bike_msgs/Telemetry`` that are read, with the names of their columns in tables."""
+
+_TABLES: Final[dict[str, type[Table]]] = {STATE_TYPE: States, COMMAND_TYPE: Commands}
+COLUMNS: Final[dict[str, tuple[str, ...]]] = {
+    **{
+        name: tuple(f.name for f in fields(kind) if f.name not in ("order", "time_s")) for name, kind in _TABLES.items()
+    },
+    TELEMETRY_TYPE: ("episode", "step", *TELEMETRY_COLUMNS),
+    **MOTION_FIELDS,
+}
+"""Fields that are read as columns, by type of the message."""
+
+
+@dataclass(frozen=True)
 class Course:
     """A followed line (``bike_msgs/Course``).
 
@@ -254,6 +319,9 @@ class Recording:
         truncated: Whether the file ended before its end (recorder killed, disk full, damage).
         warnings: What was missing or wrong, a sentence each.
         message_count: Messages read, of all topics.
+        telemetry: What tyres and engine did, or None where it was not recorded.
+        topics: Number of messages read by topic.
+        dropped_messages: Messages that the recorder had to give up, as it reported them; None without a report.
     """
 
     path: Path
@@ -268,6 +336,9 @@ class Recording:
     truncated: bool
     warnings: tuple[str, ...]
     message_count: int
+    telemetry: Telemetry | None = None
+    topics: dict[str, int] = field(default_factory=dict)
+    dropped_messages: int | None = None
 
 
 def read_recording(path: str | os.PathLike[str], namespace: str | None = None) -> Recording:
@@ -285,53 +356,76 @@ def read_recording(path: str | os.PathLike[str], namespace: str | None = None) -
         RecordingError: If it is not a recording of a ride, or nothing of it can be read.
         OSError: If the file cannot be read.
     """
-    file = find_file(path)
-    collector = _Collector(Container(file))
+    files = find_files(path)
     try:
-        return collector.read(namespace)
+        return _Collector(files).read(namespace)
     except SchemaError as error:
-        raise RecordingError(f"{file}: {error}") from error
+        raise RecordingError(f"{files[0]}: {error}") from error
 
 
 @dataclass
-class _TableReader:
+class _TopicReader:
     """Columns of one topic while they are being collected."""
 
-    kind: type[Table]
+    type_name: str
     columns: ColumnReader
     missing: tuple[str, ...]
-    order: list[int] = field(default_factory=list)
+    orders: list[Integers] = field(default_factory=list)
+    log_times: list[Integers] = field(default_factory=list)
 
     @classmethod
-    def of(cls, kind: type[Table], schema: MessageSchema, required: Sequence[str]) -> _TableReader:
-        available = schema.fields()
-        absent = [name for name in required if name not in available]
-        if absent:
-            raise SchemaError(
-                f"{schema.name} as recorded has no {', '.join(absent)}; is it another version of bike_msgs?"
-            )
-        own = [f.name for f in fields(kind) if f.name not in ("order", "time_s")]
-        wanted = [name for name in own if name in available]
-        missing = tuple(name for name in own if name not in available)
-        return cls(kind, ColumnReader(schema, (*_STAMP, *wanted)), missing)
+    def of(cls, schema: MessageSchema) -> _TopicReader:
+        """A reader of the columns that are wanted and recorded.
 
-    def add(self, order: int, data: bytes) -> None:
-        self.order.append(order)
-        self.columns.add(data)
+        Raises:
+            SchemaError: If the type has none of them, or its definition cannot be understood.
+        """
+        wanted, available = COLUMNS[schema.name], schema.scalars()
+        found = [name for name in (*_STAMP, *wanted) if name in available]
+        if not set(found) & set(wanted):
+            raise SchemaError(f"{schema.name} as recorded has none of the known fields; is it another version?")
+        missing = tuple(name for name in wanted if name not in available)
+        return cls(schema.name, ColumnReader(schema, found), missing)
 
-    def finish(self) -> Table:
+    def add(self, block: Block, rows: Integers) -> None:
+        good = rows[self.columns.add_block(block.contents, block.begin[rows], block.end[rows])]
+        self.orders.append(good + block.first)
+        self.log_times.append(block.log_time_ns[good])
+
+    def finish(self) -> tuple[Integers, Floats, dict[str, NDArray[Any]]]:
+        """Places in the recording, times in s and the columns by field."""
         columns = self.columns.finish()
-        seconds, nanoseconds = (columns.pop(name) for name in _STAMP)
-        count = len(self.order)
-        values: dict[str, NDArray[Any]] = {
-            "order": np.array(self.order, dtype=np.int64),
-            "time_s": seconds.astype(np.float64) + 1e-9 * nanoseconds,
-        }
-        for f in fields(self.kind):
-            if f.name not in values:
-                dtype, absent = _column_kind(str(f.type))
-                values[f.name] = columns[f.name].astype(dtype) if f.name in columns else np.full(count, absent, dtype)
-        return self.kind(**values)
+        order, log_time = np.concatenate(self.orders), np.concatenate(self.log_times)
+        stamp = [columns.pop(name, None) for name in _STAMP]
+        if stamp[0] is None or stamp[1] is None:
+            return order, np.asarray(1e-9 * log_time, dtype=np.float64), columns
+        time_s: Floats = np.asarray(stamp[0] + 1e-9 * stamp[1], dtype=np.float64)
+        return order, time_s, columns
+
+
+def _table_of(
+    kind: type[_TableT], order: Integers, time_s: Floats, columns: dict[str, NDArray[Any]], count: int
+) -> _TableT:
+    """A table of columns; those that are absent are filled."""
+    values: dict[str, NDArray[Any]] = {"order": order, "time_s": time_s}
+    for f in fields(kind):
+        if f.name in values:
+            continue
+        dtype, absent = _column_kind(str(f.type))
+        column = columns.pop(f.name, None)
+        if column is not None:
+            values[f.name] = column.astype(dtype, copy=False)
+        elif f.name == "step":
+            values[f.name] = np.arange(count, dtype=np.int64)
+        else:
+            values[f.name] = np.full(count, 1 if f.name == "episode" else absent, dtype)
+    return kind(**values)
+
+
+def empty_table(kind: type[_TableT]) -> _TableT:
+    """A table without rows."""
+    nothing = np.empty(0, np.int64)
+    return _table_of(kind, nothing, np.empty(0), {}, 0)
 
 
 def _column_kind(annotation: str) -> tuple[type, float | bool | int]:
@@ -340,121 +434,197 @@ def _column_kind(annotation: str) -> tuple[type, float | bool | int]:
 
 
 class _Collector:
-    """Sorts the messages of a container into tables and lists."""
+    """Sorts the messages of a recording into tables and lists."""
 
-    def __init__(self, container: Container) -> None:
-        self._container = container
+    def __init__(self, files: Sequence[Path]) -> None:
+        self._path = files[0]
+        self._containers = [Container(file) for file in files]
         self._warnings: list[str] = []
-        self._schemas: dict[int, MessageSchema | None] = {}
-        self._tables: dict[str, _TableReader] = {}
+        self._topics: dict[str, _TopicReader] = {}
         self._others: dict[str, list[tuple[int, Any]]] = {}
         self._vehicles: dict[str, str] = {}
+        self._counts: dict[str, int] = {}
         self._count = 0
 
     def read(self, namespace: str | None) -> Recording:
-        for message in self._container.messages():
-            self._count += 1
-            self._add(message)
-        box = self._container
-        if box.truncated:
-            self._warnings.insert(0, f"the recording is torn: {box.reason}; read up to its last whole chunk")
+        for box in self._containers:
+            self._read_file(box)
         chosen = self._choose(namespace)
-        states, commands = self._table(chosen, "state", States), self._table(chosen, "command", Commands)
+        states = self._table(f"{chosen}/state", States) if chosen is not None else self._foreign()
+        name = chosen or ""
         return Recording(
-            path=box.path,
-            namespace=chosen,
-            vehicle=self._vehicles.get(f"{chosen}/state", ""),
+            path=self._path,
+            namespace=name,
+            vehicle=self._vehicles.get(f"{name}/state", ""),
             states=states,
-            commands=commands,
-            courses=tuple(self._converted(f"{chosen}/course", _course)),
-            events=tuple(self._converted(f"{chosen}/events", _event)),
+            commands=self._table(f"{name}/command", Commands, expected=chosen is not None),
+            courses=tuple(self._converted(f"{name}/course", _course)),
+            events=tuple(self._converted(f"{name}/events", _event)),
             latencies=tuple(x for x in self._converted("/diagnostics", _latency) if x is not None),
-            notes=dict(box.metadata.get("ride_notes", {})),
-            truncated=box.truncated,
+            notes=self._notes(),
+            truncated=any(box.truncated or box.damaged_chunks for box in self._containers),
             warnings=tuple(self._warnings),
             message_count=self._count,
+            telemetry=self._telemetry(f"{name}/telemetry"),
+            topics=dict(sorted(self._counts.items())),
+            dropped_messages=max((d for d in self._converted("/diagnostics", _dropped) if d is not None), default=None),
         )
 
-    def _add(self, message: RawMessage) -> None:
-        channel = self._container.channels.get(message.channel)
-        schema = self._schema(message.channel)
-        if channel is None or schema is None:
+    def _notes(self) -> dict[str, str]:
+        return {name: text for box in self._containers for name, text in box.metadata.get(_NOTES, {}).items()}
+
+    # ------------------------------------------------------------------------------------------------ one file
+
+    def _read_file(self, box: Container) -> None:
+        schemas: dict[int, MessageSchema | None] = {}
+        before = self._count
+        for block in box.blocks():
+            block = replace(block, first=block.first + before)
+            for channel_id in np.unique(block.channel).tolist():
+                if channel_id not in schemas:
+                    schemas[channel_id] = self._make_schema(box, channel_id)
+                schema = schemas[channel_id]
+                if schema is not None:
+                    rows = np.flatnonzero(block.channel == channel_id)
+                    self._add(box.channels[channel_id].topic, schema, block, rows)
+            self._count += len(block)
+        for channel_id, count in box.counts.items():
+            if channel_id in box.channels:
+                topic = box.channels[channel_id].topic
+                self._counts[topic] = self._counts.get(topic, 0) + count
+            else:
+                self._warn(f"{count} messages are skipped: the file does not say what channel {channel_id} is")
+        if box.damaged_chunks:
+            many = "part is" if box.damaged_chunks == 1 else "parts are"
+            self._warn(f"{box.damaged_chunks} {many} damaged and left out: {box.damage}", first=True)
+        if box.truncated:
+            self._warn(f"the recording is torn: {box.reason}; read up to its last whole chunk", first=True)
+
+    def _add(self, topic: str, schema: MessageSchema, block: Block, rows: Integers) -> None:
+        """Sort messages of one topic in; those that do not fit their type are left out with a warning."""
+        if schema.name in COLUMNS:
+            reader = self._topics.get(topic)
+            if reader is None:
+                try:
+                    reader = self._topics[topic] = _TopicReader.of(schema)
+                except SchemaError as error:
+                    self._warn(f"topic {topic} is skipped: {error}")
+                    return
+                self._vehicles[topic] = self._vehicle(schema, block.data(int(rows[0])))
+            if reader.type_name == schema.name:
+                reader.add(block, rows)
+                if reader.columns.damage:
+                    self._warn(f"topic {topic}: messages are left out: {reader.columns.damage}")
             return
-        if schema.name in _REQUIRED:
-            if channel.topic not in self._tables:
-                kind = States if schema.name == STATE_TYPE else Commands
-                self._tables[channel.topic] = _TableReader.of(kind, schema, _REQUIRED[schema.name])
-                self._vehicles[channel.topic] = str(getattr(schema.decode(message.data), "vehicle", ""))
-            self._tables[channel.topic].add(self._count, message.data)
-            return
+        for row in rows.tolist():
+            try:
+                self._others.setdefault(topic, []).append((block.first + row, schema.decode(block.data(row))))
+            except SchemaError as error:
+                self._warn(f"topic {topic}: messages are left out: {error}")
+
+    @staticmethod
+    def _vehicle(schema: MessageSchema, data: bytes) -> str:
+        if schema.name != STATE_TYPE:
+            return ""
         try:
-            self._others.setdefault(channel.topic, []).append((self._count, schema.decode(message.data)))
+            return str(getattr(schema.decode(data), "vehicle", ""))
+        except SchemaError:
+            return ""
+
+    def _make_schema(self, box: Container, channel_id: int) -> MessageSchema | None:
+        """Schema of a channel that is worth decoding, else None."""
+        channel = box.channels.get(channel_id)
+        schema = box.schemas.get(channel.schema_id) if channel else None
+        if channel is None or schema is None:
+            return None
+        if schema.name not in COLUMNS and schema.name not in _DECODED_BY_MESSAGE:
+            return None
+        if channel.message_encoding != "cdr" or schema.encoding != "ros2msg":
+            self._warn(f"topic {channel.topic} is skipped: it is {channel.message_encoding} by {schema.encoding}")
+            return None
+        try:
+            return MessageSchema(schema.name, schema.data.decode("utf-8", errors="replace"))
         except SchemaError as error:
-            self._warn(f"topic {channel.topic}: {error}")
+            self._warn(f"topic {channel.topic} is skipped: {error}")
+            return None
+
+    def _warn(self, text: str, first: bool = False) -> None:
+        one_line = " ".join(text.split())
+        if one_line not in self._warnings:
+            self._warnings.insert(0 if first else len(self._warnings), one_line)
+
+    # ---------------------------------------------------------------------------------------------- all of them
 
     def _converted(self, topic: str, convert: Callable[[int, Any], _T]) -> Iterator[_T]:
         """Messages of a topic, converted; those of another version of the type are left out with a warning."""
         for order, message in self._others.get(topic, []):
             try:
                 yield convert(order, message)
-            except AttributeError as error:
+            except (AttributeError, TypeError, ValueError) as error:
                 self._warn(f"topic {topic} is skipped: its type is of another version ({error})")
 
-    def _schema(self, channel_id: int) -> MessageSchema | None:
-        """Schema of a channel that is worth decoding, else None."""
-        if channel_id not in self._schemas:
-            self._schemas[channel_id] = self._make_schema(channel_id)
-        return self._schemas[channel_id]
-
-    def _make_schema(self, channel_id: int) -> MessageSchema | None:
-        channel = self._container.channels.get(channel_id)
-        schema = self._container.schemas.get(channel.schema_id) if channel else None
-        if channel is None or schema is None:
-            return None
-        if schema.name not in _REQUIRED and schema.name not in _DECODED_BY_MESSAGE:
-            return None
-        if channel.message_encoding != "cdr" or schema.encoding != "ros2msg":
-            self._warn(f"topic {channel.topic} is skipped: it is {channel.message_encoding} by {schema.encoding}")
-            return None
-        return MessageSchema(schema.name, schema.data.decode("utf-8", errors="replace"))
-
-    def _warn(self, text: str) -> None:
-        if text not in self._warnings:
-            self._warnings.append(text)
-
-    def _choose(self, namespace: str | None) -> str:
-        """Namespace of the vehicle to be read."""
-        found = sorted(topic.removesuffix("/state") for topic, table in self._tables.items() if table.kind is States)
+    def _choose(self, namespace: str | None) -> str | None:
+        """Namespace of the vehicle to be read; None where there are no states of ours, but motion of somebody's."""
+        found = sorted(t.removesuffix("/state") for t, reader in self._topics.items() if reader.type_name == STATE_TYPE)
         if namespace is not None:
             chosen = "/" + namespace.strip("/")
             if chosen not in found:
-                raise RecordingError(f"{self._container.path} has no states of {chosen}; it has {found or 'none'}")
+                raise RecordingError(f"{self._path} has no states of {chosen}; it has {', '.join(found) or 'none'}")
             return chosen
         if not found:
+            if any(reader.type_name in MOTION_TYPES for reader in self._topics.values()):
+                return None
             raise RecordingError(self._no_states())
         if len(found) > 1 and DEFAULT_NAMESPACE not in found:
-            raise RecordingError(f"{self._container.path} has several vehicles, {', '.join(found)}: name one of them")
+            raise RecordingError(f"{self._path} has several vehicles, {', '.join(found)}: name one of them")
         return found[0] if len(found) == 1 else DEFAULT_NAMESPACE
 
     def _no_states(self) -> str:
-        box = self._container
-        if box.truncated:
-            return f"{box.path} is torn before its first whole chunk of states; nothing of the ride can be read"
-        topics = box.topics()
+        if any(box.truncated for box in self._containers):
+            return f"{self._path} is torn before its first whole chunk of states; nothing of the ride can be read"
+        topics = {topic: kind for box in self._containers for topic, kind in box.topics().items()}
+        skipped = next((text for text in self._warnings if "skipped" in text or "damaged" in text), "")
+        if skipped:
+            return f"{self._path} holds no state that can be read: {skipped}"
         if STATE_TYPE in topics.values():
-            return f"{box.path} holds no state: nothing was ridden while it was recorded"
+            return f"{self._path} holds no state: nothing was ridden while it was recorded"
         listed = ", ".join(f"{t} ({k})" for t, k in sorted(topics.items())[:5]) or "no topics at all"
-        return f"{box.path} is not a recording of a ride: no topic has the type {STATE_TYPE}; it has {listed}"
+        wanted = ", ".join((STATE_TYPE, *MOTION_TYPES))
+        return f"{self._path} is not a recording of a ride: no topic has one of the types {wanted}; it has {listed}"
 
-    def _table(self, namespace: str, name: str, kind: type[Any]) -> Any:
-        reader = self._tables.get(f"{namespace}/{name}")
-        if reader is None or reader.kind is not kind:
-            self._warn(f"topic {namespace}/{name} was not recorded")
-            columns: dict[str, NDArray[Any]] = {f.name: np.empty(0, _column_kind(str(f.type))[0]) for f in fields(kind)}
-            return kind(**columns)
+    def _table(self, topic: str, kind: type[_TableT], expected: bool = True) -> _TableT:
+        reader = self._topics.pop(topic, None)
+        if reader is None or _TABLES.get(reader.type_name) is not kind:
+            if expected:
+                self._warn(f"topic {topic} was not recorded")
+            return empty_table(kind)
         if reader.missing:
-            self._warn(f"{namespace}/{name} has no {', '.join(reader.missing)}; what needs them is left out")
-        return reader.finish()
+            self._warn(f"{topic} has no {', '.join(reader.missing)}; what needs them is left out")
+        order, time_s, columns = reader.finish()
+        if not len(order) and kind is States:
+            raise RecordingError(f"{self._path} holds no state that can be read: {reader.columns.damage}")
+        return _table_of(kind, order, time_s, columns, len(order))
+
+    def _telemetry(self, topic: str) -> Telemetry | None:
+        reader = self._topics.pop(topic, None)
+        if reader is None or reader.type_name != TELEMETRY_TYPE:
+            return None
+        order, time_s, columns = reader.finish()
+        episode, step = (columns.pop(n, np.zeros(len(order))).astype(np.int64) for n in ("episode", "step"))
+        return Telemetry(order, time_s, episode, step, {n: c.astype(np.float64) for n, c in columns.items()})
+
+    def _foreign(self) -> States:
+        """States worked out from standard messages, with a sentence that says of which."""
+        motions = []
+        for topic, reader in self._topics.items():
+            if reader.type_name in MOTION_TYPES:
+                motions.append(Motion(topic, reader.type_name, *reader.finish()))
+        states, told = states_of_motion(motions)
+        if not len(states["time_s"]):
+            raise RecordingError(f"{self._path} holds no motion that can be read: {told}")
+        self._warn(told)
+        order = states.pop("order").astype(np.int64)
+        return _table_of(States, order, states.pop("time_s"), states, len(order))
 
 
 def _floats(values: Any) -> Floats:
@@ -512,3 +682,12 @@ def _latency(order: int, message: Any) -> Latency | None:
     stamp = message.header.stamp
     time_s = stamp.sec + 1e-9 * stamp.nanosec
     return Latency(order, time_s, found.get("median", np.nan), found.get("p99", np.nan))
+
+
+def _dropped(order: int, message: Any) -> int | None:
+    """Messages that the recorder dropped, from its diagnostics."""
+    for status in message.status:
+        for pair in status.values:
+            if pair.key == "messages_dropped" and pair.value.isdigit():
+                return int(pair.value)
+    return None

@@ -105,10 +105,10 @@ def _ages(ride: Ride) -> dict[str, Floats]:
     return {"command_age_steps": steps, "command_age_s": seconds}
 
 
-def _section_names(ride: Ride) -> pd.Categorical:
+def _section_names(ride: Ride) -> Any:
     course, index = ride.course, ride.section_of()
     names: list[str] = [] if course is None or not len(index) else list(dict.fromkeys(course.section_names))
     codes = np.full(len(ride.states), -1, dtype=np.int64)
     if course is not None and len(index):
         codes = np.array([names.index(name) for name in course.section_names] + [-1], dtype=np.int64)[index]
-    return pd.Categorical.from_codes(codes, pd.Index(names, dtype=str))
+    return pd.Categorical.from_codes(codes, pd.Index(names, dtype=object))

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import struct
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
 import pytest
+import zstandard
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap.records import Channel, Chunk
+from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import Writer
 from rosbags.highlevel import AnyReader
 
 from bike_analysis.columns import MessageSchema, SchemaError, decode_columns
-from bike_analysis.container import Container
+from bike_analysis.container import MAGIC, Container
 from bike_analysis.reading import RecordingError, States, read_recording
 from bike_sim.recording import MessageType, RideRecorder, message_type
 
@@ -82,10 +88,13 @@ def assert_prefix(path: Path, whole: Path) -> None:
 
 def first_state_end(path: Path) -> int:
     """End of the first chunk that has a state, in bytes from the file's begin."""
-    container = Container(path)
-    return next(
-        container.bytes_read for m in container.messages() if container.channels[m.channel].topic == "/bike/state"
-    )
+    with path.open("rb") as file:
+        for record in StreamReader(file, emit_chunks=True).records:
+            if isinstance(record, Chunk) and any(
+                isinstance(r, Channel) and r.topic == "/bike/state" for r in breakup_chunk(record)
+            ):
+                return file.tell()
+    raise AssertionError(f"{path} has no state")
 
 
 @settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -127,8 +136,80 @@ def test_damage_never_gives_wrong_numbers_or_a_traceback(
         recording = read_recording(damaged)
     except RecordingError:
         return
-    full = read_recording(recorded)
-    np.testing.assert_array_equal(recording.states.x, full.states.x[: len(recording.states)])
+    assert_part(recording.states, read_recording(recorded).states)
+
+
+def assert_part(part: States, whole: States) -> None:
+    """Every state that is left is one that was written."""
+    row = {key: k for k, key in enumerate(zip(whole.episode.tolist(), whole.step.tolist(), strict=True))}
+    rows = [row[key] for key in zip(part.episode.tolist(), part.step.tolist(), strict=True)]
+    assert rows == sorted(rows)
+    for name in States.__dataclass_fields__:
+        if name != "order":
+            np.testing.assert_array_equal(getattr(part, name), getattr(whole, name)[rows], err_msg=name)
+
+
+def chunk_places(path: Path) -> list[tuple[int, int]]:
+    """Begin and end of each chunk in the file."""
+    with path.open("rb") as file:
+        return [
+            (index.chunk_start_offset, index.chunk_start_offset + index.chunk_length)
+            for index in make_reader(file).get_summary().chunk_indexes
+        ]
+
+
+@pytest.mark.parametrize("which", [0, 1, -1])
+def test_a_damaged_chunk_is_left_out_and_the_rest_is_read(recorded: Path, tmp_path: Path, which: int) -> None:
+    """Also the first one, which described the topics: the summary at the file's end describes them again."""
+    content = bytearray(recorded.read_bytes())
+    begin, end = chunk_places(recorded)[which]
+    content[(begin + end) // 2] ^= 0x55
+    damaged = tmp_path / "damaged.mcap"
+    damaged.write_bytes(content)
+    part, whole = read_recording(damaged), read_recording(recorded)
+    assert part.truncated
+    assert "1 part is damaged and left out" in part.warnings[0]
+    assert part.message_count < whole.message_count
+    assert len(part.states) > len(whole.states) - 20
+    assert_part(part.states, whole.states)
+
+
+def declare(content: bytearray, at: int, value: int) -> bytes:
+    content[at : at + 8] = value.to_bytes(8, "little")
+    return bytes(content)
+
+
+@pytest.mark.parametrize("length", [2**31, 2**40, 2**63, 2**64 - 1])
+@pytest.mark.parametrize("what", ["record", "uncompressed", "compressed"])
+def test_huge_declared_lengths_do_not_eat_memory(recorded: Path, tmp_path: Path, length: int, what: str) -> None:
+    """The third chunk claims to be huge; nothing of that size is allocated."""
+    begin, _ = chunk_places(recorded)[2]
+    place = {"record": begin + 1, "uncompressed": begin + 9 + 16, "compressed": begin + 9 + 28 + 4 + len("zstd")}[what]
+    huge = tmp_path / "huge.mcap"
+    huge.write_bytes(declare(bytearray(recorded.read_bytes()), place, length))
+    tracemalloc.start()
+    part = read_recording(huge)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 64e6
+    assert part.truncated
+    assert_part(part.states, read_recording(recorded).states)
+
+
+def test_a_huge_frame_inside_a_chunk_does_not_eat_memory(tmp_path: Path) -> None:
+    """A few kilobytes that unpack to gigabytes, with honest and with lying lengths around them."""
+    bomb = zstandard.ZstdCompressor().compress(bytes(2**30))
+    for declared in (2**30, 1000):
+        head = struct.pack("<QQQII", 0, 0, declared, 0, 4) + b"zstd" + struct.pack("<Q", len(bomb))
+        record = struct.pack("<BQ", 6, len(head) + len(bomb)) + head + bomb
+        path = tmp_path / "bomb.mcap"
+        path.write_bytes(MAGIC + record)
+        tracemalloc.start()
+        with pytest.raises(RecordingError, match="torn"):
+            read_recording(path)
+        _, peak = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        assert peak < 64e6
 
 
 @pytest.mark.parametrize(
@@ -202,8 +283,11 @@ def test_other_versions_of_the_state(tmp_path: Path, share) -> None:
     assert recording.states.lateral_error[0] == 0.25
     assert np.isnan(recording.states.roll[0])
     assert any("roll" in warning for warning in recording.warnings)
-    foreign = write_states_of(f"{body}{'=' * 80}{header}", tmp_path, stamp + numbers)
-    with pytest.raises(RecordingError, match="has no lateral_error"):
+    without = read_recording(write_states_of(f"{body}{'=' * 80}{header}", tmp_path, stamp + numbers))
+    assert np.isnan(without.states.lateral_error[0])
+    assert any("has no" in warning and "lateral_error" in warning for warning in without.warnings)
+    foreign = write_states_of(f"std_msgs/Header header\nfloat64 voltage\n{'=' * 80}{header}", tmp_path, stamp + numbers)
+    with pytest.raises(RecordingError, match="none of the known fields"):
         read_recording(foreign)
     broken = write_states_of("this is no definition", tmp_path, stamp + numbers)
     with pytest.raises(RecordingError, match="lacks the type bike_msgs/msg/this"):
