@@ -124,6 +124,7 @@ class Container:
     reason: str = ""
     damaged_chunks: int = 0
     damage: str = ""
+    _only_summary_left: bool = field(default=False, repr=False)
 
     def messages(self) -> Iterator[RawMessage]:
         """Yield all messages in the order in which they were recorded.
@@ -158,6 +159,7 @@ class Container:
                 pieces, size = [], 0
         if pieces:
             yield self._block(pieces, count + 1)
+        self._read_summary()  # topics without messages are described there only
 
     def topics(self) -> dict[str, str]:
         """Topics met so far with their type names."""
@@ -172,11 +174,13 @@ class Container:
             while True:
                 try:
                     opcode, length = self._next_record(file, size)
+                    if opcode == Opcode.DATA_END:
+                        self._only_summary_left = True
                     if opcode == Opcode.FOOTER:
                         _check_end(file, length)
                         self.bytes_read = file.tell()
                         return
-                    piece = self._content(file, opcode, length, size)
+                    piece = self._content(file, opcode, length)
                 except _DAMAGE as error:
                     if isinstance(error, RecordingError):
                         raise
@@ -203,9 +207,9 @@ class Container:
             raise ValueError("a record is not whole")
         return opcode, length
 
-    def _content(self, file: IO[bytes], opcode: int, length: int, size: int) -> bytes:
+    def _content(self, file: IO[bytes], opcode: int, length: int) -> bytes:
         """Records of a chunk, or a message with its record header; of anything else nothing, but it is noted."""
-        if opcode not in (Opcode.CHUNK, Opcode.MESSAGE, *_KINDS):
+        if opcode not in (Opcode.CHUNK, Opcode.MESSAGE, *_KINDS) or self._only_summary_left:
             if opcode == Opcode.MESSAGE_INDEX and (length < 6 or (length - 6) % 16):
                 raise ValueError("a message index is damaged")
             file.seek(length, io.SEEK_CUR)
@@ -221,32 +225,22 @@ class Container:
         try:
             return _chunk_contents(content)
         except _DAMAGE as error:
-            self._leave_out(file, size, _said(error))
+            self._leave_out(_said(error))
             return b""
 
-    def _leave_out(self, file: IO[bytes], size: int, damage: str) -> None:
+    def _leave_out(self, damage: str) -> None:
         """Count a damaged chunk. It may have described topics; the file's summary describes them once more."""
         self.damaged_chunks += 1
         self.damage = self.damage or damage
         if self.damaged_chunks == 1:
-            position = file.tell()
-            with suppress(*_DAMAGE):  # a torn file has none
-                self._read_summary(file, size)
-            file.seek(position)
+            self._read_summary()
 
-    def _read_summary(self, file: IO[bytes], size: int) -> None:
-        """Note the schemas and channels of the summary section, where there is one."""
-        footer_bytes = RECORD_BYTES + 20
-        file.seek(size - len(MAGIC) - footer_bytes)
-        footer = Footer.read(ReadDataStream(BytesIO(file.read(footer_bytes)[RECORD_BYTES:])))
-        if not 0 < footer.summary_start < size:
-            return
-        file.seek(footer.summary_start)
-        while True:
-            opcode, length = _RECORD.unpack(file.read(RECORD_BYTES))
-            if opcode not in (Opcode.SCHEMA, Opcode.CHANNEL) or length > size:
-                return
-            self._note(opcode, file.read(length))
+    def _read_summary(self) -> None:
+        """Note the schemas and channels of the summary section, where there is a whole one; a torn file has none."""
+        with suppress(*_DAMAGE), self.path.open("rb") as file:
+            for opcode, content in _summary_records(file, self.path.stat().st_size):
+                if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                    self._note(opcode, content)
 
     def _note(self, opcode: int, content: bytes) -> None:
         """Keep a schema, channel or metadata record; the first of a name counts.
@@ -360,6 +354,32 @@ def _check_magic(path: Path, start: bytes) -> None:
     elif start.startswith(b"#ROSBAG"):
         hint = "; it is a ROS 1 bag: convert it with `rosbags-convert`"
     raise RecordingError(f"{path} is not an MCAP recording (it begins with {start!r}){hint}")
+
+
+def _summary_records(file: IO[bytes], size: int) -> Iterator[tuple[int, bytes]]:
+    """Opcode and content of the records of the summary section.
+
+    Raises:
+        ValueError: If it is not whole.
+    """
+    footer_bytes = RECORD_BYTES + 20
+    footer_begin = size - len(MAGIC) - footer_bytes
+    file.seek(max(footer_begin, 0))
+    footer = Footer.read(ReadDataStream(BytesIO(file.read(footer_bytes)[RECORD_BYTES:])))
+    begin, end = footer.summary_start, size - len(MAGIC) - 4  # without the checksum itself
+    if begin == 0:
+        return
+    if begin > footer_begin or end - begin > LARGEST_RECORD:
+        raise ValueError("the summary does not fit the file")
+    file.seek(begin)
+    summary = file.read(end - begin)
+    if footer.summary_crc and zlib.crc32(summary) != footer.summary_crc:
+        raise ValueError("the summary's checksum is wrong")
+    position = 0
+    while position + RECORD_BYTES <= len(summary):
+        opcode, length = _RECORD.unpack_from(summary, position)
+        position += RECORD_BYTES + length
+        yield opcode, summary[position - length : position]
 
 
 def _check_end(file: IO[bytes], length: int) -> None:

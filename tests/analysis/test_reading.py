@@ -12,7 +12,7 @@ import zstandard
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
-from mcap.records import Channel, Chunk
+from mcap.records import Channel, Chunk, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import Writer
 from rosbags.highlevel import AnyReader
@@ -88,12 +88,14 @@ def assert_prefix(path: Path, whole: Path) -> None:
 
 def first_state_end(path: Path) -> int:
     """End of the first chunk that has a state, in bytes from the file's begin."""
+    states = set()
     with path.open("rb") as file:
-        for record in StreamReader(file, emit_chunks=True).records:
-            if isinstance(record, Chunk) and any(
-                isinstance(r, Channel) and r.topic == "/bike/state" for r in breakup_chunk(record)
-            ):
-                return file.tell()
+        for chunk in StreamReader(file, emit_chunks=True).records:
+            for record in breakup_chunk(chunk) if isinstance(chunk, Chunk) else []:
+                if isinstance(record, Channel) and record.topic == "/bike/state":
+                    states.add(record.id)
+                if isinstance(record, Message) and record.channel_id in states:
+                    return file.tell()
     raise AssertionError(f"{path} has no state")
 
 
