@@ -57,6 +57,10 @@ _SENTENCES: Final[dict[str, tuple[str, str]]] = {
         "counter-steers: a line that turns to one side farther ahead pulls the steering to the other side",
         "steers directly: a line that turns to one side farther ahead pulls the steering to that side",
     ),
+    "line ahead": (
+        "counter-steers: a line that turns to one side ahead pulls the steering to the other side",
+        "steers directly: a line that turns to one side ahead pulls the steering to that side",
+    ),
 }
 """What a negative and a positive correlation mean."""
 
@@ -113,18 +117,17 @@ class Statement:
 
     @property
     def steers_into_the_fall(self) -> bool | None:
-        """Whether roll and roll rate both say so, as far as they say anything; None where they do not agree."""
-        return _verdict(self.findings, ("roll", "roll rate"))
+        """Whether roll and roll rate say so; None where they do not agree or say nothing."""
+        return self._verdict("roll", "roll rate")
 
     @property
     def counter_steers(self) -> bool | None:
-        """The same of the line that turns shortly and farther ahead."""
-        return _verdict(self.findings, ("near preview", "far preview"))
+        """Whether the line ahead, near and far together, says so; None where it says nothing."""
+        return self._verdict("line ahead")
 
-
-def _verdict(findings: tuple[Finding, ...], subjects: tuple[str, ...]) -> bool | None:
-    signs = {finding.sign for finding in findings if finding.subject in subjects} - {0}
-    return (signs == {-1}) if len(signs) == 1 else None
+    def _verdict(self, *subjects: str) -> bool | None:
+        signs = {finding.sign for finding in self.findings if finding.subject in subjects} - {0}
+        return signs == {-1} if len(signs) == 1 else None
 
 
 def state_findings(explanation: Explanation, answers_differ: float) -> Statement:
@@ -149,7 +152,7 @@ def _subjects(layout: ObservationLayout) -> dict[str, list[int]]:
     if layout.preview_kind == "lean":
         found["direction"], ahead = ahead[:1], ahead[1:]
     half = (len(ahead) + 1) // 2
-    found["near preview"], found["far preview"] = ahead[:half], ahead[half:]
+    found["near preview"], found["far preview"], found["line ahead"] = ahead[:half], ahead[half:], ahead
     return {subject: places for subject, places in found.items() if places}
 
 
