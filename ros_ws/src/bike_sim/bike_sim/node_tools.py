@@ -93,11 +93,13 @@ def run_node(
         while (left := end - time.monotonic()) > 0.0:
             executor.spin_once(timeout_sec=left)
     except (CannotGoOn, ValueError, OSError, ParameterException) as error:
-        print(f"{name}: {_one_line(error)}", file=sys.stderr, flush=True)
-        code = BAD_INPUT_EXIT
+        code = _complain(name, error)
     finally:
         if node is not None:
-            getattr(node, "finish", lambda: None)()
+            try:
+                getattr(node, "finish", lambda: None)()
+            except (CannotGoOn, OSError) as error:
+                code = _complain(name, error)
             node.destroy_node()
         if executor is not None:
             executor.shutdown()
@@ -105,6 +107,11 @@ def run_node(
         rclpy.get_default_context().destroy()  # tells the others at once that the node is gone
         ended.set()
     return code
+
+
+def _complain(name: str, error: BaseException) -> int:
+    print(f"{name}: {_one_line(error)}", file=sys.stderr, flush=True)
+    return BAD_INPUT_EXIT
 
 
 def leave(code: int) -> NoReturn:
