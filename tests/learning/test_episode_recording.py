@@ -1,32 +1,174 @@
-"""Recordings of training are recordings like any other."""
+"""Recordings of training are recordings like any other, and tell what was learned from."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
+from bike_analysis.columns import MessageSchema
+from bike_analysis.container import Container
+from bike_analysis.report import analyze
 from bike_policy.actor import Actor
+from bike_policy.observation import ObservationLayout
+from bike_sim.physics.state import FIELDS
 from bike_sim.reset import ResetRequest
 from bike_sim.simulator import Simulator, SimulatorConfig
 from bike_training.curriculum import Curriculum
-from bike_training.task import TASKS
+from bike_training.env import BikeEnv
+from bike_training.learner import actor_tensors
+from bike_training.presets import FAST
+from bike_training.process import LearningProcess, RunSettings
+from bike_training.task import TASKS, Task
+from bike_training.vec_env import CompiledVecEnv
 
 pytest.importorskip("rclpy")
 
+COMPILED = SimulatorConfig(engine="whipple", time_step=0.01)
+PYBULLET = SimulatorConfig(engine="pybullet", time_step=0.005)
+SHORT = replace(TASKS["lean"], reward="sharp", path_weight=0.8, max_steps=12)
+RANGES = Curriculum().ranges(0)
 
-def test_recorded_ride_reads_back(tmp_path):
-    from bike_analysis.report import analyze
-    from bike_training.episode_recording import record_ride
+
+def messages(path: Path, topic: str) -> list:
+    """Decode all messages of a topic."""
+    box = Container(path)
+    found = []
+    for message in box.messages():
+        channel = box.channels[message.channel]
+        if channel.topic == topic:
+            schema = box.schemas[channel.schema_id]
+            found.append(MessageSchema(schema.name, schema.data.decode()).decode(message.data))
+    return found
+
+
+def notes(path: Path) -> dict:
+    box = Container(path)
+    list(box.blocks())
+    return box.metadata["ride_notes"]
+
+
+@pytest.fixture(scope="module")
+def validation(tmp_path_factory) -> Path:
+    """A recorded validation ride of an actor that does nothing."""
+    from bike_training.episode_recording import Standing, record_ride
 
     task = TASKS["lean"]
     actor = Actor([np.zeros((1, task.layout.size), dtype="f4")], [np.zeros(1, dtype="f4")])
-    ranges = Curriculum().ranges(0)
     request = ResetRequest(
-        seed=1, speed_range=ranges.speed, path_ranges=ranges.paths, perturb=True, preview=task.preview
+        seed=1, speed_range=RANGES.speed, path_ranges=RANGES.paths, perturb=True, preview=task.preview
     )
-    path = tmp_path / "episode.mcap"
-    record_ride(path, actor, task, Simulator(SimulatorConfig(engine="whipple", time_step=0.01)), request)
-    figures = analyze(path, tmp_path)
+    path = tmp_path_factory.mktemp("validation") / "episode.mcap"
+    record_ride(path, actor, task, Simulator(COMPILED), request, Standing(4000, 2, RANGES))
+    return path
+
+
+def test_recorded_ride_reads_back(validation, tmp_path):
+    figures = analyze(validation, tmp_path)
     (ride,) = figures["rides"]
     assert ride["course"] == "random"
     assert ride["falls"] == 1  # nobody steers
     assert ride["lost_steps"] == 0
     assert not figures["truncated"]
+    steps = messages(validation, "/bike/learning/step")
+    assert len(steps) + 1 == len(messages(validation, "/bike/state"))
+    assert {(step.learning_step, step.part, step.deterministic) for step in steps} == {(4000, 2, True)}
+    assert [step.terminated for step in steps] == [False] * (len(steps) - 1) + [True]
+    assert {(step.speed_min, step.speed_max, step.radius_min) for step in steps} == {(4.0, 4.0, 14.0)}
+
+
+def test_what_the_policy_saw_is_made_of_the_recorded_states(validation):
+    """The recording alone is enough to make the observation again, by the layout that it notes."""
+    task = json.loads(notes(validation)["task"])
+    layout = ObservationLayout.from_card(task["layout"])
+    states, steps = messages(validation, "/bike/state"), messages(validation, "/bike/learning/step")
+    for state, step in zip(states, steps, strict=False):
+        seen = layout.observe(np.array([getattr(state, name) for name in FIELDS]), state.preview_y)
+        assert (state.episode, state.step) == (step.episode, step.step)
+        assert tuple(step.feature_names) == layout.names
+        np.testing.assert_array_equal(seen, step.observation)
+
+
+def test_rewards_are_those_of_the_next_state_and_the_sum_of_their_terms(validation):
+    note = json.loads(notes(validation)["task"])
+    task = Task(**{**note, "layout": ObservationLayout.from_card(note["layout"])})
+    states, steps = messages(validation, "/bike/state"), messages(validation, "/bike/learning/step")
+    for state, step in zip(states[1:], steps, strict=True):
+        terms = task.reward_terms(np.float64(abs(state.lateral_error)), np.float64(state.roll))
+        assert dict(zip(step.reward_names, step.reward_terms, strict=True)) == terms
+        assert step.reward == sum(step.reward_terms)
+        assert (state.steering_command, 0.0) == (step.steering, step.action)
+
+
+def compiled() -> VecEnv:
+    return CompiledVecEnv(2, SHORT, RANGES, seed=3, time_step=0.01)
+
+
+def bullets() -> VecEnv:
+    env = DummyVecEnv([lambda: BikeEnv("local", SHORT, RANGES, PYBULLET)] * 2)
+    env.seed(3)
+    return env
+
+
+@pytest.mark.parametrize(("make", "config"), [(compiled, COMPILED), (bullets, PYBULLET)])
+def test_rides_of_the_learner_are_recorded_as_it_learned_from_them(make, config, tmp_path):
+    """Two episodes make a ride; what is recorded is what environment and policy exchanged."""
+    from bike_training.episode_recording import Standing, TrainingRecorder
+
+    env, path = make(), tmp_path / "training.mcap"
+    made = 0
+    recorder = TrainingRecorder(env, SHORT, config, lambda: Standing(made, 1, RANGES))
+    seen, rng = [env.reset()], np.random.default_rng(0)
+    actions, rewards = [], []
+    recorder.record_next(path)
+    for _ in range(5 * SHORT.max_steps):  # the first ride, of two episodes, has begun already
+        actions.append(rng.uniform(-0.02, 0.02, (2, 1)).astype(np.float32))
+        observations, reward, _, _ = env.step(actions[-1])
+        seen.append(observations)
+        rewards.append(reward)
+        made += 2
+    recorder.close()
+    first, last = 2 * SHORT.max_steps, 4 * SHORT.max_steps
+    steps = messages(path, "/bike/learning/step")
+    assert len(steps) == last - first
+    np.testing.assert_array_equal([s.observation for s in steps], [s[0] for s in seen[first:last]])
+    np.testing.assert_array_equal([s.action for s in steps], [a[0, 0] for a in actions[first:last]])
+    np.testing.assert_array_equal(np.float32([s.reward for s in steps]), [r[0] for r in rewards[first:last]])
+    assert [s.learning_step for s in steps] == list(range(2 * first, 2 * last, 2))
+    assert [s.learning_episode for s in steps] == [1] * SHORT.max_steps + [2] * SHORT.max_steps
+    assert [s.learning_episode_step for s in steps] == 2 * list(range(SHORT.max_steps))
+    assert [k for k, s in enumerate(steps) if s.truncated] == [SHORT.max_steps - 1, 2 * SHORT.max_steps - 1]
+    assert not any(s.terminated or s.deterministic for s in steps)
+    assert set(steps[0].reward_names) == {"path_linear", "path_peak", "upright"}
+    assert (env.get_attr("watch")[0], len(messages(path, "/bike/episode"))) == (None, 1)
+
+
+def test_a_run_records_validations_and_rides_of_the_learner_and_learns_the_same(tmp_path):
+    """Recording changes nothing in what is learned, and checkpoints are written while it goes on."""
+    preset = replace(FAST, learner="sb3", layers=(8, 8), batch_size=32, learning_starts=400, updates=1)
+
+    def learned(name: str, record_every: int) -> np.ndarray:
+        settings = RunSettings(preset, seed=3, record_every=record_every, checkpoint_every=400)
+        process = LearningProcess(settings, tmp_path / name, 2400)
+
+        def ask_for_validation(p: LearningProcess) -> None:
+            if p.model.num_timesteps == 160:
+                p.validate()
+
+        process.run(ask_for_validation)
+        assert process.progress.validations == 1
+        return np.concatenate([part.ravel() for parts in actor_tensors(process.model) for part in parts])
+
+    np.testing.assert_array_equal(learned("recorded", 1), learned("plain", 0))
+    assert not (tmp_path / "plain" / "episodes").exists()
+    folder = tmp_path / "recorded" / "episodes"
+    assert sorted(path.name for path in folder.iterdir()) == ["step_000000160.mcap", "step_000000160_training.mcap"]
+    validated, trained = (messages(path, "/bike/learning/step") for path in sorted(folder.iterdir()))
+    assert {step.learning_step for step in validated} == {160}
+    steps = [step.learning_step for step in trained]
+    assert steps == list(range(steps[0], steps[-1] + 1, 8))
+    assert steps[0] >= 160
+    assert trained[-1].terminated
+    assert {step.part for step in (*validated, *trained)} == {1}

@@ -38,6 +38,17 @@ def test_rewards_lie_in_0_1_fall_with_distance_and_are_symmetric(task, distance,
     assert task.rewards(np.float64(distance), np.float64(-roll)) == reward
 
 
+@pytest.mark.parametrize("reward", ["linear", "exponential", "sharp"])
+@given(distance=st.floats(0, 10), roll=st.floats(-1.5, 1.5), weight=st.floats(0, 1))
+def test_reward_terms_add_up_to_the_reward(reward, distance, roll, weight):
+    task = replace(PROP, reward=reward, path_weight=weight)
+    terms = task.reward_terms(np.float64(distance), np.float64(roll))
+    assert all(term >= 0.0 for term in terms.values())
+    assert sum(terms.values()) == pytest.approx(task.rewards(np.float64(distance), np.float64(roll)), abs=1e-15)
+    assert ("upright" in terms) == (weight < 1.0)
+    assert sum(task.reward_terms(np.float64(0.0), np.float64(0.0)).values()) == pytest.approx(1.0)
+
+
 def test_thresholds():
     assert not failed(np.float64(3.5), np.float64(math.radians(45)))
     assert failed(np.float64(3.51), np.float64(0))

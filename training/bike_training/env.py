@@ -15,8 +15,9 @@ from bike_sim.physics.vehicle import load_vehicle
 from bike_sim.simulator import SimulatorConfig, Snapshot
 from bike_training.clients import Client, make_client
 from bike_training.curriculum import Curriculum, RideRanges
-from bike_training.task import TASKS, Task, failed
-from bike_training.vec_env import distances, task_spaces
+from bike_training.task import TASKS, Task, distances, failed
+from bike_training.vec_env import task_spaces
+from bike_training.watch import RideWatch
 
 
 class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -56,6 +57,11 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._full_episodes = 0
         self._goes_on = False
         self.snapshot: Snapshot | None = None
+        self.watch: RideWatch | None = None
+
+    def set_watch(self, watch: RideWatch | None) -> None:
+        """Tell somebody of the rides from now on, or nobody."""
+        self.watch = watch
 
     def set_ranges(self, ranges: RideRanges) -> None:
         """Draw new rides from other intervals from now on."""
@@ -79,13 +85,19 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             request = replace(request, preview=self.task.preview)
             self.snapshot = self.client.reset(request)
             self._full_episodes = 0
+            if self.watch is not None:
+                self.watch.begun(request)
         assert self.snapshot is not None
         return self._observe(self.snapshot), self._info(self.snapshot)
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Hold an action of shape (1,) in [-1, 1] for one control period."""
-        command = float(action[0]) * self._command_scale
-        snapshot = self.client.step(min(max(command, -1.0), 1.0))
+        before = self.snapshot
+        command = min(max(float(action[0]) * self._command_scale, -1.0), 1.0)
+        snapshot = self.client.step(command)
+        if self.watch is not None:
+            assert before is not None
+            self.watch.stepped(self._observe(before), float(action[0]), command, snapshot.state)
         self.snapshot = snapshot
         self._steps += 1
         roll = snapshot.state[ROLL]

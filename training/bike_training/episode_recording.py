@@ -1,11 +1,23 @@
-"""Records a ride of training as the recorder node would: the same topics, messages and conventions."""
+"""Records rides of training as the recorder node would, with what was learned from at each step.
+
+Two kinds of rides are recorded: those of a validation, and rides that the learner itself makes, with its exploration.
+"""
 
 from __future__ import annotations
 
+import json
+import warnings
+from array import array
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+from bike_msgs.msg import LearningStep
+from numpy.typing import NDArray
 from rclpy.serialization import serialize_message
+from stable_baselines3.common.vec_env import VecEnv
 
 from bike_analysis.columns import MessageSchema
 from bike_policy.action import ActionScale
@@ -16,19 +28,158 @@ from bike_sim.events import EventWatch
 from bike_sim.physics.state import ROLL
 from bike_sim.recording import LATCHED, Qos, RideRecorder, message_type
 from bike_sim.reset import ResetRequest
-from bike_sim.simulator import Simulator, Snapshot
-from bike_training.curriculum import VALIDATION_DURATION
-from bike_training.task import Task, failed
+from bike_sim.simulator import Simulator, SimulatorConfig, Snapshot
+from bike_training.curriculum import VALIDATION_DURATION, RideRanges
+from bike_training.task import Task, distances, failed, sum_of
 
 TOPICS: Final = {
-    "/bike/state": "bike_msgs/msg/BikeState",
-    "/bike/command": "bike_msgs/msg/BikeCommand",
-    "/bike/course": "bike_msgs/msg/Course",
-    "/bike/events": "bike_msgs/msg/RideEvent",
+    "episode": ("bike_msgs/msg/EpisodeStart", LATCHED),
+    "course": ("bike_msgs/msg/Course", LATCHED),
+    "state": ("bike_msgs/msg/BikeState", Qos()),
+    "command": ("bike_msgs/msg/BikeCommand", Qos()),
+    "events": ("bike_msgs/msg/RideEvent", Qos()),
+    "learning/step": ("bike_msgs/msg/LearningStep", Qos()),
 }
+"""Topics of a recorded ride in the namespace of the nodes, with their types and QoS."""
 
 
-def record_ride(path: Path, actor: Actor, task: Task, simulator: Simulator, request: ResetRequest) -> None:
+@dataclass(frozen=True)
+class Standing:
+    """Where learning stands.
+
+    Attributes:
+        step: learning steps made so far.
+        part: part of the curriculum, 5 once it is finished.
+        ranges: intervals that new rides are drawn from.
+    """
+
+    step: int
+    part: int
+    ranges: RideRanges
+
+
+def task_note(task: Task) -> str:
+    """Return the task's settings as JSON, with the layout of the observation under ``layout``."""
+    return json.dumps(asdict(task) | {"layout": task.layout.to_card()})
+
+
+class RideWriter:
+    """Rides one ride in a simulator, step by step, and writes it down.
+
+    Attributes:
+        snapshot: what is seen now.
+        failed: whether the bicycle has fallen or is too far from its path.
+    """
+
+    def __init__(
+        self, path: Path, task: Task, simulator: Simulator, request: ResetRequest, full_episode: int, rider: str
+    ) -> None:
+        """Begin the ride and its recording.
+
+        Args:
+            path: recording, ``.mcap``.
+            task: what is learned.
+            simulator: where it is ridden.
+            request: how the ride begins.
+            full_episode: steps after which an episode of learning is truncated.
+            rider: who rides, for the notes.
+        """
+        self._task, self._simulator, self._full_episode = task, simulator, full_episode
+        self._episode, self._episode_step = 1, 0
+        self.snapshot = simulator.reset(request)
+        self.failed = False
+        assert simulator.course is not None
+        config = simulator.config
+        self._facts = messages.Episode(simulator.vehicle, simulator.course, request.preview, config.control_period)
+        self._watch = EventWatch(simulator.course, self.snapshot)
+        self._open(path, {"rider": rider, "layout": task.layout.name, "task": task_note(task)})
+        number, stamp = self.snapshot.episode, self._stamp
+        self._write("episode", messages.episode_start_to_message(request, config, number, stamp))
+        self._write("course", messages.course_to_message(simulator.course, number, stamp))
+        self._write("events", messages.event_to_message(self._watch.begun(), self.snapshot, stamp))
+        self._write("state", messages.state_to_message(self.snapshot, self._facts, stamp))
+
+    def _open(self, path: Path, notes: dict[str, str]) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._recorder = RideRecorder(path, overwrite=True, notes=notes, metadata_file=False)
+        self._schemas: dict[str, MessageSchema] = {}
+        for name, (kind, qos) in TOPICS.items():
+            described = message_type(kind)
+            self._recorder.add_topic(f"/bike/{name}", described, qos)
+            self._schemas[name] = MessageSchema(described.name, described.definition)
+
+    def step(
+        self, observation: NDArray[np.float32], action: float, command: float, standing: Standing, deterministic: bool
+    ) -> Snapshot:
+        """Hold a command for one control period; write down it, the step of learning, and what comes of it.
+
+        Args:
+            observation: what the policy saw.
+            action: what it answered, in [-1, 1].
+            command: steering command that it became, in [-1, 1].
+            standing: where learning stood.
+            deterministic: whether the action is the mean of the policy.
+        """
+        before, stamp = self.snapshot, self._stamp
+        given = Command(before.episode, before.step, command)
+        self._write("command", messages.command_to_message(given, messages.time_to_message(stamp)))
+        self.snapshot = snapshot = self._simulator.step(command)
+        self.failed = bool(failed(snapshot.distance, snapshot.state[ROLL]))
+        learned = _standing_message(standing)
+        learned.header.stamp = messages.time_to_message(stamp)
+        learned.episode, learned.step = before.episode, before.step
+        learned.deterministic = deterministic
+        learned.feature_names = list(self._task.layout.names)
+        learned.observation = array("f", observation.tobytes())
+        learned.action, learned.steering = action, command
+        learned.steer_set = action * self._task.max_steer
+        self._judge(learned)
+        self._write("learning/step", learned, stamp)
+        self._write("state", messages.state_to_message(snapshot, self._facts, self._stamp))
+        for event in self._watch.look(snapshot):
+            self._write("events", messages.event_to_message(event, snapshot, self._stamp))
+        return snapshot
+
+    def close(self) -> None:
+        """Finish the file."""
+        self._recorder.close()
+
+    def _judge(self, message: LearningStep) -> None:
+        """Say what the step was worth and whether an episode of learning ended with it."""
+        terms = self._task.reward_terms(distances(self._task, self.snapshot.seen), self.snapshot.state[ROLL])
+        message.reward_names = list(terms)
+        message.reward_terms = array("d", map(float, terms.values()))
+        message.reward = float(sum_of(terms))
+        message.learning_episode, message.learning_episode_step = self._episode, self._episode_step
+        self._episode_step += 1
+        message.terminated = self.failed
+        message.truncated = not self.failed and self._episode_step == self._full_episode
+        if message.truncated:
+            self._episode, self._episode_step = self._episode + 1, 0
+
+    @property
+    def _stamp(self) -> int:
+        """Simulated time of the present state, ns. Rides begin after one period, as those of the node do."""
+        return round((self.snapshot.step + 1) * self._facts.control_period * messages.NANOSECONDS)
+
+    def _write(self, name: str, message: Any, stamp: int | None = None) -> None:
+        # rclpy leaves excess bytes behind messages with empty arrays, which strict readers refuse.
+        data = self._schemas[name].trim(serialize_message(message))
+        self._recorder.write(f"/bike/{name}", data, self._stamp if stamp is None else stamp)
+
+
+def _standing_message(standing: Standing) -> LearningStep:
+    message = LearningStep()
+    message.learning_step, message.part = standing.step, standing.part
+    message.speed_min, message.speed_max = map(float, standing.ranges.speed)
+    for spec in fields(standing.ranges.paths):
+        setattr(message, spec.name, float(getattr(standing.ranges.paths, spec.name)))
+    return message
+
+
+def record_ride(
+    path: Path, actor: Actor, task: Task, simulator: Simulator, request: ResetRequest, standing: Standing
+) -> None:
     """Ride a validation ride once more and record it.
 
     Args:
@@ -37,40 +188,77 @@ def record_ride(path: Path, actor: Actor, task: Task, simulator: Simulator, requ
         task: what it sees and answers.
         simulator: where it rides.
         request: how the ride begins.
+        standing: where learning stands.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    period = simulator.config.control_period
+    steps = round(VALIDATION_DURATION / simulator.config.control_period)
+    writer = RideWriter(path, task, simulator, request, steps, "deterministic actor, in validation")
     scale = ActionScale(task.max_steer)
-    with RideRecorder(path, overwrite=True, notes={"layout": task.layout.name}) as recorder:
-        schemas: dict[str, MessageSchema] = {}
-        for topic, name in TOPICS.items():
-            kind = message_type(name)
-            recorder.add_topic(topic, kind, LATCHED if topic == "/bike/course" else Qos())
-            schemas[topic] = MessageSchema(kind.name, kind.definition)
-        snapshot = simulator.reset(request)
-        assert simulator.course is not None
-        episode = messages.Episode(simulator.vehicle, simulator.course, request.preview, period)
-        watch = EventWatch(simulator.course, snapshot)
-
-        def stamp(seen: Snapshot) -> int:
-            return round((seen.step + 1) * period * messages.NANOSECONDS)
-
-        def write(name: str, message: Any) -> None:
-            # rclpy leaves excess bytes behind messages with empty arrays, which strict readers refuse.
-            topic = f"/bike/{name}"
-            recorder.write(topic, schemas[topic].trim(serialize_message(message)), stamp(snapshot))
-
-        write("course", messages.course_to_message(simulator.course, snapshot.episode, stamp(snapshot)))
-        write("events", messages.event_to_message(watch.begun(), snapshot, stamp(snapshot)))
-        write("state", messages.state_to_message(snapshot, episode, stamp(snapshot)))
-        for _ in range(round(VALIDATION_DURATION / period)):
-            action = actor.act(task.layout.observe(snapshot.state, snapshot.preview_y))
-            steering = scale.to_command(action, simulator.vehicle.max_steer)
-            command = Command(snapshot.episode, snapshot.step, steering)
-            write("command", messages.command_to_message(command, messages.time_to_message(stamp(snapshot))))
-            snapshot = simulator.step(steering)
-            write("state", messages.state_to_message(snapshot, episode, stamp(snapshot)))
-            for event in watch.look(snapshot):
-                write("events", messages.event_to_message(event, snapshot, stamp(snapshot)))
-            if failed(snapshot.distance, snapshot.state[ROLL]):
+    try:
+        for _ in range(steps):
+            observation = task.layout.observe(writer.snapshot.state, writer.snapshot.preview_y)
+            action = actor.act(observation)
+            writer.step(observation, action, scale.to_command(action, simulator.vehicle.max_steer), standing, True)
+            if writer.failed:
                 break
+    finally:
+        writer.close()
+
+
+class TrainingRecorder:
+    """Records rides of the learner itself when it is asked to.
+
+    It follows the first bicycle with a simulator of its own, command by command, and holds each state against that of
+    the training: what is recorded is the ride that was learned from.
+    """
+
+    def __init__(self, env: VecEnv, task: Task, config: SimulatorConfig, standing: Callable[[], Standing]) -> None:
+        """Prepare to record.
+
+        Args:
+            env: environments of the training.
+            task: what is learned.
+            config: simulator that rides as they do.
+            standing: tells where learning stands.
+        """
+        self._env, self._task, self._config, self._standing = env, task, config, standing
+        self._path: Path | None = None
+        self._simulator: Simulator | None = None
+        self._writer: RideWriter | None = None
+
+    def record_next(self, path: Path) -> None:
+        """Record the next ride that begins, unless one is being recorded or waited for."""
+        if self._path is None:
+            self._path = path
+            self._env.env_method("set_watch", self, indices=0)
+
+    def begun(self, request: ResetRequest) -> None:
+        """Begin to record, or end with the ride that was recorded."""
+        if self._writer is not None or self._path is None:
+            self.close()
+            return
+        self._simulator = Simulator(self._config)
+        self._writer = RideWriter(
+            self._path, self._task, self._simulator, request, self._task.max_steps, "learner, in training"
+        )
+
+    def stepped(
+        self, observation: NDArray[np.float32], action: float, command: float, state: NDArray[np.float64]
+    ) -> None:
+        """Write a step down; the recording ends with a warning where the simulator leaves the ride of the training."""
+        if self._writer is None:
+            return
+        snapshot = self._writer.step(observation, action, command, self._standing(), False)
+        if not np.array_equal(snapshot.state, state):
+            warnings.warn(f"recording {self._path} ends: its ride has left that of the training", stacklevel=2)
+            self.close()
+
+    def close(self) -> None:
+        """Finish a recording that is open, and listen to no more rides."""
+        self._env.env_method("set_watch", None, indices=0)
+        self._path = None
+        if self._writer is not None:
+            self._writer.close()
+            self._writer = None
+        if self._simulator is not None:
+            self._simulator.close()
+            self._simulator = None

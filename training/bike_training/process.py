@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from types import FrameType
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from safetensors.numpy import save_file
@@ -38,6 +38,9 @@ from bike_training.validation_rides import (
     validate_simulator,
 )
 from bike_training.vec_env import CompiledVecEnv
+
+if TYPE_CHECKING:
+    from bike_training.episode_recording import TrainingRecorder  # needs ROS
 
 COMPILED_TIME_STEP: Final = 0.01
 """Integration step of the compiled engine in training, s; its error there is below 1e-6 in every state."""
@@ -92,8 +95,8 @@ class RunSettings:
         return self.client == "local" and self.engine == "whipple"
 
     def simulator(self) -> SimulatorConfig:
-        """Return the configuration of one simulator."""
-        return SimulatorConfig(engine=self.engine, time_step=self.time_step)
+        """Return the configuration of a simulator that rides as the environments do."""
+        return SimulatorConfig(engine=self.engine, time_step=COMPILED_TIME_STEP if self.compiled else self.time_step)
 
 
 @dataclass
@@ -169,6 +172,7 @@ class LearningProcess:
         self.task = settings.preset.make_task()
         self.vehicle = load_vehicle("whipple")
         self._simulator: Simulator | None = None
+        self._recorder: TrainingRecorder | None = None
         self.progress = Progress(
             Curriculum(settings.preset.refine),
             AveragedActor(settings.preset.averaging),
@@ -221,6 +225,8 @@ class LearningProcess:
         except StopLearning:
             pass
         finally:
+            if self._recorder is not None:
+                self._recorder.close()
             if callback.consistent:
                 self.save()
             self.env.close()
@@ -287,7 +293,7 @@ class LearningProcess:
         self.model.logger.record("validation/max_error_m", max(errors) * DISTANCE_THRESHOLD)
         self.model.logger.record("curriculum/part", progress.curriculum.part)
         self.model.logger.dump(step)
-        self._record(actor, requests[0])
+        self._record(actor, requests[0], part)
 
     def select(self) -> None:
         """Keep the present actor, and compare it with the best one so far on rides that are always the same."""
@@ -315,14 +321,24 @@ class LearningProcess:
             self._simulator = Simulator(self.settings.simulator())
         return self._simulator
 
-    def _record(self, actor: Actor, request: ResetRequest) -> None:
+    def _record(self, actor: Actor, request: ResetRequest, part: int) -> None:
+        """Record a ride of a validation, and the next one that the learner begins, where a recording is due."""
         every = self.settings.record_every
         if not every or (self.progress.validations - 1) % every:
             return
-        from bike_training.episode_recording import record_ride
+        from bike_training.episode_recording import Standing, TrainingRecorder, record_ride
 
         path = self.out / "episodes" / f"step_{self.model.num_timesteps:09d}.mcap"
-        record_ride(path, actor, self.task, self._validation_simulator(), request)
+        standing = Standing(self.model.num_timesteps, part, RideRanges(request.speed_range, request.path_ranges))
+        record_ride(path, actor, self.task, self._validation_simulator(), request, standing)
+
+        def now() -> Standing:
+            step = self.model.num_timesteps
+            return Standing(step, self.progress.curriculum.part, self._ranges(step))
+
+        if self._recorder is None:
+            self._recorder = TrainingRecorder(self.env, self.task, self.settings.simulator(), now)
+        self._recorder.record_next(path.with_name(f"{path.stem}_training.mcap"))
 
 
 class _Callback(BaseCallback):

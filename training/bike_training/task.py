@@ -5,7 +5,9 @@ Source: Weyrer et al. (2026), Sects. 3.2 to 4.2 and Table 5. Every choice of Tab
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
@@ -13,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_policy.observation import LEAN_LAYOUT, PROP_LAYOUT, ObservationLayout
+from bike_sim import ride
 from bike_sim.reset import Preview
 
 FloatArray = NDArray[np.float64]
@@ -65,8 +68,32 @@ class Task:
         """Preview that shows exactly what the layout needs."""
         return Preview(self.layout.preview_by_time, self.layout.preview_interval, self.layout.preview_count)
 
+    def reward_terms(self, distance: FloatArray, roll: FloatArray) -> dict[str, FloatArray]:
+        """Return the parts of the reward of one or many instants with their weights, Eqs. (7) to (10), by name.
+
+        Args:
+            distance: t_0 of the chosen contact point, m.
+            roll: rad.
+
+        Returns:
+            ``path_linear``, ``path_exponential`` or ``path_peak`` for the distance to the path as far as the reward
+            has them, and ``upright`` where roll is rewarded. Their sum is the reward.
+        """
+        linear = np.clip((DISTANCE_THRESHOLD - distance) / DISTANCE_THRESHOLD, 0.0, 1.0)
+        if self.reward == "linear":
+            terms = {"path_linear": linear}
+        elif self.reward == "exponential":
+            terms = {"path_exponential": np.exp(-0.5 * distance**2)}
+        else:
+            terms = {"path_linear": 0.5 * linear, "path_peak": 0.5 * np.exp(-distance / self.sharpness)}
+        terms = {name: self.path_weight * term for name, term in terms.items()}
+        if self.path_weight < 1.0:
+            upright = np.clip((ROLL_THRESHOLD - np.abs(roll)) / ROLL_THRESHOLD, 0.0, 1.0)
+            terms["upright"] = (1.0 - self.path_weight) * upright
+        return terms
+
     def rewards(self, distance: FloatArray, roll: FloatArray) -> FloatArray:
-        """Return the reward of one or many instants, Eqs. (7) to (10).
+        """Return the reward of one or many instants: the sum of :meth:`reward_terms`.
 
         Args:
             distance: t_0 of the chosen contact point, m.
@@ -75,15 +102,18 @@ class Task:
         Returns:
             Rewards in [0, 1], also on the step that leaves the thresholds.
         """
-        linear = np.clip((DISTANCE_THRESHOLD - distance) / DISTANCE_THRESHOLD, 0.0, 1.0)
-        if self.reward == "linear":
-            path = linear
-        elif self.reward == "exponential":
-            path = np.exp(-0.5 * distance**2)
-        else:
-            path = 0.5 * (linear + np.exp(-distance / self.sharpness))
-        upright = np.clip((ROLL_THRESHOLD - np.abs(roll)) / ROLL_THRESHOLD, 0.0, 1.0)
-        return self.path_weight * path + (1.0 - self.path_weight) * upright
+        return sum_of(self.reward_terms(distance, roll))
+
+
+def sum_of(terms: Mapping[str, FloatArray]) -> FloatArray:
+    """Return the reward that its terms make."""
+    return functools.reduce(np.add, terms.values())
+
+
+def distances(task: Task, seen: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return t_0 of the contact point that the task holds to the path, m, for one vehicle or a batch."""
+    place = ride.LATERAL_ERROR if task.contact == "rear" else ride.FRONT_LATERAL_ERROR
+    return np.abs(seen[..., place])
 
 
 def failed(rear_distance: Numbers, roll: Numbers) -> NDArray[np.bool_]:

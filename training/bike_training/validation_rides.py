@@ -17,8 +17,7 @@ from bike_sim.reset import ResetRequest
 from bike_training.batch import RideBatch
 from bike_training.clients import Client
 from bike_training.curriculum import SPEED_RANGES, VALIDATION_DURATION, VALIDATION_RIDES, RideRanges
-from bike_training.task import DISTANCE_THRESHOLD, Task, failed, validation_error
-from bike_training.vec_env import distances
+from bike_training.task import DISTANCE_THRESHOLD, Task, distances, failed, validation_error
 
 SELECTION_RIDES_PER_SPEED: Final = 5
 SELECTION_SEED: Final = 2**32

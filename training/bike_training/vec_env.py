@@ -15,7 +15,8 @@ from bike_sim.physics.state import ROLL
 from bike_sim.physics.vehicle import load_vehicle
 from bike_training.batch import RideBatch
 from bike_training.curriculum import RideRanges
-from bike_training.task import Task, failed
+from bike_training.task import Task, distances, failed
+from bike_training.watch import RideWatch
 
 
 def task_spaces(task: Task) -> tuple[gym.spaces.Box, gym.spaces.Box]:
@@ -24,18 +25,17 @@ def task_spaces(task: Task) -> tuple[gym.spaces.Box, gym.spaces.Box]:
     return gym.spaces.Box(-high, high, dtype=np.float32), gym.spaces.Box(-1.0, 1.0, (1,), dtype=np.float32)
 
 
-def distances(task: Task, seen: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return t_0 of the contact point that the task holds to the path, m, for one vehicle or a batch."""
-    place = ride.LATERAL_ERROR if task.contact == "rear" else ride.FRONT_LATERAL_ERROR
-    return np.abs(seen[..., place])
-
-
 class CompiledVecEnv(VecEnv):
     """The paper's environment over :class:`~bike_training.batch.RideBatch`.
 
     An episode ends after ``task.max_steps`` steps or when a threshold is exceeded. After a full episode the ride goes
     on into the next one; after two full episodes in a row it begins anew (Weyrer et al. 2026, Sect. 4.1).
+
+    Attributes:
+        watch: is told of the rides of the first bicycle; None for nobody.
     """
+
+    watch: RideWatch | None = None
 
     def __init__(self, count: int, task: Task, ranges: RideRanges, seed: int, time_step: float = 0.01) -> None:
         """Make an environment of a number of bicycles.
@@ -58,11 +58,20 @@ class CompiledVecEnv(VecEnv):
         self.full_episodes = np.zeros(count, dtype=np.int64)
         self.returns = np.zeros(count)
         self._command_scale = task.max_steer / self.vehicle.max_steer
+        self._chosen = 0.0
         self._actions = np.zeros(count)
 
     def set_ranges(self, ranges: RideRanges) -> None:
         """Draw new rides from other intervals from now on."""
         self.ranges = ranges
+
+    def set_watch(self, watch: RideWatch | None) -> None:
+        """Tell somebody of the rides of the first bicycle from now on, or nobody."""
+        self.watch = watch
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave the watch out of checkpoints."""
+        return {name: value for name, value in self.__dict__.items() if name != "watch"}
 
     def reset(self) -> NDArray[np.float32]:
         """Begin a new ride of every bicycle and return the observations, shape (n, layout size)."""
@@ -71,7 +80,10 @@ class CompiledVecEnv(VecEnv):
         return self._observe()
 
     def _begin(self, index: int) -> None:
-        self.batch.reset(index, self.ranges.draw(self.rng, self.task.preview))
+        request = self.ranges.draw(self.rng, self.task.preview)
+        self.batch.reset(index, request)
+        if index == 0 and self.watch is not None:
+            self.watch.begun(request)
         self.steps[index] = 0
         self.full_episodes[index] = 0
         self.returns[index] = 0.0
@@ -81,11 +93,17 @@ class CompiledVecEnv(VecEnv):
 
     def step_async(self, actions: NDArray[np.float32]) -> None:
         """Take the actions of the next step, shape (n, 1)."""
+        self._chosen = float(actions[0, 0])
         self._actions = np.clip(actions[:, 0] * self._command_scale, -1.0, 1.0)
 
     def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
         """Step every bicycle; rides that ended have begun anew in the returned observations."""
-        self.batch.step(self._actions)
+        if self.watch is None:
+            self.batch.step(self._actions)
+        else:
+            observation = self._observe()[0]
+            self.batch.step(self._actions)
+            self.watch.stepped(observation, self._chosen, float(self._actions[0]), self.batch.states[0].copy())
         self.steps += 1
         roll = self.batch.states[:, ROLL]
         rear = np.abs(self.batch.seen[:, ride.LATERAL_ERROR])
