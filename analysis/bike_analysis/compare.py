@@ -18,14 +18,12 @@ import pandas as pd
 from bike_analysis.laps import Lap, sector_starts
 from bike_analysis.reading import Floats
 from bike_analysis.rides import Ride
-from bike_analysis.table import ride_table, station
+from bike_analysis.table import motion_columns, station
 
 STATIONS: Final = 2500
 """About so many stations are wanted along a course."""
 SAME_LENGTH: Final = 0.03
 """Courses whose lengths differ by more than this part are not the same."""
-
-_NOT_ALIGNED: Final = ("stamp_s", "step", "lap", "station_m", "section", "command_age_steps", "command_age_s")
 
 
 @dataclass(frozen=True)
@@ -255,26 +253,16 @@ def _aligned(run: Run, stations: Floats, scale: float) -> dict[str, Floats]:
         rows = slice(max(run.lap.first - 1, 0), run.lap.last + 1)  # with the states around both crossings
     progress = ride.states.progress if np.isfinite(ride.states.progress).any() else ride.distance
     way = (progress[rows] - begin_m) * scale
-    table = ride_table(ride).iloc[rows]
     farthest = np.maximum.accumulate(np.where(np.isfinite(way), way, -np.inf))
     fresh = np.append(True, np.diff(farthest) > 0.0) & np.isfinite(way)
     ways = way[fresh]
     found: dict[str, Floats] = {}
-    for name in table.columns:
-        if name in _NOT_ALIGNED:
-            continue
-        column = table[name].to_numpy(dtype=np.float64)[fresh]
-        found[name] = np.interp(stations, ways, column, left=np.nan, right=np.nan)
-    found["time_s"] = found["time_s"] - begin_s
+    for name, column in {"time_s": ride.time[rows] - begin_s, **motion_columns(ride, rows)}.items():
+        values = np.asarray(column, dtype=np.float64)[fresh]
+        found[name] = np.interp(stations, ways, values, left=np.nan, right=np.nan)
     if run.lap is not None:
-        _pin_ends(found["time_s"], stations, run.lap.duration_s)
+        found["distance_m"] -= found["distance_m"][0]
     return found
-
-
-def _pin_ends(time: Floats, stations: Floats, duration_s: float) -> None:
-    """The first station is the line: its time is 0, whatever the recorded event rounds."""
-    if len(stations) and np.isfinite(time[0]):
-        time[0] = 0.0
 
 
 def _sectors(runs: Sequence[Run], stations: Floats, time: Floats) -> tuple[SectorComparison, ...]:

@@ -1,20 +1,33 @@
 """Figures of a ride. All of them come from every recorded state; nothing is thinned out.
 
 Distances to the path are those of the rear contact point, t_0 = d(P, P_P0) in the bicycle paper, which evaluates their
-mean and maximum along a ride (Weyrer et al. 2026, Sect. 5.3 and Eq. 15). Names end in their units; what cannot be
-computed from the recording is None.
+mean and maximum along a ride (Weyrer et al. 2026, Sect. 5.3 and Eq. 15). Distance to the ideal line, time off the
+track, falls and collisions are what the superbike paper tells of a deployed policy (its Table I). Names end in their
+units; what cannot be computed from the recording is None.
 """
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
+import re
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_analysis.reading import Floats, Integers, Latency
+from bike_analysis.delays import CommandDelay, command_delay
+from bike_analysis.laps import Lap, find_laps
+from bike_analysis.numbers import over, rate, rms_of
+from bike_analysis.reading import Floats, Latency, States
 from bike_analysis.rides import Ride
+from bike_analysis.track_limits import beyond_limits, time_outside
+from bike_analysis.tyres import TyreFigures, tyre_figures
+
+IDEAL_LINE: Final = "(ideal)"
+"""How the name of a followed line ends that is the circuit's ideal line."""
+
+_ENERGY: Final = re.compile(r"([0-9.]+) kJ")
 
 
 @dataclass(frozen=True)
@@ -36,6 +49,64 @@ class SectionFigures:
     mean_error_m: float | None
     max_error_m: float | None
     rms_error_m: float | None
+
+
+@dataclass(frozen=True)
+class Collision:
+    """A wall that was met (event WALL).
+
+    Attributes:
+        time_s: Time since the reset.
+        progress_m: Where, as arc length.
+        speed_m_s: Speed.
+        energy_j: Energy of the whole motion, to the kilojoule; None where the event does not tell.
+        text: The event's sentence.
+    """
+
+    time_s: float
+    progress_m: float
+    speed_m_s: float
+    energy_j: float | None
+    text: str
+
+
+@dataclass(frozen=True)
+class LapFigures:
+    """Figures of one complete lap. What is not explained here is as in `RideFigures`, over this lap.
+
+    Attributes:
+        lap: Number in the ride, from 1.
+        lap_s: Lap time.
+        sectors_s: Times of the sectors, in order; empty where the course has none.
+        valid: Whether at least one contact point was inside the limits all the time; None where they are not known.
+        from_events: Whether the times are those of the recorded events; else they were found from the states.
+        begin_s: When the lap began, since the ride's first state.
+    """
+
+    lap: int
+    lap_s: float
+    sectors_s: list[float]
+    valid: bool | None
+    from_events: bool
+    begin_s: float
+    off_track_s: float | None
+    mean_error_m: float | None
+    max_error_m: float | None
+    rms_error_m: float | None
+    ideal_distance_mean_m: float | None
+    ideal_distance_max_m: float | None
+    speed_min_m_s: float | None
+    speed_mean_m_s: float | None
+    speed_max_m_s: float | None
+    roll_min_deg: float | None
+    roll_max_deg: float | None
+    roll_rate_rms_deg_s: float | None
+    steer_rate_rms_deg_s: float | None
+    acceleration_max_m_s2: float | None
+    braking_max_m_s2: float | None
+    lateral_acceleration_max_m_s2: float | None
+    falls: int
+    lost_steps: int
 
 
 @dataclass(frozen=True)
@@ -67,9 +138,16 @@ class RideFigures:
         roll_rate_rms_deg_s: Root mean square of the roll rate.
         steer_rate_rms_deg_s: Root mean square of the steer rate: the steering activity.
         steer_torque_rms_nm: Root mean square of the steering drive's torque.
+        roll_rate_max_deg_s: Largest roll rate to either side: how fast it was leaned.
+        steer_rate_max_deg_s: Largest steer rate to either side.
         command_change_mean: Mean absolute change of the steering command from step to step, of [-1, 1].
+        throttle_change_mean: The same of throttle and brake.
+        acceleration_max_m_s2: Largest change of the speed, from state to state.
+        braking_max_m_s2: Largest change of the speed downwards, positive.
+        lateral_acceleration_max_m_s2: Largest speed times yaw rate to either side.
         steps: Recorded steps.
         lost_steps: Steps missing between the first and the last.
+        lost_commands: Steps between the first and the last command for which none was recorded; None without commands.
         repeated_states: States recorded more than once.
         unanswered_states: States without a command, the last state not counted; None if commands were not recorded.
         command_delay_mean_steps: Mean age of the applied command, see `command_delay`.
@@ -78,6 +156,14 @@ class RideFigures:
         command_delay_max_s: Largest age in simulated time.
         latency_median_s: Median wall-clock time of the policy's answer, the median of its reports.
         latency_p99_s: 99th percentile of the same, the largest of its reports.
+        ideal_distance_mean_m: Mean distance to the ideal line, over time; None unless that is the followed line.
+        ideal_distance_max_m: Largest distance to it.
+        off_track_s: Time with both contact points outside the limits; None where the limits were not recorded.
+        collisions: Walls that were met.
+        best_lap_s: The fastest complete lap; None without one.
+        theoretical_lap_s: Sum of the best sectors over all complete laps; None where sectors are not known.
+        tyres: What tyres and rider aids did; None where no telemetry was recorded.
+        complete_laps: Complete laps from start line to start line.
         sections: The distance to the path by section of the course.
     """
 
@@ -105,9 +191,16 @@ class RideFigures:
     roll_rate_rms_deg_s: float | None
     steer_rate_rms_deg_s: float | None
     steer_torque_rms_nm: float | None
+    roll_rate_max_deg_s: float | None
+    steer_rate_max_deg_s: float | None
     command_change_mean: float | None
+    throttle_change_mean: float | None
+    acceleration_max_m_s2: float | None
+    braking_max_m_s2: float | None
+    lateral_acceleration_max_m_s2: float | None
     steps: int
     lost_steps: int
+    lost_commands: int | None
     repeated_states: int
     unanswered_states: int | None
     command_delay_mean_steps: float | None
@@ -116,26 +209,20 @@ class RideFigures:
     command_delay_max_s: float | None
     latency_median_s: float | None
     latency_p99_s: float | None
+    ideal_distance_mean_m: float | None
+    ideal_distance_max_m: float | None
+    off_track_s: float | None
+    collisions: tuple[Collision, ...]
+    best_lap_s: float | None
+    theoretical_lap_s: float | None
+    tyres: TyreFigures | None
+    complete_laps: tuple[LapFigures, ...]
     sections: tuple[SectionFigures, ...]
 
     def as_dict(self) -> dict[str, Any]:
         """The figures as plain types, ready for JSON."""
-        return {**asdict(self), "sections": [asdict(section) for section in self.sections]}
-
-
-@dataclass(frozen=True)
-class CommandDelay:
-    """Age of the command that was applied in each step.
-
-    Attributes:
-        rows: Rows of the ride's states (those after a step) for which it is known.
-        steps: Age in control steps: 0 if the command answers the very state from which the step began.
-        time_s: The same in simulated time, s.
-    """
-
-    rows: Integers
-    steps: Integers
-    time_s: Floats
+        lists = {name: list(map(asdict, getattr(self, name))) for name in ("collisions", "complete_laps", "sections")}
+        return {**asdict(self), **lists}
 
 
 def ride_figures(ride: Ride) -> RideFigures:
@@ -149,47 +236,140 @@ def ride_figures(ride: Ride) -> RideFigures:
     """
     states = ride.states
     error = np.abs(states.lateral_error)
-    mean, largest, rms = _error_figures(error)
-    ended_by = ride.ended_by
-    delay = command_delay(ride)
+    mean, largest, rms = error_figures(error)
+    laps = find_laps(ride)
+    outside = beyond_limits(states, ride.course)
+    median, p99 = latency_figures(ride.latencies)
     return RideFigures(
         ride=ride.index,
         episode=ride.episode,
         course=ride.course.name if ride.course else None,
-        ended_by=ended_by,
-        completed=ended_by == "finished",
+        ended_by=ride.ended_by,
+        completed=ride.ended_by == "finished",
         falls=_times(states.fallen, sum(e.kind == "fall" for e in ride.events)),
         off_course=_times(states.off_course, sum(e.kind == "off_course" for e in ride.events)),
         duration_s=float(ride.time[-1]),
         distance_m=float(ride.distance[-1]),
         laps=_laps(ride),
-        speed_min_m_s=_of(np.min, states.speed),
-        speed_mean_m_s=_of(np.mean, states.speed),
-        speed_max_m_s=_of(np.max, states.speed),
         mean_error_m=mean,
         max_error_m=largest,
         rms_error_m=rms,
         max_error_at_m=_at_maximum(error, states.progress),
-        roll_min_deg=_of(np.min, np.degrees(states.roll)),
-        roll_max_deg=_of(np.max, np.degrees(states.roll)),
-        steer_min_deg=_of(np.min, np.degrees(states.steer)),
-        steer_max_deg=_of(np.max, np.degrees(states.steer)),
-        roll_rate_rms_deg_s=_of(_rms, np.degrees(states.roll_rate)),
-        steer_rate_rms_deg_s=_of(_rms, np.degrees(states.steer_rate)),
-        steer_torque_rms_nm=_of(_rms, states.steer_torque),
-        command_change_mean=_of(np.mean, np.abs(np.diff(states.steering_command[1:]))),
+        **motion_figures(states),
         steps=len(states),
         lost_steps=int(states.step[-1] - states.step[0] + 1 - len(states)),
+        lost_commands=_lost_commands(ride),
         repeated_states=ride.repeated_states,
         unanswered_states=_unanswered(ride),
-        command_delay_mean_steps=_of(np.mean, delay.steps),
-        command_delay_max_steps=int(delay.steps.max()) if len(delay.steps) else None,
-        command_delay_mean_s=_of(np.mean, delay.time_s),
-        command_delay_max_s=_of(np.max, delay.time_s),
-        latency_median_s=latency_figures(ride.latencies)[0],
-        latency_p99_s=latency_figures(ride.latencies)[1],
+        **delay_figures(command_delay(ride)),
+        latency_median_s=median,
+        latency_p99_s=p99,
+        **ideal_figures(ride, slice(None)),
+        off_track_s=time_outside(ride.time, outside),
+        collisions=collisions(ride),
+        best_lap_s=min((lap.duration_s for lap in laps), default=None),
+        theoretical_lap_s=theoretical_lap(laps),
+        tyres=tyre_figures(ride),
+        complete_laps=tuple(lap_figures(ride, lap, outside) for lap in laps),
         sections=section_figures(ride),
     )
+
+
+def motion_figures(states: States) -> dict[str, Any]:
+    """Speed, lean, steering and accelerations over some states, by name as in `RideFigures`."""
+    roll, steer = np.degrees(states.roll), np.degrees(states.steer)
+    roll_rate, steer_rate = np.degrees(states.roll_rate), np.degrees(states.steer_rate)
+    change = rate(states.speed, states.time_s)
+    return {
+        "speed_min_m_s": over(np.min, states.speed),
+        "speed_mean_m_s": over(np.mean, states.speed),
+        "speed_max_m_s": over(np.max, states.speed),
+        "roll_min_deg": over(np.min, roll),
+        "roll_max_deg": over(np.max, roll),
+        "steer_min_deg": over(np.min, steer),
+        "steer_max_deg": over(np.max, steer),
+        "roll_rate_rms_deg_s": over(rms_of, roll_rate),
+        "steer_rate_rms_deg_s": over(rms_of, steer_rate),
+        "steer_torque_rms_nm": over(rms_of, states.steer_torque),
+        "roll_rate_max_deg_s": over(np.max, np.abs(roll_rate)),
+        "steer_rate_max_deg_s": over(np.max, np.abs(steer_rate)),
+        "command_change_mean": over(np.mean, np.abs(np.diff(states.steering_command[1:]))),
+        "throttle_change_mean": over(np.mean, np.abs(np.diff(states.throttle_command[1:]))),
+        "acceleration_max_m_s2": over(np.max, change),
+        "braking_max_m_s2": over(np.max, -change),
+        "lateral_acceleration_max_m_s2": over(np.max, np.abs(states.speed * states.yaw_rate)),
+    }
+
+
+def delay_figures(delay: CommandDelay) -> dict[str, Any]:
+    """Ages of the applied commands, by name as in `RideFigures`."""
+    return {
+        "command_delay_mean_steps": over(np.mean, delay.steps),
+        "command_delay_max_steps": int(delay.steps.max()) if len(delay.steps) else None,
+        "command_delay_mean_s": over(np.mean, delay.time_s),
+        "command_delay_max_s": over(np.max, delay.time_s),
+    }
+
+
+def ideal_figures(ride: Ride, rows: slice) -> dict[str, Any]:
+    """Mean over time of the distance to the ideal line, and the largest, m; None unless it is the followed line."""
+    if ride.course is None or not ride.course.name.endswith(IDEAL_LINE):
+        return {"ideal_distance_mean_m": None, "ideal_distance_max_m": None}
+    distance, time = np.abs(ride.states.lateral_error[rows]), ride.time[rows]
+    span = float(time[-1] - time[0]) if len(time) > 1 else 0.0
+    mean = float(np.trapezoid(distance, time)) / span if span > 0.0 else over(np.mean, distance)
+    return {"ideal_distance_mean_m": mean, "ideal_distance_max_m": over(np.max, distance)}
+
+
+def lap_figures(ride: Ride, lap: Lap, outside: Floats) -> LapFigures:
+    """Compute the figures of a lap.
+
+    Args:
+        ride: A ride.
+        lap: One of its laps.
+        outside: What `beyond_limits` says of the ride's states.
+
+    Returns:
+        Its figures.
+    """
+    states = ride.states.take(lap.rows)
+    mean, largest, rms = error_figures(np.abs(states.lateral_error))
+    off_track = time_outside(ride.time, outside, lap.begin_s, lap.end_s)
+    motion = motion_figures(states)
+    wanted = [f.name for f in fields(LapFigures) if f.name in motion]
+    return LapFigures(
+        lap=lap.number,
+        lap_s=lap.duration_s,
+        sectors_s=list(lap.sectors_s),
+        valid=None if off_track is None else off_track == 0.0,
+        from_events=lap.from_events,
+        begin_s=lap.begin_s,
+        off_track_s=off_track,
+        mean_error_m=mean,
+        max_error_m=largest,
+        rms_error_m=rms,
+        **ideal_figures(ride, lap.rows),
+        **{name: motion[name] for name in wanted},
+        falls=int(states.fallen.any()),
+        lost_steps=int(states.step[-1] - states.step[0] + 1 - len(states)) if len(states) else 0,
+    )
+
+
+def theoretical_lap(laps: Sequence[Lap]) -> float | None:
+    """Sum of the best time of each sector over laps, s; None where no lap tells its sectors."""
+    known = [lap.sectors_s for lap in laps if lap.sectors_s]
+    return float(sum(min(times) for times in zip(*known, strict=True))) if known else None
+
+
+def collisions(ride: Ride) -> tuple[Collision, ...]:
+    """Walls that were met, with the energy as the simulator's sentence tells it."""
+    found = []
+    for event in ride.events:
+        if event.kind == "wall":
+            told = _ENERGY.search(event.text)
+            energy = 1e3 * float(told[1]) if told else None
+            found.append(Collision(event.time_s, event.progress_m, event.value, energy, event.text))
+    return tuple(found)
 
 
 def section_figures(ride: Ride) -> tuple[SectionFigures, ...]:
@@ -209,44 +389,8 @@ def section_figures(ride: Ride) -> tuple[SectionFigures, ...]:
     figures = []
     for index, (name, start) in enumerate(zip(course.section_names, course.section_starts, strict=False)):
         inside = error[section == index]
-        figures.append(SectionFigures(name, float(start), len(inside), *_error_figures(inside)))
+        figures.append(SectionFigures(name, float(start), len(inside), *error_figures(inside)))
     return tuple(figures)
-
-
-def command_delay(ride: Ride) -> CommandDelay:
-    """Find out how old the applied commands were.
-
-    A state tells the command that was applied in the step that led to it. That command is looked up among the recorded
-    ones: the newest one with this value that answers a state from before the step. Its age is the number of steps (and
-    the simulated time) between the state that it answers and the state from which the step began. In lockstep it is 0;
-    in free running it tells how late the policy's answers came, a held command growing older with each step.
-
-    Args:
-        ride: A ride.
-
-    Returns:
-        The delay of each step for which the command was found; empty if commands were not recorded.
-    """
-    states, commands = ride.states, ride.commands
-    rows, steps, times = [], [], []
-    newest: dict[float, int] = {}  # row of the newest command of each value, among those given before the step
-    order = np.argsort(commands.step, kind="stable")
-    given = 0
-    for row in range(1, len(states)):
-        begin = states.step[row] - 1
-        while given < len(order) and commands.step[order[given]] <= begin:
-            newest[float(np.clip(commands.steering[order[given]], -1.0, 1.0))] = int(order[given])
-            given += 1
-        match = newest.get(float(states.steering_command[row]))
-        if match is None:
-            continue
-        begin_time = states.time_s[row - 1] if states.step[row - 1] == begin else np.nan
-        rows.append(row)
-        steps.append(int(begin - commands.step[match]))
-        times.append(begin_time - commands.time_s[match])
-    return CommandDelay(
-        np.array(rows, dtype=np.int64), np.array(steps, dtype=np.int64), np.array(times, dtype=np.float64)
-    )
 
 
 def latency_figures(latencies: tuple[Latency, ...]) -> tuple[float | None, float | None]:
@@ -260,22 +404,12 @@ def latency_figures(latencies: tuple[Latency, ...]) -> tuple[float | None, float
     """
     median = np.array([x.median_s for x in latencies])
     p99 = np.array([x.p99_s for x in latencies])
-    return _of(np.median, median), _of(np.max, p99)
+    return over(np.median, median), over(np.max, p99)
 
 
-def _error_figures(error: Floats) -> tuple[float | None, float | None, float | None]:
-    """Mean, maximum and root mean square."""
-    return _of(np.mean, error), _of(np.max, error), _of(_rms, error)
-
-
-def _rms(values: NDArray[Any]) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
-
-
-def _of(function: Any, values: NDArray[Any]) -> float | None:
-    """Apply to the finite values; None if there are none (the field was not recorded)."""
-    finite = values[np.isfinite(values)]
-    return float(function(finite)) if len(finite) else None
+def error_figures(error: Floats) -> tuple[float | None, float | None, float | None]:
+    """Mean, maximum and root mean square of distances, m."""
+    return over(np.mean, error), over(np.max, error), over(rms_of, error)
 
 
 def _at_maximum(values: Floats, places: Floats) -> float | None:
@@ -303,3 +437,8 @@ def _unanswered(ride: Ride) -> int | None:
     if not len(ride.commands):
         return None
     return int(np.sum(~np.isin(ride.states.step[:-1], ride.commands.step)))
+
+
+def _lost_commands(ride: Ride) -> int | None:
+    steps = np.unique(ride.commands.step)
+    return int(steps[-1] - steps[0] + 1 - len(steps)) if len(steps) else None

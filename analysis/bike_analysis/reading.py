@@ -176,8 +176,8 @@ class Telemetry:
     step: Integers
     values: dict[str, Floats]
 
-    def take(self, rows: NDArray[Any]) -> Telemetry:
-        """Select rows by mask or indices."""
+    def take(self, rows: NDArray[Any] | slice) -> Telemetry:
+        """Select rows by mask, indices or slice."""
         values = {name: column[rows] for name, column in self.values.items()}
         return Telemetry(self.order[rows], self.time_s[rows], self.episode[rows], self.step[rows], values)
 
@@ -611,7 +611,9 @@ class _Collector:
             return None
         order, time_s, columns = reader.finish()
         episode, step = (columns.pop(n, np.zeros(len(order))).astype(np.int64) for n in ("episode", "step"))
-        return Telemetry(order, time_s, episode, step, {n: c.astype(np.float64) for n, c in columns.items()})
+        return Telemetry(
+            order, time_s, episode, step, {n: c.astype(np.float64, copy=False) for n, c in columns.items()}
+        )
 
     def _foreign(self) -> States:
         """States worked out from standard messages, with a sentence that says of which."""

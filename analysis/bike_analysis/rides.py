@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_analysis.reading import Commands, Course, Event, Floats, Integers, Latency, Recording, States
+from bike_analysis.reading import Commands, Course, Event, Floats, Integers, Latency, Recording, States, Telemetry
 
 _NEVER: Final = int(np.iinfo(np.int64).max)
 
@@ -27,6 +27,7 @@ class Ride:
         course: The course, or None where it was not recorded.
         events: Events of this ride.
         latencies: Reports of the policy's latency during this ride.
+        telemetry: What tyres and engine did in this ride, or None where it was not recorded.
     """
 
     index: int
@@ -37,11 +38,18 @@ class Ride:
     course: Course | None
     events: tuple[Event, ...]
     latencies: tuple[Latency, ...]
+    telemetry: Telemetry | None = None
 
     @property
     def distance(self) -> Floats:
-        """Distance driven by the rear contact since the ride's first state, m, one value a state."""
-        steps = np.hypot(np.diff(self.states.x), np.diff(self.states.y))
+        """Distance driven by the rear contact since the ride's first state, m, one value a state.
+
+        Where places were not recorded it is the speed over time; where neither was, it stays 0.
+        """
+        states = self.states
+        steps = np.hypot(np.diff(states.x), np.diff(states.y))
+        by_speed = 0.5 * (states.speed[1:] + states.speed[:-1]) * np.diff(states.time_s)
+        steps = np.where(np.isfinite(steps), steps, np.nan_to_num(by_speed))
         return np.concatenate([[0.0], np.cumsum(steps)])
 
     @property
@@ -118,7 +126,8 @@ def find_rides(recording: Recording) -> tuple[Ride, ...]:
         whole = states.take(slice(first, last))
         fresh = np.append(True, np.diff(whole.step) > 0)
         window = _window(states, first, last)
-        rides.append(_ride(recording, index, whole.take(fresh), int((~fresh).sum()), window))
+        once = whole if fresh.all() else whole.take(fresh)
+        rides.append(_ride(recording, index, once, int((~fresh).sum()), window))
     return tuple(rides)
 
 
@@ -156,10 +165,7 @@ def _window(states: States, first: int, last: int) -> _Window:
 
 def _ride(recording: Recording, index: int, states: States, repeated: int, window: _Window) -> Ride:
     episode = int(states.episode[0])
-    commands = recording.commands
-    mine: NDArray[np.bool_] = (
-        (commands.episode == episode) & (commands.order > window.after) & (commands.order <= window.until)
-    )
+    commands, telemetry = recording.commands, recording.telemetry
     courses = [c for c in recording.courses if c.episode == episode and window.holds(c.order)]
     first, last = states.order[0], states.order[-1]
     return Ride(
@@ -167,8 +173,15 @@ def _ride(recording: Recording, index: int, states: States, repeated: int, windo
         episode=episode,
         states=states,
         repeated_states=repeated,
-        commands=commands.take(mine),
+        commands=commands.take(_mine(commands, episode, window)),
         course=courses[-1] if courses else None,
         events=tuple(e for e in recording.events if e.episode == episode and window.holds(e.order, e.step)),
         latencies=tuple(x for x in recording.latencies if first <= x.order <= last),
+        telemetry=None if telemetry is None else telemetry.take(_mine(telemetry, episode, window)),
     )
+
+
+def _mine(table: Commands | Telemetry, episode: int, window: _Window) -> NDArray[np.bool_] | slice:
+    """Rows of a table that belong to a ride; a slice where they are all of them, which costs no copy."""
+    mine: NDArray[np.bool_] = (table.episode == episode) & (table.order > window.after) & (table.order <= window.until)
+    return slice(None) if mine.all() else mine

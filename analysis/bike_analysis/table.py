@@ -12,11 +12,13 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
+from bike_analysis.delays import command_delay
 from bike_analysis.laps import Lap, find_laps, lap_of_states
-from bike_analysis.metrics import command_delay
+from bike_analysis.numbers import rate
 from bike_analysis.reading import Floats
 from bike_analysis.rides import Ride
 from bike_analysis.track_limits import beyond_limits
+from bike_analysis.tyres import telemetry_columns
 
 STATE_COLUMNS: Final = {
     "progress_m": "progress",
@@ -65,16 +67,21 @@ def ride_table(ride: Ride, laps: tuple[Lap, ...] | None = None) -> pd.DataFrame:
         "stamp_s": states.time_s,
         "step": states.step,
         "lap": lap_of_states(ride, find_laps(ride) if laps is None else laps),
-        "distance_m": ride.distance,
         "station_m": station(ride),
     }
+    columns |= motion_columns(ride, slice(None)) | _ages(ride) | {"section": _section_names(ride)}
+    return pd.DataFrame(columns)
+
+
+def motion_columns(ride: Ride, rows: slice) -> dict[str, Any]:
+    """Columns of numbers and flags that tell the motion at some of a ride's states, by name."""
+    states = ride.states.take(rows)
+    columns: dict[str, Any] = {"distance_m": ride.distance[rows]}
     columns |= {name: getattr(states, field) for name, field in STATE_COLUMNS.items()}
     columns["acceleration_m_s2"] = rate(states.speed, states.time_s)
     columns["lateral_acceleration_m_s2"] = states.speed * states.yaw_rate
-    columns["outside_m"] = beyond_limits(ride)
-    columns |= _ages(ride)
-    columns["section"] = _section_names(ride)
-    return pd.DataFrame(columns)
+    columns["outside_m"] = beyond_limits(states, ride.course)
+    return columns | telemetry_columns(ride, rows)
 
 
 def station(ride: Ride) -> Floats:
@@ -86,16 +93,6 @@ def station(ride: Ride) -> Floats:
     if states.course_closed[-1] and np.isfinite(length) and length > 0.0:
         return np.mod(states.progress, length)
     return states.progress
-
-
-def rate(values: Floats, time_s: Floats) -> Floats:
-    """Change over time by central differences; NaN where there are fewer than two states or time stands still."""
-    if len(values) < 2:
-        return np.full(len(values), np.nan)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        found = np.asarray(np.gradient(values, time_s), dtype=np.float64)
-    found[~np.isfinite(found)] = np.nan
-    return found
 
 
 def _ages(ride: Ride) -> dict[str, Floats]:

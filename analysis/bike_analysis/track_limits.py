@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bike_analysis.reading import Course, Floats
-from bike_analysis.rides import Ride
+from bike_analysis.reading import Course, Floats, States
 
 
 def has_limits(course: Course | None) -> bool:
@@ -17,16 +16,16 @@ def has_limits(course: Course | None) -> bool:
     return course is not None and 0 < len(course.s) == len(course.width_left) == len(course.width_right)
 
 
-def beyond_limits(ride: Ride) -> Floats:
+def beyond_limits(states: States, course: Course | None) -> Floats:
     """How far the contact point that is less far out lies outside the limits, m.
 
     Args:
-        ride: A ride.
+        states: States of a ride.
+        course: Its course.
 
     Returns:
         One value a state, negative on the track; NaN without limits. Without the front contact the rear one counts.
     """
-    states, course = ride.states, ride.course
     if course is None or not has_limits(course):
         return np.full(len(states), np.nan)
     rear = _outside(course, states.progress, states.lateral_error)

@@ -12,7 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bike_analysis import find_rides, read_recording, ride_figures
-from bike_analysis.metrics import RideFigures, command_delay
+from bike_analysis.delays import command_delay
+from bike_analysis.metrics import RideFigures
 from bike_analysis.rides import Ride
 
 
