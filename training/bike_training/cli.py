@@ -17,6 +17,7 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "evaluate": ("bike_training.commands.evaluate", "ride a policy at 21 speeds and write down how well"),
     "export": ("bike_training.commands.export", "make a policy bundle of a run"),
     "analyze": ("bike_analysis.commands.analyze", "figures, plots and a report page from a recording"),
+    "replay": ("bike_training.commands.replay", "ride a recorded ride again and tell whether it is the same"),
     "explain": ("bike_training.commands.explain", "which parts of its observation make a policy steer as it does"),
     "validate": ("bike_training.commands.validate", "hold the physics against its publications"),
     "lap": ("bike_training.commands.lap", "lap circuits on superbikes with the classical rider"),

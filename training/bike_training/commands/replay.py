@@ -1,0 +1,153 @@
+"""`bike replay`: rides a recorded ride again with its own commands and tells whether the same ride comes out."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Final
+
+from tqdm import tqdm
+
+from bike_training.recorded_rides import RecordedRide, read_rides
+from bike_training.replay import Difference, Replay, ride_again
+
+SCHEMA: Final = "bike.replay/1"
+
+EXAMPLES: Final = """examples:
+  bike replay out/ride/ride.mcap                  the same ride, bit for bit, or the first step that differs
+  bike replay out/lap/lap.mcap --json             laps of a superbike
+  bike replay runs/a/episodes/step_000004000_training.mcap
+  bike replay out/ride/ride.mcap --engine whipple --time-step 0.005
+                                                  how fast the same commands lead elsewhere in another physics
+
+The exit code is 1 where the ride is not the same. With another engine or step it never is: a bicycle does not keep its
+balance with commands that were meant for another one. The simulator runs in this process; no ROS is needed."""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.epilog = EXAMPLES
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument("recording", type=Path, help="an .mcap file or a rosbag2 directory")
+    parser.add_argument("--episode", type=int, metavar="N", help="only the rides of this number of the simulator")
+    parser.add_argument("--engine", choices=["pybullet", "whipple"], help="another engine than the recorded one")
+    parser.add_argument("--time-step", type=float, metavar="S", help="another integration step than the recorded one")
+    parser.add_argument("--vehicle", metavar="NAMESPACE", help="which vehicle, if several were recorded")
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Ride all rides again; not ok when one does not come out the same.
+
+    Raises:
+        FileNotFoundError: there is no such recording, or its vehicle or course is not here.
+        ValueError: it cannot be ridden again, with the reason.
+    """
+    recording, rides = read_rides(args.recording, args.vehicle)
+    episodes = [recorded.ride.episode for recorded in rides]
+    if args.episode is not None and args.episode not in episodes:
+        known = ", ".join(map(str, sorted(set(episodes))))
+        raise ValueError(f"{recording.path} has no ride of episode {args.episode}; it has {known}")
+    for warning in recording.warnings:
+        print(f"warning: {warning}", file=sys.stderr)
+    found = []
+    for recorded in rides:
+        if args.episode in (None, recorded.ride.episode):
+            found.append(_ride(recorded, args))
+    figures = {"recording": str(recording.path), "warnings": list(recording.warnings), "rides": found}
+    return {"schema": SCHEMA, "ok": all(ride["same"] for ride in found), "figures": figures}
+
+
+def _ride(recorded: RecordedRide, args: argparse.Namespace) -> dict[str, Any]:
+    began = time.monotonic()
+    with tqdm(desc=f"ride {recorded.ride.index}", unit="step", disable=args.json, leave=False) as bar:
+
+        def tell(step: int, steps: int) -> None:
+            bar.total = steps
+            bar.update(step - bar.n)
+
+        replay = ride_again(recorded, args.engine, args.time_step, tell)
+    if not args.json:
+        print("\n".join(text_of(recorded, replay)))
+    return figures_of(recorded, replay) | {"wall_s": round(time.monotonic() - began, 2)}
+
+
+def figures_of(recorded: RecordedRide, replay: Replay) -> dict[str, Any]:
+    """Return what came out as plain values."""
+    return {
+        "ride": recorded.ride.index,
+        "episode": recorded.ride.episode,
+        "vehicle": recorded.vehicle,
+        "engine": replay.config.engine,
+        "time_step_s": replay.config.time_step,
+        "as_recorded": recorded.start is not None and replay.config == recorded.start.config,
+        "same": replay.same,
+        "states": replay.states,
+        "recorded_states": replay.recorded_states,
+        "missing_states": replay.missing,
+        "stopped": replay.stopped or None,
+        "first_difference": None if replay.difference is None else _with_units(asdict(replay.difference)),
+        "apart": [
+            {
+                "time_s": apart.time,
+                "position_m": apart.position,
+                "roll_deg": math.degrees(apart.roll),
+                "steer_deg": math.degrees(apart.steer),
+            }
+            for apart in replay.apart
+        ],
+        "learning_steps": replay.learned,
+        "first_learning_difference": None
+        if replay.learned_difference is None
+        else _with_units(asdict(replay.learned_difference)),
+    }
+
+
+def _with_units(difference: dict[str, Any]) -> dict[str, Any]:
+    """Name the time with its unit; a value has that of its field."""
+    return {"time_s" if name == "time" else name: value for name, value in difference.items()}
+
+
+def text_of(recorded: RecordedRide, replay: Replay) -> list[str]:
+    """Say in words what came out."""
+    ride, config = recorded.ride, replay.config
+    head = (
+        f"ride {ride.index} (episode {ride.episode}, {recorded.vehicle}, {_physics(config.engine, config.time_step)})"
+    )
+    lines = [f"{head}: {_verdict(replay)}"]
+    start = recorded.start
+    if start is not None and config != start.config:
+        lines.append(f"  recorded with {_physics(start.config.engine, start.config.time_step)}, so they must part")
+    if replay.missing and not replay.stopped:
+        lines.append(f"  {replay.missing} states are missing in the recording and were bridged by recorded commands")
+    if replay.stopped:
+        lines.append(f"  {replay.stopped}")
+    if replay.apart:
+        lines.append("  how far they are apart, now less recorded:")
+        lines.append("   time s  apart m     roll °    steer °")
+    for apart in replay.apart:
+        roll, steer = math.degrees(apart.roll), math.degrees(apart.steer)
+        lines.append(f"  {apart.time:7.2f}  {apart.position:8.3g}  {roll:+9.3g}  {steer:+9.3g}")
+    if replay.learned_difference is not None:
+        lines.append(f"  what was learned from is not of this ride: {_where(replay.learned_difference)}")
+    elif replay.learned:
+        lines.append(f"  observations and rewards of {replay.learned} steps of learning are those of this ride")
+    return lines
+
+
+def _verdict(replay: Replay) -> str:
+    if replay.difference is None:
+        return f"the same ride, bit for bit, in {replay.states} of {replay.recorded_states} states"
+    return f"not the same ride; {replay.states} states compared, the first that differs: {_where(replay.difference)}"
+
+
+def _where(place: Difference) -> str:
+    values = f"{place.field} is {place.recorded!r} in the recording, {place.ridden!r} now"
+    return f"step {place.step} ({place.time:.2f} s), {values}"
+
+
+def _physics(engine: str, time_step: float) -> str:
+    return f"{engine} at {1e3 * time_step:g} ms"
