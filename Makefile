@@ -21,7 +21,8 @@ ride: setup ## Ride the benchmark path with the shipped actor and write ride.mca
 lap: setup ## Three laps of Barcelona on a superbike through the nodes: out/lap/lap.mcap and its report
 	@$(BIN)/bike lap --nodes
 
-test: setup ## Run the tests, quick ones first
+test: setup ## Run the tests, quick ones first; Chromium is installed for those of the report page
+	@tools/setup browser
 	$(BIN)/python -m pytest
 
 check: setup ## Style, types, import rules, shell scripts, Dockerfiles, YAML

@@ -14,6 +14,8 @@ function followDrawing(canvas, ride, { title, lapTime, edges, line, step }) {
     return mix(column[i], column[i + 1], k - i);
   }
 
+  const rollAt = k => at(ride.roll, k) * Math.PI / 180;
+
   // The camera looks along a heading that follows the machine's with a little lag, from behind and above.
   function cameraAt(k) {
     let yaw = 0, weight = 0;
@@ -23,7 +25,7 @@ function followDrawing(canvas, ride, { title, lapTime, edges, line, step }) {
     }
     yaw /= weight;
     const x = at(ride.x, k), y = at(ride.y, k), c = Math.cos(yaw), s = Math.sin(yaw);
-    return { x: x - BACK * c, y: y - BACK * s, c, s, tilt: 0.22 * at(ride.roll, k) };
+    return { x: x - BACK * c, y: y - BACK * s, c, s, tilt: 0.22 * rollAt(k) };
   }
   function project(cam, x, y, z) {
     const dx = x - cam.x, dy = y - cam.y;
@@ -98,7 +100,7 @@ function followDrawing(canvas, ride, { title, lapTime, edges, line, step }) {
   function machine(cam, k) {
     const p = project(cam, at(ride.x, k), at(ride.y, k), 0);
     if (!p) return;
-    const m = FOCAL / p[2], roll = at(ride.roll, k), hang = Math.max(-1, Math.min(1, roll / 0.87));
+    const m = FOCAL / p[2], roll = rollAt(k), hang = Math.max(-1, Math.min(1, roll / 0.87));
     g.save();
     g.translate(p[0], p[1]);
     g.fillStyle = "rgba(0,0,0,.35)";
@@ -143,17 +145,17 @@ function followDrawing(canvas, ride, { title, lapTime, edges, line, step }) {
   function panel(x, y, w, h) { g.fillStyle = "rgba(12,15,20,.62)"; g.beginPath(); g.roundRect(x, y, w, h, 10); g.fill(); }
 
   function instruments(k) {
-    const speed = at(ride.speed, k), roll = at(ride.roll, k), throttle = at(ride.throttle, k);
+    const speed = at(ride.speed, k), roll = rollAt(k), throttle = ride.throttle ? at(ride.throttle, k) : 0;
     const H = 204;                                                        // below the title, out of the machine's way
     panel(16, H - 116, 400, 100);
-    text(String(Math.round(3.6 * speed)), 130, H - 48, 52, "#fff", "right", 700); text("km/h", 138, H - 48, 16, "#b8c2cf");
+    text(String(Math.round(speed)), 130, H - 48, 52, "#fff", "right", 700); text("km/h", 138, H - 48, 16, "#b8c2cf");
     const cx = 258, cy = H - 40, r = 54;
     g.lineWidth = 6; g.strokeStyle = "#3a434e"; g.beginPath(); g.arc(cx, cy, r, -Math.PI * 5 / 6, -Math.PI / 6); g.stroke();
     g.strokeStyle = Math.abs(roll) > 0.87 ? "#ff8c5a" : "#62b0f4"; g.beginPath();
     g.arc(cx, cy, r, -Math.PI / 2 + Math.min(0, roll), -Math.PI / 2 + Math.max(0, roll)); g.stroke();
     text(`${Math.round(Math.abs(roll) * 57.2958)}°`, cx, cy + 4, 28, "#fff", "center", 700);
     text("lean", cx, cy + 22, 13, "#b8c2cf", "center");
-    for (const [i, value, colour, name] of [[0, Math.max(0, throttle), "#43c9a3", "gas"], [1, Math.max(0, -throttle), "#ff5a48", "brake"]]) {
+    for (const [i, value, colour, name] of [[0, Math.max(0, throttle / 100), "#43c9a3", "gas"], [1, Math.max(0, -throttle / 100), "#ff5a48", "brake"]]) {
       const x = 336 + 40 * i;
       g.fillStyle = "#2c333c"; g.fillRect(x, H - 106, 20, 66);
       g.fillStyle = colour; g.fillRect(x, H - 40 - 66 * value, 20, 66 * value);

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -15,12 +16,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from bike_analysis.follow_view import follow_view
-from bike_analysis.lap_plots import gg_figure, lean_trace_figure, speed_trace_figure, track_map_figure
-from bike_analysis.page import page_style
+from bike_analysis.lap_view import lap_view
+from bike_analysis.page import key_html, page_shell, table_html
 from bike_analysis.reading import Floats, Recording, read_recording
 from bike_analysis.rides import Ride, find_rides
-from bike_analysis.style import themed_svg
+from bike_analysis.view import view_html
 from bike_sim.course.lap_timing import Lap, Timing, TimingEvent, TimingKind, time_laps
 from bike_sim.course.placing import EXACT, samples_of
 from bike_sim.course.track import Track
@@ -183,42 +183,10 @@ def render_lap_page(laps: LapRecording, theory: Theory) -> str:
     """Return the report page: HTML without any reference to the outside."""
     figures = lap_figures(laps, theory)
     title = f"{laps.recording.vehicle} on {laps.track.name}"
-    sections = [
-        _key(figures),
-        "<h2>Follow view</h2>",
-        follow_view(laps, None if not laps.flying else min(laps.flying, key=lambda lap: lap.duration)),
-        "<h2>Lap and sector times</h2>",
-        _time_table(laps, theory),
-        _agreement(figures),
-        "<h2>Speed and lean</h2>",
-        _figure(speed_trace_figure(laps, theory), "Speed over distance", "speed", _SPEED_CAPTION),
-        _figure(lean_trace_figure(laps), "Lean over distance", "lean", _LEAN_CAPTION),
-        "<h2>Accelerations</h2>",
-        _figure(gg_figure(laps, theory), "g-g diagram", "gg", _GG_CAPTION),
-        "<h2>Line</h2>",
-        _figure(track_map_figure(laps), "Map of the ride", "map", _MAP_CAPTION),
-    ]
-    head = (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">'
-        f"<title>{escape(title)}</title><style>{page_style()}</style></head><body><main>"
-        f'<header><h1>{escape(title)}</h1><p class="soft">{escape(laps.recording.path.name)}, '
-        f"{laps.recording.message_count:,} messages</p></header>"
-    )
-    return "\n".join([head, *sections, "</main></body></html>"])
-
-
-_SPEED_CAPTION: Final = "Flying laps in blue, the theoretical lap of the machine on the followed line in orange."
-_LEAN_CAPTION: Final = "Lean of the flying laps, positive leaning right."
-_GG_CAPTION: Final = (
-    "Accelerations of the flying laps from the recorded states (speed times yaw rate; change of speed), in blue, and "
-    "of the theoretical lap, in orange."
-)
-_MAP_CAPTION: Final = "All laps between the limits, coloured by speed. Places with both wheels outside are marked."
-
-
-def _figure(figure: Any, label: str, prefix: str, caption: str) -> str:
-    return f"<figure>{themed_svg(figure, label, prefix)}<figcaption>{escape(caption)}</figcaption></figure>"
+    view = lap_view(laps, theory, "laps", title)
+    below = f'<p class="soft">{escape(laps.recording.path.name)} · {laps.recording.message_count:,} messages</p>'
+    parts = [_key(figures), view_html(view), "<h2>Lap and sector times</h2>", _time_table(laps, theory)]
+    return page_shell(title, below, [*parts, _agreement(figures)], [view])
 
 
 def lap_text(seconds: float) -> str:
@@ -228,29 +196,42 @@ def lap_text(seconds: float) -> str:
 
 
 def _key(figures: dict[str, Any]) -> str:
-    cells = {
-        "best flying lap": "-" if figures["lap_s"] is None else lap_text(figures["lap_s"]),
-        "theoretical lap": lap_text(figures["limit_s"]),
-        "slowest flying lap over it": "-" if figures["excess"] is None else f"{100 * figures['excess']:+.1f} %",
-        "falls, walls": f"{figures['falls']}, {figures['walls']}",
-    }
-    items = "".join(f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>" for name, value in cells.items())
-    return f'<dl class="key">{items}</dl>'
+    excess = figures["excess"]
+    off = f"{figures['off_track_s']:.2f}"
+    entries = [
+        ("best flying lap", "–" if figures["lap_s"] is None else lap_text(figures["lap_s"]), ""),
+        ("theoretical lap", lap_text(figures["limit_s"]), ""),
+        ("slowest flying lap over it", "–" if excess is None else f"{100 * excess:+.1f}", "%"),
+        ("flying laps, valid", f"{len(figures['laps_s'])}, {figures['valid_laps']}", ""),
+        ("off the track", off, "s"),
+        ("falls, walls", f"{figures['falls']}, {figures['walls']}", ""),
+    ]
+    return key_html(entries)
 
 
 def _time_table(laps: LapRecording, theory: Theory) -> str:
+    """Lap and sector times; the best flying ones are marked, and what they would add up to."""
     names = [name for name, _ in laps.track.sectors]
     head = "".join(f"<th>{escape(name)}</th>" for name in ("lap", "time", *names, "off track"))
-    rows = [_time_row("out" if lap.number == 1 else str(lap.number - 1), lap) for lap in laps.timing.laps]
-    sectors = "".join(f"<td>{lap_text(time)}</td>" for time in theory.sector_times)
-    rows.append(f"<tr><td>theoretical</td><td>{lap_text(theory.lap_time)}</td>{sectors}<td></td></tr>")
-    return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table></div>'
+    best = [min(column) for column in zip(*((lap.duration, *lap.sectors) for lap in laps.flying), strict=True)]
+    rows = []
+    for lap in laps.timing.laps:
+        name = "out" if lap.number == 1 else str(lap.number - 1)
+        rows.append(
+            _time_row(name, (lap.duration, *lap.sectors), best, f"{lap.off_track:.2f} s" if lap.off_track else "")
+        )
+    if len(laps.flying) > 1:
+        rows.append(_time_row("best sectors", (sum(best[1:]), *best[1:]), [], ""))
+    rows.append(_time_row("theoretical", (theory.lap_time, *theory.sector_times), [], ""))
+    return table_html(head, rows)
 
 
-def _time_row(name: str, lap: Lap) -> str:
-    sectors = "".join(f"<td>{lap_text(time)}</td>" for time in lap.sectors)
-    off = f"{lap.off_track:.2f} s" if lap.off_track else ""
-    return f"<tr><td>{name}</td><td>{lap_text(lap.duration)}</td>{sectors}<td>{off}</td></tr>"
+def _time_row(name: str, times: Sequence[float], best: Sequence[float], last: str) -> str:
+    cells = []
+    for column, time in enumerate(times):
+        mark = ' class="best"' if column < len(best) and time == best[column] else ""
+        cells.append(f"<td{mark}>{lap_text(time)}</td>")
+    return f"<tr><td>{escape(name)}</td>{''.join(cells)}<td>{last}</td></tr>"
 
 
 def _agreement(figures: dict[str, Any]) -> str:

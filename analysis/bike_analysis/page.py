@@ -1,106 +1,171 @@
-"""The report page: one HTML file that needs no network, follows the reader's colour scheme and fits a phone."""
+"""The report page: one HTML file that needs no network, with interactive plots, in light and dark, for desk and phone.
+
+`write_page` makes it from recordings and, where several are compared, from their comparison. `page_shell` is the frame
+that all pages share: style, script, Plotly and the policy that keeps the browser from asking anybody for anything.
+"""
 
 from __future__ import annotations
 
+import json
+import os
 from collections.abc import Iterable, Sequence
+from functools import cache
 from html import escape
+from importlib.resources import files
+from pathlib import Path
 from typing import Final
 
+from bike_analysis.api import RecordedRide, RideRecording
+from bike_analysis.compare import Comparison
+from bike_analysis.compare_view import comparison_html, comparison_view
 from bike_analysis.metrics import RideFigures
-from bike_analysis.plots import command_figure, error_figure, lean_figure, map_figure
-from bike_analysis.reading import Recording
+from bike_analysis.ride_view import ride_view
 from bike_analysis.rides import Ride
-from bike_analysis.style import style_variables, themed_svg
+from bike_analysis.style import style_variables
+from bike_analysis.view import View, view_html
 
 DRAWN_RIDES: Final = 6
 """Rides that are drawn; the table has all of them."""
 
-_STYLE: Final = """
-:root { color-scheme: light dark; --page: #ffffff; --card: #f6f7f9; --line: #d9dde3; --soft: #5e6875;
-  --good: #00795f; --bad: #b3401a; --font: system-ui, -apple-system, "Segoe UI", Roboto, "Noto Sans", sans-serif;
-  @LIGHT@ }
-@media (prefers-color-scheme: dark) {
-  :root { --page: #12161b; --card: #1a2027; --line: #2c333c; --soft: #9aa5b3; --good: #43c9a3; --bad: #f2915c;
-    @DARK@ } }
-* { box-sizing: border-box; }
-body { margin: 0; background: var(--page); color: var(--ink); font: 16px/1.5 var(--font);
-  -webkit-text-size-adjust: 100%; }
-main { max-width: 62rem; margin: 0 auto; padding: 1.5rem 1.1rem 4rem; }
-h1 { font-size: 1.7rem; line-height: 1.2; margin: 0 0 .2rem; letter-spacing: -.01em; overflow-wrap: anywhere; }
-h2 { font-size: 1.25rem; margin: 3rem 0 .3rem; padding-top: 1.2rem; border-top: 1px solid var(--line); }
-header + h2, header + section > h2 { margin-top: 1.2rem; padding-top: 0; border: 0; }
-h3 { font-size: 1rem; margin: 2rem 0 .2rem; }
-p { margin: .3rem 0 .8rem; }
-.soft, figcaption { color: var(--soft); }
-figcaption { font-size: .9rem; max-width: 46rem; }
-.warning { border-left: 4px solid var(--bad); background: var(--card); padding: .6rem .9rem; margin: 1rem 0; }
-.warning p { margin: 0; }
-.key { display: grid; grid-template-columns: repeat(4, 1fr); gap: .6rem; margin: 1rem 0 0; }
-.key div { background: var(--card); border-radius: .5rem; padding: .6rem .8rem; }
-.key dt { color: var(--soft); font-size: .82rem; }
-.key dd { margin: 0; font-size: 1.3rem; font-weight: 600; font-variant-numeric: tabular-nums; white-space: nowrap; }
-.key small { font-size: .8rem; font-weight: 400; color: var(--soft); }
-figure { margin: .6rem 0 0; }
-figure svg { display: block; width: 100%; height: auto; }
-.narrow { display: none !important; }
-.scroll { overflow-x: auto; }
-table { border-collapse: collapse; font-size: .92rem; margin: .6rem 0; width: 100%;
-  font-variant-numeric: tabular-nums; }
-th, td { text-align: right; padding: .28rem .6rem; border-bottom: 1px solid var(--line); white-space: nowrap; }
-th { font-weight: 600; vertical-align: bottom; }
-th:first-child, td:first-child, .text { text-align: left; }
-tbody tr:hover { background: var(--card); }
-.bar { width: 30%; min-width: 6rem; }
-.bar i { display: block; height: .55rem; border-radius: .3rem; background: var(--blue); min-width: 1px; }
-.finished { color: var(--good); } .fell, .off_course { color: var(--bad); font-weight: 600; }
-.columns { columns: 2 22rem; column-gap: 2.5rem; }
-.columns table { margin: 0; } .columns tr { break-inside: avoid; }
-.columns td:first-child { white-space: normal; }
-a { color: var(--blue); }
-@media (max-width: 46rem) {
-  main { padding: 1rem .8rem 3rem; } h1 { font-size: 1.35rem; }
-  .wide { display: none !important; } .narrow { display: block !important; }
-  .key { grid-template-columns: 1fr 1fr; } .key dd { font-size: 1.12rem; }
-  th, td { padding: .28rem .35rem; } td:first-child { white-space: normal; } .bar { display: none; }
-}
-@media print { body { font-size: 11px; } h2 { break-before: page; } }
-"""
-
+_SCRIPTS: Final = (
+    "page_data.js",
+    "page_input.js",
+    "page_plots.js",
+    "page_view.js",
+    "page_bar.js",
+    "follow_view.js",
+    "page_main.js",
+)
+_POLICY: Final = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
 _ENDS: Final = {"finished": "finished", "fell": "fell", "off_course": "left the course", "stopped": "stopped"}
+_KEYS: Final = (
+    ("← →", "move the cursor; with shift ten times as far"),
+    ("Home End", "to the beginning, to the end (with the focus on a plot)"),
+    ("+ −", "zoom about the cursor"),
+    ("0", "the whole ride"),
+    ("p", "play, pause"),
+    ("t", "light or dark"),
+    ("mouse", "drag a stretch to zoom into it, double-click for all; shift-drag pans; control and wheel zoom"),
+    ("fingers", "one moves the cursor, two zoom and pan"),
+)
 
 
-def render_page(recording: Recording, rides: Sequence[Ride], figures: Sequence[RideFigures]) -> str:
-    """Make the report page.
+def write_page(
+    recordings: Sequence[RideRecording], path: str | os.PathLike[str], comparison: Comparison | None = None
+) -> Path:
+    """Write the report page.
 
     Args:
-        recording: What was read.
-        rides: Its rides.
-        figures: Their figures, in the same order.
+        recordings: What was read; all their rides are listed, and drawn as far as they are few.
+        path: The file to write; its folder must exist.
+        comparison: Rides or laps of them side by side, shown first.
+
+    Returns:
+        The path.
+
+    Raises:
+        ValueError: If there is no recording.
+        OSError: If the file cannot be written.
+    """
+    target = Path(path)
+    target.write_text(render_page(recordings, comparison), encoding="utf-8")
+    return target
+
+
+def render_page(recordings: Sequence[RideRecording], comparison: Comparison | None = None) -> str:
+    """Make the report page; see `write_page`.
 
     Returns:
         HTML without any reference to the outside.
     """
-    title = f"{recording.path.name}: {len(rides)} ride{'s' if len(rides) != 1 else ''}"
-    drawn = _chosen(figures)
-    parts = [
-        "<!DOCTYPE html>",
-        '<html lang="en"><head><meta charset="utf-8">',
-        '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        '<link rel="icon" href="data:,">',
-        f"<title>{escape(title)}</title><style>{page_style()}</style></head><body><main>",
-        f"<header><h1>{escape(recording.path.name)}</h1>{_subtitle(recording, figures)}{_warnings(recording)}</header>",
-    ]
+    if not recordings:
+        raise ValueError("a page needs at least one recording")
+    rides = [ride for recording in recordings for ride in recording.rides]
+    several = len(recordings) > 1
+    names = [_ride_name(ride, number, several) for number, ride in enumerate(rides, start=1)]
+    title = f"{len(recordings)} recordings" if several else recordings[0].path.name
+    drawn = _chosen([ride.figures for ride in rides])
+    views: list[View] = []
+    parts = ["".join(_warnings(recording, several) for recording in recordings)]
+    if comparison is not None:
+        views.append(comparison_view(comparison, "comparison"))
+        parts.append(f'<section id="comparison"><h2>Side by side</h2>{comparison_html(comparison)}')
+        parts.append(f"{view_html(views[-1])}</section>")
     if len(rides) > 1:
-        parts.append(_overview(figures, drawn))
+        parts.append(_overview(rides, names, drawn))
     for index in drawn:
-        parts.append(_ride(rides[index], figures[index]))
-    parts.append("</main></body></html>")
-    return "\n".join(parts)
+        view = ride_view(rides[index].data, f"ride-{index + 1}", f"{rides[index].label} on {_course(rides[index])}")
+        views.append(view)
+        parts.append(_ride(rides[index], names[index], view))
+    return page_shell(title, "".join(_subtitle(recording, several) for recording in recordings), parts, views)
 
 
+def page_shell(title: str, below: str, parts: Iterable[str], views: Sequence[View]) -> str:
+    """Put a page together.
+
+    Args:
+        title: Headline.
+        below: HTML under it.
+        parts: HTML of the page, with the frames of the views (`bike_analysis.view.view_html`) in their order.
+        views: What the script draws into them.
+
+    Returns:
+        The whole page.
+    """
+    data = json.dumps([view.data() for view in views], separators=(",", ":")).replace("</", "<\\/")
+    keys = "".join(f"<dt>{_kbd(key)}</dt><dd>{escape(text)}</dd>" for key, text in _KEYS)
+    return "\n".join(
+        [
+            "<!DOCTYPE html>",
+            '<html lang="en"><head><meta charset="utf-8">',
+            f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">',
+            '<meta name="viewport" content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">',
+            f"<title>{escape(title)}</title><style>{page_style()}</style></head><body><main>",
+            f'<header><h1>{escape(title)}</h1><button id="theme" type="button" aria-label="Dark colours">Dark</button>',
+            f"{below}</header>",
+            f"<details><summary>Keys and gestures</summary><dl class=keys>{keys}</dl></details>",
+            '<noscript><p class="warning">The plots need JavaScript; the tables do not.</p></noscript>',
+            *parts,
+            "</main>",
+            f'<script type="application/json" id="page-data">{data}</script>',
+            f"<script>{_plotly()}</script>",
+            f"<script>{page_script()}</script>",
+            "</body></html>",
+        ]
+    )
+
+
+@cache
+def _plotly() -> str:
+    """Plotly's script as its Python package carries it."""
+    return (files("plotly") / "package_data" / "plotly.min.js").read_text(encoding="utf-8")
+
+
+@cache
+def page_script() -> str:
+    """Return the page's own script."""
+    here = files("bike_analysis")
+    parts = "\n".join((here / name).read_text(encoding="utf-8") for name in _SCRIPTS)
+    return f'(() => {{\n"use strict";\n{parts}}})();'
+
+
+@cache
 def page_style() -> str:
     """Return the style sheet of report pages."""
-    return _STYLE.replace("@LIGHT@", style_variables(dark=False)).replace("@DARK@", style_variables(dark=True))
+    text = (files("bike_analysis") / "page.css").read_text(encoding="utf-8")
+    return text.replace("@LIGHT@", style_variables(dark=False)).replace("@DARKER@", style_variables(dark=True))
+
+
+def _kbd(keys: str) -> str:
+    return " ".join(f"<kbd>{escape(key)}</kbd>" for key in keys.split())
+
+
+def _ride_name(ride: RecordedRide, number: int, several: bool) -> str:
+    return f"Ride {number}: {ride.label}" if several else f"Ride {number}"
+
+
+def _course(ride: RecordedRide) -> str:
+    return ride.course.name if ride.course else "an unknown course"
 
 
 def _chosen(figures: Sequence[RideFigures]) -> list[int]:
@@ -114,80 +179,68 @@ def _chosen(figures: Sequence[RideFigures]) -> list[int]:
     return sorted(worst[:DRAWN_RIDES])
 
 
-def _subtitle(recording: Recording, figures: Sequence[RideFigures]) -> str:
-    total = sum(f.duration_s for f in figures)
-    way = sum(f.distance_m for f in figures)
-    words = [f"{total:.1f} s of simulated time, {way:.0f} m, {recording.message_count:,} messages"]
+def _subtitle(recording: RideRecording, several: bool) -> str:
+    total = sum(ride.figures.duration_s for ride in recording.rides)
+    way = sum(ride.figures.distance_m for ride in recording.rides)
+    words = [recording.path.name] if several else []
+    words += [f"{total:.1f} s of simulated time", f"{way:.0f} m", f"{recording.data.message_count:,} messages"]
     if recording.vehicle:
-        words.append(f"vehicle: {recording.vehicle}")
-    words += [f"{name}: {value}" for name, value in recording.notes.items() if name != "vehicle"]
+        words.append(f"vehicle {recording.vehicle}")
+    words += [f"{name} {value}" for name, value in recording.data.notes.items() if name != "vehicle"]
     return f'<p class="soft">{escape(" · ".join(words))}</p>'
 
 
-def _warnings(recording: Recording) -> str:
+def _warnings(recording: RideRecording, several: bool) -> str:
     if not recording.warnings:
         return ""
-    lines = "".join(f"<p>{escape(w[:1].upper() + w[1:])}.</p>" for w in recording.warnings)
+    name = f"{recording.path.name}: " if several else ""
+    lines = "".join(f"<p>{escape(name + w[:1].upper() + w[1:])}.</p>" for w in recording.warnings)
     return f'<div class="warning" role="status">{lines}</div>'
 
 
-def _overview(figures: Sequence[RideFigures], drawn: Sequence[int]) -> str:
-    head = "<th>ride</th><th class=text>course</th><th>speed<br>m/s</th><th>way<br>m</th><th>mean error<br>m</th>"
-    head += "<th>RMS error<br>m</th><th>max error<br>m</th><th class=text>end</th>"
+def _overview(rides: Sequence[RecordedRide], names: Sequence[str], drawn: Sequence[int]) -> str:
+    head = "<th>ride</th><th class=text>course</th><th>speed<br>m/s</th><th>way<br>m</th><th>time<br>s</th>"
+    head += "<th>mean error<br>m</th><th>RMS error<br>m</th><th>max error<br>m</th><th class=text>end</th>"
     rows = []
-    for index, f in enumerate(figures):
-        name = f'<a href="#ride-{f.ride}">{f.ride}</a>' if index in drawn else str(f.ride)
+    for index, ride in enumerate(rides):
+        f, name = ride.figures, escape(names[index])
+        if index in drawn:
+            name = f'<a href="#ride-{index + 1}">{name}</a>'
         cells = [
             f"<td>{name}</td><td class=text>{escape(f.course or '–')}</td>",
-            *(_cell(f.speed_mean_m_s, 2), _cell(f.distance_m, 0)),
+            *(_cell(f.speed_mean_m_s, 2), _cell(f.distance_m, 0), _cell(f.duration_s, 1)),
             *(_cell(f.mean_error_m, 3), _cell(f.rms_error_m, 3), _cell(f.max_error_m, 3)),
             f'<td class="text {f.ended_by}">{_ENDS[f.ended_by]}</td>',
         ]
         rows.append(f"<tr>{''.join(cells)}</tr>")
     note = ""
-    if len(drawn) < len(figures):
+    if len(drawn) < len(rides):
         note = f'<p class="soft">Drawn below are the {len(drawn)} with falls or the largest errors.</p>'
-    table = f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
-    return f"<h2>All rides</h2>{note}<div class=scroll>{table}</div>"
+    return f"<h2>All rides</h2>{note}{table_html(head, rows)}"
 
 
-def _ride(ride: Ride, figures: RideFigures) -> str:
+def table_html(head: str, rows: Sequence[str]) -> str:
+    """Return a table that scrolls by itself where the screen is narrow."""
+    return f"<div class=scroll><table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table></div>"
+
+
+def _ride(ride: RecordedRide, name: str, view: View) -> str:
+    figures = ride.figures
     course = f" on {escape(figures.course)}" if figures.course else ""
     speed = f" at {figures.speed_mean_m_s:.2f} m/s" if figures.speed_mean_m_s is not None else ""
-    prefix = f"r{figures.ride}"
-    numbers = " Numbers are its sections, as in the table below." if figures.sections else ""
-    return "\n".join(
-        [
-            f'<section id="ride-{figures.ride}"><h2>Ride {figures.ride}{course}{speed}</h2>',
-            _outcome(ride, figures),
-            _key_figures(figures),
-            "<h3>Path driven over path wanted</h3>",
-            _both(map_figure, ride, f"{prefix}m", f"Rear contact point, by its distance to the path.{numbers}"),
-            "<h3>Distance to the path</h3>",
-            _both(error_figure, ride, f"{prefix}e", "Signed distance of the rear contact point, positive to the left."),
-            _section_table(figures),
-            "<h3>Lean and steer</h3>",
-            _both(
-                lean_figure,
-                ride,
-                f"{prefix}l",
-                "Roll is positive leaning right, steer positive to the left. The path's curvature is negated, since a "
-                "left turn needs a lean to the left, and scaled by v²/g: where roll lies on it, a small lean balances "
-                "the turn. A short steer to the other side before a turn is counter-steering.",
-            ),
-            "<h3>Command and its delay</h3>",
-            _both(
-                command_figure,
-                ride,
-                f"{prefix}c",
-                "Steering command in [−1, 1], positive to the left. Its age counts control steps between the state "
-                "that it answers and the state from which it was applied; 0 means that the very next step used it.",
-            ),
-            "<h3>All figures</h3>",
-            _figure_table(figures),
-            "</section>",
-        ]
-    )
+    parts = [
+        f'<section id="{view.key}"><h2>{escape(name)}{course}{speed}</h2>',
+        _outcome(ride.data, figures),
+        key_html(_key_figures(figures)),
+        view_html(view),
+        _section_table(figures),
+        "<h3>All figures</h3>",
+        _figure_table(figures),
+        "</section>",
+    ]
+    if not len(ride.data.commands):
+        parts.insert(4, '<p class="soft">The age of commands is not shown: commands were not recorded.</p>')
+    return "\n".join(parts)
 
 
 def _outcome(ride: Ride, figures: RideFigures) -> str:
@@ -202,8 +255,14 @@ def _outcome(ride: Ride, figures: RideFigures) -> str:
     return f'<p class="{figures.ended_by}">{escape(text)}</p>'
 
 
-def _key_figures(f: RideFigures) -> str:
-    entries = [
+def key_html(entries: Iterable[tuple[str, str, str]]) -> str:
+    """Return the most important figures, each with name, value and unit."""
+    items = (f"<div><dt>{escape(k)}</dt><dd>{v} <small>{escape(unit)}</small></dd></div>" for k, v, unit in entries)
+    return f'<dl class="key">{"".join(items)}</dl>'
+
+
+def _key_figures(f: RideFigures) -> list[tuple[str, str, str]]:
+    return [
         ("mean error", _number(f.mean_error_m, 3), "m"),
         ("RMS error", _number(f.rms_error_m, 3), "m"),
         ("max error", _number(f.max_error_m, 3), "m"),
@@ -213,17 +272,6 @@ def _key_figures(f: RideFigures) -> str:
         ("roll", _range(f.roll_min_deg, f.roll_max_deg, 0), "°"),
         ("steer", _range(f.steer_min_deg, f.steer_max_deg, 0), "°"),
     ]
-    items = "".join(f"<div><dt>{k}</dt><dd>{v} <small>{unit}</small></dd></div>" for k, v, unit in entries)
-    return f'<dl class="key">{items}</dl>'
-
-
-def _both(draw, ride: Ride, prefix: str, caption: str) -> str:  # type: ignore[no-untyped-def]
-    """The same figure for a desk and for a phone; the style shows one of them."""
-    pictures = []
-    for kind, narrow in (("wide", False), ("narrow", True)):
-        svg = themed_svg(draw(ride, narrow=narrow), escape(caption, quote=True), f"{prefix}{kind[0]}")
-        pictures.append(f'<div class="{kind}">{svg}</div>')
-    return f"<figure>{''.join(pictures)}<figcaption>{escape(caption)}</figcaption></figure>"
 
 
 def _section_table(f: RideFigures) -> str:
@@ -237,7 +285,7 @@ def _section_table(f: RideFigures) -> str:
         cells = f"<td>{number}&ensp;{escape(s.name)}</td>{_cell(s.start_m, 1)}{_cell(s.mean_error_m, 3)}"
         rows.append(f"<tr>{cells}{_cell(s.rms_error_m, 3)}{_cell(s.max_error_m, 3)}{bar}</tr>")
     head = "<th>section</th><th>from<br>m</th><th>mean<br>m</th><th>RMS<br>m</th><th>max<br>m</th><th class=bar></th>"
-    return f"<div class=scroll><table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table></div>"
+    return f"<h3>Distance to the path by section</h3>{table_html(head, rows)}"
 
 
 def _figure_table(f: RideFigures) -> str:

@@ -1,8 +1,6 @@
-"""Figures of one ride.
+"""The picture of a ride: map and error, drawn by matplotlib for documents that show no page.
 
-Each function makes a figure of its own, wide for a desk or narrow for a phone, and draws thinned-out lines where there
-are more points than can be seen (`thin` keeps every extreme). Signs are those of the recording: roll positive leaning
-right, steer and lateral error positive to the left.
+Signs are those of the recording: lateral error positive to the left.
 """
 
 from __future__ import annotations
@@ -17,23 +15,17 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from bike_analysis.metrics import command_delay
 from bike_analysis.reading import Floats
+from bike_analysis.ride_view import map_lines
 from bike_analysis.rides import Ride
-from bike_analysis.style import BAND, BLUE, ERROR_MAP, GRID, INK, MUTED, ORANGE, RC
+from bike_analysis.style import BAND, BLUE, ERROR_MAP, INK, MUTED, ORANGE, RC
 
-GRAVITY: Final = 9.81
-"""m/s^2, as in the benchmark of Meijaard et al. (2007)."""
-WIDE: Final = 9.2
-"""Width of a figure for a desk, inches."""
-NARROW: Final = 4.3
-"""Width of a figure for a phone, inches."""
+WIDTH: Final = 9.2
+"""Width of the picture, inches."""
 
 _POINTS: Final = 1600
-_ZOOM_S: Final = 4.0
 
 
 def thin(x: NDArray[Any], y: NDArray[Any], points: int = _POINTS) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -60,101 +52,6 @@ def thin(x: NDArray[Any], y: NDArray[Any], points: int = _POINTS) -> tuple[NDArr
     return x[keep], y[keep]
 
 
-def new_figure(width: float, height: float) -> Figure:
-    """Make an empty figure that belongs to no window.
-
-    Args:
-        width: Inches.
-        height: Inches.
-
-    Returns:
-        The figure, laid out by constraints.
-    """
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
-
-
-def map_figure(ride: Ride, narrow: bool = False) -> Figure:
-    """Draw the path driven by the rear contact over the path wanted, coloured by the distance between them.
-
-    Args:
-        ride: A ride.
-        narrow: For a phone.
-
-    Returns:
-        The figure, with equal scales on both axes.
-    """
-    width = NARROW if narrow else WIDE
-    with mpl.rc_context(RC):
-        figure = new_figure(width, _map_height(ride, width))
-        draw_map(figure, figure.add_subplot(), ride, narrow)
-    return figure
-
-
-def error_figure(ride: Ride, narrow: bool = False) -> Figure:
-    """Draw the lateral error of the rear contact over the way along the course, with the course's sections.
-
-    Args:
-        ride: A ride.
-        narrow: For a phone.
-
-    Returns:
-        The figure.
-    """
-    with mpl.rc_context(RC):
-        figure = new_figure(NARROW if narrow else WIDE, 2.5)
-        draw_error(figure.add_subplot(), ride)
-    return figure
-
-
-def lean_figure(ride: Ride, narrow: bool = False) -> Figure:
-    """Draw roll, steer and negated curvature over the way along the course (Weyrer et al. 2026, Fig. 12).
-
-    A left turn (positive curvature) needs a lean to the left (negative roll), which is why the curvature is negated.
-    Its axis is scaled by v^2/g, so that it lies on the roll where a small lean balances the turn, that is where
-    tan(roll) = -v^2 curvature / g.
-
-    Args:
-        ride: A ride.
-        narrow: For a phone.
-
-    Returns:
-        The figure.
-    """
-    with mpl.rc_context(RC):
-        figure = new_figure(NARROW if narrow else WIDE, 3.2)
-        draw_lean(figure, figure.add_subplot(), ride)
-    return figure
-
-
-def command_figure(ride: Ride, narrow: bool = False) -> Figure:
-    """Draw the steering command over time, a close look at the largest error, and the age of the applied command.
-
-    Args:
-        ride: A ride.
-        narrow: For a phone.
-
-    Returns:
-        The figure.
-    """
-    with mpl.rc_context(RC):
-        figure = new_figure(NARROW if narrow else WIDE, 5.4 if narrow else 4.6)
-        whole, close, delay = figure.subplots(3, 1, height_ratios=[1.0, 1.0, 0.7])
-        _draw_commands(whole, ride, close=False)
-        _draw_commands(close, ride, close=True)
-        middle = ride.time[int(np.argmax(np.nan_to_num(np.abs(ride.states.lateral_error))))]
-        first = min(max(0.0, middle - _ZOOM_S / 2), max(0.0, ride.time[-1] - _ZOOM_S))
-        close.set_xlim(first, first + min(_ZOOM_S, max(ride.time[-1], 0.1)))
-        _fit_command_axis(close, ride)
-        whole.axvspan(*close.get_xlim(), color=GRID, lw=0)
-        if not narrow:
-            close.set_title("close look at the largest error", loc="left", color=MUTED)
-        _draw_delay(delay, ride)
-        figure.align_ylabels()
-    return figure
-
-
 def overview_figure(ride: Ride, title: str) -> Figure:
     """Draw map and error together, for the picture file.
 
@@ -165,28 +62,28 @@ def overview_figure(ride: Ride, title: str) -> Figure:
     Returns:
         The figure.
     """
-    with mpl.rc_context({**RC, "figure.facecolor": "white", "savefig.facecolor": "white"}):
-        height = _map_height(ride, WIDE)
-        figure = new_figure(WIDE, height + 2.9)
+    with mpl.rc_context(RC):
+        height = _map_height(ride)
+        figure = Figure(figsize=(WIDTH, height + 2.9), layout="constrained")
+        FigureCanvasAgg(figure)
         upper, lower = figure.subplots(2, 1, height_ratios=[height, 2.3])
-        draw_map(figure, upper, ride, narrow=False)
+        draw_map(figure, upper, ride)
         draw_error(lower, ride)
         figure.suptitle(title, x=0.01, ha="left", fontsize=11)
     return figure
 
 
-def draw_map(figure: Figure, axes: Axes, ride: Ride, narrow: bool) -> None:
+def draw_map(figure: Figure, axes: Axes, ride: Ride) -> None:
     """Draw the map into axes, with its colour scale.
 
     Args:
         figure: Figure of the axes.
         axes: Where to draw.
         ride: A ride.
-        narrow: For a phone.
     """
-    line_x, line_y = ride.reference_line()
-    axes.plot(line_x, line_y, color=BAND, lw=5.0, solid_capstyle="butt", label="path wanted")
-    _draw_limits(axes, ride)
+    for line in map_lines(ride):
+        colour, width, name = (BAND, 5.0, line.name) if line.role == "wanted" else (MUTED, 0.8, None)
+        axes.plot(line.x, line.y, color=colour, lw=width, solid_capstyle="butt", label=name)
     states = ride.states
     rows = np.unique(np.linspace(0, len(states) - 1, min(len(states), 1200)).astype(int))
     points = np.column_stack([states.x[rows], states.y[rows]])
@@ -201,7 +98,7 @@ def draw_map(figure: Figure, axes: Axes, ride: Ride, narrow: bool) -> None:
     )
     driven.set_array(np.maximum(error[:-1], error[1:]))
     axes.add_collection(driven)
-    _draw_section_numbers(axes, ride, narrow)
+    _draw_section_numbers(axes, ride)
     _draw_ends(axes, ride)
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.06)
@@ -243,41 +140,6 @@ def draw_error(axes: Axes, ride: Ride) -> None:
     axes.margins(x=0.01, y=0.12)
 
 
-def draw_lean(figure: Figure, axes: Axes, ride: Ride) -> None:
-    """Draw roll, steer and negated curvature into axes.
-
-    Args:
-        figure: Figure of the axes.
-        axes: Where to draw.
-        ride: A ride.
-    """
-    states = ride.states
-    way, label = _way(ride)
-    speed = float(np.nanmean(states.speed)) if np.isfinite(states.speed).any() else np.nan
-    balance = np.degrees(speed**2 / GRAVITY)  # degrees of lean for a curvature of 1 1/m, small angles
-    if not np.isfinite(balance) or balance < 1.0:
-        balance = np.degrees(1.0)
-    handles: list[Any] = []
-    if np.isfinite(states.curvature).any():
-        x, y = thin(way, -balance * states.curvature)
-        handles.append(axes.fill_between(x, y, 0.0, color=BAND, alpha=0.75, lw=0, label="−κ of the path"))
-    for values, colour, name in ((states.steer, ORANGE, "steer δ"), (states.roll, BLUE, "roll φ")):
-        handles += axes.plot(*thin(way, np.degrees(values)), color=colour, lw=1.1, label=name)
-    axes.axhline(0.0, color=MUTED, lw=0.7)
-    axes.margins(x=0.01)
-    low, high = axes.get_ylim()
-    _draw_sections(axes, ride, way)
-    axes.set_ylim(low, high)
-    other = axes.twinx()
-    other.set_ylim(low / balance, high / balance)
-    other.grid(False)
-    other.spines["right"].set_visible(True)
-    other.spines["right"].set_color(MUTED)
-    other.set_ylabel("−κ in 1/m")
-    axes.set(xlabel=label, ylabel="angle in °")
-    figure.legend(handles=handles[::-1], loc="outside upper left", ncols=3, handlelength=1.4)
-
-
 def _way(ride: Ride) -> tuple[Floats, str]:
     """Abscissa of figures over distance, and its label."""
     if np.isfinite(ride.states.progress).all():
@@ -285,22 +147,12 @@ def _way(ride: Ride) -> tuple[Floats, str]:
     return ride.distance, "distance driven in m"
 
 
-def _map_height(ride: Ride, width: float) -> float:
+def _map_height(ride: Ride) -> float:
     """Height of a map in inches that fits the path's own proportions."""
     line_x, line_y = ride.reference_line()
     x, y = np.append(line_x, ride.states.x), np.append(line_y, ride.states.y)
     across, up = float(np.nanmax(x) - np.nanmin(x)), float(np.nanmax(y) - np.nanmin(y))
-    return float(np.clip((width - 0.8) * up / max(across, 1e-3), 1.2, 1.2 * width) + 1.3)
-
-
-def _draw_limits(axes: Axes, ride: Ride) -> None:
-    course = ride.course
-    if course is None or len(course.width_left) != len(course.x) or len(course.width_right) != len(course.x):
-        return
-    heading = np.unwrap(np.arctan2(np.gradient(course.y), np.gradient(course.x)))
-    for side, width in ((1.0, course.width_left), (-1.0, course.width_right)):
-        x, y = course.x - side * width * np.sin(heading), course.y + side * width * np.cos(heading)
-        axes.plot(x, y, color=MUTED, lw=0.8, label="limits" if side > 0 else None)
+    return float(np.clip((WIDTH - 0.8) * up / max(across, 1e-3), 1.2, 1.2 * WIDTH) + 1.3)
 
 
 def _draw_ends(axes: Axes, ride: Ride) -> None:
@@ -313,7 +165,7 @@ def _draw_ends(axes: Axes, ride: Ride) -> None:
     axes.plot(states.x[-1], states.y[-1], marker=shape, ms=8 if shape == "X" else 5, color=colour, ls="", label=name)
 
 
-def _draw_section_numbers(axes: Axes, ride: Ride, narrow: bool) -> None:
+def _draw_section_numbers(axes: Axes, ride: Ride) -> None:
     """Write each section's number beside the middle of it, to the left of the line."""
     course = ride.course
     if course is None or len(course.x) < 3 or not course.section_names:
@@ -322,7 +174,7 @@ def _draw_section_numbers(axes: Axes, ride: Ride, narrow: bool) -> None:
     for number, middle in enumerate(0.5 * (bounds[:-1] + bounds[1:]), start=1):
         at = int(np.clip(np.searchsorted(course.s, middle), 1, len(course.s) - 2))
         dx, dy = course.x[at + 1] - course.x[at - 1], course.y[at + 1] - course.y[at - 1]
-        scale = (8.0 if narrow else 10.0) / max(float(np.hypot(dx, dy)), 1e-9)
+        scale = 10.0 / max(float(np.hypot(dx, dy)), 1e-9)
         axes.annotate(
             str(number),
             (course.x[at], course.y[at]),
@@ -344,7 +196,7 @@ def _draw_sections(axes: Axes, ride: Ride, way: Floats) -> None:
     laps = range(int(last // course.length) + 1) if course.closed and course.length > 0.0 else range(1)
     transform = axes.get_xaxis_transform()
     figure = axes.get_figure(root=True)
-    room = 0.18 / (figure.get_figwidth() if figure else WIDE)  # a number is about 0.15 inches wide
+    room = 0.18 / (figure.get_figwidth() if figure else WIDTH)  # a number is about 0.15 inches wide
     for lap in laps:
         bounds = np.append(course.section_starts, course.length) + lap * course.length
         for number, (begin, end) in enumerate(pairwise(bounds), start=1):
@@ -357,48 +209,3 @@ def _draw_sections(axes: Axes, ride: Ride, way: Floats) -> None:
                 axes.text(
                     middle, 1.0, str(number), transform=transform, ha="center", va="bottom", color=MUTED, fontsize=8
                 )
-
-
-def _draw_commands(axes: Axes, ride: Ride, close: bool) -> None:
-    states, commands = ride.states, ride.commands
-    start = states.time_s[0]
-    axes.axhline(0.0, color=MUTED, lw=0.7)
-    if close:
-        limit = np.where(states.steering_limit > 0.0, states.steering_limit, np.nan)
-        if np.isfinite(limit).any():
-            axes.plot(ride.time, states.steer / limit, color=BAND, lw=2.0, label="steer reached")
-        axes.step(ride.time, states.steering_command, where="pre", color=BLUE, lw=1.3, label="applied")
-        if len(commands):
-            given: dict[str, Any] = dict(ls="", marker="o", ms=3.2, color=ORANGE, label="given")
-            axes.plot(commands.time_s - start, commands.steering, **given)
-        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.1, handlelength=1.2)
-    else:
-        axes.plot(*thin(ride.time, states.steering_command), color=BLUE, lw=0.9)
-    axes.set(ylabel="steering\ncommand", xlabel="time in s" if close else None)
-    axes.margins(x=0.01)
-
-
-def _fit_command_axis(axes: Axes, ride: Ride) -> None:
-    """Fit the vertical axis to what is seen in the horizontal one."""
-    low, high = axes.get_xlim()
-    states = ride.states
-    rows = (ride.time >= low) & (ride.time <= high)
-    limit = np.where(states.steering_limit > 0.0, states.steering_limit, np.nan)
-    seen = np.concatenate([states.steering_command[rows], (states.steer / limit)[rows]])
-    seen = seen[np.isfinite(seen)]
-    if len(seen):
-        pad = 0.12 * max(float(np.ptp(seen)), 0.02)
-        axes.set_ylim(float(seen.min()) - pad, float(seen.max()) + pad)
-
-
-def _draw_delay(axes: Axes, ride: Ride) -> None:
-    delay = command_delay(ride)
-    axes.set(ylabel="age of the\ncommand\nin steps", xlabel="time in s", xlim=(0.0, max(float(ride.time[-1]), 0.1)))
-    axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=2))
-    if not len(delay.rows):
-        axes.text(0.5, 0.5, "commands were not recorded", transform=axes.transAxes, ha="center", color=MUTED)
-        return
-    x, y = thin(ride.time[delay.rows], delay.steps.astype(float))
-    axes.fill_between(x, y, 0.0, step="pre", color=BLUE, alpha=0.18, lw=0)
-    axes.step(x, y, where="pre", color=BLUE, lw=1.1)
-    axes.set_ylim(-0.1, max(1.0, float(delay.steps.max())) * 1.15)

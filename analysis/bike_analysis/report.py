@@ -9,8 +9,9 @@ from typing import Any, Final
 
 import matplotlib as mpl
 
+from bike_analysis.api import RideRecording
 from bike_analysis.metrics import RideFigures, latency_figures, ride_figures
-from bike_analysis.page import render_page
+from bike_analysis.page import write_page
 from bike_analysis.plots import overview_figure
 from bike_analysis.reading import Recording, read_recording
 from bike_analysis.rides import Ride, find_rides
@@ -80,7 +81,7 @@ def write_report(
     """
     out_dir.mkdir(parents=True, exist_ok=True)
     page, picture = out_dir / PAGE_NAME, out_dir / PICTURE_NAME
-    page.write_text(render_page(recording, rides, figures), encoding="utf-8")
+    write_page([RideRecording(recording)], page)
     longest = max(range(len(rides)), key=lambda i: figures[i].distance_m)
     with mpl.rc_context(RC):
         overview_figure(rides[longest], _headline(figures[longest])).savefig(picture, dpi=160)

@@ -1,0 +1,152 @@
+"""Several rides or laps side by side: what is drawn, and the table of their sectors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+from typing import Final
+
+import numpy as np
+
+from bike_analysis.compare import Comparison, Run
+from bike_analysis.reading import Floats
+from bike_analysis.ride_view import (
+    course_sections,
+    is_fast,
+    map_lines,
+    panels_for,
+    ride_columns,
+    section_labels,
+    speed_channels,
+)
+from bike_analysis.view import Line, Panel, Series, View, series_colour
+
+DELTA: Final = Panel(
+    *("delta", "Time lost on the reference", "time lost", "s", (Line("delta", "time lost", "orange"),)),
+    caption="Difference of the times at the same place along the course; where it rises, time is lost.",
+    least=0.05,
+)
+_OWN_PANELS: Final = {
+    "error": "Distance to the path",
+    "lean": "Roll",
+    "speed": "Speed",
+    "throttle": "Throttle and brake",
+}
+_MAIN_COLUMN: Final = {"lean": "roll"}
+
+
+def comparison_view(comparison: Comparison, key: str) -> View:
+    """Say what is drawn of a comparison: distance-aligned traces, time lost, and a ghost for each other run.
+
+    Args:
+        comparison: The runs, aligned.
+        key: Unique name on the page.
+
+    Returns:
+        Its view. The reference comes first and carries the cursor.
+    """
+    runs = comparison.runs
+    order = [comparison.reference, *(i for i in range(len(runs)) if i != comparison.reference)]
+    columns = [_columns(comparison, i) for i in order]
+    reference = runs[comparison.reference]
+    fast = is_fast(reference.ride)
+    series = tuple(
+        Series(runs[i].label, c, series_colour(n)) for n, (i, c) in enumerate(zip(order, columns, strict=True))
+    )
+    return View(
+        key,
+        f"{comparison.course or 'rides'} side by side",
+        series,
+        (DELTA, *comparison_panels(columns[0], fast)),
+        map_lines(reference.ride),
+        labels=section_labels(reference.ride.course),
+        sections=course_sections(reference.ride, columns[0]["distance"], _begin(reference)),
+        map_caption="The full dot is the reference, rings are the ghosts of the others at the same time since the "
+        "beginning. Buttons above show and hide them.",
+        channels=speed_channels(fast),
+    )
+
+
+def comparison_panels(columns: dict[str, Floats], fast: bool) -> tuple[Panel, ...]:
+    """Panels with one line a series: error, roll, speed, throttle."""
+    found = []
+    for panel in panels_for(columns, fast):
+        if panel.key not in _OWN_PANELS:
+            continue
+        wanted = _MAIN_COLUMN.get(panel.key, panel.key)
+        lines = tuple(Line(line.column, line.name, line.colour) for line in panel.lines if line.column == wanted)
+        if lines:
+            words = {"title": _OWN_PANELS[panel.key], "lines": lines, "caption": ""}
+            found.append(Panel(**{**panel.__dict__, **words}))
+    return tuple(found)
+
+
+def _begin(run: Run) -> float:
+    return 0.0 if run.lap is None else run.lap.begin_m
+
+
+def _columns(comparison: Comparison, index: int) -> dict[str, Floats]:
+    run = comparison.runs[index]
+    rows = slice(0, len(run.ride.states)) if run.lap is None else run.lap.rows
+    columns = ride_columns(run.ride, rows, _begin(run), 0.0 if run.lap is None else run.lap.begin_s)
+    for name in ("steer", "balance", "command", "reached", "age"):
+        columns.pop(name, None)
+    known = np.isfinite(comparison.column("delta_s")[index])
+    if known.any():
+        delta = comparison.column("delta_s")[index][known]
+        columns["delta"] = np.interp(columns["distance"], comparison.station_m[known], delta, left=np.nan, right=np.nan)
+    return columns
+
+
+def comparison_html(comparison: Comparison) -> str:
+    """The runs with their times, and the best of each sector.
+
+    Args:
+        comparison: The runs, aligned.
+
+    Returns:
+        A sentence and a table: a column a run, and one of the best.
+    """
+    names, runs = run_names(comparison), comparison.runs
+    reference = runs[comparison.reference]
+    head = "".join(f"<th>{escape(name)}</th>" for name in ("time in s", *names, "best"))
+    durations = [run.duration_s if run.complete else None for run in runs]
+    rows = [_row("whole", durations)]
+    for number, sector in enumerate(comparison.sectors, start=1):
+        rows.append(_row(f"{number}\u2002{sector.name}", sector.times_s))
+    best = [sector.best_s for sector in comparison.sectors]
+    ideal = sum(time for time in best if time is not None) if best and None not in best else None
+    if ideal is not None:
+        rows.append(f"<tr><td>best sectors together</td>{'<td></td>' * len(runs)}<td>{ideal:.3f}</td></tr>")
+    lost = [None if d is None else d - reference.duration_s for d in durations]
+    cells = "".join(f"<td>{'–' if d is None else f'{d:+.3f}'.replace('-', '−')}</td>" for d in lost)
+    rows.append(f"<tr><td>lost on the reference</td>{cells}<td></td></tr>")
+    course = f" on {escape(comparison.course)}" if comparison.course else ""
+    return (
+        f'<p class="soft">{len(runs)} rides or laps{course}, at the same places along the course. The reference is '
+        f"{escape(names[comparison.reference])}.</p>"
+        f"<div class=scroll><table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table></div>"
+    )
+
+
+def _row(name: str, times: Sequence[float | None]) -> str:
+    """One line of the table: a time for each run, the best one marked and repeated at the end."""
+    best = min((time for time in times if time is not None), default=None)
+    cells = [
+        f'<td class="best">{time:.3f}</td>' if time is not None and time == best else f"<td>{_seconds(time)}</td>"
+        for time in times
+    ]
+    return f"<tr><td>{escape(name)}</td>{''.join(cells)}<td>{_seconds(best)}</td></tr>"
+
+
+def _seconds(time: float | None) -> str:
+    return "–" if time is None else f"{time:.3f}"
+
+
+def run_names(comparison: Comparison) -> list[str]:
+    """Names of the runs; equal ones are told apart by a number."""
+    labels = [run.label for run in comparison.runs]
+    return [
+        label if labels.count(label) == 1 else f"{label} ({labels[: index + 1].count(label)})"
+        for index, label in enumerate(labels)
+    ]

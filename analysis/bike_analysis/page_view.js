@@ -1,0 +1,375 @@
+// A view: a ride, laps or several recordings, with one cursor and one shown stretch for all its drawings.
+
+const PLOTLY = { staticPlot: true, responsive: false, displayModeBar: false };
+const ZOOM = 1.5;
+const LEAST_ROWS = 8;
+const FRAME_MS = 12;
+const MAP_REST_MS = 120;
+
+const element = (name, properties = {}, ...children) => {
+  const made = Object.assign(document.createElement(name), properties);
+  made.append(...children);
+  return made;
+};
+const numberText = (value, digits) => value === value && value !== undefined ? value.toFixed(digits).replace("-", "−") : "–";
+const clockText = seconds => {
+  const minutes = Math.floor(seconds / 60);
+  return minutes ? `${minutes}:${(seconds - 60 * minutes).toFixed(2).padStart(5, "0")} min` : `${seconds.toFixed(2)} s`;
+};
+
+class View {
+  constructor(root, spec) {
+    Object.assign(this, { root, title: spec.title, channels: spec.channels, axes: spec.axes, axis: spec.axes[0] });
+    Object.assign(this, { sections: spec.sections, spec, place: 0, parts: [], dirty: new Set(), opened: null });
+  }
+
+  // Decodes the data and draws; called when the view first comes near the screen.
+  open() {
+    this.opened ??= this.begin().catch(error => {
+      this.root.querySelector(".traces").prepend(element("p", { className: "warning", textContent:
+        "This browser cannot unpack the page's data (it lacks DecompressionStream); a version of 2023 or later can." }));
+      throw error;
+    });
+    return this.opened;
+  }
+
+  async begin() {
+    const { spec } = this;
+    this.series = await Promise.all(spec.series.map(async s => ({ ...s, columns: await decodedAll(s.columns) })));
+    this.main = this.series[0];
+    this.several = this.series.length > 1;
+    this.range = this.whole();
+    const lines = await Promise.all(spec.map.lines.map(async line => ({ ...line, ...await decodedAll({ x: line.x, y: line.y }) })));
+    this.map = { ...spec.map, lines, chosen: spec.map.colours[0] || "" };
+    this.build();
+    this.moved = true;
+    this.redraw();
+  }
+
+  build() {
+    const figures = this.root.querySelectorAll("[data-plot]");
+    const seen = new IntersectionObserver(entries => {
+      for (const entry of entries) entry.target.drawn.seen = entry.isIntersecting;
+      this.moved = true;
+      this.ask();
+    }, { rootMargin: "80px" });
+    for (const figure of figures) {
+      const kind = figure.dataset.plot;
+      if (kind === "map") figure.drawn = new MapPart(this, figure);
+      else if (kind === "cloud") figure.drawn = new CloudPart(this, figure, this.spec.cloud);
+      else if (kind === "follow") figure.drawn = new FollowPart(this, figure, this.spec.follow);
+      else figure.drawn = new PanelPart(this, figure, this.spec.panels.find(panel => panel.key === kind));
+      figure.drawn.seen = true;
+      this.parts.push(figure.drawn);
+      seen.observe(figure);
+      for (const kind of ["pointerenter", "focusin"]) figure.addEventListener(kind, () => { this.active = figure.drawn; });
+      for (const button of figure.querySelectorAll("[data-save]")) button.onclick = () => save(this, figure.drawn, button.dataset.save);
+    }
+    buildBar(this);
+    let width = this.root.clientWidth;
+    new ResizeObserver(() => { if (this.root.clientWidth !== width) { width = this.root.clientWidth; this.redraw(); } }).observe(this.root);
+  }
+
+  shown() { return this.series.filter(series => !series.hidden); }
+
+  // From the first to the last place of any shown series that has the present axis.
+  whole() {
+    const ends = this.shown().map(s => s.columns[this.axis]).filter(Boolean).map(c => [c[0], c[c.length - 1]]);
+    const low = Math.min(...ends.map(e => e[0])), high = Math.max(...ends.map(e => e[1]));
+    return [low, high > low ? high : low + 1];
+  }
+
+  coloured() {
+    const { chosen } = this.map, column = this.main.columns[chosen];
+    if (!this.channels[chosen].absolute) return column;
+    this.absolute ??= {};
+    return this.absolute[chosen] ??= column.map(Math.abs);
+  }
+  colourRange() {
+    const [low, high] = span(this.coloured());
+    return this.channels[this.map.chosen].absolute ? [0, high] : [low, high];
+  }
+
+  // Row of a series beside the cursor: at the same value of the axis, or with `by` of another column (time: the ghost).
+  rowIn(series, by = this.axis) {
+    if (series === this.main) return this.row;
+    const column = series.columns[by], wanted = this.main.columns[by][this.row];
+    if (!column || wanted > column[column.length - 1] || wanted < column[0]) return -1;
+    return nearestRow(column, wanted);
+  }
+
+  get row() { return Math.round(this.place); }
+  get at() { return this.main.columns[this.axis][this.row]; }
+
+  setPlace(place, follow = true) {
+    this.place = Math.min(Math.max(place, 0), this.main.columns[this.axis].length - 1);
+    const [low, high] = this.range, at = this.at;
+    if (follow && (at < low || at > high)) this.setRange(at - (high - low) / 2, at + (high - low) / 2);
+    this.moved = true;
+    this.ask();
+  }
+  setAt(value) { this.setPlace(nearestRow(this.main.columns[this.axis], value), false); }
+
+  setRange(low, high) {
+    const [first, last] = this.whole(), rows = this.main.columns.time.length;
+    const least = (last - first) * Math.min(1, LEAST_ROWS / rows), width = Math.min(Math.max(high - low, least), last - first);
+    low = Math.min(Math.max((low + high - width) / 2, first), last - width);
+    this.range = [low, low + width];
+    for (const part of this.parts) if (part instanceof MapPart) part.late = performance.now() + MAP_REST_MS;
+    this.redraw(part => part.ranged);
+  }
+  zoom(factor, about = this.at) {
+    const [low, high] = this.range;
+    const from = about >= low && about <= high ? about : (low + high) / 2;
+    this.setRange(from - (from - low) * factor, from + (high - from) * factor);
+  }
+  setAxis(axis) {
+    const column = this.main.columns[this.axis], next = this.main.columns[axis];
+    const rows = this.range.map(value => nearestRow(column, value)), all = this.whole();
+    const isWhole = this.range[0] <= all[0] && this.range[1] >= all[1];
+    this.axis = axis;
+    this.range = isWhole ? this.whole() : [next[rows[0]], next[rows[1]]];
+    this.setRange(...this.range);
+  }
+
+  redraw(which = () => true) {
+    for (const part of this.parts) if (which(part)) this.dirty.add(part);
+    this.ask();
+  }
+  ask() { this.asked ||= requestAnimationFrame(() => this.frame()); }
+  // Draws what has changed, as far as the time of a frame allows; what has the pointer or the focus comes first.
+  frame() {
+    this.asked = 0;
+    const start = performance.now(), order = [...this.dirty].filter(part => part.seen && !(part.late > start));
+    order.sort((a, b) => Number(b === this.active) - Number(a === this.active));
+    const drawn = [];
+    for (const part of order) {
+      if (drawn.length && performance.now() - start > FRAME_MS) break;
+      part.draw();
+      this.dirty.delete(part);
+      drawn.push(part);
+    }
+    for (const part of this.moved ? this.parts : drawn) if (part.seen) part.point();
+    if (this.moved || drawn.length) tell(this);
+    this.moved = false;
+    if (drawn.length) performance.measure("draw", { start, detail: drawn.length });
+    if ([...this.dirty].some(part => part.seen)) this.ask(); else this.root.dataset.ready = "yes";
+  }
+}
+
+// ---- panels over distance or time -----------------------------------------------------------------------------------
+
+class PlotPart {
+  constructor(view, figure) {
+    this.view = view;
+    this.figure = figure;
+    this.plot = figure.querySelector(".plot");
+    this.paper = element("div", { className: "paper" });
+    this.area = element("div", { className: "area" });
+    this.plot.replaceChildren(this.paper, this.area);
+    this.ranged = true;
+  }
+  get width() { return this.plot.clientWidth; }
+  get height() { return this.plot.clientHeight; }
+  placeArea(margin) {
+    Object.assign(this.area.style, { left: `${margin.l}px`, right: `${margin.r}px`, top: `${margin.t}px`, bottom: `${margin.b}px` });
+  }
+}
+
+class PanelPart extends PlotPart {
+  constructor(view, figure, spec) {
+    super(view, figure);
+    this.spec = spec;
+    this.legend = figure.querySelector(".legend");
+    this.cursor = this.area.appendChild(element("div", { className: "cursor" }));
+    this.chosen = this.area.appendChild(element("div", { className: "chosen", hidden: true }));
+    this.points = [];
+    listenTo(this.area, {
+      hover: at => view.setAt(this.valueAt(at[0])),
+      pan: dx => { const [a, b] = view.range, d = dx * (b - a) / this.inner; view.setRange(a - d, b - d); },
+      zoom: (factor, at) => view.zoom(factor, this.valueAt(at[0])),
+      reset: () => view.setRange(...view.whole()),
+      select: (from, to, done) => this.select(from, to, done),
+    });
+  }
+  get inner() { return Math.max(this.area.clientWidth, 1); }
+  valueAt(pixel) { const [a, b] = this.view.range; return a + (b - a) * pixel / this.inner; }
+  pixelOf(value) { const [a, b] = this.view.range; return (value - a) / (b - a) * this.inner; }
+
+  select(from, to, done) {
+    this.chosen.hidden = done || !to;
+    if (!to) return;
+    const [a, b] = [Math.min(from[0], to[0]), Math.max(from[0], to[0])];
+    if (done) this.view.setRange(this.valueAt(a), this.valueAt(b));
+    else Object.assign(this.chosen.style, { left: `${a}px`, width: `${b - a}px` });
+  }
+
+  figureOf(width, height, asFile) { return panelFigure(this.view, this.spec, width, height, asFile); }
+
+  draw() {
+    const made = this.figureOf(this.width, this.height);
+    this.placeArea(made.layout.margin);
+    Plotly.react(this.paper, made.data, made.layout, PLOTLY);
+    this.lines = made.lines;
+    this.heights = made.range;
+    this.label();
+  }
+
+  // Legend that also reads off: name and value at the cursor of each line.
+  label() {
+    const key = this.lines.map(found => found.name + found.colour).join("|");
+    if (key === this.labelled) return;
+    this.labelled = key;
+    this.values = this.lines.map(() => element("b"));
+    this.legend.replaceChildren(...this.lines.map((found, k) => element("span", {},
+      element("i", { style: `background:var(--${found.colour})` }), `${found.name} `, this.values[k])));
+    for (const point of this.points) point.remove();
+    this.points = this.lines.map(found => this.area.appendChild(element("div", { className: "dot", style: `background:var(--${found.colour})` })));
+  }
+
+  point() {
+    if (!this.lines) return;
+    const x = this.pixelOf(this.view.at), inside = x >= -0.5 && x <= this.inner + 0.5, height = this.area.clientHeight;
+    this.cursor.hidden = !inside;
+    this.cursor.style.transform = `translateX(${x}px)`;
+    this.lines.forEach((found, k) => {
+      const row = this.view.rowIn(found.series), value = row < 0 ? NaN : found.column[row], [low, high] = this.heights;
+      const { unit, digits } = this.view.channels[found.line.column];
+      this.values[k].textContent = `${numberText(value, digits)}${unit ? `\u202f${unit}` : ""}`;
+      this.points[k].hidden = !(inside && value === value) || found.line.fill === "band";
+      this.points[k].style.transform = `translate(${x}px, ${(high - value) / (high - low) * height}px)`;
+    });
+  }
+  get said() {
+    const first = this.lines?.[0];
+    return first ? `${first.name} ${this.values[0].textContent}` : "";
+  }
+}
+
+// ---- the map --------------------------------------------------------------------------------------------------------
+
+class MapPart extends PlotPart {
+  constructor(view, figure) {
+    super(view, figure);
+    this.marks = view.series.filter(series => series.columns.x).map(series => ({ series, dot: element("div", {
+      className: series === view.main ? "here" : "ghost", style: `--own: var(--${view.several ? series.colour : "ink"})` }) }));
+    this.area.append(...this.marks.map(mark => mark.dot).reverse());
+    this.scale = figure.querySelector(".scale");
+    const choice = figure.querySelector("select");
+    if (choice) choice.onchange = () => { view.map.chosen = choice.value; view.redraw(part => part === this); };
+    const [x0, x1, y0, y1] = this.bounds();
+    this.plot.style.aspectRatio = Math.min(Math.max(1.1 * (x1 - x0) / Math.max(1.1 * (y1 - y0), 1e-3), 0.75), 2.4);
+    listenTo(this.area, {
+      hover: at => this.hover(at),
+      pan: (dx, dy) => { const k = (this.box[1] - this.box[0]) / this.width; this.look(-dx * k, dy * k, 1); },
+      zoom: (factor, at) => this.zoomAt(factor, at),
+      reset: () => { this.box = null; view.redraw(part => part === this); },
+    });
+  }
+
+  // West, east, south and north end of all of the path and the lines, m.
+  bounds() {
+    const all = [...this.view.map.lines, ...this.view.shown().filter(s => s.columns.x).map(s => s.columns)];
+    const across = all.map(c => span(c.x)), up = all.map(c => span(c.y));
+    return [Math.min(...across.map(v => v[0])), Math.max(...across.map(v => v[1])), Math.min(...up.map(v => v[0])), Math.max(...up.map(v => v[1]))];
+  }
+  wholeBox() { return fittedBox(this.bounds(), this.width, this.height, 0.06); }
+  look(dx, dy, factor) {
+    const [x0, x1, y0, y1] = this.box, cx = (x0 + x1) / 2 + dx, cy = (y0 + y1) / 2 + dy;
+    const w = (x1 - x0) / 2 * factor, h = (y1 - y0) / 2 * factor;
+    this.box = [cx - w, cx + w, cy - h, cy + h];
+    this.view.redraw(part => part === this);
+  }
+  zoomAt(factor, at) {
+    const [x, y] = this.metres(at), [x0, x1, y0, y1] = this.box;
+    this.look((x - (x0 + x1) / 2) * (1 - factor), (y - (y0 + y1) / 2) * (1 - factor), factor);
+  }
+  metres([px, py]) {
+    const [x0, x1, y0, y1] = this.box;
+    return [x0 + (x1 - x0) * px / this.width, y1 - (y1 - y0) * py / this.height];
+  }
+
+  // The row of the main path nearest to the pointer, within the stretch that the traces show.
+  hover(at) {
+    const [px, py] = this.metres(at), { x, y } = this.view.main.columns, axis = this.view.main.columns[this.view.axis];
+    const first = rowOf(axis, this.view.range[0]), end = Math.min(rowOf(axis, this.view.range[1]) + 1, x.length);
+    let best = first, least = Infinity;
+    for (let i = first; i < end; i++) {
+      const d = (x[i] - px) ** 2 + (y[i] - py) ** 2;
+      if (d < least) { least = d; best = i; }
+    }
+    this.view.setPlace(best, false);
+  }
+
+  figureOf(width, height, asFile) {
+    const box = asFile ? fittedBox(this.box, width - 114, height - 88, 0) : this.box;
+    return mapFigure(this.view, box, width, height, asFile);
+  }
+  draw() {
+    if (!this.box || this.drawnAt !== `${this.width} ${this.height}`) this.box = this.box ? fittedBox(this.box, this.width, this.height, 0) : this.wholeBox();
+    this.drawnAt = `${this.width} ${this.height}`;
+    const { data, layout } = this.figureOf(this.width, this.height);
+    this.placeArea(layout.margin);
+    Plotly.react(this.paper, data, layout, PLOTLY);
+    this.drawScale();
+  }
+  drawScale() {
+    const { chosen } = this.view.map;
+    this.scale.hidden = !chosen;
+    if (!chosen) return;
+    const { label, unit, digits } = this.view.channels[chosen], [low, high] = this.view.colourRange();
+    const steps = Array.from({ length: LEVELS }, (_, i) => `var(--e${i}) ${100 * i / LEVELS}% ${100 * (i + 1) / LEVELS}%`);
+    const bar = element("i", { style: `background:linear-gradient(90deg, ${steps.join(",")})` });
+    const few = Math.min(digits, high - low > 20 ? 0 : 2);
+    this.scale.replaceChildren(`${label} `, numberText(low, few), bar, `${numberText(high, few)}\u202f${unit}`);
+  }
+  point() {
+    if (!this.box) return;
+    const [x0, x1, y0, y1] = this.box;
+    for (const { series, dot } of this.marks) {
+      const row = this.view.rowIn(series, "time");
+      dot.hidden = row < 0 || series.hidden;
+      if (dot.hidden) continue;
+      const { x, y, yaw } = series.columns;
+      const turn = yaw ? ` rotate(${-yaw[row]}rad)` : "";
+      dot.style.transform = `translate(${(x[row] - x0) / (x1 - x0) * this.width}px, ${(y1 - y[row]) / (y1 - y0) * this.height}px)${turn}`;
+    }
+  }
+}
+
+class CloudPart extends PlotPart {
+  constructor(view, figure, spec) {
+    super(view, figure);
+    this.spec = spec;
+    this.ranged = false;
+    this.dot = this.area.appendChild(element("div", { className: "here round", style: "--own: var(--ink)" }));
+  }
+  figureOf(width, height, asFile) { return cloudFigure(this.view, this.spec, width, height, asFile); }
+  draw() {
+    const { data, layout, box } = this.figureOf(this.width, this.height);
+    this.box = box;
+    this.placeArea(layout.margin);
+    Plotly.react(this.paper, data, layout, PLOTLY);
+  }
+  point() {
+    if (!this.box) return;
+    const { row, main } = this.view, [x0, x1, y0, y1] = this.box;
+    const x = (main.columns[this.spec.x][row] - x0) / (x1 - x0), y = (y1 - main.columns[this.spec.y][row]) / (y1 - y0);
+    this.dot.style.transform = `translate(${x * this.area.clientWidth}px, ${y * this.area.clientHeight}px)`;
+  }
+}
+
+// ---- export ---------------------------------------------------------------------------------------------------------
+
+async function save(view, part, format) {
+  const [width, height] = part instanceof PanelPart ? [1200, 420] : [1100, 800];
+  const { data, layout } = part.figureOf(width, height, true);
+  const url = await Plotly.toImage({ data, layout, config: PLOTLY }, { format, width, height, scale: format === "png" ? 2 : 1 });
+  const body = url.slice(url.indexOf(",") + 1);
+  const file = format === "svg"
+    ? new Blob([decodeURIComponent(body)], { type: "image/svg+xml" }) : new Blob([bytesOf(body)], { type: "image/png" });
+  const link = element("a", { href: URL.createObjectURL(file), download: `${fileName(`${view.title} ${part.figure.dataset.plot}`)}.${format}` });
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 30000);
+}
+const fileName = words => words.toLowerCase().replace(/[^a-z0-9]+/g, "-").replace(/^-|-$/g, "");

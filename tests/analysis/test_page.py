@@ -1,0 +1,467 @@
+"""The report page in a browser: headless Chromium, driven through Selenium.
+
+`make test` installs the browser. Who may not install it gets these tests skipped with the reason; root and CI do not.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import time
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from PIL import Image
+from selenium import webdriver
+from selenium.webdriver import ActionChains, Keys
+from selenium.webdriver.common.by import By
+from selenium.webdriver.support.ui import WebDriverWait
+
+from bike_analysis import compare, open_ride
+from bike_analysis.embed import MISSING, embed
+from bike_analysis.page import page_shell, write_page
+from bike_analysis.ride_view import panels_for
+from bike_analysis.view import KMH, MapLine, Section, Series, View, growing, view_html
+
+FLAGS = (
+    *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--hide-scrollbars"),
+    *("--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage"),
+)
+DESK = (1400, 1900)
+PHONE = (390, 844)
+HOUR = 360_000  # states at 100 Hz
+
+
+# ---- columns as they travel -----------------------------------------------------------------------------------------
+
+
+def unpacked(packed: dict[str, Any]) -> np.ndarray:
+    """What the script does, in numpy."""
+    import base64
+    import zlib
+
+    planes = np.frombuffer(zlib.decompress(base64.b64decode(packed["data"])), dtype=np.uint8)
+    zigzag = np.ascontiguousarray(planes.reshape(4, -1).T).view("<u4").ravel()
+    steps = (zigzag >> 1).astype(np.int32) ^ -(zigzag & 1).astype(np.int32)
+    with np.errstate(over="ignore"):
+        multiples = np.cumsum(steps, dtype=np.int32)
+    return np.where(multiples == MISSING, np.nan, multiples * packed["quantum"])
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    values=hnp.arrays(float, st.integers(1, 300), elements=st.floats(-1e9, 1e9) | st.just(np.nan)),
+    quantum=st.sampled_from([1e-4, 1e-3, 0.1]),
+)
+def test_embedded_columns_come_back_to_half_a_quantum(values: np.ndarray, quantum: float) -> None:
+    packed = embed(values, quantum)
+    back = unpacked(packed)
+    np.testing.assert_array_equal(np.isnan(back), np.isnan(values))
+    known = np.isfinite(values)
+    rounding = 0.5 * packed["quantum"] * (1.0 + 1e-9) + 1e-12 * np.abs(values[known]).max(initial=0.0)
+    assert np.all(np.abs(back - values)[known] <= rounding)
+    assert packed["rows"] == len(values)
+
+
+def test_a_quantum_must_be_positive() -> None:
+    with pytest.raises(ValueError, match="quantum"):
+        embed(np.zeros(3), 0.0)
+
+
+@given(values=hnp.arrays(float, st.integers(1, 50), elements=st.floats(-1e3, 1e3) | st.just(np.nan)))
+def test_axes_never_fall_and_are_never_missing(values: np.ndarray) -> None:
+    axis = growing(values)
+    assert np.all(np.diff(axis) >= 0.0)
+    assert np.all(np.isfinite(axis))
+
+
+# ---- the browser ----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="session")
+def programs() -> tuple[str, str]:
+    """Chromium and its driver."""
+    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if chromium is None or driver is None:
+        reason = "the page tests need the Debian packages chromium and chromium-driver, which `make test` installs"
+        if os.geteuid() == 0 or os.environ.get("CI"):
+            pytest.fail(reason)
+        pytest.skip(f"{reason} as root or with sudo")
+    return chromium, driver
+
+
+@pytest.fixture(scope="session")
+def browser(programs: tuple[str, str], tmp_path_factory: pytest.TempPathFactory) -> Iterator[webdriver.Chrome]:
+    options = webdriver.ChromeOptions()
+    options.binary_location = programs[0]
+    for flag in FLAGS:
+        options.add_argument(flag)
+    options.add_argument(f"--user-data-dir={tmp_path_factory.mktemp('profile')}")
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(programs[1]))
+    driver.set_script_timeout(60)
+    yield driver
+    driver.quit()
+
+
+Opener = Callable[..., webdriver.Chrome]
+
+
+@pytest.fixture
+def opened(browser: webdriver.Chrome) -> Iterator[Opener]:
+    """Opens a page at a size and in a scheme, and waits until its first view is drawn."""
+
+    def open_page(path: Path, size: tuple[int, int] = DESK, dark: bool = False) -> webdriver.Chrome:
+        scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
+        browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": scheme})
+        metrics = {"width": size[0], "height": size[1], "deviceScaleFactor": 1, "mobile": size == PHONE}
+        browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+        for kind in ("browser", "performance"):
+            browser.get_log(kind)
+        browser.get(path.as_uri())
+        WebDriverWait(browser, 60).until(lambda d: d.find_elements(By.CSS_SELECTOR, ".view[data-ready]"))
+        settled(browser)
+        return browser
+
+    yield open_page
+    errors = [entry for entry in browser.get_log("browser") if entry["level"] in ("SEVERE", "WARNING")]
+    browser.execute_script("localStorage.clear()")
+    assert errors == []
+
+
+@pytest.fixture(scope="module")
+def ride_page(writer: Any, circle: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    offset = 0.2 + 0.15 * np.sin(0.05 * np.arange(400))
+    path = writer.write(tmp_path_factory.mktemp("page") / "ride.mcap", [circle(steps=400, offset=offset)])
+    return write_page([open_ride(path)], path.with_name("ride.html"))
+
+
+@pytest.fixture(scope="module")
+def comparison_page(writer: Any, circle: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("compared")
+    paths = [
+        writer.write(folder / f"{name}.mcap", [circle(steps=steps, speed=speed)])
+        for name, steps, speed in (("slow", 420, 4.0), ("fast", 420, 5.0))
+    ]
+    recordings = [open_ride(path) for path in paths]
+    return write_page(recordings, folder / "both.html", compare(recordings))
+
+
+def value_of(browser: webdriver.Chrome) -> int:
+    return int(browser.find_element(By.CSS_SELECTOR, ".plot").get_attribute("aria-valuenow"))
+
+
+def place_of(browser: webdriver.Chrome, selector: str) -> str:
+    return browser.find_element(By.CSS_SELECTOR, selector).value_of_css_property("transform")
+
+
+def settled(browser: webdriver.Chrome) -> None:
+    """Waits until nothing is left to be drawn."""
+    browser.execute_async_script("""
+      const done = arguments[0];
+      const views = [...document.querySelectorAll(".view")].map(section => section.view).filter(view => view.series);
+      const idle = view => !view.asked && ![...view.dirty].some(part => part.seen);
+      const look = () => views.every(idle) ? done() : requestAnimationFrame(look);
+      requestAnimationFrame(() => requestAnimationFrame(look));""")
+
+
+def test_every_plot_is_drawn_and_nothing_is_asked_for(opened: Opener, ride_page: Path) -> None:
+    browser = opened(ride_page)
+    drawn = browser.execute_script("""
+      const lengths = f => [...f.querySelectorAll(".scatterlayer path.js-line")].map(p => p.getAttribute("d").length);
+      return [...document.querySelectorAll("figure[data-plot]")].map(f => [f.dataset.plot, lengths(f)])""")
+    assert [key for key, _ in drawn] == ["map", "error", "lean", "speed", "command", "age"]
+    assert all(lengths and max(lengths) > 5 for _, lengths in drawn), drawn
+    messages = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
+    asked = [m["params"]["request"]["url"] for m in messages if m["method"] == "Network.requestWillBeSent"]
+    assert asked, "the performance log shows at least the page itself"
+    assert all(url.startswith(("file:", "data:", "blob:")) for url in asked)
+
+
+def test_the_policy_refuses_requests(opened: Opener, ride_page: Path) -> None:
+    browser = opened(ride_page)
+    blocked = browser.execute_async_script("""const done = arguments[0];
+      document.addEventListener("securitypolicyviolation", event => done(event.effectiveDirective));
+      fetch("http://127.0.0.1:9/").catch(() => {});""")
+    assert blocked == "connect-src"
+    browser.get_log("browser")  # the refusal is told there
+
+
+def test_hover_on_a_trace_moves_the_marker_on_the_map(opened: Opener, ride_page: Path) -> None:
+    browser = opened(ride_page)
+    area = browser.find_element(By.CSS_SELECTOR, '[data-plot="error"] .area')
+    seen = []
+    for share in (-0.3, 0.0, 0.3):
+        ActionChains(browser).move_to_element_with_offset(area, round(share * area.size["width"]), 0).perform()
+        settled(browser)
+        seen.append((value_of(browser), place_of(browser, ".map .here")))
+    rows = [row for row, _ in seen]
+    assert rows == pytest.approx([80, 200, 320], abs=3)  # the circle is ridden at constant speed
+    assert len({place for _, place in seen}) == 3
+
+
+def test_hover_on_the_map_moves_the_cursor_of_the_traces(opened: Opener, ride_page: Path) -> None:
+    """The top of the circle is half a lap from the start at its bottom."""
+    browser = opened(ride_page)
+    area = browser.find_element(By.CSS_SELECTOR, ".map .area")
+    ActionChains(browser).move_to_element_with_offset(area, 0, -round(0.4 * area.size["height"])).perform()
+    settled(browser)
+    half_a_lap = np.pi * 10.0 / (4.0 * 0.05)
+    assert value_of(browser) == pytest.approx(half_a_lap, abs=6)
+    cursor, width = browser.execute_script("""const a = document.querySelector('[data-plot="error"] .area');
+      return [new DOMMatrix(getComputedStyle(a.querySelector(".cursor")).transform).e, a.clientWidth]""")
+    assert cursor / width == pytest.approx(half_a_lap / 399, abs=0.02)
+    shown = browser.find_element(By.CSS_SELECTOR, '[data-plot="error"] .legend b').text
+    assert shown.endswith("m")
+
+
+def test_keys_move_the_cursor_and_zoom(opened: Opener, ride_page: Path) -> None:
+    browser = opened(ride_page)
+    plot = browser.find_element(By.CSS_SELECTOR, '[data-plot="error"] .plot')
+    assert plot.get_attribute("role") == "slider"
+    assert "Distance to the path" in plot.get_attribute("aria-label")
+    plot.send_keys(Keys.ARROW_RIGHT * 3)
+    assert value_of_after(browser) == 6  # two rows a key, of 400
+    plot.send_keys(Keys.END)
+    assert value_of_after(browser) == 399
+    assert "19.95" in plot.get_attribute("aria-valuetext")
+    plot.send_keys(Keys.HOME, Keys.ARROW_RIGHT, Keys.ARROW_LEFT)
+    assert value_of_after(browser) == 0
+    whole = shown_range(browser)
+    plot.send_keys("+")
+    settled(browser)
+    low, high = shown_range(browser)
+    assert high - low == pytest.approx((whole[1] - whole[0]) / 1.5)
+    plot.send_keys("0")
+    assert shown_range(browser) == whole
+
+
+def value_of_after(browser: webdriver.Chrome) -> int:
+    settled(browser)
+    return value_of(browser)
+
+
+def shown_range(browser: webdriver.Chrome) -> list[float]:
+    return browser.execute_script('return document.querySelector(".view").view.range')
+
+
+def test_focus_goes_from_control_to_control_and_is_seen(opened: Opener, ride_page: Path) -> None:
+    browser = opened(ride_page)
+    met = []
+    for _ in range(40):
+        ActionChains(browser).send_keys(Keys.TAB).perform()
+        here = browser.switch_to.active_element
+        if here.get_attribute("class") == "plot":
+            met.append(here.find_element(By.XPATH, "..").get_attribute("data-plot"))
+            assert here.value_of_css_property("outline-style") == "solid"
+        elif here.tag_name == "button":
+            assert here.accessible_name
+    assert met[:6] == ["map", "error", "lean", "speed", "command", "age"]
+
+
+def test_a_dragged_stretch_is_zoomed_into_on_all_traces(opened: Opener, ride_page: Path) -> None:
+    browser = opened(ride_page)
+    area = browser.find_element(By.CSS_SELECTOR, '[data-plot="speed"] .area')
+    width = area.size["width"]
+    drag = ActionChains(browser).move_to_element_with_offset(area, -width // 4, 0).click_and_hold()
+    drag.move_by_offset(width // 4, 0).release().perform()
+    settled(browser)
+    low, high = shown_range(browser)
+    whole = 399 * 0.05 * 4.0
+    assert (low, high) == pytest.approx((0.25 * whole, 0.5 * whole), abs=0.01 * whole)
+    ticks = browser.execute_script("""return ["error", "age"].map(key =>
+      document.querySelector(`[data-plot=${key}] .paper`)._fullLayout.xaxis.range.map(v => Math.round(1000 * v)))""")
+    assert ticks[0] == ticks[1]
+
+
+def test_traces_over_time_keep_the_stretch(opened: Opener, ride_page: Path) -> None:
+    browser = opened(ride_page)
+    browser.execute_script('const v = document.querySelector(".view").view; v.setRange(20, 40);')
+    browser.find_element(By.CSS_SELECTOR, 'input[value="time"]').send_keys(Keys.SPACE)
+    settled(browser)
+    assert shown_range(browser) == pytest.approx([5.0, 10.0], abs=0.1)
+
+
+@pytest.mark.parametrize("page", ["ride_page", "comparison_page"])
+def test_a_phone_needs_no_horizontal_scrolling(opened: Opener, page: str, request: pytest.FixtureRequest) -> None:
+    browser = opened(request.getfixturevalue(page), PHONE)
+    assert browser.execute_script("return [innerWidth, document.documentElement.scrollWidth]") == [390, 390]
+
+
+def test_a_finger_moves_the_cursor_and_two_zoom(opened: Opener, ride_page: Path) -> None:
+    browser = opened(ride_page, PHONE)
+    browser.execute_script("""document.querySelector('[data-plot="error"]').scrollIntoView({block: "center"})""")
+    box = browser.execute_script("""
+      const b = document.querySelector('[data-plot="error"] .area').getBoundingClientRect();
+      return [b.left, b.top, b.width, b.height]""")
+
+    def touch(kind: str, *shares: float) -> None:
+        points = [{"x": box[0] + share * box[2], "y": box[1] + 0.5 * box[3], "id": k} for k, share in enumerate(shares)]
+        browser.execute_cdp_cmd("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+    touch("touchStart", 0.5)
+    touch("touchMove", 0.75)
+    touch("touchEnd")
+    assert value_of_after(browser) == pytest.approx(0.75 * 399, abs=4)
+    low, high = shown_range(browser)
+    touch("touchStart", 0.4, 0.6)
+    for spread in (0.15, 0.2, 0.3):
+        touch("touchMove", 0.5 - spread, 0.5 + spread)
+    touch("touchEnd")
+    settled(browser)
+    zoomed = shown_range(browser)
+    assert 0.25 < (zoomed[1] - zoomed[0]) / (high - low) < 0.45  # three times as wide apart
+
+
+def test_dark_and_light_differ_and_the_reader_chooses(opened: Opener, ride_page: Path) -> None:
+    looks = {}
+    for dark in (False, True):
+        browser = opened(ride_page, dark=dark)
+        line = browser.find_element(By.CSS_SELECTOR, '[data-plot="error"] path.js-line')
+        looks[dark] = (
+            browser.find_element(By.TAG_NAME, "body").value_of_css_property("background-color"),
+            line.value_of_css_property("stroke"),
+        )
+    assert looks[False][0] != looks[True][0]
+    assert looks[False][1] != looks[True][1]
+    browser.find_element(By.TAG_NAME, "body").send_keys("t")
+    settled(browser)
+    line = browser.find_element(By.CSS_SELECTOR, '[data-plot="error"] path.js-line')
+    assert line.value_of_css_property("stroke") == looks[False][1]
+    assert browser.find_element(By.ID, "theme").get_attribute("aria-pressed") == "false"
+
+
+@pytest.mark.parametrize("plot", ["error", "map"])
+def test_plots_are_saved_as_pictures(opened: Opener, ride_page: Path, plot: str, tmp_path: Path) -> None:
+    browser = opened(ride_page)
+    browser.execute_cdp_cmd("Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(tmp_path)})
+    for kind in ("svg", "png"):
+        browser.find_element(By.CSS_SELECTOR, f'[data-plot="{plot}"] [data-save="{kind}"]').click()
+    names = [tmp_path / f"ride-on-circle-{plot}.{kind}" for kind in ("svg", "png")]
+    WebDriverWait(browser, 30).until(lambda _: all(name.exists() and name.stat().st_size for name in names))
+    root = ElementTree.parse(names[0]).getroot()
+    assert root.tag == "{http://www.w3.org/2000/svg}svg"
+    assert sum(element.tag.endswith("path") for element in root.iter()) > 5
+    with Image.open(names[1]) as image:
+        assert image.width == 2 * int(float(root.attrib["width"]))
+        assert len(image.convert("RGB").getcolors(maxcolors=1 << 24)) > 50
+
+
+def test_compared_rides_have_ghosts_and_can_be_hidden(opened: Opener, comparison_page: Path) -> None:
+    browser = opened(comparison_page)
+    view = browser.find_element(By.ID, "comparison-view")
+    assert [f.get_attribute("data-plot") for f in view.find_elements(By.TAG_NAME, "figure")][:2] == ["map", "delta"]
+    browser.execute_script('document.querySelector(".view").view.setPlace(150)')
+    settled(browser)
+    lost = float(view.find_elements(By.CSS_SELECTOR, '[data-plot="delta"] .legend b')[1].text.split("\u202f")[0])
+    way = 150 * 0.05 * 5.0
+    assert lost == pytest.approx(way / 4.0 - way / 5.0, abs=0.03)
+    here, ghost = browser.execute_script("""return ["here", "ghost"].map(name => {
+      const place = new DOMMatrix(getComputedStyle(document.querySelector(`.map .${name}`)).transform);
+      return [place.e, place.f]; })""")
+    assert np.hypot(here[0] - ghost[0], here[1] - ghost[1]) > 20.0  # 7.5 m behind after 7.5 s, on a circle of 20 m
+    other = view.find_elements(By.CSS_SELECTOR, ".series button")[1]
+    lines = len(view.find_elements(By.CSS_SELECTOR, '[data-plot="speed"] path.js-line'))
+    other.click()
+    settled(browser)
+    assert other.get_attribute("aria-pressed") == "false"
+    assert len(view.find_elements(By.CSS_SELECTOR, '[data-plot="speed"] path.js-line')) == lines - 1
+
+
+def test_playing_moves_the_cursor_at_the_pace_of_the_ride(opened: Opener, ride_page: Path) -> None:
+    browser = opened(ride_page)
+    browser.execute_script('document.querySelector("select.rate").value = "4"')
+    button = browser.find_element(By.CSS_SELECTOR, '[data-do="play"]')
+    began = time.monotonic()
+    button.click()
+    WebDriverWait(browser, 20).until(lambda _: value_of(browser) > 100)  # 5 s of the ride
+    assert time.monotonic() - began > 0.8
+    button.click()
+    assert button.text == "Play"
+
+
+def test_print_is_light(opened: Opener, ride_page: Path) -> None:
+    script = """const line = () => getComputedStyle(document.querySelector('[data-plot="age"] path.js-line')).stroke;
+      dispatchEvent(new Event("beforeprint")); const printed = line(); dispatchEvent(new Event("afterprint"));
+      return printed;"""
+    light = opened(ride_page).execute_script(script)
+    browser = opened(ride_page, dark=True)
+    assert browser.execute_script(script) == light
+    settled(browser)
+    shown = browser.find_element(By.CSS_SELECTOR, '[data-plot="age"] path.js-line').value_of_css_property("stroke")
+    assert shown != light
+
+
+# ---- an hour --------------------------------------------------------------------------------------------------------
+
+
+def hour_view() -> View:
+    """An hour at 100 Hz of a machine on a circuit, with a spike of one state in the error."""
+    rng = np.random.default_rng(1)
+    time_s = 0.01 * np.arange(HOUR)
+    speed = 150.0 + 80.0 * np.sin(time_s / 9.0)
+    way = np.cumsum(speed / 3.6 * 0.01)
+    angle = way / 700.0
+
+    def noise(size: float) -> np.ndarray:
+        return size * np.convolve(rng.normal(size=HOUR), np.full(20, 0.05), mode="same")
+
+    error = noise(0.3)
+    error[HOUR // 3] = 7.0
+    columns = {
+        **{"distance": way, "time": time_s, "yaw": angle, "error": error, "speed": speed + noise(2.0)},
+        "x": 600.0 * np.sin(angle) + 150.0 * np.sin(3.0 * angle) + noise(0.5),
+        "y": 400.0 * np.cos(angle) + noise(0.5),
+        "roll": 40.0 * np.sin(2.0 * angle) + noise(2.0),
+        "steer": noise(5.0),
+        "balance": 40.0 * np.sin(2.0 * angle),
+        "throttle": np.clip(100.0 * np.sin(time_s / 4.0) + noise(20.0), -100.0, 100.0),
+        "command": noise(1.0),
+        "reached": noise(1.0),
+        "age": (rng.random(HOUR) < 0.01).astype(float),
+    }
+    path = MapLine("path wanted", "wanted", columns["x"][:6000], columns["y"][:6000])
+    sections = tuple(
+        Section(str(k % 12 + 1), f"section {k}", 1000 * k, 1000 * (k + 1)) for k in range(HOUR // 1000 - 1)
+    )
+    return View(
+        *("hour", "an hour", (Series("hour", columns),), panels_for(columns, fast=True), (path,)),
+        sections=sections,
+        colours=("error", "speed"),
+        channels={"speed": KMH},
+    )
+
+
+def test_an_hour_at_100_hz_loads_and_zooms(opened: Opener, tmp_path: Path, record_property: Any) -> None:
+    view = hour_view()
+    path = tmp_path / "hour.html"
+    path.write_text(page_shell("an hour", "", [view_html(view)], [view]))
+    assert path.stat().st_size < 30e6
+    began = time.monotonic()
+    browser = opened(path)
+    load = time.monotonic() - began
+    assert load < 30.0
+    peak = browser.execute_script('return document.querySelector(".view").view.parts[1].heights[1]')
+    assert peak >= 7.0, "the spike of one state is not thinned away"
+    frames, wall, draws = browser.execute_async_script("""
+      const done = arguments[0], view = document.querySelector(".view").view, start = performance.now();
+      performance.clearMeasures();
+      let frames = 0;
+      const tick = () => frames++ < 40 ? (view.zoom(frames < 20 ? 0.7 : 1 / 0.7, 70000), requestAnimationFrame(tick))
+        : done([frames, performance.now() - start, performance.getEntriesByName("draw").map(e => e.duration)]);
+      requestAnimationFrame(tick);""")
+    zoom = float(np.median(draws))
+    for name, value in (("load_s", load), ("zoom_ms", zoom), ("zooms_per_s", 1e3 * frames / wall)):
+        record_property(name, round(value, 2))
+    size = path.stat().st_size / 1e6
+    print(f"{size:.1f} MB, drawn after {load:.2f} s, {zoom:.0f} ms a zoom, {1e3 * frames / wall:.0f} zooms a second")
+    assert zoom < 250.0
+    assert frames / wall > 4e-3  # zooms a ms, on a machine that does other things beside
