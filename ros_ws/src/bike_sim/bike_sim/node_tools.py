@@ -159,6 +159,8 @@ def _watch_signals(stop: threading.Event, ended: threading.Event, wake: Sequence
 
 
 def _one_line(error: BaseException) -> str:
+    if isinstance(error, OSError) and error.strerror and error.filename is None:
+        return error.strerror  # our own words, which need no number
     return " ".join(str(error).split()) or type(error).__name__
 
 

@@ -11,11 +11,12 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import lz4.frame  # type: ignore[import-untyped]
 import zstandard
@@ -52,6 +53,13 @@ class _Chunk:
     index: dict[int, list[int]] = field(default_factory=dict)
 
 
+class _Written(NamedTuple):
+    """A chunk on disk, and its messages by channel."""
+
+    entry: records.ChunkIndex
+    counts: Counter[int]
+
+
 class McapFile:
     """Writes one file. Every write may raise OSError; call `salvage` then.
 
@@ -59,8 +67,6 @@ class McapFile:
         path: The file.
         size: Bytes on disk that are whole: up to the end of the last chunk or record.
         counts: Messages on disk by channel.
-        start_ns: Earliest log time on disk, ns.
-        end_ns: Latest log time on disk, ns.
     """
 
     def __init__(self, path: Path, chunk_bytes: int, compression: str) -> None:
@@ -73,15 +79,14 @@ class McapFile:
         """
         self.path = path
         self.size = 0
-        self.counts: dict[int, int] = {}
-        self.start_ns = self.end_ns = 0
+        self.counts: Counter[int] = Counter()
         self._chunk_bytes = chunk_bytes
         self._compression = "" if compression == "none" else compression
         self._compress = _compressor(compression)
         self._open = _Chunk()
         self._schemas: list[records.Schema] = []
         self._channels: list[records.Channel] = []
-        self._chunks: list[records.ChunkIndex] = []
+        self._chunks: list[_Written] = []
         self._metadata: list[records.MetadataIndex] = []
         self._file = path.open("wb", buffering=0)
         try:
@@ -96,9 +101,14 @@ class McapFile:
         return bool(self._open.index)
 
     @property
-    def message_count(self) -> int:
-        """Messages on disk."""
-        return sum(self.counts.values())
+    def start_ns(self) -> int:
+        """Earliest log time on disk, ns; 0 without messages."""
+        return min((chunk.entry.message_start_time for chunk in self._chunks), default=0)
+
+    @property
+    def end_ns(self) -> int:
+        """Latest log time on disk, ns; 0 without messages."""
+        return max((chunk.entry.message_end_time for chunk in self._chunks), default=0)
 
     def add_schema(self, name: str, text: str) -> int:
         """Announce a message type in the ``ros2msg`` encoding; return its number."""
@@ -115,7 +125,6 @@ class McapFile:
         )
         self._channels.append(channel)
         self._add(_encoded(channel))
-        self.counts[number] = 0
         return number
 
     def add_message(self, channel: int, sequence: int, log_time: int, publish_time: int, data: bytes) -> None:
@@ -170,7 +179,9 @@ class McapFile:
         )
         self._open = _Chunk()
         self._write(b"".join((record, *indexes.values())))
-        self._note(entry, chunk)
+        written = _Written(entry, Counter({channel: len(entries) // 2 for channel, entries in chunk.index.items()}))
+        self._chunks.append(written)
+        self.counts += written.counts
 
     def add_metadata(self, name: str, data: Mapping[str, str]) -> None:
         """Write texts by name outside the chunks; the open chunk is written first."""
@@ -188,35 +199,38 @@ class McapFile:
     def salvage(self) -> None:
         """Make a whole file of what is on disk after a failed write, and close it.
 
-        A piece of a record at the end is cut off, which leaves room for the index, or at least for the 50 bytes of an
-        ending without one, which MCAP allows. Where not even these fit, the file just ends.
+        A piece of a chunk at the end is cut off. The index takes its place, and where that is too small, the place of
+        the last whole chunks: a file without an index is refused by most readers. Where no ending fits at all, the file
+        just ends.
         """
         self._open = _Chunk()
-        whole = self.size
         with suppress(OSError):
-            self._file.truncate(whole)
-            for ending in (self._ending(), _bare_ending()):
-                try:
-                    self._file.seek(whole)
-                    self._write(ending)
-                    break
-                except OSError:
-                    self._file.truncate(whole)
+            self._file.truncate(self.size)
+            while not self._try_ending() and self._chunks:
+                self._give_up_chunk()
         with suppress(OSError):
             self._file.close()
+
+    def _try_ending(self) -> bool:
+        whole = self.size
+        try:
+            self._file.seek(whole)
+            self._write(self._ending())
+        except OSError:
+            self._file.truncate(whole)
+            return False
+        return True
+
+    def _give_up_chunk(self) -> None:
+        last = self._chunks.pop()
+        self.counts -= last.counts
+        self.size = last.entry.chunk_start_offset
+        self._metadata = [entry for entry in self._metadata if entry.offset < self.size]
+        self._file.truncate(self.size)
 
     def _add(self, record: bytes) -> None:
         self._open.parts.append(record)
         self._open.size += len(record)
-
-    def _note(self, entry: records.ChunkIndex, chunk: _Chunk) -> None:
-        """Count what has reached the disk."""
-        begun = bool(self._chunks)
-        self.start_ns = min(self.start_ns, entry.message_start_time) if begun else entry.message_start_time
-        self.end_ns = max(self.end_ns, entry.message_end_time)
-        self._chunks.append(entry)
-        for channel, entries in chunk.index.items():
-            self.counts[channel] += len(entries) // 2
 
     def _write(self, data: bytes) -> None:
         left = memoryview(data)
@@ -229,9 +243,9 @@ class McapFile:
         statistics = records.Statistics(
             attachment_count=0,
             channel_count=len(self._channels),
-            channel_message_counts={channel: count for channel, count in self.counts.items() if count},
+            channel_message_counts=dict(self.counts),
             chunk_count=len(self._chunks),
-            message_count=self.message_count,
+            message_count=self.counts.total(),
             message_start_time=self.start_ns,
             message_end_time=self.end_ns,
             metadata_count=len(self._metadata),
@@ -240,7 +254,8 @@ class McapFile:
         data_end = _encoded(records.DataEnd(data_section_crc=0))
         start = self.size + len(data_end)
         summary, offsets = b"", []
-        for group in (self._schemas, self._channels, [statistics], self._chunks, self._metadata):
+        entries = [chunk.entry for chunk in self._chunks]
+        for group in (self._schemas, self._channels, [statistics], entries, self._metadata):
             if group:
                 part = _encoded(*group)
                 offsets.append(records.SummaryOffset(part[0], start + len(summary), len(part)))
@@ -267,9 +282,3 @@ def _message_index(channel: int, entries: list[int]) -> bytes:
     """Return the record that says where in its chunk the messages of a channel are."""
     size = 8 * len(entries)
     return struct.pack(f"<BQHI{len(entries)}Q", Opcode.MESSAGE_INDEX, 2 + 4 + size, channel, size, *entries)
-
-
-def _bare_ending() -> bytes:
-    """Return an ending without summary."""
-    footer = records.Footer(summary_start=0, summary_offset_start=0, summary_crc=0)
-    return _encoded(records.DataEnd(data_section_crc=0), footer) + MAGIC

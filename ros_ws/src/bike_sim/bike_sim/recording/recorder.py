@@ -276,7 +276,11 @@ class RideRecorder:
             there = [file for file in sorted(target.glob("*.mcap")) if numbered.fullmatch(file.name)]
         if there and not overwrite:
             raise FileExistsError(f"recording {there[0]} exists already; choose another name or allow overwriting")
-        (self._directory or target.parent).mkdir(parents=True, exist_ok=True)
+        folder = self._directory or target.parent
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise OSError(error.errno, f"directory {folder} cannot be made: {error.strerror}") from error
         if self._directory:
             for file in (*there, target / METADATA_FILE):
                 file.unlink(missing_ok=True)
@@ -359,7 +363,7 @@ class RideRecorder:
         self._finished_bytes += file.size
 
     def _summary(self, file: McapFile) -> FileSummary:
-        counts = {name: file.counts.get(topic.channel, 0) for name, topic in self._topics.items()}
+        counts = {name: file.counts[topic.channel] for name, topic in self._topics.items()}
         return FileSummary(file.path.name, counts, file.start_ns, file.end_ns)
 
     # ---------------------------------------------------------------------------------------------------- what is wrong

@@ -1,0 +1,336 @@
+"""The recorder as a process: which topics it takes, how its files follow each other, and what a fault costs."""
+
+from __future__ import annotations
+
+import os
+import re
+import resource
+import signal
+import struct
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy.node
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PointStamped
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import Reader
+from shape_msgs.msg import Plane
+from std_msgs.msg import Float64, String
+
+from bike_analysis.container import Container
+from bike_sim.isolation import DOMAIN_VARIABLE
+from bike_sim.record import SPECS, RecordSettings
+
+pytestmark = pytest.mark.ros
+
+PATIENCE = 30.0
+KEEP_MANY = QoSProfile(depth=1000)
+
+
+class Mouth(rclpy.node.Node):
+    """A node of the test's own that publishes what the recorder is to hear, and hears what it reports."""
+
+    def __init__(self, domain: int) -> None:
+        self._own_context = Context()
+        self._own_context.init(args=[], domain_id=domain)
+        super().__init__("mouth", context=self._own_context, namespace="bike", start_parameter_services=False)
+        self._spinner = SingleThreadedExecutor(context=self._own_context)
+        self._spinner.add_node(self)
+        self.reports: list[DiagnosticStatus] = []
+        self.create_subscription(DiagnosticArray, "/diagnostics", self._on_report, 10)
+
+    def close(self) -> None:
+        self._spinner.shutdown()
+        self.destroy_node()
+        self._own_context.try_shutdown()
+
+    def _on_report(self, message: DiagnosticArray) -> None:
+        self.reports += [status for status in message.status if status.name == "bike/record"]
+
+    @property
+    def figures(self) -> dict[str, str]:
+        """What the recorder last reported."""
+        return {entry.key: entry.value for entry in self.reports[-1].values} if self.reports else {}
+
+    def until(self, condition: Any) -> None:
+        end = time.monotonic() + PATIENCE
+        while not condition():
+            assert time.monotonic() < end, f"waited {PATIENCE} s in vain; the recorder reported {self.figures}"
+            self._spinner.spin_once(timeout_sec=0.05)
+
+    def during(self, seconds: float) -> None:
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self._spinner.spin_once(timeout_sec=max(end - time.monotonic(), 0.0))
+
+    def open(self, kind: type, topic: str, qos: QoSProfile = KEEP_MANY) -> Any:
+        """Return a publisher that the recorder hears."""
+        publisher = self.create_publisher(kind, topic, qos)
+        self.until(publisher.get_subscription_count)
+        return publisher
+
+
+@pytest.fixture
+def mouth(stage: Any) -> Iterator[Mouth]:
+    mouth = Mouth(stage.domain)
+    yield mouth
+    mouth.close()
+
+
+def counts_in(path: Path) -> Counter[str]:
+    with path.open("rb") as file:
+        return Counter(channel.topic for _, channel, _ in make_reader(file, validate_crcs=True).iter_messages())
+
+
+def decoded(path: Path) -> list[tuple[str, Any]]:
+    """Decode every message of a file with mcap-ros2-support."""
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        return [(channel.topic, message) for _, channel, _, message in reader.iter_decoded_messages()]
+
+
+# ------------------------------------------------------------------------------------------------------------ settings
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"chunk_size": 0}, "parameter chunk_size must be from 1 to"),
+        ({"max_bag_size": -1}, "parameter max_bag_size must be finite and not negative, got -1"),
+        ({"max_bag_duration": float("nan")}, "parameter max_bag_duration must be finite and not negative, got nan"),
+        ({"max_bag_size": 1.5}, "parameter max_bag_size must be a whole number, got 1.5"),
+        ({"compression": "gzip"}, "parameter compression must be one of zstd, lz4, none, got 'gzip'"),
+        ({"clock": "moon"}, "parameter clock must be one of simulated, wall, got 'moon'"),
+        ({"topics": ["a"], "all_topics": True}, "all_topics and topics exclude each other"),
+        ({"notes": ["no equals sign"]}, "'no equals sign' is not of the form name=text"),
+    ],
+)
+def test_what_is_wrong_with_a_parameter_is_named(changes: dict[str, Any], words: str) -> None:
+    values = {spec.name: spec.default for spec in SPECS} | changes
+    with pytest.raises(ValueError, match=re.escape(words)):
+        RecordSettings.from_parameters({spec.name: spec.read(values[spec.name]) for spec in SPECS})
+
+
+def test_settings_that_cannot_be_end_the_node_with_one_line(stage: Any, tmp_path: Path) -> None:
+    programs = {
+        "give a directory": stage.start("bike_sim.record", path=str(tmp_path / "a.mcap"), max_bag_size=1000),
+        "'no good' is no name of a topic": stage.start("bike_sim.record", topics=["no good"]),
+        "directory /dev/null cannot be made: File exists": stage.start("bike_sim.record", path="/dev/null/ride.mcap"),
+    }
+    for words, program in programs.items():
+        assert program.wait() == 2
+        lines = program.words.strip().splitlines()
+        assert len(lines) == 1, lines
+        assert lines[0].startswith("record: ")
+        assert words in lines[0]
+
+
+# -------------------------------------------------------------------------------------------------------------- topics
+
+
+def test_late_unknown_and_uninstalled_topics_are_no_error(
+    stage: Any, mouth: Mouth, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hidden = tmp_path / "without" / "shape_msgs"  # the recorder's own process does not have this package
+    hidden.mkdir(parents=True)
+    (hidden / "__init__.py").write_text("raise ImportError('shape_msgs is not installed')\n")
+    monkeypatch.setenv("PYTHONPATH", str(hidden.parent))
+    chosen = ["late", "/never", "plane", "mixed"]
+    strange = mouth.create_publisher(Plane, "plane", 1)
+    mixed = mouth.create_publisher(String, "mixed", KEEP_MANY)
+    recorder = stage.start("bike_sim.record", path=str(tmp_path / "ride.mcap"), topics=chosen)
+    mouth.until(lambda: "not there yet" in recorder.words)
+    assert "recorded when they come: /bike/late, /never\n" in recorder.words
+    late = mouth.open(PointStamped, "late")
+    other = mouth.create_publisher(String, "other", 1)
+    assert not other.get_subscription_count()
+    poor = mouth.open(String, "mixed", QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT))
+    mouth.until(lambda: mixed.get_subscription_count() == 1)
+    for number in range(20):
+        late.publish(PointStamped())
+        strange.publish(Plane())
+        mixed.publish(String(data="x" * number))
+        poor.publish(String(data=f"poor {number}"))
+        mouth.during(0.02)
+    mouth.until(lambda: mouth.figures.get("messages_written") == "60")
+    assert recorder.end()[0] == 0
+    assert counts_in(tmp_path / "ride.mcap") == {"/bike/late": 20, "/bike/mixed": 40}
+    strings = [message.data for topic, message in decoded(tmp_path / "ride.mcap") if topic == "/bike/mixed"]
+    assert sorted(strings) == sorted([f"poor {k}" for k in range(20)] + ["x" * k for k in range(20)])
+    assert recorder.words.count("not there yet") == 1
+    warnings = [line for line in recorder.words.splitlines() if "[WARN]" in line]
+    assert len(warnings) == 1, warnings
+    assert "/bike/plane of type shape_msgs/msg/Plane is not recorded: shape_msgs is not installed" in warnings[0]
+
+
+def test_all_topics_by_wall_clock_in_files_by_duration(stage: Any, mouth: Mouth, tmp_path: Path) -> None:
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    static = mouth.create_publisher(String, "/static", latched)
+    static.publish(String(data="stays"))
+    recorder = stage.start(
+        "bike_sim.record", path=str(tmp_path / "all"), all_topics=True, clock="wall", max_bag_duration=0.5
+    )
+    bare, hidden = mouth.open(Float64, "/elsewhere/bare"), mouth.create_publisher(Float64, "/_hidden", 1)
+    began = time.time_ns()
+    for number in range(110):
+        bare.publish(Float64(data=float(number)))
+        hidden.publish(Float64())
+        mouth.during(0.01)
+    ended = time.time_ns()
+    assert recorder.end()[0] == 0
+    files = sorted((tmp_path / "all").glob("*.mcap"))
+    assert [file.name for file in files] == [f"all_{k}.mcap" for k in range(len(files))]
+    assert len(files) >= 3
+    with AnyReader([tmp_path / "all"]) as reader:
+        seen = [(c.topic, t, reader.deserialize(data, c.msgtype)) for c, t, data in reader.messages()]
+    numbers = [(t, message.data) for topic, t, message in seen if topic == "/elsewhere/bare"]
+    assert [number for _, number in numbers] == list(range(110))
+    assert all(began < t < ended for t, _ in numbers)
+    assert {"/rosout", "/static"} < {topic for topic, *_ in seen}
+    assert "/_hidden" not in {topic for topic, *_ in seen}
+    # Each file has the latched message, at its head.
+    heads = [[t for t, m in decoded(file) if t != "/rosout"][:1] + [m.data for t, m in decoded(file) if t == "/static"]
+             for file in files]  # fmt: skip
+    assert all(data == "stays" for _, *contents in heads for data in contents)
+    assert all(len(contents) == 2 for contents in heads)
+    with Reader(tmp_path / "all") as bag:
+        assert bag.message_count == len(seen)
+
+
+def test_a_ride_in_several_files_opens_everywhere(stage: Any, mouth: Mouth, policy: str, tmp_path: Path) -> None:
+    stage.simulator(course="circle", mode="free", real_time_factor=5.0)
+    recorder = stage.start(
+        "bike_sim.record", path=str(tmp_path / "ride"), max_bag_duration=3.0, chunk_size=8192, compression="lz4"
+    )
+    mouth.until(lambda: mouth.figures.get("messages_written", "0") > "0")
+    stage.start("bike_policy.drive", policy=policy)
+    mouth.until(lambda: mouth.figures.get("file", "").endswith("ride_3.mcap"))
+    assert recorder.end()[0] == 0
+    files = sorted((tmp_path / "ride").glob("*.mcap"))
+    with AnyReader([tmp_path / "ride"]) as reader:
+        by_rosbags = Counter(c.topic for c, _, data in reader.messages() if reader.deserialize(data, c.msgtype))
+    by_mcap_ros2 = Counter(topic for file in files for topic, _ in decoded(file))
+    assert by_rosbags == by_mcap_ros2
+    assert {"/bike/state", "/bike/command", "/bike/markers", "/clock"} < set(by_rosbags)
+    steps = [message.step for file in files for topic, message in decoded(file) if topic == "/bike/state"]
+    assert steps == sorted(steps)
+    assert set(range(steps[0], steps[-1] + 1)) == set(steps)
+    for file in files:
+        assert counts_in(file)["/bike/course"] == 1
+        assert not Container(file).truncated
+
+
+# -------------------------------------------------------------------------------------------------------------- faults
+
+
+def test_a_kill_costs_less_than_a_second(stage: Any, mouth: Mouth, tmp_path: Path) -> None:
+    recorder = stage.start("bike_sim.record", path=str(tmp_path / "ride.mcap"), clock="wall")
+    publisher = mouth.open(Float64, "number")
+    sent: dict[int, float] = {}
+    for number in range(500):
+        sent[number] = time.monotonic()
+        publisher.publish(Float64(data=float(number)))
+        mouth.during(0.005)
+    killed_at = time.monotonic()
+    recorder.process.send_signal(signal.SIGKILL)
+    recorder.wait()
+    container = Container(tmp_path / "ride.mcap")
+    messages = list(container.messages())
+    topics = {number: channel.topic for number, channel in container.channels.items()}
+    numbers = [decode_float(m.data) for m in messages if topics[m.channel] == "/bike/number"]
+    assert numbers == list(range(len(numbers)))
+    assert container.truncated
+    assert killed_at - sent[len(numbers) - 1] < 1.0
+
+
+def decode_float(data: bytes) -> int:
+    return int(struct.unpack_from("<d", data, 4)[0])
+
+
+def test_a_full_disk_ends_the_recording_and_not_the_ride(stage: Any, policy: str, tmp_path: Path) -> None:
+    simulator = stage.simulator(course="circle")
+    recorder = stage.start("bike_sim.record", path=str(tmp_path / "ride"))
+    ears = stage.ears()
+    reports = ears.listen(DiagnosticArray, "/diagnostics")
+    ears.until(lambda: ears.count_subscribers("state") > 1)
+    driver = stage.start("bike_policy.drive", policy=policy)
+    ears.until(lambda: ears.states[-1].step > 20)
+    # The same as a full disk, for this process alone: no file of it may grow beyond this.
+    file = tmp_path / "ride" / "ride_0.mcap"
+    limit = file.stat().st_size + 100_000
+    resource.prlimit(recorder.process.pid, resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
+    assert recorder.wait() == 2
+    complaints = [line for line in recorder.words.splitlines() if not line.startswith("[")]
+    assert complaints == [f"record: recording {file} stopped: File too large"]
+    step = ears.states[-1].step
+    ears.until(lambda: ears.states[-1].step > step + 20)
+    assert simulator.process.poll() is None
+    assert driver.process.poll() is None
+    assert any(s.level == DiagnosticStatus.ERROR and "too large" in s.message for r in reports for s in r.status)
+    with AnyReader([tmp_path / "ride"]) as reader:
+        steps = [
+            reader.deserialize(data, c.msgtype).step for c, _, data in reader.messages() if c.topic.endswith("state")
+        ]
+    assert steps == sorted(steps)
+    assert len(steps) > 10
+    assert file.stat().st_size <= limit
+
+
+def test_lost_messages_are_counted(stage: Any, mouth: Mouth, tmp_path: Path) -> None:
+    recorder = stage.start("bike_sim.record", path=str(tmp_path / "ride.mcap"))
+    publisher = mouth.open(String, "flood", QoSProfile(depth=5))
+    publisher.publish(String(data="before"))
+    mouth.until(lambda: mouth.figures.get("messages_written", "0") != "0")
+    mouth.during(1.0)
+    recorder.process.send_signal(signal.SIGSTOP)  # held up for longer than the publisher can wait
+    for _ in range(3000):
+        publisher.publish(String(data="x" * 2000))
+    recorder.process.send_signal(signal.SIGCONT)
+    publisher.publish(String(data="after"))
+    mouth.until(lambda: int(mouth.figures["messages_dropped"]) > 0)
+    mouth.during(1.5)
+    dropped = int(mouth.figures["messages_dropped"])
+    assert any(s.level == DiagnosticStatus.WARN and "dropped in the last second" in s.message for s in mouth.reports)
+    assert recorder.end()[0] == 0
+    assert f"{dropped} dropped" in recorder.words.splitlines()[-1]
+    assert counts_in(tmp_path / "ride.mcap")["/bike/flood"] == 3002 - dropped
+
+
+# ---------------------------------------------------------------------------------------------------------- throughput
+
+BIKES = 10
+RATE = 10_000.0
+"""Messages a second. A bicycle with its policy publishes eight a control period: ten of them at 100 Hz make 8000."""
+SENT_FOR = 4.0
+
+
+def test_ten_bicycles_at_a_hundred_hertz_are_recorded_whole(stage: Any, mouth: Mouth, tmp_path: Path) -> None:
+    folder = tmp_path / "ride"
+    recorder = stage.start("bike_sim.record", path=str(folder), max_bag_size=2_000_000)
+    mouth.until(lambda: mouth.figures)
+    command = [sys.executable, "-m", "bench.traffic", str(BIKES), str(RATE), str(SENT_FOR)]
+    environment = {**os.environ, DOMAIN_VARIABLE: str(stage.domain)}
+    root = Path(__file__).parents[2]
+    with subprocess.Popen(command, env=environment, cwd=root, stdout=subprocess.PIPE, text=True) as publisher:
+        assert publisher.stdout is not None
+        sent = int(publisher.stdout.readline())
+        mouth.until(lambda: int(mouth.figures["messages_written"]) >= sent)
+    assert mouth.figures["messages_dropped"] == "0"
+    assert float(mouth.figures["write_lag_ms"]) < 5000.0
+    assert recorder.end()[0] == 0
+    with Reader(folder) as reader:
+        counts = Counter(connection.topic for connection, *_ in reader.messages())
+    assert sum(n for topic, n in counts.items() if topic.startswith("/bike/traffic/b")) == sent
+    assert sent > 0.8 * RATE * SENT_FOR
