@@ -210,11 +210,11 @@ def compare(items: Iterable[Comparable], station_m: float | None = None) -> Comp
         The comparison.
 
     Raises:
-        ValueError: If nothing was given, or the courses differ.
+        ValueError: If nothing was given, the courses differ in length, or `station_m` is not positive.
         FileNotFoundError: If there is no such recording.
         RecordingError: If a file is not a recording of a ride.
     """
-    return compare_runs([_run(item) for item in comparable(items)], station_m)
+    return compare_runs(_runs(comparable(items)), station_m)
 
 
 def comparable(items: Iterable[Comparable]) -> list[RecordedRide | RecordedLap]:
@@ -228,6 +228,12 @@ def comparable(items: Iterable[Comparable]) -> list[RecordedRide | RecordedLap]:
     return [(item.best_lap or item) if isinstance(item, RecordedRide) else item for item in flat]
 
 
-def _run(item: RecordedRide | RecordedLap) -> Run:
-    ride, lap = (item.ride, item.data) if isinstance(item, RecordedLap) else (item, None)
-    return Run(item.label, ride.recording.path.name, ride.data, lap, ride.recording.policy)
+def _runs(items: Iterable[RecordedRide | RecordedLap]) -> list[Run]:
+    """What is compared, with labels that differ."""
+    runs: list[Run] = []
+    for item in items:
+        ride, lap = (item.ride, item.data) if isinstance(item, RecordedLap) else (item, None)
+        same = sum(run.label == item.label or run.label.startswith(f"{item.label} (") for run in runs)
+        label = f"{item.label} ({same + 1})" if same else item.label
+        runs.append(Run(label, ride.recording.path.name, ride.data, lap, ride.recording.policy))
+    return runs

@@ -8,7 +8,7 @@ of two times at a station is what one run has lost on the other up to there.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Final
 
@@ -24,6 +24,10 @@ STATIONS: Final = 2500
 """About so many stations are wanted along a course."""
 SAME_LENGTH: Final = 0.03
 """Courses whose lengths differ by more than this part are not the same."""
+
+
+class CourseError(ValueError):
+    """Rides on different courses were to be compared."""
 
 
 @dataclass(frozen=True)
@@ -178,6 +182,24 @@ class Comparison:
             return clock[known], values
         return time, np.interp(time, clock[known], values)
 
+    def fastest(self, count: int) -> Comparison:
+        """The same with the fastest runs only, the reference among them.
+
+        Args:
+            count: How many to keep; complete runs come first.
+
+        Returns:
+            A comparison at the same stations.
+        """
+        if len(self.runs) <= count:
+            return self
+        order = sorted(range(len(self.runs)), key=lambda i: (not self.runs[i].complete, self.runs[i].duration_s))
+        kept = sorted({self.reference, *order[: count - 1]})
+        runs = tuple(self.runs[i] for i in kept)
+        values = {name: column[kept] for name, column in self.values.items()}
+        sectors = _sectors(runs, self.station_m, values["time_s"])
+        return replace(self, runs=runs, reference=kept.index(self.reference), sectors=sectors, values=values)
+
     @property
     def best_sectors_s(self) -> float | None:
         """The theoretical best lap: the sum of the best sectors, s; None unless every sector has one."""
@@ -196,15 +218,16 @@ def compare_runs(runs: Sequence[Run], station_m: float | None = None) -> Compari
         The comparison.
 
     Raises:
-        ValueError: If there is no run, the courses differ, or the distance of stations is not positive.
+        CourseError: If the courses differ in length.
+        ValueError: If there is no run, or the distance of stations is not positive.
     """
     if not runs:
         raise ValueError("nothing to compare: no ride or lap was given")
     lengths = [_length(run) for run in runs]
     names = {run.ride.course.name for run in runs if run.ride.course is not None}
-    if max(lengths) > (1.0 + SAME_LENGTH) * min(lengths) and len(names) != 1:
+    if max(lengths) > (1.0 + SAME_LENGTH) * min(lengths) and (names or len(runs) == 1):
         told = ", ".join(f"{run.label}: {length:.0f} m" for run, length in zip(runs, lengths, strict=True))
-        raise ValueError(f"rides on different courses cannot be aligned ({told})")
+        raise CourseError(f"rides on different courses cannot be aligned ({told})")
     reference = _reference(runs)
     whole = lengths[reference]
     spacing = _round_spacing(whole / STATIONS) if station_m is None else float(station_m)

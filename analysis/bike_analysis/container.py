@@ -39,6 +39,7 @@ BLOCK_BYTES: Final = 8 * 1024 * 1024
 LARGEST_RECORD: Final = 256 * 1024 * 1024
 """A record or a chunk's contents beyond this size are not read, bytes. Recorders make chunks of a few megabytes."""
 
+_ZSTD: Final = zstandard.ZstdDecompressor()
 _RECORD: Final = struct.Struct("<BQ")
 _CHUNK: Final = struct.Struct("<QQQII")
 _LENGTH: Final = struct.Struct("<Q")
@@ -428,7 +429,7 @@ def _decompressed(compression: str, data: memoryview, size: int) -> bytes:
             declared = zstandard.frame_content_size(data)
             if declared not in (-1, size):  # -1: the frame does not tell
                 raise ValueError(f"a chunk's frame declares {declared} bytes instead of {size}")
-            return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
+            return _ZSTD.decompress(data, max_output_size=size)
         if compression == "lz4":
             return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1))
     except (zstandard.ZstdError, RuntimeError) as error:

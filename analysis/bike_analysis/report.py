@@ -1,76 +1,139 @@
-"""From a recording to its report: figures, page and picture."""
+"""From recordings to their report: figures, comparisons, page, picture and tables."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
 import matplotlib as mpl
 
-from bike_analysis.api import RideRecording
-from bike_analysis.metrics import RideFigures, latency_figures, ride_figures
+from bike_analysis.api import RecordedLap, RecordedRide, RideRecording, comparable, compare, open_ride
+from bike_analysis.compare import Comparison, CourseError
+from bike_analysis.container import RecordingError
+from bike_analysis.export import aligned_table, write_csv, write_parquet
+from bike_analysis.metrics import RideFigures
 from bike_analysis.page import write_page
 from bike_analysis.plots import overview_figure
-from bike_analysis.reading import Recording, read_recording
-from bike_analysis.rides import Ride, find_rides
+from bike_analysis.results import Analysis, RideEntry, comparison_figures, distance_by_speed, recording_figures
 from bike_analysis.style import RC
 
 PAGE_NAME: Final = "ride.html"
 PICTURE_NAME: Final = "ride.png"
+DRAWN_RUNS: Final = 8
+"""Rides or laps that are drawn side by side: the fastest ones. Figures and tables have all of them."""
+
+Paths = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
 
 
 def analyze(
-    path: str | os.PathLike[str], out_dir: str | os.PathLike[str] | None = None, *, namespace: str | None = None
+    paths: Paths,
+    out_dir: str | os.PathLike[str] | None = None,
+    *,
+    namespace: str | None = None,
+    csv: str | os.PathLike[str] | None = None,
+    parquet: str | os.PathLike[str] | None = None,
+    station_m: float | None = None,
 ) -> dict[str, Any]:
-    """Analyze a recording and, where asked, write its report.
+    """Analyze recordings and, where asked, write their report and tables.
 
     Args:
-        path: An MCAP file, whole or torn, or a rosbag2 directory with one.
+        paths: One or more MCAP files, whole or torn, or rosbag2 directories.
         out_dir: Where to write ``ride.html`` and ``ride.png``; nothing is written without it. It is created.
         namespace: Namespace of the vehicle's topics, where several were recorded.
+        csv: File for the aligned table as CSV.
+        parquet: File for the same as Parquet.
+        station_m: Distance of the stations of the aligned table, m; by default about 2500 along the course.
 
     Returns:
-        Figures ready for JSON: ``recording``, ``vehicle``, ``truncated``, ``warnings``, ``notes``, ``messages``,
-        ``latency_median_s``, ``latency_p99_s``, ``rides`` (one dictionary a ride, see
-        `bike_analysis.metrics.RideFigures`), and ``page`` and ``picture`` where they were written.
+        Figures ready for JSON, see `bike_analysis.results.Analysis`. A recording that cannot be read becomes a warning
+        where others can.
 
     Raises:
         FileNotFoundError: If there is no such recording.
-        RecordingError: If the file is not a recording of a ride, or nothing of it can be read.
+        RecordingError: If none of the files is a recording of a ride that can be read.
+        ValueError: If `station_m` is not positive.
         OSError: If a file cannot be read or written.
     """
-    recording = read_recording(path, namespace)
-    rides = find_rides(recording)
-    figures = [ride_figures(ride) for ride in rides]
-    median, p99 = latency_figures(recording.latencies)
-    result: dict[str, Any] = {
-        "recording": str(recording.path),
-        "vehicle": recording.vehicle or None,
-        "truncated": recording.truncated,
-        "warnings": list(recording.warnings),
-        "notes": recording.notes,
-        "messages": recording.message_count,
-        "latency_median_s": median,
-        "latency_p99_s": p99,
-        "rides": [f.as_dict() for f in figures],
-    }
+    given = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
+    recordings, unread = _open_all(given, namespace)
+    comparisons, untold = _comparisons(recordings, station_m)
+    several = [c for c in comparisons if len(c.runs) > 1]
+    rides = [ride for recording in recordings for ride in recording.rides]
+    analysis = Analysis(
+        recordings=tuple(recording_figures(recording) for recording in recordings),
+        rides=tuple(RideEntry(str(ride.recording.path), ride.figures) for ride in rides),
+        comparisons=tuple(comparison_figures(comparison) for comparison in several),
+        distance_by_speed=distance_by_speed(recordings),
+        truncated=any(recording.data.truncated for recording in recordings),
+        warnings=(*unread, *_warnings(recordings), *untold),
+    )
+    if csv is not None or parquet is not None:
+        table = aligned_table(comparisons)
+        analysis = replace(
+            analysis,
+            csv=None if csv is None else str(write_csv(table, csv)),
+            parquet=None if parquet is None else str(write_parquet(table, parquet)),
+        )
     if out_dir is not None:
-        page, picture = write_report(recording, rides, figures, Path(out_dir))
-        result |= {"page": str(page), "picture": str(picture)}
-    return result
+        page, picture = write_report(recordings, several, Path(out_dir))
+        analysis = replace(analysis, page=str(page), picture=str(picture))
+    return analysis.as_dict()
+
+
+def _open_all(
+    paths: Sequence[str | os.PathLike[str]], namespace: str | None
+) -> tuple[list[RideRecording], tuple[str, ...]]:
+    """Open recordings; those that cannot be read become sentences, unless none can.
+
+    Raises:
+        RecordingError, OSError: That of the first file, if no file can be read.
+    """
+    opened, failures = [], []
+    for path in paths:
+        try:
+            opened.append(open_ride(path, namespace))
+        except (RecordingError, OSError) as error:
+            failures.append(error)
+    if not opened:
+        raise failures[0] if failures else RecordingError("no recording was given")
+    return opened, tuple(f"left out: {error}" for error in failures)
+
+
+def _warnings(recordings: Sequence[RideRecording]) -> list[str]:
+    one = len(recordings) == 1
+    return [text if one else f"{r.path}: {text}" for r in recordings for text in r.warnings]
+
+
+def _comparisons(recordings: Sequence[RideRecording], station_m: float | None) -> tuple[list[Comparison], list[str]]:
+    """Compare what was ridden on the same course; sentences for what cannot be compared.
+
+    Raises:
+        ValueError: If `station_m` is not positive.
+    """
+    groups: dict[str, list[RecordedRide | RecordedLap]] = {}
+    for item in comparable(recordings):
+        course = item.ride.course if isinstance(item, RecordedLap) else item.course
+        groups.setdefault(course.name if course is not None else "", []).append(item)
+    found, untold = [], []
+    for items in groups.values():
+        try:
+            found.append(compare(items, station_m))
+        except CourseError as error:
+            untold.append(f"no comparison: {error}")
+    return found, untold
 
 
 def write_report(
-    recording: Recording, rides: Sequence[Ride], figures: Sequence[RideFigures], out_dir: Path
+    recordings: Sequence[RideRecording], comparisons: Sequence[Comparison], out_dir: Path
 ) -> tuple[Path, Path]:
     """Write the report page and the picture.
 
     Args:
-        recording: What was read.
-        rides: Its rides.
-        figures: Their figures, in the same order.
+        recordings: What was read.
+        comparisons: What was compared; the page shows the one with the most runs.
         out_dir: Directory, created if need be.
 
     Returns:
@@ -81,10 +144,12 @@ def write_report(
     """
     out_dir.mkdir(parents=True, exist_ok=True)
     page, picture = out_dir / PAGE_NAME, out_dir / PICTURE_NAME
-    write_page([RideRecording(recording)], page)
-    longest = max(range(len(rides)), key=lambda i: figures[i].distance_m)
+    largest = max(comparisons, key=lambda c: len(c.runs), default=None)
+    write_page(recordings, page, None if largest is None else largest.fastest(DRAWN_RUNS))
+    rides = [ride for recording in recordings for ride in recording.rides]
+    longest = max(rides, key=lambda ride: ride.figures.distance_m)
     with mpl.rc_context(RC):
-        overview_figure(rides[longest], _headline(figures[longest])).savefig(picture, dpi=160)
+        overview_figure(longest.data, _headline(longest.figures)).savefig(picture, dpi=160)
     return page, picture
 
 

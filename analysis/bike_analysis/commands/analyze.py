@@ -1,21 +1,25 @@
-"""``bike analyze``: figures, plots and a report page of a recording, without ROS."""
+"""``bike analyze``: figures, comparisons, plots and a report page of recordings, without ROS."""
 
 from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from bike_analysis.report import analyze
+from bike_analysis.results import SCHEMA
 
 EPILOG = """examples:
   bike analyze ride.mcap                    print the figures, write ride.html and ride.png beside the recording
-  bike analyze ride.mcap --out report       write them into report/
+  bike analyze a.mcap b.mcap --out report   compare two rides or laps, page in report/
+  bike analyze lap.mcap --csv laps.csv      all laps, aligned by the way, as a table; --parquet for pandas
   bike analyze ride.mcap --json             the figures as JSON, and no files
   bike analyze recordings/ride_1 --json     a rosbag2 directory
 
-A recording that was torn off (recorder killed, disk full) is analyzed up to its last whole chunk, with a warning.
+A recording that was torn off (recorder killed, disk full) or damaged is analyzed as far as it can be read, with a
+warning. The exit code is 1 if one of several recordings could not be read at all, 2 if none could.
 """
 
 
@@ -25,42 +29,50 @@ def configure(parser: argparse.ArgumentParser) -> None:
     Args:
         parser: Parser of the subcommand.
     """
-    parser.description = "Read a recorded ride and report how well it followed its path. Needs no ROS."
+    parser.description = "Read recorded rides and report how well they followed their path. Needs no ROS."
     parser.epilog = EPILOG
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("recording", type=Path, help="an .mcap file or a rosbag2 directory")
+    parser.add_argument(
+        "recordings", type=Path, nargs="+", metavar="RECORDING", help="an .mcap file or a rosbag2 directory"
+    )
     parser.add_argument("--out", type=Path, metavar="DIR", help="directory for ride.html and ride.png")
+    parser.add_argument("--csv", type=Path, metavar="FILE", help="write rides or laps, aligned by the way, as CSV")
+    parser.add_argument("--parquet", type=Path, metavar="FILE", help="the same as Parquet")
+    parser.add_argument("--station", type=float, metavar="M", help="distance of rows of these tables, m")
     parser.add_argument("--vehicle", metavar="NAMESPACE", help="which vehicle, if several were recorded")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Analyze a recording and print its figures.
+    """Analyze recordings and print their figures.
 
     Args:
         args: Parsed arguments, with ``json`` from the central command.
 
     Returns:
-        The result object, schema ``bike.analyze/1``.
+        The result object, schema ``bike.analyze/2``.
 
     Raises:
         FileNotFoundError: If there is no such recording.
-        RecordingError: If it is not a recording of a ride, or nothing of it can be read.
+        RecordingError: If no file is a recording of a ride, or nothing of it can be read.
+        ValueError: If the distance of rows is not positive.
         OSError: If a file cannot be read or written.
     """
     as_json = bool(getattr(args, "json", False))
-    out = args.out
+    out, first = args.out, args.recordings[0]
     if out is None and not as_json:
-        out = args.recording if args.recording.is_dir() else args.recording.parent
-    figures = analyze(args.recording, out, namespace=args.vehicle)
+        out = first if first.is_dir() else first.parent
+    figures = analyze(
+        args.recordings, out, namespace=args.vehicle, csv=args.csv, parquet=args.parquet, station_m=args.station
+    )
     for warning in figures["warnings"]:
         print(f"warning: {warning}", file=sys.stderr)
     if not as_json:
         print(text_of(figures))
-    return {"schema": "bike.analyze/1", "ok": True, "figures": figures}
+    return {"schema": SCHEMA, "ok": len(figures["recordings"]) == len(args.recordings), "figures": figures}
 
 
 def text_of(figures: dict[str, Any]) -> str:
-    """Put the figures into a table for people.
+    """Put the figures into tables for people.
 
     Args:
         figures: What `bike_analysis.report.analyze` returned.
@@ -68,46 +80,123 @@ def text_of(figures: dict[str, Any]) -> str:
     Returns:
         Lines of text.
     """
-    head = ("ride", "course", "m/s", "s", "m", "mean m", "rms m", "max m", "roll °", "steer °", "falls", "lost", "end")
-    rows = [head, *(_row(ride) for ride in figures["rides"])]
-    widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
-    lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
-    for ride in figures["rides"][:1]:
+    rides, several = figures["rides"], len(figures["recordings"]) > 1
+    lines = _ride_table(rides, several)
+    for ride in rides[:1]:
         lines += _sections(ride["sections"])
-    median, p99 = figures["latency_median_s"], figures["latency_p99_s"]
-    if median is not None and p99 is not None:
-        lines.append(f"the policy answered in {1e3 * median:.3f} ms (median), {1e3 * p99:.3f} ms (99th percentile)")
-    lines += [f"{name}: {figures[name]}" for name in ("page", "picture") if name in figures]
+    for ride in rides:
+        lines += _laps(ride)
+    for comparison in figures["comparisons"]:
+        lines += _comparison(comparison)
+    lines += _speeds(figures["distance_by_speed"])
+    for recording in figures["recordings"]:
+        median, p99 = recording["latency_median_s"], recording["latency_p99_s"]
+        name = f"{recording['recording']}: " if several else ""
+        if median is not None and p99 is not None:
+            times = f"{1e3 * median:.3f} ms (median), {1e3 * p99:.3f} ms (99th percentile)"
+            lines.append(f"{name}the policy answered in {times}")
+        if recording["dropped_messages"]:
+            lines.append(f"{name}the recorder dropped {recording['dropped_messages']} messages")
+    lines += [f"{name}: {figures[name]}" for name in ("page", "picture", "csv", "parquet") if name in figures]
     return "\n".join(lines)
 
 
-def _row(ride: dict[str, Any]) -> tuple[str, ...]:
-    return (
-        str(ride["ride"]),
-        ride["course"] or "-",
-        _number(ride["speed_mean_m_s"], 2),
-        _number(ride["duration_s"], 1),
-        _number(ride["distance_m"], 0),
-        _number(ride["mean_error_m"], 3),
-        _number(ride["rms_error_m"], 3),
-        _number(ride["max_error_m"], 3),
-        f"{_number(ride['roll_min_deg'], 0)}..{_number(ride['roll_max_deg'], 0)}",
-        f"{_number(ride['steer_min_deg'], 0)}..{_number(ride['steer_max_deg'], 0)}",
-        str(ride["falls"]),
-        str(ride["lost_steps"]),
-        ride["ended_by"].replace("_", " "),
-    )
+def _ride_table(rides: Sequence[dict[str, Any]], several: bool) -> list[str]:
+    names = ("ride", "course", "m/s", "s", "m", "mean m", "rms m", "max m", "roll °", "steer °", "falls", "lost", "end")
+    head = ("recording", *names) if several else names
+    rows = []
+    for ride in rides:
+        roll = f"{_number(ride['roll_min_deg'], 0)}..{_number(ride['roll_max_deg'], 0)}"
+        steer = f"{_number(ride['steer_min_deg'], 0)}..{_number(ride['steer_max_deg'], 0)}"
+        cells = (
+            str(ride["ride"]),
+            ride["course"] or "-",
+            _number(ride["speed_mean_m_s"], 2),
+            _number(ride["duration_s"], 1),
+            _number(ride["distance_m"], 0),
+            _number(ride["mean_error_m"], 3),
+            _number(ride["rms_error_m"], 3),
+            _number(ride["max_error_m"], 3),
+            *(roll, steer, str(ride["falls"]), str(ride["lost_steps"]), ride["ended_by"].replace("_", " ")),
+        )
+        rows.append((Path(ride["recording"]).stem, *cells) if several else cells)
+    return _table(head, rows)
 
 
-def _sections(sections: list[dict[str, Any]]) -> list[str]:
+def _sections(sections: Sequence[dict[str, Any]]) -> list[str]:
     if not sections:
         return []
-    width = max(len(section["name"]) for section in sections)
-    lines = [f"{'section'.ljust(width)}  mean m   rms m   max m"]
-    for section in sections:
-        numbers = "  ".join(_number(section[f"{kind}_error_m"], 3).rjust(6) for kind in ("mean", "rms", "max"))
-        lines.append(f"{section['name'].ljust(width)}  {numbers}")
-    return lines
+    rows = [(s["name"], *(_number(s[f"{kind}_error_m"], 3) for kind in ("mean", "rms", "max"))) for s in sections]
+    return _table(("section", "mean m", "rms m", "max m"), rows)
+
+
+def _laps(ride: dict[str, Any]) -> list[str]:
+    laps = ride["complete_laps"]
+    if not laps:
+        return []
+    sectors = max(len(lap["sectors_s"]) for lap in laps)
+    head = ("lap", "time", *(f"sector {k + 1}" for k in range(sectors)), "off track s", "mean m", "max m", "max m/s")
+    rows = []
+    for lap in laps:
+        times = [_number(t, 3) for t in lap["sectors_s"]] or ["-"] * sectors
+        figures = (_number(lap[n], 2) for n in ("off_track_s", "mean_error_m", "max_error_m", "speed_max_m_s"))
+        rows.append((str(lap["lap"]), lap_text(lap["lap_s"]), *times, *figures))
+    name = f"{Path(ride['recording']).stem}, ride {ride['ride']}"
+    best = f"{name}: best lap {lap_text(ride['best_lap_s'])}"
+    if ride["theoretical_lap_s"] is not None:
+        best += f", best sectors together {lap_text(ride['theoretical_lap_s'])}"
+    return [best, *_table(head, rows)]
+
+
+def _comparison(comparison: dict[str, Any]) -> list[str]:
+    runs, sectors = comparison["runs"], comparison["sectors"]
+    head = ("side by side", "time", "lost s", *(f"sector {k + 1}" for k in range(len(sectors))))
+    rows = []
+    for index, run in enumerate(runs):
+        times = (_number(sector["times_s"][index], 3) for sector in sectors)
+        time = lap_text(run["duration_s"]) if run["complete"] else "-"
+        rows.append((run["run"], time, _number(run["delta_s"], 3), *times))
+    if comparison["theoretical_lap_s"] is not None:
+        best = (_number(sector["best_s"], 3) for sector in sectors)
+        rows.append(("best sectors", lap_text(comparison["theoretical_lap_s"]), "", *best))
+    return _table(head, rows)
+
+
+def _speeds(speeds: Sequence[dict[str, Any]]) -> list[str]:
+    if len(speeds) < 2:
+        return []
+    rows = [
+        (
+            s["course"],
+            _number(s["speed_m_s"], 2),
+            _number(s["mean_error_m"], 3),
+            _number(s["max_error_m"], 3),
+            str(s["controllers"]),
+            f"{s['completed']} of {s['rides']}",
+        )
+        for s in speeds
+    ]
+    return _table(("course", "m/s", "T(v) m", "max m", "controllers", "completed"), rows)
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of a table, the first column to the left and the others to the right."""
+    whole = [head, *rows]
+    widths = [max(len(row[i]) for row in whole) for i in range(len(head))]
+    return [
+        "  ".join(
+            cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(zip(row, widths, strict=True))
+        )
+        for row in whole
+    ]
+
+
+def lap_text(seconds: float | None) -> str:
+    """Return a lap time as people write it."""
+    if seconds is None:
+        return "-"
+    minutes, rest = divmod(seconds, 60.0)
+    return f"{int(minutes)}:{rest:06.3f}" if minutes else f"{rest:.3f}"
 
 
 def _number(value: float | None, digits: int) -> str:
