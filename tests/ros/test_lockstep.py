@@ -11,6 +11,7 @@ from bike_msgs.msg import Course as CourseMessage
 from bike_msgs.msg import CoursePoints, LeanHistory, RideEvent
 from bike_msgs.srv import Reset
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -177,6 +178,7 @@ def test_all_topics_tell_of_the_same_ride(lockstep) -> None:
         "odom": Odometry,
         "joint_states": JointState,
         "markers": MarkerArray,
+        "transform": TransformStamped,
     }
     heard = {topic: lockstep.listen(kind, topic) for topic, kind in kinds.items()}
     lockstep.until(lambda: all(lockstep.count_publishers(topic) for topic in kinds))
@@ -193,6 +195,10 @@ def test_all_topics_tell_of_the_same_ride(lockstep) -> None:
     assert (odom.pose.pose.position.x, odom.pose.pose.position.y) == (state.x, state.y)
     assert list(joints.position) == [state.steer, state.rear_wheel_angle, state.front_wheel_angle]
     assert len(heard["markers"][-1].markers) == 4
+    frame = heard["transform"][-1]
+    assert (frame.header.frame_id, frame.child_frame_id) == ("map", "base_link")
+    assert (frame.transform.translation.x, frame.transform.translation.y) == (state.x, state.y)
+    assert frame.transform.rotation == odom.pose.pose.orientation
 
 
 def test_who_comes_late_still_gets_the_course(lockstep) -> None:

@@ -22,6 +22,7 @@ import rclpy.node
 from bike_msgs.msg import BikeCommand, BikeState, CoursePoints, EpisodeStart, LeanHistory, RideEvent, Telemetry
 from bike_msgs.msg import Course as CourseMessage
 from bike_msgs.srv import Pause, Reset
+from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
@@ -136,6 +137,8 @@ class SimNode(rclpy.node.Node):
         if isinstance(self._simulator, TrackRide):
             extra(Telemetry, "telemetry", self._telemetry)
         extra(Odometry, "odom", lambda s: standard_messages.odometry(s, self._stamp))
+        # The same as on /tf, for viewers of recordings made where tf2_msgs is missing.
+        extra(TransformStamped, "transform", lambda s: standard_messages.base_transform(s, self._stamp))
         extra(JointState, "joint_states", lambda s: standard_messages.joint_state(s, self._stamp))
         if self._settings.publish_markers:
             vehicle = self._simulator.vehicle
