@@ -112,9 +112,9 @@ class Ears(rclpy.node.Node):
         values = {"episode": state.episode, "step": state.step, "steering": steering, **changes}
         self.commands.publish(command_to_message(Command(**values)))
 
-    def answer(self, state: BikeState, steering: float = 0.0) -> BikeState:
+    def answer(self, state: BikeState, steering: float = 0.0, **changes: Any) -> BikeState:
         """Answer a state and return the next one."""
-        self.command(state, steering)
+        self.command(state, steering, **changes)
         self.until(lambda: (self.states[-1].episode, self.states[-1].step) == (state.episode, state.step + 1))
         return self.states[-1]
 

@@ -1,0 +1,88 @@
+"""Rides of the real nodes come out again from their recording, bit for bit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bike_sim.physics.superbike_engine import TIME_STEP
+from bike_sim.reset import ResetRequest
+from bike_training.recorded_rides import read_rides
+from bike_training.replay import Replay, ride_again
+
+pytestmark = pytest.mark.ros
+
+
+def replays(path: Path) -> list[Replay]:
+    return [ride_again(recorded) for recorded in read_rides(path)[1]]
+
+
+def end(*programs) -> None:
+    assert [program.end()[0] for program in programs] == [0] * len(programs)
+
+
+def test_rides_in_lockstep_come_out_the_same(stage, policy, tmp_path: Path) -> None:
+    """The ride that the node begins, and one asked for at random; a recorder starts before the node, another after."""
+    paths = [tmp_path / "early" / "ride.mcap", tmp_path / "late" / "ride.mcap"]
+    early = stage.start("bike_sim.record", path=str(paths[0]))
+    simulator = stage.simulator(course="circle")
+    ears = stage.ears()
+    late = stage.start("bike_sim.record", path=str(paths[1]))
+    ears.until(lambda: ears.count_subscribers("command") == 3)  # simulator and recorders
+    driver = stage.start("bike_policy.drive", policy=policy)
+    ears.until(lambda: ears.states[-1].step > 60)
+    assert ears.reset(ResetRequest(seed=8, speed_range=(4.0, 4.5), perturb=True)).success
+    ears.until(lambda: ears.states[-1].episode == 2 and ears.states[-1].step > 60)
+    end(driver, early, late, simulator)
+    for path in paths:
+        found = replays(path)
+        assert [replay.same for replay in found] == [True, True]
+        assert all(replay.states == replay.recorded_states > 50 for replay in found)
+        assert (found[0].config.engine, found[0].config.time_step, found[0].learned) == ("pybullet", 0.005, 0)
+
+
+def test_a_ride_by_the_clock_comes_out_the_same(stage, tmp_path: Path) -> None:
+    """Free mode: commands come when they come, some periods repeat the last, and silence sets it straight."""
+    path = tmp_path / "ride.mcap"
+    recorder = stage.start("bike_sim.record", path=str(path))
+    simulator = stage.simulator(mode="free", command_timeout_s=0.2, real_time_factor=2.0)
+    ears = stage.ears()
+    ears.until(lambda: ears.count_subscribers("command") == 2)
+    ears.during(0.5)
+    for steering in (0.02, -0.03, 0.01):
+        ears.command(ears.states[-1], steering)
+        ears.during(0.04)
+    ears.during(0.3)  # longer than the time-out
+    end(recorder, simulator)
+    ((replay, recorded),) = zip(replays(path), read_rides(path)[1], strict=True)
+    assert replay.same
+    assert replay.missing == 0
+    applied = recorded.columns["steering_command"]
+    assert set(applied) == {0.0, 0.02, -0.03, 0.01}
+    assert applied[-1] == 0.0
+    assert len(applied) > 10
+
+
+def test_a_superbike_comes_out_the_same(stage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its tyres, engine and rider have inner states that no message shows: they begin as the request says."""
+    monkeypatch.setenv("BIKE_CACHE", str(tmp_path / "lines"))
+    circuit = tmp_path / "ring.csv"
+    angle = np.linspace(0.0, 2.0 * np.pi, 90, endpoint=False)
+    rows = "\n".join(f"{150.0 * np.cos(a):.4f},{150.0 * np.sin(a):.4f},6.0,6.0" for a in angle)
+    circuit.write_text(f"# x_m,y_m,w_tr_right_m,w_tr_left_m\n{rows}\n")
+    path = tmp_path / "ride.mcap"
+    recorder = stage.start("bike_sim.record", path=str(path))
+    simulator = stage.simulator(
+        vehicle="panigale_v4r", course=str(circuit), time_step=TIME_STEP, line=0.5, progress=40.0, speed=20.0, seed=4
+    )
+    ears = stage.ears()
+    ears.until(lambda: ears.count_subscribers("command") == 2)
+    state = ears.states[-1]
+    for step in range(150):
+        state = ears.answer(state, -state.roll + 0.05 * np.sin(0.1 * step), throttle=0.4 * np.cos(0.05 * step))
+    end(recorder, simulator)
+    (replay,) = replays(path)
+    assert replay.same
+    assert replay.states == 151
