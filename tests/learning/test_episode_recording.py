@@ -16,7 +16,7 @@ from bike_policy.observation import ObservationLayout
 from bike_sim.physics.state import FIELDS
 from bike_sim.reset import ResetRequest
 from bike_sim.simulator import Simulator, SimulatorConfig
-from bike_training.curriculum import Curriculum
+from bike_training.curriculum import REFINEMENT, Curriculum
 from bike_training.env import BikeEnv
 from bike_training.learner import actor_tensors
 from bike_training.presets import FAST
@@ -76,7 +76,9 @@ def test_recorded_ride_reads_back(validation, tmp_path):
     assert len(steps) + 1 == len(messages(validation, "/bike/state"))
     assert {(step.learning_step, step.part, step.deterministic) for step in steps} == {(4000, 2, True)}
     assert [step.terminated for step in steps] == [False] * (len(steps) - 1) + [True]
-    assert {(step.speed_min, step.speed_max, step.radius_min) for step in steps} == {(4.0, 4.0, 14.0)}
+    for step in steps:
+        assert (step.speed_min, step.speed_max) == ([4.0], [4.0])
+        assert (step.radius_min, step.quintic_width_max) == ([14.0], [2.0])
 
 
 def test_what_the_policy_saw_is_made_of_the_recorded_states(validation):
@@ -119,7 +121,7 @@ def test_rides_of_the_learner_are_recorded_as_it_learned_from_them(make, config,
 
     env, path = make(), tmp_path / "training.mcap"
     made = 0
-    recorder = TrainingRecorder(env, SHORT, config, lambda: Standing(made, 1, RANGES))
+    recorder = TrainingRecorder(env, SHORT, config, lambda: Standing(made, 5, REFINEMENT))
     seen, rng = [env.reset()], np.random.default_rng(0)
     actions, rewards = [], []
     recorder.record_next(path)
@@ -141,6 +143,10 @@ def test_rides_of_the_learner_are_recorded_as_it_learned_from_them(make, config,
     assert [s.learning_episode_step for s in steps] == 2 * list(range(SHORT.max_steps))
     assert [k for k, s in enumerate(steps) if s.truncated] == [SHORT.max_steps - 1, 2 * SHORT.max_steps - 1]
     assert not any(s.terminated or s.deterministic for s in steps)
+    sets = (REFINEMENT, *REFINEMENT.also)
+    assert len(sets) > 1
+    np.testing.assert_array_equal(steps[0].speed_max, [ranges.speed[1] for ranges in sets])
+    np.testing.assert_array_equal(steps[0].radius_min, [ranges.paths.radius_min for ranges in sets])
     assert set(steps[0].reward_names) == {"path_linear", "path_peak", "upright"}
     assert (env.get_attr("watch")[0], len(messages(path, "/bike/episode"))) == (None, 1)
 

@@ -24,6 +24,7 @@ from bike_policy.action import ActionScale
 from bike_policy.actor import Actor
 from bike_sim import messages
 from bike_sim.command_gate import Command
+from bike_sim.course.random_paths import PathRanges
 from bike_sim.events import EventWatch
 from bike_sim.physics.state import ROLL
 from bike_sim.recording import LATCHED, Qos, RideRecorder, message_type
@@ -171,9 +172,11 @@ class RideWriter:
 def _standing_message(standing: Standing) -> LearningStep:
     message = LearningStep()
     message.learning_step, message.part = standing.step, standing.part
-    message.speed_min, message.speed_max = map(float, standing.ranges.speed)
-    for spec in fields(standing.ranges.paths):
-        setattr(message, spec.name, float(getattr(standing.ranges.paths, spec.name)))
+    sets = (standing.ranges, *standing.ranges.also)
+    message.speed_min = array("d", (ranges.speed[0] for ranges in sets))
+    message.speed_max = array("d", (ranges.speed[1] for ranges in sets))
+    for spec in fields(PathRanges):
+        setattr(message, spec.name, array("d", (getattr(ranges.paths, spec.name) for ranges in sets)))
     return message
 
 
