@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from bike_analysis.laps import Lap, sector_starts
+from bike_analysis.laps import ON_THE_LINE, Lap, farther_than_before, sector_starts
 from bike_analysis.reading import Floats
 from bike_analysis.rides import Ride
 from bike_analysis.table import motion_columns, station
@@ -193,12 +193,13 @@ class Comparison:
         """
         if len(self.runs) <= count:
             return self
-        order = sorted(range(len(self.runs)), key=lambda i: (not self.runs[i].complete, self.runs[i].duration_s))
-        kept = sorted({self.reference, *order[: count - 1]})
+        others = [i for i in range(len(self.runs)) if i != self.reference]
+        others.sort(key=lambda i: (not self.runs[i].complete, self.runs[i].duration_s))
+        kept = sorted([self.reference, *others[: count - 1]])
         runs = tuple(self.runs[i] for i in kept)
         values = {name: column[kept] for name, column in self.values.items()}
-        sectors = _sectors(runs, self.station_m, values["time_s"])
-        return replace(self, runs=runs, reference=kept.index(self.reference), sectors=sectors, values=values)
+        reference = kept.index(self.reference)
+        return replace(self, runs=runs, reference=reference, sectors=_sectors(runs), values=values)
 
     @property
     def best_sectors_s(self) -> float | None:
@@ -241,9 +242,7 @@ def compare_runs(runs: Sequence[Run], station_m: float | None = None) -> Compari
     values["delta_s"] = values["time_s"] - values["time_s"][reference]
     ordered = ("time_s", "delta_s", *(name for name in columns if name != "time_s"))
     course = next(iter(sorted(names)), "")
-    return Comparison(
-        course, tuple(runs), reference, stations, _sectors(runs, stations, values["time_s"]), ordered, values
-    )
+    return Comparison(course, tuple(runs), reference, stations, _sectors(runs), ordered, values)
 
 
 def _length(run: Run) -> float:
@@ -288,8 +287,8 @@ def _aligned(run: Run, stations: Floats, scale: float) -> dict[str, Floats]:
     return found
 
 
-def _sectors(runs: Sequence[Run], stations: Floats, time: Floats) -> tuple[SectorComparison, ...]:
-    """Times of the sectors. Laps tell their own; of whole rides the time between the stations is taken."""
+def _sectors(runs: Sequence[Run]) -> tuple[SectorComparison, ...]:
+    """Times of the sectors. Laps tell their own; of a whole ride it is the time between their ends."""
     course = next((run.ride.course for run in runs if run.ride.course is not None), None)
     if course is None or not course.section_names:
         return ()
@@ -297,13 +296,12 @@ def _sectors(runs: Sequence[Run], stations: Floats, time: Floats) -> tuple[Secto
     starts = sector_starts(runs[0].ride) if closed else np.unique(course.section_starts)
     ends = np.append(starts[1:], course.length)
     names = _sector_names(course.section_names, course.section_starts, starts)
+    times = [_sector_times(run, starts, ends) for run in runs]
     found = []
-    for index, (name, start, end) in enumerate(zip(names, starts, ends, strict=True)):
-        times = tuple(_sector_time(run, index, start, end, stations, row) for run, row in zip(runs, time, strict=True))
-        known = {k: t for k, t in enumerate(times) if t is not None}
+    for name, start, end, row in zip(names, starts, ends, zip(*times, strict=True), strict=True):
+        known = {k: t for k, t in enumerate(row) if t is not None}
         best = min(known, key=lambda k: known[k], default=None)
-        best_s = None if best is None else known[best]
-        found.append(SectorComparison(name, float(start), float(end), times, best_s, best))
+        found.append(SectorComparison(name, float(start), float(end), row, None if best is None else known[best], best))
     return tuple(found)
 
 
@@ -313,11 +311,15 @@ def _sector_names(names: Sequence[str], given: Floats, starts: Floats) -> list[s
     return [names[i] if 0 <= i < len(names) else f"sector {k + 1}" for k, i in enumerate(index.tolist())]
 
 
-def _sector_time(run: Run, index: int, start: float, end: float, stations: Floats, time: Floats) -> float | None:
+def _sector_times(run: Run, starts: Floats, ends: Floats) -> list[float | None]:
+    """Time of a run in each sector; None for one that it did not ride whole."""
     if run.lap is not None:
-        return run.lap.sectors_s[index] if index < len(run.lap.sectors_s) else None
-    known = np.isfinite(time)
-    if not known.any():
-        return None
-    begin, finish = np.interp([start, end], stations[known], time[known], left=np.nan, right=np.nan)
-    return float(finish - begin) if np.isfinite(begin) and np.isfinite(finish) else None
+        told: list[float | None] = list(run.lap.sectors_s)
+        return told if len(told) == len(starts) else [None] * len(starts)
+    progress, time = farther_than_before(run.ride.states.progress, run.ride.time)
+    if not len(progress):
+        return [None] * len(starts)
+    first, last = progress[0] - ON_THE_LINE, progress[-1] + ON_THE_LINE
+    spans = np.interp(ends, progress, time) - np.interp(starts, progress, time)
+    whole = (starts >= first) & (ends <= last)
+    return [float(span) if ridden else None for span, ridden in zip(spans, whole, strict=True)]

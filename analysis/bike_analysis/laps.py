@@ -110,7 +110,7 @@ def line_crossings(ride: Ride, length: float, starts: Floats) -> dict[tuple[int,
     Returns:
         Time in s since the ride's first state, by number of the lap (of the course's own count) and of the line.
     """
-    progress, time = _growing(ride.states.progress, ride.time)
+    progress, time = farther_than_before(ride.states.progress, ride.time)
     if not len(progress):
         return {}
     laps = np.arange(int(np.floor(progress[0] / length)), int(np.floor(progress[-1] / length)) + 1)
@@ -122,8 +122,8 @@ def line_crossings(ride: Ride, length: float, starts: Floats) -> dict[tuple[int,
     return {name: float(t) for name, t, known in zip(names, times, inside, strict=True) if known}
 
 
-def _growing(progress: Floats, time: Floats) -> tuple[Floats, Floats]:
-    """The states at which the ride was farther than ever before."""
+def farther_than_before(progress: Floats, time: Floats) -> tuple[Floats, Floats]:
+    """Progress and time of the states at which a ride was farther than ever before."""
     known = np.isfinite(progress)
     progress, time = progress[known], time[known]
     if not len(progress):

@@ -32,8 +32,12 @@ class Messages:
     def __init__(self) -> None:
         self.store = get_typestore(Stores.EMPTY)
         for name in TYPES.values():
-            fresh = get_types_from_msg(message_type(name, SHARE).definition, name)
-            self.store.register({k: v for k, v in fresh.items() if k not in self.store.fielddefs})
+            self.learn(name)
+
+    def learn(self, name: str) -> None:
+        """Get to know a type of an installed package."""
+        fresh = get_types_from_msg(message_type(name, SHARE).definition, name)
+        self.store.register({k: v for k, v in fresh.items() if k not in self.store.fielddefs})
 
     def make(self, name: str, /, **values: Any) -> Any:
         """Make a message; fields that are not given are zero."""

@@ -1,0 +1,159 @@
+"""Comparisons of rides at known speeds: times, ghosts and sectors follow from v and s."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bike_analysis import compare, open_ride
+from bike_analysis.compare import CourseError
+from bike_analysis.export import aligned_table, write_csv, write_parquet
+
+LENGTH = 20.0 * np.pi
+
+
+@pytest.fixture(scope="module")
+def slow(writer, circle, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return writer.write(tmp_path_factory.mktemp("slow") / "ride.mcap", [circle(steps=400, speed=4.0)])
+
+
+@pytest.fixture(scope="module")
+def fast(writer, circle, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return writer.write(tmp_path_factory.mktemp("fast") / "ride.mcap", [circle(steps=400, speed=5.0, offset=-0.1)])
+
+
+def test_time_lost_grows_with_the_way(slow: Path, fast: Path) -> None:
+    both = compare([slow, fast])
+    assert [run.label for run in both.runs] == ["ride, lap 1", "ride, lap 1 (2)"]
+    assert both.reference == 1
+    s = both.station_m
+    known = np.isfinite(both.column("time_s")).all(axis=0)
+    assert known[s < LENGTH - 0.5].all()
+    np.testing.assert_allclose(both.column("delta_s")[0][known], s[known] * (1 / 4 - 1 / 5), atol=1e-9)
+    np.testing.assert_array_equal(both.column("delta_s")[1][known], 0.0)
+    np.testing.assert_allclose(both.column("speed_m_s")[:, known], np.array([[4.0], [5.0]]) * np.ones(known.sum()))
+    with pytest.raises(KeyError, match="nothing"):
+        both.column("nothing")
+
+
+def test_ghosts_are_where_the_runs_were_at_the_same_time(slow: Path, fast: Path) -> None:
+    ghosts = compare([slow, fast]).ghosts(period_s=0.5)
+    one = ghosts[ghosts.run == "ride, lap 1"]
+    together = one[one.time_s < LENGTH / 5 - 0.5]
+    np.testing.assert_allclose(together.gap_m, -together.time_s, atol=1e-6)  # 1 m/s slower
+    np.testing.assert_allclose(one.station_m, 4.0 * one.time_s, atol=1e-6)
+    angle = one.station_m / 10.0
+    np.testing.assert_allclose(one.x_m, 9.7 * np.sin(angle), atol=2e-3)  # chords between states 0.2 m apart
+    np.testing.assert_allclose(one.y_m, 10 - 9.7 * np.cos(angle), atol=2e-3)
+    with pytest.raises(ValueError, match="positive"):
+        compare([slow]).ghosts(period_s=0.0)
+
+
+def test_best_sectors_make_the_theoretical_lap(writer, circle, tmp_path: Path) -> None:
+    """One is fast in the first half, the other in the second; together they would be faster than both."""
+    paths = []
+    for name, speeds in (("a", (5.0, 4.0)), ("b", (3.0, 6.0))):
+        ride = circle(steps=400)
+        times = np.array([0.0, 0.5 * LENGTH / speeds[0], 0.5 * LENGTH * (1 / speeds[0] + 1 / speeds[1]), 1000.0])
+        places = np.array([0.0, 0.5 * LENGTH, LENGTH, LENGTH + 4.0 * (1000.0 - times[2])])
+        ride.states["progress"] = np.interp(0.05 * np.arange(400), times, places)
+        paths.append(writer.write(tmp_path / f"{name}.mcap", [ride], metadata_file=False))
+    both = compare(paths)
+    half = 0.5 * LENGTH
+    assert [s.times_s for s in both.sectors] == [
+        pytest.approx((half / 5, half / 3), abs=0.02),  # the step in speed lies within a control period
+        pytest.approx((half / 4, half / 6), abs=0.02),
+    ]
+    assert [s.best for s in both.sectors] == [0, 1]
+    assert both.best_sectors_s == pytest.approx(half / 5 + half / 6, abs=0.02)
+    assert both.best_sectors_s < min(run.duration_s for run in both.runs)
+
+
+def test_open_rides_are_compared_by_their_sections(writer, circle, tmp_path: Path) -> None:
+    paths = []
+    for name, speed in (("a", 3.0), ("b", 3.5)):
+        ride = circle(steps=450, speed=speed)
+        ride.states["course_closed"] = np.full(450, False)
+        ride.course["closed"] = False
+        paths.append(writer.write(tmp_path / f"{name}.mcap", [ride], metadata_file=False))
+    both = compare(paths)
+    assert [run.lap for run in both.runs] == [None, None]
+    first, second = both.sectors
+    assert first.times_s == pytest.approx((0.5 * LENGTH / 3.0, 0.5 * LENGTH / 3.5), rel=1e-2)
+    assert second.best == 1
+
+
+@settings(max_examples=15, deadline=None)
+@given(order=st.permutations([0, 1, 2]), station=st.floats(0.05, 20.0))
+def test_order_does_not_matter(writer, circle, tmp_path_factory, order: list[int], station: float) -> None:
+    """The same runs in any order, at any distance of stations: the same times at the same places, 0 for the fastest."""
+    folder = tmp_path_factory.mktemp("order")
+    speeds = (4.0, 4.4, 5.1)
+    paths = [
+        writer.write(folder / f"r{k}.mcap", [circle(steps=350, speed=v)], metadata_file=False)
+        for k, v in enumerate(speeds)
+    ]
+    found = compare([paths[k] for k in order], station_m=station)
+    assert found.runs[found.reference].ride.states.speed[0] == 5.1
+    for place, k in enumerate(order):
+        delta = found.column("delta_s")[place]
+        known = np.isfinite(delta)
+        wanted = found.station_m[known] * (1 / speeds[k] - 1 / 5.1)
+        np.testing.assert_allclose(delta[known], wanted, atol=1e-9)
+
+
+def test_courses_that_differ_are_refused(writer, circle, slow: Path, tmp_path: Path) -> None:
+    other = writer.write(tmp_path / "other.mcap", [circle(steps=700, radius=14.0)])
+    with pytest.raises(CourseError, match="different courses"):
+        compare([slow, other])
+    with pytest.raises(ValueError, match="nothing to compare"):
+        compare([])
+    for station in (0.0, -1.0, np.nan, np.inf):
+        with pytest.raises(ValueError, match="positive"):
+            compare([slow], station_m=station)
+
+
+def test_the_fastest_are_kept(writer, circle, tmp_path: Path) -> None:
+    rides = [circle(steps=400, speed=4.0 + 0.1 * n, episode=n + 1, start_s=1.0 + 30.0 * n) for n in range(5)]
+    all_of_them = compare([writer.write(tmp_path / "ride.mcap", rides)])
+    kept = all_of_them.fastest(2)
+    assert [run.ride.index for run in kept.runs] == [4, 5]
+    assert kept.runs[kept.reference].ride.index == 5
+    np.testing.assert_array_equal(kept.column("delta_s")[0], all_of_them.column("delta_s")[3])
+    assert kept.sectors[0].times_s == all_of_them.sectors[0].times_s[3:]
+    assert all_of_them.fastest(9) is all_of_them
+
+
+def test_tables_of_rides_and_laps(slow: Path) -> None:
+    ride = open_ride(slow).rides[0]
+    table, lap = ride.table(), ride.laps[0].table()
+    assert len(table) == 400
+    assert table.time_s.iloc[-1] == pytest.approx(399 * 0.05)
+    assert table.distance_m.is_monotonic_increasing
+    assert set(table[table.lap == 1].section) == {"first half", "second half"}
+    assert lap.time_s.iloc[0] >= 0.0
+    assert lap.time_s.iloc[-1] <= ride.laps[0].duration_s
+    assert len(lap) == (table.lap == 1).sum()
+    np.testing.assert_allclose(table.station_m, np.mod(table.progress_m, LENGTH))
+    assert set(table.command_age_steps.dropna()) == {0.0}
+
+
+def test_exports_hold_the_aligned_table(slow: Path, fast: Path, tmp_path: Path) -> None:
+    both = compare([slow, fast])
+    table = aligned_table([both, both])
+    assert len(table) == 2 * len(both.table)
+    one = aligned_table([both])
+    csv, parquet = write_csv(one, tmp_path / "new" / "t.csv"), write_parquet(one, tmp_path / "new" / "t.parquet")
+    assert list(one.columns[:8]) == ["course", "run", "source", "ride", "lap", "station_m", "time_s", "delta_s"]
+    pd.testing.assert_frame_equal(
+        pd.read_parquet(parquet), one, check_categorical=False, check_dtype=False, check_names=False
+    )
+    read = pd.read_csv(csv)
+    assert list(read.columns) == list(one.columns)
+    np.testing.assert_allclose(read.time_s, one.time_s, rtol=1e-9, atol=1e-12)
+    assert read.run.tolist() == one.run.tolist()

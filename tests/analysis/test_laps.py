@@ -1,0 +1,130 @@
+"""Laps, sectors and time beyond the limits of rides whose motion is known in closed form."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bike_analysis import open_ride
+from bike_analysis.track_limits import time_outside
+
+LENGTH = 20.0 * np.pi
+
+
+@pytest.fixture
+def ride_of(writer, tmp_path: Path):
+    def make(ride, **options):
+        return open_ride(writer.write(tmp_path / "ride.mcap", [ride], overwrite=True, **options)).rides[0]
+
+    return make
+
+
+@pytest.mark.parametrize("speed", [4.0, 3.37, 11.1])
+def test_lap_times_are_interpolated_below_the_step(ride_of, circle, speed: float) -> None:
+    ride = ride_of(circle(steps=1000, speed=speed))
+    assert len(ride.laps) == int(speed * 0.05 * 999 / LENGTH)
+    for number, lap in enumerate(ride.laps):
+        assert lap.duration_s == pytest.approx(LENGTH / speed, abs=1e-9)
+        assert lap.data.begin_s == pytest.approx(number * LENGTH / speed, abs=1e-9)
+        assert lap.sectors_s == pytest.approx((0.5 * LENGTH / speed,) * 2, abs=1e-9)
+    assert ride.best_lap.duration_s == ride.figures.best_lap_s == min(lap.duration_s for lap in ride.laps)
+
+
+@settings(max_examples=25, deadline=None)
+@given(start=st.floats(-3.0, 200.0), noise=st.floats(0.0, 0.3), seed=st.integers(0, 99))
+def test_lines_count_once_and_only_whole_laps(
+    writer, circle, tmp_path_factory: pytest.TempPathFactory, start: float, noise: float, seed: int
+) -> None:
+    """A ride that begins anywhere and goes back and forth a little: a lap for each two lines, each beginning on one."""
+    ride = circle(steps=600)
+    shake = noise * np.random.default_rng(seed).normal(size=600)
+    progress = start + ride.states["progress"] + shake
+    ride.states["progress"] = progress
+    found = open_ride(writer.write(tmp_path_factory.mktemp("laps") / "ride.mcap", [ride])).rides[0]
+    farthest = np.maximum.accumulate(progress)
+    lines = np.arange(-1, 20) * LENGTH
+    near = (lines >= progress[0] - 0.05) & (lines <= farthest[-1])
+    assert len(found.laps) == max(int(near.sum()) - 1, 0)
+    for lap, begin in zip(found.laps, lines[near], strict=False):
+        assert lap.data.begin_m == pytest.approx(begin)
+        assert sum(lap.sectors_s) == pytest.approx(lap.duration_s)
+
+
+def test_recorded_events_are_preferred(ride_of, circle) -> None:
+    """The timing's own times are told, though the states say a little else."""
+    lap_s, half_s = LENGTH / 4.0, 0.5 * LENGTH / 4.0
+    kinds = [(6, half_s + 0.001, half_s + 0.001), (6, lap_s + 0.003, half_s + 0.002), (4, lap_s + 0.003, lap_s + 0.003)]
+    events = [
+        {"step": int(time / 0.05) + 1, "kind": kind, "time": time, "progress": time * 4.0, "value": value}
+        for kind, time, value in kinds
+    ]
+    first, second = ride_of(circle(steps=800, events=events)).laps
+    assert first.data.from_events
+    assert first.duration_s == lap_s + 0.003
+    assert first.sectors_s == (half_s + 0.001, half_s + 0.002)
+    assert not second.data.from_events
+    assert second.duration_s == pytest.approx(lap_s)
+
+
+def test_no_laps_on_an_open_course_or_without_progress(ride_of, circle) -> None:
+    ride = circle(steps=500)
+    ride.states["course_closed"] = np.full(500, False)
+    assert ride_of(ride).laps == ()
+    ride = circle(steps=500)
+    ride.states["progress"] = np.full(500, np.nan)
+    assert ride_of(ride).laps == ()
+
+
+def test_off_track_time_and_validity(ride_of, circle) -> None:
+    """Limits 1 m to both sides; the line is left by a triangle wave for a part that follows from similar triangles."""
+    steps = 1000
+    ride = circle(steps=steps)
+    time = 0.05 * np.arange(steps)
+    offset = np.clip(2.0 - np.abs(time - 25.0), 0.0, None)  # peaks at 2 m; beyond 1 m from 24 to 26 s
+    ride.states |= {"lateral_error": offset, "front_lateral_error": offset, "front_progress": ride.states["progress"]}
+    wide = np.full(len(ride.course["s"]), 1.0)
+    ride.course |= {"width_left": wide, "width_right": wide}
+    found = ride_of(ride)
+    assert found.figures.off_track_s == pytest.approx(2.0, abs=1e-9)
+    laps = found.figures.complete_laps
+    assert [lap.valid for lap in laps] == [True, False, True]
+    assert laps[1].off_track_s == pytest.approx(2.0, abs=1e-9)
+    ride.states["front_lateral_error"] = np.zeros(steps)  # the front wheel stays inside: the machine is on the track
+    assert ride_of(ride).figures.off_track_s == 0.0
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    outside=st.lists(st.floats(-5.0, 5.0), min_size=2, max_size=40),
+    split=st.floats(0.0, 1.0),
+    period=st.floats(0.01, 1),
+)
+def test_time_outside_adds_up(outside: list[float], split: float, period: float) -> None:
+    """Over two parts that meet at a state it is that over the whole, and it is never longer than the ride."""
+    time, values = period * np.arange(len(outside)), np.array(outside)
+    whole = time_outside(time, values)
+    at = time[int(split * (len(time) - 1))]
+    parts = [time_outside(time, values, end_s=at), time_outside(time, values, begin_s=at)]
+    assert 0.0 <= whole <= time[-1] + 1e-9
+    assert sum(parts) == pytest.approx(whole, abs=1e-9)
+    assert time_outside(time, -np.abs(values) - 1.0) == 0.0
+
+
+def test_the_ideal_line_is_known_by_its_name(ride_of, circle) -> None:
+    ride = circle(steps=400, offset=0.4)
+    assert ride_of(ride).figures.ideal_distance_mean_m is None
+    ride.course["name"] = "circle (ideal)"
+    figures = ride_of(ride).figures
+    assert figures.ideal_distance_mean_m == pytest.approx(0.4)
+    assert figures.complete_laps[0].ideal_distance_max_m == pytest.approx(0.4)
+
+
+def test_collisions_tell_speed_and_energy(ride_of, circle) -> None:
+    text = "met a wall at 31.2 m/s, 14 deg, 152 kJ"
+    event = {"step": 90, "kind": 3, "time": 4.5, "progress": 18.0, "value": 31.2, "text": text}
+    (hit,) = ride_of(circle(steps=100, events=[event])).figures.collisions
+    assert (hit.time_s, hit.progress_m, hit.speed_m_s, hit.energy_j, hit.text) == (4.5, 18.0, 31.2, 152e3, text)
