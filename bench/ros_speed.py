@@ -1,4 +1,4 @@
-"""Speed of the road over ROS 2: control steps a second in lockstep, the policy's answer, and the recorder.
+"""Speed of the road over ROS 2: control steps a second in lockstep, and the policy's answer.
 
 Client, simulator and policy are separate processes that talk over DDS. The rides in process and over ROS take turns in
 short rounds and the best round of each counts, so their ratio is of one run and means something on a busy machine.
@@ -21,11 +21,9 @@ from typing import Any, Final
 
 import numpy as np
 import rclpy
-from bike_msgs.msg import BikeState
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.serialization import serialize_message
 
 from bike_policy.action import ActionScale
 from bike_policy.actor import Actor
@@ -33,9 +31,7 @@ from bike_policy.bundle import DEFAULT_POLICY, Bundle, shipped_policies
 from bike_policy.observation import LEAN_LAYOUT
 from bike_sim import node_tools
 from bike_sim.isolation import DOMAIN_VARIABLE, DomainLease, keep_local
-from bike_sim.messages import Episode, state_to_message
 from bike_sim.physics.vehicle import load_vehicle
-from bike_sim.recording import RideRecorder
 from bike_sim.reset import ResetRequest
 from bike_sim.simulator import Simulator, SimulatorConfig, Snapshot
 from bike_training.clients import Client
@@ -173,38 +169,13 @@ def _program(module: str, domain_id: int, *parameters: str) -> Iterator[None]:
         process.wait()
 
 
-def recorder_speed(messages: int = 20_000) -> dict[str, float]:
-    """Return how many states a second the recorder writes, compressed as it does by default.
-
-    Args:
-        messages: number of messages.
-    """
-    simulator = Simulator(SimulatorConfig(engine="whipple", time_step=0.005))
-    snapshots = [simulator.reset(START)] + [simulator.step(0.0) for _ in range(EPISODE_STEPS)]
-    assert simulator.course is not None
-    episode = Episode(simulator.vehicle, simulator.course, START.preview, simulator.config.control_period)
-    data = [bytes(serialize_message(state_to_message(s, episode, s.step))) for s in snapshots]
-    with tempfile.TemporaryDirectory() as folder:
-        began = time.perf_counter()
-        with RideRecorder(Path(folder) / "ride.mcap") as recorder:
-            recorder.add_topic("/bike/state", _type_name(BikeState))
-            for k in range(messages):
-                recorder.write("/bike/state", data[k % len(data)], k)
-        took = time.perf_counter() - began
-    return {"recorder_messages_per_s": messages / took, "recorded_message_bytes": float(len(data[-1]))}
-
-
-def _type_name(kind: type) -> str:
-    return f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}"
-
-
 def measure(policy: str | None = None) -> dict[str, Any]:
     """Return all figures of this module.
 
     Args:
         policy: see `actor_latency`.
     """
-    return {**lockstep_speed(), **actor_latency(policy), **recorder_speed()}
+    return {**lockstep_speed(), **actor_latency(policy)}
 
 
 if __name__ == "__main__":

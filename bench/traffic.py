@@ -3,8 +3,8 @@
     python -m bench.traffic 10 8000 5        # ten bicycles, 8000 messages a second together, for 5 s
 
 The messages are those of a ride, as bytes: state, command, clock, preview points, lean history, odometry, joint states
-and markers of each bicycle in turn, with a new stamp for each control period. Standard output gets the number of
-messages sent, once all are sent; the process ends when all have arrived.
+and markers of each bicycle in turn, with a new stamp for each control period. Standard output gets a line when all
+topics have a listener, and the number of messages once all are sent. The process ends when all have arrived.
 """
 
 from __future__ import annotations
@@ -134,6 +134,7 @@ def main(arguments: Any = None) -> None:
             traffic.wait_for_listeners()
         except TimeoutError as error:
             sys.exit(str(error))
+        print("heard on all topics", flush=True)
         print(traffic.send(args.rate, args.duration), flush=True)
         traffic.wait_for_arrival()
         traffic.destroy_node()

@@ -15,6 +15,7 @@ PARTS: Final = {
     "physics": ("bench.physics_speed", "physics_speed"),
     "environment": ("bench.environment_speed", "environment_speed"),
     "ros": ("bench.ros_speed", "measure"),
+    "recorder": ("bench.recorder_speed", "measure"),
     "analysis": ("bench.analysis_speed", "measure"),
 }
 """Parts of the benchmark with module and function."""

@@ -289,6 +289,6 @@ def _figure(value: object) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def wall_timer(node: Node, period: float, callback: Callable[[], None]) -> Timer:
+def wall_timer(node: Node, period: float, callback: Callable[[], object]) -> Timer:
     """Call back every so many seconds of wall-clock time, whatever the simulated time does."""
     return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))

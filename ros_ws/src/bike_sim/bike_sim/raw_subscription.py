@@ -17,8 +17,6 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from bike_sim.recording import Qos
 
-MOST_AT_ONCE: Final = 2000
-"""Messages of a topic that are taken before it is the next topic's turn."""
 _MESSAGE_LOST: Final = rclpy_implementation.rcl_subscription_event_type_t.RCL_SUBSCRIPTION_MESSAGE_LOST
 
 
@@ -67,12 +65,13 @@ class RawSubscription:
         with self._handle:
             self._losses = rclpy_implementation.EventHandle(self._handle, _MESSAGE_LOST)
 
-    def take(self, into: list[tuple[int, Any, bytes]], mark: Any) -> int | None:
+    def take(self, into: list[tuple[int, Any, bytes]], mark: Any, most: int) -> int | None:
         """Take what waits, in the order in which it came.
 
         Args:
             into: Gets an entry for each message: wall-clock time of its publication, ns, then `mark` and its bytes.
             mark: Anything that tells the topic.
+            most: Messages that are taken at most.
 
         Returns:
             Wall-clock time at which the first of them was received, ns; None if there was none.
@@ -80,7 +79,7 @@ class RawSubscription:
         first = None
         with self._handle:
             take, kind = self._handle.take_message, self._kind
-            for _ in range(MOST_AT_ONCE):
+            for _ in range(most):
                 taken = take(kind, True)
                 if taken is None:
                     break

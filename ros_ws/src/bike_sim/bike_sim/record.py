@@ -57,6 +57,8 @@ SPECS: Final = (
 SHARED_TOPICS: Final = ("/clock", "/diagnostics", "/tf", "/tf_static")
 POLL_PERIOD: Final = 0.01
 """Wall-clock time between two visits to the subscriptions, s."""
+MOST_AT_ONCE: Final = 10_000
+"""Messages of all topics together in one visit, so that a signal and the diagnostics get their turn."""
 LOOK_PERIOD: Final = 0.2
 """Wall-clock time between two looks for new topics and publishers, s."""
 REPORT_PERIOD: Final = 1.0
@@ -64,6 +66,8 @@ MISSING_AFTER: Final = 3.0
 """Wall-clock time after which chosen topics that nobody has are named, s."""
 LINGER: Final = 0.3
 """Wall-clock time after a signal in which messages that were sent before it are still written, s."""
+LONGEST_REST: Final = 0.5
+"""Wall-clock time after that for what still waits in the middleware, s."""
 LONGEST_LEAD: Final = 60 * NANOSECONDS
 """A stamp that is farther than this ahead of the latest time is of another clock, ns."""
 TIME_GIVERS: Final = ("rosgraph_msgs/msg/Clock", "bike_msgs/msg/BikeState")
@@ -166,7 +170,7 @@ class Record(rclpy.node.Node):
         """
         try:
             if self._recorder.is_open:
-                self._poll()
+                self._write_rest()
                 self._close()
         finally:
             self._report()
@@ -249,14 +253,18 @@ class Record(rclpy.node.Node):
 
     # -------------------------------------------------------------------------------------------------------- messages
 
-    def _poll(self) -> None:
+    def _poll(self) -> int:
         """Write all that has come, in the order in which it was sent, and what waits in an open chunk for long.
+
+        Returns:
+            Number of messages.
 
         Raises:
             CannotGoOn: the disk refuses it.
         """
         batch: list[tuple[int, _Topic, bytes]] = []
-        received = [topic.subscription.take(batch, topic) for topic in self._topics.values()]
+        most = MOST_AT_ONCE // max(len(self._topics), 1) + 1
+        received = [topic.subscription.take(batch, topic, most) for topic in self._topics.values()]
         batch.sort(key=itemgetter(0))
         if batch:
             oldest = min(moment for moment in received if moment is not None)
@@ -268,6 +276,16 @@ class Record(rclpy.node.Node):
             self._recorder.flush(older_than_s=FLUSH_PERIOD_S)
         except OSError as error:
             self._give_up(error)
+        return len(batch)
+
+    def _write_rest(self) -> None:
+        end = time.monotonic() + LONGEST_REST
+        while self._poll():
+            if time.monotonic() > end:
+                self.get_logger().warning(
+                    "the recording ends while messages still wait: more came than could be written"
+                )
+                return
 
     def _log_time(self, sent: int, topic: _Topic, data: bytes) -> int:
         if self._settings.wall_clock:

@@ -1,8 +1,8 @@
 """One MCAP file while it is written: messages gathered in chunks, and an index at the end.
 
-The writer of the `mcap` library frames each message field by field, which takes a third to a quarter of the messages a
-second, and it cannot end a file once a write has failed. Here a message is framed in one piece and a chunk goes to the
-disk in one piece. All records but messages and their indexes are encoded by the library.
+The writer of the `mcap` library cannot end a file once a write has failed, and does not tell what is whole on disk.
+Here a chunk goes to the disk in one piece, and what is on disk is known. All records but messages and their indexes are
+encoded by the library; messages are framed in one piece, which is quicker.
 
 Format: https://mcap.dev/spec.
 """
