@@ -2,6 +2,8 @@
 
 import importlib
 import json
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import MISSING, fields, replace
 from pathlib import Path
@@ -252,6 +254,17 @@ def test_the_command_tells_what_came_out(recording, tmp_path, capsys):
     assert ride["as_recorded"]
     assert main(["replay", str(recording), "--engine", "pybullet", "--episode", "1"]) == 1
     assert "recorded with whipple at 10 ms" in capsys.readouterr().out
+
+
+def test_no_ros_is_needed(recording):
+    script = (
+        "import sys; from bike_training.cli import main; code = main(sys.argv[1:]); "
+        "sys.exit(code or any(m.split('.')[0] in ('rclpy', 'bike_msgs', 'std_msgs') for m in sys.modules))"
+    )
+    words = [sys.executable, "-c", script, "replay", str(recording)]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert "the same ride, bit for bit" in done.stdout
 
 
 @settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -6,13 +6,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from stable_baselines3.common.vec_env import DummyVecEnv
 
 from bike_sim.physics.superbike_engine import TIME_STEP
 from bike_sim.reset import ResetRequest
+from bike_sim.simulator import SimulatorConfig
+from bike_training.curriculum import Curriculum
+from bike_training.env import BikeEnv
+from bike_training.episode_recording import Standing, TrainingRecorder
 from bike_training.recorded_rides import read_rides
 from bike_training.replay import Replay, ride_again
+from bike_training.task import TASKS
 
 pytestmark = pytest.mark.ros
+
+CONFIG = SimulatorConfig(engine="pybullet", time_step=0.005)
 
 
 def replays(path: Path) -> list[Replay]:
@@ -41,6 +49,27 @@ def test_rides_in_lockstep_come_out_the_same(stage, policy, tmp_path: Path) -> N
         assert [replay.same for replay in found] == [True, True]
         assert all(replay.states == replay.recorded_states > 50 for replay in found)
         assert (found[0].config.engine, found[0].config.time_step, found[0].learned) == ("pybullet", 0.005, 0)
+
+
+def test_a_ride_of_a_learner_behind_ros_comes_out_the_same(tmp_path: Path) -> None:
+    """The simulator of the training is a node; the recording holds what the learner got from it."""
+    ranges, path = Curriculum().ranges(0), tmp_path / "training.mcap"
+    env = DummyVecEnv([lambda: BikeEnv("ros", "lean", ranges, CONFIG)])
+    env.seed(2)
+    try:
+        recorder = TrainingRecorder(env, TASKS["lean"], CONFIG, lambda: Standing(0, 1, ranges))
+        recorder.record_next(path)
+        seen = [env.reset()[0]]
+        while recorder.recording or len(seen) == 1:
+            seen.append(env.step(np.zeros((1, 1), dtype=np.float32))[0][0])
+    finally:
+        env.close()
+    (recorded,) = read_rides(path)[1]
+    replay = ride_again(recorded)
+    assert replay.same
+    assert replay.learned == replay.states - 1 == len(seen) - 1 > 20
+    assert recorded.learned is not None
+    np.testing.assert_array_equal(recorded.learned.observation, seen[:-1])
 
 
 def test_a_ride_by_the_clock_comes_out_the_same(stage, tmp_path: Path) -> None:

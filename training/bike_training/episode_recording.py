@@ -228,6 +228,11 @@ class TrainingRecorder:
         self._simulator: Simulator | None = None
         self._writer: RideWriter | None = None
 
+    @property
+    def recording(self) -> bool:
+        """Whether a ride is being recorded now."""
+        return self._writer is not None
+
     def record_next(self, path: Path) -> None:
         """Record the next ride that begins, unless one is being recorded or waited for."""
         if self._path is None:
@@ -236,7 +241,7 @@ class TrainingRecorder:
 
     def begun(self, request: ResetRequest) -> None:
         """Begin to record, or end with the ride that was recorded."""
-        if self._writer is not None or self._path is None:
+        if self.recording or self._path is None:
             self.close()
             return
         self._simulator = Simulator(self._config)
