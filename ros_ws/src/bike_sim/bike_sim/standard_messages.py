@@ -28,6 +28,8 @@ _COURSE_COLOUR: Final = ColorRGBA(r=0.1, g=0.5, b=0.9, a=1.0)
 _PREVIEW_COLOUR: Final = ColorRGBA(r=0.95, g=0.6, b=0.1, a=1.0)
 _BODY_COLOUR: Final = ColorRGBA(r=0.2, g=0.2, b=0.2, a=1.0)
 _FALLEN_COLOUR: Final = ColorRGBA(r=0.8, g=0.1, b=0.1, a=1.0)
+_PREVIEW_HEIGHT: Final = 0.1
+"""Height of the preview points above the ground, m, so that the line does not hide them."""
 _COURSE_MARKER_STEP: Final = 5
 """Every fifth sample of the course is drawn: half a metre."""
 
@@ -87,7 +89,9 @@ def vehicle_markers(snapshot: Snapshot, vehicle: Vehicle, stamp: int) -> MarkerA
     frame.points = [_point(*p) for p in (rear[0], saddle, handlebar, front[0])]
     preview = _marker(4, Marker.SPHERE_LIST, BASE_FRAME, stamp, _PREVIEW_COLOUR)
     preview.scale.x = preview.scale.y = preview.scale.z = 0.15
-    preview.points = [_point(x, y, 0.0) for x, y in zip(snapshot.preview_x, snapshot.preview_y, strict=True)]
+    preview.points = [
+        _point(x, y, _PREVIEW_HEIGHT) for x, y in zip(snapshot.preview_x, snapshot.preview_y, strict=True)
+    ]
     return MarkerArray(markers=[*wheels, frame, preview])
 
 
