@@ -98,35 +98,31 @@ def _columns(comparison: Comparison, index: int) -> dict[str, Floats]:
     return columns
 
 
-def comparison_html(comparison: Comparison) -> str:
-    """The runs with their times, and the best of each sector.
+def comparison_words(comparison: Comparison) -> str:
+    """A sentence that tells what is compared, as HTML."""
+    course = f" on {escape(comparison.course)}" if comparison.course else ""
+    return (
+        f'<p class="soft">{len(comparison.runs)} rides or laps{course}, at the same places along the course. The '
+        f"reference is {escape(run_names(comparison)[comparison.reference])}.</p>"
+    )
 
-    Args:
-        comparison: The runs, aligned.
 
-    Returns:
-        A sentence and a table: a column a run, and one of the best.
-    """
-    names, runs = run_names(comparison), comparison.runs
+def sector_table(comparison: Comparison) -> str:
+    """The times of the runs and of their sectors, as HTML: a column a run, and one of the best."""
+    runs = comparison.runs
     reference = runs[comparison.reference]
-    head = "".join(f"<th>{escape(name)}</th>" for name in ("time in s", *names, "best"))
+    head = "".join(f"<th>{escape(name)}</th>" for name in ("time in s", *run_names(comparison), "best"))
     durations = [run.duration_s if run.complete else None for run in runs]
     rows = [_row("whole", durations)]
-    for number, sector in enumerate(comparison.sectors, start=1):
-        rows.append(_row(f"{number}\u2002{sector.name}", sector.times_s))
-    best = [sector.best_s for sector in comparison.sectors]
-    ideal = sum(time for time in best if time is not None) if best and None not in best else None
-    if ideal is not None:
-        rows.append(f"<tr><td>best sectors together</td>{'<td></td>' * len(runs)}<td>{ideal:.3f}</td></tr>")
     lost = [None if d is None else d - reference.duration_s for d in durations]
     cells = "".join(f"<td>{'–' if d is None else f'{d:+.3f}'.replace('-', '−')}</td>" for d in lost)
     rows.append(f"<tr><td>lost on the reference</td>{cells}<td></td></tr>")
-    course = f" on {escape(comparison.course)}" if comparison.course else ""
-    return (
-        f'<p class="soft">{len(runs)} rides or laps{course}, at the same places along the course. The reference is '
-        f"{escape(names[comparison.reference])}.</p>"
-        f"<div class=scroll><table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table></div>"
-    )
+    for number, sector in enumerate(comparison.sectors, start=1):
+        rows.append(_row(f"{number}\u2002{sector.name}", sector.times_s))
+    best = [sector.best_s for sector in comparison.sectors if sector.best_s is not None]
+    if best and len(best) == len(comparison.sectors):
+        rows.append(f"<tr><td>best sectors together</td>{'<td></td>' * len(runs)}<td>{sum(best):.3f}</td></tr>")
+    return f"<div class=scroll><table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table></div>"
 
 
 def _row(name: str, times: Sequence[float | None]) -> str:

@@ -17,7 +17,7 @@ from typing import Final
 
 from bike_analysis.api import RecordedRide, RideRecording
 from bike_analysis.compare import Comparison
-from bike_analysis.compare_view import comparison_html, comparison_view
+from bike_analysis.compare_view import comparison_view, comparison_words, sector_table
 from bike_analysis.metrics import RideFigures
 from bike_analysis.ride_view import ride_view
 from bike_analysis.rides import Ride
@@ -89,8 +89,8 @@ def render_page(recordings: Sequence[RideRecording], comparison: Comparison | No
     parts = ["".join(_warnings(recording, several) for recording in recordings)]
     if comparison is not None:
         views.append(comparison_view(comparison, "comparison"))
-        parts.append(f'<section id="comparison"><h2>Side by side</h2>{comparison_html(comparison)}')
-        parts.append(f"{view_html(views[-1])}</section>")
+        parts.append(f'<section id="comparison"><h2>Side by side</h2>{comparison_words(comparison)}')
+        parts.append(f"{view_html(views[-1])}<h3>Times and best sectors</h3>{sector_table(comparison)}</section>")
     if len(rides) > 1:
         parts.append(_overview(rides, names, drawn))
     for index in drawn:

@@ -1,8 +1,9 @@
 // What stands beside the drawings: axis, zoom, playing, series, and what is told about the cursor.
 
 function buildBar(view) {
-  const bar = view.root.querySelector(".tools"), on = (name, action) => { const b = bar.querySelector(`[data-do="${name}"]`); if (b) b.onclick = action; };
-  for (const choice of bar.querySelectorAll("input[type=radio]")) choice.onchange = () => { view.setAxis(choice.value); view.setPlace(view.place, false); };
+  const bar = view.root.querySelector(".tools");
+  const on = (name, action) => { bar.querySelector(`[data-do="${name}"]`).onclick = action; };
+  for (const choice of bar.querySelectorAll("input[type=radio]")) choice.onchange = () => view.setAxis(choice.value);
   on("in", () => view.zoom(1 / ZOOM));
   on("out", () => view.zoom(ZOOM));
   on("whole", () => view.setRange(...view.whole()));
@@ -13,7 +14,8 @@ function buildBar(view) {
 }
 
 function seriesButton(view, series) {
-  const button = element("button", { type: "button" }, element("i", { style: `background:var(--${series.colour})` }), series.name);
+  const swatch = element("i", { style: `background:var(--${series.colour})` });
+  const button = element("button", { type: "button" }, swatch, series.name);
   button.setAttribute("aria-pressed", "true");
   button.disabled = series === view.main;
   button.onclick = () => {
@@ -37,8 +39,8 @@ function makeSlider(view, part) {
 function steer(view, event, focused) {
   if (event.altKey || event.ctrlKey || event.metaKey) return false;
   const axis = view.main.columns[view.axis], [low, high] = view.range;
-  const rows = Math.max(rowOf(axis, high) - rowOf(axis, low), 1), step = Math.max(1, Math.round(rows / (event.shiftKey ? 20 : 200)));
-  const last = axis.length - 1;
+  const rows = Math.max(rowOf(axis, high) - rowOf(axis, low), 1), last = axis.length - 1;
+  const step = Math.max(1, Math.round(rows / (event.shiftKey ? 20 : 200)));
   const keys = {
     ArrowRight: () => view.setPlace(view.row + step), ArrowLeft: () => view.setPlace(view.row - step),
     "+": () => view.zoom(1 / ZOOM), "=": () => view.zoom(1 / ZOOM), "-": () => view.zoom(ZOOM),

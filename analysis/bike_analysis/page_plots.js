@@ -10,7 +10,7 @@ function inkOf(name, opacity) {
 }
 
 function marginsOf(asFile) {
-  return asFile ? { l: 72, r: 24, t: 64, b: 52, pad: 0 } : { l: phone() ? 46 : 58, r: 10, t: 16, b: 24, pad: 0 };
+  return asFile ? { l: 72, r: 24, t: 92, b: 60, pad: 0 } : { l: phone() ? 46 : 58, r: 10, t: 16, b: 24, pad: 0 };
 }
 
 function axisStyle(extra) {
@@ -22,12 +22,13 @@ function axisStyle(extra) {
 }
 
 function layoutOf(asFile, title, extra) {
-  const font = { family: 'system-ui, -apple-system, "Segoe UI", Roboto, "Noto Sans", sans-serif', color: colour("ink"), size: 12 };
+  const font = { family: colour("font"), color: colour("ink"), size: 12 };
+  const top = pixels => 1 - pixels / extra.height, left = { x: 0.012, xanchor: "left", yanchor: "top" };
   return {
-    font, paper_bgcolor: asFile ? colour("page") : "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", hovermode: false,
+    font, paper_bgcolor: asFile ? colour("card") : "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", hovermode: false,
     margin: marginsOf(asFile), separators: ".\u202f", showlegend: asFile,
-    legend: { orientation: "h", x: 0, y: 1, yanchor: "bottom", xanchor: "left", font: { size: 12 } },
-    ...(asFile ? { title: { text: title, x: 0.012, xanchor: "left", font: { size: 16 } } } : {}), ...extra,
+    legend: { ...left, orientation: "h", xref: "container", yref: "container", y: top(44), font: { size: 12 } },
+    ...(asFile ? { title: { ...left, text: title, y: top(16), font: { size: 16 } } } : {}), ...extra,
   };
 }
 
@@ -83,6 +84,7 @@ function sectionMarks(view, width) {
   const seen = view.sections.filter(s => axis[s.last] > low && axis[s.first] < high);
   if (seen.length > 90) return { shapes, annotations };
   const scale = width / (high - low);
+  let labelled = -Infinity;
   for (const section of seen) {
     const begin = axis[section.first], end = axis[section.last];
     const line = { color: colour("band"), width: 1, dash: "dot" };
@@ -92,8 +94,10 @@ function sectionMarks(view, width) {
     } else if (begin > low) {
       shapes.push({ type: "line", xref: "x", yref: "paper", x0: begin, x1: begin, y0: 0, y1: 1, layer: "below", line });
     }
-    const left = Math.max(begin, low), right = Math.min(end, high);
-    if ((right - left) * scale > (section.shaded ? 6 : 14)) {
+    const left = Math.max(begin, low), right = Math.min(end, high), room = 4 + 7 * section.label.length;
+    const middle = (left + right) / 2 * scale;
+    if ((right - left) * scale > (section.shaded ? 5 : 14) && middle - labelled > room) {
+      labelled = middle;
       annotations.push({ x: (left + right) / 2, xref: "x", y: 1, yref: "paper", yanchor: "bottom", text: section.label,
         showarrow: false, font: { size: 10.5, color: colour("muted") }, yshift: -1 });
     }
@@ -112,8 +116,10 @@ function panelFigure(view, panel, width, height, asFile = false) {
     data: front(lines.map(found => traceOf(found, panel)), view, asFile),
     layout: layoutOf(asFile, panel.title, {
       width, height, ...sectionMarks(view, inner),
-      xaxis: axisStyle({ range: view.range, ticksuffix: asFile ? "" : `\u202f${axis.unit}`, nticks: Math.max(4, Math.round(inner / 80)),
-        showgrid: !view.sections.length, zeroline: false, ...(asFile ? { title: { text: `${axis.label} in ${axis.unit}` } } : {}) }),
+      xaxis: axisStyle({
+        range: view.range, nticks: Math.max(4, Math.round(inner / 80)), showgrid: !view.sections.length, zeroline: false,
+        ...(asFile ? { title: { text: `${axis.label} in ${axis.unit}` } } : { ticksuffix: `\u202f${axis.unit}` }),
+      }),
       yaxis: axisStyle({ range, nticks: Math.max(3, Math.round(height / 42)), zeroline: true,
         ...(asFile ? { title: { text: panel.unit ? `${panel.label} in ${panel.unit}` : panel.label } } : {}) }),
     }),
@@ -138,7 +144,7 @@ function pathRows(x, y, first, end, gap, box) {
 }
 
 function lineTrace(x, y, rows, line, name, showlegend = false) {
-  return { type: "scatter", mode: "lines", hoverinfo: "skip", name, showlegend, line,
+  return { type: "scatter", mode: "lines", hoverinfo: "skip", name, showlegend, line: { ...line, simplify: false },
     x: rows.map(i => i < 0 ? null : x[i]), y: rows.map(i => i < 0 ? null : y[i]) };
 }
 
@@ -166,7 +172,8 @@ const MAP_POINTS = 4000;
 
 function mapRows(series, first, end, box, width) {
   const { x, y } = series.columns;
-  const wide = [box[0] - (box[1] - box[0]), box[1] + (box[1] - box[0]), box[2] - (box[3] - box[2]), box[3] + (box[3] - box[2])];
+  const across = box[1] - box[0], up = box[3] - box[2];
+  const wide = [box[0] - across, box[1] + across, box[2] - up, box[3] + up];
   const rows = pathRows(x, y, first, end, mapGap(box, width), wide);
   const every = Math.ceil(rows.length / MAP_POINTS);
   return every > 1 ? rows.filter((row, k) => row < 0 || k % every === 0) : rows;
@@ -179,7 +186,7 @@ function mapTraces(view, box, width, asFile) {
     const style = line.role === "wanted" ? { color: colour("band"), width: asFile ? 6 : 5 } : { color: colour("muted"), width: 1 };
     traces.push(lineTrace(line.x, line.y, rows, style, line.name, line.role === "wanted"));
   }
-  for (const series of view.shown()) {
+  for (const series of view.shown().reverse()) {
     if (!series.columns.x || (chosen && series !== main)) continue;
     const { x, y } = series.columns, axis = series.columns[view.axis];
     const first = Math.max(0, rowOf(axis, view.range[0]) - 1), end = Math.min(x.length, rowOf(axis, view.range[1]) + 1);
@@ -205,7 +212,7 @@ function mapFigure(view, box, width, height, asFile = false) {
     data,
     layout: layoutOf(asFile, view.title, {
       width, height, annotations: labels,
-      margin: asFile ? { l: 24, r: 90, t: 64, b: 24 } : { l: 0, r: 0, t: 0, b: 0 },
+      margin: asFile ? { l: 24, r: 90, t: 76, b: 24 } : { l: 0, r: 0, t: 0, b: 0 },
       xaxis: axisStyle({ range: [box[0], box[1]], ...bare }), yaxis: axisStyle({ range: [box[2], box[3]], ...bare }),
     }),
   };

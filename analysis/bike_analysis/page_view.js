@@ -39,7 +39,8 @@ class View {
     this.main = this.series[0];
     this.several = this.series.length > 1;
     this.range = this.whole();
-    const lines = await Promise.all(spec.map.lines.map(async line => ({ ...line, ...await decodedAll({ x: line.x, y: line.y }) })));
+    const withPlaces = async line => ({ ...line, ...await decodedAll({ x: line.x, y: line.y }) });
+    const lines = await Promise.all(spec.map.lines.map(withPlaces));
     this.map = { ...spec.map, lines, chosen: spec.map.colours[0] || "" };
     this.build();
     this.moved = true;
@@ -63,11 +64,17 @@ class View {
       this.parts.push(figure.drawn);
       seen.observe(figure);
       for (const kind of ["pointerenter", "focusin"]) figure.addEventListener(kind, () => { this.active = figure.drawn; });
-      for (const button of figure.querySelectorAll("[data-save]")) button.onclick = () => save(this, figure.drawn, button.dataset.save);
+      for (const button of figure.querySelectorAll("[data-save]")) {
+        button.onclick = () => save(this, figure.drawn, button.dataset.save);
+      }
     }
     buildBar(this);
     let width = this.root.clientWidth;
-    new ResizeObserver(() => { if (this.root.clientWidth !== width) { width = this.root.clientWidth; this.redraw(); } }).observe(this.root);
+    new ResizeObserver(() => {
+      if (this.root.clientWidth === width) return;
+      width = this.root.clientWidth;
+      this.redraw();
+    }).observe(this.root);
   }
 
   shown() { return this.series.filter(series => !series.hidden); }
@@ -128,8 +135,8 @@ class View {
     const rows = this.range.map(value => nearestRow(column, value)), all = this.whole();
     const isWhole = this.range[0] <= all[0] && this.range[1] >= all[1];
     this.axis = axis;
-    this.range = isWhole ? this.whole() : [next[rows[0]], next[rows[1]]];
-    this.setRange(...this.range);
+    this.moved = true;
+    this.setRange(...(isWhole ? this.whole() : [next[rows[0]], next[rows[1]]]));
   }
 
   redraw(which = () => true) {
@@ -172,7 +179,7 @@ class PlotPart {
   get width() { return this.plot.clientWidth; }
   get height() { return this.plot.clientHeight; }
   placeArea(margin) {
-    Object.assign(this.area.style, { left: `${margin.l}px`, right: `${margin.r}px`, top: `${margin.t}px`, bottom: `${margin.b}px` });
+    this.area.style.inset = [margin.t, margin.r, margin.b, margin.l].map(pixels => `${pixels}px`).join(" ");
   }
 }
 
@@ -224,7 +231,8 @@ class PanelPart extends PlotPart {
     this.legend.replaceChildren(...this.lines.map((found, k) => element("span", {},
       element("i", { style: `background:var(--${found.colour})` }), `${found.name} `, this.values[k])));
     for (const point of this.points) point.remove();
-    this.points = this.lines.map(found => this.area.appendChild(element("div", { className: "dot", style: `background:var(--${found.colour})` })));
+    this.points = this.lines.map(found => element("div", { className: "dot", style: `background:var(--${found.colour})` }));
+    this.area.append(...this.points.toReversed());
   }
 
   point() {
@@ -271,7 +279,8 @@ class MapPart extends PlotPart {
   bounds() {
     const all = [...this.view.map.lines, ...this.view.shown().filter(s => s.columns.x).map(s => s.columns)];
     const across = all.map(c => span(c.x)), up = all.map(c => span(c.y));
-    return [Math.min(...across.map(v => v[0])), Math.max(...across.map(v => v[1])), Math.min(...up.map(v => v[0])), Math.max(...up.map(v => v[1]))];
+    const ends = spans => [Math.min(...spans.map(v => v[0])), Math.max(...spans.map(v => v[1]))];
+    return [...ends(across), ...ends(up)];
   }
   wholeBox() { return fittedBox(this.bounds(), this.width, this.height, 0.06); }
   look(dx, dy, factor) {
@@ -302,12 +311,11 @@ class MapPart extends PlotPart {
   }
 
   figureOf(width, height, asFile) {
-    const box = asFile ? fittedBox(this.box, width - 114, height - 88, 0) : this.box;
+    const box = asFile ? fittedBox(this.box, width - 114, height - 100, 0) : this.box;
     return mapFigure(this.view, box, width, height, asFile);
   }
   draw() {
-    if (!this.box || this.drawnAt !== `${this.width} ${this.height}`) this.box = this.box ? fittedBox(this.box, this.width, this.height, 0) : this.wholeBox();
-    this.drawnAt = `${this.width} ${this.height}`;
+    this.box = this.box ? fittedBox(this.box, this.width, this.height, 0) : this.wholeBox();
     const { data, layout } = this.figureOf(this.width, this.height);
     this.placeArea(layout.margin);
     Plotly.react(this.paper, data, layout, PLOTLY);
@@ -332,7 +340,8 @@ class MapPart extends PlotPart {
       if (dot.hidden) continue;
       const { x, y, yaw } = series.columns;
       const turn = yaw ? ` rotate(${-yaw[row]}rad)` : "";
-      dot.style.transform = `translate(${(x[row] - x0) / (x1 - x0) * this.width}px, ${(y1 - y[row]) / (y1 - y0) * this.height}px)${turn}`;
+      const across = (x[row] - x0) / (x1 - x0) * this.width, down = (y1 - y[row]) / (y1 - y0) * this.height;
+      dot.style.transform = `translate(${across}px, ${down}px)${turn}`;
     }
   }
 }
@@ -368,7 +377,8 @@ async function save(view, part, format) {
   const body = url.slice(url.indexOf(",") + 1);
   const file = format === "svg"
     ? new Blob([decodeURIComponent(body)], { type: "image/svg+xml" }) : new Blob([bytesOf(body)], { type: "image/png" });
-  const link = element("a", { href: URL.createObjectURL(file), download: `${fileName(`${view.title} ${part.figure.dataset.plot}`)}.${format}` });
+  const name = `${fileName(`${view.title} ${part.figure.dataset.plot}`)}.${format}`;
+  const link = element("a", { href: URL.createObjectURL(file), download: name });
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 30000);
 }
