@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bike_policy.classical import ClassicalRider, RiderSettings, Seen, reserved
+from bike_policy.classical import ClassicalRider, Seen
+from bike_policy.lap_plan import RiderSettings, reserved
 from bike_sim.course.course import Course
 from bike_sim.lap_limit import lap_limit
 from bike_sim.physics.envelope import Envelope, envelope
@@ -65,7 +66,7 @@ def test_plan_keeps_its_reserve(machine: Superbike, limits: Envelope) -> None:
 def test_steady_on_the_line_asks_for_the_lean_of_the_turn(machine: Superbike, limits: Envelope) -> None:
     rider = ClassicalRider(machine, circle(80.0), 0.02, limits=limits)
     speed = 25.0
-    lean = float(rider.lean_of(np.array([speed**2 / 80.0]), np.array([speed]))[0])
+    lean = float(rider.leans.of(np.array([speed**2 / 80.0]), np.array([speed]))[0])
     rider.profile = replace(rider.profile, speed=np.full_like(rider.profile.speed, speed))
     steering, _ = rider.command(Seen(speed, -lean, 40.0, 0.0, 0.0))
     assert steering == pytest.approx(lean / math.radians(machine.virtual_rider.max_lean_deg), abs=0.01)

@@ -6,7 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from bike_policy.classical import ClassicalRider, RiderSettings, Seen
+from bike_policy.classical import ClassicalRider, Seen
+from bike_policy.lap_plan import RiderSettings
 from bike_sim import ride
 from bike_sim.course.lap_timing import Lap
 from bike_sim.lap_limit import LapLimit, lap_limit

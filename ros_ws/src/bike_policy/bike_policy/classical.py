@@ -17,56 +17,19 @@ is fed forward through engine and brakes, and the error of speed fed back.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bike_policy.lap_plan import RiderSettings, SteadyLeans, plan_lap
 from bike_sim.course.course import Course
-from bike_sim.lap_limit import LapLimit, lap_limit
+from bike_sim.lap_limit import LapLimit
 from bike_sim.physics.envelope import Envelope, envelope
 from bike_sim.physics.superbike import Superbike
-from bike_sim.physics.superbike_statics import engine_force, inertial_mass, steady_lateral
+from bike_sim.physics.superbike_statics import engine_force, inertial_mass
 
 FloatArray = NDArray[np.float64]
-
-PLANNING_ROUNDS = 25
-PLANNED = 1.02
-"""Rounds that lower the speed where lean changes too fast, and the excess at which they end."""
-
-
-@dataclass(frozen=True)
-class RiderSettings:
-    """How a classical rider rides; the same for all machines and circuits.
-
-    Attributes:
-        lateral: part of the machine's lateral limit that the speed profile uses.
-        drive: part of what tyres and wheelie limit allow the engine. brake: part of the braking limit.
-        exponent: of the combination of accelerations; smaller than the machine's is more careful in mixing them.
-        preview: time from steering to lean beyond the reference model's own, s.
-        stencil: time step of the derivatives along the line, s.
-        smoothing: distance over which the line's curvature is averaged, m.
-        lateral_trust: largest lateral error that feedback answers in full, m.
-        speed_gain: acceleration by error of speed, 1/s.
-        speed_preview: time from throttle to force, s.
-        largest_lean: rad; more is never asked for.
-        roll_rate: largest roll rate that the profile asks for, averaged over `roll_span`, rad/s.
-        roll_span: s.
-    """
-
-    lateral: float = 0.957
-    drive: float = 1.0
-    brake: float = 0.92
-    exponent: float = 1.9
-    preview: float = 0.10
-    stencil: float = 0.2
-    smoothing: float = 6.0
-    lateral_trust: float = 2.0
-    speed_gain: float = 2.0
-    speed_preview: float = 0.10
-    largest_lean: float = math.radians(58.0)
-    roll_rate: float = 1.3
-    roll_span: float = 0.6
 
 
 @dataclass(frozen=True)
@@ -86,22 +49,12 @@ class Seen:
     heading_error: float
 
 
-def reserved(limits: Envelope, settings: RiderSettings) -> Envelope:
-    """Return a machine's limits less what the rider keeps in reserve."""
-    return replace(
-        limits,
-        lateral_max=settings.lateral * limits.lateral_max,
-        grip_drive_max=settings.drive * limits.grip_drive_max,
-        drive_max=settings.drive * limits.drive_max,
-        brake_max=settings.brake * (limits.brake_max - limits.drag) + limits.drag,
-        exponent=settings.exponent,
-    )
-
-
 class ClassicalRider:
     """Rides one machine on one closed line.
 
     Attributes:
+        settings: how it rides.
+        leans: leans of the machine's steady turns.
         profile: the speed profile it follows, the machine's theoretical lap with its reserve.
     """
 
@@ -130,49 +83,13 @@ class ClassicalRider:
         self._length = line.length
         self._frequency = vehicle.virtual_rider.frequency
         self._max_lean = math.radians(vehicle.virtual_rider.max_lean_deg)
-        self._lean_table(vehicle)
-        self.profile: LapLimit = self._plan(reserved(limits or envelope(vehicle), self.settings), line)
+        self.leans = SteadyLeans(vehicle)
+        self.profile: LapLimit = plan_lap(vehicle, line, limits or envelope(vehicle), self.settings, self.leans)
         self._s = self.profile.s
         self._curvature = self._smooth(self.profile.lateral / self.profile.speed**2)
         self._machine(vehicle)
         self._before: Seen | None = None
         self._answer = (0.0, 0.0)
-
-    def _plan(self, limits: Envelope, line: Course) -> LapLimit:
-        """Return the fastest profile that asks for no faster rolling than the settings allow.
-
-        A theoretical lap knows no roll rate. Between two opposite curves it asks for more than any machine does; there
-        the speed is lowered until the lean, averaged over what the reference model smooths anyway, changes slowly
-        enough. Going slower both lowers the lean and takes more time for it, hence the square root.
-        """
-        profile = lap_limit(limits, line)
-        cap = np.full(len(profile.s) - 1, np.inf)
-        for _ in range(PLANNING_ROUNDS):
-            speed = profile.speed[:-1]
-            excess = self._roll_rate(profile)[:-1] / self.settings.roll_rate
-            if excess.max() <= PLANNED:
-                break
-            cap = np.minimum(cap, np.where(excess > 1.0, speed / np.sqrt(np.maximum(excess, 1.0)), np.inf))
-            profile = lap_limit(limits, line, cap=cap)
-        return profile
-
-    def _roll_rate(self, profile: LapLimit) -> FloatArray:
-        """Return the largest size of the roll rate around each point that a profile asks for, rad/s."""
-        lean = self.lean_of(profile.lateral, profile.speed)
-        span = self.settings.roll_span
-        laps = np.concatenate([profile.time[:-1] - profile.time[-1], profile.time, profile.time[1:] + profile.time[-1]])
-        leans = np.concatenate([lean[:-1], lean, lean[1:]])
-        ahead, behind = (np.interp(profile.time + sign * 0.5 * span, laps, leans) for sign in (1.0, -1.0))
-        rate = np.abs(ahead - behind) / span
-        rates = np.concatenate([rate[:-1], rate, rate[1:]])
-        # Wherever within the span a point lies, it shares the blame for the span's roll rate.
-        shifts = np.linspace(-0.5, 0.5, 5) * span
-        return np.asarray(np.max([np.interp(profile.time + shift, laps, rates) for shift in shifts], axis=0))
-
-    def lean_of(self, lateral: FloatArray, speed: FloatArray) -> FloatArray:
-        """Return the lean at which lateral accelerations (m/s^2, positive left) are steady, rad, positive left."""
-        found = [np.interp(abs(a), self._row(float(v)), self._table_leans) for a, v in zip(lateral, speed, strict=True)]
-        return np.asarray(np.copysign(found, lateral))
 
     def _smooth(self, curvature: FloatArray) -> FloatArray:
         """Return the curvature averaged around the lap, the last point repeating the first."""
@@ -183,15 +100,6 @@ class ClassicalRider:
         smooth = np.convolve(padded, window / window.sum(), mode="same")[count:-count]
         return np.append(smooth, smooth[0])
 
-    def _lean_table(self, vehicle: Superbike) -> None:
-        """Tabulate the lateral acceleration of steady turns over speed and lean."""
-        top = 1.1 * vehicle.motor.top_gear_speed
-        self._table_speeds = np.linspace(5.0, top, 24)
-        self._table_leans = np.linspace(0.0, self._max_lean, 31)
-        self._table = np.array(
-            [[steady_lateral(vehicle, lean, speed) for lean in self._table_leans] for speed in self._table_speeds]
-        )
-
     def _machine(self, vehicle: Superbike) -> None:
         """Keep what turns accelerations into throttle and brake."""
         self._mass = inertial_mass(vehicle)
@@ -199,7 +107,7 @@ class ClassicalRider:
         self._rolling = vehicle.rear_tyre.rolling * vehicle.mass * vehicle.g
         self._engine_brake = vehicle.motor.engine_brake
         self._brake_force = vehicle.brakes.force
-        self._engine_force = np.array([engine_force(vehicle, float(speed)) for speed in self._table_speeds])
+        self._engine_force = np.array([engine_force(vehicle, float(speed)) for speed in self.leans.speeds])
 
     def reset(self) -> None:
         """Forget the ride before."""
@@ -224,12 +132,6 @@ class ClassicalRider:
         speed = max(1.0, seen.speed + self._at(self.profile.speed, s) - here)
         return self._at(self._curvature, s) * speed**2
 
-    def _row(self, speed: float) -> FloatArray:
-        """Return the lateral accelerations of the table's leans at a speed."""
-        u = float(np.interp(speed, self._table_speeds, np.arange(len(self._table_speeds))))
-        i = min(int(u), len(self._table_speeds) - 2)
-        return self._table[i] + (u - i) * (self._table[i + 1] - self._table[i])
-
     def _error_rate(self, seen: Seen) -> float:
         """Return the rate of the lateral error, m/s: measured, or of the heading at the first step."""
         before = self._before
@@ -242,15 +144,15 @@ class ClassicalRider:
         h, middle = settings.stencil, settings.preview
         early, now, late = (self._wanted(seen, middle + k * h) for k in (-1.0, 0.0, 1.0))
         ahead = now + (late - early) / (h * w) + (late - 2.0 * now + early) / (h * w) ** 2
-        row = self._row(seen.speed)
-        turning = -math.copysign(float(np.interp(abs(seen.roll), self._table_leans, row)), seen.roll)
+        row = self.leans.row(seen.speed)
+        turning = -math.copysign(float(np.interp(abs(seen.roll), self.leans.leans, row)), seen.roll)
         excess = turning - self._wanted(seen, 0.0)
         p = 0.5 * w
         error = min(max(seen.lateral_error, -settings.lateral_trust), settings.lateral_trust)
         rate = min(max(self._error_rate(seen), -3.0 * settings.lateral_trust), 3.0 * settings.lateral_trust)
         back = -(p**4 * error + 4.0 * p**3 * rate) / w**2 - (6.0 * p**2 / w**2 - 1.0) * excess
         lateral = ahead + back
-        lean = min(float(np.interp(abs(lateral), row, self._table_leans)), settings.largest_lean)
+        lean = min(float(np.interp(abs(lateral), row, self.leans.leans)), settings.largest_lean)
         return min(max(math.copysign(lean, lateral) / self._max_lean, -1.0), 1.0)
 
     # ----------------------------------------------------------------------------------------------------------- speed
@@ -262,7 +164,7 @@ class ClassicalRider:
         acceleration = self._at(self.profile.longitudinal, s) + settings.speed_gain * (wanted - seen.speed)
         force = self._mass * acceleration + self._drag * seen.speed**2 + self._rolling
         if force >= 0.0:
-            most = float(np.interp(seen.speed, self._table_speeds, self._engine_force))
+            most = float(np.interp(seen.speed, self.leans.speeds, self._engine_force))
             # A closed throttle drags by the engine's brake, which fades as the throttle opens.
             return min(1.0, (force + self._engine_brake) / max(most + self._engine_brake, 1.0))
         return -min(1.0, max(0.0, (-force - self._engine_brake) / self._brake_force))

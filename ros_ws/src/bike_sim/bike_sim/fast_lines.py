@@ -28,9 +28,9 @@ FOLDER_VARIABLE = "BIKE_CACHE"
 MARGIN = 0.9
 """Distance that a line to be ridden keeps from the limits, m: what a good rider strays from it."""
 
-ROLL_COST = 0.2
-"""What rolling costs on a line to be ridden, see `minimum_time.ROLL_COST`: at most half a second a lap of theory, and
-chicanes that a machine can follow."""
+ROLL_COST = 0.02
+"""What rolling costs on a line to be ridden, see `minimum_time.ROLL_COST`; more gives chicanes that are easier to
+follow and slower."""
 
 
 def cache_folder() -> Path:

@@ -94,6 +94,7 @@ def lap_limit(
     step: float = STEP,
     grade: FloatArray | None = None,
     cap: FloatArray | None = None,
+    push: FloatArray | None = None,
 ) -> LapLimit:
     """Return the theoretical lap of a machine on a closed line.
 
@@ -102,11 +103,12 @@ def lap_limit(
         line: closed line.
         step: distance of the profile's points, m.
         grade: slope of the road at the line's samples, positive uphill, or None for a flat road.
-        cap: largest speed that somebody wants at each point of the profile, m/s, or None.
+        cap: largest speed that somebody wants at each point of the profile but the last, m/s, or None.
+        push: largest acceleration that somebody wants there, m/s^2, may be negative, or None.
 
     Raises:
-        ValueError: the line is open, the step is not positive, the grade or the cap does not fit, or the machine
-            cannot move.
+        ValueError: the line is open, the step is not positive, the grade, the cap or the push does not fit, or the
+            machine cannot move.
     """
     if not line.closed:
         raise ValueError(f"course {line.name!r} is open; a lap needs a closed line")
@@ -122,12 +124,12 @@ def lap_limit(
     slope = np.zeros(count) if grade is None else np.interp(s[:-1], line.s, grade)
     distance = np.full(count, line.length / count)
     limits = limit_tables(envelope)
-    corner_speed = corner_speeds(bend, limits)
-    if cap is not None:
-        if np.shape(cap) != (count,):
-            raise ValueError(f"cap has shape {np.shape(cap)}, the profile {count} points")
-        corner_speed = np.minimum(corner_speed, cap)
-    speed = solve_profile(corner_speed, bend, distance, slope, limits, envelope.exponent)
+    cap, push = (np.full(count, np.inf) if most is None else most for most in (cap, push))
+    for name, most in (("cap", cap), ("push", push)):
+        if np.shape(most) != (count,):
+            raise ValueError(f"{name} has shape {np.shape(most)}, the profile {count} points")
+    corner_speed = np.minimum(corner_speeds(bend, limits), cap)
+    speed = solve_profile(corner_speed, bend, distance, slope, limits, envelope.exponent, push)
     closed = np.append(speed, speed[0])
     time = np.concatenate(([0.0], np.cumsum(2.0 * distance / (closed[1:] + closed[:-1]))))
     longitudinal = np.diff(closed**2) / (2.0 * distance)
@@ -283,7 +285,13 @@ def corner_speeds(bend: np.ndarray, limits: np.ndarray) -> np.ndarray:
 
 @njit(cache=True)
 def solve_profile(
-    corner: np.ndarray, bend: np.ndarray, distance: np.ndarray, slope: np.ndarray, limits: np.ndarray, exponent: float
+    corner: np.ndarray,
+    bend: np.ndarray,
+    distance: np.ndarray,
+    slope: np.ndarray,
+    limits: np.ndarray,
+    exponent: float,
+    push: np.ndarray,
 ) -> np.ndarray:
     """Return the largest speeds over a closed line, m/s.
 
@@ -294,6 +302,7 @@ def solve_profile(
         slope: of the road at the points, positive uphill.
         limits: see :func:`limit_tables`.
         exponent: of the combination of lateral and longitudinal acceleration.
+        push: largest acceleration wanted at the points, m/s^2.
     """
     n = len(bend)
     slowest = np.argmin(corner)
@@ -304,7 +313,8 @@ def solve_profile(
     for k in range(slowest, slowest + laps * n):
         i, j = k % n, (k + 1) % n
         hill = GRAVITY * 0.5 * (slope[i] + slope[j])
-        square[j] = min(square[j], driven(limits, square[i], bend[i], bend[j], distance[i], hill, exponent))
+        reached = driven(limits, square[i], bend[i], bend[j], distance[i], hill, exponent)
+        square[j] = min(square[j], reached, max(square[i] + 2.0 * push[i] * distance[i], _STANDSTILL))
     for k in range(slowest + laps * n, slowest, -1):
         i, j = k % n, (k - 1) % n
         hill = GRAVITY * 0.5 * (slope[i] + slope[j])

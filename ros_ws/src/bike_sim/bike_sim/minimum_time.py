@@ -196,9 +196,9 @@ def _bounds(stations: Stations, offset: FloatArray) -> tuple[FloatArray, FloatAr
 def polygon_time(stations: Stations, offset: FloatArray, limits: FloatArray, exponent: float) -> float:
     """Return the lap time on the polygon of stations at offsets (m), s."""
     bend, distance = _shape(stations, offset)
-    flat = np.zeros(stations.count)
+    flat, most = np.zeros(stations.count), np.full(stations.count, np.inf)
     corner = _HELD * corner_speeds(bend, limits)
-    speed = solve_profile(corner, bend, distance, flat, limits, exponent)
+    speed = solve_profile(corner, bend, distance, flat, limits, exponent, most)
     return float(profile_time(speed, distance))
 
 

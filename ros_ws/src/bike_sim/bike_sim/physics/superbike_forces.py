@@ -378,8 +378,9 @@ def _drive_and_brake(
     rear_brake = (1.0 - m[_FRONT_SHARE]) * brake * rear_cut * m[_BRAKE_FORCE] * m[_RR]
     asked = m[_FRONT_SHARE] * brake * m[_BRAKE_FORCE]
     front_brake = front_cut * stoppie_cut * min(asked, min(stoppie, braking)) * m[_RF]
-    # closed throttle drags like a brake; so does rolling resistance
-    rear_hold = rear_brake + (1.0 - drive) * m[_ENGINE_BRAKE] * m[_RR] + tyre[0, tyres.ROLLING] * rfz * rear_radius
+    # closed throttle drags like a brake, and is eased like one where the rear tyre slips; so does rolling resistance
+    engine_brake = rear_cut * (1.0 - drive) * m[_ENGINE_BRAKE] * m[_RR]
+    rear_hold = rear_brake + engine_brake + tyre[0, tyres.ROLLING] * rfz * rear_radius
     front_hold = front_brake + tyre[1, tyres.ROLLING] * ffz * front_radius
     rear_torque = drive_torque + _brake_torque(rear_hold, rear_spin, m[_IRYY], drive_torque - rfx * rear_radius, dt)
     front_torque = _brake_torque(front_hold, front_spin, m[_IFYY], -ffx * front_radius, dt)
