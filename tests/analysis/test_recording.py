@@ -226,7 +226,7 @@ except ValueError as error:
 
 
 @settings(max_examples=4, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(limit=st.integers(20_000, 60_000))
+@given(limit=st.integers(30_000, 80_000))
 def test_a_disk_that_fills_up_leaves_a_whole_file(limit: int, tmp_path: Path) -> None:
     folder = Path(tempfile.mkdtemp(dir=tmp_path))
     script = FILLED.format(path=sys.path, file=str(folder / "ride"), limit=limit)
@@ -236,7 +236,9 @@ def test_a_disk_that_fills_up_leaves_a_whole_file(limit: int, tmp_path: Path) ->
         numbers = [int.from_bytes(data[4:12], "little") for *_, data in reader.messages()]
         assert reader.message_count == len(numbers)
     assert numbers == list(range(len(numbers)))
-    assert len(numbers) * 1047 > limit - 4096 - 1047 - 3000  # all but the last chunk, which had no room
+    # All but the chunk that had no room, and those that made room for the index and for metadata.yaml.
+    assert len(numbers) * 1047 > limit - 4 * (4096 + 1047)
+    assert (folder / "ride" / "metadata.yaml").exists()
 
 
 BLOB = MessageType("some_msgs/msg/Blob", "uint8[] data\n")

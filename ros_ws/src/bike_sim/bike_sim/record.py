@@ -66,7 +66,7 @@ MISSING_AFTER: Final = 3.0
 """Wall-clock time after which chosen topics that nobody has are named, s."""
 LINGER: Final = 0.3
 """Wall-clock time after a signal in which messages that were sent before it are still written, s."""
-LONGEST_REST: Final = 0.5
+LONGEST_REST: Final = 0.3
 """Wall-clock time after that for what still waits in the middleware, s."""
 LONGEST_LEAD: Final = 60 * NANOSECONDS
 """A stamp that is farther than this ahead of the latest time is of another clock, ns."""

@@ -196,29 +196,34 @@ class McapFile:
         self._write(self._ending())
         self._file.close()
 
-    def salvage(self) -> None:
+    def salvage(self, spare: int = 0) -> None:
         """Make a whole file of what is on disk after a failed write, and close it.
 
         A piece of a chunk at the end is cut off. The index takes its place, and where that is too small, the place of
         the last whole chunks: a file without an index is refused by most readers. Where no ending fits at all, the file
         just ends.
+
+        Args:
+            spare: Bytes of the disk that are to be free afterwards, for what else belongs to the recording.
         """
         self._open = _Chunk()
         with suppress(OSError):
             self._file.truncate(self.size)
-            while not self._try_ending() and self._chunks:
+            while not self._try_ending(spare) and self._chunks:
                 self._give_up_chunk()
         with suppress(OSError):
             self._file.close()
 
-    def _try_ending(self) -> bool:
-        whole = self.size
+    def _try_ending(self, spare: int) -> bool:
+        whole, ending = self.size, self._ending()
         try:
             self._file.seek(whole)
-            self._write(self._ending())
+            self._write(ending + bytes(spare))
         except OSError:
             self._file.truncate(whole)
             return False
+        self.size = whole + len(ending)
+        self._file.truncate(self.size)
         return True
 
     def _give_up_chunk(self) -> None:

@@ -33,6 +33,8 @@ FLUSH_PERIOD_S: Final = 0.5
 
 _CDR_HEADER_BYTES: Final = 4
 _SECOND: Final = 1_000_000_000
+_BLOCK_BYTES: Final = 4096
+"""Usual unit in which a file takes its place on a disk."""
 
 
 @dataclass(frozen=True)
@@ -389,7 +391,8 @@ class RideRecorder:
         """
         file, self._file = self._file, None
         if file is not None:
-            file.salvage()
+            information = self._information([*self._finished, self._summary(file)])
+            file.salvage(spare=len(to_yaml(information)) + _BLOCK_BYTES)
             self._keep_books(file)
             with suppress(OSError):
                 self._write_metadata_file()
