@@ -430,7 +430,8 @@ def _laps(ride: Ride) -> int | None:
     length = states.course_length[-1]
     if not (states.course_closed[-1] and length > 0.0):
         return None
-    return int((states.progress[-1] - states.progress[0]) // length)
+    way = states.progress[-1] - states.progress[0]
+    return int(way // length) if np.isfinite(way) else None
 
 
 def _unanswered(ride: Ride) -> int | None:
