@@ -74,7 +74,7 @@ function traceOf(found, panel) {
     line: { color: ink, width: line.fill === "band" ? 0 : found.series.theory ? 1.3 : 1.6, shape: line.step ? "vh" : "linear",
       dash: found.series.theory || line.dash ? "3px,2px" : "solid", simplify: true },
     marker: { size: 4, color: ink }, hoverinfo: "skip",
-    ...(line.fill ? { fill: "tozeroy", fillcolor: inkOf(found.colour, line.fill === "band" ? 0.75 : 0.16) } : {}),
+    ...(line.fill ? { fill: "tozeroy", fillcolor: inkOf(found.colour, line.fill === "band" ? 0.75 : 0.2) } : {}),
   };
 }
 

@@ -400,6 +400,27 @@ def test_print_is_light(opened: Opener, ride_page: Path) -> None:
     assert shown != light
 
 
+def test_poor_rides_are_drawn_as_far_as_they_go(opened: Opener, writer: Any, circle: Any, tmp_path: Path) -> None:
+    """One state; two; no course and no optional fields; a fall."""
+    rides = [circle(steps=n, episode=k, start_s=10.0 * k) for k, n in enumerate((1, 2, 50, 50), start=1)]
+    for name in ("speed", "roll", "yaw", "curvature", "steering_command", "progress"):
+        rides[2].states[name] = np.full(50, np.nan)
+    rides[2].course = None
+    rides[3].states["fallen"] = np.arange(50) >= 49
+    path = writer.write(tmp_path / "poor.mcap", rides)
+    browser = opened(write_page([open_ride(path)], tmp_path / "poor.html"))
+    opening = (
+        "Promise.all([...document.querySelectorAll('.view')].map(section => section.view.open())).then(arguments[0])"
+    )
+    browser.execute_async_script(opening)
+    browser.find_element(By.CSS_SELECTOR, "#ride-4").location_once_scrolled_into_view  # noqa: B018
+    settled(browser)
+    drawn = "return document.querySelectorAll('#ride-4 .scatterlayer path.js-line').length"
+    assert browser.execute_script(drawn) > 3
+    figures = browser.find_elements(By.CSS_SELECTOR, "#ride-3 figure")
+    assert [figure.get_attribute("data-plot") for figure in figures] == ["map", "error", "lean", "command"]
+
+
 # ---- an hour --------------------------------------------------------------------------------------------------------
 
 
