@@ -2,16 +2,22 @@
 
 import json
 import re
+import runpy
 import sys
 from pathlib import Path
 from typing import Any
 
+import matplotlib.pyplot as plt
+import numpy as np
 import pytest
 import yaml
 
+from bike_analysis.columns import MessageSchema
+from bike_analysis.container import Container
 from bike_sim import record
 from bike_sim.node_settings import SPECS, NodeSettings
 from bike_sim.node_tools import ParameterSpec
+from bike_training.cli import main
 
 ROOT = Path(__file__).parents[2]
 BRINGUP = ROOT / "ros_ws" / "src" / "bike_bringup"
@@ -54,6 +60,92 @@ def test_rviz_shows_topics_of_the_namespace_in_the_world_frame() -> None:
     assert config["Global Options"]["Fixed Frame"] == "map"
     topics = {display["Topic"]["Value"] for display in config["Displays"] if "Topic" in display}
     assert topics == {"/bike/course_marker", "/bike/markers", "/bike/odom"}
+
+
+# ------------------------------------------------------------------------------------- against what the nodes publish
+
+SCENE = LAYOUT["configById"]["3D!ride"]
+SCENE_TYPES = ("visualization_msgs/msg/Marker", "visualization_msgs/msg/MarkerArray", "nav_msgs/msg/Odometry")
+FRAME_TYPES = ("geometry_msgs/msg/TransformStamped", "tf2_msgs/msg/TFMessage")
+RVIZ = yaml.safe_load((BRINGUP / "rviz" / "ride.rviz").read_text())["Visualization Manager"]
+
+
+@pytest.fixture(scope="module")
+def ride(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A short ride of the real nodes."""
+    folder = tmp_path_factory.mktemp("bringup")
+    course = folder / "short.yaml"
+    elements = "elements:\n  - {line: 6.0}\n  - {arc: {radius_m: 10.0, angle_deg: 60.0}}\n"
+    head = "format: bike.course/1\nname: short\ndescription: A bend.\nclosed: false\noff_course_limit_m: 3.5\n"
+    course.write_text(head + elements)
+    assert main(["ride", "--course", str(course), "--engine", "whipple", "--out", str(folder), "--json"]) == 0
+    return folder / "ride.mcap"
+
+
+@pytest.fixture(scope="module")
+def messages(ride: Path) -> dict[str, tuple[MessageSchema, list[Any]]]:
+    """Type and messages of each recorded topic."""
+    container = Container(ride)
+    found: dict[str, tuple[MessageSchema, list[Any]]] = {}
+    for raw in container.messages():
+        channel = container.channels[raw.channel]
+        if channel.topic not in found:
+            schema = container.schemas[channel.schema_id]
+            found[channel.topic] = (MessageSchema(schema.name, schema.data.decode()), [])
+        kind, list_of = found[channel.topic]
+        list_of.append(kind.decode(raw.data))
+    return found
+
+
+@pytest.mark.ros
+def test_foxglove_topics_are_published_with_the_types_and_fields_it_shows(messages) -> None:
+    for topic in SCENE["topics"]:
+        assert messages[topic][0].name in SCENE_TYPES, topic
+    for path in PATHS:
+        topic, *parts = path.split(".")
+        if parts:
+            assert parts[0] in messages[topic][0].fields(), path
+    assert messages[LAYOUT["configById"]["RawMessages!events"]["topicPath"]][0].name == "bike_msgs/msg/RideEvent"
+    shown = LAYOUT["configById"]["DiagnosticSummary!nodes"]["topicToRender"]
+    assert messages[shown][0].name == "diagnostic_msgs/msg/DiagnosticArray"
+
+
+@pytest.mark.ros
+def test_rviz_topics_are_published_with_the_type_of_their_display(messages) -> None:
+    for display in RVIZ["Displays"]:
+        if "Topic" in display:
+            shown = display["Class"].removeprefix("rviz_default_plugins/")
+            assert messages[display["Topic"]["Value"]][0].name.rpartition("/")[2] == shown
+
+
+@pytest.mark.ros
+def test_all_frames_lead_to_the_world(messages) -> None:
+    """Every frame that is drawn or followed is the world, or a message tells where it is in the world."""
+    parents: dict[str, str] = {}
+    for kind, sent in messages.values():
+        if kind.name in FRAME_TYPES:
+            for link in [t for message in sent for t in getattr(message, "transforms", [message])]:
+                parents[link.child_frame_id] = link.header.frame_id
+    shown = {SCENE["followTf"], RVIZ["Views"]["Current"]["Target Frame"]}
+    for topic in SCENE["topics"]:
+        for message in messages[topic][1]:
+            shown |= {part.header.frame_id for part in getattr(message, "markers", [message])}
+    assert shown == {"map", "base_link"}
+    world = RVIZ["Global Options"]["Fixed Frame"]
+    assert {parents.get(frame, frame) for frame in shown} == {world}
+
+
+@pytest.mark.ros
+def test_the_drawn_view_shows_course_bicycle_and_preview(ride: Path, tmp_path: Path) -> None:
+    """The script behind the picture in docs/live.md: it holds the colours of all markers, and moves with time."""
+    draw = runpy.run_path(str(ROOT / "tools" / "draw_live_view.py"))["draw"]
+    pictures = []
+    for at_s in (2.0, 4.0):
+        draw(BRINGUP / "rviz" / "ride.rviz", ride, at_s, tmp_path / "view.png")
+        pictures.append((plt.imread(tmp_path / "view.png")[..., :3] * 255.0).round())
+    for colour in ((26, 128, 230), (242, 153, 26), (51, 51, 51)):  # course, preview, bicycle
+        assert (np.abs(pictures[0] - colour).max(axis=2) <= 2).sum() > 50, colour
+    assert (pictures[0] != pictures[1]).any()
 
 
 PARAMETERS = yaml.safe_load((BRINGUP / "config" / "ride.yaml").read_text())
