@@ -137,6 +137,11 @@ def test_settings_that_cannot_be_end_the_node_with_one_line(stage: Any, tmp_path
         assert words in lines[0]
 
 
+def test_the_recorder_starts_without_the_simulator() -> None:
+    look = "import sys, bike_sim.record; print({'numba', 'scipy', 'bike_sim.simulator'} & set(sys.modules))"
+    assert subprocess.run([sys.executable, "-c", look], capture_output=True, text=True, check=True).stdout == "set()\n"
+
+
 # -------------------------------------------------------------------------------------------------------------- topics
 
 

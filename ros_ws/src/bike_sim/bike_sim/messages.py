@@ -31,13 +31,15 @@ from bike_sim.physics.superbike import Superbike
 from bike_sim.physics.vehicle import Vehicle
 from bike_sim.reset import Preview, ResetRequest
 from bike_sim.simulator import SimulatorConfig, Snapshot
+from bike_sim.stamps import NANOSECONDS as NANOSECONDS
+from bike_sim.stamps import time_from_message as time_from_message
+from bike_sim.stamps import time_to_message as time_to_message
 from bike_sim.track_ride import TrackSnapshot
 
 FloatArray = NDArray[np.float64]
 
 MAP_FRAME: Final = "map"
 BASE_FRAME: Final = "base_link"
-NANOSECONDS: Final = 1_000_000_000
 
 _TELEMETRY_FIELDS: Final = (
     ("acceleration_longitudinal", sf.T_ALONG),
@@ -98,20 +100,6 @@ class Episode:
     course: Course
     preview: Preview
     control_period: float
-
-
-# ------------------------------------------------------------------------------------------------------------- time
-
-
-def time_to_message(nanoseconds: int) -> Time:
-    """Return a time stamp."""
-    seconds, rest = divmod(nanoseconds, NANOSECONDS)
-    return Time(sec=seconds, nanosec=rest)
-
-
-def time_from_message(stamp: Time) -> int:
-    """Return the nanoseconds of a time stamp."""
-    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
 
 
 # ------------------------------------------------------------------------------------------------------------ state

@@ -25,7 +25,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.timer import Timer
 
 from bike_sim.isolation import keep_local
-from bike_sim.messages import time_to_message
+from bike_sim.stamps import time_to_message
 
 NAMESPACE: Final = "bike"
 """Namespace of the nodes unless ``__ns`` is remapped."""

@@ -21,10 +21,10 @@ import rclpy.node
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from bike_sim import node_tools
-from bike_sim.messages import NANOSECONDS
 from bike_sim.node_tools import CannotGoOn, ParameterSpec
 from bike_sim.raw_subscription import RawSubscription, asks_too_much, described_qos, matching_qos
 from bike_sim.recording import CHUNK_BYTES, FLUSH_PERIOD_S, MessageType, RideRecorder, Split, message_type
+from bike_sim.stamps import NANOSECONDS
 
 SIMULATED, WALL = "simulated", "wall"
 
