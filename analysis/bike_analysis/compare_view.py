@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from html import escape
 from typing import Final
 
@@ -76,8 +77,7 @@ def comparison_panels(columns: dict[str, Floats], fast: bool) -> tuple[Panel, ..
         wanted = _MAIN_COLUMN.get(panel.key, panel.key)
         lines = tuple(Line(line.column, line.name, line.colour) for line in panel.lines if line.column == wanted)
         if lines:
-            words = {"title": _OWN_PANELS[panel.key], "lines": lines, "caption": ""}
-            found.append(Panel(**{**panel.__dict__, **words}))
+            found.append(replace(panel, title=_OWN_PANELS[panel.key], lines=lines, caption=""))
     return tuple(found)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -68,7 +69,7 @@ def lap_view(laps: LapRecording, theory: Theory, key: str, title: str) -> View:
 
 
 def _lean_from(panel: Panel) -> Panel:
-    return Panel(**{**panel.__dict__, "caption": "Positive leaning right."}) if panel.key == "lean" else panel
+    return replace(panel, caption="Positive leaning right.") if panel.key == "lean" else panel
 
 
 def lap_columns(laps: LapRecording, lap: Lap | None, limit: dict[str, Floats]) -> dict[str, Floats]:
