@@ -132,7 +132,8 @@ def test_command_prints_one_object(circuit: Path, capsys: pytest.CaptureFixture[
     (pair,) = answer["pairs"]
     assert pair["vehicle"] == "zx10rr"
     assert pair["falls"] == pair["walls"] == 0
-    assert pair["limit_s"] < pair["lap_s"] < (1.0 + ALLOWED_EXCESS) * pair["limit_s"]
+    assert pair["closest_limit_s"] < pair["limit_s"] < pair["lap_s"]
+    assert 0.0 < pair["excess"] < pair["closest_excess"] < ALLOWED_EXCESS
 
 
 def test_bicycles_and_unknown_circuits_are_refused(capsys: pytest.CaptureFixture[str]) -> None:

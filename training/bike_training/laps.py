@@ -10,6 +10,7 @@ from bike_policy.classical import ClassicalRider, Seen
 from bike_policy.lap_plan import RiderSettings
 from bike_sim import ride
 from bike_sim.course.lap_timing import Lap
+from bike_sim.fast_lines import closest_lap
 from bike_sim.lap_limit import LapLimit, lap_limit
 from bike_sim.physics import state as st
 from bike_sim.physics.vehicle import load_vehicle
@@ -27,7 +28,8 @@ class LapRide:
 
     Attributes:
         vehicle: its name. circuit: its name.
-        limit: the theoretical lap on the ideal line. plan: the rider's own speed profile.
+        limit: the theoretical lap on the followed line. closest: that time on the closest line, s.
+        plan: the rider's own speed profile.
         out_lap: the first lap, or None if it was not finished. laps: the flying laps that were finished.
         end: ``"finished"``, a fall's name, ``"wall"`` or ``"slow"``.
         largest_error: largest distance to the followed line on flying laps, m.
@@ -38,6 +40,7 @@ class LapRide:
     vehicle: str
     circuit: str
     limit: LapLimit
+    closest: float
     plan: LapLimit
     out_lap: Lap | None
     laps: tuple[Lap, ...]
@@ -54,10 +57,16 @@ class LapRide:
 
     @property
     def excess(self) -> float | None:
-        """How much longer the slowest flying lap is than the theoretical one, as a part of it."""
-        if not self.laps:
-            return None
-        return max(lap.duration for lap in self.laps) / self.limit.lap_time - 1.0
+        """How much longer the slowest flying lap is than the theoretical one on the followed line, as a part of it."""
+        return self._over(self.limit.lap_time)
+
+    @property
+    def closest_excess(self) -> float | None:
+        """The same for the closest line."""
+        return self._over(self.closest)
+
+    def _over(self, theoretical: float) -> float | None:
+        return max(lap.duration for lap in self.laps) / theoretical - 1.0 if self.laps else None
 
 
 def seen_from(snapshot: Snapshot) -> Seen:
@@ -128,6 +137,7 @@ def ride_laps(
         load_vehicle(vehicle).name,
         machine.track.name,
         limit,
+        closest_lap(circuit, machine.envelope),
         rider.profile,
         ridden[0] if ridden else None,
         flying,

@@ -41,8 +41,33 @@ def cache_folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "bike" / "lines"
 
 
-def track_with_line(circuit: str | Path, envelope: Envelope) -> Track:
+def track_with_line(
+    circuit: str | Path, envelope: Envelope, margin: float = MARGIN, roll_cost: float = ROLL_COST
+) -> Track:
     """Load a circuit and give it the machine's fastest line.
+
+    Args:
+        circuit: name of a shipped circuit, or path of a YAML or CSV file.
+        envelope: the machine's limits.
+        margin: distance that the line keeps from the limits, m.
+        roll_cost: what rolling costs on it.
+
+    Raises:
+        FileNotFoundError: no such circuit. ValueError: a broken file, or no line between its limits.
+    """
+    track = load_track(circuit)
+    path = cache_folder() / f"{content_key(track, envelope, margin, roll_cost)}.npy"
+    offset = _read(path, len(track.centre.s))
+    if offset is not None:
+        return track.with_ideal(offset)
+    track = with_fastest_line(track, envelope, margin=margin, roll_cost=roll_cost)
+    assert track.ideal is not None
+    _write(path, track.ideal)
+    return track
+
+
+def closest_lap(circuit: str | Path, envelope: Envelope) -> float:
+    """Return the theoretical lap on the closest line, s: nearer to the limits than one rides, whatever rolling it asks.
 
     Args:
         circuit: name of a shipped circuit, or path of a YAML or CSV file.
@@ -51,18 +76,11 @@ def track_with_line(circuit: str | Path, envelope: Envelope) -> Track:
     Raises:
         FileNotFoundError: no such circuit. ValueError: a broken file, or no line between its limits.
     """
-    track = load_track(circuit)
-    path = cache_folder() / f"{content_key(track, envelope)}.npy"
-    offset = _read(path, len(track.centre.s))
-    if offset is not None:
-        return track.with_ideal(offset)
-    track = with_fastest_line(track, envelope, margin=MARGIN, roll_cost=ROLL_COST)
-    assert track.ideal is not None
-    _write(path, track.ideal)
-    return track
+    track = track_with_line(circuit, envelope, racing_line.MARGIN, minimum_time.ROLL_COST)
+    return lap_limit.lap_limit(envelope, track.line(1.0)).lap_time
 
 
-def content_key(track: Track, envelope: Envelope) -> str:
+def content_key(track: Track, envelope: Envelope, margin: float = MARGIN, roll_cost: float = ROLL_COST) -> str:
     """Return the hash over everything that a line depends on."""
     digest = hashlib.sha256()
     centre = track.centre
@@ -74,7 +92,7 @@ def content_key(track: Track, envelope: Envelope) -> str:
         envelope.brake_max,
         envelope.grip_drive_max,
         envelope.drag,
-        np.array([envelope.exponent, MARGIN, ROLL_COST]),
+        np.array([envelope.exponent, margin, roll_cost]),
         envelope.left_for_drive(np.linspace(0.0, 1.0, 50)),
     )
     for column in (*columns, *limits):
