@@ -9,8 +9,8 @@ import numpy as np
 
 from bike_analysis.compare_view import comparison_panels
 from bike_analysis.reading import Floats
-from bike_analysis.ride_view import GRAVITY, ride_columns
-from bike_analysis.view import KMH, Cloud, Line, MapLine, Mark, Panel, Section, Series, View, growing, series_colour
+from bike_analysis.ride_view import GRAVITY, off_track, ride_columns
+from bike_analysis.view import KMH, Cloud, Line, MapLine, Panel, Section, Series, View, growing, series_colour
 from bike_sim.course.lap_timing import Lap
 
 if TYPE_CHECKING:
@@ -26,7 +26,6 @@ ROAD_STEP: Final = 4.0
 LABEL_BESIDE: Final = 22.0
 """Distance of a corner's name from the limit, m."""
 _SMOOTHING_S: Final = 0.1
-_OFF_TRACK_POINTS: Final = 400
 
 
 def lap_view(laps: LapRecording, theory: Theory, key: str, title: str) -> View:
@@ -51,13 +50,14 @@ def lap_view(laps: LapRecording, theory: Theory, key: str, title: str) -> View:
     first = series[0].columns
     series.append(Series("theoretical", limit, "muted", theory=True))
     panels = (_lean_from(panel) for panel in comparison_panels(first, fast=True))
+    off = off_track(laps.ride, laps.outside)
     return View(
         key,
         title,
         tuple(series),
         (DELTA, *panels),
         track_lines(laps),
-        off_track_marks(laps),
+        () if off is None else (off,),
         corner_labels(laps),
         corner_sections(laps, first["distance"]),
         ("speed", "error", "roll", "throttle"),
@@ -139,16 +139,6 @@ def track_lines(laps: LapRecording) -> tuple[MapLine, ...]:
         lines.append(MapLine(name, "limit", edge[:, 0], edge[:, 1]))
     x, y = laps.ride.reference_line()
     return (MapLine("line followed", "wanted", x, y), *lines)
-
-
-def off_track_marks(laps: LapRecording) -> tuple[Mark, ...]:
-    """Places with both wheels outside the limits, over all laps."""
-    rows = np.flatnonzero(laps.outside > 0.0)
-    rows = rows[:: max(1, -(-len(rows) // _OFF_TRACK_POINTS))]
-    if not len(rows):
-        return ()
-    states = laps.ride.states
-    return (Mark("off the track", "circle-open", "orange", states.x[rows].tolist(), states.y[rows].tolist()),)
 
 
 def corner_labels(laps: LapRecording) -> tuple[dict[str, Any], ...]:

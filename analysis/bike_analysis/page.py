@@ -112,7 +112,7 @@ def page_shell(title: str, below: str, parts: Iterable[str], views: Sequence[Vie
     Returns:
         The whole page.
     """
-    data = json.dumps([view.data() for view in views], separators=(",", ":")).replace("</", "<\\/")
+    data = json.dumps([view.data() for view in views], separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
     keys = "".join(f"<dt>{_kbd(key)}</dt><dd>{escape(text)}</dd>" for key, text in _KEYS)
     return "\n".join(
         [

@@ -5,6 +5,7 @@ Signs are those of the recording: roll positive leaning right, steer and lateral
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any, Final
 
@@ -14,12 +15,15 @@ from numpy.typing import NDArray
 from bike_analysis.delays import command_delay
 from bike_analysis.reading import Course, Floats
 from bike_analysis.rides import Ride
+from bike_analysis.track_limits import beyond_limits
 from bike_analysis.view import KMH, Channel, Line, MapLine, Mark, Panel, Section, Series, View, growing
 
 GRAVITY: Final = 9.81
 """m/s^2, as in the benchmark of Meijaard et al. (2007)."""
 FAST: Final = 15.0
 """Beyond this speed km/h are shown, m/s."""
+OFF_TRACK_POINTS: Final = 400
+"""Marks of places off the track, at most."""
 _KMH: Final = 3.6
 
 ERROR: Final = Panel(
@@ -135,13 +139,13 @@ def ride_columns(ride: Ride, rows: slice, begin_m: float = 0.0, begin_s: float |
 
 def panels_for(columns: dict[str, Floats], fast: bool) -> tuple[Panel, ...]:
     """The panels of which there is something to draw."""
-    speed = Panel(**{**SPEED.__dict__, "unit": KMH.unit}) if fast else SPEED
+    speed = replace(SPEED, unit=KMH.unit) if fast else SPEED
     order = (ERROR, LEAN, speed, THROTTLE, COMMAND, AGE)
     kept = []
     for panel in order:
         lines = tuple(line for line in panel.lines if line.column in columns)
         if lines:
-            kept.append(Panel(**{**panel.__dict__, "lines": lines}))
+            kept.append(replace(panel, lines=lines))
     return tuple(kept)
 
 
@@ -168,24 +172,34 @@ def map_lines(ride: Ride) -> tuple[MapLine, ...]:
 
 
 def ride_marks(ride: Ride) -> tuple[Mark, ...]:
-    """Where it began and ended, and where something went wrong."""
+    """Where it began and ended, where something went wrong, and where both wheels were beyond the limits."""
     states = ride.states
-    marks = [Mark("start", "triangle-up", "ink", [float(states.x[0])], [float(states.y[0])])]
-    wrong = {"fall": "fall", "off_course": "off course", "wall": "wall"}
-    for kind, name in wrong.items():
-        rows = [
-            int(np.clip(np.searchsorted(states.step, e.step), 0, len(states) - 1))
-            for e in ride.events
-            if e.kind == kind
-        ]
-        flags = {"fall": states.fallen, "off_course": states.off_course}.get(kind)
-        if not rows and flags is not None and flags.any():
-            rows = [int(np.argmax(flags))]
+    marks = [marked("start", "triangle-up", "ink", ride, [0])]
+    flags = {"fall": states.fallen, "off_course": states.off_course}
+    for kind, name in (("fall", "fall"), ("off_course", "off course"), ("wall", "wall")):
+        steps = [event.step for event in ride.events if event.kind == kind]
+        rows = np.clip(np.searchsorted(states.step, steps), 0, len(states) - 1).tolist()
+        if not rows and kind in flags and flags[kind].any():
+            rows = [int(np.argmax(flags[kind]))]
         if rows:
-            marks.append(Mark(name, "x-thin", "orange", states.x[rows].tolist(), states.y[rows].tolist()))
+            marks.append(marked(name, "x-thin", "orange", ride, rows))
     if len(marks) == 1:
-        marks.append(Mark("end", "square", "ink", [float(states.x[-1])], [float(states.y[-1])]))
-    return tuple(marks)
+        marks.append(marked("end", "square", "ink", ride, [len(states) - 1]))
+    off = off_track(ride, beyond_limits(states, ride.course))
+    return tuple(marks if off is None else [*marks, off])
+
+
+def off_track(ride: Ride, outside: Floats) -> Mark | None:
+    """Mark the places beyond the limits, where `outside` (m, one value a state) is positive; None without any."""
+    rows = np.flatnonzero(outside > 0.0)
+    if not len(rows):
+        return None
+    return marked("off the track", "circle-open", "orange", ride, rows[:: -(-len(rows) // OFF_TRACK_POINTS)].tolist())
+
+
+def marked(name: str, symbol: str, colour: str, ride: Ride, rows: list[int]) -> Mark:
+    """Mark the places of some states."""
+    return Mark(name, symbol, colour, ride.states.x[rows].tolist(), ride.states.y[rows].tolist())
 
 
 def section_labels(course: Course | None) -> tuple[dict[str, Any], ...]:

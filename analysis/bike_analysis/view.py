@@ -224,7 +224,7 @@ class View:
             "panels": [asdict(panel) for panel in self.panels],
             "map": {
                 "lines": [_packed_line(line) for line in self.lines],
-                "marks": [asdict(mark) for mark in self.marks],
+                "marks": [_packed_mark(mark) for mark in self.marks],
                 "labels": list(self.labels),
                 "colours": list(self.colours),
             },
@@ -244,6 +244,11 @@ class View:
 
     def _quantum(self, name: str) -> float:
         return MAP_QUANTUM if name in ("x", "y") else 10.0 ** -(self.channel(name).digits + 2)
+
+
+def _packed_mark(mark: Mark) -> dict[str, Any]:
+    places = [(x, y) for x, y in zip(mark.x, mark.y, strict=True) if np.isfinite(x) and np.isfinite(y)]
+    return asdict(mark) | {"x": [x for x, _ in places], "y": [y for _, y in places]}
 
 
 def _packed_line(line: MapLine) -> dict[str, Any]:

@@ -28,7 +28,7 @@ from selenium.webdriver.support.ui import WebDriverWait
 from bike_analysis import compare, open_ride
 from bike_analysis.embed import MISSING, embed
 from bike_analysis.page import page_shell, write_page
-from bike_analysis.ride_view import panels_for
+from bike_analysis.ride_view import panels_for, ride_view
 from bike_analysis.view import KMH, MapLine, Section, Series, View, growing, view_html
 
 FLAGS = (
@@ -81,6 +81,21 @@ def test_axes_never_fall_and_are_never_missing(values: np.ndarray) -> None:
     axis = growing(values)
     assert np.all(np.diff(axis) >= 0.0)
     assert np.all(np.isfinite(axis))
+
+
+def test_places_off_the_track_are_marked_and_missing_places_are_not(writer: Any, circle: Any, tmp_path: Path) -> None:
+    """0.3 m left of a line that has 0.25 m to its left limit, for the first hundred states."""
+    offset = np.where(np.arange(300) < 100, 0.3, 0.2)
+    ride = circle(steps=300, offset=offset)
+    ride.states |= {"front_lateral_error": offset.copy(), "front_progress": ride.states["progress"]}
+    ride.states["x"][7] = np.nan
+    ride.course |= {side: np.full(len(ride.course["s"]), 0.25) for side in ("width_left", "width_right")}
+    recording = open_ride(writer.write(tmp_path / "off.mcap", [ride]))
+    data = ride_view(recording.rides[0].data, "off", "off").data()
+    json.dumps(data, allow_nan=False)
+    marks = {mark["name"]: mark for mark in data["map"]["marks"]}
+    assert len(marks["off the track"]["x"]) == len(marks["off the track"]["y"]) == 99
+    assert [line["role"] for line in data["map"]["lines"]] == ["wanted", "limit", "limit"]
 
 
 # ---- the browser ----------------------------------------------------------------------------------------------------
