@@ -33,6 +33,8 @@ BATCH: Final = 4096
 _HEADER_BYTES: Final = 4
 _DEEPEST: Final = 32
 """Messages within messages; what is deeper contains itself."""
+_LONGEST_ARRAY: Final = 4096
+"""Elements of an array of messages or strings of fixed length; the decoder makes code for each of them."""
 _KEPT_LAYOUTS: Final = 8
 """Layouts that are tried before a new one is worked out."""
 _DTYPES: Final = {
@@ -87,6 +89,35 @@ class MessageSchema:
         """
         self.name = name
         self._store = _typestore(name, definition)
+        self._refuse_what_never_ends()
+
+    def _refuse_what_never_ends(self) -> None:
+        """No type may contain itself; nor may there be arrays of nothing, whose number no bytes would bound."""
+        for type_name in self._store.fielddefs:
+            self._refuse_itself(type_name, ())
+            for field, kind, detail in self._fields_of(type_name, 0):
+                if kind in (Nodetype.BASE, Nodetype.NAME):
+                    continue
+                (inner_kind, inner), length = detail
+                number = inner_kind == Nodetype.BASE and inner[0] in _DTYPES
+                if kind == Nodetype.ARRAY and not number and int(length) > _LONGEST_ARRAY:
+                    raise SchemaError(f"field {field} of {type_name} in the recording has {length} elements")
+                if inner_kind == Nodetype.NAME and self._is_empty(inner, 0):
+                    raise SchemaError(f"field {field} of {type_name} in the recording is an array of nothing")
+
+    def _refuse_itself(self, type_name: str, within: tuple[str, ...]) -> None:
+        for _, kind, detail in self._fields_of(type_name, len(within)):
+            inner_kind, inner = (kind, detail) if kind in (Nodetype.BASE, Nodetype.NAME) else detail[0]
+            if inner_kind == Nodetype.NAME:
+                if inner in (type_name, *within):
+                    raise SchemaError(f"type {inner} in the recording contains itself")
+                self._refuse_itself(inner, (*within, type_name))
+
+    def _is_empty(self, type_name: str, depth: int) -> bool:
+        return all(
+            kind == Nodetype.NAME and self._is_empty(detail, depth + 1)
+            for _, kind, detail in self._fields_of(type_name, depth)
+        )
 
     def decode(self, data: bytes) -> Any:
         """Decode one message of any type into an object with an attribute for each field.
@@ -206,13 +237,10 @@ class MessageSchema:
     def _walk_each(self, walker: _Walker, kind: Any, detail: Any, count: int, depth: int) -> None:
         """Walk over an array of strings or messages; the walker stops where the message ends."""
         for _ in range(count):
-            before = walker.position
             if kind == Nodetype.NAME:
                 self._walk(walker, detail, None, depth + 1)
             else:
                 walker.base(None, detail[0])
-            if walker.position == before:
-                return  # elements without content
 
 
 @dataclass(frozen=True)

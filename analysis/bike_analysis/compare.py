@@ -22,6 +22,8 @@ from bike_analysis.table import motion_columns, station
 
 STATIONS: Final = 2500
 """About so many stations are wanted along a course."""
+MOST_ROWS: Final = 2_000_000
+"""Stations or times of one run that are worked out at most."""
 SAME_LENGTH: Final = 0.03
 """Courses whose lengths differ by more than this part are not the same."""
 
@@ -161,6 +163,8 @@ class Comparison:
         """
         if not period_s > 0.0:
             raise ValueError(f"the period of ghosts must be positive, got {period_s!r}")
+        if float(np.nanmax(self.values["time_s"], initial=0.0)) / period_s > MOST_ROWS:
+            raise ValueError(f"ghosts every {period_s:g} s would be more than {MOST_ROWS}")
         reference = self._over_time(self.reference, "station_m", None)
         parts = []
         for index, run in enumerate(self.runs):
@@ -234,6 +238,8 @@ def compare_runs(runs: Sequence[Run], station_m: float | None = None) -> Compari
     spacing = _round_spacing(whole / STATIONS) if station_m is None else float(station_m)
     if not (spacing > 0.0 and np.isfinite(spacing)):
         raise ValueError(f"the distance of stations must be positive, got {station_m!r} m")
+    if whole / spacing > MOST_ROWS:
+        raise ValueError(f"stations {spacing:g} m apart on {whole:.0f} m would be more than {MOST_ROWS}")
     stations = np.arange(0.0, whole + 1e-9 * whole, spacing)
     aligned = [_aligned(run, stations, whole / length) for run, length in zip(runs, lengths, strict=True)]
     columns = tuple(dict.fromkeys(name for part in aligned for name in part))

@@ -20,6 +20,8 @@ from bike_analysis.rides import Ride
 
 ON_THE_LINE: Final = 0.05
 """A ride that begins at most this far beyond a line began on it, m."""
+MOST_LAPS: Final = 2000
+"""Laps that are told apart in one ride."""
 SAME_CROSSING: Final = 0.25
 """An event belongs to a crossing found from the states if their times differ by less than this, s."""
 
@@ -90,6 +92,17 @@ def course_length(ride: Ride) -> float | None:
     return length
 
 
+def lap_range(first_m: float, last_m: float, length: float) -> range:
+    """Numbers of the laps of a closed course, counted from 0, between two values of progress.
+
+    At most `MOST_LAPS`: where damage makes a course tiny or a ride endless, nothing is counted for hours.
+    """
+    if not (np.isfinite(first_m) and np.isfinite(last_m) and length > 0.0):
+        return range(0)
+    first = int(first_m // length)
+    return range(first, min(int(last_m // length), first + MOST_LAPS) + 1)
+
+
 def sector_starts(ride: Ride) -> Floats:
     """Arc lengths at which the sectors of a closed course begin, m: 0 first, then those inside the course."""
     length, course = course_length(ride), ride.course
@@ -113,7 +126,7 @@ def line_crossings(ride: Ride, length: float, starts: Floats) -> dict[tuple[int,
     progress, time = farther_than_before(ride.states.progress, ride.time)
     if not len(progress):
         return {}
-    laps = np.arange(int(np.floor(progress[0] / length)), int(np.floor(progress[-1] / length)) + 1)
+    laps = np.array(lap_range(progress[0], progress[-1], length))
     lines = (laps[:, None] * length + starts[None, :]).ravel()
     names = [(int(k), mark) for k in laps for mark in range(len(starts))]
     at_first = (lines < progress[0]) & (lines >= progress[0] - ON_THE_LINE)

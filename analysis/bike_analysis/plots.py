@@ -17,6 +17,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from bike_analysis.laps import lap_range
 from bike_analysis.reading import Floats
 from bike_analysis.ride_view import map_lines
 from bike_analysis.rides import Ride
@@ -151,7 +152,10 @@ def _map_height(ride: Ride) -> float:
     """Height of a map in inches that fits the path's own proportions."""
     line_x, line_y = ride.reference_line()
     x, y = np.append(line_x, ride.states.x), np.append(line_y, ride.states.y)
-    across, up = float(np.nanmax(x) - np.nanmin(x)), float(np.nanmax(y) - np.nanmin(y))
+    known = np.isfinite(x) & np.isfinite(y)
+    if not known.any():
+        return 2.5
+    across, up = float(np.ptp(x[known])), float(np.ptp(y[known]))
     return float(np.clip((WIDTH - 0.8) * up / max(across, 1e-3), 1.2, 1.2 * WIDTH) + 1.3)
 
 
@@ -193,7 +197,7 @@ def _draw_sections(axes: Axes, ride: Ride, way: Floats) -> None:
     if course is None or not course.section_names:
         return
     first, last = float(way[0]), float(way[-1])
-    laps = range(int(last // course.length) + 1) if course.closed and course.length > 0.0 else range(1)
+    laps = lap_range(0.0, last, course.length) if course.closed else range(1)
     transform = axes.get_xaxis_transform()
     figure = axes.get_figure(root=True)
     room = 0.18 / (figure.get_figwidth() if figure else WIDTH)  # a number is about 0.15 inches wide

@@ -34,6 +34,11 @@ DEFAULT_NAMESPACE: Final = "/bike"
 EVENT_KINDS: Final = ("reset", "fall", "off_course", "wall", "lap", "finish", "sector", "back_on_course")
 """Names of ``RideEvent.kind``, by number."""
 
+LARGEST: Final = 1e9
+"""No place, angle, rate or torque of a ride is larger, in SI units; damaged numbers mostly are."""
+LONGEST_COURSE: Final = 1e7
+"""m."""
+
 _STAMP: Final = ("header.stamp.sec", "header.stamp.nanosec")
 _NOTES: Final = "ride_notes"
 _DECODED_BY_MESSAGE: Final = ("bike_msgs/msg/Course", "bike_msgs/msg/RideEvent", "diagnostic_msgs/msg/DiagnosticArray")
@@ -406,7 +411,7 @@ class _TopicReader:
 def _table_of(
     kind: type[_TableT], order: Integers, time_s: Floats, columns: dict[str, NDArray[Any]], count: int
 ) -> _TableT:
-    """A table of columns; those that are absent are filled."""
+    """A table of columns; those that are absent are filled, and numbers that cannot be become NaN."""
     values: dict[str, NDArray[Any]] = {"order": order, "time_s": time_s}
     for f in fields(kind):
         if f.name in values:
@@ -415,6 +420,8 @@ def _table_of(
         column = columns.pop(f.name, None)
         if column is not None:
             values[f.name] = column.astype(dtype, copy=False)
+            if dtype is np.float64:
+                values[f.name][~(np.abs(values[f.name]) <= LARGEST)] = np.nan
         elif f.name == "step":
             values[f.name] = np.arange(count, dtype=np.int64)
         else:
@@ -561,7 +568,7 @@ class _Collector:
             try:
                 yield convert(order, message)
             except (AttributeError, TypeError, ValueError) as error:
-                self._warn(f"topic {topic} is skipped: its type is of another version ({error})")
+                self._warn(f"a message of {topic} is left out: damaged, or of another version ({error})")
 
     def _choose(self, namespace: str | None) -> str | None:
         """Namespace of the vehicle to be read; None where there are no states of ours, but motion of somebody's."""
@@ -634,7 +641,12 @@ def _floats(values: Any) -> Floats:
 
 
 def _course(order: int, message: Any) -> Course:
-    return Course(
+    """A course.
+
+    Raises:
+        ValueError: If its columns do not describe one.
+    """
+    course = Course(
         order=order,
         episode=int(message.episode),
         name=str(message.name),
@@ -650,6 +662,16 @@ def _course(order: int, message: Any) -> Course:
         section_names=tuple(str(name) for name in message.section_names),
         section_starts=_floats(message.section_starts),
     )
+    if not 0.0 < course.length <= LONGEST_COURSE:
+        raise ValueError(f"a course of {course.length:.3g} m")
+    if not len(course.s) == len(course.x) == len(course.y):
+        raise ValueError("columns of unequal length")
+    if len(course.section_names) != len(course.section_starts):
+        raise ValueError(f"{len(course.section_names)} names for {len(course.section_starts)} sections")
+    for name in ("s", "x", "y", "curvature", "width_left", "width_right", "section_starts"):
+        if not (np.abs(getattr(course, name)) <= LARGEST).all():
+            raise ValueError(f"{name} has values that cannot be")
+    return course
 
 
 def _event(order: int, message: Any) -> Event:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_analysis.delays import command_delay
+from bike_analysis.laps import lap_range
 from bike_analysis.reading import Course, Floats
 from bike_analysis.rides import Ride
 from bike_analysis.track_limits import beyond_limits
@@ -233,7 +234,7 @@ def course_sections(ride: Ride, distance: Floats, lap_begin: float = 0.0) -> tup
     if course is None or not course.section_names or not len(distance):
         return ()
     first, last = float(distance[0]) + lap_begin, float(distance[-1]) + lap_begin
-    laps = range(int(first // course.length), int(last // course.length) + 1) if course.closed else range(1)
+    laps = lap_range(first, last, course.length) if course.closed else range(1)
     found = []
     for lap in laps:
         bounds = np.append(course.section_starts, course.length) + lap * course.length - lap_begin
