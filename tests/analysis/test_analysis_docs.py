@@ -1,0 +1,170 @@
+"""docs/analysis.md: its Python runs, its columns are those of the tables, and its figures are those of the JSON."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from dataclasses import fields
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pandas as pd
+import pytest
+
+from bike_analysis import open_ride
+from bike_analysis.metrics import LapFigures, RideFigures
+from bike_analysis.reading import TELEMETRY_COLUMNS
+from bike_analysis.results import Analysis, RecordingFigures, SpeedFigures
+from bike_analysis.schema import make_schema, shipped_schema
+from bike_sim.recording import RideRecorder
+from bike_training.cli import main
+
+PAGE = (Path(__file__).parents[2] / "docs" / "analysis.md").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def folder(writer, circle, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three recordings of laps: a.mcap, b.mcap and lap.mcap."""
+    folder = tmp_path_factory.mktemp("docs")
+    for name, speed in (("a", 4.0), ("b", 4.5), ("lap", 5.0)):
+        notes = {"policy": f"rider {name}"}
+        ride = circle(steps=700, speed=speed, latency_ms=(0.1, 0.2))
+        writer.write(folder / f"{name}.mcap", [ride], notes=notes, metadata_file=False)
+    return folder
+
+
+def test_its_python_runs(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    monkeypatch.chdir(folder)
+    blocks = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+    names: dict[str, object] = {}
+    for block in blocks:
+        exec(compile(block, "docs/analysis.md", "exec"), names)
+    assert "rider lap" in capsys.readouterr().out
+    assert np.nanmin(names["lost"]) == 0.0
+    assert str(names["fast"]).startswith("b, lap ")
+    assert len(names["laps"].runs) == len(names["ride"].laps)
+    assert isinstance(names["ghosts"], pd.DataFrame)
+
+
+def cells(heading: str) -> list[str]:
+    """First cells of the table below a heading."""
+    part = PAGE.split(f"\n## {heading}\n")[1].split("\n## ")[0]
+    return [line.split("|")[1] for line in part.splitlines() if line.startswith("| `")]
+
+
+@pytest.fixture(scope="module")
+def with_telemetry(messages, share, folder: Path) -> Path:
+    """A few states with telemetry; every number is its field's place in the message."""
+    for name in ("bike_msgs/msg/Telemetry", "bike_msgs/msg/BikeState"):
+        messages.learn(name)
+    path = folder / "telemetry.mcap"
+    values = {name: float(k) for k, name in enumerate(TELEMETRY_COLUMNS)}
+    flags = ("traction_control", "anti_wheelie", "brake_control", "anti_stoppie", *_LOST)
+    with RideRecorder(path, share=share, metadata_file=False) as recorder:
+        recorder.add_topic("/bike/state", "bike_msgs/msg/BikeState")
+        recorder.add_topic("/bike/telemetry", "bike_msgs/msg/Telemetry")
+        for step in range(20):
+            both = {"header": messages.header(1.0 + 0.02 * step), "episode": 1, "step": step}
+            state = messages.make("bike_msgs/msg/BikeState", control_period=0.02, x=0.1 * step, speed=5.0, **both)
+            told = values | {name: step >= 15 for name in flags}
+            told["rear_slip_angle"] = 0.01 * (step - 10)
+            telemetry = messages.make("bike_msgs/msg/Telemetry", **both, **told)
+            time = round(1e9 + 2e7 * step)
+            recorder.write("/bike/state", messages.cdr("bike_msgs/msg/BikeState", state), time)
+            if step != 3:  # one is lost
+                recorder.write("/bike/telemetry", messages.cdr("bike_msgs/msg/Telemetry", telemetry), time)
+    return path
+
+
+_LOST = ("rear_contact_lost", "front_contact_lost")
+
+
+def test_its_columns_are_those_of_the_table(with_telemetry: Path) -> None:
+    table = open_ride(with_telemetry).rides[0].table()
+    documented = re.findall(r"`(\w+)`", " ".join(cells("Columns")))
+    assert sorted(documented) == sorted(table.columns)
+    assert len(documented) == len(set(documented))
+
+
+def test_telemetry_is_beside_its_state(with_telemetry: Path) -> None:
+    ride = open_ride(with_telemetry).rides[0]
+    table = ride.table()
+    known = table.step != 3
+    np.testing.assert_allclose(table.rear_slip_angle_rad[known], 0.01 * (table.step[known] - 10))
+    assert np.isnan(table.rear_slip_angle_rad[3])
+    assert set(table.front_load_n[known]) == {float(list(TELEMETRY_COLUMNS).index("front_load"))}
+    tyres = ride.figures.tyres
+    assert tyres.rear_slip_angle_max_deg == pytest.approx(np.degrees(0.1))
+    assert tyres.anti_wheelie_s == pytest.approx(5 * 0.02)
+    assert tyres.front_contact_lost_s == pytest.approx(5 * 0.02)
+
+
+def test_its_figures_are_those_of_the_json() -> None:
+    known = {f.name for kind in (Analysis, RecordingFigures, RideFigures, LapFigures) for f in fields(kind)}
+    known |= {f"distance_by_speed[].{f.name}" for f in fields(SpeedFigures)}
+    known |= {"command_delay_*"}
+    told = re.findall(r"`([^`]+)`", " ".join(cells("Figures") + cells("JSON")))
+    assert told
+    assert set(told) <= known
+
+
+def test_the_schema_is_that_of_the_records() -> None:
+    assert shipped_schema() == make_schema(), "run python -m bike_analysis.schema > analyze.schema.json"
+    jsonschema.Draft202012Validator.check_schema(shipped_schema())
+    ride = shipped_schema()["$defs"]["Ride"]["properties"]
+    assert [name for name, entry in ride.items() if not entry.get("description")] == []
+
+
+def check_schema(result: dict) -> None:
+    jsonschema.validate(json.loads(json.dumps(result, allow_nan=False)), shipped_schema())
+
+
+def run(capsys, *words: str) -> dict:
+    capsys.readouterr()
+    assert main(["analyze", *words, "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_every_output_fits_the_schema(folder: Path, with_telemetry: Path, tmp_path: Path, capsys) -> None:
+    for words in (("lap.mcap",), ("a.mcap", "b.mcap", "lap.mcap"), ("telemetry.mcap",)):
+        check_schema(run(capsys, *(str(folder / word) for word in words)))
+    torn = tmp_path / "torn.mcap"
+    torn.write_bytes((folder / "a.mcap").read_bytes()[:-3000])
+    check_schema(run(capsys, str(torn)))
+    copy = shutil.copy(folder / "lap.mcap", tmp_path / "lap.mcap")
+    files = ("--out", str(tmp_path / "o"), "--csv", str(tmp_path / "t.csv"), "--parquet", str(tmp_path / "t.parquet"))
+    result = run(capsys, str(copy), *files)
+    check_schema(result)
+    assert all(Path(result["figures"][name]).exists() for name in ("page", "picture", "csv", "parquet"))
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate({**result, "schema": "bike.analyze/1"}, shipped_schema())
+
+
+def test_distance_by_speed_is_a_mean_over_controllers(writer, circle, tmp_path: Path, capsys) -> None:
+    """T(v) of Eq. 15: each controller's own mean counts once, however many rides it made at that speed."""
+    rides = {"one": [(3.0, 0.1), (3.05, 0.3), (4.0, 0.5)], "two": [(3.0, 0.4)]}
+    paths = []
+    for policy, made in rides.items():
+        written = [
+            circle(steps=100, speed=v, offset=e, episode=k + 1, start_s=1.0 + 10.0 * k) for k, (v, e) in enumerate(made)
+        ]
+        path = tmp_path / f"{policy}.mcap"
+        paths.append(str(writer.write(path, written, notes={"policy": policy}, metadata_file=False)))
+    found = run(capsys, *paths)["figures"]["distance_by_speed"]
+    assert [(f["speed_m_s"], f["controllers"], f["rides"]) for f in found] == [(3.0, 2, 3), (4.0, 1, 1)]
+    assert found[0]["mean_error_m"] == pytest.approx(0.5 * (0.5 * (0.1 + 0.3) + 0.4))
+    assert found[0]["max_error_m"] == pytest.approx(0.4)
+
+
+def test_split_recordings_are_read_as_one(writer, circle, tmp_path: Path) -> None:
+    """A directory whose metadata lists several files, as rosbag2 and the recorder leave them."""
+    from bike_sim.recording import Split
+
+    whole = writer.write(tmp_path / "whole.mcap", [circle(steps=300)], metadata_file=False)
+    writer.write(tmp_path / "parts", [circle(steps=300)], split=Split(max_duration_s=4.0), chunk_bytes=2000)
+    assert len(list((tmp_path / "parts").glob("*.mcap"))) > 2
+    one, many = open_ride(whole), open_ride(tmp_path / "parts")
+    assert many.warnings == one.warnings
+    pd.testing.assert_frame_equal(many.rides[0].table(), one.rides[0].table())
