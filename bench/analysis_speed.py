@@ -101,6 +101,10 @@ class _LapTopic:
         """Add the message of a step."""
         self.messages.append((step, self.schema.trim(data)))
 
+    def once(self, index: int) -> bool:
+        """Whether a message belongs to the reset and is not written again with every lap."""
+        return self.qos is LATCHED or (index == 0 and self.name == "/bike/events")
+
     def shifted(self, index: int, counts: dict[str, float]) -> bytes:
         """The message at a place of the list, shifted in time, steps and way by `counts`."""
         data = bytearray(self.messages[index][1])
@@ -182,7 +186,8 @@ class _LapWriter:
         """Serialize one step."""
         stamp = NANOSECONDS + self._steps * round(PERIOD * NANOSECONDS)
         course = self._episode.course
-        events = self._watch.look(snapshot)
+        # The lap that ends where this one begins is not repeated with it.
+        events = [event for event in self._watch.look(snapshot) if self._steps]
         seen = _as_step(snapshot, self._steps)
         self._add("/clock", Clock(clock=messages.time_to_message(stamp)))
         self._add("/bike/state", messages.state_to_message(seen, self._episode, stamp))
@@ -194,6 +199,7 @@ class _LapWriter:
         self._add("/bike/markers", standard_messages.vehicle_markers(seen, self._vehicle, stamp))
         self._add_transform(seen, stamp)
         for event in events:
+            event = replace(event, time=event.time - (snapshot.time - seen.time))
             self._add("/bike/events", messages.event_to_message(event, seen, stamp))
         command = Command(seen.episode, seen.step, steering, throttle)
         self._add("/bike/command", messages.command_to_message(command, messages.time_to_message(stamp)))
@@ -248,7 +254,7 @@ def _report(node: str, figures: dict[str, Any], stamp: int) -> DiagnosticArray:
 
 
 def _as_step(snapshot: TrackSnapshot, step: int) -> TrackSnapshot:
-    return replace(snapshot, episode=1, step=step)
+    return replace(snapshot, episode=1, step=step, time=step * PERIOD)
 
 
 def write_recording(path: Path, duration: float, lap: tuple[list[_LapTopic], int, float]) -> int:
@@ -272,7 +278,7 @@ def write_recording(path: Path, duration: float, lap: tuple[list[_LapTopic], int
             counts = {"seconds": number * round(steps * PERIOD), "steps": number * steps, "way": number * way}
             stamp = NANOSECONDS + total * round(PERIOD * NANOSECONDS)
             for topic, index in schedule[step]:
-                if total and topic.qos is LATCHED:
+                if total and topic.once(index):
                     continue
                 recorder.write(topic.name, topic.shifted(index, counts), stamp)
         return recorder.message_count
