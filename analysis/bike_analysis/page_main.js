@@ -62,3 +62,8 @@ document.querySelectorAll(".view").forEach((section, k) => {
   near.observe(section);
 });
 recolour();
+
+// Where there is not too much of it, the rest is drawn in idle time, so that all is there when the page is printed.
+const rowsInAll = specs.flatMap(spec => spec.series).reduce((sum, series) => sum + series.columns.time.rows, 0);
+const openFrom = k => setTimeout(() => views[k]?.open().then(() => openFrom(k + 1)), 300);
+if (rowsInAll < 200000) openFrom(0);

@@ -160,7 +160,7 @@ class View {
     if (this.moved || drawn.length) tell(this);
     this.moved = false;
     if (drawn.length) performance.measure("draw", { start, detail: drawn.length });
-    if ([...this.dirty].some(part => part.seen)) this.ask(); else this.root.dataset.ready = "yes";
+    if ([...this.dirty].some(part => part.seen)) this.ask(); else if (this.parts.length) this.root.dataset.ready = "yes";
   }
 }
 
