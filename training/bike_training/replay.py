@@ -19,7 +19,7 @@ from bike_sim.physics.state import ROLL
 from bike_sim.physics.vehicle import load_vehicle
 from bike_sim.simulator import SimulatorConfig, Snapshot
 from bike_sim.track_ride import make_simulator
-from bike_training.recorded_rides import COMMANDS, EXACT, FLAGS, Columns, Learned, RecordedRide
+from bike_training.recorded_rides import COMMANDS, EXACT, FLAGS, Columns, Learned, RecordedRide, Start
 from bike_training.task import distances
 
 APART_AT: Final = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0)
@@ -109,16 +109,9 @@ def ride_again(
         ValueError: the recording does not say how the ride began, its vehicle is another one now, or engine and step do
             not fit. FileNotFoundError: its vehicle or course is not here.
     """
-    start = recorded.start
-    if start is None:
-        raise ValueError(
-            f"ride {recorded.ride.index}: the recording has no message on /episode for it, so it does not say how the "
-            "ride began; record that topic, too"
-        )
-    config = replace(start.config, engine=engine or start.config.engine, time_step=time_step or start.config.time_step)
-    name = load_vehicle(config.vehicle).name
-    if name != recorded.vehicle:
-        raise ValueError(f"the recorded ride is one of {recorded.vehicle!r}, but {config.vehicle!r} is {name!r} now")
+    start = _start_of(recorded)
+    config = start.config if engine is None else replace(start.config, engine=engine)
+    config = config if time_step is None else replace(config, time_step=time_step)
     steering, throttle, stopped = _commands(recorded)
     ridden = _Ridden(recorded.learned)
     simulator = make_simulator(config)
@@ -135,6 +128,25 @@ def ride_again(
     finally:
         simulator.close()
     return _compare(recorded, config, ridden, stopped)
+
+
+def _start_of(recorded: RecordedRide) -> Start:
+    """Return how the ride began, if it can begin so again.
+
+    Raises:
+        ValueError: that was not recorded, or its vehicle is another now. FileNotFoundError: the vehicle is not here.
+    """
+    start = recorded.start
+    if start is None:
+        raise ValueError(
+            f"ride {recorded.ride.index}: the recording has no message on /episode for it, so it does not say how the "
+            "ride began; record that topic, too"
+        )
+    name = load_vehicle(start.config.vehicle).name
+    if name != recorded.vehicle:
+        vehicle = start.config.vehicle
+        raise ValueError(f"the recorded ride is one of {recorded.vehicle!r}, but {vehicle!r} is {name!r} now")
+    return start
 
 
 def _commands(recorded: RecordedRide) -> tuple[NDArray[np.float64], NDArray[np.float64], str]:
