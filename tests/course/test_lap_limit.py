@@ -142,3 +142,16 @@ def test_bad_requests_are_refused(shapes):
         lap_limit(constant(drive=0.0), line)
     with pytest.raises(ValueError, match="power of a point mass"):
         point_mass_envelope(power=-1.0)
+
+
+def test_nobody_accelerates_more_than_wanted(shapes):
+    line = shapes.oval(50.0, 300.0).centre
+    free = lap_limit(constant(drive=6.0), line)
+    count = len(free.s) - 1
+    held = lap_limit(constant(drive=6.0), line, push=np.full(count, 2.0))
+    assert held.longitudinal.max() == pytest.approx(2.0, rel=1e-6)
+    assert held.longitudinal.min() == pytest.approx(free.longitudinal.min(), rel=0.05)  # brakes are as before
+    assert held.lap_time > free.lap_time + 0.5
+    for name in ("push", "cap"):
+        with pytest.raises(ValueError, match=f"{name} has shape"):
+            lap_limit(constant(), line, **{name: np.ones(3)})

@@ -13,9 +13,15 @@ import pytest
 from bike_policy.classical import ClassicalRider, Seen
 from bike_policy.lap_plan import RiderSettings, reserved
 from bike_sim.course.course import Course
+from bike_sim.fast_lines import track_with_line
 from bike_sim.lap_limit import lap_limit
+from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics.envelope import Envelope, envelope
+from bike_sim.physics.state import upright_state
 from bike_sim.physics.superbike import Superbike
+from bike_sim.physics.superbike_engine import SuperbikeEngine
+from bike_sim.physics.superbike_forces import force_limits
+from bike_sim.physics.superbike_statics import inertial_mass
 from bike_sim.physics.vehicle import load_vehicle
 from bike_training import cli
 from bike_training.commands.lap import ALLOWED_EXCESS
@@ -61,6 +67,45 @@ def test_plan_keeps_its_reserve(machine: Superbike, limits: Envelope) -> None:
     careful = reserved(limits, RiderSettings())
     assert np.all(careful.brake_max <= limits.brake_max)
     assert np.all(careful.lateral_max < limits.lateral_max)
+
+
+def test_plan_asks_for_no_more_rolling_and_drive_than_there_is(
+    machine: Superbike, limits: Envelope, circuit: Path
+) -> None:
+    line = track_with_line(circuit, limits).line(1.0)
+    settings = RiderSettings(roll_rate=0.4)
+    rider = ClassicalRider(machine, line, 0.02, settings, limits)
+    profile, easy = rider.profile, ClassicalRider(machine, line, 0.02, limits=limits).profile
+    lean = rider.leans.of(profile.lateral, profile.speed)
+    half = 0.5 * settings.roll_span
+
+    def later(shift: float) -> np.ndarray:
+        return np.interp((profile.time + shift) % profile.lap_time, profile.time, lean)
+
+    rate = (later(half) - later(-half)) / settings.roll_span
+    assert np.abs(rate).max() <= 1.05 * settings.roll_rate
+    assert profile.lap_time > easy.lap_time
+    thrust = [
+        force_limits(a, r, v * v, machine.machine, machine.tyres)[0]
+        for a, r, v in zip(lean, rate, profile.speed, strict=True)
+    ]
+    drag = np.interp(profile.speed, limits.speeds, limits.drag)
+    most = np.array(thrust) / inertial_mass(machine) - drag
+    # The plan's roll rates are averaged over a shorter time, and its last round moved them a little.
+    assert np.mean(profile.longitudinal > most + 0.5) < 0.02
+
+
+def test_engine_braking_never_locks_the_rear_wheel(machine: Superbike) -> None:
+    engine = SuperbikeEngine(machine, 0.002)
+    engine.reset(upright_state(60.0, machine.rF))
+    slips = []
+    for _ in range(150):
+        engine.advance_commands(0.0, -0.8, 10)
+        slips.append(engine.telemetry()[sf.T_REAR_SLIP])
+    assert engine.fall_name == "none"
+    assert engine.telemetry()[sf.T_SPEED] < 30.0
+    assert min(slips) > -0.3
+    engine.close()
 
 
 def test_steady_on_the_line_asks_for_the_lean_of_the_turn(machine: Superbike, limits: Envelope) -> None:
