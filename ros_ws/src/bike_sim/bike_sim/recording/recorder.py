@@ -283,7 +283,7 @@ class RideRecorder:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise OSError(error.errno, f"directory {folder} cannot be made: {error.strerror}") from error
-        if self._directory:
+        if self._directory and there:
             for file in (*there, target / METADATA_FILE):
                 file.unlink(missing_ok=True)
 
