@@ -168,3 +168,13 @@ def test_split_recordings_are_read_as_one(writer, circle, tmp_path: Path) -> Non
     one, many = open_ride(whole), open_ride(tmp_path / "parts")
     assert many.warnings == one.warnings
     pd.testing.assert_frame_equal(many.rides[0].table(), one.rides[0].table())
+
+
+def test_the_readers_of_the_benchmark_read_the_same(folder: Path) -> None:
+    """What is compared with each other is the same work: every message, the same topics decoded."""
+    pytest.importorskip("rclpy")
+    from bench.analysis_speed import READERS
+
+    counts = {name: read(folder / "a.mcap") for name, read in READERS.items()}
+    assert len(set(counts.values())) == 1, counts
+    assert counts["reading"] > 700
