@@ -116,7 +116,7 @@ def test_page_tells_the_figures(report: dict) -> None:
     assert "Fell &lt;to&gt; the left." in text
     assert "<to>" not in text
     assert 'name="viewport"' in text
-    assert links(report["page"]).tags["figure"] == 5 + 2 * 6  # side by side; map, error, lean, speed, command, age of two rides
+    assert links(report["page"]).tags["figure"] == 5 + 2 * 6  # side by side, and those of two rides
 
 
 def test_picture_is_a_picture(report: dict) -> None:
