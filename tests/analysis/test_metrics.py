@@ -194,3 +194,30 @@ def test_figures_of_any_errors(offsets: list[float], writer, circle, tmp_path_fa
     slack = 1 + 1e-12
     assert figures.mean_error_m <= figures.rms_error_m * slack
     assert figures.rms_error_m <= figures.max_error_m * slack
+
+
+@settings(max_examples=80, deadline=None)
+@given(data=st.data())
+def test_command_delay_is_that_of_a_plain_search(circle_ride_of_ten: Ride, data: st.DataObject) -> None:
+    """Held, repeated, late and unknown commands of few values, against a search written down as the docstring says."""
+    ride = circle_ride_of_ten
+    values = st.sampled_from([-1.0, -0.5, 0.0, 0.5, 1.0, 1.5])
+    count = data.draw(st.integers(0, 14))
+    steps = np.array(data.draw(st.lists(st.integers(0, 9), min_size=count, max_size=count)), dtype=np.int64)
+    steering = np.array(data.draw(st.lists(values, min_size=count, max_size=count)))
+    table = ride.commands.take(np.zeros(count, dtype=np.int64))
+    commands = replace(table, step=steps, steering=steering, time_s=0.05 * steps)
+    applied = np.array(data.draw(st.lists(values, min_size=10, max_size=10)))
+    found = command_delay(replace(ride, commands=commands, states=replace(ride.states, steering_command=applied)))
+    wanted = []
+    for row in range(1, 10):
+        same = [s for s, v in zip(steps, steering, strict=True) if np.clip(v, -1, 1) == applied[row] and s <= row - 1]
+        if same:
+            wanted.append((row, row - 1 - max(same)))
+    assert list(zip(found.rows.tolist(), found.steps.tolist(), strict=True)) == wanted
+
+
+@pytest.fixture(scope="module")
+def circle_ride_of_ten(writer, circle, tmp_path_factory: pytest.TempPathFactory) -> Ride:
+    path = writer.write(tmp_path_factory.mktemp("ten") / "ride.mcap", [circle(steps=10)])
+    return find_rides(read_recording(path))[0]
