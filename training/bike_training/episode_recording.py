@@ -1,6 +1,7 @@
 """Records rides of training as the recorder node would, with what was learned from at each step.
 
 Two kinds of rides are recorded: those of a validation, and rides that the learner itself makes, with its exploration.
+A recording that the disk refuses ends with a warning; learning goes on.
 """
 
 from __future__ import annotations
@@ -8,7 +9,8 @@ from __future__ import annotations
 import json
 import warnings
 from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, Final
@@ -64,6 +66,21 @@ def task_note(task: Task) -> str:
     return json.dumps(asdict(task) | {"layout": task.layout.to_card()})
 
 
+@contextmanager
+def _warning_of_disk(path: Path, end: Callable[[], None] = lambda: None) -> Iterator[None]:
+    """Turn a refusal of the disk into a warning, for no recording is worth the training.
+
+    Args:
+        path: recording.
+        end: is called then.
+    """
+    try:
+        yield
+    except OSError as error:
+        warnings.warn(f"{path} is not recorded further, learning goes on: {error.strerror or error}", stacklevel=3)
+        end()
+
+
 class RideWriter:
     """Rides one ride in a simulator, step by step, and writes it down.
 
@@ -84,6 +101,9 @@ class RideWriter:
             request: how the ride begins.
             full_episode: steps after which an episode of learning is truncated.
             rider: who rides, for the notes.
+
+        Raises:
+            OSError: the disk refuses the recording; it is closed then. `step` and `close` raise it too.
         """
         self._task, self._simulator, self._full_episode = task, simulator, full_episode
         self._episode, self._episode_step = 1, 0
@@ -101,7 +121,6 @@ class RideWriter:
         self._write("state", messages.state_to_message(self.snapshot, self._facts, stamp))
 
     def _open(self, path: Path, notes: dict[str, str]) -> None:
-        path.parent.mkdir(parents=True, exist_ok=True)
         self._recorder = RideRecorder(path, overwrite=True, notes=notes, metadata_file=False)
         self._schemas: dict[str, MessageSchema] = {}
         for name, (kind, qos) in TOPICS.items():
@@ -183,7 +202,7 @@ def _standing_message(standing: Standing) -> LearningStep:
 def record_ride(
     path: Path, actor: Actor, task: Task, simulator: Simulator, request: ResetRequest, standing: Standing
 ) -> None:
-    """Ride a validation ride once more and record it.
+    """Ride a validation ride once more and record it; a disk that refuses it ends the ride with a warning.
 
     Args:
         path: recording, ``.mcap``.
@@ -194,17 +213,16 @@ def record_ride(
         standing: where learning stands.
     """
     steps = round(VALIDATION_DURATION / simulator.config.control_period)
-    writer = RideWriter(path, task, simulator, request, steps, "deterministic actor, in validation")
     scale = ActionScale(task.max_steer)
-    try:
-        for _ in range(steps):
-            observation = task.layout.observe(writer.snapshot.state, writer.snapshot.preview_y)
-            action = actor.act(observation)
-            writer.step(observation, action, scale.to_command(action, simulator.vehicle.max_steer), standing, True)
-            if writer.failed:
-                break
-    finally:
-        writer.close()
+    with _warning_of_disk(path):
+        writer = RideWriter(path, task, simulator, request, steps, "deterministic actor, in validation")
+        with closing(writer):
+            for _ in range(steps):
+                observation = task.layout.observe(writer.snapshot.state, writer.snapshot.preview_y)
+                action = actor.act(observation)
+                writer.step(observation, action, scale.to_command(action, simulator.vehicle.max_steer), standing, True)
+                if writer.failed:
+                    break
 
 
 class TrainingRecorder:
@@ -245,28 +263,30 @@ class TrainingRecorder:
             self.close()
             return
         self._simulator = Simulator(self._config)
-        self._writer = RideWriter(
-            self._path, self._task, self._simulator, request, self._task.max_steps, "learner, in training"
-        )
+        with _warning_of_disk(self._path, self.close):
+            self._writer = RideWriter(
+                self._path, self._task, self._simulator, request, self._task.max_steps, "learner, in training"
+            )
 
     def stepped(
         self, observation: NDArray[np.float32], action: float, command: float, state: NDArray[np.float64]
     ) -> None:
         """Write a step down; the recording ends with a warning where the simulator leaves the ride of the training."""
-        if self._writer is None:
+        if self._writer is None or self._path is None:
             return
-        snapshot = self._writer.step(observation, action, command, self._standing(), False)
-        if not np.array_equal(snapshot.state, state):
-            warnings.warn(f"recording {self._path} ends: its ride has left that of the training", stacklevel=2)
-            self.close()
+        with _warning_of_disk(self._path, self.close):
+            snapshot = self._writer.step(observation, action, command, self._standing(), False)
+            if not np.array_equal(snapshot.state, state):
+                warnings.warn(f"recording {self._path} ends: its ride has left that of the training", stacklevel=2)
+                self.close()
 
     def close(self) -> None:
         """Finish a recording that is open, and listen to no more rides."""
         self._env.env_method("set_watch", None, indices=0)
-        self._path = None
-        if self._writer is not None:
-            self._writer.close()
-            self._writer = None
-        if self._simulator is not None:
-            self._simulator.close()
-            self._simulator = None
+        path, writer, simulator = self._path, self._writer, self._simulator
+        self._path = self._writer = self._simulator = None
+        if simulator is not None:
+            simulator.close()
+        if path is not None and writer is not None:
+            with _warning_of_disk(path):
+                writer.close()

@@ -13,25 +13,13 @@ from bike_analysis import Ride, find_rides, read_recording
 from bike_analysis.columns import ColumnReader, MessageSchema
 from bike_analysis.container import Container
 from bike_policy.bundle import Bundle
+from bike_sim.physics.state import FIELDS
 
 FloatArray = NDArray[np.float64]
 
 WHOLE_RIDE: Final = "all"
 """Name of the section that is all of a ride."""
 
-_STATE_FIELDS: Final = (
-    "x",
-    "y",
-    "yaw",
-    "roll",
-    "steer",
-    "rear_wheel_angle",
-    "front_wheel_angle",
-    "roll_rate",
-    "steer_rate",
-    "front_wheel_rate",
-)
-"""Fields of ``bike_msgs/BikeState`` in the order of the minimal state."""
 _PREVIEW_FIELDS: Final = ("preview_by_time", "preview_interval", "preview_y")
 
 
@@ -129,10 +117,10 @@ def _columns(path: Path, topic: str, orders: NDArray[np.int64]) -> dict[str, NDA
         if reader is None:
             schema = container.schemas[container.channels[message.channel].schema_id]
             kind = MessageSchema(schema.name, schema.data.decode("utf-8", errors="replace"))
-            missing = {*_STATE_FIELDS, *_PREVIEW_FIELDS} - kind.fields()
+            missing = {*FIELDS, *_PREVIEW_FIELDS} - kind.fields()
             if missing:
                 raise ValueError(f"{path}: {topic} has no {', '.join(sorted(missing))}, which observations are made of")
-            reader = ColumnReader(kind, (*_STATE_FIELDS, *_PREVIEW_FIELDS))
+            reader = ColumnReader(kind, (*FIELDS, *_PREVIEW_FIELDS))
         reader.add(message.data)
     assert reader is not None, "the orders are those of messages that have been read"
     return reader.finish()
@@ -143,7 +131,7 @@ def _observe(bundle: Bundle, columns: dict[str, NDArray[Any]]) -> NDArray[np.flo
     picked = layout.pick_preview(
         bool(columns["preview_by_time"][0]), float(columns["preview_interval"][0]), preview.shape[1]
     )
-    state = np.stack([columns[name] for name in _STATE_FIELDS], axis=1)
+    state = np.stack([columns[name] for name in FIELDS], axis=1)
     observations = layout.observe(state, preview[:, picked])
     if not np.isfinite(observations).all():
         raise ValueError("the recorded states hold values that are not finite")
