@@ -30,8 +30,11 @@ from shape_msgs.msg import Plane
 from std_msgs.msg import Float64, String
 
 from bike_analysis.container import Container
-from bike_sim.isolation import DOMAIN_VARIABLE
+from bike_policy.bundle import DEFAULT_POLICY
+from bike_sim.isolation import DOMAIN_VARIABLE, DomainLease
 from bike_sim.record import SPECS, RecordSettings
+from bike_training.node_process import NodeLost, NodeProcess
+from bike_training.ride_monitor import START_TIMEOUT, RideMonitor, ride_recorded
 
 pytestmark = pytest.mark.ros
 
@@ -291,6 +294,50 @@ def test_a_full_disk_ends_the_recording_and_not_the_ride(stage: Any, policy: str
     assert steps == sorted(steps)
     assert len(steps) > 10
     assert file.stat().st_size <= limit
+
+
+def test_a_ride_begins_when_the_recorder_hears_states_and_commands(stage: Any, tmp_path: Path) -> None:
+    """Somebody else who listens to the states is no recorder."""
+    simulator = stage.simulator(course="circle")
+    stage.ears()
+    with RideMonitor(stage.domain) as monitor:
+        with pytest.raises(NodeLost, match="did not find each other within 2 s"):
+            monitor.wait_for_recorder(2.0, [])
+        record = {"path": str(tmp_path / "ride.mcap")}
+        with NodeProcess("bike_sim.record", record, stage.domain) as recorder:
+            monitor.wait_for_recorder(START_TIMEOUT, [recorder])
+            recorder.finish()
+    assert simulator.process.poll() is None
+    recording = Container(tmp_path / "ride.mcap")
+    assert sum(len(block) for block in recording.blocks()) > 0
+    assert "/bike/command" in recording.topics()  # it is listened to, though nobody drove
+
+
+def test_a_recorder_that_cannot_close_its_file_fails_the_ride(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A ride whose recording was cut short by a full disk at its very end is not reported as if it were whole."""
+    watch = RideMonitor.watch
+
+    def watch_and_fill(monitor: RideMonitor, bar: Any, longest: float, needed: list[NodeProcess], *more: Any) -> None:
+        watch(monitor, bar, longest, needed, *more)
+        (recorder,) = (node for node in needed if node.module == "bike_sim.record")
+        size = (tmp_path / "ride.mcap").stat().st_size
+        resource.prlimit(recorder.process.pid, resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
+
+    monkeypatch.setattr(RideMonitor, "watch", watch_and_fill)
+    record = {"path": str(tmp_path / "ride.mcap"), "chunk_size": 1 << 20}
+    with (
+        DomainLease() as lease,
+        pytest.raises(NodeLost, match=r"record: recording .*ride.mcap stopped: File too large"),
+    ):
+        ride_recorded(
+            lease.domain_id,
+            record,
+            {"course": "circle", "engine": "whipple", "time_step": 0.01, "mode": "lockstep"},
+            {"policy": DEFAULT_POLICY},
+            title="circle",
+            way=10.0,
+            longest=2.0,
+        )
 
 
 def test_lost_messages_are_counted(stage: Any, mouth: Mouth, tmp_path: Path) -> None:

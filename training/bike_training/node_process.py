@@ -16,6 +16,8 @@ from bike_sim.isolation import DISCOVERY_VARIABLE, DOMAIN_VARIABLE
 
 STOP_TIMEOUT: Final = 3.0
 """Time that a node gets to end, s."""
+SIGNAL_EXITS: Final = 128
+"""Exit codes from here on tell of a signal, and not of an error of the node's own."""
 
 
 class NodeLost(RuntimeError):
@@ -73,15 +75,31 @@ class NodeProcess:
         Raises:
             NodeLost: it has ended; with its last words.
         """
-        code = self.process.poll()
-        if code is not None:
-            self._words.seek(0)
-            lines = self._words.read().decode(errors="replace").strip().splitlines()
-            words = f": {lines[-1]}" if lines else ""
-            raise NodeLost(f"{self.module} ended with exit code {code}{words}")
+        if self.process.poll() is not None:
+            raise self._lost()
+
+    def finish(self) -> None:
+        """End the process and check that it could finish its work, as a recorder cannot on a full disk.
+
+        Raises:
+            NodeLost: it ended with an error of its own; with its last words.
+        """
+        self._end()
+        if 0 < self.process.returncode < SIGNAL_EXITS:
+            raise self._lost()
 
     def close(self) -> None:
         """End the process, if need be by force; a second call does nothing."""
+        self._end()
+        self._words.close()
+
+    def _lost(self) -> NodeLost:
+        self._words.seek(0)
+        lines = self._words.read().decode(errors="replace").strip().splitlines()
+        words = f": {lines[-1]}" if lines else ""
+        return NodeLost(f"{self.module} ended with exit code {self.process.returncode}{words}")
+
+    def _end(self) -> None:
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGTERM)
             try:
@@ -89,4 +107,3 @@ class NodeProcess:
             except subprocess.TimeoutExpired:
                 self.process.kill()
                 self.process.wait()
-        self._words.close()

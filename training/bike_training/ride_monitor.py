@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
 from typing import Any, Final, Self
 
@@ -12,6 +12,7 @@ from bike_msgs.msg import BikeState
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from tqdm import tqdm
 
 from bike_sim import node_tools
 from bike_training.node_process import NodeLost, NodeProcess
@@ -19,8 +20,61 @@ from bike_training.node_process import NodeLost, NodeProcess
 SILENCE: Final = 15.0
 """Wall-clock time without a new state after which a ride counts as stuck, s."""
 
-LISTENERS: Final = 2
-"""Subscriptions of the state once the recorder is there: the recorder's and this one's."""
+START_TIMEOUT: Final = 60.0
+"""Wall-clock time that the nodes get to find each other, s; the first line of a machine takes some seconds."""
+
+LISTENERS: Final = {"state": 2, "command": 2}
+"""Subscriptions by topic once the recorder is there: its own, that of the state here, the simulator's of the command.
+
+It finds topics one after the other: a short ride can be over before it hears the commands.
+"""
+
+
+def has_ended(state: BikeState) -> bool:
+    """Whether a ride is over: finished, fallen or off course."""
+    return bool(state.finished or state.fallen or state.off_course)
+
+
+def ride_recorded(
+    domain: int,
+    record: Mapping[str, Any],
+    simulator: Mapping[str, Any],
+    drive: Mapping[str, Any],
+    *,
+    title: str,
+    way: float,
+    longest: float,
+    is_over: Callable[[BikeState], bool] = has_ended,
+) -> float:
+    """Start recorder, simulator and policy, show the progress of the ride until it ends, and stop them.
+
+    Args:
+        domain: ROS domain of the nodes.
+        record: parameters of the recorder.
+        simulator: parameters of the simulator.
+        drive: parameters of the policy.
+        title: of the progress bar.
+        way: of the ride, m.
+        longest: longest ride, s of simulated time.
+        is_over: whether a state ends the ride.
+
+    Returns:
+        Wall-clock time of the ride, s.
+
+    Raises:
+        NodeLost: a node ended, no state came for long, or the recorder could not finish its file.
+    """
+    with NodeProcess("bike_sim.record", record, domain) as recorder:
+        with NodeProcess("bike_sim.sim_node", simulator, domain) as sim, RideMonitor(domain) as monitor:
+            # The policy starts last, when the recorder hears the simulator: then no step is missed.
+            monitor.wait_for_recorder(START_TIMEOUT, [sim, recorder])
+            with NodeProcess("bike_policy.drive", drive, domain) as policy:
+                begun = time.monotonic()
+                with tqdm(total=round(way), unit="m", desc=title) as bar:
+                    monitor.watch(bar, longest, [sim, recorder, policy], is_over)
+                wall = time.monotonic() - begun
+        recorder.finish()
+        return wall
 
 
 class RideMonitor:
@@ -68,7 +122,7 @@ class RideMonitor:
             NodeLost: a process ended, or the time is up.
         """
         end = time.monotonic() + timeout
-        while self._state is None or self._node.count_subscribers("state") < LISTENERS:
+        while self._state is None or any(self._node.count_subscribers(name) < n for name, n in LISTENERS.items()):
             self._executor.spin_once(0.05)
             for process in needed:
                 process.check()
@@ -80,9 +134,9 @@ class RideMonitor:
         bar: Any,
         longest: float,
         needed: Sequence[NodeProcess],
-        is_over: Callable[[BikeState], bool] = lambda state: state.finished or state.fallen or state.off_course,
+        is_over: Callable[[BikeState], bool] = has_ended,
     ) -> None:
-        """Show progress until the ride ends: finished, fallen, off course or out of simulated time.
+        """Show progress until the ride ends or is out of simulated time.
 
         Args:
             bar: a tqdm bar in m.

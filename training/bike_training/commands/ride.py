@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import time
 from pathlib import Path
 from typing import Any
-
-from tqdm import tqdm
 
 from bike_analysis.commands.analyze import text_of
 from bike_analysis.report import analyze
 from bike_policy.bundle import DEFAULT_POLICY, load_bundle
 from bike_sim.course.files import load_course
 from bike_sim.isolation import DomainLease
-from bike_training.node_process import NodeProcess
 from bike_training.riding import time_for
 
 EXAMPLES = """examples:
@@ -22,9 +18,6 @@ EXAMPLES = """examples:
   bike ride --speed 6.5 --course junction --out out/junction
   bike ride --real-time                       at the pace of the clock, to watch it in Foxglove or RViz
 """
-
-START_TIMEOUT = 30.0
-"""Wall-clock time that the nodes get to find each other, s."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -76,17 +69,7 @@ def _ride(args: argparse.Namespace, domain: int, recording: Path, length: float,
     # By its full path, so that the note serves from anywhere; shipped policies by name.
     policy = str(Path(args.policy).resolve()) if Path(args.policy).is_dir() else args.policy
     record = {"path": str(recording.resolve()), "overwrite": True, "notes": [f"policy={policy}"]}
-    with (
-        NodeProcess("bike_sim.record", record, domain) as recorder,
-        NodeProcess("bike_sim.sim_node", simulator, domain) as sim,
-    ):
-        from bike_training.ride_monitor import RideMonitor  # only rides through nodes need ROS
+    from bike_training.ride_monitor import ride_recorded  # only rides through nodes need ROS
 
-        with RideMonitor(domain) as monitor:
-            # The policy starts last, when the recorder hears the simulator: then no step is missed.
-            monitor.wait_for_recorder(START_TIMEOUT, [sim, recorder])
-            with NodeProcess("bike_policy.drive", {"policy": args.policy}, domain) as drive:
-                begun = time.monotonic()
-                with tqdm(total=round(length), unit="m", desc=f"{args.course} at {args.speed:g} m/s") as bar:
-                    monitor.watch(bar, longest, [sim, recorder, drive])
-                return time.monotonic() - begun
+    title = f"{args.course} at {args.speed:g} m/s"
+    return ride_recorded(domain, record, simulator, {"policy": args.policy}, title=title, way=length, longest=longest)
