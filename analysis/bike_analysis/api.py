@@ -15,9 +15,10 @@ All numbers are those of every recorded state; nothing is thinned out here. Whoe
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import count
 from pathlib import Path
 
 import pandas as pd
@@ -230,10 +231,35 @@ def comparable(items: Iterable[Comparable]) -> list[RecordedRide | RecordedLap]:
 
 def _runs(items: Iterable[RecordedRide | RecordedLap]) -> list[Run]:
     """What is compared, with labels that differ."""
+    given = list(items)
+    rides = [item.ride if isinstance(item, RecordedLap) else item for item in given]
     runs: list[Run] = []
-    for item in items:
-        ride, lap = (item.ride, item.data) if isinstance(item, RecordedLap) else (item, None)
-        same = sum(run.label == item.label or run.label.startswith(f"{item.label} (") for run in runs)
-        label = f"{item.label} ({same + 1})" if same else item.label
+    for item, ride, prefix in zip(given, rides, folder_prefixes([r.recording.path for r in rides]), strict=True):
+        name = prefix + item.label
+        same = sum(run.label == name or run.label.startswith(f"{name} (") for run in runs)
+        label = f"{name} ({same + 1})" if same else name
+        lap = item.data if isinstance(item, RecordedLap) else None
         runs.append(Run(label, ride.recording.path.name, ride.data, lap, ride.recording.policy))
     return runs
+
+
+def folder_prefixes(paths: Sequence[Path]) -> list[str]:
+    """Say what to put before the names of files so that those of one name can be told apart.
+
+    Args:
+        paths: Files, in any order; one may come several times.
+
+    Returns:
+        For each "", or as few of the last folders as differ between files of its name, with a slash behind.
+    """
+    whole = [path.resolve() for path in paths]
+    prefixes = []
+    for path in whole:
+        folders = {other.parent for other in whole if other.stem == path.stem}
+        depth = next(n for n in count() if len({_last(folder, n) for folder in folders}) == len(folders))
+        prefixes.append("".join(f"{part.strip('/')}/" for part in _last(path.parent, depth)))
+    return prefixes
+
+
+def _last(folder: Path, parts: int) -> tuple[str, ...]:
+    return folder.parts[-parts:] if parts else ()

@@ -201,7 +201,9 @@ function followDrawing(canvas, ride, { title, lapTime, edges, line, step }) {
     road(cam, k);
     machine(cam, k);
     g.restore();
-    instruments(k); map(k);
+    const enlarged = Math.min(1.4, Math.max(1, 560 / (canvas.clientWidth || W)));   // to be read on a phone
+    g.save(); g.scale(enlarged, enlarged); instruments(k); g.restore();
+    g.save(); g.translate(W, 0); g.scale(enlarged, enlarged); g.translate(-W, 0); map(k); g.restore();
   }
   return draw;
 }
@@ -210,8 +212,10 @@ class FollowPart {
   constructor(view, figure, spec) {
     this.view = view;
     this.figure = figure;
-    this.drawing = followDrawing(figure.querySelector("canvas"), view.main.columns, spec);
+    const canvas = figure.querySelector("canvas");
+    this.drawing = followDrawing(canvas, view.main.columns, spec);
+    new ResizeObserver(() => view.redraw(part => part === this)).observe(canvas);
   }
   draw() { this.drawing(this.view.place); }
-  point() { if (this.view.moved) this.draw(); }
+  point() { if (this.seen && this.view.moved) this.draw(); }
 }

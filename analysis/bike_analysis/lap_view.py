@@ -104,9 +104,9 @@ def theory_columns(laps: LapRecording, theory: Theory) -> dict[str, Floats]:
 def accelerations(laps: LapRecording, rows: slice) -> tuple[Floats, Floats]:
     """Lateral (positive to the right) and longitudinal acceleration, g, from speed and yaw, smoothed over 0.1 s."""
     states = laps.ride.states
-    time, yaw, speed = laps.time[rows], states.yaw[rows], states.speed[rows]
+    time, yaw, speed = laps.time, states.yaw, states.speed  # of the whole ride: a lap has neighbours before and behind
     if len(time) < 2:
-        return np.full(len(time), np.nan), np.full(len(time), np.nan)
+        return np.full(len(time[rows]), np.nan), np.full(len(time[rows]), np.nan)
     count = min(max(1, round(_SMOOTHING_S / float(states.control_period[0]))), len(time))
     kernel = np.ones(count) / count
 
@@ -115,7 +115,7 @@ def accelerations(laps: LapRecording, rows: slice) -> tuple[Floats, Floats]:
         smoothed[: count // 2 + 1] = smoothed[len(smoothed) - count // 2 - 1 :] = np.nan  # the kernel hangs over
         return smoothed
 
-    return smooth(-speed * np.gradient(yaw, time)), smooth(np.gradient(speed, time))
+    return smooth(-speed * np.gradient(yaw, time))[rows], smooth(np.gradient(speed, time))[rows]
 
 
 def gg_cloud(columns: list[dict[str, Floats]]) -> Cloud:

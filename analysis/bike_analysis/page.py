@@ -15,7 +15,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Final
 
-from bike_analysis.api import RecordedRide, RideRecording
+from bike_analysis.api import RecordedRide, RideRecording, folder_prefixes
 from bike_analysis.compare import Comparison
 from bike_analysis.compare_view import comparison_view, comparison_words, sector_table
 from bike_analysis.metrics import RideFigures
@@ -82,11 +82,15 @@ def render_page(recordings: Sequence[RideRecording], comparison: Comparison | No
         raise ValueError("a page needs at least one recording")
     rides = [ride for recording in recordings for ride in recording.rides]
     several = len(recordings) > 1
-    names = [_ride_name(ride, number, several) for number, ride in enumerate(rides, start=1)]
+    prefixes = folder_prefixes([recording.path for recording in recordings])
+    named = list(zip(prefixes, recordings, strict=True))
+    sources = [prefix + recording.path.name if several else "" for prefix, recording in named]
+    labels = [prefix + ride.label for prefix, recording in named for ride in recording.rides]
+    names = [f"Ride {number}: {label}" if several else f"Ride {number}" for number, label in enumerate(labels, start=1)]
     title = f"{len(recordings)} recordings" if several else recordings[0].path.name
     drawn = _chosen([ride.figures for ride in rides])
     views: list[View] = []
-    parts = ["".join(_warnings(recording, several) for recording in recordings)]
+    parts = ["".join(map(_warnings, recordings, sources))]
     if comparison is not None:
         views.append(comparison_view(comparison, "comparison"))
         parts.append(f'<section id="comparison"><h2>Side by side</h2>{comparison_words(comparison)}')
@@ -94,10 +98,10 @@ def render_page(recordings: Sequence[RideRecording], comparison: Comparison | No
     if len(rides) > 1:
         parts.append(_overview(rides, names, drawn))
     for index in drawn:
-        view = ride_view(rides[index].data, f"ride-{index + 1}", f"{rides[index].label} on {_course(rides[index])}")
+        view = ride_view(rides[index].data, f"ride-{index + 1}", f"{labels[index]} on {_course(rides[index])}")
         views.append(view)
         parts.append(_ride(rides[index], names[index], view))
-    return page_shell(title, "".join(_subtitle(recording, several) for recording in recordings), parts, views)
+    return page_shell(title, "".join(map(_subtitle, recordings, sources)), parts, views)
 
 
 def page_shell(title: str, below: str, parts: Iterable[str], views: Sequence[View]) -> str:
@@ -160,10 +164,6 @@ def _kbd(keys: str) -> str:
     return " ".join(f"<kbd>{escape(key)}</kbd>" for key in keys.split())
 
 
-def _ride_name(ride: RecordedRide, number: int, several: bool) -> str:
-    return f"Ride {number}: {ride.label}" if several else f"Ride {number}"
-
-
 def _course(ride: RecordedRide) -> str:
     return ride.course.name if ride.course else "an unknown course"
 
@@ -179,10 +179,10 @@ def _chosen(figures: Sequence[RideFigures]) -> list[int]:
     return sorted(worst[:DRAWN_RIDES])
 
 
-def _subtitle(recording: RideRecording, several: bool) -> str:
+def _subtitle(recording: RideRecording, file: str) -> str:
     total = sum(ride.figures.duration_s for ride in recording.rides)
     way = sum(ride.figures.distance_m for ride in recording.rides)
-    words = [recording.path.name] if several else []
+    words = [file] if file else []
     words += [f"{total:.1f} s of simulated time", f"{way:.0f} m", f"{recording.data.message_count:,} messages"]
     if recording.vehicle:
         words.append(f"vehicle {recording.vehicle}")
@@ -190,10 +190,10 @@ def _subtitle(recording: RideRecording, several: bool) -> str:
     return f'<p class="soft">{escape(" · ".join(words))}</p>'
 
 
-def _warnings(recording: RideRecording, several: bool) -> str:
+def _warnings(recording: RideRecording, file: str) -> str:
     if not recording.warnings:
         return ""
-    name = f"{recording.path.name}: " if several else ""
+    name = f"{file}: " if file else ""
     lines = "".join(f"<p>{escape(name + w[:1].upper() + w[1:])}.</p>" for w in recording.warnings)
     return f'<div class="warning" role="status">{lines}</div>'
 

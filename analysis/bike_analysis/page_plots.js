@@ -112,7 +112,7 @@ function panelFigure(view, panel, width, height, asFile = false) {
   const margin = marginsOf(asFile), inner = width - margin.l - margin.r;
   const lines = linesOf(view, panel, inner), range = heightRange(lines, panel), axis = view.channels[view.axis];
   return {
-    lines, range,
+    lines,
     data: front(lines.map(found => traceOf(found, panel)), view, asFile),
     layout: layoutOf(asFile, panel.title, {
       width, height, ...sectionMarks(view, inner),
@@ -241,7 +241,7 @@ function cloudFigure(view, cloud, width, height, asFile = false) {
   const inner = [width - margin.l - margin.r, height - margin.t - margin.b];
   const box = fittedBox(cloud.box, ...inner, 0.05);
   return {
-    box, data,
+    data,
     layout: layoutOf(asFile, cloud.title, {
       width, height, margin,
       xaxis: axisStyle({ range: [box[0], box[1]], title: { text: cloud.xLabel, font: { size: 12 }, standoff: 4 } }),

@@ -69,12 +69,6 @@ class View {
       }
     }
     buildBar(this);
-    let width = this.root.clientWidth;
-    new ResizeObserver(() => {
-      if (this.root.clientWidth === width) return;
-      width = this.root.clientWidth;
-      this.redraw();
-    }).observe(this.root);
   }
 
   shown() { return this.series.filter(series => !series.hidden); }
@@ -156,7 +150,7 @@ class View {
       this.dirty.delete(part);
       drawn.push(part);
     }
-    for (const part of this.moved ? this.parts : drawn) if (part.seen) part.point();
+    for (const part of this.moved ? this.parts : drawn) part.point();
     if (this.moved || drawn.length) tell(this);
     this.moved = false;
     if (drawn.length) performance.measure("draw", { start, detail: drawn.length });
@@ -175,11 +169,37 @@ class PlotPart {
     this.area = element("div", { className: "area" });
     this.plot.replaceChildren(this.paper, this.area);
     this.ranged = true;
+    this.shows = null;
+    new ResizeObserver(() => this.refit()).observe(this.plot);
   }
   get width() { return this.plot.clientWidth; }
   get height() { return this.plot.clientHeight; }
-  placeArea(margin) {
+
+  // A plot's size follows the window's height too, so each is watched for itself.
+  refit() {
+    const { width, height } = this.shows?.layout ?? this;
+    if (this.width && (width !== this.width || height !== this.height)) this.view.redraw(part => part === this);
+  }
+
+  // Draws, and keeps the ends of the axes and the pixels between them: what stands on the drawing is placed by these.
+  show({ data, layout }) {
+    const { margin, width, height } = layout;
     this.area.style.inset = [margin.t, margin.r, margin.b, margin.l].map(pixels => `${pixels}px`).join(" ");
+    Plotly.react(this.paper, data, layout, PLOTLY);
+    this.shows = { layout, x: layout.xaxis.range, y: layout.yaxis.range,
+      across: width - margin.l - margin.r, down: height - margin.t - margin.b };
+  }
+
+  // Pixels from the area's upper left corner to a point, as it is drawn now.
+  pixelsOf(x, y) {
+    const { x: [west, east], y: [south, north], across, down } = this.shows;
+    return [(x - west) / (east - west) * across, (north - y) / (north - south) * down];
+  }
+  // Puts a mark on a point; a missing point has none.
+  mark(dot, x, y, turn = "") {
+    const [right, down] = this.pixelsOf(x, y);
+    dot.hidden = !(Number.isFinite(right) && Number.isFinite(down));
+    if (!dot.hidden) dot.style.transform = `translate(${right}px, ${down}px)${turn}`;
   }
 }
 
@@ -201,7 +221,6 @@ class PanelPart extends PlotPart {
   }
   get inner() { return Math.max(this.area.clientWidth, 1); }
   valueAt(pixel) { const [a, b] = this.view.range; return a + (b - a) * pixel / this.inner; }
-  pixelOf(value) { const [a, b] = this.view.range; return (value - a) / (b - a) * this.inner; }
 
   select(from, to, done) {
     this.chosen.hidden = done || !to;
@@ -215,10 +234,8 @@ class PanelPart extends PlotPart {
 
   draw() {
     const made = this.figureOf(this.width, this.height);
-    this.placeArea(made.layout.margin);
-    Plotly.react(this.paper, made.data, made.layout, PLOTLY);
+    this.show(made);
     this.lines = made.lines;
-    this.heights = made.range;
     this.label();
   }
 
@@ -237,15 +254,14 @@ class PanelPart extends PlotPart {
 
   point() {
     if (!this.lines) return;
-    const x = this.pixelOf(this.view.at), inside = x >= -0.5 && x <= this.inner + 0.5, height = this.area.clientHeight;
+    const { at } = this.view, [x] = this.pixelsOf(at, 0), inside = x >= -0.5 && x <= this.shows.across + 0.5;
     this.cursor.hidden = !inside;
     this.cursor.style.transform = `translateX(${x}px)`;
     this.lines.forEach((found, k) => {
-      const row = this.view.rowIn(found.series), value = row < 0 ? NaN : found.column[row], [low, high] = this.heights;
+      const row = this.view.rowIn(found.series), value = row < 0 ? NaN : found.column[row];
       const { unit, digits } = this.view.channels[found.line.column];
       this.values[k].textContent = `${numberText(value, digits)}${unit ? `\u202f${unit}` : ""}`;
-      this.points[k].hidden = !(inside && value === value) || found.line.fill === "band";
-      this.points[k].style.transform = `translate(${x}px, ${(high - value) / (high - low) * height}px)`;
+      this.mark(this.points[k], inside && found.line.fill !== "band" ? at : NaN, value);
     });
   }
   get said() {
@@ -271,7 +287,7 @@ class MapPart extends PlotPart {
       hover: at => this.hover(at),
       pan: (dx, dy) => { const k = (this.box[1] - this.box[0]) / this.width; this.look(-dx * k, dy * k, 1); },
       zoom: (factor, at) => this.zoomAt(factor, at),
-      reset: () => { this.box = null; view.redraw(part => part === this); },
+      reset: () => { this.wanted = null; view.redraw(part => part === this); },
     });
   }
 
@@ -286,7 +302,7 @@ class MapPart extends PlotPart {
   look(dx, dy, factor) {
     const [x0, x1, y0, y1] = this.box, cx = (x0 + x1) / 2 + dx, cy = (y0 + y1) / 2 + dy;
     const w = (x1 - x0) / 2 * factor, h = (y1 - y0) / 2 * factor;
-    this.box = [cx - w, cx + w, cy - h, cy + h];
+    this.box = this.wanted = [cx - w, cx + w, cy - h, cy + h];
     this.view.redraw(part => part === this);
   }
   zoomAt(factor, at) {
@@ -315,10 +331,8 @@ class MapPart extends PlotPart {
     return mapFigure(this.view, box, width, height, asFile);
   }
   draw() {
-    this.box = this.box ? fittedBox(this.box, this.width, this.height, 0) : this.wholeBox();
-    const { data, layout } = this.figureOf(this.width, this.height);
-    this.placeArea(layout.margin);
-    Plotly.react(this.paper, data, layout, PLOTLY);
+    this.box = this.wanted ? fittedBox(this.wanted, this.width, this.height, 0) : this.wholeBox();
+    this.show(this.figureOf(this.width, this.height));
     this.drawScale();
   }
   drawScale() {
@@ -332,16 +346,10 @@ class MapPart extends PlotPart {
     this.scale.replaceChildren(`${label} `, numberText(low, few), bar, `${numberText(high, few)}\u202f${unit}`);
   }
   point() {
-    if (!this.box) return;
-    const [x0, x1, y0, y1] = this.box;
+    if (!this.shows) return;
     for (const { series, dot } of this.marks) {
-      const row = this.view.rowIn(series, "time");
-      dot.hidden = row < 0 || series.hidden;
-      if (dot.hidden) continue;
-      const { x, y, yaw } = series.columns;
-      const turn = yaw ? ` rotate(${-yaw[row]}rad)` : "";
-      const across = (x[row] - x0) / (x1 - x0) * this.width, down = (y1 - y[row]) / (y1 - y0) * this.height;
-      dot.style.transform = `translate(${across}px, ${down}px)${turn}`;
+      const row = series.hidden ? -1 : this.view.rowIn(series, "time"), { x, y, yaw } = series.columns;
+      this.mark(dot, x[row], y[row], yaw ? ` rotate(${-(yaw[row] || 0)}rad)` : "");
     }
   }
 }
@@ -354,17 +362,11 @@ class CloudPart extends PlotPart {
     this.dot = this.area.appendChild(element("div", { className: "here round", style: "--own: var(--ink)" }));
   }
   figureOf(width, height, asFile) { return cloudFigure(this.view, this.spec, width, height, asFile); }
-  draw() {
-    const { data, layout, box } = this.figureOf(this.width, this.height);
-    this.box = box;
-    this.placeArea(layout.margin);
-    Plotly.react(this.paper, data, layout, PLOTLY);
-  }
+  draw() { this.show(this.figureOf(this.width, this.height)); }
   point() {
-    if (!this.box) return;
-    const { row, main } = this.view, [x0, x1, y0, y1] = this.box;
-    const x = (main.columns[this.spec.x][row] - x0) / (x1 - x0), y = (y1 - main.columns[this.spec.y][row]) / (y1 - y0);
-    this.dot.style.transform = `translate(${x * this.area.clientWidth}px, ${y * this.area.clientHeight}px)`;
+    if (!this.shows) return;
+    const { row, main } = this.view;
+    this.mark(this.dot, main.columns[this.spec.x]?.[row], main.columns[this.spec.y]?.[row]);
   }
 }
 

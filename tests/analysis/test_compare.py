@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bike_analysis import compare, open_ride
+from bike_analysis.api import folder_prefixes
 from bike_analysis.compare import CourseError
 from bike_analysis.export import aligned_table, write_csv, write_parquet
 
@@ -27,9 +28,26 @@ def fast(writer, circle, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return writer.write(tmp_path_factory.mktemp("fast") / "ride.mcap", [circle(steps=400, speed=5.0, offset=-0.1)])
 
 
+def test_files_of_one_name_are_told_apart_by_their_folders(slow: Path) -> None:
+    assert folder_prefixes([Path("a/x.mcap"), Path("b/x.mcap"), Path("a/y.mcap")]) == ["a/", "b/", ""]
+    assert folder_prefixes([Path("a/1/x.mcap"), Path("b/1/x.mcap")]) == ["a/1/", "b/1/"]
+    assert folder_prefixes([Path("/x.mcap"), Path("/b/x.mcap")]) == ["/", "b/"]
+    assert folder_prefixes([Path("a/x.mcap")] * 2) == ["", ""]
+    assert [run.label for run in compare([slow, slow]).runs] == ["ride, lap 1", "ride, lap 1 (2)"]
+
+
+@given(
+    paths=st.lists(st.lists(st.sampled_from("abc"), min_size=1, max_size=4).map(lambda parts: Path(*parts)), min_size=1)
+)
+def test_prefixes_tell_all_files_apart(paths: list[Path]) -> None:
+    named = {path: prefix + path.name for path, prefix in zip(paths, folder_prefixes(paths), strict=True)}
+    assert len(set(named.values())) == len(named)
+    assert all(str(path.resolve()).endswith(name) for path, name in named.items())
+
+
 def test_time_lost_grows_with_the_way(slow: Path, fast: Path) -> None:
     both = compare([slow, fast])
-    assert [run.label for run in both.runs] == ["ride, lap 1", "ride, lap 1 (2)"]
+    assert [run.label for run in both.runs] == [f"{path.parent.name}/ride, lap 1" for path in (slow, fast)]
     assert both.reference == 1
     s = both.station_m
     known = np.isfinite(both.column("time_s")).all(axis=0)
