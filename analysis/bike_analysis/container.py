@@ -148,6 +148,8 @@ class Container:
             RecordingError: If the file is not MCAP at all.
             OSError: If the file cannot be read.
         """
+        self.counts.clear()
+        self.truncated, self._only_summary_left, self.damaged_chunks = False, False, 0
         pieces: list[bytes] = []
         size, count = 0, 0
         for piece in self._pieces():

@@ -115,6 +115,15 @@ def test_cut_at_any_byte(recorded: Path, tmp_path: Path, data: st.DataObject) ->
     assert "\n" not in str(caught.value)
 
 
+def test_a_file_can_be_read_twice(recorded: Path) -> None:
+    box = Container(recorded)
+    first = list(box.messages())
+    counts = dict(box.counts)
+    assert sum(counts.values()) == len(first) > 0
+    assert list(box.messages()) == first
+    assert box.counts == counts
+
+
 def test_every_whole_chunk_is_read(recorded: Path, tmp_path: Path) -> None:
     """Cut in the middle of the file: at least the chunks before the cut are there."""
     content = recorded.read_bytes()

@@ -6,10 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bike_analysis.container import Container, find_files
 from bike_policy.action import ActionScale
 from bike_policy.actor import Actor
 from bike_policy.bundle import Bundle, load_bundle
 from bike_policy.observation import LEAN_LAYOUT, PROP_LAYOUT
+from bike_sim.recording import MessageType, RideRecorder, Split
 from bike_training.cli import main
 from bike_training.explanation import explain, set_values
 from bike_training.explanation_drawing import labels
@@ -171,6 +173,24 @@ def test_observations_are_those_that_were_driven_on(seen):
     commands = np.clip(set_values(bundle, seen.observations) / seen.steering_limit, -1.0, 1.0)
     np.testing.assert_allclose(commands, seen.steering, atol=1e-6)
     assert np.ptp(seen.steering) > 0.1
+
+
+@pytest.mark.ros
+def test_a_recording_in_several_files_shows_the_same(recording, seen, tmp_path):
+    from bike_training.recorded_observations import read_observations
+
+    box = Container(recording)
+    messages = list(box.messages())
+    with RideRecorder(tmp_path / "split", split=Split(max_duration_s=2.0)) as recorder:
+        for channel in box.channels.values():
+            schema = box.schemas[channel.schema_id]
+            recorder.add_topic(channel.topic, MessageType(schema.name, schema.data.decode()))
+        for message in messages:
+            recorder.write(box.channels[message.channel].topic, message.data, message.log_time_ns)
+    assert len(find_files(tmp_path / "split")) > 3
+    split = read_observations(tmp_path / "split", load_bundle("whipple"), "slalom")
+    np.testing.assert_array_equal(split.observations, seen.observations)
+    np.testing.assert_array_equal(split.steering, seen.steering)
 
 
 @pytest.mark.ros

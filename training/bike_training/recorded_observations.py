@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_analysis import Ride, find_rides, read_recording
-from bike_analysis.columns import ColumnReader, MessageSchema
-from bike_analysis.container import Container
+from bike_analysis.columns import ColumnReader
+from bike_analysis.container import find_files
 from bike_policy.bundle import Bundle
 from bike_sim.physics.state import FIELDS
+from bike_training.recorded_rides import blocks_of
 
 FloatArray = NDArray[np.float64]
 
@@ -82,7 +83,7 @@ def read_observations(path: Path, bundle: Bundle, section: str, number: int = 1)
             f"{recording.path}: section {section!r} of ride {number} has {len(rows)} states, at least 2 needed"
         )
     states = ride.states.take(rows)
-    columns = _columns(recording.path, f"{recording.namespace}/state", states.order)
+    columns = _columns(path, f"{recording.namespace}/state", states.order)
     commands = dict(zip(ride.commands.step.tolist(), ride.commands.steering.tolist(), strict=True))
     return RecordedObservations(
         recording=recording.path,
@@ -109,19 +110,17 @@ def _rows_of(ride: Ride, section: str, path: Path) -> NDArray[np.bool_]:
 
 def _columns(path: Path, topic: str, orders: NDArray[np.int64]) -> dict[str, NDArray[Any]]:
     """Read minimal states and previews of the messages at some places of a recording."""
-    container, wanted = Container(path), set(orders.tolist())
     reader: ColumnReader | None = None
-    for order, message in enumerate(container.messages(), start=1):
-        if order not in wanted:
+    for _, kind, block, rows, before in blocks_of(find_files(path), {topic}):
+        rows = rows[np.isin(before + block.first + rows, orders)]
+        if not len(rows):
             continue
         if reader is None:
-            schema = container.schemas[container.channels[message.channel].schema_id]
-            kind = MessageSchema(schema.name, schema.data.decode("utf-8", errors="replace"))
             missing = {*FIELDS, *_PREVIEW_FIELDS} - kind.fields()
             if missing:
                 raise ValueError(f"{path}: {topic} has no {', '.join(sorted(missing))}, which observations are made of")
             reader = ColumnReader(kind, (*FIELDS, *_PREVIEW_FIELDS))
-        reader.add(message.data)
+        reader.add_block(block.contents, block.begin[rows], block.end[rows])
     assert reader is not None, "the orders are those of messages that have been read"
     return reader.finish()
 

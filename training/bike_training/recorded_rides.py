@@ -178,7 +178,7 @@ class _Raw:
         self.starts: list[tuple[int, Any]] = []
         self.learned: list[tuple[int, Any]] = []
         lists = {f"{namespace}/episode": self.starts, f"{namespace}/learning/step": self.learned}
-        for topic, schema, block, rows, before in _blocks(files, {f"{namespace}/state", *lists}):
+        for topic, schema, block, rows, before in blocks_of(files, {f"{namespace}/state", *lists}):
             if topic in lists:
                 for row in rows.tolist():
                     lists[topic].append((before + block.first + row, schema.decode(block.data(row))))
@@ -198,8 +198,16 @@ def _state_reader(schema: MessageSchema) -> ColumnReader:
     return ColumnReader(schema, EXACT)
 
 
-def _blocks(files: tuple[Path, ...], topics: set[str]) -> Iterator[tuple[str, MessageSchema, Block, Integers, int]]:
-    """Yield topic, type, block, rows in the block, and the number of messages in the files before."""
+def blocks_of(files: tuple[Path, ...], topics: set[str]) -> Iterator[tuple[str, MessageSchema, Block, Integers, int]]:
+    """Read the messages of some topics.
+
+    Args:
+        files: of a recording, in order.
+        topics: names of the topics.
+
+    Yields:
+        Topic, type, block, rows of its messages in the block, and the number of messages in the files before.
+    """
     before = 0
     for file in files:
         box, count = Container(file), 0
