@@ -149,13 +149,15 @@ def ride_lap() -> tuple[list[_LapTopic], int, float]:
         assert machine.track is not None
         rider = ClassicalRider(machine.vehicle, machine.course, PERIOD, None, machine.envelope)
         writer = _LapWriter(machine, request, snapshot)
-        while float(snapshot.place[track_look.PROGRESS]) < 2.0 * machine.track.length:
-            steering, throttle = rider.command(seen_from(snapshot))
-            if float(snapshot.place[track_look.PROGRESS]) >= machine.track.length:
-                writer.write(snapshot, steering, throttle)
-            snapshot = machine.step(steering, throttle)
-            if snapshot.fallen:
-                raise RuntimeError(f"the rider of the benchmark fell at {snapshot.time:.1f} s: {snapshot.fall}")
+        with tqdm(total=round(2.0 * machine.track.length), desc="riding", unit="m", leave=False) as bar:
+            while (progress := float(snapshot.place[track_look.PROGRESS])) < 2.0 * machine.track.length:
+                bar.update(round(progress) - bar.n)
+                steering, throttle = rider.command(seen_from(snapshot))
+                if progress >= machine.track.length:
+                    writer.write(snapshot, steering, throttle)
+                snapshot = machine.step(steering, throttle)
+                if snapshot.fallen:
+                    raise RuntimeError(f"the rider of the benchmark fell at {snapshot.time:.1f} s: {snapshot.fall}")
         return writer.finish()
     finally:
         machine.close()
@@ -323,8 +325,13 @@ def run_alone(*words: str) -> Used:
     began = time.perf_counter()
     process = subprocess.Popen([sys.executable, *words], stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
-    output = process.stdout.read()
-    _, status, usage = os.wait4(process.pid, 0)
+    try:
+        output = process.stdout.read()
+        _, status, usage = os.wait4(process.pid, 0)
+    except BaseException:  # stopped by Ctrl-C: what it reads and writes is about to be removed
+        process.kill()
+        process.wait()
+        raise
     process.returncode = os.waitstatus_to_exitcode(status)
     took = time.perf_counter() - began
     if process.returncode != 0:
@@ -364,10 +371,9 @@ READERS: Final[dict[str, Callable[[Path], int]]] = {
 def reading_rates(path: Path) -> dict[str, float]:
     """Return messages per second of processor time by reader, the best of some rounds in turn."""
     best: dict[str, float] = {}
-    for _ in range(ROUNDS):
-        for name in READERS:
-            told = json.loads(run_alone("-m", "bench.analysis_speed", "--read", name, str(path)).output)
-            best[name] = max(best.get(name, 0.0), told["messages"] / told["processor_s"])
+    for name in tqdm([*READERS] * ROUNDS, desc="reading", unit="reading", leave=False):
+        told = json.loads(run_alone("-m", "bench.analysis_speed", "--read", name, str(path)).output)
+        best[name] = max(best.get(name, 0.0), told["messages"] / told["processor_s"])
     return {
         "reading_messages_per_s": best["reading"],
         "rosbags_messages_per_s": best["rosbags"],
@@ -406,6 +412,7 @@ def measure(duration: float = HOUR, excerpt: float = EXCERPT) -> dict[str, Any]:
         write_recording(part, excerpt, lap)
         figures = reading_rates(part)  # compiles what is compiled once, before time is taken below
         count = write_recording(whole, duration, lap)
+        print(f"analysing {count} messages ...", file=sys.stderr)
         return {**hour_figures(whole, Path(folder) / "out", count), **figures}
 
 
