@@ -256,12 +256,17 @@ def resized(browser: webdriver.Chrome, size: tuple[int, int]) -> None:
 
 
 def assert_marks_lie_on_the_drawings(browser: webdriver.Chrome, *kinds: str) -> dict[str, Any]:
-    found: dict[str, Any] = browser.execute_script(CURSOR)
+    """All plots on the screen come to fill their places, and then each mark is where Plotly has its state."""
+
+    def filled(browser: webdriver.Chrome) -> dict[str, Any] | None:  # the browser tells late what is on the screen
+        found: dict[str, Any] = browser.execute_script(CURSOR)
+        seen = {kind: plot for kind, plot in found.items() if plot["seen"]}
+        return seen if seen.keys() >= set(kinds) and all(plot["fits"] for plot in seen.values()) else None
+
+    found: dict[str, Any] = WebDriverWait(browser, 10).until(filled, "a plot keeps another size than its place")
     for kind, plot in found.items():
         assert plot["off"] is not None, f"{kind} has its mark"
-        assert np.abs(plot["off"]).max() <= 2.0 or not plot["seen"], (kind, plot)
-        assert plot["fits"] or not plot["seen"], (kind, plot)
-    assert all(found[kind]["seen"] for kind in kinds)
+        assert np.abs(plot["off"]).max() <= 2.0, (kind, plot)
     return found
 
 
