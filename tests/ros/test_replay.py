@@ -78,7 +78,7 @@ def test_a_ride_by_the_clock_comes_out_the_same(stage, tmp_path: Path) -> None:
     recorder = stage.start("bike_sim.record", path=str(path))
     simulator = stage.simulator(mode="free", command_timeout_s=0.2, real_time_factor=2.0)
     ears = stage.ears()
-    ears.until(lambda: ears.count_subscribers("command") == 2)
+    ears.until(lambda: ears.count_subscribers("command") == 2 and ears.count_subscribers("state") == 2)
     for steering in (0.02, -0.03, 0.01):
         ears.command(ears.states[-1], steering, episode=0)  # answers no particular state, so it is never too late
         ears.until(lambda steering=steering: ears.states[-1].steering_command == steering)
@@ -106,7 +106,7 @@ def test_a_superbike_comes_out_the_same(stage, tmp_path: Path, monkeypatch: pyte
         vehicle="panigale_v4r", course=str(circuit), time_step=TIME_STEP, line=0.5, progress=40.0, speed=20.0, seed=4
     )
     ears = stage.ears()
-    ears.until(lambda: ears.count_subscribers("command") == 2)
+    ears.until(lambda: ears.count_subscribers("command") == 2 and ears.count_subscribers("state") == 2)
     state = ears.states[-1]
     for step in range(150):
         state = ears.answer(state, -state.roll + 0.05 * np.sin(0.1 * step), throttle=0.4 * np.cos(0.05 * step))
