@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
 from bike_analysis.compare_view import comparison_panels
+from bike_analysis.lap_recording import LapRecording, Theory
 from bike_analysis.reading import Floats
 from bike_analysis.ride_view import GRAVITY, off_track, ride_columns
 from bike_analysis.view import KMH, Cloud, Line, MapLine, Panel, Section, Series, View, growing, series_colour
 from bike_sim.course.lap_timing import Lap
-
-if TYPE_CHECKING:
-    from bike_analysis.lap_report import LapRecording, Theory
 
 DELTA: Final = Panel(
     *("delta", "Time lost on the theoretical lap", "time lost", "s", (Line("delta", "time lost", "orange"),)),

@@ -13,7 +13,8 @@ import pytest
 from bike_msgs.msg import Telemetry
 from bike_msgs.srv import Reset
 
-from bike_analysis.lap_report import Theory, lap_figures, load_laps, render_lap_page
+from bike_analysis.lap_recording import Theory, load_laps
+from bike_analysis.lap_report import lap_figures, render_lap_page
 from bike_sim import ride
 from bike_sim.fast_lines import track_with_line
 from bike_sim.lap_limit import lap_limit

@@ -14,7 +14,8 @@ from rich.console import Console
 from rich.table import Table
 from tqdm import tqdm
 
-from bike_analysis.lap_report import Theory, lap_figures, load_laps, write_lap_report
+from bike_analysis.lap_recording import Theory, load_laps
+from bike_analysis.lap_report import lap_figures, write_lap_report
 from bike_sim import track_look
 from bike_sim.course.track_files import shipped_tracks
 from bike_sim.fast_lines import track_with_line
