@@ -3,6 +3,7 @@
 import json
 import resource
 import warnings
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -182,20 +183,22 @@ def test_a_run_records_validations_and_rides_of_the_learner_and_learns_the_same(
     assert {step.part for step in (*validated, *trained)} == {1}
 
 
-@pytest.fixture
-def small_disk():
-    """Limits the files that this process may write, as a disk that is full does."""
+@contextmanager
+def small_disk(size: int):
+    """Limit the files that this process may write, as a disk that is full does.
+
+    Not a fixture: the test runner, whose own output may be a file, writes before fixtures are torn down.
+    """
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
-
-    def limit(size: int) -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-
-    yield limit
-    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 @pytest.mark.parametrize("size", [0, 40_000])
-def test_a_full_disk_ends_the_recording_and_not_the_learning(size, small_disk, tmp_path):
+def test_a_full_disk_ends_the_recording_and_not_the_learning(size, tmp_path):
     """From the first byte or amid a ride: one warning with path and reason, then the environment goes on as before."""
     from bike_training.episode_recording import Standing, TrainingRecorder
 
@@ -204,8 +207,7 @@ def test_a_full_disk_ends_the_recording_and_not_the_learning(size, small_disk, t
     recorder = TrainingRecorder(env, task, COMPILED, lambda: Standing(0, 1, RANGES))
     env.reset()
     recorder.record_next(path)
-    small_disk(size)
-    with warnings.catch_warnings(record=True) as told:
+    with small_disk(size), warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
         for _ in range(2000):  # nobody steers: rides are short, and those after the first are recorded no more
             env.step(np.zeros((2, 1), dtype=np.float32))
@@ -215,7 +217,6 @@ def test_a_full_disk_ends_the_recording_and_not_the_learning(size, small_disk, t
     assert (env.get_attr("watch")[0], recorder.recording) == (None, False)
     assert path.stat().st_size <= size
     recorder.record_next(path)  # and once there is room again
-    small_disk(resource.RLIM_INFINITY)
     while not recorder.recording:
         env.step(np.zeros((2, 1), dtype=np.float32))
     recorder.close()
@@ -225,7 +226,7 @@ def test_a_full_disk_ends_the_recording_and_not_the_learning(size, small_disk, t
 @pytest.mark.parametrize(
     ("size", "reason"), [(0, "File too large"), (20_000, "File too large"), (None, "cannot be made")]
 )
-def test_validation_rides_that_cannot_be_recorded_are_told_of(size, reason, small_disk, tmp_path):
+def test_validation_rides_that_cannot_be_recorded_are_told_of(size, reason, tmp_path):
     from bike_training.episode_recording import Standing, record_ride
 
     task = TASKS["lean"]
@@ -234,7 +235,6 @@ def test_validation_rides_that_cannot_be_recorded_are_told_of(size, reason, smal
     path = tmp_path / "folder" / "episode.mcap"
     if size is None:
         (tmp_path / "folder").write_text("a file is in the way", encoding="utf-8")
-    else:
-        small_disk(size)
-    with pytest.warns(UserWarning, match=f"episode.mcap is not recorded further.*{reason}"):
+    room = nullcontext() if size is None else small_disk(size)
+    with room, pytest.warns(UserWarning, match=f"episode.mcap is not recorded further.*{reason}"):
         record_ride(path, actor, task, Simulator(COMPILED), request, Standing(4000, 2, RANGES))
