@@ -24,7 +24,7 @@ import yaml
 from mcap.writer import Writer
 
 from bench.traffic import messages_of_a_period
-from bike_sim.isolation import DISCOVERY_VARIABLE, DOMAIN_VARIABLE, DomainLease
+from bike_sim.isolation import DOMAIN_VARIABLE, DomainLease, prepare_discovery
 from bike_sim.recording import CHUNK_BYTES, RideRecorder, message_type
 from bike_training.node_process import NodeProcess
 
@@ -164,7 +164,7 @@ def send_and_record(rate: float) -> Trial:
     with tempfile.TemporaryDirectory() as folder, DomainLease() as lease:
         target = Path(folder) / "ride"
         environment = {**os.environ, DOMAIN_VARIABLE: str(lease.domain_id)}
-        environment.setdefault(DISCOVERY_VARIABLE, "LOCALHOST")
+        prepare_discovery(environment)
         with NodeProcess("bike_sim.record", {"path": str(target)}, lease.domain_id) as recorder:
             publishers = [_publisher(rate / PUBLISHERS, f"traffic{k}", environment) for k in range(PUBLISHERS)]
             for publisher in publishers:

@@ -30,7 +30,7 @@ from bike_policy.actor import Actor
 from bike_policy.bundle import DEFAULT_POLICY, Bundle, shipped_policies
 from bike_policy.observation import LEAN_LAYOUT
 from bike_sim import node_tools
-from bike_sim.isolation import DOMAIN_VARIABLE, DomainLease, keep_local
+from bike_sim.isolation import DOMAIN_VARIABLE, DomainLease, prepare_discovery
 from bike_sim.physics.vehicle import load_vehicle
 from bike_sim.reset import ResetRequest
 from bike_sim.simulator import Simulator, SimulatorConfig, Snapshot
@@ -93,7 +93,7 @@ def actor_latency(policy: str | None = None, duration: float = 6.0) -> dict[str,
             hidden layers of 256 with random weights, whose answers are as fast as a trained one's.
         duration: wall-clock time of the ride, s.
     """
-    keep_local()
+    prepare_discovery()
     with tempfile.TemporaryDirectory() as folder, DomainLease() as lease:
         name = policy or _any_policy(Path(folder))
         context = Context()

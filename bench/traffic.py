@@ -25,7 +25,7 @@ from rosgraph_msgs.msg import Clock
 
 from bike_sim import messages, node_tools, standard_messages
 from bike_sim.command_gate import Command
-from bike_sim.isolation import keep_local
+from bike_sim.isolation import prepare_discovery
 from bike_sim.reset import ResetRequest
 from bike_sim.simulator import Simulator, SimulatorConfig
 
@@ -127,7 +127,7 @@ def main(arguments: Any = None) -> None:
     parser.add_argument("duration", type=float, help="s of wall-clock time")
     parser.add_argument("--name", default="traffic", help="name of the node and of its topics (default: traffic)")
     args = parser.parse_args(arguments)
-    keep_local()
+    prepare_discovery()
     with Context() as context:
         traffic = Traffic(args.bikes, context, args.name)
         try:

@@ -17,8 +17,10 @@ import pytest
 import rclpy.node
 from bike_msgs.msg import BikeCommand, BikeState
 from bike_msgs.srv import Pause, Reset
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import QoSProfile
 from scipy.linalg import solve_discrete_are
 
 from bike_policy.action import ActionScale
@@ -65,19 +67,29 @@ class Program:
         return self.process.wait(PATIENCE)
 
 
-class Ears(rclpy.node.Node):
-    """A node of the test's own: listens, commands and calls."""
+class Witness(rclpy.node.Node):
+    """A node of the test's own, and what it hears of the recorder."""
 
-    def __init__(self, domain: int) -> None:
+    def __init__(self, name: str, domain: int) -> None:
         self._own_context = Context()
         self._own_context.init(args=[], domain_id=domain)
-        super().__init__("ears", context=self._own_context, namespace="bike", start_parameter_services=False)
+        super().__init__(name, context=self._own_context, namespace="bike", start_parameter_services=False)
         self._spinner = SingleThreadedExecutor(context=self._own_context)
         self._spinner.add_node(self)
-        self.states: list[BikeState] = self.listen(BikeState, "state")
-        self.commands = self.create_publisher(BikeCommand, "command", node_tools.COMMAND_QOS)
-        self._reset = self.create_client(Reset, "reset")
-        self._pause = self.create_client(Pause, "pause")
+        self.reports: list[DiagnosticStatus] = []
+        self.create_subscription(DiagnosticArray, "/diagnostics", self._on_report, node_tools.EVENT_QOS)
+
+    def _on_report(self, message: DiagnosticArray) -> None:
+        self.reports += [status for status in message.status if status.name == "bike/record"]
+
+    def figures(self, file: Path | str = "") -> dict[str, str]:
+        """Return what a recorder last reported: the one that writes a file, or any."""
+        found = ({entry.key: entry.value for entry in status.values} for status in reversed(self.reports))
+        return next((figures for figures in found if str(file) in figures["file"]), {})
+
+    def records(self, *topics: str, file: Path | str = "") -> bool:
+        """Whether a recorder has written messages of topics; what is sent from now on reaches it, too."""
+        return {f"/bike/{topic}" for topic in topics} <= set(self.figures(file).get("topics_heard", "").split())
 
     def close(self) -> None:
         self._spinner.shutdown()
@@ -94,15 +106,31 @@ class Ears(rclpy.node.Node):
         """Listen until a condition holds."""
         end = time.monotonic() + patience
         while not condition():
-            where = [(s.episode, s.step) for s in self.states[-1:]]
-            assert time.monotonic() < end, f"waited {patience} s in vain; last episode and step: {where}"
+            assert time.monotonic() < end, f"waited {patience} s in vain; {self.describe()}"
             self._spinner.spin_once(timeout_sec=0.05)
+
+    def describe(self) -> str:
+        return f"the recorder reported {self.figures()}"
 
     def during(self, seconds: float) -> None:
         """Listen for some time."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             self._spinner.spin_once(timeout_sec=max(end - time.monotonic(), 0.0))
+
+
+class Ears(Witness):
+    """Listens to a simulator, commands and calls."""
+
+    def __init__(self, domain: int) -> None:
+        super().__init__("ears", domain)
+        self.states: list[BikeState] = self.listen(BikeState, "state")
+        self.commands = self.create_publisher(BikeCommand, "command", node_tools.COMMAND_QOS)
+        self._reset = self.create_client(Reset, "reset")
+        self._pause = self.create_client(Pause, "pause")
+
+    def describe(self) -> str:
+        return f"last episode and step: {[(s.episode, s.step) for s in self.states[-1:]]}; {super().describe()}"
 
     def connected(self) -> bool:
         return bool(self.states) and self.commands.get_subscription_count() > 0 and self._reset.service_is_ready()
@@ -130,6 +158,16 @@ class Ears(rclpy.node.Node):
         return future.result()
 
 
+class Mouth(Witness):
+    """Publishes what a recorder is to hear."""
+
+    def open(self, kind: type, topic: str, qos: QoSProfile = node_tools.SENDER_QOS) -> Any:
+        """Return a publisher that the recorder hears."""
+        publisher = self.create_publisher(kind, topic, qos)
+        self.until(publisher.get_subscription_count)
+        return publisher
+
+
 class Stage:
     """A ROS domain with the programs and ears of one test."""
 
@@ -137,7 +175,7 @@ class Stage:
         self._lease = DomainLease()
         self._folder = folder
         self._programs: list[Program] = []
-        self._ears: list[Ears] = []
+        self._witnesses: list[Witness] = []
         self.domain = self._lease.domain_id
 
     def start(self, module: str, **parameters: Any) -> Program:
@@ -150,13 +188,20 @@ class Stage:
 
     def ears(self) -> Ears:
         """Return ears that hear the simulator."""
-        self._ears.append(Ears(self.domain))
-        self._ears[-1].until(self._ears[-1].connected)
-        return self._ears[-1]
+        ears = Ears(self.domain)
+        self._witnesses.append(ears)
+        ears.until(ears.connected)
+        return ears
+
+    def mouth(self) -> Mouth:
+        """Return a node that publishes what it likes."""
+        mouth = Mouth("mouth", self.domain)
+        self._witnesses.append(mouth)
+        return mouth
 
     def close(self) -> None:
-        for ears in self._ears:
-            ears.close()
+        for witness in self._witnesses:
+            witness.close()
         for program in self._programs:
             if program.process.poll() is None:
                 program.process.kill()

@@ -140,12 +140,18 @@ def test_processes_get_domains_of_their_own_and_give_them_back(tmp_path: Path) -
         taken.close()
 
 
-def test_discovery_is_local_unless_the_environment_says_otherwise() -> None:
+def test_discovery_is_local_and_fast_unless_the_user_says_otherwise(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     empty: dict[str, str] = {}
-    isolation.keep_local(empty)
-    chosen = {isolation.DISCOVERY_VARIABLE: "SUBNET"}
-    isolation.keep_local(chosen)
-    assert (empty, chosen) == (
-        {isolation.DISCOVERY_VARIABLE: "LOCALHOST"},
-        {isolation.DISCOVERY_VARIABLE: "SUBNET"},
-    )
+    isolation.prepare_discovery(empty)
+    chosen = {isolation.DISCOVERY_VARIABLE: "SUBNET", isolation.PROFILES_VARIABLE: "own.xml"}
+    isolation.prepare_discovery(chosen)
+    (tmp_path / isolation.LOCAL_PROFILES).touch()
+    beside: dict[str, str] = {}
+    isolation.prepare_discovery(beside)
+    assert isolation.PROFILES.is_file()
+    assert empty == {isolation.DISCOVERY_VARIABLE: "LOCALHOST", isolation.PROFILES_VARIABLE: str(isolation.PROFILES)}
+    assert chosen == {isolation.DISCOVERY_VARIABLE: "SUBNET", isolation.PROFILES_VARIABLE: "own.xml"}
+    assert beside == {isolation.DISCOVERY_VARIABLE: "LOCALHOST"}

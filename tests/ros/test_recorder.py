@@ -11,18 +11,14 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-import rclpy.node
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PointStamped
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
@@ -31,65 +27,18 @@ from std_msgs.msg import Float64, String
 
 from bike_analysis.container import Container
 from bike_policy.bundle import DEFAULT_POLICY
-from bike_sim.isolation import DOMAIN_VARIABLE, DomainLease
+from bike_sim import node_tools
+from bike_sim.isolation import DOMAIN_VARIABLE
 from bike_sim.record import SPECS, RecordSettings
 from bike_training.node_process import NodeLost, NodeProcess
 from bike_training.ride_monitor import START_TIMEOUT, RideMonitor, ride_recorded
 
 pytestmark = pytest.mark.ros
 
-PATIENCE = 30.0
-KEEP_MANY = QoSProfile(depth=1000)
-
-
-class Mouth(rclpy.node.Node):
-    """A node of the test's own that publishes what the recorder is to hear, and hears what it reports."""
-
-    def __init__(self, domain: int) -> None:
-        self._own_context = Context()
-        self._own_context.init(args=[], domain_id=domain)
-        super().__init__("mouth", context=self._own_context, namespace="bike", start_parameter_services=False)
-        self._spinner = SingleThreadedExecutor(context=self._own_context)
-        self._spinner.add_node(self)
-        self.reports: list[DiagnosticStatus] = []
-        self.create_subscription(DiagnosticArray, "/diagnostics", self._on_report, 10)
-
-    def close(self) -> None:
-        self._spinner.shutdown()
-        self.destroy_node()
-        self._own_context.try_shutdown()
-
-    def _on_report(self, message: DiagnosticArray) -> None:
-        self.reports += [status for status in message.status if status.name == "bike/record"]
-
-    @property
-    def figures(self) -> dict[str, str]:
-        """What the recorder last reported."""
-        return {entry.key: entry.value for entry in self.reports[-1].values} if self.reports else {}
-
-    def until(self, condition: Any) -> None:
-        end = time.monotonic() + PATIENCE
-        while not condition():
-            assert time.monotonic() < end, f"waited {PATIENCE} s in vain; the recorder reported {self.figures}"
-            self._spinner.spin_once(timeout_sec=0.05)
-
-    def during(self, seconds: float) -> None:
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            self._spinner.spin_once(timeout_sec=max(end - time.monotonic(), 0.0))
-
-    def open(self, kind: type, topic: str, qos: QoSProfile = KEEP_MANY) -> Any:
-        """Return a publisher that the recorder hears."""
-        publisher = self.create_publisher(kind, topic, qos)
-        self.until(publisher.get_subscription_count)
-        return publisher
-
 
 @pytest.fixture
-def mouth(stage: Any) -> Iterator[Mouth]:
-    mouth = Mouth(stage.domain)
-    yield mouth
-    mouth.close()
+def mouth(stage: Any) -> Any:
+    return stage.mouth()
 
 
 def counts_in(path: Path) -> Counter[str]:
@@ -149,7 +98,7 @@ def test_the_recorder_starts_without_the_simulator() -> None:
 
 
 def test_late_unknown_and_uninstalled_topics_are_no_error(
-    stage: Any, mouth: Mouth, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    stage: Any, mouth: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     hidden = tmp_path / "without" / "shape_msgs"  # the recorder's own process does not have this package
     hidden.mkdir(parents=True)
@@ -157,7 +106,7 @@ def test_late_unknown_and_uninstalled_topics_are_no_error(
     monkeypatch.setenv("PYTHONPATH", str(hidden.parent))
     chosen = ["late", "/never", "plane", "mixed"]
     strange = mouth.create_publisher(Plane, "plane", 1)
-    mixed = mouth.create_publisher(String, "mixed", KEEP_MANY)
+    mixed = mouth.create_publisher(String, "mixed", node_tools.SENDER_QOS)
     recorder = stage.start("bike_sim.record", path=str(tmp_path / "ride.mcap"), topics=chosen)
     mouth.until(lambda: "not there yet" in recorder.words)
     assert "recorded when they come: /bike/late, /never\n" in recorder.words
@@ -172,7 +121,7 @@ def test_late_unknown_and_uninstalled_topics_are_no_error(
         mixed.publish(String(data="x" * number))
         poor.publish(String(data=f"poor {number}"))
         mouth.during(0.02)
-    mouth.until(lambda: mouth.figures.get("messages_written") == "60")
+    mouth.until(lambda: mouth.figures().get("messages_written") == "60")
     assert recorder.end()[0] == 0
     assert counts_in(tmp_path / "ride.mcap") == {"/bike/late": 20, "/bike/mixed": 40}
     strings = [message.data for topic, message in decoded(tmp_path / "ride.mcap") if topic == "/bike/mixed"]
@@ -183,7 +132,7 @@ def test_late_unknown_and_uninstalled_topics_are_no_error(
     assert "/bike/plane of type shape_msgs/msg/Plane is not recorded: shape_msgs is not installed" in warnings[0]
 
 
-def test_all_topics_by_wall_clock_in_files_by_duration(stage: Any, mouth: Mouth, tmp_path: Path) -> None:
+def test_all_topics_by_wall_clock_in_files_by_duration(stage: Any, mouth: Any, tmp_path: Path) -> None:
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     static = mouth.create_publisher(String, "/static", latched)
     static.publish(String(data="stays"))
@@ -217,14 +166,14 @@ def test_all_topics_by_wall_clock_in_files_by_duration(stage: Any, mouth: Mouth,
         assert bag.message_count == len(seen)
 
 
-def test_a_ride_in_several_files_opens_everywhere(stage: Any, mouth: Mouth, policy: str, tmp_path: Path) -> None:
+def test_a_ride_in_several_files_opens_everywhere(stage: Any, mouth: Any, policy: str, tmp_path: Path) -> None:
     stage.simulator(course="circle", mode="free", real_time_factor=5.0)
     recorder = stage.start(
         "bike_sim.record", path=str(tmp_path / "ride"), max_bag_duration=3.0, chunk_size=8192, compression="lz4"
     )
-    mouth.until(lambda: mouth.figures.get("messages_written", "0") > "0")
+    mouth.until(lambda: mouth.figures().get("messages_written", "0") > "0")
     stage.start("bike_policy.drive", policy=policy)
-    mouth.until(lambda: not re.search(r"ride_[012]\.mcap$", mouth.figures["file"]))
+    mouth.until(lambda: not re.search(r"ride_[012]\.mcap$", mouth.figures()["file"]))
     assert recorder.end()[0] == 0
     files = sorted((tmp_path / "ride").glob("*.mcap"))
     with AnyReader([tmp_path / "ride"]) as reader:
@@ -243,7 +192,7 @@ def test_a_ride_in_several_files_opens_everywhere(stage: Any, mouth: Mouth, poli
 # -------------------------------------------------------------------------------------------------------------- faults
 
 
-def test_a_kill_costs_less_than_a_second(stage: Any, mouth: Mouth, tmp_path: Path) -> None:
+def test_a_kill_costs_less_than_a_second(stage: Any, mouth: Any, tmp_path: Path) -> None:
     recorder = stage.start("bike_sim.record", path=str(tmp_path / "ride.mcap"), clock="wall")
     publisher = mouth.open(Float64, "number")
     sent: dict[int, float] = {}
@@ -271,10 +220,8 @@ def test_a_full_disk_ends_the_recording_and_not_the_ride(stage: Any, policy: str
     simulator = stage.simulator(course="circle")
     recorder = stage.start("bike_sim.record", path=str(tmp_path / "ride"))
     ears = stage.ears()
-    reports = ears.listen(DiagnosticArray, "/diagnostics")
-    ears.until(lambda: ears.count_subscribers("state") > 1)
     driver = stage.start("bike_policy.drive", policy=policy)
-    ears.until(lambda: ears.states[-1].step > 20)
+    ears.until(lambda: ears.records("state", "command") and ears.states[-1].step > 20)
     # The same as a full disk, for this process alone: no file of it may grow beyond this.
     file = tmp_path / "ride" / "ride_0.mcap"
     limit = file.stat().st_size + 100_000
@@ -286,7 +233,7 @@ def test_a_full_disk_ends_the_recording_and_not_the_ride(stage: Any, policy: str
     ears.until(lambda: ears.states[-1].step > step + 20)
     assert simulator.process.poll() is None
     assert driver.process.poll() is None
-    assert any(s.level == DiagnosticStatus.ERROR and "too large" in s.message for r in reports for s in r.status)
+    assert any(report.level == DiagnosticStatus.ERROR and "too large" in report.message for report in ears.reports)
     with AnyReader([tmp_path / "ride"]) as reader:
         steps = [
             reader.deserialize(data, c.msgtype).step for c, _, data in reader.messages() if c.topic.endswith("state")
@@ -296,24 +243,52 @@ def test_a_full_disk_ends_the_recording_and_not_the_ride(stage: Any, policy: str
     assert file.stat().st_size <= limit
 
 
-def test_a_ride_begins_when_the_recorder_hears_states_and_commands(stage: Any, tmp_path: Path) -> None:
+def ride_a_little(domain: int, recording: Path, **record: Any) -> None:
+    ride_recorded(
+        domain,
+        {"path": str(recording), **record},
+        {"course": "circle", "engine": "whipple", "time_step": 0.01, "mode": "lockstep"},
+        {"policy": DEFAULT_POLICY},
+        title="circle",
+        way=10.0,
+        longest=2.0,
+    )
+
+
+@pytest.mark.parametrize("trial", range(4))
+def test_a_recorded_ride_has_its_first_state_and_command(stage: Any, tmp_path: Path, trial: int) -> None:
+    """However late the nodes find each other, which is different each time."""
+    ride_a_little(stage.domain, tmp_path / "ride.mcap")
+    messages = decoded(tmp_path / "ride.mcap")
+    states = {message.step for topic, message in messages if topic == "/bike/state"}
+    commands = {message.step for topic, message in messages if topic == "/bike/command"}
+    assert states == set(range(len(states)))
+    assert len(states) > 40
+    assert commands >= states - {max(states)}
+
+
+def test_a_ride_waits_for_its_recorder(stage: Any, tmp_path: Path) -> None:
     """Somebody else who listens to the states is no recorder."""
     simulator = stage.simulator(course="circle")
     stage.ears()
     with RideMonitor(stage.domain) as monitor:
-        with pytest.raises(NodeLost, match="did not find each other within 2 s"):
-            monitor.wait_for_recorder(2.0, [])
+        with pytest.raises(NodeLost, match="did not find each other within 2 s; missing: /bike/state"):
+            monitor.wait_for_recorder(2.0, [], ["state"])
         record = {"path": str(tmp_path / "ride.mcap")}
         with NodeProcess("bike_sim.record", record, stage.domain) as recorder:
-            monitor.wait_for_recorder(START_TIMEOUT, [recorder])
+            monitor.wait_for_recorder(START_TIMEOUT, [recorder], ["state", "course"])
+            with pytest.raises(NodeLost, match="within 1 s; missing: /bike/command"):
+                monitor.wait_for_recorder(1.0, [recorder], ["state", "command"])  # nobody drives
             recorder.finish()
     assert simulator.process.poll() is None
-    recording = Container(tmp_path / "ride.mcap")
-    assert sum(len(block) for block in recording.blocks()) > 0
-    assert "/bike/command" in recording.topics()  # it is listened to, though nobody drove
+    counts = counts_in(tmp_path / "ride.mcap")
+    assert counts["/bike/state"] > 0
+    assert counts["/bike/course"] == 1
 
 
-def test_a_recorder_that_cannot_close_its_file_fails_the_ride(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_recorder_that_cannot_close_its_file_fails_the_ride(
+    stage: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A ride whose recording was cut short by a full disk at its very end is not reported as if it were whole."""
     watch = RideMonitor.watch
 
@@ -324,37 +299,25 @@ def test_a_recorder_that_cannot_close_its_file_fails_the_ride(tmp_path: Path, mo
         resource.prlimit(recorder.process.pid, resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
 
     monkeypatch.setattr(RideMonitor, "watch", watch_and_fill)
-    record = {"path": str(tmp_path / "ride.mcap"), "chunk_size": 1 << 20}
-    with (
-        DomainLease() as lease,
-        pytest.raises(NodeLost, match=r"record: recording .*ride.mcap stopped: File too large"),
-    ):
-        ride_recorded(
-            lease.domain_id,
-            record,
-            {"course": "circle", "engine": "whipple", "time_step": 0.01, "mode": "lockstep"},
-            {"policy": DEFAULT_POLICY},
-            title="circle",
-            way=10.0,
-            longest=2.0,
-        )
+    with pytest.raises(NodeLost, match=r"record: recording .*ride.mcap stopped: File too large"):
+        ride_a_little(stage.domain, tmp_path / "ride.mcap", chunk_size=1 << 20)
 
 
-def test_lost_messages_are_counted(stage: Any, mouth: Mouth, tmp_path: Path) -> None:
+def test_lost_messages_are_counted(stage: Any, mouth: Any, tmp_path: Path) -> None:
     recorder = stage.start("bike_sim.record", path=str(tmp_path / "ride.mcap"))
     publisher = mouth.open(String, "flood", QoSProfile(depth=5))
     publisher.publish(String(data="before"))
-    mouth.until(lambda: mouth.figures.get("messages_written", "0") != "0")
+    mouth.until(lambda: mouth.figures().get("messages_written", "0") != "0")
     mouth.during(1.0)
     recorder.process.send_signal(signal.SIGSTOP)  # held up for longer than the publisher can wait
     for _ in range(3000):
         publisher.publish(String(data="x" * 2000))
     recorder.process.send_signal(signal.SIGCONT)
     publisher.publish(String(data="after"))
-    mouth.until(lambda: int(mouth.figures["messages_dropped"]) > 0)
+    mouth.until(lambda: int(mouth.figures()["messages_dropped"]) > 0)
     mouth.during(1.5)
-    dropped = int(mouth.figures["messages_dropped"])
-    assert any(s.level == DiagnosticStatus.WARN and "dropped in the last second" in s.message for s in mouth.reports)
+    dropped = int(mouth.figures()["messages_dropped"])
+    assert any(s.level == DiagnosticStatus.WARN and "dropped since the last report" in s.message for s in mouth.reports)
     assert recorder.end()[0] == 0
     assert f"{dropped} dropped" in recorder.words.splitlines()[-1]
     assert counts_in(tmp_path / "ride.mcap")["/bike/flood"] == 3002 - dropped
@@ -368,10 +331,10 @@ RATE = 8_000.0
 SENT_FOR = 4.0
 
 
-def test_ten_bicycles_at_a_hundred_hertz_are_recorded_whole(stage: Any, mouth: Mouth, tmp_path: Path) -> None:
+def test_ten_bicycles_at_a_hundred_hertz_are_recorded_whole(stage: Any, mouth: Any, tmp_path: Path) -> None:
     folder = tmp_path / "ride"
     recorder = stage.start("bike_sim.record", path=str(folder), max_bag_size=2_000_000)
-    mouth.until(lambda: mouth.figures)
+    mouth.until(mouth.figures)
     command = [sys.executable, "-m", "bench.traffic", str(BIKES), str(RATE), str(SENT_FOR)]
     environment = {**os.environ, DOMAIN_VARIABLE: str(stage.domain)}
     root = Path(__file__).parents[2]
@@ -379,9 +342,9 @@ def test_ten_bicycles_at_a_hundred_hertz_are_recorded_whole(stage: Any, mouth: M
         assert publisher.stdout is not None
         assert publisher.stdout.readline() == "heard on all topics\n"
         sent = int(publisher.stdout.readline())
-        mouth.until(lambda: int(mouth.figures["messages_written"]) >= sent)
-    assert mouth.figures["messages_dropped"] == "0"
-    assert float(mouth.figures["write_lag_ms"]) < 5000.0
+        mouth.until(lambda: int(mouth.figures()["messages_written"]) >= sent)
+    assert mouth.figures()["messages_dropped"] == "0"
+    assert float(mouth.figures()["write_lag_ms"]) < 5000.0
     assert recorder.end()[0] == 0
     with Reader(folder) as reader:
         counts = Counter(connection.topic for connection, *_ in reader.messages())

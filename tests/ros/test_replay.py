@@ -38,8 +38,10 @@ def test_rides_in_lockstep_come_out_the_same(stage, policy, tmp_path: Path) -> N
     simulator = stage.simulator(course="circle")
     ears = stage.ears()
     late = stage.start("bike_sim.record", path=str(paths[1]))
-    ears.until(lambda: ears.count_subscribers("command") == 3)  # simulator and recorders
+    ears.pause(True)
     driver = stage.start("bike_policy.drive", policy=policy)
+    ears.until(lambda: all(ears.records("episode", "state", "command", file=path) for path in paths))
+    ears.pause(False)
     ears.until(lambda: ears.states[-1].step > 30)
     assert ears.reset(ResetRequest(seed=8, speed_range=(4.0, 4.5), perturb=True)).success
     ears.until(lambda: ears.states[-1].episode == 2 and ears.states[-1].step > 30)
@@ -78,7 +80,7 @@ def test_a_ride_by_the_clock_comes_out_the_same(stage, tmp_path: Path) -> None:
     recorder = stage.start("bike_sim.record", path=str(path))
     simulator = stage.simulator(mode="free", command_timeout_s=0.2, real_time_factor=2.0)
     ears = stage.ears()
-    ears.until(lambda: ears.count_subscribers("command") == 2 and ears.count_subscribers("state") == 2)
+    ears.until(lambda: ears.records("episode", "state") and ears.commands.get_subscription_count() == 2)
     for steering in (0.02, -0.03, 0.01):
         ears.command(ears.states[-1], steering, episode=0)  # answers no particular state, so it is never too late
         ears.until(lambda steering=steering: ears.states[-1].steering_command == steering)
@@ -106,12 +108,11 @@ def test_a_superbike_comes_out_the_same(stage, tmp_path: Path, monkeypatch: pyte
         vehicle="panigale_v4r", course=str(circuit), time_step=TIME_STEP, line=0.5, progress=40.0, speed=20.0, seed=4
     )
     ears = stage.ears()
-    ears.until(lambda: ears.count_subscribers("command") == 2 and ears.count_subscribers("state") == 2)
+    ears.until(lambda: ears.records("episode", "state") and ears.commands.get_subscription_count() == 2)
     state = ears.states[-1]
     for step in range(150):
         state = ears.answer(state, -state.roll + 0.05 * np.sin(0.1 * step), throttle=0.4 * np.cos(0.05 * step))
     end(recorder, simulator)
     (replay,) = replays(path)
     assert replay.same
-    # Discovery goes pair by pair: the simulator may know this listener a few states before it knows the recorder.
-    assert 100 < replay.states <= 151
+    assert replay.states == replay.recorded_states == 151

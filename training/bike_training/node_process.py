@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from types import TracebackType
 from typing import IO, Any, Final, Self
 
-from bike_sim.isolation import DISCOVERY_VARIABLE, DOMAIN_VARIABLE
+from bike_sim.isolation import DOMAIN_VARIABLE, prepare_discovery
 
 STOP_TIMEOUT: Final = 3.0
 """Time that a node gets to end, s."""
@@ -53,7 +53,7 @@ class NodeProcess:
         for name, value in parameters.items():
             command += ["-p", f"{name}:={json.dumps(value)}"]
         environment = {**os.environ, DOMAIN_VARIABLE: str(domain_id)}
-        environment.setdefault(DISCOVERY_VARIABLE, "LOCALHOST")
+        prepare_discovery(environment)
         self._words: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - closed by close()
         self.process = subprocess.Popen(
             command, env=environment, stdout=subprocess.DEVNULL, stderr=self._words, start_new_session=True

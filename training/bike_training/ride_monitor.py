@@ -9,12 +9,15 @@ from types import TracebackType
 from typing import Any, Final, Self
 
 from bike_msgs.msg import BikeState
+from bike_msgs.srv import Pause
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from tqdm import tqdm
 
 from bike_sim import node_tools
+from bike_sim.isolation import prepare_discovery
 from bike_training.node_process import NodeLost, NodeProcess
 
 SILENCE: Final = 15.0
@@ -23,11 +26,9 @@ SILENCE: Final = 15.0
 START_TIMEOUT: Final = 60.0
 """Wall-clock time that the nodes get to find each other, s; the first line of a machine takes some seconds."""
 
-LISTENERS: Final = {"state": 2, "command": 2}
-"""Subscriptions by topic once the recorder is there: its own, that of the state here, the simulator's of the command.
-
-It finds topics one after the other: a short ride can be over before it hears the commands.
-"""
+NEEDED_TOPICS: Final = ("state", "command", "episode", "course")
+"""What a recorder must have written before a ride goes on: nodes find each other pair by pair, some only after seconds,
+and a short ride could be over by then."""
 
 
 def has_ended(state: BikeState) -> bool:
@@ -66,10 +67,12 @@ def ride_recorded(
     """
     with NodeProcess("bike_sim.record", record, domain) as recorder:
         with NodeProcess("bike_sim.sim_node", simulator, domain) as sim, RideMonitor(domain) as monitor:
-            # The policy starts last, when the recorder hears the simulator: then no step is missed.
-            monitor.wait_for_recorder(START_TIMEOUT, [sim, recorder])
+            monitor.pause(True, START_TIMEOUT, [sim, recorder])
             with NodeProcess("bike_policy.drive", drive, domain) as policy:
+                # The simulator holds the first command until both it and the state are in the recording.
+                monitor.wait_for_recorder(START_TIMEOUT, [sim, recorder, policy])
                 begun = time.monotonic()
+                monitor.pause(False, START_TIMEOUT, [sim, recorder, policy])
                 with tqdm(total=round(way), unit="m", desc=title) as bar:
                     monitor.watch(bar, longest, [sim, recorder, policy], is_over)
                 wall = time.monotonic() - begun
@@ -82,6 +85,7 @@ class RideMonitor:
 
     def __init__(self, domain_id: int, namespace: str = node_tools.NAMESPACE) -> None:
         """Join the domain."""
+        prepare_discovery()
         self._context = Context()
         self._context.init(args=[], domain_id=domain_id)
         self._node = Node(
@@ -94,7 +98,11 @@ class RideMonitor:
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         self._state: BikeState | None = None
+        self._recorded: frozenset[str] = frozenset()
+        self._recorder = f"{self._node.get_namespace()}/record".lstrip("/")
+        self._pause = self._node.create_client(Pause, "pause")
         self._node.create_subscription(BikeState, "state", self._on_state, node_tools.STREAM_QOS)
+        self._node.create_subscription(DiagnosticArray, "/diagnostics", self._on_report, node_tools.EVENT_QOS)
 
     def __enter__(self) -> Self:
         """Return the monitor."""
@@ -111,10 +119,17 @@ class RideMonitor:
     def _on_state(self, message: BikeState) -> None:
         self._state = message
 
-    def wait_for_recorder(self, timeout: float, needed: Sequence[NodeProcess]) -> None:
-        """Wait until the simulator is heard here and by the recorder.
+    def _on_report(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == self._recorder:
+                figures = {value.key: value.value for value in status.values}
+                self._recorded = frozenset(figures["topics_heard"].split())
+
+    def pause(self, paused: bool, timeout: float, needed: Sequence[NodeProcess]) -> None:
+        """Pause the simulator, as soon as it is there, or let it go on.
 
         Args:
+            paused: whether it shall hold the command that comes.
             timeout: wall-clock time to wait, s.
             needed: processes that must not end meanwhile.
 
@@ -122,12 +137,38 @@ class RideMonitor:
             NodeLost: a process ended, or the time is up.
         """
         end = time.monotonic() + timeout
-        while self._state is None or any(self._node.count_subscribers(name) < n for name, n in LISTENERS.items()):
+        found = self._spin_until(self._pause.service_is_ready, end, needed)
+        if not (found and self._spin_until(self._pause.call_async(Pause.Request(paused=paused)).done, end, needed)):
+            raise NodeLost(f"the simulator did not answer within {timeout:g} s")
+
+    def wait_for_recorder(
+        self, timeout: float, needed: Sequence[NodeProcess], topics: Sequence[str] = NEEDED_TOPICS
+    ) -> None:
+        """Wait until the simulator is heard here, and until the recorder has messages of some topics.
+
+        Args:
+            timeout: wall-clock time to wait, s.
+            needed: processes that must not end meanwhile.
+            topics: names in the namespace.
+
+        Raises:
+            NodeLost: a process ended, or the time is up.
+        """
+        names = {self._node.resolve_topic_name(name) for name in topics}
+        end = time.monotonic() + timeout
+        if not self._spin_until(lambda: self._state is not None and names <= self._recorded, end, needed):
+            missing = ", ".join(sorted(names - self._recorded)) or "all"
+            raise NodeLost(f"simulator and recorder did not find each other within {timeout:g} s; missing: {missing}")
+
+    def _spin_until(self, condition: Callable[[], bool], end: float, needed: Sequence[NodeProcess]) -> bool:
+        """Return whether a condition came to hold in time."""
+        while not condition():
             self._executor.spin_once(0.05)
             for process in needed:
                 process.check()
             if time.monotonic() > end:
-                raise NodeLost(f"simulator and recorder did not find each other within {timeout:g} s")
+                return False
+        return True
 
     def watch(
         self,

@@ -26,7 +26,7 @@ from rclpy.node import Node
 from bike_sim import messages, node_tools
 from bike_sim.command_gate import Command
 from bike_sim.course.course import Course
-from bike_sim.isolation import DOMAIN_VARIABLE, DomainLease, keep_local
+from bike_sim.isolation import DOMAIN_VARIABLE, DomainLease, prepare_discovery
 from bike_sim.physics.vehicle import Vehicle, load_vehicle
 from bike_sim.reset import ResetRequest
 from bike_sim.simulator import SimulatorConfig, Snapshot
@@ -90,7 +90,7 @@ class RosClient:
             raise
 
     def _open(self) -> None:
-        keep_local()
+        prepare_discovery()
         self.domain_id = self._choose_domain()
         self._process: NodeProcess | None = None
         if not self._ros.join:

@@ -13,6 +13,7 @@ setup(
             "config/courses/*.yaml",
             "config/courses/*.csv",
             "config/tracks/*.yaml",
+            "config/middleware/*.xml",
         ]
     },
     data_files=[

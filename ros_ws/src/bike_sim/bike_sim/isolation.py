@@ -1,4 +1,4 @@
-"""Keeps ROS 2 on this machine, and simulators apart that run side by side. Imports no ROS."""
+"""How nodes find each other: on this machine only, soon, and not those of another simulator. Imports no ROS."""
 
 from __future__ import annotations
 
@@ -12,15 +12,26 @@ from typing import IO, Final, Self
 
 DISCOVERY_VARIABLE: Final = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 DOMAIN_VARIABLE: Final = "ROS_DOMAIN_ID"
+PROFILES_VARIABLE: Final = "FASTRTPS_DEFAULT_PROFILES_FILE"
+"""Names the settings of Fast DDS; other middleware takes no notice."""
+PROFILES: Final = Path(__file__).parent / "config" / "middleware" / "fastdds.xml"
+LOCAL_PROFILES: Final = "DEFAULT_FASTRTPS_PROFILES.xml"
+"""Settings of a user in the working directory, which Fast DDS reads by itself."""
 
 FIRST_DOMAIN: Final = 1
 LAST_DOMAIN: Final = 101
 """Domains that are lent out. 0 is everyone's default; above 101 ports collide with those that the kernel hands out."""
 
 
-def keep_local(environment: MutableMapping[str, str] = os.environ) -> None:
-    """Let nodes be found on this machine only, unless the environment says otherwise."""
+def prepare_discovery(environment: MutableMapping[str, str] = os.environ) -> None:
+    """Let nodes be found on this machine only, and soon, unless the user says otherwise.
+
+    Args:
+        environment: of the process that will have the nodes; it must not have had one yet.
+    """
     environment.setdefault(DISCOVERY_VARIABLE, "LOCALHOST")
+    if not Path(LOCAL_PROFILES).exists():
+        environment.setdefault(PROFILES_VARIABLE, str(PROFILES))
 
 
 class DomainLease:

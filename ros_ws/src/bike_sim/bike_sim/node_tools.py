@@ -24,7 +24,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.timer import Timer
 
-from bike_sim.isolation import keep_local
+from bike_sim.isolation import prepare_discovery
 from bike_sim.stamps import time_to_message
 
 NAMESPACE: Final = "bike"
@@ -73,7 +73,7 @@ def run_node(
     Returns:
         Exit code: 0 after a signal, 2 after bad input with one line on standard error.
     """
-    keep_local()
+    prepare_discovery()
     stop, ended = threading.Event(), threading.Event()
     wake: list[Callable[[], None]] = []
     _watch_signals(stop, ended, wake)

@@ -128,6 +128,7 @@ class _Topic:
     subscription: RawSubscription
     stamped: bool
     publishers: int
+    heard: bool = False
 
     @property
     def gives_time(self) -> bool:
@@ -151,6 +152,7 @@ class Record(rclpy.node.Node):
         self._time = 0
         self._topics: dict[str, _Topic] = {}
         self._refused: set[str] = set()
+        self._heard: tuple[str, ...] = ()
         self._dropped_before = 0
         self._longest_wait = 0.0
         self._reported_dropped = 0
@@ -186,12 +188,19 @@ class Record(rclpy.node.Node):
             raise ValueError(f"parameter topics: {name!r} is no name of a topic") from error
 
     def _look(self) -> None:
-        """Subscribe to new topics, and see whether those that are known have other publishers."""
+        """Subscribe to new topics, and see whether those that are known have other publishers.
+
+        Who waits for the recorder learns at once from which topics messages have come.
+        """
         for name, kinds in self.get_topic_names_and_types():
             if name in self._topics:
                 self._follow(self._topics[name])
             elif name not in self._refused and self._is_wanted(name):
                 self._subscribe(name, kinds)
+        heard = tuple(sorted(name for name, topic in self._topics.items() if topic.heard))
+        if heard != self._heard:
+            self._heard = heard
+            self._report()
         if self._begun_at is not None and time.monotonic() - self._begun_at > MISSING_AFTER:
             self._begun_at = None
             if missing := sorted(self._wanted - set(self._topics) - self._refused):
@@ -264,10 +273,14 @@ class Record(rclpy.node.Node):
         """
         batch: list[tuple[int, _Topic, bytes]] = []
         most = MOST_AT_ONCE // max(len(self._topics), 1) + 1
-        received = [topic.subscription.take(batch, topic, most) for topic in self._topics.values()]
+        oldest = None
+        for topic in self._topics.values():
+            received = topic.subscription.take(batch, topic, most)
+            if received is not None:
+                topic.heard = True
+                oldest = min(oldest or received, received)
         batch.sort(key=itemgetter(0))
-        if batch:
-            oldest = min(moment for moment in received if moment is not None)
+        if oldest is not None:
             self._longest_wait = max(self._longest_wait, 1e-9 * (time.time_ns() - oldest))
         write = self._recorder.write
         try:
@@ -320,7 +333,7 @@ class Record(rclpy.node.Node):
         new = dropped - self._reported_dropped
         level, text = self._diagnostics.OK, "recording" if self._recorder.is_open else "recording closed"
         if new:
-            level, text = self._diagnostics.WARN, f"{new} messages dropped in the last second"
+            level, text = self._diagnostics.WARN, f"{new} messages dropped since the last report"
             self.get_logger().warning(text)
         if self._failure:
             level, text = self._diagnostics.ERROR, self._failure
@@ -330,6 +343,7 @@ class Record(rclpy.node.Node):
             "bytes_written": self._recorder.bytes_written,
             "write_lag_ms": 1e3 * (self._longest_wait + self._recorder.take_longest_lag()),
             "topics": len(self._topics),
+            "topics_heard": " ".join(self._heard),
             "file": str(self._recorder.path),
         }
         self._diagnostics.report(level, text, figures, self._time)
