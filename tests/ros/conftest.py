@@ -29,7 +29,7 @@ from bike_policy.bundle import Bundle
 from bike_policy.observation import ObservationLayout
 from bike_sim import node_tools
 from bike_sim.command_gate import Command
-from bike_sim.isolation import DomainLease
+from bike_sim.isolation import DomainLease, prepare_discovery
 from bike_sim.messages import command_to_message, reset_to_message
 from bike_sim.physics import state as st
 from bike_sim.physics.engine import make_engine
@@ -71,6 +71,7 @@ class Witness(rclpy.node.Node):
     """A node of the test's own, and what it hears of the recorder."""
 
     def __init__(self, name: str, domain: int) -> None:
+        prepare_discovery()
         self._own_context = Context()
         self._own_context.init(args=[], domain_id=domain)
         super().__init__(name, context=self._own_context, namespace="bike", start_parameter_services=False)
@@ -124,10 +125,11 @@ class Ears(Witness):
 
     def __init__(self, domain: int) -> None:
         super().__init__("ears", domain)
-        self.states: list[BikeState] = self.listen(BikeState, "state")
         self.commands = self.create_publisher(BikeCommand, "command", node_tools.COMMAND_QOS)
         self._reset = self.create_client(Reset, "reset")
         self._pause = self.create_client(Pause, "pause")
+        # After the clients: a simulator whose states come knows where its answers go to, and sooner it drops them.
+        self.states: list[BikeState] = self.listen(BikeState, "state")
 
     def describe(self) -> str:
         return f"last episode and step: {[(s.episode, s.step) for s in self.states[-1:]]}; {super().describe()}"

@@ -100,6 +100,7 @@ class RideMonitor:
         self._state: BikeState | None = None
         self._recorded: frozenset[str] = frozenset()
         self._recorder = f"{self._node.get_namespace()}/record".lstrip("/")
+        # Before the subscriptions: a simulator that is heard knows where its answers go to, and sooner it drops them.
         self._pause = self._node.create_client(Pause, "pause")
         self._node.create_subscription(BikeState, "state", self._on_state, node_tools.STREAM_QOS)
         self._node.create_subscription(DiagnosticArray, "/diagnostics", self._on_report, node_tools.EVENT_QOS)
@@ -137,7 +138,7 @@ class RideMonitor:
             NodeLost: a process ended, or the time is up.
         """
         end = time.monotonic() + timeout
-        found = self._spin_until(self._pause.service_is_ready, end, needed)
+        found = self._spin_until(lambda: self._state is not None and self._pause.service_is_ready(), end, needed)
         if not (found and self._spin_until(self._pause.call_async(Pause.Request(paused=paused)).done, end, needed)):
             raise NodeLost(f"the simulator did not answer within {timeout:g} s")
 

@@ -112,6 +112,7 @@ class RosClient:
         self._close.callback(self._executor.shutdown)
         self._executor.add_node(self._node)
         self._commands = self._node.create_publisher(BikeCommand, "command", node_tools.COMMAND_QOS)
+        # Before the subscriptions: a simulator that is heard knows where its answers go to, and sooner it drops them.
         self._reset_service = self._node.create_client(Reset, "reset")
         # States that an executor took while it waited for something else.
         self._heard: deque[BikeState] = deque(maxlen=HEARD)

@@ -15,6 +15,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
@@ -42,6 +43,9 @@ LATCHED_QOS: Final = QoSProfile(
 
 BAD_INPUT_EXIT: Final = 2
 """Exit code after a parameter, a file or a partner that cannot be used."""
+
+LONGEST_ARRIVAL: Final = 0.3
+"""Wall-clock time that the last messages of a node get to arrive, s. One whose listener was killed never does."""
 
 LONGEST_FAREWELL: Final = 1.5
 """Wall-clock time after a signal at which a process that is still busy is ended, s."""
@@ -100,6 +104,7 @@ def run_node(
                 getattr(node, "finish", lambda: None)()
             except (CannotGoOn, OSError) as error:
                 code = _complain(name, error)
+            _let_arrive(node)
             node.destroy_node()
         if executor is not None:
             executor.shutdown()
@@ -107,6 +112,13 @@ def run_node(
         rclpy.get_default_context().destroy()  # tells the others at once that the node is gone
         ended.set()
     return code
+
+
+def _let_arrive(node: Node) -> None:
+    """Wait until the listeners have what was published last: it would go with the node."""
+    end = time.monotonic() + LONGEST_ARRIVAL
+    for publisher in node.publishers:
+        publisher.wait_for_all_acked(Duration(seconds=max(end - time.monotonic(), 0.0)))
 
 
 def _complain(name: str, error: BaseException) -> int:
