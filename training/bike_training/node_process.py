@@ -16,8 +16,6 @@ from bike_sim.isolation import DOMAIN_VARIABLE, prepare_discovery
 
 STOP_TIMEOUT: Final = 3.0
 """Time that a node gets to end, s."""
-SIGNAL_EXITS: Final = 128
-"""Exit codes from here on tell of a signal, and not of an error of the node's own."""
 
 
 class NodeLost(RuntimeError):
@@ -79,13 +77,13 @@ class NodeProcess:
             raise self._lost()
 
     def finish(self) -> None:
-        """End the process and check that it could finish its work, as a recorder cannot on a full disk.
+        """End the process and check that it could finish its work, as a recorder cannot on a full or very slow disk.
 
         Raises:
-            NodeLost: it ended with an error of its own; with its last words.
+            NodeLost: it ended with an error of its own, with its last words, or had to be ended by force.
         """
         self._end()
-        if 0 < self.process.returncode < SIGNAL_EXITS:
+        if self.process.returncode:
             raise self._lost()
 
     def close(self) -> None:

@@ -26,8 +26,9 @@ from bike_sim.recording.metadata import (
     write_metadata_file,
 )
 
-CHUNK_BYTES: Final = 64 * 1024
-"""Uncompressed size of a chunk. A killed recorder loses the open chunk, so small chunks lose little."""
+CHUNK_BYTES: Final = 256 * 1024
+"""Uncompressed size of a chunk. Each has an index of its topics, which costs as much as the messages where many topics
+share a small chunk. What a killed recorder loses is bounded by `FLUSH_PERIOD_S`."""
 FLUSH_PERIOD_S: Final = 0.5
 """Wall-clock time after which an open chunk is written even if it is not full."""
 
