@@ -130,7 +130,8 @@ class RideWriter:
         self.messages = messages
 
     def write(self, path: Path, rides: Iterable[SyntheticRide], topics: Iterable[str] = TYPES, **options: Any) -> Path:
-        options = {"share": SHARE, "flush_period_s": 1e9, **options}
+        # Small chunks, so that a short ride has several of them.
+        options = {"share": SHARE, "flush_period_s": 1e9, "chunk_bytes": 64 * 1024, **options}
         with RideRecorder(path, **options) as recorder:
             for topic in topics:
                 recorder.add_topic(topic, TYPES[topic], LATCHED if topic == "/bike/course" else Qos())
