@@ -36,7 +36,7 @@ from bike_sim.physics.engine import make_engine
 from bike_sim.physics.vehicle import load_vehicle
 from bike_sim.reset import ResetRequest
 
-PATIENCE = 30.0
+PATIENCE = 90.0
 """Longest wait for anything, s. Nothing takes that long; it is what a busy machine may need."""
 
 
