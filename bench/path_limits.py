@@ -26,7 +26,8 @@ from bike_sim.course import projection
 from bike_sim.course.course import Course
 from bike_sim.course.files import load_course
 from bike_sim.physics.state import ROLL, X, Y
-from bike_sim.physics.vehicle import Vehicle, load_vehicle
+from bike_sim.physics.vehicle import Vehicle
+from bike_sim.physics.vehicle_files import load_vehicle
 from bike_sim.physics.whipple_engine import advance
 from bike_sim.reset import Preview, ResetRequest
 from bike_sim.simulator import Simulator, SimulatorConfig, Snapshot

@@ -31,7 +31,7 @@ from bike_policy.bundle import DEFAULT_POLICY, Bundle, shipped_policies
 from bike_policy.observation import LEAN_LAYOUT
 from bike_sim import node_tools
 from bike_sim.isolation import DOMAIN_VARIABLE, DomainLease, prepare_discovery
-from bike_sim.physics.vehicle import load_vehicle
+from bike_sim.physics.vehicle_files import load_vehicle
 from bike_sim.reset import ResetRequest
 from bike_sim.simulator import Simulator, SimulatorConfig, Snapshot
 from bike_training.clients import Client

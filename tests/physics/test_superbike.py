@@ -16,7 +16,8 @@ from bike_sim.physics.engine import make_engine
 from bike_sim.physics.envelope import Envelope, envelope
 from bike_sim.physics.superbike import MACHINE_NAMES, Superbike
 from bike_sim.physics.superbike_engine import SuperbikeEngine, without_rider
-from bike_sim.physics.vehicle import Vehicle, VehicleError, load_vehicle, shipped_vehicles
+from bike_sim.physics.vehicle import Vehicle, VehicleError
+from bike_sim.physics.vehicle_files import load_vehicle, shipped_vehicles
 
 NAMES = ("panigale_v4r", "zx10rr", "cbr1000rr_r", "r1", "m1000rr")
 FOLDER = resources.files("bike_sim") / "config" / "vehicles"

@@ -26,7 +26,7 @@ from bike_sim.physics.superbike_validation import (
     ride,
     without_electronics,
 )  # fmt: skip
-from bike_sim.physics.vehicle import load_vehicle
+from bike_sim.physics.vehicle_files import load_vehicle
 
 STEP = 0.002
 

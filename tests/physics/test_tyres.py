@@ -10,7 +10,7 @@ from hypothesis import strategies as some
 
 from bike_sim.physics import tyres
 from bike_sim.physics.superbike import Superbike, Tyre
-from bike_sim.physics.vehicle import load_vehicle
+from bike_sim.physics.vehicle_files import load_vehicle
 
 VEHICLE = load_vehicle("panigale_v4r")
 assert isinstance(VEHICLE, Superbike)

@@ -33,7 +33,7 @@ from bike_sim.isolation import DomainLease, prepare_discovery
 from bike_sim.messages import command_to_message, reset_to_message
 from bike_sim.physics import state as st
 from bike_sim.physics.engine import make_engine
-from bike_sim.physics.vehicle import load_vehicle
+from bike_sim.physics.vehicle_files import load_vehicle
 from bike_sim.reset import ResetRequest
 
 PATIENCE = 90.0

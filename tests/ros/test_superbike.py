@@ -29,7 +29,7 @@ from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics.envelope import envelope
 from bike_sim.physics.state import upright_state
 from bike_sim.physics.superbike import Superbike
-from bike_sim.physics.vehicle import load_vehicle
+from bike_sim.physics.vehicle_files import load_vehicle
 from bike_sim.reset import ResetRequest
 from bike_sim.track_ride import PREVIEW, TrackRide, superbike_config
 from bike_training.laps import seen_from

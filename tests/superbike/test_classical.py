@@ -22,7 +22,7 @@ from bike_sim.physics.superbike import Superbike
 from bike_sim.physics.superbike_engine import SuperbikeEngine
 from bike_sim.physics.superbike_forces import force_limits
 from bike_sim.physics.superbike_statics import inertial_mass
-from bike_sim.physics.vehicle import load_vehicle
+from bike_sim.physics.vehicle_files import load_vehicle
 from bike_training import cli
 from bike_training.commands.lap import ALLOWED_EXCESS
 from bike_training.laps import ride_laps

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from bike_sim import ride
 from bike_sim.physics.state import ROLL
-from bike_sim.physics.vehicle import load_vehicle
+from bike_sim.physics.vehicle_files import load_vehicle
 from bike_sim.simulator import SimulatorConfig, Snapshot
 from bike_training.clients import Client, make_client
 from bike_training.curriculum import Curriculum, RideRanges

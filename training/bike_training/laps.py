@@ -13,7 +13,7 @@ from bike_sim.course.lap_timing import Lap
 from bike_sim.fast_lines import closest_lap
 from bike_sim.lap_limit import LapLimit, lap_limit
 from bike_sim.physics import state as st
-from bike_sim.physics.vehicle import load_vehicle
+from bike_sim.physics.vehicle_files import load_vehicle
 from bike_sim.reset import ResetRequest
 from bike_sim.simulator import Snapshot
 from bike_sim.track_ride import TrackRide, TrackSnapshot, start_speed, superbike_config

@@ -22,7 +22,7 @@ from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from bike_policy.actor import Actor
-from bike_sim.physics.vehicle import load_vehicle
+from bike_sim.physics.vehicle_files import load_vehicle
 from bike_sim.reset import ResetRequest
 from bike_sim.simulator import Simulator, SimulatorConfig
 from bike_training.checkpoint import load_model, load_process_state, save_checkpoint

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from bike_policy.observation import ObservationLayout
 from bike_sim.physics.state import ROLL
-from bike_sim.physics.vehicle import load_vehicle
+from bike_sim.physics.vehicle_files import load_vehicle
 from bike_sim.simulator import SimulatorConfig, Snapshot
 from bike_sim.track_ride import make_simulator
 from bike_training.recorded_rides import COMMANDS, EXACT, FLAGS, Columns, Learned, RecordedRide, Start

@@ -14,7 +14,7 @@ from bike_policy.bundle import Bundle
 from bike_sim import ride as seen
 from bike_sim.course.course import Course
 from bike_sim.physics.state import ROLL, STEER
-from bike_sim.physics.vehicle import load_vehicle
+from bike_sim.physics.vehicle_files import load_vehicle
 from bike_sim.reset import RANDOM_COURSE, Preview, ResetRequest
 from bike_sim.simulator import Snapshot
 from bike_training.clients import Client

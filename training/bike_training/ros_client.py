@@ -27,7 +27,8 @@ from bike_sim import messages, node_tools
 from bike_sim.command_gate import Command
 from bike_sim.course.course import Course
 from bike_sim.isolation import DOMAIN_VARIABLE, DomainLease, prepare_discovery
-from bike_sim.physics.vehicle import Vehicle, load_vehicle
+from bike_sim.physics.vehicle import Vehicle
+from bike_sim.physics.vehicle_files import load_vehicle
 from bike_sim.reset import ResetRequest
 from bike_sim.simulator import SimulatorConfig, Snapshot
 from bike_training.node_process import NodeLost, NodeProcess

@@ -12,7 +12,8 @@ from bike_policy.actor import Actor
 from bike_sim import ride
 from bike_sim.course.random_paths import CURRICULUM_PATHS
 from bike_sim.physics.state import ROLL
-from bike_sim.physics.vehicle import Vehicle, load_vehicle
+from bike_sim.physics.vehicle import Vehicle
+from bike_sim.physics.vehicle_files import load_vehicle
 from bike_sim.reset import ResetRequest
 from bike_training.batch import RideBatch
 from bike_training.clients import Client

@@ -12,7 +12,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from bike_sim import ride
 from bike_sim.physics.state import ROLL
-from bike_sim.physics.vehicle import load_vehicle
+from bike_sim.physics.vehicle_files import load_vehicle
 from bike_training.batch import RideBatch
 from bike_training.curriculum import RideRanges
 from bike_training.task import Task, distances, failed

@@ -22,7 +22,7 @@ from bike_sim.fast_lines import track_with_line
 from bike_sim.lap_limit import lap_limit
 from bike_sim.physics.envelope import envelope
 from bike_sim.physics.superbike import Superbike
-from bike_sim.physics.vehicle import load_vehicle, shipped_vehicles
+from bike_sim.physics.vehicle_files import load_vehicle, shipped_vehicles
 from bike_sim.track_ride import WALL, TrackSnapshot
 from bike_training.laps import LapRide, ride_laps
 

@@ -15,7 +15,8 @@ from rich.table import Table
 from bike_sim.physics import linear, modes, validation
 from bike_sim.physics.engine import ENGINE_KINDS, Engine, make_engine
 from bike_sim.physics.superbike_engine import TIME_STEP
-from bike_sim.physics.vehicle import Vehicle, load_vehicle
+from bike_sim.physics.vehicle import Vehicle
+from bike_sim.physics.vehicle_files import load_vehicle
 from bike_training.commands import validate_superbike
 
 SCHEMA = "bike.validate/1"

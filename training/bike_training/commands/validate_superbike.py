@@ -19,7 +19,7 @@ from bike_sim.physics import superbike_validation as validation
 from bike_sim.physics import tyres
 from bike_sim.physics.envelope import envelope
 from bike_sim.physics.superbike import Superbike
-from bike_sim.physics.vehicle import load_vehicle
+from bike_sim.physics.vehicle_files import load_vehicle
 
 SCHEMA: Final = "bike.validate_superbike/1"
 PICTURES: Final = ("tyres", "lean_steps", "turns", "modes", "launch_and_stop", "envelopes", "convergence")

@@ -11,7 +11,7 @@ from bike_policy.bundle import Bundle, load_bundle
 from bike_policy.classical import ClassicalRider, Seen
 from bike_sim.messages import course_from_message, minimal_state
 from bike_sim.physics.superbike import Superbike
-from bike_sim.physics.vehicle import load_vehicle
+from bike_sim.physics.vehicle_files import load_vehicle
 
 CLASSICAL: Final = "classical"
 """Name of the policy that is no bundle."""

@@ -10,7 +10,7 @@ from typing import Any, Final
 from bike_sim.node_tools import ParameterSpec
 from bike_sim.physics.envelope import envelope
 from bike_sim.physics.superbike import Superbike
-from bike_sim.physics.vehicle import load_vehicle
+from bike_sim.physics.vehicle_files import load_vehicle
 from bike_sim.reset import Preview, ResetRequest, begin
 from bike_sim.simulator import SimulatorConfig
 from bike_sim.track_ride import start_speed

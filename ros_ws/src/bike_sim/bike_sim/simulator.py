@@ -13,7 +13,8 @@ from bike_sim import ride
 from bike_sim.course.course import Course
 from bike_sim.physics import state as st
 from bike_sim.physics.engine import make_engine
-from bike_sim.physics.vehicle import Vehicle, load_vehicle
+from bike_sim.physics.vehicle import Vehicle
+from bike_sim.physics.vehicle_files import load_vehicle
 from bike_sim.reset import RANDOM_COURSE, ResetRequest, begin
 
 FloatArray = NDArray[np.float64]

@@ -29,7 +29,7 @@ from bike_sim.physics.envelope import Envelope, envelope
 from bike_sim.physics.superbike import Superbike
 from bike_sim.physics.superbike_engine import TIME_STEP, SuperbikeEngine
 from bike_sim.physics.superbike_statics import steady_lateral
-from bike_sim.physics.vehicle import load_vehicle
+from bike_sim.physics.vehicle_files import load_vehicle
 from bike_sim.reset import IDEAL, Preview, ResetRequest
 from bike_sim.simulator import Simulator, SimulatorConfig, Snapshot
 

@@ -23,7 +23,7 @@ from bike_sim.physics.superbike import Superbike
 from bike_sim.physics.superbike_engine import TIME_STEP, SuperbikeEngine
 from bike_sim.physics.superbike_modes import SuperbikeModes, holding_throttle, measure_modes
 from bike_sim.physics.validation import Check
-from bike_sim.physics.vehicle import load_vehicle
+from bike_sim.physics.vehicle_files import load_vehicle
 
 FloatArray = NDArray[np.float64]
 Command = Callable[[float, FloatArray], tuple[float, float]]

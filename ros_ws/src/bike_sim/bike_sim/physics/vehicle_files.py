@@ -1,0 +1,68 @@
+"""Vehicle files: those that ship with the package, and one's own."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from bike_sim.physics.superbike import superbike_from_document
+from bike_sim.physics.vehicle import Vehicle, VehicleError, bicycle_from_document
+
+
+def shipped_vehicles() -> tuple[str, ...]:
+    """Return the names of the vehicles that come with the package, sorted."""
+    folder = resources.files("bike_sim") / "config" / "vehicles"
+    return tuple(sorted(entry.name[: -len(".yaml")] for entry in folder.iterdir() if entry.name.endswith(".yaml")))
+
+
+def load_vehicle(name_or_path: str | Path) -> Vehicle:
+    """Load a vehicle that ships with the package, or one's own from a file.
+
+    Args:
+        name_or_path: name of a shipped vehicle (see `shipped_vehicles`), or the path of a YAML file. What ends in
+            ``.yaml`` or ``.yml`` or contains a folder separator is a path.
+
+    Raises:
+        FileNotFoundError: there is no such vehicle or file.
+        VehicleError: the file is not YAML, lacks a key, has one too many, or describes an impossible vehicle.
+    """
+    text = str(name_or_path)
+    if isinstance(name_or_path, Path) or text.endswith((".yaml", ".yml")) or "/" in text:
+        path = Path(name_or_path)
+        if not path.is_file():
+            raise FileNotFoundError(f"vehicle file '{path}' does not exist")
+        content = path.read_text(encoding="utf-8")
+    elif text in shipped_vehicles():
+        resource = resources.files("bike_sim") / "config" / "vehicles" / f"{text}.yaml"
+        content = resource.read_text(encoding="utf-8")
+    else:
+        known = ", ".join(shipped_vehicles())
+        raise FileNotFoundError(f"no vehicle '{text}'; shipped are: {known}; a file of your own must end in .yaml")
+    try:
+        document = yaml.safe_load(content)
+    except yaml.YAMLError as error:
+        raise VehicleError(f"vehicle '{text}' is not valid YAML: {' '.join(str(error).split())}") from None
+    return vehicle_from_document(document, text)
+
+
+def vehicle_from_document(document: Any, origin: str) -> Vehicle:
+    """Build a vehicle from the parsed content of a vehicle file.
+
+    A file with ``type: superbike`` gives a `bike_sim.physics.superbike.Superbike`, one without type a bicycle.
+
+    Args:
+        document: what the YAML parser returned.
+        origin: name or path for error messages.
+
+    Raises:
+        VehicleError: a key is missing or unknown, or a value cannot be.
+    """
+    kind = document.get("type") if isinstance(document, dict) else None
+    if kind == "superbike":
+        return superbike_from_document(document, origin)
+    if kind is not None:
+        raise VehicleError(f"vehicle '{origin}': unknown type '{kind}'; there is 'superbike', and a bicycle has none")
+    return bicycle_from_document(document, origin)
