@@ -53,5 +53,5 @@ def test_a_node_that_finished_its_work_is_no_error(start) -> None:
 @pytest.mark.parametrize("end", ["os._exit(128 + signal.SIGTERM)", "os.kill(os.getpid(), 9)"])
 def test_a_node_that_had_to_be_ended_did_not_finish(start, end) -> None:
     """As a recorder on a disk that is too slow to close the file in time."""
-    with pytest.raises(NodeLost, match="exit code (143|-9)"):
+    with pytest.raises(NodeLost, match=r"exit code (143|-9)"):
         start(end).finish()
