@@ -218,7 +218,7 @@ def decode_float(data: bytes) -> int:
 
 def test_a_full_disk_ends_the_recording_and_not_the_ride(stage: Any, policy: str, tmp_path: Path) -> None:
     simulator = stage.simulator(course="circle")
-    recorder = stage.start("bike_sim.record", path=str(tmp_path / "ride"))
+    recorder = stage.start("bike_sim.record", path=str(tmp_path / "ride"), chunk_size=16_384)
     ears = stage.ears()
     driver = stage.start("bike_policy.drive", policy=policy)
     ears.until(lambda: ears.records("state", "command") and ears.states[-1].step > 20)
