@@ -12,14 +12,14 @@ from __future__ import annotations
 import argparse
 import tempfile
 from collections.abc import Mapping, Sequence
-from importlib import resources
 from pathlib import Path
 from typing import Any, Final
 
 import yaml
 from tqdm import tqdm
 
-from bike_sim.physics.vehicle_files import load_vehicle, shipped_vehicles
+from bike_sim.physics.vehicle_files import SHIPPED
+from bike_training.commands.lap import shipped_superbikes
 from bike_training.laps import LapRide, ride_laps
 
 GAINS: Final = ("lean_gain", "rate_gain_slow", "rate_gain_fast", "integral_gain")
@@ -44,10 +44,9 @@ def changed(document: dict[str, Any], section: str, keys: Sequence[str], factor:
 
 def ride(vehicle: str, circuit: str, change: str, folder: Path) -> LapRide:
     """Ride an out-lap and a flying lap on a machine with a change."""
-    source = resources.files("bike_sim") / "config" / "vehicles" / f"{vehicle}.yaml"
-    document = changed(yaml.safe_load(source.read_text(encoding="utf-8")), *CHANGES[change])
+    document = yaml.safe_load((SHIPPED / f"{vehicle}.yaml").read_text(encoding="utf-8"))
     path = folder / f"{vehicle}.yaml"
-    path.write_text(yaml.safe_dump(document), encoding="utf-8")
+    path.write_text(yaml.safe_dump(changed(document, *CHANGES[change])), encoding="utf-8")
     return ride_laps(str(path), circuit, laps=1)
 
 
@@ -58,12 +57,11 @@ def told(lap: LapRide) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Ride and print a table."""
-    machines = [name for name in shipped_vehicles() if hasattr(load_vehicle(name), "virtual_rider")]
     parser = argparse.ArgumentParser(description="Laps with other dampers and gains.")
     parser.add_argument("circuit", help="shipped circuit")
-    parser.add_argument("--vehicle", action="append", choices=machines, help="machine (default: all)")
+    parser.add_argument("--vehicle", action="append", choices=shipped_superbikes(), help="machine (default: all)")
     args = parser.parse_args(arguments)
-    chosen = args.vehicle or machines
+    chosen = args.vehicle or shipped_superbikes()
     print(f"{args.circuit:14s}" + "".join(f"{name:>16s}" for name in chosen))
     with tempfile.TemporaryDirectory() as folder, tqdm(total=len(CHANGES) * len(chosen), unit="ride") as bar:
         for change in CHANGES:

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import yaml
 
 from bike_sim.physics.superbike import superbike_from_document
 from bike_sim.physics.vehicle import Vehicle, VehicleError, bicycle_from_document
 
+SHIPPED: Final = resources.files("bike_sim") / "config" / "vehicles"
+"""Folder of the vehicles that come with the package."""
+
 
 def shipped_vehicles() -> tuple[str, ...]:
     """Return the names of the vehicles that come with the package, sorted."""
-    folder = resources.files("bike_sim") / "config" / "vehicles"
-    return tuple(sorted(entry.name[: -len(".yaml")] for entry in folder.iterdir() if entry.name.endswith(".yaml")))
+    return tuple(sorted(entry.name[: -len(".yaml")] for entry in SHIPPED.iterdir() if entry.name.endswith(".yaml")))
 
 
 def load_vehicle(name_or_path: str | Path) -> Vehicle:
@@ -36,8 +38,7 @@ def load_vehicle(name_or_path: str | Path) -> Vehicle:
             raise FileNotFoundError(f"vehicle file '{path}' does not exist")
         content = path.read_text(encoding="utf-8")
     elif text in shipped_vehicles():
-        resource = resources.files("bike_sim") / "config" / "vehicles" / f"{text}.yaml"
-        content = resource.read_text(encoding="utf-8")
+        content = (SHIPPED / f"{text}.yaml").read_text(encoding="utf-8")
     else:
         known = ", ".join(shipped_vehicles())
         raise FileNotFoundError(f"no vehicle '{text}'; shipped are: {known}; a file of your own must end in .yaml")
