@@ -1,7 +1,9 @@
 """A run that is stopped and resumed is the run that was not stopped."""
 
+import os
 import signal
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -53,6 +55,12 @@ def test_resume_goes_on_as_if_not_stopped(learner, tmp_path):
         np.testing.assert_array_equal(mine, other)
 
 
+def open_files(folder: Path) -> list[str]:
+    """Return the files in a folder that this process holds open."""
+    held = (os.path.realpath(link) for link in Path("/proc/self/fd").iterdir())
+    return [path for path in held if path.startswith(str(folder.resolve()))]
+
+
 def test_same_seed_same_run_and_other_seed_another(tmp_path):
     settings = learner_settings("sbx")
     runs = []
@@ -70,6 +78,7 @@ def test_paper_preset_learns_over_a_simulator(tmp_path):
     process = LearningProcess(RunSettings(preset, engine="pybullet"), tmp_path, 200)
     process.run()
     assert process.model._n_updates == 150
+    assert not open_files(tmp_path)
     resumed = LearningProcess(RunSettings(preset, engine="pybullet"), tmp_path, 260, resume=True)
     resumed.run()
     assert resumed.model._n_updates == 210

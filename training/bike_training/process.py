@@ -229,7 +229,14 @@ class LearningProcess:
                 self._recorder.close()
             if callback.consistent:
                 self.save()
-            self.env.close()
+            self.close()
+
+    def close(self) -> None:
+        """Close environments, simulator and logs; a run that has ended has done so."""
+        self.env.close()
+        if self._simulator is not None:
+            self._simulator.close()
+        self.model.logger.close()
 
     def save(self) -> None:
         """Write a checkpoint and the summary of the run."""
