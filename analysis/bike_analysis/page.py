@@ -31,6 +31,7 @@ _SCRIPTS: Final = (
     "page_data.js",
     "page_input.js",
     "page_plots.js",
+    "page_sketch.js",
     "page_view.js",
     "page_bar.js",
     "follow_view.js",
@@ -310,8 +311,8 @@ def _figure_table(f: RideFigures) -> str:
         ("age of the command, mean", f"{_number(f.command_delay_mean_steps, 2)} steps"),
         ("age of the command, largest", f"{_number(f.command_delay_max_steps, 0)} steps"),
         ("the same in simulated time, mean", f"{_scaled(f.command_delay_mean_s, 1e3, 1)} ms"),
-        ("policy's answer, median (wall clock)", f"{_scaled(f.latency_median_s, 1e3, 3)} ms"),
-        ("policy's answer, 99th percentile", f"{_scaled(f.latency_p99_s, 1e3, 3)} ms"),
+        ("policy's answers since its start, median (wall clock)", f"{_scaled(f.latency_median_s, 1e3, 3)} ms"),
+        ("the same, 99th percentile", f"{_scaled(f.latency_p99_s, 1e3, 3)} ms"),
     ]
     rows = "".join(f"<tr><td>{escape(name)}</td><td>{escape(value)}</td></tr>" for name, value in entries)
     return f'<div class="columns"><table><tbody>{rows}</tbody></table></div>'

@@ -61,7 +61,7 @@ function tell(view) {
   const section = view.sections.find(s => row >= s.first && row < s.last), length = time.length;
   const where = `${numberText(distance[row], 1)}\u202fm`, when = clockText(time[row]);
   const words = [where, when, section ? section.name : ""];
-  view.root.querySelectorAll(".now span").forEach((span, k) => { span.textContent = words[k]; });
+  view.root.querySelectorAll(".now span").forEach((span, k) => write(span, words[k]));
   for (const part of view.parts) {
     if (!part.plot || !part.seen) continue;
     part.plot.setAttribute("aria-valuemin", "0");

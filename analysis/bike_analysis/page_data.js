@@ -41,23 +41,32 @@ function nearestRow(column, wanted) {
   return row > 0 && wanted - column[row - 1] < column[row] - wanted ? row - 1 : row;
 }
 
-// Lowest and highest row of each block of 64, so that an hour is searched as quickly as a minute.
-const BLOCK = 64;
-const blockTables = new WeakMap();
+// A pyramid over each column: rows of the smallest and the largest value of each 4, 8, 16 … rows, so that an hour is
+// searched as quickly as a minute. -1 stands for no row: all values are missing.
+const CELL = 4;
+const pyramids = new WeakMap();
+const lower = (column, a, b) => b < 0 || (a >= 0 && column[a] <= column[b]) ? a : b;
+const higher = (column, a, b) => b < 0 || (a >= 0 && column[a] >= column[b]) ? a : b;
 
-function blocksOf(column) {
-  let table = blockTables.get(column);
-  if (table) return table;
-  const count = Math.floor(column.length / BLOCK);
-  table = { low: new Int32Array(count), high: new Int32Array(count) };
-  for (let block = 0; block < count; block++) {
-    [table.low[block], table.high[block]] = extremeRows(column, block * BLOCK, (block + 1) * BLOCK);
+function pyramidOf(column) {
+  let levels = pyramids.get(column);
+  if (levels) return levels;
+  levels = [];
+  for (let count = Math.floor(column.length / CELL); count >= 1; count >>= 1) {
+    const below = levels[levels.length - 1], low = new Int32Array(count), high = new Int32Array(count);
+    for (let cell = 0; cell < count; cell++) {
+      if (below) {
+        low[cell] = lower(column, below.low[2 * cell], below.low[2 * cell + 1]);
+        high[cell] = higher(column, below.high[2 * cell], below.high[2 * cell + 1]);
+      } else [low[cell], high[cell]] = extremeRows(column, cell * CELL, (cell + 1) * CELL);
+    }
+    levels.push({ low, high });
   }
-  blockTables.set(column, table);
-  return table;
+  pyramids.set(column, levels);
+  return levels;
 }
 
-// Rows of the smallest and the largest value in [first, end); -1 where all are missing.
+// Rows of the smallest and the largest value in [first, end), each looked at.
 function extremeRows(column, first, end) {
   let low = -1, high = -1;
   for (let i = first; i < end; i++) {
@@ -69,39 +78,43 @@ function extremeRows(column, first, end) {
   return [low, high];
 }
 
-function extremesByBlocks(column, first, end) {
-  const from = Math.ceil(first / BLOCK), to = Math.floor(end / BLOCK);
+// The same by the pyramid: single rows at the ends, then at most two cells of each level.
+function extremesIn(column, first, end) {
+  let from = Math.ceil(first / CELL), to = Math.floor(end / CELL);
   if (to <= from) return extremeRows(column, first, end);
-  const table = blocksOf(column);
-  let [low, high] = extremeRows(column, first, from * BLOCK);
-  const offer = (below, above) => {
-    if (below >= 0 && (low < 0 || column[below] < column[low])) low = below;
-    if (above >= 0 && (high < 0 || column[above] > column[high])) high = above;
-  };
-  for (let block = from; block < to; block++) offer(table.low[block], table.high[block]);
-  offer(...extremeRows(column, to * BLOCK, end));
+  let [low, high] = extremeRows(column, first, from * CELL);
+  const offer = (below, above) => { low = lower(column, low, below); high = higher(column, high, above); };
+  offer(...extremeRows(column, to * CELL, end));
+  for (const level of pyramidOf(column)) {
+    if (from >= to) break;
+    if (from & 1) { offer(level.low[from], level.high[from]); from++; }
+    if (to & 1) { to--; offer(level.low[to], level.high[to]); }
+    from >>= 1; to >>= 1;
+  }
   return [low, high];
 }
 
-// The line as drawn: everything where there are few rows, else the extremes of each bucket, so no peak is lost.
-function thinned(x, y, first, end, buckets) {
-  if (end - first <= 2 * buckets) return { x: x.subarray(first, end), y: y.subarray(first, end), whole: true };
-  const tx = [], ty = [];
+// The line as drawn: everything where there are few rows, else the extremes of each cell of the pyramid, so no peak is
+// lost. The level is the finest with at most so many cells; they lie fast in the column, so nothing flickers in a pan.
+function thinned(x, y, first, end, cells) {
+  if (end - first <= 2 * cells) return { x: x.subarray(first, end), y: y.subarray(first, end), whole: true };
+  const level = Math.ceil(Math.log2((end - first) / cells / CELL)), size = CELL * 2 ** level, tx = [], ty = [];
+  const { low, high } = pyramidOf(y)[level], from = Math.ceil(first / size), to = Math.floor(end / size);
   const add = row => { tx.push(x[row]); ty.push(y[row]); };
+  const both = (below, above, instead) => {
+    if (below < 0) { add(instead); return; }
+    add(Math.min(below, above));
+    if (below !== above) add(Math.max(below, above));
+  };
   add(first);
-  for (let bucket = 0; bucket < buckets; bucket++) {
-    const from = first + Math.floor((end - first) * bucket / buckets);
-    const to = first + Math.floor((end - first) * (bucket + 1) / buckets);
-    const [low, high] = extremesByBlocks(y, from, to);
-    if (low < 0) { add(from); continue; }
-    add(Math.min(low, high));
-    if (low !== high) add(Math.max(low, high));
-  }
+  if (first < from * size) both(...extremesIn(y, first, from * size), first);
+  for (let cell = from; cell < to; cell++) both(low[cell], high[cell], cell * size);
+  if (to * size < end) both(...extremesIn(y, to * size, end), end - 1);
   add(end - 1);
   return { x: tx, y: ty, whole: false };
 }
 
 function span(column, first = 0, end = column.length) {
-  const [low, high] = extremesByBlocks(column, first, end);
+  const [low, high] = extremesIn(column, first, end);
   return low < 0 ? [0, 1] : [column[low], column[high]];
 }

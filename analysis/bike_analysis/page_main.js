@@ -8,6 +8,7 @@ const THEME_KEY = "two-wheeler-lab-theme";
 
 function recolour() {
   const button = document.getElementById("theme");
+  colours.clear();
   button.setAttribute("aria-pressed", String(isDark()));
   button.textContent = isDark() ? "Light" : "Dark";
   for (const view of views) view.redraw();
@@ -40,6 +41,7 @@ darkAsked.addEventListener("change", recolour);
 // Printed in the light colours and as wide as paper.
 function prepareForPrint(begin) {
   root.classList.toggle("printing", begin);
+  colours.clear();
   for (const view of views) if (view.series) {
     for (const part of view.parts) part.draw();
     view.moved = true;

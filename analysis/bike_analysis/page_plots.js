@@ -1,8 +1,15 @@
 // Figures for Plotly: specifications only, so that the page and an exported picture come from the same functions.
 
 const LEVELS = 16;
-const colour = name => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
-const phone = () => matchMedia("(max-width: 46rem)").matches;
+const narrow = matchMedia("(max-width: 46rem)");
+const phone = () => narrow.matches;
+
+// Colours and font of the style sheet, asked for once: each question has the browser look at all styles.
+const colours = new Map();
+function colour(name) {
+  if (!colours.has(name)) colours.set(name, getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim());
+  return colours.get(name);
+}
 
 function inkOf(name, opacity) {
   const hex = colour(name), part = i => parseInt(hex.slice(i, i + 2), 16);
@@ -46,7 +53,7 @@ function linesOf(view, panel, width) {
       found.push({
         series, line, first, end, column, colour: many ? series.colour : line.colour,
         name: many ? (panel.lines.length > 1 ? `${series.name}, ${line.name}` : series.name) : line.name,
-        ...thinned(axis, column, first, end, Math.max(100, Math.round(width / (many ? 2 : 1.5)))),
+        ...thinned(axis, column, first, end, Math.max(100, Math.round(width / (many ? 1.5 : 1)))),
       });
     }
   }
@@ -66,13 +73,14 @@ function heightRange(lines, panel) {
   return [low - (low < 0 || !panel.zero ? 0.07 : 0.02) * room, high + 0.09 * room];
 }
 
+// Not simplified by Plotly, which leaves out peaks of lines that go up and down within a pixel.
 function traceOf(found, panel) {
   const ink = colour(found.colour), { line, x, y } = found;
   const dots = found.whole && found.end - found.first < 120;
   return {
     type: "scatter", mode: dots && !line.fill ? "lines+markers" : "lines", x, y, name: found.name, connectgaps: false,
     line: { color: ink, width: line.fill === "band" ? 0 : found.series.theory ? 1.3 : 1.6, shape: line.step ? "vh" : "linear",
-      dash: found.series.theory || line.dash ? "3px,2px" : "solid", simplify: true },
+      dash: found.series.theory || line.dash ? "3px,2px" : "solid", simplify: false },
     marker: { size: 4, color: ink }, hoverinfo: "skip",
     ...(line.fill ? { fill: "tozeroy", fillcolor: inkOf(found.colour, line.fill === "band" ? 0.75 : 0.2) } : {}),
   };
@@ -156,7 +164,7 @@ function colouredTraces(x, y, values, rows, [low, high], name, worst) {
   for (let k = 0; k + 1 < rows.length; k++) {
     const i = rows[k], j = rows[k + 1];
     if (i < 0 || j < 0) { last = -1; continue; }
-    const value = worst && i < j ? values[Math.max(extremesByBlocks(values, i, j + 1)[1], 0)] : values[j];
+    const value = worst && i < j ? values[Math.max(extremesIn(values, i, j + 1)[1], 0)] : values[j];
     const share = (value - low) / (high - low || 1);
     const level = Math.min(LEVELS - 1, Math.max(0, Math.floor((share === share ? share : 0) * LEVELS))), to = levels[level];
     if (level !== last) { to.x.push(null, x[i]); to.y.push(null, y[i]); }

@@ -4,13 +4,15 @@ const PLOTLY = { staticPlot: true, responsive: false, displayModeBar: false };
 const ZOOM = 1.5;
 const LEAST_ROWS = 8;
 const FRAME_MS = 12;
-const MAP_REST_MS = 120;
+const REST_MS = 150;
 
 const element = (name, properties = {}, ...children) => {
   const made = Object.assign(document.createElement(name), properties);
   made.append(...children);
   return made;
 };
+// Text that is written again as it stands would have the page laid out for nothing.
+const write = (node, text) => { if (node.textContent !== text) node.textContent = text; };
 const numberText = (value, digits) => value === value && value !== undefined ? value.toFixed(digits).replace("-", "−") : "–";
 const clockText = seconds => {
   const minutes = Math.floor(seconds / 60);
@@ -20,7 +22,9 @@ const clockText = seconds => {
 class View {
   constructor(root, spec) {
     Object.assign(this, { root, title: spec.title, channels: spec.channels, axes: spec.axes, axis: spec.axes[0] });
-    Object.assign(this, { sections: spec.sections, spec, place: 0, parts: [], dirty: new Set(), opened: null });
+    Object.assign(this, { sections: spec.sections, spec, place: 0, parts: [], opened: null });
+    this.dirty = new Set();   // parts that Plotly has to draw
+    this.moving = new Set();  // of them, those of which a quick drawing is wanted before
   }
 
   // Decodes the data and draws; called when the view first comes near the screen.
@@ -116,8 +120,7 @@ class View {
     const least = (last - first) * Math.min(1, LEAST_ROWS / rows), width = Math.min(Math.max(high - low, least), last - first);
     low = Math.min(Math.max((low + high - width) / 2, first), last - width);
     this.range = [low, low + width];
-    for (const part of this.parts) if (part instanceof MapPart) part.late = performance.now() + MAP_REST_MS;
-    this.redraw(part => part.ranged);
+    for (const part of this.parts) if (part.ranged) this.move(part, part instanceof PanelPart);
   }
   zoom(factor, about = this.at) {
     const [low, high] = this.range;
@@ -138,23 +141,44 @@ class View {
     this.ask();
   }
   ask() { this.asked ||= requestAnimationFrame(() => this.frame()); }
-  // Draws what has changed, as far as the time of a frame allows; what has the pointer or the focus comes first.
+  // Has a part follow a movement: drawn quickly now, if wanted, and by Plotly when the movement has come to rest.
+  move(part, quick = true) {
+    if (part.shows) {
+      part.late = performance.now() + part.rest;
+      if (quick) this.moving.add(part);
+    }
+    this.dirty.add(part);
+    this.ask();
+  }
+
+  // Does what is due of the seen parts, as far as the time of a frame allows; first what has the pointer or the focus.
+  work(parts, start, action) {
+    const order = [...parts].filter(part => part.seen).sort((a, b) => Number(b === this.active) - Number(a === this.active));
+    const done = [];
+    for (const part of order) {
+      if (done.length && performance.now() - start > FRAME_MS) break;
+      part[action]();
+      parts.delete(part);
+      done.push(part);
+    }
+    return done;
+  }
+  // Quick drawings first; Plotly, which takes longer than a frame, only where nothing moves.
   frame() {
     this.asked = 0;
-    const start = performance.now(), order = [...this.dirty].filter(part => part.seen && !(part.late > start));
-    order.sort((a, b) => Number(b === this.active) - Number(a === this.active));
-    const drawn = [];
-    for (const part of order) {
-      if (drawn.length && performance.now() - start > FRAME_MS) break;
-      part.draw();
-      this.dirty.delete(part);
-      drawn.push(part);
-    }
-    for (const part of this.moved ? this.parts : drawn) part.point();
+    const start = performance.now(), sketched = this.work(this.moving, start, "sketch");
+    const drawn = sketched.length ? [] : this.drawRested(start);
+    for (const part of this.moved ? this.parts : [...sketched, ...drawn]) part.point();
     if (this.moved || drawn.length) tell(this);
     this.moved = false;
+    if (sketched.length) performance.measure("sketch", { start, detail: sketched.length });
     if (drawn.length) performance.measure("draw", { start, detail: drawn.length });
     if ([...this.dirty].some(part => part.seen)) this.ask(); else if (this.parts.length) this.root.dataset.ready = "yes";
+  }
+  drawRested(start) {
+    const due = new Set([...this.dirty].filter(part => !(part.late > start))), drawn = this.work(due, start, "draw");
+    for (const part of drawn) { this.dirty.delete(part); this.moving.delete(part); }
+    return drawn;
   }
 }
 
@@ -166,9 +190,11 @@ class PlotPart {
     this.figure = figure;
     this.plot = figure.querySelector(".plot");
     this.paper = element("div", { className: "paper" });
+    this.sheet = element("canvas", { className: "sheet", width: 1, height: 1 });
     this.area = element("div", { className: "area" });
-    this.plot.replaceChildren(this.paper, this.area);
+    this.plot.replaceChildren(this.paper, this.sheet, this.area);
     this.ranged = true;
+    this.rest = REST_MS;
     this.shows = null;
     new ResizeObserver(() => this.refit()).observe(this.plot);
   }
@@ -181,11 +207,16 @@ class PlotPart {
     if (this.width && (width !== this.width || height !== this.height)) this.view.redraw(part => part === this);
   }
 
-  // Draws, and keeps the ends of the axes and the pixels between them: what stands on the drawing is placed by these.
   show({ data, layout }) {
-    const { margin, width, height } = layout;
+    const { margin } = layout;
     this.area.style.inset = [margin.t, margin.r, margin.b, margin.l].map(pixels => `${pixels}px`).join(" ");
+    this.plot.classList.remove("moving");
     Plotly.react(this.paper, data, layout, PLOTLY);
+    this.fit(layout);
+  }
+  // Keeps the ends of the axes and the pixels between them: what stands on the drawing is placed by these.
+  fit(layout) {
+    const { margin, width, height } = layout;
     this.shows = { layout, x: layout.xaxis.range, y: layout.yaxis.range,
       across: width - margin.l - margin.r, down: height - margin.t - margin.b };
   }
@@ -239,6 +270,18 @@ class PanelPart extends PlotPart {
     this.label();
   }
 
+  // Draws the same on the sheet, which then covers for Plotly's drawing; answers the ticks. Asks for no sizes, since the
+  // browser would have to lay out the page.
+  sketch() {
+    const { width, height } = this.shows.layout, made = this.figureOf(width, height);
+    const ticks = sketched(this.sheet, made);
+    this.plot.classList.add("moving");
+    this.fit(made.layout);
+    this.lines = made.lines;
+    this.label();
+    return ticks;
+  }
+
   // Legend that also reads off: name and value at the cursor of each line.
   label() {
     const key = this.lines.map(found => found.name + found.colour).join("|");
@@ -260,7 +303,7 @@ class PanelPart extends PlotPart {
     this.lines.forEach((found, k) => {
       const row = this.view.rowIn(found.series), value = row < 0 ? NaN : found.column[row];
       const { unit, digits } = this.view.channels[found.line.column];
-      this.values[k].textContent = `${numberText(value, digits)}${unit ? `\u202f${unit}` : ""}`;
+      write(this.values[k], `${numberText(value, digits)}${unit ? `\u202f${unit}` : ""}`);
       this.mark(this.points[k], inside && found.line.fill !== "band" ? at : NaN, value);
     });
   }
@@ -275,6 +318,7 @@ class PanelPart extends PlotPart {
 class MapPart extends PlotPart {
   constructor(view, figure) {
     super(view, figure);
+    this.rest = 2 * REST_MS;  // drawn after the panels
     this.marks = view.series.filter(series => series.columns.x).map(series => ({ series, dot: element("div", {
       className: series === view.main ? "here" : "ghost", style: `--own: var(--${view.several ? series.colour : "ink"})` }) }));
     this.area.append(...this.marks.map(mark => mark.dot).reverse());
@@ -303,7 +347,15 @@ class MapPart extends PlotPart {
     const [x0, x1, y0, y1] = this.box, cx = (x0 + x1) / 2 + dx, cy = (y0 + y1) / 2 + dy;
     const w = (x1 - x0) / 2 * factor, h = (y1 - y0) / 2 * factor;
     this.box = this.wanted = [cx - w, cx + w, cy - h, cy + h];
-    this.view.redraw(part => part === this);
+    this.view.move(this);
+  }
+  // Moves and stretches the drawing that is there.
+  sketch() {
+    const [x0, x1, y0, y1] = this.box, [west, east, , north] = this.drawnBox, { across, down } = this.shows;
+    const right = (west - x0) / (x1 - x0) * across, low = (y1 - north) / (y1 - y0) * down, scale = (east - west) / (x1 - x0);
+    Object.assign(this.paper.style, { transformOrigin: "0 0", willChange: "transform",
+      transform: `translate(${right}px, ${low}px) scale(${scale})` });
+    Object.assign(this.shows, { x: [x0, x1], y: [y0, y1] });
   }
   zoomAt(factor, at) {
     const [x, y] = this.metres(at), [x0, x1, y0, y1] = this.box;
@@ -332,7 +384,9 @@ class MapPart extends PlotPart {
   }
   draw() {
     this.box = this.wanted ? fittedBox(this.wanted, this.width, this.height, 0) : this.wholeBox();
+    Object.assign(this.paper.style, { transform: "", willChange: "" });
     this.show(this.figureOf(this.width, this.height));
+    this.drawnBox = this.box;
     this.drawScale();
   }
   drawScale() {

@@ -526,6 +526,157 @@ def test_poor_rides_are_drawn_as_far_as_they_go(opened: Opener, writer: Any, cir
     assert [figure.get_attribute("data-plot") for figure in figures] == ["map", "error", "lean", "command"]
 
 
+# ---- quick drawings while the stretch moves -------------------------------------------------------------------------
+
+
+def test_a_spike_of_one_state_is_drawn_at_every_zoom(opened: Opener, tmp_path: Path) -> None:
+    """From ten minutes down to eight states, quickly drawn and by Plotly, wherever in the stretch it lies."""
+    view = circuit_view(60_000)
+    path = tmp_path / "spike.html"
+    path.write_text(page_shell("a spike", "", [view_html(view)], [view]))
+    found = opened(path).execute_script("""
+      const view = document.querySelector(".view").view, part = view.parts.find(part => part.spec?.key === "error");
+      const { distance, error } = view.main.columns, row = 20000, [first, last] = view.whole(), found = [];
+      const stroke = getComputedStyle(part.paper.querySelector(".js-line")).stroke.match(/\\d+/g).map(Number);
+      const inked = ([r, g, b, alpha]) => alpha > 200 && Math.hypot(r - stroke[0], g - stroke[1], b - stroke[2]) < 60;
+      const reader = Object.assign(document.createElement("canvas"), { width: 5, height: 5 })
+        .getContext("2d", { willReadFrequently: true });
+      for (let width = last - first; width > (last - first) / 7500; width *= 0.6) {
+        for (const share of [0.07, 0.4137, 0.81]) {
+          view.setRange(distance[row] - share * width, distance[row] + (1 - share) * width);
+          part.sketch();
+          const { margin } = part.shows.layout, [x, y] = part.pixelsOf(distance[row], error[row]);
+          reader.clearRect(0, 0, 5, 5);
+          reader.drawImage(part.sheet, 2 - Math.round(x + margin.l), 2 - Math.round(y + margin.t));
+          const { data } = reader.getImageData(0, 0, 5, 5);
+          const near = [...Array(25).keys()].some(k => inked(data.slice(4 * k, 4 * k + 4)));
+          part.draw();
+          const path = part.paper.querySelector(".js-line").getAttribute("d").match(/[-.\\d]+/g).map(Number);
+          const top = Math.min(...path.filter((_, k) => k % 2)), [line] = part.lines;
+          let place = 0;
+          const lost = [...line.x].filter((at, k) => {
+            const [right, down] = part.pixelsOf(at, line.y[k]);
+            if (right < 0 || right > part.shows.across) return false;
+            while (place < path.length && Math.hypot(path[place] - right, path[place + 1] - down) > 0.5) place += 2;
+            return place >= path.length;
+          });
+          found.push([width, share, error[row], near, Math.abs(top - y), lost.length]);
+        }
+      }
+      return found;""")
+    assert len(found) >= 50
+    assert [peak for _, _, peak, *_ in found] == pytest.approx([7.0] * len(found))
+    for width, share, _, near, off, lost in found:
+        assert near, f"quickly drawn, {width:.0f} m, the spike at {share} of them"
+        assert off < 1.0, f"drawn by Plotly, {width:.0f} m, the spike at {share} of them"
+        assert lost == 0, f"Plotly leaves points of {width:.0f} m out"
+
+
+def test_extremes_of_any_stretch_are_among_what_is_drawn(opened: Opener, tmp_path: Path) -> None:
+    """All lines, also where a part of the values is missing."""
+    view = circuit_view(60_000)
+    columns = view.series[0].columns
+    columns["roll"][5_000:25_000] = np.nan
+    columns["steer"][::3] = np.nan
+    path = tmp_path / "extremes.html"
+    path.write_text(page_shell("extremes", "", [view_html(view)], [view]))
+    rng = np.random.default_rng(7)
+    end = float(columns["distance"][-1])
+    stretches = [sorted(rng.uniform(0.0, end, 2)) for _ in range(15)]
+    widths = 10.0 ** rng.uniform(0.5, 4.0, 15)
+    stretches += [[low, low + width] for low, width in zip(rng.uniform(0.0, end, 15), widths, strict=True)]
+    found = opened(path).execute_script(
+        """
+      const view = document.querySelector(".view").view, panels = view.parts.filter(part => part.spec);
+      const extremes = values => values.reduce(([low, high], value) => value === value
+        ? [Math.min(low, value), Math.max(high, value)] : [low, high], [Infinity, -Infinity]).map(String);
+      return arguments[0].flatMap(([low, high]) => {
+        view.setRange(low, high);
+        return panels.flatMap(part => {
+          const { lines, layout } = part.figureOf(800, 168), [foot, top] = layout.yaxis.range;
+          return lines.map(line => [`${line.line.column} from ${low} to ${high} m`, line.y.length,
+            extremes(line.column.slice(line.first, line.end)), extremes(line.y),
+            line.y.every(y => !(y < foot || y > top))]);
+        });
+      });""",
+        stretches,
+    )
+    assert len(found) > 250
+    assert max(points for _, points, *_ in found) > 1000
+    for where, points, wanted, drawn, inside in found:
+        assert drawn == wanted, where
+        assert inside, where
+        assert points < 4 * 800, where
+
+
+def test_quick_drawings_have_the_ticks_of_plotly(opened: Opener, tmp_path: Path) -> None:
+    browser = opened(lap_page(tmp_path / "lap.html"), (1300, 3800))
+    rng = np.random.default_rng(3)
+    widths = 10.0 ** rng.uniform(0.5, 3.4, 25)
+    stretches = [[low, low + width] for low, width in zip(rng.uniform(0.0, 1500.0, 25), widths, strict=True)]
+    stretches += [[100.003, 300.0], [100.0, 299.99], [100.0, 300.0]]  # a tick at or hardly beyond an end
+    found = browser.execute_script(
+        """
+      const view = document.querySelector(".view").view, panels = view.parts.filter(part => part.spec?.lines);
+      const shown = (part, axis) => [...part.paper.querySelectorAll(`.${axis}tick text`)]
+        .filter(node => getComputedStyle(node).display !== "none").map(node => node.textContent);
+      return arguments[0].flatMap(([low, high]) => {
+        view.setRange(low, high);
+        return panels.map(part => {
+          const quick = part.sketch();
+          part.draw();
+          return ["x", "y"].map(axis => [quick[axis].map(([, text]) => text), shown(part, axis)]);
+        });
+      });""",
+        stretches,
+    )
+    assert len(found) == 6 * len(stretches)
+    assert all(plotly for axes in found for _, plotly in axes)
+    for axes in found:
+        for quick, plotly in axes:
+            assert quick == plotly
+
+
+def test_plots_follow_at_once_and_plotly_draws_them_at_rest(opened: Opener, tmp_path: Path) -> None:
+    browser = opened(lap_page(tmp_path / "lap.html"), (1300, 3800))
+    looks = """const view = document.querySelector(".view").view;
+      const part = view.parts.find(part => part.spec?.key === "error");
+      %s
+      const seen = node => getComputedStyle(node).visibility === "visible";
+      return [seen(part.sheet), seen(part.paper), part.shows.x, view.range];"""
+    moving = browser.execute_script(looks % "view.zoom(0.4, 700); view.frame();")
+    settled(browser)
+    at_rest = browser.execute_script(looks % "")
+    assert moving[:2] == [True, False]
+    assert at_rest[:2] == [False, True]
+    assert moving[2] == moving[3] == at_rest[2] == at_rest[3]
+
+
+def test_the_map_follows_at_once_and_lies_the_same_at_rest(opened: Opener, tmp_path: Path) -> None:
+    browser = opened(lap_page(tmp_path / "lap.html"), (1300, 900))
+    places = """const view = document.querySelector(".view").view, part = view.parts.find(part => part.bounds);
+      %s
+      const boxes = [".js-line", ".here"].map(name => part.plot.querySelector(name).getBoundingClientRect());
+      const [line, dot] = boxes, centre = box => [box.left + box.width / 2, box.top + box.height / 2];
+      return [part.paper.style.transform, [...centre(line), line.width, line.height], centre(dot)];"""
+    still, line, dot = browser.execute_script(places % "")
+    assert still == ""
+    pan = "const metre = part.width / (part.box[1] - part.box[0]); part.look(-30 / metre, 20 / metre, 1); view.frame();"
+    moving, panned, panned_dot = browser.execute_script(places % pan)
+    assert moving != ""
+    assert np.subtract(panned, line) == pytest.approx([30.0, 20.0, 0.0, 0.0], abs=0.5)
+    assert np.subtract(panned_dot, dot) == pytest.approx([30.0, 20.0], abs=0.5)
+    zoom = "part.zoomAt(0.8, [100, 100]); view.frame();"
+    moving, zoomed, zoomed_dot = browser.execute_script(places % zoom)
+    assert moving != ""
+    assert zoomed[2:] == pytest.approx([1.25 * size for size in panned[2:]], rel=0.01)
+    settled(browser)
+    still, drawn, drawn_dot = browser.execute_script(places % "")
+    assert still == ""
+    assert drawn == pytest.approx(zoomed, abs=2.0)
+    assert drawn_dot == pytest.approx(zoomed_dot, abs=0.5)
+
+
 # ---- an hour --------------------------------------------------------------------------------------------------------
 
 
@@ -586,18 +737,24 @@ def test_an_hour_at_100_hz_loads_and_zooms(opened: Opener, tmp_path: Path, recor
     assert max(browser.execute_script(drawn)) < 8 * DESK[0], "what is drawn goes by pixels, not by states"
     browser.execute_cdp_cmd("Performance.enable", {"timeDomain": "threadTicks"})
     began_cpu = cpu_seconds(browser)
-    frames, wall, draws = browser.execute_async_script("""
+    steps, wall = browser.execute_async_script("""
       const done = arguments[0], view = document.querySelector(".view").view, start = performance.now();
-      performance.clearMeasures();
-      let frames = 0;
-      const tick = () => frames++ < 40 ? (view.zoom(frames < 20 ? 0.7 : 1 / 0.7, 70000), requestAnimationFrame(tick))
-        : done([frames, performance.now() - start, performance.getEntriesByName("draw").map(e => e.duration)]);
+      const late = part => part.lines && part.seen && part.shows.x.some((end, k) => end !== view.range[k]);
+      let steps = 0;
+      const tick = () => {
+        if (view.parts.some(late)) { requestAnimationFrame(tick); return; }
+        if (steps === 40) { done([steps, performance.now() - start]); return; }
+        view.zoom(steps++ < 20 ? 0.7 : 1 / 0.7, 70000);
+        requestAnimationFrame(tick);
+      };
       requestAnimationFrame(tick);""")
-    zoom = float(np.median(draws))
-    for name, value in (("load_s", load), ("zoom_ms", zoom), ("zooms_per_s", 1e3 * frames / wall)):
+    cpu = 1e3 * (cpu_seconds(browser) - began_cpu) / steps
+    began_cpu = cpu_seconds(browser)
+    settled(browser)
+    rest = 1e3 * (cpu_seconds(browser) - began_cpu)
+    for name, value in (("load_s", load), ("zoom_cpu_ms", cpu), ("zooms_per_s", 1e3 * steps / wall)):
         record_property(name, round(value, 2))
     size = path.stat().st_size / 1e6
-    print(f"{size:.1f} MB, drawn after {load:.2f} s, {zoom:.0f} ms a zoom, {1e3 * frames / wall:.0f} zooms a second")
-    cpu = 1e3 * (cpu_seconds(browser) - began_cpu) / frames
-    print(f"{cpu:.0f} ms of the processor a zoom")
-    assert 0.0 < cpu < 250.0, "the processor's time counts, since other work may share the machine"
+    print(f"{size:.1f} MB, drawn after {load:.2f} s, {1e3 * steps / wall:.0f} zooms of all seen plots a second")
+    print(f"{cpu:.1f} ms of the processor a zoom of all of them; {rest:.0f} ms more once they rest")
+    assert 0.0 < cpu < 80.0, "the processor's time counts, since other work may share the machine"
