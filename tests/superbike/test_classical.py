@@ -15,11 +15,12 @@ from bike_policy.lap_plan import RiderSettings, reserved
 from bike_sim.course.course import Course
 from bike_sim.fast_lines import track_with_line
 from bike_sim.lap_limit import lap_limit
+from bike_sim.physics import state as st
 from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics.envelope import Envelope, envelope
 from bike_sim.physics.state import upright_state
 from bike_sim.physics.superbike import Superbike
-from bike_sim.physics.superbike_engine import SuperbikeEngine
+from bike_sim.physics.superbike_engine import TIME_STEP, SuperbikeEngine
 from bike_sim.physics.superbike_forces import force_limits
 from bike_sim.physics.superbike_statics import inertial_mass
 from bike_sim.physics.vehicle_files import load_vehicle
@@ -41,9 +42,9 @@ def limits(machine: Superbike) -> Envelope:
     return envelope(machine)
 
 
-def circle(radius: float) -> Course:
+def circle(radius: float, spacing: float = 0.1) -> Course:
     """A closed circle to the left."""
-    count = round(2.0 * math.pi * radius / 0.1)
+    count = round(2.0 * math.pi * radius / spacing)
     s = np.linspace(0.0, 2.0 * math.pi * radius, count + 1)
     angle = s / radius
     return Course(
@@ -147,6 +148,43 @@ def test_same_state_again_gets_the_same_answer(machine: Superbike, limits: Envel
     rider.command(Seen(25.0, -0.6, 40.0, 0.3, 0.01))
     seen = Seen(25.0, -0.6, 40.5, 0.32, 0.01)
     assert rider.command(seen) == rider.command(seen)
+
+
+def test_lost_states_do_not_steepen_the_rate_of_the_error(machine: Superbike, limits: Envelope) -> None:
+    rider = ClassicalRider(machine, circle(80.0), 0.01, limits=limits)
+
+    def last_answer(every: int) -> float:
+        rider.reset()
+        answers = [rider.command(Seen(25.0, -0.6, 40.0 + 0.25 * k, 0.005 * k, 0.0))[0] for k in range(0, 13, every)]
+        return answers[-1]
+
+    assert last_answer(2) == pytest.approx(last_answer(1), abs=1e-9)
+
+
+@pytest.mark.parametrize("period", [0.01, 0.02, 0.05])
+def test_front_does_not_shake_at_full_drive_whatever_the_control_period(period: float) -> None:
+    machine = load_vehicle("r1")  # the machine with the lightest front wheel
+    assert isinstance(machine, Superbike)
+    radius, speed = 5000.0, 40.0
+    rider = ClassicalRider(machine, circle(radius, 1.0), period)
+    engine = SuperbikeEngine(machine, TIME_STEP)
+    state = upright_state(speed, machine.rF)
+    state[st.Y], state[st.ROLL] = 1.0, -math.atan(speed**2 / radius / machine.g)  # one metre inside the line
+    engine.reset(state)
+    rates = []
+    for _ in range(round(5.0 / period)):
+        state = engine.state()
+        x, y = float(state[st.X]), float(state[st.Y]) - radius
+        along = math.atan2(x, -y)
+        heading = math.remainder(float(state[st.YAW]) - along, 2.0 * math.pi)
+        now = float(engine.telemetry()[sf.T_SPEED])
+        seen = Seen(now, float(state[st.ROLL]), along * radius, radius - math.hypot(x, y), heading)
+        engine.advance_commands(*rider.command(seen), round(period / TIME_STEP))
+        rates.append(float(engine.state()[st.STEER_RATE]))
+    assert engine.fall_name == "none"
+    assert engine.telemetry()[sf.T_SPEED] > speed + 15.0
+    engine.close()
+    assert np.std(rates[-round(2.0 / period) :]) < 4.0  # rad/s; fed, this weave grows to 10
 
 
 @pytest.mark.parametrize("reverse", [False, True])

@@ -12,6 +12,11 @@ the modelling of motorcycle dynamics, Multibody System Dynamics 12, steer; the r
 
 Speed. The theoretical lap of the machine with some of its limits kept in reserve is the speed profile; its acceleration
 is fed forward through engine and brakes, and the error of speed fed back.
+
+Time. A command is held for a control period and so acts half of it late; both previews look that much farther ahead.
+The rate of e is the difference of two states. It is also late, and at full drive, with a light front wheel, a late one
+feeds the weave (5 Hz). So when the state before is old, e' is an estimate that follows the difference slowly and e'',
+which is d, at once.
 """
 
 from __future__ import annotations
@@ -30,6 +35,9 @@ from bike_sim.physics.superbike import Superbike
 from bike_sim.physics.superbike_statics import engine_force, inertial_mass
 
 FloatArray = NDArray[np.float64]
+
+LONGEST_GAP = 0.3
+"""Time without states after which the last one tells nothing of the lateral error's rate any more, s."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +90,8 @@ class ClassicalRider:
         self._period = control_period
         self._length = line.length
         self._frequency = vehicle.virtual_rider.frequency
+        late = 0.5 * (control_period - self.settings.period)
+        self._preview, self._speed_preview = self.settings.preview + late, self.settings.speed_preview + late
         self._max_lean = math.radians(vehicle.virtual_rider.max_lean_deg)
         self.leans = SteadyLeans(vehicle)
         self.profile: LapLimit = plan_lap(vehicle, line, limits or envelope(vehicle), self.settings, self.leans)
@@ -89,6 +99,7 @@ class ClassicalRider:
         self._curvature = self._smooth(self.profile.lateral / self.profile.speed**2)
         self._machine(vehicle)
         self._before: Seen | None = None
+        self._rate = self._excess = 0.0
         self._answer = (0.0, 0.0)
 
     def _smooth(self, curvature: FloatArray) -> FloatArray:
@@ -133,15 +144,26 @@ class ClassicalRider:
         return self._at(self._curvature, s) * speed**2
 
     def _error_rate(self, seen: Seen) -> float:
-        """Return the rate of the lateral error, m/s: measured, or of the heading at the first step."""
+        """Return the rate of the lateral error, m/s: measured, or of the heading at the first step.
+
+        The heading alone is a poor measure: it knows nothing of the side slip.
+        """
         before = self._before
-        if before is None or abs(seen.progress - before.progress) > 4.0 * seen.speed * self._period + 1.0:
+        longest = max(LONGEST_GAP, 4.0 * self._period)
+        if before is None or abs(seen.progress - before.progress) > longest * seen.speed + 1.0:
             return seen.speed * math.sin(seen.heading_error)
-        return (seen.lateral_error - before.lateral_error) / self._period
+        # States between may have been lost: the way tells how many periods ago the one before was.
+        periods = round((seen.progress - before.progress) / (max(1.0, seen.speed) * self._period))
+        elapsed = self._period * max(1, periods)
+        measured = (seen.lateral_error - before.lateral_error) / elapsed
+        if elapsed <= self.settings.period:
+            return measured
+        predicted = self._rate + elapsed * self._excess
+        return measured + math.exp(-elapsed / self.settings.rate_memory) * (predicted - measured)
 
     def _steer(self, seen: Seen) -> float:
         settings, w = self.settings, self._frequency
-        h, middle = settings.stencil, settings.preview
+        h, middle = settings.stencil, self._preview
         early, now, late = (self._wanted(seen, middle + k * h) for k in (-1.0, 0.0, 1.0))
         ahead = now + (late - early) / (h * w) + (late - 2.0 * now + early) / (h * w) ** 2
         row = self.leans.row(seen.speed)
@@ -149,7 +171,8 @@ class ClassicalRider:
         excess = turning - self._wanted(seen, 0.0)
         p = 0.5 * w
         error = min(max(seen.lateral_error, -settings.lateral_trust), settings.lateral_trust)
-        rate = min(max(self._error_rate(seen), -3.0 * settings.lateral_trust), 3.0 * settings.lateral_trust)
+        self._rate, self._excess = self._error_rate(seen), excess
+        rate = min(max(self._rate, -3.0 * settings.lateral_trust), 3.0 * settings.lateral_trust)
         back = -(p**4 * error + 4.0 * p**3 * rate) / w**2 - (6.0 * p**2 / w**2 - 1.0) * excess
         lateral = ahead + back
         lean = min(float(np.interp(abs(lateral), row, self.leans.leans)), settings.largest_lean)
@@ -159,7 +182,7 @@ class ClassicalRider:
 
     def _throttle(self, seen: Seen) -> float:
         settings = self.settings
-        s = seen.progress + seen.speed * settings.speed_preview
+        s = seen.progress + seen.speed * self._speed_preview
         wanted = self._at(self.profile.speed, seen.progress)
         acceleration = self._at(self.profile.longitudinal, s) + settings.speed_gain * (wanted - seen.speed)
         force = self._mass * acceleration + self._drag * seen.speed**2 + self._rolling

@@ -47,6 +47,9 @@ class RiderSettings:
         lateral_trust: largest lateral error that feedback answers in full, m.
         speed_gain: acceleration by error of speed, 1/s.
         speed_preview: time from throttle to force, s.
+        period: control period for which both previews are meant; also the age up to which the difference of two states
+            is the rate of the lateral error, s.
+        rate_memory: time constant of the estimate that takes its place when the state before is older, s.
         largest_lean: rad; more is never asked for.
         roll_rate: largest roll rate that the profile asks for, averaged over `roll_span`, rad/s.
         roll_span: s.
@@ -62,6 +65,8 @@ class RiderSettings:
     lateral_trust: float = 2.0
     speed_gain: float = 3.0
     speed_preview: float = 0.10
+    period: float = 0.02
+    rate_memory: float = 0.1
     largest_lean: float = math.radians(58.0)
     roll_rate: float = 1.5
     roll_span: float = 0.6
