@@ -15,10 +15,10 @@ All numbers are those of every recorded state; nothing is thinned out here. Whoe
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Sequence, Set
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import count
+from itertools import chain, count
 from pathlib import Path
 
 import pandas as pd
@@ -233,14 +233,14 @@ def _runs(items: Iterable[RecordedRide | RecordedLap]) -> list[Run]:
     """What is compared, with labels that differ."""
     given = list(items)
     rides = [item.ride if isinstance(item, RecordedLap) else item for item in given]
-    runs: list[Run] = []
+    runs: dict[str, Run] = {}
     for item, ride, prefix in zip(given, rides, folder_prefixes([r.recording.path for r in rides]), strict=True):
         name = prefix + item.label
-        same = sum(run.label == name or run.label.startswith(f"{name} (") for run in runs)
-        label = f"{name} ({same + 1})" if same else name
+        labels = chain([name], (f"{name} ({n})" for n in count(2)))
+        label = next(label for label in labels if label not in runs)
         lap = item.data if isinstance(item, RecordedLap) else None
-        runs.append(Run(label, ride.recording.path.name, ride.data, lap, ride.recording.policy))
-    return runs
+        runs[label] = Run(label, ride.recording.path.name, ride.data, lap, ride.recording.policy)
+    return list(runs.values())
 
 
 def folder_prefixes(paths: Sequence[Path]) -> list[str]:
@@ -252,13 +252,20 @@ def folder_prefixes(paths: Sequence[Path]) -> list[str]:
     Returns:
         For each "", or as few of the last folders as differ between files of its name, with a slash behind.
     """
-    whole = [path.resolve() for path in paths]
-    prefixes = []
-    for path in whole:
-        folders = {other.parent for other in whole if other.stem == path.stem}
-        depth = next(n for n in count() if len({_last(folder, n) for folder in folders}) == len(folders))
-        prefixes.append("".join(f"{part.strip('/')}/" for part in _last(path.parent, depth)))
-    return prefixes
+    whole = {path: path.resolve() for path in dict.fromkeys(paths)}
+    folders: dict[str, set[Path]] = {}
+    for path in whole.values():
+        folders.setdefault(path.stem, set()).add(path.parent)
+    depths = {name: _depth(those) for name, those in folders.items()}
+    return [
+        "".join(f"{part.strip('/')}/" for part in _last(path.parent, depths[path.stem]))
+        for path in map(whole.__getitem__, paths)
+    ]
+
+
+def _depth(folders: Set[Path]) -> int:
+    """How many of the last parts tell folders apart."""
+    return next(n for n in count() if len({_last(folder, n) for folder in folders}) == len(folders))
 
 
 def _last(folder: Path, parts: int) -> tuple[str, ...]:

@@ -457,26 +457,6 @@ class ColumnReader:
                 raise SchemaError(self.damage)
 
 
-def decode_columns(schema: MessageSchema, messages: Sequence[bytes], fields: Sequence[str]) -> dict[str, NDArray[Any]]:
-    """Decode fields of many messages.
-
-    Args:
-        schema: Type of the messages.
-        messages: CDR bytes with header.
-        fields: Names of the wanted fields.
-
-    Returns:
-        For each field an array of shape (messages,) or, for array fields, (messages, length).
-
-    Raises:
-        SchemaError: If a message does not fit the type, or an array field has several lengths.
-    """
-    reader = ColumnReader(schema, fields)
-    for data in messages:
-        reader.add(data)
-    return reader.finish()
-
-
 def _extract(
     layout: Layout,
     contents: Bytes,

@@ -15,8 +15,8 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from bike_analysis.laps import ON_THE_LINE, Lap, farther_than_before, sector_starts
-from bike_analysis.reading import Floats
+from bike_analysis.laps import ON_THE_LINE, Lap, farther_than_before, known_length, reset_time, sector_starts
+from bike_analysis.reading import Flags, Floats
 from bike_analysis.rides import Ride
 from bike_analysis.table import motion_columns, station
 
@@ -51,14 +51,24 @@ class Run:
     policy: str = ""
 
     @property
+    def begin_s(self) -> float:
+        """When the lap or the ride (its reset) began, s since the ride's first recorded state."""
+        return self.lap.begin_s if self.lap is not None else -reset_time(self.ride)
+
+    @property
+    def begin_m(self) -> float:
+        """Progress at which it began, m."""
+        return self.lap.begin_m if self.lap is not None else 0.0
+
+    @property
     def duration_s(self) -> float:
-        """Lap time, or the time of the whole ride, s."""
-        return self.lap.duration_s if self.lap is not None else float(self.ride.time[-1])
+        """Lap time, or the time of the whole ride since its reset, s."""
+        return self.lap.duration_s if self.lap is not None else float(self.ride.time[-1]) - self.begin_s
 
     @property
     def complete(self) -> bool:
-        """Whether it is a lap, or a ride that reached the end of its course."""
-        return self.lap is not None or self.ride.ended_by == "finished"
+        """Whether it is a lap, or a ride recorded from its reset that reached the end of its course."""
+        return self.lap is not None or (self.ride.ended_by == "finished" and int(self.ride.states.step[0]) == 0)
 
 
 @dataclass(frozen=True)
@@ -84,7 +94,7 @@ class SectorComparison:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Runs on the same course, aligned.
+    """Runs on the same course, aligned. Columns are put on the stations when they are first asked for.
 
     Attributes:
         course: Name of the course; empty where none was recorded.
@@ -92,21 +102,60 @@ class Comparison:
         reference: Index of the run that the others are measured against: the fastest complete one, else the one that
             came farthest.
         station_m: Stations along the course, m, shape (stations,).
+        scales: By how much the way of each run is stretched to that of the reference; 1 where a length is unknown.
         sectors: Times of the sectors; empty where the course has no sections.
-        columns: Names of the aligned columns.
-        values: Aligned values by column, shape (runs, stations); NaN where a run was not.
     """
 
     course: str
     runs: tuple[Run, ...]
     reference: int
     station_m: Floats
+    scales: tuple[float, ...]
     sectors: tuple[SectorComparison, ...]
-    columns: tuple[str, ...]
-    values: dict[str, Floats]
 
     def __repr__(self) -> str:
         return f"<Comparison of {', '.join(run.label for run in self.runs)} at {len(self.station_m)} stations>"
+
+    @cached_property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the aligned columns."""
+        return tuple(self.values)
+
+    @cached_property
+    def values(self) -> dict[str, Floats]:
+        """Aligned values by column, shape (runs, stations); NaN where a run was not."""
+        aligned = [self._aligned(k, motion_columns(run.ride, _rows(run))) for k, run in enumerate(self.runs)]
+        nothing = np.full(len(self.station_m), np.nan)
+        names = dict.fromkeys(name for part in aligned for name in part)
+        motion = {name: np.stack([part.pop(name, nothing) for part in aligned]) for name in names}
+        for run, place in zip(self.runs, motion["distance_m"], strict=True):
+            if run.lap is not None:
+                place -= place[0]
+        times = np.stack([self.times(k) for k in range(len(self.runs))])
+        return {"time_s": times, "delta_s": times - self._reference_times, **motion}
+
+    def times(self, index: int) -> Floats:
+        """When one run was at each station, s since its begin; NaN where it was not."""
+        run = self.runs[index]
+        return self._aligned(index, {"time_s": run.ride.time[_rows(run)] - run.begin_s})["time_s"]
+
+    def lost(self, index: int) -> Floats:
+        """What one run had lost on the reference at each station, s; NaN where one of them was not."""
+        return self.times(index) - self._reference_times
+
+    @cached_property
+    def _reference_times(self) -> Floats:
+        return self.times(self.reference)
+
+    def _aligned(self, index: int, columns: dict[str, Any]) -> dict[str, Floats]:
+        """Columns of one run's rows, put on the stations."""
+        run = self.runs[index]
+        fresh, ways = _ways(run, self.scales[index])
+        found = {}
+        for name, column in columns.items():
+            values = np.asarray(column, dtype=np.float64)[fresh]
+            found[name] = np.interp(self.station_m, ways, values, left=np.nan, right=np.nan)
+        return found
 
     def column(self, name: str) -> Floats:
         """One aligned column.
@@ -156,7 +205,7 @@ class Comparison:
 
         Returns:
             One row a time and run: ``time_s``, ``run``, ``station_m``, ``x_m``, ``y_m``, ``gap_m`` (way ahead of the
-            reference, negative behind), ``speed_m_s``. A run that has ended has no more rows.
+            reference, negative behind), ``speed_m_s``. A run has rows from its first station to its end.
 
         Raises:
             ValueError: If the period is not positive.
@@ -168,10 +217,11 @@ class Comparison:
         reference = self._over_time(self.reference, "station_m", None)
         parts = []
         for index, run in enumerate(self.runs):
-            known = np.isfinite(self.values["time_s"][index])
-            if not known.any():
+            known = self.values["time_s"][index][np.isfinite(self.values["time_s"][index])]
+            if not len(known):
                 continue
-            time = np.arange(0.0, self.values["time_s"][index][known][-1] + 1e-9, period_s)
+            time = np.arange(0.0, known[-1] + 1e-9, period_s)
+            time = time[time > known[0] - period_s]  # a recorder may have come late
             places = {n: self._over_time(index, n, time)[1] for n in ("station_m", "x_m", "y_m", "speed_m_s")}
             ahead = places["station_m"] - np.interp(time, *reference, left=np.nan, right=np.nan)
             parts.append(pd.DataFrame({"time_s": time, "run": run.label, **places, "gap_m": ahead}))
@@ -201,9 +251,9 @@ class Comparison:
         others.sort(key=lambda i: (not self.runs[i].complete, self.runs[i].duration_s))
         kept = sorted([self.reference, *others[: count - 1]])
         runs = tuple(self.runs[i] for i in kept)
-        values = {name: column[kept] for name, column in self.values.items()}
+        scales = tuple(self.scales[i] for i in kept)
         reference = kept.index(self.reference)
-        return replace(self, runs=runs, reference=reference, sectors=_sectors(runs), values=values)
+        return replace(self, runs=runs, reference=reference, scales=scales, sectors=_sectors(runs))
 
     @property
     def best_sectors_s(self) -> float | None:
@@ -228,35 +278,28 @@ def compare_runs(runs: Sequence[Run], station_m: float | None = None) -> Compari
     """
     if not runs:
         raise ValueError("nothing to compare: no ride or lap was given")
-    lengths = [_length(run) for run in runs]
-    names = {run.ride.course.name for run in runs if run.ride.course is not None}
-    if max(lengths) > (1.0 + SAME_LENGTH) * min(lengths) and (names or len(runs) == 1):
-        told = ", ".join(f"{run.label}: {length:.0f} m" for run, length in zip(runs, lengths, strict=True))
-        raise CourseError(f"rides on different courses cannot be aligned ({told})")
+    lengths = [known_length(run.ride.states) for run in runs]
+    told = [length for length in lengths if length is not None]
+    if told and max(told) > (1.0 + SAME_LENGTH) * min(told):
+        raise CourseError(f"rides on different courses cannot be aligned ({_lengths_text(runs, lengths)})")
     reference = _reference(runs)
-    whole = lengths[reference]
+    whole = lengths[reference] or max(float(np.nanmax(station(runs[reference].ride), initial=0.0)), 1e-6)
     spacing = _round_spacing(whole / STATIONS) if station_m is None else float(station_m)
     if not (spacing > 0.0 and np.isfinite(spacing)):
         raise ValueError(f"the distance of stations must be positive, got {station_m!r} m")
     if whole / spacing > MOST_ROWS:
         raise ValueError(f"stations {spacing:g} m apart on {whole:.0f} m would be more than {MOST_ROWS}")
     stations = np.arange(0.0, whole + 1e-9 * whole, spacing)
-    aligned = [_aligned(run, stations, whole / length) for run, length in zip(runs, lengths, strict=True)]
-    columns = tuple(dict.fromkeys(name for part in aligned for name in part))
-    nothing = np.full(len(stations), np.nan)
-    values = {name: np.stack([part.get(name, nothing) for part in aligned]) for name in columns}
-    values["delta_s"] = values["time_s"] - values["time_s"][reference]
-    ordered = ("time_s", "delta_s", *(name for name in columns if name != "time_s"))
-    course = next(iter(sorted(names)), "")
-    return Comparison(course, tuple(runs), reference, stations, _sectors(runs), ordered, values)
+    known = lengths[reference]
+    scales = tuple(1.0 if known is None or length is None else known / length for length in lengths)
+    course = min((run.ride.course.name for run in runs if run.ride.course is not None), default="")
+    return Comparison(course, tuple(runs), reference, stations, scales, _sectors(runs))
 
 
-def _length(run: Run) -> float:
-    """Length of a run's course, m; where it is unknown, of the way driven."""
-    length = float(run.ride.states.course_length[-1])
-    if np.isfinite(length) and length > 0.0:
-        return length
-    return max(float(np.nanmax(station(run.ride))), 1e-6)
+def _lengths_text(runs: Sequence[Run], lengths: Sequence[float | None]) -> str:
+    """The shortest and the longest course, with the run of each."""
+    known = [(length, run.label) for run, length in zip(runs, lengths, strict=True) if length is not None]
+    return ", ".join(f"{label}: {length:.0f} m" for length, label in (min(known), max(known)))
 
 
 def _reference(runs: Sequence[Run]) -> int:
@@ -272,25 +315,22 @@ def _round_spacing(wanted: float) -> float:
     return float(max(f * power for f in (1.0, 2.0, 5.0) if f * power <= wanted * (1.0 + 1e-9)))
 
 
-def _aligned(run: Run, stations: Floats, scale: float) -> dict[str, Floats]:
-    """All numeric columns of a run at the stations; `scale` stretches its own way to that of the reference."""
-    ride = run.ride
-    begin_m, begin_s, rows = 0.0, 0.0, slice(0, len(ride.states))
-    if run.lap is not None:
-        begin_m, begin_s = run.lap.begin_m, run.lap.begin_s
-        rows = slice(max(run.lap.first - 1, 0), run.lap.last + 1)  # with the states around both crossings
-    progress = ride.states.progress if np.isfinite(ride.states.progress).any() else ride.distance
-    way = (progress[rows] - begin_m) * scale
+def _rows(run: Run) -> slice:
+    """Rows of the ride's states that tell of a run: of a lap with the states around both crossings."""
+    if run.lap is None:
+        return slice(0, len(run.ride.states))
+    return slice(max(run.lap.first - 1, 0), run.lap.last + 1)
+
+
+def _ways(run: Run, scale: float) -> tuple[Flags, Floats]:
+    """Which of a run's rows are farther than all before, and the ways there, m, stretched by `scale`."""
+    progress = run.ride.states.progress
+    if not np.isfinite(progress).any():
+        progress = run.ride.distance
+    way = (progress[_rows(run)] - run.begin_m) * scale
     farthest = np.maximum.accumulate(np.where(np.isfinite(way), way, -np.inf))
-    fresh = np.append(True, np.diff(farthest) > 0.0) & np.isfinite(way)
-    ways = way[fresh]
-    found: dict[str, Floats] = {}
-    for name, column in {"time_s": ride.time[rows] - begin_s, **motion_columns(ride, rows)}.items():
-        values = np.asarray(column, dtype=np.float64)[fresh]
-        found[name] = np.interp(stations, ways, values, left=np.nan, right=np.nan)
-    if run.lap is not None:
-        found["distance_m"] -= found["distance_m"][0]
-    return found
+    fresh = farthest > np.concatenate([[-np.inf], farthest[:-1]])
+    return fresh, way[fresh]
 
 
 def _sectors(runs: Sequence[Run]) -> tuple[SectorComparison, ...]:

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from bike_analysis.compare import Comparison, Run
+from bike_analysis.compare import Comparison
 from bike_analysis.reading import Floats
 from bike_analysis.ride_view import (
     course_sections,
@@ -61,7 +61,7 @@ def comparison_view(comparison: Comparison, key: str) -> View:
         (DELTA, *comparison_panels(columns[0], fast)),
         map_lines(reference.ride),
         labels=section_labels(reference.ride.course),
-        sections=course_sections(reference.ride, columns[0]["distance"], _begin(reference)),
+        sections=course_sections(reference.ride, columns[0]["distance"], reference.begin_m),
         map_caption="The full dot is the reference, rings are the ghosts of the others at the same time since the "
         "beginning. Buttons above show and hide them.",
         channels=speed_channels(fast),
@@ -81,20 +81,17 @@ def comparison_panels(columns: dict[str, Floats], fast: bool) -> tuple[Panel, ..
     return tuple(found)
 
 
-def _begin(run: Run) -> float:
-    return 0.0 if run.lap is None else run.lap.begin_m
-
-
 def _columns(comparison: Comparison, index: int) -> dict[str, Floats]:
     run = comparison.runs[index]
     rows = slice(0, len(run.ride.states)) if run.lap is None else run.lap.rows
-    columns = ride_columns(run.ride, rows, _begin(run), 0.0 if run.lap is None else run.lap.begin_s)
+    columns = ride_columns(run.ride, rows, run.begin_m, run.begin_s)
     for name in ("steer", "balance", "command", "reached", "age"):
         columns.pop(name, None)
-    known = np.isfinite(comparison.column("delta_s")[index])
+    delta = comparison.lost(index)
+    known = np.isfinite(delta)
     if known.any():
-        delta = comparison.column("delta_s")[index][known]
-        columns["delta"] = np.interp(columns["distance"], comparison.station_m[known], delta, left=np.nan, right=np.nan)
+        outside = {"left": np.nan, "right": np.nan}
+        columns["delta"] = np.interp(columns["distance"], comparison.station_m[known], delta[known], **outside)
     return columns
 
 
@@ -103,7 +100,7 @@ def comparison_words(comparison: Comparison) -> str:
     course = f" on {escape(comparison.course)}" if comparison.course else ""
     return (
         f'<p class="soft">{len(comparison.runs)} rides or laps{course}, at the same places along the course. The '
-        f"reference is {escape(run_names(comparison)[comparison.reference])}.</p>"
+        f"reference is {escape(comparison.runs[comparison.reference].label)}.</p>"
     )
 
 
@@ -111,7 +108,7 @@ def sector_table(comparison: Comparison) -> str:
     """The times of the runs and of their sectors, as HTML: a column a run, and one of the best."""
     runs = comparison.runs
     reference = runs[comparison.reference]
-    head = "".join(f"<th>{escape(name)}</th>" for name in ("time in s", *run_names(comparison), "best"))
+    head = "".join(f"<th>{escape(name)}</th>" for name in ("time in s", *(run.label for run in runs), "best"))
     durations = [run.duration_s if run.complete else None for run in runs]
     rows = [_row("whole", durations)]
     lost = [None if d is None else d - reference.duration_s for d in durations]
@@ -137,12 +134,3 @@ def _row(name: str, times: Sequence[float | None]) -> str:
 
 def _seconds(time: float | None) -> str:
     return "–" if time is None else f"{time:.3f}"
-
-
-def run_names(comparison: Comparison) -> list[str]:
-    """Names of the runs; equal ones are told apart by a number."""
-    labels = [run.label for run in comparison.runs]
-    return [
-        label if labels.count(label) == 1 else f"{label} ({labels[: index + 1].count(label)})"
-        for index, label in enumerate(labels)
-    ]

@@ -12,9 +12,10 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -39,6 +40,9 @@ BLOCK_BYTES: Final = 8 * 1024 * 1024
 LARGEST_RECORD: Final = 256 * 1024 * 1024
 """A record or a chunk's contents beyond this size are not read, bytes. Recorders make chunks of a few megabytes."""
 
+METADATA_FILE: Final = "metadata.yaml"
+
+_NUMBERED: Final = re.compile(r"(.+)_(\d+)\.mcap")
 _ZSTD: Final = zstandard.ZstdDecompressor()
 _RECORD: Final = struct.Struct("<BQ")
 _CHUNK: Final = struct.Struct("<QQQII")
@@ -164,6 +168,14 @@ class Container:
             yield self._block(pieces, count + 1)
         self._read_summary()  # topics without messages are described there only
 
+    def check(self) -> None:
+        """Look whether the file can be read at all; what is wrong after its first chunk is not seen.
+
+        Raises:
+            RecordingError, OSError: What `blocks` would raise.
+        """
+        next(self._pieces(), None)
+
     def topics(self) -> dict[str, str]:
         """Topics met so far with their type names."""
         return {c.topic: self.schemas[c.schema_id].name for c in self.channels.values() if c.schema_id in self.schemas}
@@ -284,64 +296,99 @@ class Container:
         return Block(contents, channel, log_time, begins, ends, first)
 
 
-def find_file(path: str | os.PathLike[str]) -> Path:
-    """Find the MCAP file of a recording in one file.
+class RecordingFiles(NamedTuple):
+    """Files of a recording.
 
-    Args:
-        path: An MCAP file, or a rosbag2 directory with one.
-
-    Returns:
-        The file.
-
-    Raises:
-        FileNotFoundError: If there is none.
-        RecordingError: If the recording is split over several files, or the directory holds several recordings.
+    Attributes:
+        files: Those that can be read, in order, at least one.
+        warnings: What is missing or cannot be read, a sentence each.
     """
-    files = find_files(path)
-    if len(files) > 1:
-        raise RecordingError(f"{path} is split over {len(files)} files; name one of them")
-    return files[0]
+
+    files: tuple[Path, ...]
+    warnings: tuple[str, ...]
 
 
 def find_files(path: str | os.PathLike[str]) -> tuple[Path, ...]:
+    """Files of a recording as `examine_files` finds them, without its warnings."""
+    return examine_files(path).files
+
+
+def examine_files(path: str | os.PathLike[str]) -> RecordingFiles:
     """Find the MCAP files of a recording.
 
     Args:
         path: An MCAP file, or a rosbag2 directory. One that was split while recording has several files, which its
-            ``metadata.yaml`` lists.
+            ``metadata.yaml`` lists, but for the last one of a killed recorder: it is found by its number.
 
     Returns:
-        The files in order, at least one.
+        The files, and what is wrong with others.
 
     Raises:
         FileNotFoundError: If there is none.
-        RecordingError: If the directory has several files and nothing says that they belong together.
+        RecordingError: If the directory has several files and nothing says that they belong together, or if none of
+            several can be read.
+        OSError: If none of several can be opened.
     """
     target = Path(path)
     if not target.exists():
         raise FileNotFoundError(f"recording {target} does not exist")
     if target.is_file():
-        return (target,)
+        return RecordingFiles((target,), ())
     if not target.is_dir():
         raise RecordingError(f"{target} is neither a file nor a directory")
     listed = _listed_files(target)
-    files = listed or sorted(target.glob("*.mcap"))
+    there = [file for file in listed if file.is_file()]
+    missing = tuple(f"{file.name} is missing: {METADATA_FILE} lists it" for file in listed if file not in there)
+    files = [*there, *_numbered_after(listed[-1])] if listed else []
+    if files:
+        readable, unreadable = _readable(files)
+        return RecordingFiles(readable, missing + unreadable)
+    files = sorted(target.glob("*.mcap"))
     if not files:
         raise FileNotFoundError(f"directory {target} holds no .mcap file")
-    if len(files) > 1 and not listed:
+    if len(files) > 1:
         names = ", ".join(f.name for f in files[:5])
         raise RecordingError(f"directory {target} holds {len(files)} recordings ({names}); name one of them")
-    return tuple(files)
+    return RecordingFiles(tuple(files), missing)
 
 
 def _listed_files(directory: Path) -> list[Path]:
-    """Files that the directory's metadata.yaml lists and that exist."""
+    """Files that the directory's metadata.yaml lists; they may be missing."""
     try:
-        content = yaml.safe_load((directory / "metadata.yaml").read_text(encoding="utf-8"))
+        content = yaml.safe_load((directory / METADATA_FILE).read_text(encoding="utf-8"))
         names = content["rosbag2_bagfile_information"]["relative_file_paths"]
-        return [directory / str(name) for name in names if (directory / str(name)).is_file()]
+        return [directory / str(name) for name in names]
     except (OSError, ValueError, KeyError, TypeError, yaml.YAMLError):
         return []
+
+
+def _numbered_after(last: Path) -> list[Path]:
+    """Files that follow the last listed one by their numbers: a killed recorder lists only those that it finished."""
+    match = _NUMBERED.fullmatch(last.name)
+    if match is None:
+        return []
+    found = [(_NUMBERED.fullmatch(file.name), file) for file in last.parent.glob("*.mcap")]
+    numbers = {int(m[2]): file for m, file in found if m is not None and m[1] == match[1] and file.is_file()}
+    return [numbers[number] for number in sorted(numbers) if number > int(match[2])]
+
+
+def _readable(files: Sequence[Path]) -> tuple[tuple[Path, ...], tuple[str, ...]]:
+    """Leave out what no message can be read of, such as an empty file.
+
+    Raises:
+        RecordingError, OSError: That of the first file, if this is true of all.
+    """
+    readable, errors = [], []
+    for file in files:
+        try:
+            Container(file).check()
+        except (RecordingError, OSError) as error:
+            errors.append(error)
+        else:
+            readable.append(file)
+    if not readable:
+        raise errors[0]
+    return tuple(readable), tuple(f"left out: {error}" for error in errors)
 
 
 def _check_magic(path: Path, start: bytes) -> None:

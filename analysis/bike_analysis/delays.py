@@ -56,4 +56,19 @@ def command_delay(ride: Ride) -> CommandDelay:
     known = (found >= 0) & (values[place] == applied) & (steering[match] == applied) & (begin >= 0)
     rows, match, begin = np.flatnonzero(known) + 1, match[known], begin[known]
     begin_time = np.where(states.step[rows - 1] == begin, states.time_s[rows - 1], np.nan)
-    return CommandDelay(rows, begin - commands.step[match], begin_time - commands.time_s[match])
+    return CommandDelay(rows, begin - commands.step[match], begin_time - _answered_time(ride)[match])
+
+
+def _answered_time(ride: Ride) -> Floats:
+    """Time of the state that each command answers, s: the command's own stamp only where that state is not there."""
+    states, commands = ride.states, ride.commands
+    row = np.minimum(np.searchsorted(states.step, commands.step), len(states) - 1)
+    return np.where(states.step[row] == commands.step, states.time_s[row], commands.time_s)
+
+
+def command_ages(ride: Ride) -> tuple[Floats, Floats]:
+    """Age of the command applied in the step that led to each state, in steps and in s; NaN where it is not known."""
+    delay = command_delay(ride)
+    steps, seconds = np.full(len(ride.states), np.nan), np.full(len(ride.states), np.nan)
+    steps[delay.rows], seconds[delay.rows] = delay.steps, delay.time_s
+    return steps, seconds

@@ -11,6 +11,7 @@ import numpy as np
 
 from bike_analysis.lap_recording import LapRecording, Theory, timing_agrees
 from bike_analysis.lap_view import lap_view
+from bike_analysis.numbers import lap_text
 from bike_analysis.page import key_html, page_shell, table_html
 from bike_analysis.view import view_html
 
@@ -63,12 +64,6 @@ def render_lap_page(laps: LapRecording, theory: Theory) -> str:
     return page_shell(title, below, [*parts, _agreement(figures)], [view])
 
 
-def lap_text(seconds: float) -> str:
-    """Return a lap time as people write it."""
-    minutes, rest = divmod(seconds, 60.0)
-    return f"{int(minutes)}:{rest:06.3f}" if minutes else f"{rest:.3f}"
-
-
 def _key(figures: dict[str, Any]) -> str:
     excess = figures["excess"]
     off = f"{figures['off_track_s']:.2f}"
@@ -84,13 +79,13 @@ def _key(figures: dict[str, Any]) -> str:
 
 
 def _time_table(laps: LapRecording, theory: Theory) -> str:
-    """Lap and sector times; the best flying ones are marked, and what they would add up to."""
+    """Lap and sector times by the number in the events; the best flying ones are marked, and what they add up to."""
     names = [name for name, _ in laps.track.sectors]
     head = "".join(f"<th>{escape(name)}</th>" for name in ("lap", "time", *names, "off track"))
     best = [min(column) for column in zip(*((lap.duration, *lap.sectors) for lap in laps.flying), strict=True)]
     rows = []
     for lap in laps.timing.laps:
-        name = "out" if lap.number == 1 else str(lap.number - 1)
+        name = str(lap.number) if lap in laps.flying else f"{lap.number} (out)"
         rows.append(
             _time_row(name, (lap.duration, *lap.sectors), best, f"{lap.off_track:.2f} s" if lap.off_track else "")
         )

@@ -9,6 +9,7 @@ import numpy as np
 
 from bike_analysis.compare_view import comparison_panels
 from bike_analysis.lap_recording import LapRecording, Theory
+from bike_analysis.numbers import lap_text
 from bike_analysis.reading import Floats
 from bike_analysis.ride_view import GRAVITY, off_track, ride_columns
 from bike_analysis.view import KMH, Cloud, Line, MapLine, Panel, Section, Series, View, growing, series_colour
@@ -41,7 +42,7 @@ def lap_view(laps: LapRecording, theory: Theory, key: str, title: str) -> View:
     best = sorted(laps.flying, key=lambda lap: lap.duration)
     limit = theory_columns(laps, theory)
     series = [
-        Series(f"lap {lap.number - 1}", lap_columns(laps, lap, limit), series_colour(n)) for n, lap in enumerate(best)
+        Series(f"lap {lap.number}", lap_columns(laps, lap, limit), series_colour(n)) for n, lap in enumerate(best)
     ]
     if not series:
         series = [Series("ride", lap_columns(laps, None, limit))]
@@ -175,10 +176,9 @@ def follow_data(laps: LapRecording, lap: Lap | None) -> dict[str, Any]:
     for width, sign in ((track.width_left, 1.0), (track.width_right, -1.0)):
         points = track.points(progress, sign * track.at(width, progress))
         edges += [_rounded(points[:, 0]), _rounded(points[:, 1])]
-    minutes, seconds = divmod(lap.duration if lap is not None else 0.0, 60.0)
     return {
         "title": f"{laps.recording.vehicle}, {track.name}",
-        "lapTime": "" if lap is None else f"{int(minutes)}:{seconds:06.3f}",
+        "lapTime": "" if lap is None else lap_text(lap.duration),
         "step": track.length / count,
         "edges": edges,
         "line": line,

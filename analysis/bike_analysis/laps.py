@@ -15,9 +15,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_analysis.reading import Event, Floats
+from bike_analysis.reading import Event, Floats, States
 from bike_analysis.rides import Ride
 
+SHORTEST_COURSE: Final = 1.0
+"""A course shorter than a bicycle is no course but damage, m."""
 ON_THE_LINE: Final = 0.05
 """A ride that begins at most this far beyond a line began on it, m."""
 MOST_LAPS: Final = 2000
@@ -85,11 +87,13 @@ def find_laps(ride: Ride) -> tuple[Lap, ...]:
 
 def course_length(ride: Ride) -> float | None:
     """Length of the closed course of a ride, m; None for an open or unknown one."""
-    states = ride.states
-    length = float(states.course_length[-1])
-    if not (states.course_closed[-1] and np.isfinite(length) and length > 0.0):
-        return None
-    return length
+    return known_length(ride.states) if ride.states.course_closed[-1] else None
+
+
+def known_length(states: States) -> float | None:
+    """Length of the course as it was told last, m; None where no state tells one that can be."""
+    told = states.course_length[states.course_length >= SHORTEST_COURSE]
+    return float(told[-1]) if len(told) else None
 
 
 def lap_range(first_m: float, last_m: float, length: float) -> range:
@@ -183,8 +187,8 @@ def _as_recorded(ride: Ride, lap: Lap) -> Lap:
 
 def reset_time(ride: Ride) -> float:
     """Time since the reset at the ride's first state, s: 0 unless the recorder came late."""
-    at = float(ride.states.step[0] * ride.states.control_period[0])
-    return at if np.isfinite(at) else 0.0
+    period = ride.states.control_period[np.isfinite(ride.states.control_period)]
+    return float(ride.states.step[0] * period[0]) if len(period) else 0.0
 
 
 def _nearest(events: Sequence[Event], time_s: float) -> Event | None:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_analysis.delays import CommandDelay, command_delay
-from bike_analysis.laps import Lap, find_laps
+from bike_analysis.laps import Lap, course_length, find_laps
 from bike_analysis.numbers import over, rate, rms_of
 from bike_analysis.reading import Floats, Latency, States
 from bike_analysis.rides import Ride
@@ -142,7 +142,7 @@ class RideFigures:
         steer_rate_max_deg_s: Largest steer rate to either side.
         command_change_mean: Mean absolute change of the steering command from step to step, of [-1, 1].
         throttle_change_mean: The same of throttle and brake.
-        acceleration_max_m_s2: Largest change of the speed, from state to state.
+        acceleration_max_m_s2: Largest change of the speed, by central differences over two steps.
         braking_max_m_s2: Largest change of the speed downwards, positive.
         lateral_acceleration_max_m_s2: Largest speed times yaw rate to either side.
         steps: Recorded steps.
@@ -154,14 +154,15 @@ class RideFigures:
         command_delay_max_steps: Largest age.
         command_delay_mean_s: Mean age in simulated time.
         command_delay_max_s: Largest age in simulated time.
-        latency_median_s: Median wall-clock time of the policy's answer, the median of its reports.
-        latency_p99_s: 99th percentile of the same, the largest of its reports.
+        latency_median_s: Median wall-clock time of the policy's answers since its start, by the ride's last report.
+        latency_p99_s: 99th percentile of the same.
         ideal_distance_mean_m: Mean distance to the ideal line, over time; None unless that is the followed line.
         ideal_distance_max_m: Largest distance to it.
         off_track_s: Time with both contact points outside the limits; None where the limits were not recorded.
         collisions: Walls that were met.
         best_lap_s: The fastest complete lap; None without one.
-        theoretical_lap_s: Sum of the best sectors over all complete laps; None where sectors are not known.
+        theoretical_lap_s: Sum of the best sectors over all complete laps, an out-lap from line to line among them; None
+            where sectors are not known.
         tyres: What tyres and rider aids did; None where no telemetry was recorded.
         complete_laps: Complete laps from start line to start line.
         sections: The distance to the path by section of the course.
@@ -394,17 +395,17 @@ def section_figures(ride: Ride) -> tuple[SectionFigures, ...]:
 
 
 def latency_figures(latencies: tuple[Latency, ...]) -> tuple[float | None, float | None]:
-    """Summarise reports of the policy's latency.
+    """Median and 99th percentile of the policy's latency, s, by the last report; None where none tells it.
+
+    Each report is over all answers since the policy's start (the last 100,000), so the last one tells of the most. The
+    first ones are over few answers, of which the very first is slow: their 99th percentile would be that one answer.
 
     Args:
-        latencies: Reports, each over its own stretch of time.
-
-    Returns:
-        Median of the reported medians and largest of the reported 99th percentiles, s; None without reports.
+        latencies: Reports, in order.
     """
-    median = np.array([x.median_s for x in latencies])
-    p99 = np.array([x.p99_s for x in latencies])
-    return over(np.median, median), over(np.max, p99)
+    median = [x.median_s for x in latencies if np.isfinite(x.median_s)]
+    p99 = [x.p99_s for x in latencies if np.isfinite(x.p99_s)]
+    return median[-1] if median else None, p99[-1] if p99 else None
 
 
 def error_figures(error: Floats) -> tuple[float | None, float | None, float | None]:
@@ -426,12 +427,8 @@ def _times(flags: NDArray[np.bool_], events: int) -> int:
 
 
 def _laps(ride: Ride) -> int | None:
-    states = ride.states
-    length = states.course_length[-1]
-    if not (states.course_closed[-1] and length > 0.0):
-        return None
-    way = states.progress[-1] - states.progress[0]
-    return int(way // length) if np.isfinite(way) else None
+    length, progress = course_length(ride), ride.states.progress[np.isfinite(ride.states.progress)]
+    return None if length is None or not len(progress) else int((progress[-1] - progress[0]) // length)
 
 
 def _unanswered(ride: Ride) -> int | None:

@@ -31,7 +31,7 @@ MOTION_FIELDS: Final[dict[str, tuple[str, ...]]] = {
         f"{_TWIST}angular.x",
         f"{_TWIST}angular.z",
     ),
-    SATELLITE: ("latitude", "longitude"),
+    SATELLITE: ("latitude", "longitude", "status.status"),
     INERTIAL: (*(f"orientation.{axis}" for axis in "xyzw"), "angular_velocity.x", "angular_velocity.z"),
 }
 """Fields that are read, by type."""
@@ -123,8 +123,9 @@ def _odometry(motion: Motion) -> dict[str, Floats]:
 
 
 def _satellite(motion: Motion) -> dict[str, Floats]:
-    """East and north of the first fix, on a plane that touches the Earth there."""
-    latitude, longitude = np.radians(motion.column("latitude")), np.radians(motion.column("longitude"))
+    """East and north of the first fix, on a plane that touches the Earth there; NaN without a fix (status below 0)."""
+    fixed = np.where(motion.column("status.status") < 0.0, np.nan, 1.0)
+    latitude, longitude = (fixed * np.radians(motion.column(name)) for name in ("latitude", "longitude"))
     known = np.flatnonzero(np.isfinite(latitude) & np.isfinite(longitude))
     if not len(known):
         return {}
@@ -153,9 +154,14 @@ def _angles(x: Floats, y: Floats, z: Floats, w: Floats) -> tuple[Floats, Floats,
     roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
     pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
     yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    known = np.isfinite(yaw)
-    yaw[known] = np.unwrap(yaw[known])
-    return roll, pitch, yaw
+    return roll, pitch, _unwrapped(yaw)
+
+
+def _unwrapped(angle: Floats) -> Floats:
+    """An angle without jumps, rad; what is NaN stays so."""
+    known = np.isfinite(angle)
+    angle[known] = np.unwrap(angle[known])
+    return angle
 
 
 def _complete(states: dict[str, NDArray[Any]]) -> None:
@@ -165,10 +171,12 @@ def _complete(states: dict[str, NDArray[Any]]) -> None:
         across, along = np.gradient(states["x"], time), np.gradient(states["y"], time)
         if not np.nan_to_num(states.get("speed", np.zeros(1))).any():
             states["speed"] = np.hypot(across, along)
-        if "yaw" not in states and np.isfinite(across).all() and np.isfinite(along).all():
-            states["yaw"] = np.unwrap(np.arctan2(along, across))
+        if "yaw" not in states:
+            states["yaw"] = _unwrapped(np.arctan2(along, across))
     steps = np.diff(time)
     silences = steps > NEW_RIDE_AFTER
     states["episode"] = np.concatenate([[1], 1 + np.cumsum(silences)])
+    begins = np.flatnonzero(np.append(True, silences))
+    states["step"] = np.arange(len(time)) - begins[states["episode"] - 1]  # each ride begins with its step 0
     usual = float(np.median(steps)) if len(steps) else np.nan
     states["control_period"] = np.full(len(time), usual)

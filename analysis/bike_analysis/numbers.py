@@ -1,4 +1,4 @@
-"""Small things about columns of numbers that may be unknown (NaN)."""
+"""Small things about numbers: columns of them that may be unknown (NaN), and lap times as people write them."""
 
 from __future__ import annotations
 
@@ -22,10 +22,21 @@ def over(function: Any, values: NDArray[Any]) -> float | None:
 
 
 def rate(values: Floats, time_s: Floats) -> Floats:
-    """Change over time by central differences; NaN where there are fewer than two values or time stands still."""
+    """Change over time by central differences; NaN where there are fewer than two values or time stands still.
+
+    They reach over two steps, from the state before to the one behind: what is told beside a state is the change there.
+    The difference to the state before alone would be that of half a step earlier, with twice the noise.
+    """
     if len(values) < 2:
         return np.full(len(values), np.nan)
     with np.errstate(divide="ignore", invalid="ignore"):
         found = np.asarray(np.gradient(values, time_s), dtype=np.float64)
     found[~np.isfinite(found)] = np.nan
     return found
+
+
+def lap_text(seconds: float) -> str:
+    """Return a lap time as people write it: to the millisecond, with minutes where there are any."""
+    minutes, milliseconds = divmod(round(1e3 * seconds), 60_000)  # rounded first: 59.9996 s are a minute
+    rest = 1e-3 * milliseconds
+    return f"{minutes}:{rest:06.3f}" if minutes else f"{rest:.3f}"

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from bike_analysis.laps import lap_range
 from bike_analysis.reading import Floats
-from bike_analysis.ride_view import map_lines
+from bike_analysis.ride_view import map_lines, section_middles
 from bike_analysis.rides import Ride
 from bike_analysis.style import BAND, BLUE, ERROR_MAP, INK, MUTED, ORANGE, RC
 
@@ -171,19 +171,12 @@ def _draw_ends(axes: Axes, ride: Ride) -> None:
 
 def _draw_section_numbers(axes: Axes, ride: Ride) -> None:
     """Write each section's number beside the middle of it, to the left of the line."""
-    course = ride.course
-    if course is None or len(course.x) < 3 or not course.section_names:
-        return
-    bounds = np.append(course.section_starts, course.length)
-    for number, middle in enumerate(0.5 * (bounds[:-1] + bounds[1:]), start=1):
-        at = int(np.clip(np.searchsorted(course.s, middle), 1, len(course.s) - 2))
-        dx, dy = course.x[at + 1] - course.x[at - 1], course.y[at + 1] - course.y[at - 1]
-        scale = 10.0 / max(float(np.hypot(dx, dy)), 1e-9)
+    for number, place, left in section_middles(ride.course):
         axes.annotate(
             str(number),
-            (course.x[at], course.y[at]),
+            (place[0], place[1]),
             textcoords="offset points",
-            xytext=(-scale * dy, scale * dx),
+            xytext=(10.0 * left[0], 10.0 * left[1]),
             ha="center",
             va="center",
             color=MUTED,

@@ -17,8 +17,9 @@ from typing import Any, Final, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from bike_analysis.clock import forward_time
 from bike_analysis.columns import ColumnReader, MessageSchema, SchemaError
-from bike_analysis.container import Block, Container, RecordingError, find_files
+from bike_analysis.container import Block, Container, RecordingError, RecordingFiles, examine_files
 from bike_analysis.motion import MOTION_FIELDS, MOTION_TYPES, Motion, states_of_motion
 
 Floats = NDArray[np.float64]
@@ -43,6 +44,7 @@ _STAMP: Final = ("header.stamp.sec", "header.stamp.nanosec")
 _NOTES: Final = "ride_notes"
 _DECODED_BY_MESSAGE: Final = ("bike_msgs/msg/Course", "bike_msgs/msg/RideEvent", "diagnostic_msgs/msg/DiagnosticArray")
 _LATENCY_KEY: Final = re.compile(r"^(?:\w+_)?latency_(median|p50|p99)_(s|ms|us)$")
+_COUNT: Final = re.compile(r"[0-9]{1,18}")
 _SECONDS: Final = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 
 
@@ -296,13 +298,11 @@ class Latency:
 
     Attributes:
         order: Place of the message in the recording.
-        time_s: Stamp of the report, s.
         median_s: Median, s; NaN where it was not reported.
         p99_s: 99th percentile, s; NaN where it was not reported.
     """
 
     order: int
-    time_s: float
     median_s: float
     p99_s: float
 
@@ -313,7 +313,7 @@ class Recording:
 
     Attributes:
         path: The file.
-        namespace: Namespace of the vehicle's topics.
+        namespace: Namespace of the vehicle's topics, empty for the root; None where no states of ours were recorded.
         vehicle: Name of the vehicle; empty where it was not recorded.
         states: Never empty.
         commands: Commands given.
@@ -321,7 +321,8 @@ class Recording:
         events: Events, in order.
         latencies: Reports of the policy's latency, in order.
         notes: What the recorder noted about the ride.
-        truncated: Whether the file ended before its end (recorder killed, disk full, damage).
+        truncated: Whether the file ended before its end (recorder killed, disk full, damage), or one of several is
+            missing.
         warnings: What was missing or wrong, a sentence each.
         message_count: Messages read, of all topics.
         telemetry: What tyres and engine did, or None where it was not recorded.
@@ -330,7 +331,7 @@ class Recording:
     """
 
     path: Path
-    namespace: str
+    namespace: str | None
     vehicle: str
     states: States
     commands: Commands
@@ -351,7 +352,8 @@ def read_recording(path: str | os.PathLike[str], namespace: str | None = None) -
 
     Args:
         path: An MCAP file or a rosbag2 directory with one.
-        namespace: Namespace of the vehicle's topics; by default that of the only recorded vehicle, or ``/bike``.
+        namespace: Namespace of the vehicle's topics, ``/`` for the root; by default that of the only recorded vehicle,
+            or ``/bike``.
 
     Returns:
         What could be read, up to the last whole chunk.
@@ -361,11 +363,11 @@ def read_recording(path: str | os.PathLike[str], namespace: str | None = None) -
         RecordingError: If it is not a recording of a ride, or nothing of it can be read.
         OSError: If the file cannot be read.
     """
-    files = find_files(path)
+    found = examine_files(path)
     try:
-        return _Collector(files).read(namespace)
+        return _Collector(found).read(namespace)
     except SchemaError as error:
-        raise RecordingError(f"{files[0]}: {error}") from error
+        raise RecordingError(f"{found.files[0]}: {error}") from error
 
 
 @dataclass
@@ -402,10 +404,28 @@ class _TopicReader:
         columns = self.columns.finish()
         order, log_time = np.concatenate(self.orders), np.concatenate(self.log_times)
         stamp = [columns.pop(name, None) for name in _STAMP]
+        log_time_s: Floats = np.asarray(1e-9 * log_time, dtype=np.float64)
         if stamp[0] is None or stamp[1] is None:
-            return order, np.asarray(1e-9 * log_time, dtype=np.float64), columns
+            return order, log_time_s, columns
         time_s: Floats = np.asarray(stamp[0] + 1e-9 * stamp[1], dtype=np.float64)
+        if self.type_name in MOTION_TYPES:
+            time_s = _with_unknown_times(time_s, log_time_s)
         return order, time_s, columns
+
+
+def _with_unknown_times(time_s: Floats, log_time_s: Floats) -> Floats:
+    """Stamps where those that are 0, which is what nodes write that do not know the time, come from the log times.
+
+    The log time may be of another clock. So only its distance from the next message with a stamp counts, where there is
+    one.
+    """
+    unknown, known = np.flatnonzero(time_s == 0.0), np.flatnonzero(time_s)
+    if not len(known):
+        return log_time_s
+    near = known[np.minimum(np.searchsorted(known, unknown), len(known) - 1)]
+    times = time_s.copy()
+    times[unknown] = time_s[near] + (log_time_s[unknown] - log_time_s[near])
+    return times
 
 
 def _table_of(
@@ -443,10 +463,11 @@ def _column_kind(annotation: str) -> tuple[type, float | bool | int]:
 class _Collector:
     """Sorts the messages of a recording into tables and lists."""
 
-    def __init__(self, files: Sequence[Path]) -> None:
-        self._path = files[0]
-        self._containers = [Container(file) for file in files]
-        self._warnings: list[str] = []
+    def __init__(self, found: RecordingFiles) -> None:
+        self._path = found.files[0]
+        self._containers = [Container(file) for file in found.files]
+        self._incomplete = bool(found.warnings)
+        self._warnings: list[str] = list(found.warnings)
         self._topics: dict[str, _TopicReader] = {}
         self._others: dict[str, list[tuple[int, Any]]] = {}
         self._vehicles: dict[str, str] = {}
@@ -457,24 +478,25 @@ class _Collector:
         for box in self._containers:
             self._read_file(box)
         chosen = self._choose(namespace)
-        states = self._table(f"{chosen}/state", States) if chosen is not None else self._foreign()
+        states = self._states(f"{chosen}/state") if chosen is not None else self._foreign()
         name = chosen or ""
+        reports = list(self._reports())
         return Recording(
             path=self._path,
-            namespace=name,
+            namespace=chosen,
             vehicle=self._vehicles.get(f"{name}/state", ""),
             states=states,
             commands=self._table(f"{name}/command", Commands, expected=chosen is not None),
             courses=tuple(self._converted(f"{name}/course", _course)),
             events=tuple(self._converted(f"{name}/events", _event)),
-            latencies=tuple(x for x in self._converted("/diagnostics", _latency) if x is not None),
+            latencies=tuple(x for x in map(_latency, _own(reports, name)) if x is not None),
             notes=self._notes(),
-            truncated=any(box.truncated or box.damaged_chunks for box in self._containers),
+            truncated=self._incomplete or any(box.truncated or box.damaged_chunks for box in self._containers),
             warnings=tuple(self._warnings),
             message_count=self._count,
             telemetry=self._telemetry(f"{name}/telemetry"),
             topics=dict(sorted(self._counts.items())),
-            dropped_messages=max((d for d in self._converted("/diagnostics", _dropped) if d is not None), default=None),
+            dropped_messages=_dropped(reports, name),
         )
 
     def _notes(self) -> dict[str, str]:
@@ -501,11 +523,13 @@ class _Collector:
                 self._counts[topic] = self._counts.get(topic, 0) + count
             else:
                 self._warn(f"{count} messages are skipped: the file does not say what channel {channel_id} is")
+        of = f" of {box.path.name}" if len(self._containers) > 1 else ""
         if box.damaged_chunks:
             many = "part is" if box.damaged_chunks == 1 else "parts are"
-            self._warn(f"{box.damaged_chunks} {many} damaged and left out: {box.damage}", first=True)
+            self._warn(f"{box.damaged_chunks} {many}{of} damaged and left out: {box.damage}", first=True)
         if box.truncated:
-            self._warn(f"the recording is torn: {box.reason}; read up to its last whole chunk", first=True)
+            torn = box.path.name if of else "the recording"
+            self._warn(f"{torn} is torn: {box.reason}; read up to its last whole chunk", first=True)
 
     def _add(self, topic: str, schema: MessageSchema, block: Block, rows: Integers) -> None:
         """Sort messages of one topic in; those that do not fit their type are left out with a warning."""
@@ -572,19 +596,31 @@ class _Collector:
 
     def _choose(self, namespace: str | None) -> str | None:
         """Namespace of the vehicle to be read; None where there are no states of ours, but motion of somebody's."""
-        found = sorted(t.removesuffix("/state") for t, reader in self._topics.items() if reader.type_name == STATE_TYPE)
+        topics = sorted(topic for topic, reader in self._topics.items() if reader.type_name == STATE_TYPE)
+        found = sorted(topic.removesuffix("/state") for topic in topics if topic.endswith("/state"))
+        names = ", ".join(name or "/" for name in found)
         if namespace is not None:
-            chosen = "/" + namespace.strip("/")
+            chosen = f"/{namespace.strip('/')}".rstrip("/")
             if chosen not in found:
-                raise RecordingError(f"{self._path} has no states of {chosen}; it has {', '.join(found) or 'none'}")
+                raise RecordingError(f"{self._path} has no states of {chosen or '/'}; it has {names or 'none'}")
             return chosen
-        if not found:
-            if any(reader.type_name in MOTION_TYPES for reader in self._topics.values()):
-                return None
-            raise RecordingError(self._no_states())
-        if len(found) > 1 and DEFAULT_NAMESPACE not in found:
-            raise RecordingError(f"{self._path} has several vehicles, {', '.join(found)}: name one of them")
-        return found[0] if len(found) == 1 else DEFAULT_NAMESPACE
+        if found:
+            return self._one_of(found, names)
+        elsewhere = f"states are read from a topic named state, here they are on {', '.join(topics)}"
+        if any(reader.type_name in MOTION_TYPES for reader in self._topics.values()):
+            if topics:
+                self._warn(elsewhere)
+            return None
+        raise RecordingError(f"{self._path}: {elsewhere}" if topics else self._no_states())
+
+    def _one_of(self, found: Sequence[str], names: str) -> str:
+        """The only vehicle, or the usual one, with a warning that names the others."""
+        if len(found) == 1:
+            return found[0]
+        if DEFAULT_NAMESPACE not in found:
+            raise RecordingError(f"{self._path} has several vehicles, {names}: name one of them with --vehicle")
+        self._warn(f"several vehicles were recorded, {names}: {DEFAULT_NAMESPACE} is read, --vehicle chooses another")
+        return DEFAULT_NAMESPACE
 
     def _no_states(self) -> str:
         if any(box.truncated for box in self._containers):
@@ -598,6 +634,19 @@ class _Collector:
         listed = ", ".join(f"{t} ({k})" for t, k in sorted(topics.items())[:5]) or "no topics at all"
         wanted = ", ".join((STATE_TYPE, *MOTION_TYPES))
         return f"{self._path} is not a recording of a ride: no topic has one of the types {wanted}; it has {listed}"
+
+    def _states(self, topic: str) -> States:
+        """States, whose time runs forward within each ride."""
+        states = self._table(topic, States)
+        time_s, told = forward_time(states.time_s, states.episode, states.step, states.control_period)
+        for text in told:
+            self._warn(text)
+        return replace(states, time_s=time_s)
+
+    def _reports(self) -> Iterator[_Report]:
+        """What nodes reported on diagnostics, one status each."""
+        for statuses in self._converted("/diagnostics", _statuses):
+            yield from statuses
 
     def _table(self, topic: str, kind: type[_TableT], expected: bool = True) -> _TableT:
         reader = self._topics.pop(topic, None)
@@ -688,30 +737,48 @@ def _event(order: int, message: Any) -> Event:
     )
 
 
-def _latency(order: int, message: Any) -> Latency | None:
-    """Latency in a DiagnosticArray: values named ``latency_median_ms`` and ``latency_p99_ms`` (or in s or us)."""
+@dataclass(frozen=True)
+class _Report:
+    """One status of a DiagnosticArray: place in the recording, name of who reports, values by key."""
+
+    order: int
+    name: str
+    values: dict[str, str]
+
+
+def _statuses(order: int, message: Any) -> list[_Report]:
+    return [
+        _Report(order, str(status.name), {str(pair.key): str(pair.value) for pair in status.values})
+        for status in message.status
+    ]
+
+
+def _own(reports: Sequence[_Report], namespace: str) -> Sequence[_Report]:
+    """Reports of nodes of a namespace, which their names begin with; all of them where there are none such."""
+    prefix = f"{namespace.strip('/')}/".lstrip("/")
+    names = [report.name.lstrip("/") for report in reports]
+    inside = [name.startswith(prefix) if prefix else "/" not in name for name in names]
+    return [report for report, mine in zip(reports, inside, strict=True) if mine] or reports
+
+
+def _latency(report: _Report) -> Latency | None:
+    """Latency in a report: values named ``latency_median_ms`` and ``latency_p99_ms`` (or in s or us)."""
     found: dict[str, float] = {}
-    for status in message.status:
-        for pair in status.values:
-            match = _LATENCY_KEY.match(pair.key)
-            if match is None:
-                continue
-            try:
-                value = float(pair.value) * _SECONDS[match[2]]
-            except ValueError:
-                continue
-            found["p99" if match[1] == "p99" else "median"] = value
+    for key, text in report.values.items():
+        match = _LATENCY_KEY.match(key)
+        if match is None:
+            continue
+        try:
+            value = float(text) * _SECONDS[match[2]]
+        except ValueError:
+            continue
+        found["p99" if match[1] == "p99" else "median"] = value
     if not found:
         return None
-    stamp = message.header.stamp
-    time_s = stamp.sec + 1e-9 * stamp.nanosec
-    return Latency(order, time_s, found.get("median", np.nan), found.get("p99", np.nan))
+    return Latency(report.order, found.get("median", np.nan), found.get("p99", np.nan))
 
 
-def _dropped(order: int, message: Any) -> int | None:
-    """Messages that the recorder dropped, from its diagnostics."""
-    for status in message.status:
-        for pair in status.values:
-            if pair.key == "messages_dropped" and pair.value.isdigit():
-                return int(pair.value)
-    return None
+def _dropped(reports: Sequence[_Report], namespace: str) -> int | None:
+    """Messages that the recorder dropped, from its reports: that of the vehicle, where several report."""
+    counted = [report for report in reports if _COUNT.fullmatch(report.values.get("messages_dropped", ""))]
+    return max((int(report.values["messages_dropped"]) for report in _own(counted, namespace)), default=None)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -12,7 +13,7 @@ import matplotlib as mpl
 
 from bike_analysis.api import RecordedLap, RecordedRide, RideRecording, comparable, compare, open_ride
 from bike_analysis.compare import Comparison, CourseError
-from bike_analysis.container import RecordingError
+from bike_analysis.container import METADATA_FILE, RecordingError, find_files
 from bike_analysis.export import aligned_table, write_csv, write_parquet
 from bike_analysis.metrics import RideFigures
 from bike_analysis.page import write_page
@@ -54,10 +55,12 @@ def analyze(
     Raises:
         FileNotFoundError: If there is no such recording.
         RecordingError: If none of the files is a recording of a ride that can be read.
-        ValueError: If `station_m` is not positive.
+        ValueError: If `station_m` is not positive, or a file to be written is one of the recordings.
         OSError: If a file cannot be read or written.
     """
     given = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
+    pages = [] if out_dir is None else [Path(out_dir) / PAGE_NAME, Path(out_dir) / PICTURE_NAME]
+    _keep_recordings(given, [*pages, *(Path(path) for path in (csv, parquet) if path is not None)])
     recordings, unread = _open_all(given, namespace)
     comparisons, untold = _comparisons(recordings, station_m)
     several = [c for c in comparisons if len(c.runs) > 1]
@@ -83,6 +86,22 @@ def analyze(
     return analysis.as_dict()
 
 
+def _keep_recordings(recordings: Sequence[str | os.PathLike[str]], written: Sequence[Path]) -> None:
+    """See that no recording is overwritten, whatever name or link it is called by.
+
+    Raises:
+        ValueError: Naming the first file that would be.
+    """
+    kept: list[Path] = []
+    for recording in map(Path, recordings):
+        kept += [recording, recording / METADATA_FILE, *recording.glob("*.mcap")]
+        with suppress(RecordingError, OSError):  # told when it is opened
+            kept += find_files(recording)
+    for target in written:
+        if target.exists() and any(file.exists() and target.samefile(file) for file in kept):
+            raise ValueError(f"{target} is one of the recordings: it would be overwritten")
+
+
 def _open_all(
     paths: Sequence[str | os.PathLike[str]], namespace: str | None
 ) -> tuple[list[RideRecording], tuple[str, ...]]:
@@ -91,12 +110,18 @@ def _open_all(
     Raises:
         RecordingError, OSError: That of the first file, if no file can be read.
     """
-    opened, failures = [], []
+    opened: list[RideRecording] = []
+    failures: list[RecordingError | OSError] = []
     for path in paths:
         try:
-            opened.append(open_ride(path, namespace))
+            recording = open_ride(path, namespace)
+            for ride in recording.rides:
+                _ = ride.figures  # worked out here, so that what cannot be concerns this file alone
+            opened.append(recording)
         except (RecordingError, OSError) as error:
             failures.append(error)
+        except ValueError as error:  # numbers that cannot be
+            failures.append(RecordingError(f"{path}: its figures cannot be worked out ({error})"))
     if not opened:
         raise failures[0] if failures else RecordingError("no recording was given")
     return opened, tuple(f"left out: {error}" for error in failures)

@@ -34,8 +34,8 @@ class RecordingFigures:
         messages: Messages read, of all topics.
         topics: Messages read, by topic.
         dropped_messages: Messages that the recorder had to give up, as it reported; null without a report.
-        latency_median_s: Median wall-clock time of the policy's answer, the median of its reports.
-        latency_p99_s: 99th percentile of the same, the largest of its reports.
+        latency_median_s: Median wall-clock time of the policy's answers since its start, by its last report.
+        latency_p99_s: 99th percentile of the same.
     """
 
     recording: str
@@ -61,8 +61,8 @@ class RunFigures:
         policy: Who rode; null where unknown.
         ride: Number of the ride in its recording.
         lap: Number of the lap in its ride; null for a whole ride.
-        duration_s: Lap time, or time of the ride.
-        complete: Whether it is a whole lap, or a ride that reached the end of its course.
+        duration_s: Lap time, or time of the ride since its reset.
+        complete: Whether it is a whole lap, or a ride recorded from its reset that reached the end of its course.
         delta_s: Time lost on the reference at the last station that both rode; negative where it was won.
     """
 
@@ -246,7 +246,7 @@ def comparison_figures(comparison: Comparison) -> ComparisonFigures:
 
 
 def _run_figures(comparison: Comparison, index: int) -> RunFigures:
-    run, delta = comparison.runs[index], comparison.column("delta_s")[index]
+    run, delta = comparison.runs[index], comparison.lost(index)
     known = np.flatnonzero(np.isfinite(delta))
     return RunFigures(
         run=run.label,

@@ -5,6 +5,7 @@ Signs are those of the recording: roll positive leaning right, steer and lateral
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any, Final
@@ -12,11 +13,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_analysis.delays import command_delay
+from bike_analysis.delays import command_ages
 from bike_analysis.laps import lap_range
 from bike_analysis.reading import Course, Floats
 from bike_analysis.rides import Ride
-from bike_analysis.track_limits import beyond_limits
+from bike_analysis.track_limits import beyond_limits, has_limits
 from bike_analysis.view import KMH, Channel, Line, MapLine, Mark, Panel, Section, Series, View, growing
 
 GRAVITY: Final = 9.81
@@ -131,7 +132,7 @@ def ride_columns(ride: Ride, rows: slice, begin_m: float = 0.0, begin_s: float |
         "throttle": 100.0 * states.throttle_command,
         "command": states.steering_command,
         "reached": states.steer / limit,
-        "age": _ages(ride)[rows],
+        "age": command_ages(ride)[0][rows],
     }
     if not np.any(np.nan_to_num(states.throttle_command)):
         del columns["throttle"]  # a vehicle without a drive
@@ -150,19 +151,12 @@ def panels_for(columns: dict[str, Floats], fast: bool) -> tuple[Panel, ...]:
     return tuple(kept)
 
 
-def _ages(ride: Ride) -> Floats:
-    delay = command_delay(ride)
-    ages = np.full(len(ride.states), np.nan)
-    ages[delay.rows] = delay.steps
-    return ages
-
-
 def map_lines(ride: Ride) -> tuple[MapLine, ...]:
     """The path wanted and, where they were recorded, the limits."""
     x, y = ride.reference_line()
     lines = [MapLine("path wanted", "wanted", x, y)]
     course = ride.course
-    if course is not None and len(course.x) and len(course.width_left) == len(course.x) == len(course.width_right):
+    if course is not None and has_limits(course):
         heading = np.arctan2(np.gradient(course.y), np.gradient(course.x))
         for name, side in (("left limit", course.width_left), ("right limit", -course.width_right)):
             limit_x, limit_y = course.x - side * np.sin(heading), course.y + side * np.cos(heading)
@@ -205,18 +199,25 @@ def marked(name: str, symbol: str, colour: str, ride: Ride, rows: list[int]) -> 
 
 def section_labels(course: Course | None) -> tuple[dict[str, Any], ...]:
     """Number of each section, to the left of its middle."""
-    if course is None or len(course.x) < 3 or not course.section_names:
-        return ()
-    beside = 0.025 * max(float(np.ptp(course.x)), float(np.ptp(course.y)))
-    bounds = np.append(course.section_starts, course.length)
     labels = []
+    for number, place, left in section_middles(course):
+        assert course is not None
+        beside = 0.025 * max(float(np.ptp(course.x)), float(np.ptp(course.y)))
+        x, y = place + beside * left
+        labels.append({"x": round(float(x), 3), "y": round(float(y), 3), "text": str(number)})
+    return tuple(labels)
+
+
+def section_middles(course: Course | None) -> Iterator[tuple[int, Floats, Floats]]:
+    """Number of each section with the place of its middle, m, and the direction to the left there."""
+    if course is None or len(course.x) < 3 or not course.section_names:
+        return
+    bounds = np.append(course.section_starts, course.length)
     for number, middle in enumerate(0.5 * (bounds[:-1] + bounds[1:]), start=1):
         at = int(np.clip(np.searchsorted(course.s, middle), 1, len(course.s) - 2))
         dx, dy = course.x[at + 1] - course.x[at - 1], course.y[at + 1] - course.y[at - 1]
-        scale = beside / max(float(np.hypot(dx, dy)), 1e-9)
-        x, y = course.x[at] - scale * dy, course.y[at] + scale * dx
-        labels.append({"x": round(float(x), 3), "y": round(float(y), 3), "text": str(number)})
-    return tuple(labels)
+        left = np.array([-dy, dx]) / max(float(np.hypot(dx, dy)), 1e-9)
+        yield number, np.array([course.x[at], course.y[at]]), left
 
 
 def course_sections(ride: Ride, distance: Floats, lap_begin: float = 0.0) -> tuple[Section, ...]:

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from bike_analysis.clock import ride_bounds
 from bike_analysis.reading import Commands, Course, Event, Floats, Integers, Latency, Recording, States, Telemetry
 
 _NEVER: Final = int(np.iinfo(np.int64).max)
@@ -119,10 +120,8 @@ def find_rides(recording: Recording) -> tuple[Ride, ...]:
         The rides, in order; at least one.
     """
     states = recording.states
-    begins = np.flatnonzero((np.diff(states.episode) != 0) | (np.diff(states.step) < 0)) + 1
-    bounds = [0, *begins.tolist(), len(states)]
     rides = []
-    for index, (first, last) in enumerate(pairwise(bounds), start=1):
+    for index, (first, last) in enumerate(pairwise(ride_bounds(states.episode, states.step)), start=1):
         whole = states.take(slice(first, last))
         fresh = np.append(True, np.diff(whole.step) > 0)
         window = _window(states, first, last)

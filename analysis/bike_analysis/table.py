@@ -12,8 +12,8 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from bike_analysis.delays import command_delay
-from bike_analysis.laps import Lap, find_laps, lap_of_states
+from bike_analysis.delays import command_ages
+from bike_analysis.laps import Lap, course_length, find_laps, lap_of_states
 from bike_analysis.numbers import rate
 from bike_analysis.reading import Floats
 from bike_analysis.rides import Ride
@@ -69,7 +69,9 @@ def ride_table(ride: Ride, laps: tuple[Lap, ...] | None = None) -> pd.DataFrame:
         "lap": lap_of_states(ride, find_laps(ride) if laps is None else laps),
         "station_m": station(ride),
     }
-    columns |= motion_columns(ride, slice(None)) | _ages(ride) | {"section": _section_names(ride)}
+    steps, seconds = command_ages(ride)
+    columns |= motion_columns(ride, slice(None))
+    columns |= {"command_age_steps": steps, "command_age_s": seconds, "section": _section_names(ride)}
     return pd.DataFrame(columns)
 
 
@@ -89,17 +91,8 @@ def station(ride: Ride) -> Floats:
     states = ride.states
     if not np.isfinite(states.progress).any():
         return ride.distance
-    length = float(states.course_length[-1])
-    if states.course_closed[-1] and np.isfinite(length) and length > 0.0:
-        return np.mod(states.progress, length)
-    return states.progress
-
-
-def _ages(ride: Ride) -> dict[str, Floats]:
-    delay = command_delay(ride)
-    steps, seconds = np.full(len(ride.states), np.nan), np.full(len(ride.states), np.nan)
-    steps[delay.rows], seconds[delay.rows] = delay.steps, delay.time_s
-    return {"command_age_steps": steps, "command_age_s": seconds}
+    length = course_length(ride)
+    return states.progress if length is None else np.mod(states.progress, length)
 
 
 def _section_names(ride: Ride) -> Any:

@@ -6,7 +6,6 @@ points, the ride seen from behind. ``page_view.js`` draws it; here is only said 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from html import escape
 from typing import Any, Final
@@ -349,8 +348,3 @@ def _tools_html(view: View) -> str:
         f'<div class="buttons">{shown}<select class="rate" aria-label="Pace of playing">{rates}</select></div>'
         f'<p class="now"><span></span><span></span><span></span></p>{series}</div>'
     )
-
-
-def rows_between(column: Floats, bounds: Sequence[float]) -> list[int]:
-    """First rows at or beyond each bound, in a column that never falls."""
-    return [int(row) for row in np.searchsorted(column, bounds)]

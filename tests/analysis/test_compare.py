@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 
 from bike_analysis import compare, open_ride
 from bike_analysis.api import folder_prefixes
-from bike_analysis.compare import CourseError
+from bike_analysis.compare import Comparison, CourseError
 from bike_analysis.export import aligned_table, write_csv, write_parquet
+from bike_analysis.report import analyze
 
 LENGTH = 20.0 * np.pi
 
@@ -43,6 +44,18 @@ def test_prefixes_tell_all_files_apart(paths: list[Path]) -> None:
     named = {path: prefix + path.name for path, prefix in zip(paths, folder_prefixes(paths), strict=True)}
     assert len(set(named.values())) == len(named)
     assert all(str(path.resolve()).endswith(name) for path, name in named.items())
+
+
+def test_prefixes_of_many_rides_are_worked_out_once_a_file(slow: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked, resolve = [], Path.resolve
+
+    def counted(path: Path) -> Path:
+        asked.append(path)
+        return resolve(path)
+
+    monkeypatch.setattr(Path, "resolve", counted)
+    assert folder_prefixes([slow, Path("other/ride.mcap")] * 500) == [f"{slow.parent.name}/", "other/"] * 500
+    assert len(asked) == 2
 
 
 def test_time_lost_grows_with_the_way(slow: Path, fast: Path) -> None:
@@ -106,6 +119,56 @@ def test_open_rides_are_compared_by_their_sections(writer, circle, tmp_path: Pat
     assert second.best == 1
 
 
+@pytest.mark.parametrize("late", [0, 1, 100])
+def test_a_ride_recorded_late_wins_nothing(writer, circle, tmp_path: Path, late: int) -> None:
+    """The same open ride twice; the second recorder missed the first states. Times count from the reset."""
+    paths = []
+    for name, missed in (("late", range(late)), ("whole", range(0))):
+        ride = circle(steps=320, skip_steps=frozenset(missed))
+        ride.states |= {"course_closed": np.full(320, False), "finished": np.arange(320) >= 318}
+        ride.course["closed"] = False
+        paths.append(writer.write(tmp_path / f"{name}.mcap", [ride], metadata_file=False))
+    both = compare(paths)
+    assert [run.complete for run in both.runs] == [late == 0, True]
+    assert [run.duration_s for run in both.runs] == pytest.approx([319 * 0.05] * 2)
+    assert both.runs[both.reference].label == ("whole" if late else "late")
+    lost = both.column("delta_s")
+    known = np.isfinite(lost)
+    np.testing.assert_allclose(lost[known], 0.0, atol=1e-9)
+    assert known[0, -1]
+    assert known[0].sum() == pytest.approx(known[1].sum() * (1 - late / 319), rel=0.01)
+    ghosts = both.ghosts(period_s=0.05)
+    mine = ghosts[ghosts.run == "late"]
+    assert mine.time_s.min() == pytest.approx(0.05 * late)
+    np.testing.assert_allclose(mine.gap_m, 0.0, atol=1e-6)
+
+
+def test_rides_without_a_course_are_not_stretched_onto_each_other(writer, circle, tmp_path: Path) -> None:
+    """One goes four times as far as the other at the same speed: where both were, nothing was lost."""
+    paths = []
+    for name, steps in (("short", 101), ("long", 401)):
+        ride = circle(steps=steps)
+        ride.states |= {"course_closed": np.full(steps, False), "progress": np.full(steps, np.nan)}
+        ride.states["course_length"] = np.full(steps, np.nan)
+        paths.append(writer.write(tmp_path / f"{name}.mcap", [ride], topics=["/bike/state"], metadata_file=False))
+    both = compare(paths)
+    assert both.scales == (1.0, 1.0)
+    known = np.isfinite(both.column("delta_s")[0])
+    assert known.sum() == pytest.approx(0.25 * len(known), abs=2)
+    np.testing.assert_allclose(both.column("delta_s")[0][known], 0.0, atol=1e-9)
+
+
+def test_rides_that_begin_with_unknown_numbers_are_compared_in_silence(
+    writer, circle, tmp_path: Path, recwarn: pytest.WarningsRecorder
+) -> None:
+    ride = circle(steps=320)
+    for name in ("progress", "x", "y", "speed", "lateral_error", "course_length"):
+        ride.states[name][:20] = np.nan
+    both = compare([writer.write(tmp_path / f"{n}.mcap", [ride], metadata_file=False) for n in "ab"])
+    assert np.isfinite(both.column("delta_s")).any()
+    assert [str(warning.message) for warning in recwarn] == []
+
+
 @settings(max_examples=15, deadline=None)
 @given(order=st.permutations([0, 1, 2]), station=st.floats(0.05, 20.0))
 def test_order_does_not_matter(writer, circle, tmp_path_factory, order: list[int], station: float) -> None:
@@ -127,8 +190,15 @@ def test_order_does_not_matter(writer, circle, tmp_path_factory, order: list[int
 
 def test_courses_that_differ_are_refused(writer, circle, slow: Path, tmp_path: Path) -> None:
     other = writer.write(tmp_path / "other.mcap", [circle(steps=700, radius=14.0)])
-    with pytest.raises(CourseError, match="different courses"):
+    with pytest.raises(CourseError, match=r"different courses .*lap 1: 63 m, other, lap 1: 88 m"):
         compare([slow, other])
+    nameless = [circle(steps=500, radius=r) for r in (10.0, 14.0)]
+    paths = [
+        writer.write(tmp_path / f"{k}.mcap", [ride], topics=["/bike/state"], metadata_file=False)
+        for k, ride in enumerate(nameless)
+    ]
+    with pytest.raises(CourseError, match="different courses"):
+        compare(paths)
     with pytest.raises(ValueError, match="nothing to compare"):
         compare([])
     for station in (0.0, -1.0, np.nan, np.inf):
@@ -145,6 +215,18 @@ def test_the_fastest_are_kept(writer, circle, tmp_path: Path) -> None:
     np.testing.assert_array_equal(kept.column("delta_s")[0], all_of_them.column("delta_s")[3])
     assert kept.sectors[0].times_s == all_of_them.sectors[0].times_s[3:]
     assert all_of_them.fastest(9) is all_of_them
+
+
+def test_motion_is_put_on_stations_only_for_a_table(writer, circle, tmp_path: Path, monkeypatch) -> None:
+    """A thousand rides would need gigabytes; figures and page need the times alone."""
+    rides = [circle(steps=320, speed=4.0 + 0.1 * n, episode=n + 1, start_s=1.0 + 30.0 * n) for n in range(3)]
+    path = writer.write(tmp_path / "ride.mcap", rides)
+    lost = compare([path]).column("delta_s")
+    asked = []
+    monkeypatch.setattr(Comparison, "values", property(lambda comparison: asked.append(comparison)))
+    runs = analyze(path, tmp_path / "out")["comparisons"][0]["runs"]
+    assert asked == []
+    assert [run["delta_s"] for run in runs] == [row[np.isfinite(row)][-1] for row in lost]
 
 
 def test_tables_of_rides_and_laps(slow: Path) -> None:

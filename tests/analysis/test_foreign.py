@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import io
+import itertools
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +17,12 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from bike_analysis import open_ride
+from bike_analysis import RecordingError, api, compare, open_ride
 from bike_analysis.motion import EARTH_RADIUS
 from bike_analysis.schema import shipped_schema
 from bike_sim.recording import MessageType, RideRecorder
 from bike_training.cli import main
+from bike_training.recorded_rides import read_rides
 
 RATE = 20.0
 ODOMETRY, IMU, FIX = "nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu", "sensor_msgs/msg/NavSatFix"
@@ -85,7 +88,12 @@ def foreign(messages, share, tmp_path_factory: pytest.TempPathFactory):
     makers = {ODOMETRY: ("/odom", odometry), IMU: ("/imu/data", imu), FIX: ("/fix", fix)}
     folder = tmp_path_factory.mktemp("foreign")
 
-    def write(*kinds: str, seconds: float = 10.0, gap: float = 0.0) -> Path:
+    def write(
+        *kinds: str,
+        seconds: float = 10.0,
+        gap: float = 0.0,
+        change: Callable[[float, Any], None] = lambda time, message: None,
+    ) -> Path:
         path = folder / f"{len(list(folder.iterdir()))}.mcap"
         with RideRecorder(path, share=share, metadata_file=False) as recorder:
             for kind in kinds:
@@ -94,7 +102,9 @@ def foreign(messages, share, tmp_path_factory: pytest.TempPathFactory):
                 time = step / RATE + (gap if step > 0.5 * seconds * RATE else 0.0)
                 for kind in kinds:
                     topic, maker = makers[kind]
-                    recorder.write(topic, messages.cdr(kind, maker(time)), round((time + 1.0) * 1e9))
+                    message = maker(time)
+                    change(time, message)
+                    recorder.write(topic, messages.cdr(kind, message), round((time + 1.0) * 1e9))
         return path
 
     return write
@@ -113,6 +123,8 @@ def test_odometry_and_imu_make_a_ride(foreign) -> None:
     assert ride.figures.roll_min_deg == pytest.approx(np.degrees(-0.2))
     assert ride.figures.lateral_acceleration_max_m_s2 == pytest.approx(1.25)
     assert ride.figures.mean_error_m is None
+    with pytest.raises(RecordingError, match="no states of a simulator"):
+        read_rides(recording.path)
     told = [text for text in recording.warnings if "/odom" in text]
     assert len(told) == 1
     assert "/imu/data" in told[0]
@@ -127,6 +139,38 @@ def test_satellite_and_imu_give_place_speed_and_lean(foreign) -> None:
     np.testing.assert_allclose(states.roll_rate, 0.05 * np.cos(time), atol=1e-9)
 
 
+def test_a_receiver_without_a_fix_has_no_place(foreign) -> None:
+    def lose(time: float, message: Any) -> None:
+        if time < 2.0:
+            message.status.status, message.latitude, message.longitude = -1, 0.0, 0.0
+
+    (ride,) = open_ride(foreign(FIX, change=lose)).rides
+    states, time = ride.data.states, ride.data.time
+    early = time < 2.0 - 1e-6
+    assert np.isnan(states.x[early]).all()
+    assert np.isnan(states.y[early]).all()
+    assert ride.figures.distance_m == pytest.approx(5.0 * 7.95, rel=1e-3)
+    heading = states.yaw[~early][2:-1]
+    np.testing.assert_allclose(np.diff(heading), 0.25 / RATE, rtol=0.05)
+    (never,) = open_ride(foreign(FIX, change=lose, seconds=1.0)).rides
+    assert np.isnan(never.data.states.x).all()
+
+
+@pytest.mark.parametrize("known_from", [np.inf, 3.0, 0.05])
+def test_stamps_of_zero_are_no_times(foreign, known_from: float) -> None:
+    """The log times tell how far apart the messages are, also where they are of another clock than the stamps."""
+
+    def forget(time: float, message: Any) -> None:
+        message.header.stamp.sec += 1000
+        if time < known_from - 1e-6:
+            message.header.stamp.sec = message.header.stamp.nanosec = 0
+
+    (ride,) = open_ride(foreign(ODOMETRY, change=forget)).rides
+    np.testing.assert_allclose(ride.data.time, np.arange(200) / RATE, atol=1e-6)
+    assert ride.data.states.time_s[0] == pytest.approx(1.0 if known_from == np.inf else 1001.0)
+    assert ride.figures.speed_mean_m_s == pytest.approx(5.0)
+
+
 def test_inertial_data_alone_are_shown(foreign, tmp_path: Path, capsys) -> None:
     path = foreign(IMU)
     (ride,) = open_ride(path).rides
@@ -138,7 +182,9 @@ def test_inertial_data_alone_are_shown(foreign, tmp_path: Path, capsys) -> None:
 
 
 def test_silence_separates_rides(foreign) -> None:
-    assert len(open_ride(foreign(ODOMETRY, gap=60.0)).rides) == 2
+    rides = open_ride(foreign(ODOMETRY, gap=60.0)).rides
+    assert len(rides) == 2
+    assert [run.duration_s for run in compare(rides).runs] == [ride.figures.duration_s for ride in rides]
     assert len(open_ride(foreign(ODOMETRY, gap=5.0)).rides) == 1
 
 
@@ -291,6 +337,26 @@ def test_damaged_recordings_are_drawn_too(unchecked: bytes, tmp_path: Path, caps
     damaged = tmp_path / "damaged.mcap"
     damaged.write_bytes(content)
     check_answer(*analyze_quietly(damaged, capsys, "--out", str(tmp_path / "out")))
+
+
+def test_what_cannot_be_worked_out_names_its_file_and_leaves_the_others(
+    recorded: bytes, tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "good.mcap").write_bytes(recorded)
+    (tmp_path / "bad.mcap").write_bytes(recorded)
+    worked_out = api.ride_figures
+
+    def figures(ride: Any) -> Any:
+        if next(numbers) == 0:
+            raise ValueError("array of sample points is empty")
+        return worked_out(ride)
+
+    monkeypatch.setattr(api, "ride_figures", figures)
+    for paths, code in ((["bad.mcap"], 2), (["bad.mcap", "good.mcap"], 1)):
+        numbers = itertools.count()
+        assert main(["analyze", *(str(tmp_path / path) for path in paths), "--json"]) == code
+        (told,) = capsys.readouterr().err.splitlines()
+        assert told.endswith("bad.mcap: its figures cannot be worked out (array of sample points is empty)")
 
 
 def test_one_bad_file_among_good_ones(recorded: bytes, tmp_path: Path, capsys) -> None:

@@ -9,8 +9,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bike_analysis import open_ride
+from bike_analysis import compare, open_ride
+from bike_analysis.lap_recording import Theory, load_laps
+from bike_analysis.lap_report import lap_figures, render_lap_page
+from bike_analysis.lap_view import lap_view
+from bike_analysis.numbers import lap_text
 from bike_analysis.track_limits import time_outside
+from bike_sim.course.course import Course
+from bike_sim.course.elements import Arc
+from bike_sim.course.track import Track
 
 LENGTH = 20.0 * np.pi
 
@@ -77,6 +84,87 @@ def test_no_laps_on_an_open_course_or_without_progress(ride_of, circle) -> None:
     ride = circle(steps=500)
     ride.states["progress"] = np.full(500, np.nan)
     assert ride_of(ride).laps == ()
+
+
+def test_an_unknown_number_in_the_last_state_takes_no_lap_away(ride_of, circle) -> None:
+    ride = circle(steps=700)
+    whole = ride_of(ride)
+    for name in ("course_length", "progress", "x", "y", "speed", "lateral_error"):
+        ride.states[name][-1] = np.nan
+    found = ride_of(ride)
+    assert [lap.duration_s for lap in found.laps] == [lap.duration_s for lap in whole.laps]
+    assert len(found.laps) == found.figures.laps == whole.figures.laps == 2
+    np.testing.assert_array_equal(found.table().station_m[:-1], whole.table().station_m[:-1])
+    assert len(compare([found]).station_m) == len(compare([whole]).station_m)
+
+
+@pytest.mark.parametrize("length", [1e-3, 0.0, -60.0, np.nan])
+def test_a_length_that_no_course_has_is_unknown(ride_of, circle, length: float) -> None:
+    ride = circle(steps=400)
+    ride.states["course_length"] = np.full(400, length)
+    found = ride_of(ride)
+    assert (found.laps, found.figures.laps) == ((), None)
+    np.testing.assert_array_equal(found.table().station_m, ride.states["progress"])
+    assert compare([found]).station_m[-1] == pytest.approx(ride.states["progress"][-1], rel=0.01)
+
+
+@given(seconds=st.floats(0.0, 1e5) | st.integers(0, 10_000).map(lambda n: 60.0 * n - 0.0004))
+def test_lap_times_are_never_sixty_seconds(seconds: float) -> None:
+    """What is read back is the time to half a millisecond, and the seconds of a minute are below 60."""
+    minutes, _, rest = lap_text(abs(seconds)).rpartition(":")
+    assert len(rest.split(".")[1]) == 3
+    assert float(rest) < 60.0
+    assert abs(60 * int(minutes or 0) + float(rest) - abs(seconds)) <= 0.0005 + 1e-9
+    assert (minutes != "") == (abs(seconds) >= 59.9995)
+
+
+def test_lap_times_of_a_whole_minute() -> None:
+    assert [lap_text(t) for t in (59.9994, 59.9996, 119.9996, 0.0)] == ["59.999", "1:00.000", "2:00.000", "0.000"]
+
+
+@pytest.fixture
+def ring() -> Track:
+    """The circle of the rides, 3 m wide to both sides."""
+    centre = Course.from_elements("circle", [Arc(10.0, 2.0 * np.pi)], closed=True)
+    wide = np.full(len(centre.s), 3.0)
+    sections = (("first half", 0.0), ("second half", 0.5 * centre.length))
+    line = (centre.name, centre.s, centre.x, centre.y, centre.heading, centre.curvature, True)
+    centre = Course(*line, width_left=wide, width_right=wide, sections=sections)
+    return Track(centre, 0.0 * wide, wide, wide)
+
+
+def test_laps_have_the_numbers_of_the_events_in_all_reports(writer, circle, ring: Track, tmp_path: Path) -> None:
+    """The out-lap is lap 1. Here it is the fastest, and counts neither as the best lap nor for the best sectors."""
+    ride = circle(steps=1200, offset=0.0)
+    time = 0.05 * np.arange(1200)
+    ride.states["progress"] = np.where(time < LENGTH / 5.0, 5.0 * time, LENGTH + 4.0 * (time - LENGTH / 5.0))
+    for prefix, ahead in (("", 0.0), ("front_", 1.0)):
+        angle = (ride.states["progress"] + ahead) / 10.0
+        ride.states |= {f"{prefix}x": 10.0 * np.sin(angle), f"{prefix}y": 10.0 - 10.0 * np.cos(angle)}
+    path = writer.write(tmp_path / "lap.mcap", [ride])
+    laps, found = load_laps(path, ring), open_ride(path).rides[0].laps
+    s = np.linspace(0.0, LENGTH, 50)
+    theory = Theory(s, np.full(50, 6.0), 0.0 * s, 0.0 * s, LENGTH / 6.0, (0.5 * LENGTH / 6.0,) * 2)
+    assert [lap.number for lap in laps.flying] == [2, 3, 4]
+    for lap in laps.timing.laps:
+        assert found[lap.number - 1].duration_s == pytest.approx(lap.duration, abs=1e-3)
+    assert [series.name for series in lap_view(laps, theory, "laps", "").series][-1] == "theoretical"
+    assert {series.name for series in lap_view(laps, theory, "laps", "").series[:-1]} == {"lap 2", "lap 3", "lap 4"}
+    assert lap_figures(laps, theory)["lap_s"] == pytest.approx(LENGTH / 4.0, abs=1e-2)
+    rows = [row.split("</td>") for row in render_lap_page(laps, theory).split("<tr><td>")[1:]]
+    assert [row[0] for row in rows] == ["1 (out)", "2", "3", "4", "best sectors", "theoretical"]
+    together = float(rows[4][1].removeprefix("<td>"))
+    assert together == pytest.approx(LENGTH / 4.0, abs=1e-2)
+
+
+def test_laps_through_the_nodes_note_who_rode(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    pytest.importorskip("rclpy")
+    from bike_training import node_laps
+
+    told = {}
+    monkeypatch.setattr(node_laps, "ride_recorded", lambda domain, record, *rest, **named: told.update(record))
+    node_laps.ride_through_nodes("r1", "monza", 5000.0, 1, tmp_path / "lap.mcap", 100.0)
+    assert told["notes"] == ["policy=classical", "circuit=monza"]
 
 
 def test_off_track_time_and_validity(ride_of, circle) -> None:

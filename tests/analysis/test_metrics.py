@@ -13,7 +13,9 @@ from hypothesis import strategies as st
 
 from bike_analysis import find_rides, read_recording, ride_figures
 from bike_analysis.delays import command_delay
-from bike_analysis.metrics import RideFigures
+from bike_analysis.metrics import RideFigures, latency_figures
+from bike_analysis.numbers import rate
+from bike_analysis.reading import Latency
 from bike_analysis.rides import Ride
 
 
@@ -150,6 +152,28 @@ def test_latency_from_diagnostics(ride_of, circle) -> None:
     assert figures[0].latency_median_s == pytest.approx(6e-5)
     assert figures[0].latency_p99_s == pytest.approx(3.1e-4)
     assert figures[1].latency_median_s is None
+
+
+def test_latency_is_that_of_the_last_report() -> None:
+    """Each report is over all answers so far; the first is over the slow very first answer alone."""
+    reports = [Latency(1, 0.567, 0.567), Latency(2, 1e-4, 0.02), Latency(3, 1.1e-4, 5.39e-3)]
+    assert latency_figures(tuple(reports)) == (1.1e-4, 5.39e-3)
+    assert latency_figures((*reports, Latency(4, np.nan, np.nan))) == (1.1e-4, 5.39e-3)
+    assert latency_figures(()) == (None, None)
+
+
+def test_accelerations_are_central_differences_over_two_steps(ride_of, circle) -> None:
+    """The figure is the largest value of the table's column; beside a state stands the change at that state."""
+    ride = circle(steps=200)
+    time = 0.05 * np.arange(200)
+    ride.states["speed"] = 4.0 + np.sin(time)
+    (found,), (figures,) = ride_of(ride)
+    speed = ride.states["speed"]
+    change = rate(speed, found.states.time_s)
+    np.testing.assert_allclose(change[1:-1], (speed[2:] - speed[:-2]) / 0.1, rtol=1e-6)
+    assert np.abs(change - np.cos(time))[1:-1].max() < 0.1 * np.abs(np.diff(speed) / 0.05 - np.cos(time)[1:]).max()
+    assert figures.acceleration_max_m_s2 == change.max()
+    assert figures.braking_max_m_s2 == (-change).max()
 
 
 def test_steering_activity(ride_of, circle) -> None:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import struct
 import tracemalloc
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 import zstandard
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
@@ -17,10 +19,13 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import Writer
 from rosbags.highlevel import AnyReader
 
-from bike_analysis.columns import MessageSchema, SchemaError, decode_columns
-from bike_analysis.container import MAGIC, Container
+from bike_analysis import open_ride
+from bike_analysis.clock import forward_time
+from bike_analysis.columns import ColumnReader, MessageSchema, SchemaError
+from bike_analysis.container import MAGIC, Container, find_files
 from bike_analysis.reading import RecordingError, States, read_recording
-from bike_sim.recording import MessageType, RideRecorder, message_type
+from bike_sim.recording import MessageType, RideRecorder, Split, message_type
+from bike_training.recorded_rides import read_rides
 
 
 @pytest.fixture(scope="module")
@@ -73,6 +78,65 @@ def test_directory_and_file_read_the_same(writer, circle, tmp_path: Path) -> Non
     path = writer.write(tmp_path / "bag", [circle(steps=10)])
     whole, part = read_recording(tmp_path / "bag"), read_recording(path)
     np.testing.assert_array_equal(whole.states.x, part.states.x)
+
+
+@pytest.fixture
+def split(writer, circle, tmp_path: Path) -> Path:
+    """A recording in three files, a second of riding each."""
+    folder = tmp_path / "tour"
+    writer.write(folder, [circle(steps=60)], split=Split(max_duration_s=0.99))
+    assert [path.name for path in find_files(folder)] == ["tour_0.mcap", "tour_1.mcap", "tour_2.mcap"]
+    return folder
+
+
+def list_only(folder: Path, count: int) -> None:
+    """Let metadata.yaml list the first files only, as a killed recorder leaves it."""
+    file = folder / "metadata.yaml"
+    content = yaml.safe_load(file.read_text())
+    information = content["rosbag2_bagfile_information"]
+    information["relative_file_paths"] = information["relative_file_paths"][:count]
+    file.write_text(yaml.safe_dump(content))
+
+
+def test_a_killed_recorder_lists_what_it_finished_and_the_rest_is_read_too(split: Path) -> None:
+    whole = read_recording(split)
+    list_only(split, 1)
+    (split / "other_7.mcap").write_bytes(b"another recording")
+    (split / "tour_10.mcap").write_bytes((split / "tour_2.mcap").read_bytes()[:-100])
+    (split / "tour_2.mcap").unlink()  # the number counts, not the alphabet
+    recording = read_recording(split)
+    np.testing.assert_array_equal(recording.states.step, whole.states.step)
+    assert recording.truncated
+    (told,) = recording.warnings
+    assert told.startswith("tour_10.mcap is torn: ")
+
+
+@pytest.mark.parametrize("lost", [0, 1, 2])
+def test_a_file_that_is_missing_is_named_and_the_others_are_read(split: Path, lost: int) -> None:
+    whole = read_recording(split)
+    (split / f"tour_{lost}.mcap").unlink()
+    recording = read_recording(split)
+    assert recording.states.step.tolist() == [k for k in whole.states.step if k // 20 != lost]
+    assert recording.truncated
+    assert recording.warnings == (f"tour_{lost}.mcap is missing: metadata.yaml lists it",)
+
+
+@pytest.mark.parametrize("content", [b"", b"\x89MC", b"not of this kind"])
+@pytest.mark.parametrize("lost", [0, 2])
+def test_a_file_that_cannot_be_read_does_not_take_the_others_with_it(split: Path, lost: int, content: bytes) -> None:
+    whole = read_recording(split)
+    (split / f"tour_{lost}.mcap").write_bytes(content)
+    recording = read_recording(split)
+    assert recording.states.step.tolist() == [k for k in whole.states.step if k // 20 != lost]
+    assert recording.truncated
+    (told,) = recording.warnings
+    assert told.startswith(f"left out: {split}/tour_{lost}.mcap ")
+    _, (recorded,) = read_rides(split)
+    np.testing.assert_array_equal(recorded.columns["x"], recording.states.x)
+    for number in range(3):
+        (split / f"tour_{number}.mcap").write_bytes(content)
+    with pytest.raises(RecordingError, match=r"tour_0\.mcap"):
+        read_recording(split)
 
 
 def assert_prefix(path: Path, whole: Path) -> None:
@@ -267,6 +331,57 @@ def test_recordings_without_our_topics(tmp_path: Path, writer, circle, share) ->
         read_recording(tmp_path / "json.mcap")
 
 
+def write_with_stamps(path: Path, writer, share, ride, stamps) -> Path:
+    """A ride in lockstep whose states and commands have these stamps."""
+    columns = {name: column.tolist() for name, column in ride.states.items()}
+    with RideRecorder(path, share=share, overwrite=True) as recorder:
+        for topic, kind in (("state", "BikeState"), ("command", "BikeCommand"), ("course", "Course")):
+            recorder.add_topic(f"/bike/{topic}", f"bike_msgs/msg/{kind}")
+        writer._put(recorder, "/bike/course", 1.0, episode=1, **ride.course)
+        for step, stamp in enumerate(stamps):
+            values = {name: column[step] for name, column in columns.items()}
+            writer._put(recorder, "/bike/state", stamp, episode=1, step=step, control_period=0.05, **values)
+            answer = columns["steering_command"][min(step + 1, len(stamps) - 1)]
+            writer._put(recorder, "/bike/command", stamp, episode=1, step=step, steering=answer)
+    return path
+
+
+@pytest.mark.parametrize("fault", ["set back", "set forward and back", "shuffled", "backwards"])
+def test_a_clock_that_goes_back_does_not_shorten_a_lap(writer, circle, share, tmp_path: Path, fault: str) -> None:
+    ride = circle(steps=700)
+    right = 30.0 + 0.05 * np.arange(700)
+    wrong = {
+        "set back": right - np.where(np.arange(700) >= 450, 20.0, 0.0),
+        "set forward and back": right + np.where(np.arange(700) == 450, 1e6, 0.0),
+        "shuffled": np.random.default_rng(1).permutation(right),
+        "backwards": right[::-1],
+    }[fault]
+    (expected,) = open_ride(write_with_stamps(tmp_path / "right.mcap", writer, share, ride, right)).rides
+    recording = open_ride(write_with_stamps(tmp_path / "wrong.mcap", writer, share, ride, wrong))
+    (found,) = recording.rides
+    assert expected.recording.warnings == ()
+    assert [lap.duration_s for lap in found.laps] == pytest.approx([lap.duration_s for lap in expected.laps])
+    assert len(found.laps) == 2
+    assert found.figures.duration_s == pytest.approx(0.05 * 699)
+    assert found.figures.command_delay_max_s == pytest.approx(0.0)
+    assert found.data.states.time_s[0] == pytest.approx(wrong[0])
+    (told,) = recording.warnings
+    assert told.startswith("the stamps of ride 1 go back in time ")
+    if fault == "set back":
+        assert told.endswith(" once, first after step 449: its time is counted from its steps")
+
+
+def test_time_that_stands_still_is_no_warning_and_the_period_may_be_unknown() -> None:
+    episode, step = np.array([1, 1, 1, 2, 2, 2]), np.array([0, 1, 2, 0, 1, 2])
+    unknown = np.full(6, np.nan)
+    time_s, told = forward_time(np.array([5.0, 5.0, 6.0, 1.0, 1.5, 2.0]), episode, step, unknown)
+    assert time_s.tolist() == [5.0, 5.0, 6.0, 1.0, 1.5, 2.0]
+    assert told == []
+    time_s, told = forward_time(np.array([5.0, 5.5, 3.0, 1.0, 0.5, 0.2]), episode, step, unknown)
+    assert time_s.tolist() == [5.0, 5.5, 6.0, 1.0, 1.0, 1.0]
+    assert ["ride 1 go back in time once" in told[0], "ride 2 go back in time 2 times" in told[1]] == [True, True]
+
+
 def test_missing_topics_are_a_warning(writer, circle, tmp_path: Path) -> None:
     recording = read_recording(writer.write(tmp_path / "only.mcap", [circle(steps=10)], topics=["/bike/state"]))
     assert len(recording.states) == 10
@@ -322,6 +437,82 @@ def test_several_vehicles_must_be_chosen(tmp_path: Path, writer, circle, message
         read_recording(tmp_path / "two.mcap", namespace="/green")
 
 
+def write_vehicles(path: Path, messages, share, *topics: str) -> Path:
+    """A state on each topic."""
+    with RideRecorder(path, share=share) as recorder:
+        for place, topic in enumerate(topics):
+            message = messages.make("bike_msgs/msg/BikeState", header=messages.header(1.0), x=float(place))
+            recorder.add_topic(topic, "bike_msgs/msg/BikeState")
+            recorder.write(topic, messages.cdr("bike_msgs/msg/BikeState", message), 0)
+    return path
+
+
+def test_the_usual_vehicle_is_read_with_a_warning_that_names_the_others(tmp_path: Path, messages, share) -> None:
+    path = write_vehicles(tmp_path / "two.mcap", messages, share, "/abc/state", "/bike/state", "/state")
+    recording = read_recording(path)
+    assert (recording.namespace, recording.states.x[0]) == ("/bike", 1.0)
+    (told,) = [text for text in recording.warnings if "several vehicles" in text]
+    assert "/, /abc, /bike" in told
+    assert "--vehicle" in told
+    assert not any("several" in text for text in read_recording(path, "abc").warnings)
+
+
+def test_a_vehicle_in_the_root_namespace(tmp_path: Path, messages, share) -> None:
+    path = write_vehicles(tmp_path / "root.mcap", messages, share, "/state", "/abc/state")
+    for name in ("/", ""):
+        recording = read_recording(path, name)
+        assert (recording.namespace, recording.states.x[0]) == ("", 0.0)
+        _, (recorded,) = read_rides(path, name)
+        assert recorded.columns["x"].tolist() == [0.0]
+    with pytest.raises(RecordingError, match="no states of /bike; it has /, /abc"):
+        read_recording(path, "/bike")
+    alone = read_recording(write_vehicles(tmp_path / "alone.mcap", messages, share, "/state"))
+    assert alone.namespace == ""
+    with pytest.raises(RecordingError, match="no states of /; it has /abc"):
+        read_recording(write_vehicles(tmp_path / "abc.mcap", messages, share, "/abc/state"), "/")
+
+
+def test_states_are_read_from_topics_named_state(tmp_path: Path, messages, share) -> None:
+    foo = write_vehicles(tmp_path / "foo.mcap", messages, share, "/foo", "/bike/mystate")
+    with pytest.raises(
+        RecordingError, match=r"foo\.mcap: .* a topic named state, here they are on /bike/mystate, /foo"
+    ):
+        read_recording(foo)
+    with pytest.raises(RecordingError, match="no states of /foo; it has none"):
+        read_recording(foo, "foo")
+    both = read_recording(write_vehicles(tmp_path / "both.mcap", messages, share, "/foo", "/red/state"))
+    assert (both.namespace, both.states.x[0]) == ("/red", 1.0)
+
+
+def test_latencies_are_those_of_the_chosen_vehicle(tmp_path: Path, messages, share) -> None:
+    kind, make = "diagnostic_msgs/msg/DiagnosticArray", messages.make
+
+    def status(name: str, **values: float) -> Any:
+        pairs = [make("diagnostic_msgs/msg/KeyValue", key=k, value=str(v)) for k, v in values.items()]
+        return make("diagnostic_msgs/msg/DiagnosticStatus", name=name, level=0, values=pairs)
+
+    def latencies(vehicle: str, *statuses: Any) -> tuple[list[float], int | None]:
+        path = tmp_path / "two.mcap"
+        state = messages.cdr("bike_msgs/msg/BikeState", make("bike_msgs/msg/BikeState", header=messages.header(1.0)))
+        with RideRecorder(path, share=share, overwrite=True) as recorder:
+            for name in ("bike", "bike2"):
+                recorder.add_topic(f"/{name}/state", "bike_msgs/msg/BikeState")
+                recorder.write(f"/{name}/state", state, 0)
+            recorder.add_topic("/diagnostics", kind)
+            recorder.write("/diagnostics", messages.cdr(kind, make(kind, status=list(statuses))), 0)
+        recording = read_recording(path, vehicle)
+        return [latency.median_s for latency in recording.latencies], recording.dropped_messages
+
+    one, two = status("bike/drive", latency_median_ms=1), status("/bike2/drive", latency_median_ms=100)
+    assert latencies("bike", one, two) == ([1e-3], None)
+    assert latencies("bike2", one, two) == ([0.1], None)
+    assert latencies("bike", status("bike/sim_node"), two) == ([], None)  # that of another rider is no stand-in
+    assert latencies("bike", status("rider", latency_median_ms=3)) == ([3e-3], None)
+    first, second = status("bike/record", messages_dropped=1), status("bike2/record", messages_dropped=2)
+    assert latencies("bike", one, first, second) == ([1e-3], 1)
+    assert latencies("bike", one, second) == ([1e-3], 2)  # one recorder may write down both
+
+
 DEFINITION = """bool flag
 float64[] values
 uint8 small
@@ -363,7 +554,7 @@ def test_columns_of_mixed_layouts_agree_with_rosbags(rows: list[tuple], little: 
         message = mixed(flag, values, small, name, triple, number, point(0.5, small + 0.25, -1.0))
         encoded.append(bytes(store.serialize_cdr(message, "some_msgs/msg/Mixed", little_endian=little)))
     fields = ["flag", "small", "triple", "number", "point.y"]
-    columns = decode_columns(schema, encoded, fields)
+    columns = read_columns(schema, encoded, fields)
     expected = [schema.decode(data) for data in encoded]
     assert columns["flag"].tolist() == [m.flag for m in expected] == [row[0] for row in rows]
     assert columns["small"].tolist() == [m.small for m in expected]
@@ -372,7 +563,14 @@ def test_columns_of_mixed_layouts_agree_with_rosbags(rows: list[tuple], little: 
     assert columns["point.y"].tolist() == [row[2] + 0.25 for row in rows]
     if len({row[1] for row in rows}) > 1:
         with pytest.raises(SchemaError, match="values"):
-            decode_columns(schema, encoded, ["values"])
+            read_columns(schema, encoded, ["values"])
+
+
+def read_columns(schema: MessageSchema, messages: list[bytes], fields: list[str]) -> dict[str, np.ndarray]:
+    reader = ColumnReader(schema, fields)
+    for data in messages:
+        reader.add(data)
+    return reader.finish()
 
 
 def test_excess_bytes_after_a_message_are_ignored_and_can_be_cut_off(messages, share) -> None:
@@ -403,7 +601,10 @@ def test_unchunked_files_are_read(tmp_path: Path, messages, share) -> None:
     recording = read_recording(tmp_path / "flat.mcap")
     assert recording.states.episode.tolist() == [3, 3, 3]
     torn = tmp_path / "torn.mcap"
-    torn.write_bytes((tmp_path / "flat.mcap").read_bytes()[:-200])
-    container = Container(torn)
-    assert len(list(container.messages())) <= 3
-    assert container.truncated
+    whole = (tmp_path / "flat.mcap").read_bytes()
+    last = whole.rindex(messages.cdr(described.name, message))
+    for length, left in ((len(whole) - 200, 3), (last + 10, 2)):  # within the summary, and within the last message
+        torn.write_bytes(whole[:length])
+        container = Container(torn)
+        assert len(list(container.messages())) == left
+        assert container.truncated

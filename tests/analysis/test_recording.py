@@ -152,6 +152,21 @@ def test_metadata_file_never_replaces_that_of_another_recording(writer, circle, 
     assert (tmp_path / "other" / "metadata.yaml").read_text() == "name: not a recording\n"
 
 
+@pytest.mark.parametrize(("name", "file"), [("ride.mcap", "ride.mcap"), ("bag", "bag/bag_0.mcap")])
+def test_no_metadata_is_left_of_a_recording_that_is_replaced(name: str, file: str, tmp_path: Path) -> None:
+    """A kill would leave it beside a file that it does not describe. Whether the file itself is still there or not."""
+    metadata = (tmp_path / file).parent / "metadata.yaml"
+    for deleted in (False, True):
+        RideRecorder(tmp_path / name, overwrite=True).close()
+        assert metadata.exists()
+        if deleted:
+            (tmp_path / file).unlink()
+        recorder = RideRecorder(tmp_path / name, overwrite=not deleted)
+        assert not metadata.exists()
+        recorder.close()
+        assert metadata.exists()
+
+
 def test_overwriting_needs_permission(writer, circle, tmp_path: Path) -> None:
     path = writer.write(tmp_path / "ride.mcap", [circle(steps=5)])
     with pytest.raises(FileExistsError, match=r"ride\.mcap"):

@@ -211,6 +211,28 @@ def test_command_prints_a_table_and_writes_beside_the_recording(recorded: Path, 
     assert (tmp_path / "ride.png").exists()
 
 
+@pytest.mark.parametrize("option", ["--csv", "--parquet", "--out"])
+def test_no_recording_is_overwritten(option: str, recorded: Path, tmp_path: Path) -> None:
+    """Under whatever name, and before anything else is written."""
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    content = recorded.read_bytes()
+    name = "ride.html" if option == "--out" else "bag_0.mcap"
+    target = folder / name
+    target.write_bytes(content)
+    (tmp_path / "link").symlink_to(folder)
+    written = tmp_path / "link" if option == "--out" else tmp_path / "link" / name
+    inputs = [[str(target)], [str(recorded), str(target)]]
+    if option != "--out":
+        inputs.append([str(folder)])
+    for words in inputs:
+        other = ("--csv", str(tmp_path / "other.csv")) if option != "--csv" else ("--out", str(tmp_path / "other"))
+        with pytest.raises(ValueError, match="would be overwritten"):
+            run_command(*words, *other, option, str(written), "--json")
+        assert target.read_bytes() == content
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["bag", "link"]
+
+
 def test_command_json_is_silent_and_writes_only_where_asked(recorded: Path, tmp_path: Path, capsys) -> None:
     copy = shutil.copy(recorded, tmp_path / "mine.mcap")
     result = run_command(str(copy), "--json")

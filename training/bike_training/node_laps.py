@@ -34,7 +34,8 @@ def ride_through_nodes(vehicle: str, circuit: str, length: float, laps: int, rec
     """
     with DomainLease() as lease:
         simulator = {"vehicle": vehicle, "course": circuit, "time_step": TIME_STEP}
-        record = {"path": str(recording.resolve()), "overwrite": True, "notes": [f"circuit={circuit}"]}
+        notes = [f"policy={CLASSICAL}", f"circuit={circuit}"]
+        record = {"path": str(recording.resolve()), "overwrite": True, "notes": notes}
         pilot = {"policy": CLASSICAL}
         if vehicle.endswith((".yaml", ".yml")):
             pilot["vehicle"] = vehicle

@@ -113,7 +113,7 @@ def read_rides(path: Path, namespace: str | None = None) -> tuple[Recording, tup
 
     Args:
         path: an MCAP file or a rosbag2 directory.
-        namespace: namespace of the vehicle's topics, where several were recorded.
+        namespace: namespace of the vehicle's topics, ``/`` for the root, where several were recorded.
 
     Raises:
         FileNotFoundError: there is no such recording.
@@ -121,7 +121,7 @@ def read_rides(path: Path, namespace: str | None = None) -> tuple[Recording, tup
         ValueError: it tells of a simulator or a task that cannot be.
     """
     recording = read_recording(path, namespace)
-    if not recording.namespace:
+    if recording.namespace is None:
         raise RecordingError(f"{path} holds no states of a simulator; only its rides can be ridden again")
     try:
         raw = _Raw(find_files(path), recording.namespace)

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from bike_analysis.numbers import lap_text
 from bike_analysis.report import analyze
 from bike_analysis.results import SCHEMA
 
@@ -54,7 +55,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     Raises:
         FileNotFoundError: If there is no such recording.
         RecordingError: If no file is a recording of a ride, or nothing of it can be read.
-        ValueError: If the distance of rows is not positive.
+        ValueError: If the distance of rows is not positive, or a file to be written is one of the recordings.
         OSError: If a file cannot be read or written.
     """
     as_json = bool(getattr(args, "json", False))
@@ -94,7 +95,7 @@ def text_of(figures: dict[str, Any]) -> str:
         name = f"{recording['recording']}: " if several else ""
         if median is not None and p99 is not None:
             times = f"{1e3 * median:.3f} ms (median), {1e3 * p99:.3f} ms (99th percentile)"
-            lines.append(f"{name}the policy answered in {times}")
+            lines.append(f"{name}the policy answered in {times}, by its last report")
         if recording["dropped_messages"]:
             lines.append(f"{name}the recorder dropped {recording['dropped_messages']} messages")
     lines += [f"{name}: {figures[name]}" for name in ("page", "picture", "csv", "parquet") if name in figures]
@@ -140,11 +141,11 @@ def _laps(ride: dict[str, Any]) -> list[str]:
     for lap in laps:
         times = [_number(t, 3) for t in lap["sectors_s"]] or ["-"] * sectors
         figures = (_number(lap[n], 2) for n in ("off_track_s", "mean_error_m", "max_error_m", "speed_max_m_s"))
-        rows.append((str(lap["lap"]), lap_text(lap["lap_s"]), *times, *figures))
+        rows.append((str(lap["lap"]), _lap_time(lap["lap_s"]), *times, *figures))
     name = f"{Path(ride['recording']).stem}, ride {ride['ride']}"
-    best = f"{name}: best lap {lap_text(ride['best_lap_s'])}"
+    best = f"{name}: best lap {_lap_time(ride['best_lap_s'])}"
     if ride["theoretical_lap_s"] is not None:
-        best += f", best sectors together {lap_text(ride['theoretical_lap_s'])}"
+        best += f", best sectors together {_lap_time(ride['theoretical_lap_s'])}"
     return [best, *_table(head, rows)]
 
 
@@ -154,11 +155,11 @@ def _comparison(comparison: dict[str, Any]) -> list[str]:
     rows = []
     for index, run in enumerate(runs):
         times = (_number(sector["times_s"][index], 3) for sector in sectors)
-        time = lap_text(run["duration_s"]) if run["complete"] else "-"
+        time = _lap_time(run["duration_s"]) if run["complete"] else "-"
         rows.append((run["run"], time, _number(run["delta_s"], 3), *times))
     if comparison["theoretical_lap_s"] is not None:
         best = (_number(sector["best_s"], 3) for sector in sectors)
-        rows.append(("best sectors", lap_text(comparison["theoretical_lap_s"]), "", *best))
+        rows.append(("best sectors", _lap_time(comparison["theoretical_lap_s"]), "", *best))
     return _table(head, rows)
 
 
@@ -191,12 +192,8 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     ]
 
 
-def lap_text(seconds: float | None) -> str:
-    """Return a lap time as people write it."""
-    if seconds is None:
-        return "-"
-    minutes, rest = divmod(seconds, 60.0)
-    return f"{int(minutes)}:{rest:06.3f}" if minutes else f"{rest:.3f}"
+def _lap_time(seconds: float | None) -> str:
+    return "-" if seconds is None else lap_text(seconds)
 
 
 def _number(value: float | None, digits: int) -> str:

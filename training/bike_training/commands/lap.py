@@ -16,6 +16,7 @@ from tqdm import tqdm
 
 from bike_analysis.lap_recording import Theory, load_laps
 from bike_analysis.lap_report import lap_figures, write_lap_report
+from bike_analysis.numbers import lap_text
 from bike_sim import track_look
 from bike_sim.course.track_files import shipped_tracks
 from bike_sim.fast_lines import track_with_line
@@ -24,6 +25,7 @@ from bike_sim.physics.envelope import envelope
 from bike_sim.physics.superbike import Superbike
 from bike_sim.physics.vehicle_files import load_vehicle, shipped_vehicles
 from bike_sim.track_ride import WALL, TrackSnapshot
+from bike_training.arguments import check_whole, make_folder
 from bike_training.laps import LapRide, ride_laps
 
 SCHEMA: Final = "bike.lap/1"
@@ -65,6 +67,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     Raises:
         ValueError: a file that is wrong. FileNotFoundError: an unknown vehicle or circuit.
     """
+    check_whole("--laps", args.laps, 1)
     if args.nodes:
         if args.all:
             raise ValueError("--nodes rides one machine on one circuit; leave --all out")
@@ -87,7 +90,7 @@ def _through_nodes(args: argparse.Namespace) -> dict[str, Any]:
     """Ride through the nodes, write the report, print the times unless `args.json`, and return the figures."""
     from bike_training.node_laps import ride_through_nodes  # only rides through nodes need ROS
 
-    args.out.mkdir(parents=True, exist_ok=True)
+    make_folder("--out", args.out)
     recording = args.out / "lap.mcap"
     machine = load_vehicle(args.vehicle)
     if not isinstance(machine, Superbike):
@@ -105,7 +108,7 @@ def _through_nodes(args: argparse.Namespace) -> dict[str, Any]:
     clean = figures["falls"] == 0 and figures["walls"] == 0 and len(figures["laps_s"]) >= args.laps
     figures["ok"] = bool(clean and excess is not None and excess <= ALLOWED_EXCESS and figures["timing_agrees"])
     if not args.json:
-        for number, lap in enumerate(figures["laps_s"], start=1):
+        for number, lap in enumerate(figures["laps_s"], start=2):  # the out-lap is lap 1, as in the events
             print(f"lap {number}: {lap_text(lap)}")
         print(f"theoretical lap: {lap_text(limit.lap_time)}")
         print(f"timing of the recording equals the events: {'yes' if figures['timing_agrees'] else 'no'}")
@@ -193,9 +196,3 @@ def _table(found: list[dict[str, Any]]) -> Table:
 
 def _percent(part: float | None) -> str:
     return "-" if part is None else f"{100.0 * part:+.1f} %"
-
-
-def lap_text(seconds: float) -> str:
-    """Return a lap time as people write it."""
-    minutes, rest = divmod(seconds, 60.0)
-    return f"{int(minutes)}:{rest:06.3f}"

@@ -69,7 +69,8 @@ LINGER: Final = 0.3
 LONGEST_REST: Final = 0.3
 """Wall-clock time after that for what still waits in the middleware, s."""
 LONGEST_LEAD: Final = 60 * NANOSECONDS
-"""A stamp that is farther than this ahead of the latest time is of another clock, ns."""
+"""A stamp that is farther than this ahead of the latest time is of another clock, ns. So is, while no time is known, a
+stamp that is less than this from the wall clock's time of publication."""
 TIME_GIVERS: Final = ("rosgraph_msgs/msg/Clock", "bike_msgs/msg/BikeState")
 """Types that tell the present simulated time."""
 LARGEST_CHUNK: Final = 1 << 30
@@ -150,6 +151,7 @@ class Record(rclpy.node.Node):
         self._recorder = RideRecorder(self._settings.path, **self._settings.writing)
         self._failure = ""
         self._time = 0
+        self._warned_of_wall_clock = False
         self._topics: dict[str, _Topic] = {}
         self._refused: set[str] = set()
         self._heard: tuple[str, ...] = ()
@@ -307,9 +309,22 @@ class Record(rclpy.node.Node):
         stamp = (_stamp(data) if topic.stamped else 0) or self._time
         if topic.gives_time:
             self._time = stamp
-        elif self._time and stamp > self._time + LONGEST_LEAD:
+        elif self._is_of_another_clock(stamp, sent):
             stamp = self._time
         return stamp
+
+    def _is_of_another_clock(self, stamp: int, sent: int) -> bool:
+        """Whether a stamp is far ahead of the time; while no time is known, whether it is the wall clock's."""
+        if self._time:
+            return stamp > self._time + LONGEST_LEAD
+        wall = abs(stamp - sent) < LONGEST_LEAD
+        if wall and not self._warned_of_wall_clock:
+            self._warned_of_wall_clock = True
+            self.get_logger().warning(
+                "messages are stamped by the wall clock and no simulated time is known: they get time 0 until a state "
+                "or /clock comes; clock:=wall records wall-clock time"
+            )
+        return wall
 
     def _close(self) -> None:
         try:

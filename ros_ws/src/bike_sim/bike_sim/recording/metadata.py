@@ -5,7 +5,7 @@ Source: rosbag2_storage (``yaml.hpp``, ``qos.cpp``) and rosbag2_storage_mcap of 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -165,15 +165,16 @@ def is_only_recording(path: Path) -> bool:
     """Whether the directory of an MCAP file holds no other recording and no metadata of another one."""
     if any(other != path for other in path.parent.glob("*.mcap")):
         return False
-    metadata = path.parent / METADATA_FILE
-    if not metadata.exists():
-        return True
+    return not (path.parent / METADATA_FILE).exists() or described_files(path.parent) == (path.name,)
+
+
+def described_files(directory: Path) -> tuple[str, ...]:
+    """Names of the files that ``metadata.yaml`` lists; none where it is missing, or somebody else's of this name."""
     try:
-        content = yaml.safe_load(metadata.read_text(encoding="utf-8"))
-        described: Iterable[Any] = content["rosbag2_bagfile_information"]["relative_file_paths"]
-        return list(described) == [path.name]
+        content = yaml.safe_load((directory / METADATA_FILE).read_text(encoding="utf-8"))
+        return tuple(str(name) for name in content["rosbag2_bagfile_information"]["relative_file_paths"])
     except (OSError, ValueError, KeyError, TypeError, yaml.YAMLError):
-        return False  # somebody else's file of the same name
+        return ()
 
 
 class _PlainDumper(yaml.SafeDumper):

@@ -21,6 +21,7 @@ from bike_sim.recording.metadata import (
     FileSummary,
     Qos,
     bag_information,
+    described_files,
     is_only_recording,
     to_yaml,
     write_metadata_file,
@@ -268,15 +269,15 @@ class RideRecorder:
     # ----------------------------------------------------------------------------------------------------------- files
 
     def _make_room(self, target: Path, overwrite: bool) -> None:
-        """Make the directory; see that nothing is in the way.
+        """Make the directory; see that nothing is in the way, nor a ``metadata.yaml`` of what is replaced.
 
         Raises:
             FileExistsError: If the recording exists and may not be replaced.
         """
+        own = re.compile(re.escape(target.name) + (r"_\d+\.mcap" if self._directory else ""))
         there = [target] if target.exists() else []
         if self._directory:
-            numbered = re.compile(re.escape(target.name) + r"_\d+\.mcap")
-            there = [file for file in sorted(target.glob("*.mcap")) if numbered.fullmatch(file.name)]
+            there = [file for file in sorted(target.glob("*.mcap")) if own.fullmatch(file.name)]
         if there and not overwrite:
             raise FileExistsError(f"recording {there[0]} exists already; choose another name or allow overwriting")
         folder = self._directory or target.parent
@@ -284,9 +285,12 @@ class RideRecorder:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise OSError(error.errno, f"directory {folder} cannot be made: {error.strerror}") from error
-        if self._directory and there:
-            for file in (*there, target / METADATA_FILE):
-                file.unlink(missing_ok=True)
+        stale = there if self._directory else []
+        described = described_files(folder)
+        if stale or (described and all(own.fullmatch(name) for name in described)):
+            stale.append(folder / METADATA_FILE)  # a kill would leave it beside files that it does not describe
+        for file in stale:
+            file.unlink(missing_ok=True)
 
     def _name_of_file(self, number: int) -> Path:
         assert self._directory is not None
