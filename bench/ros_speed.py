@@ -9,13 +9,9 @@ short rounds and the best round of each counts, so their ratio is of one run and
 from __future__ import annotations
 
 import itertools
-import os
-import subprocess
-import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -30,15 +26,18 @@ from bike_policy.actor import Actor
 from bike_policy.bundle import DEFAULT_POLICY, Bundle, shipped_policies
 from bike_policy.observation import LEAN_LAYOUT
 from bike_sim import node_tools
-from bike_sim.isolation import DOMAIN_VARIABLE, DomainLease, prepare_discovery
+from bike_sim.isolation import DomainLease, prepare_discovery
 from bike_sim.physics.vehicle_files import load_vehicle
 from bike_sim.reset import ResetRequest
 from bike_sim.simulator import Simulator, SimulatorConfig, Snapshot
 from bike_training.clients import Client
+from bike_training.node_process import NodeLost, NodeProcess
 from bike_training.ros_client import RosClient
 
 EPISODE_STEPS: Final = 30
 """Steps before the bicycle is set upright again: it rides without a hand on the handlebar."""
+LONGEST_START: Final = 30.0
+"""Wall-clock time in which the policy node must have reported, s."""
 START: Final = ResetRequest(course="line", speed_range=(5.0, 5.0))
 
 
@@ -92,6 +91,9 @@ def actor_latency(policy: str | None = None, duration: float = 6.0) -> dict[str,
         policy: name or folder of a bundle; None takes the shipped one, and where there is none, a network of two
             hidden layers of 256 with random weights, whose answers are as fast as a trained one's.
         duration: wall-clock time of the ride, s.
+
+    Raises:
+        NodeLost: a node ended, or the policy node reported nothing in time.
     """
     prepare_discovery()
     with tempfile.TemporaryDirectory() as folder, DomainLease() as lease:
@@ -111,12 +113,15 @@ def actor_latency(policy: str | None = None, duration: float = 6.0) -> dict[str,
         node.create_subscription(DiagnosticArray, "/diagnostics", on_report, node_tools.STREAM_QOS)
         try:
             with (
-                _program("bike_sim.sim_node", lease.domain_id, "auto_reset:=fall", "time_step:=0.005"),
-                _program("bike_policy.drive", lease.domain_id, f"policy:={name}"),
+                NodeProcess("bike_sim.sim_node", {"auto_reset": "fall", "time_step": 0.005}, lease.domain_id) as sim,
+                NodeProcess("bike_policy.drive", {"policy": name}, lease.domain_id) as drive,
             ):
-                _spin(executor, 30.0, lambda: "latency_p99_ms" in figures)
+                nodes = (sim, drive)
+                _spin(executor, nodes, LONGEST_START, lambda: "latency_p99_ms" in figures)
+                if "latency_p99_ms" not in figures:
+                    raise NodeLost(f"the policy node reported no answers within {LONGEST_START:g} s")
                 answered, began = int(figures["states_answered"]), time.perf_counter()
-                _spin(executor, duration, lambda: False)
+                _spin(executor, nodes, duration, lambda: False)
                 rate = (int(figures["states_answered"]) - answered) / (time.perf_counter() - began)
         finally:
             executor.shutdown()
@@ -130,10 +135,15 @@ def actor_latency(policy: str | None = None, duration: float = 6.0) -> dict[str,
     }
 
 
-def _spin(executor: SingleThreadedExecutor, duration: float, done: Any) -> None:
+def _spin(
+    executor: SingleThreadedExecutor, nodes: Sequence[NodeProcess], duration: float, done: Callable[[], bool]
+) -> None:
+    """Listen for a wall-clock time, s, or until something holds; nodes that end meanwhile are an error."""
     end = time.monotonic() + duration
     while not done() and time.monotonic() < end:
         executor.spin_once(timeout_sec=0.1)
+        for node in nodes:
+            node.check()
 
 
 def _any_policy(folder: Path) -> str:
@@ -147,26 +157,6 @@ def _any_policy(folder: Path) -> str:
     bundle = Bundle("random", actor, LEAN_LAYOUT, ActionScale(vehicle.max_steer), vehicle.name, vehicle.control_period)
     bundle.save(folder / "random")
     return str(folder / "random")
-
-
-@contextmanager
-def _program(module: str, domain_id: int, *parameters: str) -> Iterator[None]:
-    """Run a node while the block lasts.
-
-    Raises:
-        RuntimeError: it ended by itself.
-    """
-    command = [sys.executable, "-m", module, "--ros-args", "--log-level", "error"]
-    for parameter in parameters:
-        command += ["-p", parameter]
-    process = subprocess.Popen(command, env={**os.environ, DOMAIN_VARIABLE: str(domain_id)})
-    try:
-        yield
-        if process.poll() is not None:
-            raise RuntimeError(f"{module} ended with exit code {process.returncode}")
-    finally:
-        process.terminate()
-        process.wait()
 
 
 def measure(policy: str | None = None) -> dict[str, Any]:

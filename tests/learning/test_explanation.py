@@ -210,6 +210,7 @@ def test_the_statement_follows_the_signs_of_the_policy(seen):
     assert statement(swapped(bundle, ahead)).counter_steers is False
 
 
+@pytest.mark.slow
 @pytest.mark.ros
 def test_command_explains_the_policy_that_the_recording_names(recording, tmp_path, capsys):
     assert main(["explain", str(recording), "--out", str(tmp_path), "--json"]) == 0

@@ -1,12 +1,20 @@
-"""Nodes as processes: how one ended is told to whoever started it."""
+"""Nodes as processes: how one ended is told to whoever started it, and none is left behind."""
 
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
-from bike_training.node_process import NodeLost, NodeProcess
+from bike_sim.isolation import DomainLease
+from bike_sim.parent import PARENT_PERIOD
+from bike_training.commands.bench import _load as load_bench
+from bike_training.node_process import NodeLost, NodeProcess, tell_all_to_end
+
+PATIENCE = 90.0
+"""Longest wait for anything, s."""
 
 WAITS = """
 import os, pathlib, signal, sys
@@ -55,3 +63,76 @@ def test_a_node_that_had_to_be_ended_did_not_finish(start, end, code) -> None:
     """As a recorder on a disk that is too slow to close the file in time."""
     with pytest.raises(NodeLost, match=rf"exit code {code}$"):
         start(end).finish()
+
+
+def test_all_nodes_are_told_to_end_at_once(start) -> None:
+    node = start("sys.exit(0)")
+    tell_all_to_end()
+    assert node.process.wait(PATIENCE) == 0
+    tell_all_to_end()  # those that have ended take no notice
+    node.finish()
+
+
+STARTS_A_RECORDER = """
+import sys, threading, time
+from bike_training.node_process import NodeProcess
+
+started = []
+start = lambda: started.append(NodeProcess("bike_sim.record", {"path": sys.argv[1]}, int(sys.argv[2])))
+thread = threading.Thread(target=start)
+thread.start()
+thread.join()
+print(started[0].process.pid, flush=True)
+time.sleep(600)
+"""
+
+
+def until(condition: Callable[[], bool]) -> None:
+    latest = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < latest
+        time.sleep(0.02)
+
+
+@pytest.mark.ros
+def test_a_node_outlives_the_thread_that_started_it_but_not_the_program(tmp_path: Path) -> None:
+    """Also a program that is killed, and with the file of the recorder closed."""
+    pytest.importorskip("rclpy")
+    recording = tmp_path / "ride.mcap"
+    with DomainLease() as lease:
+        command = [sys.executable, "-c", STARTS_A_RECORDER, str(recording), str(lease.domain_id)]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as starter:
+            assert starter.stdout is not None
+            words = Path("/proc") / starter.stdout.readline().strip() / "cmdline"  # empty once the process has ended
+            until(recording.exists)
+            time.sleep(4 * PARENT_PERIOD)
+            assert b"bike_sim.record" in words.read_bytes()
+            starter.kill()
+        until(lambda: not words.exists() or not words.read_bytes())
+    assert recording.read_bytes().endswith(b"\x89MCAP0\r\n")
+
+
+class Silent:
+    """A node that says nothing."""
+
+    def __init__(self, *_: object) -> None:
+        pass
+
+    def __enter__(self) -> "Silent":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def check(self) -> None:
+        pass
+
+
+@pytest.mark.ros
+def test_a_bench_of_a_policy_that_answers_nothing_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("rclpy")
+    ros_speed = load_bench("bench.ros_speed")
+    monkeypatch.setattr(ros_speed, "NodeProcess", Silent)
+    monkeypatch.setattr(ros_speed, "LONGEST_START", 0.2)
+    with pytest.raises(NodeLost, match=r"^the policy node reported no answers within 0.2 s$"):
+        ros_speed.actor_latency()

@@ -5,10 +5,14 @@ from __future__ import annotations
 import argparse
 import importlib
 import json
+import os
+import signal
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Final
 
+from bike_training.interruption import SHELL_BASE, interrupt, leave_at_once, signals_handled, signals_noted
 from bike_training.node_process import NodeLost
 
 COMMANDS: Final[dict[str, tuple[str, str]]] = {
@@ -43,25 +47,42 @@ def build_parser(chosen: str | None) -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command.
 
+    Args:
+        arguments: words of the command; None for those of this process, which then ends here where it is interrupted.
+
     Returns:
         0 when it did what was asked and its figures hold, 1 when its figures do not hold, 2 for bad input, 130 when
-        interrupted.
+        interrupted by Ctrl-C, 143 by SIGTERM, 129 by SIGHUP.
     """
-    words = list(sys.argv[1:] if arguments is None else arguments)
+    code = _run(list(sys.argv[1:] if arguments is None else arguments))
+    if arguments is None and code > SHELL_BASE:
+        # All is closed by now. Python's own farewell would unload compilers and middleware for another second.
+        with suppress(OSError):
+            sys.stdout.flush()
+            sys.stderr.flush()
+        os._exit(code)
+    return code
+
+
+def _run(words: Sequence[str]) -> int:
     chosen = next((word for word in words if not word.startswith("-")), None)
-    args = build_parser(chosen).parse_args(words)
-    module = importlib.import_module(COMMANDS[args.command][0])
-    try:
-        result = module.run(args)
-    except (ValueError, OSError, NodeLost) as error:
-        print(f"bike {args.command}: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print(f"bike {args.command}: interrupted", file=sys.stderr)
-        return 130
-    if args.json:
-        print(json.dumps(result))
-    return 0 if result["ok"] else 1
+    with signals_noted() as interrupted_code:
+        try:
+            with signals_handled(leave_at_once):
+                args = build_parser(chosen).parse_args(words)
+                command = importlib.import_module(COMMANDS[args.command][0])
+            with signals_handled(interrupt):
+                result = command.run(args)
+        except (KeyboardInterrupt, ValueError, OSError, NodeLost) as error:
+            interrupted = isinstance(error, KeyboardInterrupt) and SHELL_BASE + signal.SIGINT
+            # Nodes that a signal ended may be missed before the interruption comes.
+            code = interrupted_code() or interrupted or 2
+            print(f"bike {chosen}: {error if code == 2 else 'interrupted'}", file=sys.stderr)
+            return code
+        if args.json:
+            print(json.dumps(result))
+        # Learning ends by itself after a signal, with a checkpoint, and tells what it learned.
+        return 0 if result["ok"] else interrupted_code() or 1
 
 
 if __name__ == "__main__":

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import json
 import os
-import signal
 import subprocess
 import sys
 import tempfile
+import weakref
 from collections.abc import Mapping
 from types import TracebackType
 from typing import IO, Any, Final, Self
 
 from bike_sim.isolation import DOMAIN_VARIABLE, prepare_discovery
+from bike_sim.parent import end_with_this_process
 
 STOP_TIMEOUT: Final = 3.0
 """Time that a node gets to end, s."""
@@ -22,10 +23,20 @@ class NodeLost(RuntimeError):
     """A node ended that was needed, or did not answer in time."""
 
 
+_running: Final[weakref.WeakSet[NodeProcess]] = weakref.WeakSet()
+
+
+def tell_all_to_end() -> None:
+    """Tell all nodes of this program to end, without waiting: one after the other they would take too long."""
+    for node in list(_running):
+        node.tell_to_end()
+
+
 class NodeProcess:
     """A node started as ``python -m <module>``.
 
-    It runs in a session of its own: a Ctrl-C at the terminal is for whoever started it, who ends it in turn.
+    It runs in a session of its own: a Ctrl-C at the terminal is for whoever started it, who ends it in turn. Where that
+    process is killed, the node notices and ends by itself.
     """
 
     def __init__(
@@ -52,10 +63,12 @@ class NodeProcess:
             command += ["-p", f"{name}:={json.dumps(value)}"]
         environment = {**os.environ, DOMAIN_VARIABLE: str(domain_id)}
         prepare_discovery(environment)
+        end_with_this_process(environment)
         self._words: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - closed by close()
         self.process = subprocess.Popen(
             command, env=environment, stdout=subprocess.DEVNULL, stderr=self._words, start_new_session=True
         )
+        _running.add(self)
 
     def __enter__(self) -> Self:
         """Return the running node."""
@@ -66,6 +79,10 @@ class NodeProcess:
     ) -> None:
         """End the node."""
         self.close()
+
+    def tell_to_end(self) -> None:
+        """Tell the node to end, without waiting for it; one that has ended takes no notice."""
+        self.process.terminate()
 
     def check(self) -> None:
         """Check that the node runs.
@@ -99,7 +116,7 @@ class NodeProcess:
 
     def _end(self) -> None:
         if self.process.poll() is None:
-            self.process.send_signal(signal.SIGTERM)
+            self.tell_to_end()
             try:
                 self.process.wait(STOP_TIMEOUT)
             except subprocess.TimeoutExpired:

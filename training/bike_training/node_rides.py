@@ -38,7 +38,11 @@ class NodeRides:
             NodeLost: the simulator did not start.
         """
         self._client = RosClient(config)
-        self._drive = NodeProcess("bike_policy.drive", {"policy": policy}, self._client.domain_id)
+        try:
+            self._drive = NodeProcess("bike_policy.drive", {"policy": policy}, self._client.domain_id)
+        except BaseException:
+            self._client.close()
+            raise
 
     def __enter__(self) -> Self:
         """Return the nodes."""

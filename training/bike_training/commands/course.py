@@ -17,8 +17,12 @@ from bike_sim.course.track_files import load_track, shipped_tracks
 from bike_sim.lap_limit import LapLimit, lap_limit
 from bike_sim.minimum_time import with_fastest_line
 from bike_sim.point_mass import point_mass_envelope
+from bike_training.arguments import check_positive, make_folder
 
 SCHEMA = "bike.course/1"
+
+LARGEST_LATERAL = 10.0
+"""Largest cornering of a reference machine, in g: far more than any has, and far from where no line is found."""
 
 _EXAMPLES = """examples:
   bike course check monza.csv                      is the file a circuit? length, widths, corners, theoretical lap
@@ -47,6 +51,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     Raises:
         ValueError: the file is broken. FileNotFoundError: there is none.
     """
+    check_positive("--lateral-g", args.lateral_g, "g", LARGEST_LATERAL)
+    if args.action == "plot":
+        make_folder("--out", args.out)
     envelope = point_mass_envelope(args.lateral_g)
     console = Console(quiet=args.json)
     with console.status("computing the fastest line"):
@@ -55,7 +62,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     figures = _figures(track, ideal, median)
     console.print(_table(track, figures))
     if args.action == "plot":
-        args.out.mkdir(parents=True, exist_ok=True)
         path = args.out / f"{track.name}.png"
         _draw(track, ideal, path)
         console.print(f"written: {path}")

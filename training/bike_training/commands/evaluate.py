@@ -14,7 +14,9 @@ from rich.table import Table
 from tqdm import tqdm
 
 from bike_policy.bundle import DEFAULT_POLICY, Bundle, load_bundle
+from bike_sim.course.files import load_course
 from bike_sim.simulator import SimulatorConfig
+from bike_training.arguments import check_positive, check_whole, make_folder
 from bike_training.clients import CLIENT_KINDS, make_client
 from bike_training.evaluation import PAPER_MAX, PAPER_MEAN, SPEEDS, Rider, draw, evaluate
 from bike_training.riding import ride_through
@@ -50,9 +52,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Evaluate and return the figures; not ok when a ride was not completed."""
+    for speed in args.speeds:
+        check_positive("--speeds", speed, "m/s")
+    check_whole("--random-rides", args.random_rides, 0)
+    check_whole("--seed", args.seed, 0)
     bundle = load_bundle(args.policy)
     config = SimulatorConfig(engine=args.engine, time_step=args.time_step)
     bundle.check_fit(config.vehicle, config.control_period)
+    load_course(args.course)  # before the nodes start
+    make_folder("--out", args.out)
     total = len(args.speeds) * (1 + args.random_rides)
     with _rider(args, bundle, config) as rider, tqdm(total=total, unit="ride", desc=bundle.name) as bar:
 
@@ -67,7 +75,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "time_step_s": args.time_step,
         **figures,
     }
-    args.out.mkdir(parents=True, exist_ok=True)
     (args.out / "evaluation.json").write_text(json.dumps(figures, indent=1), encoding="utf-8")
     draw(figures, bundle, args.out / "evaluation.png")
     if not args.json:

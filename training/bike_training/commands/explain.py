@@ -13,6 +13,7 @@ import numpy as np
 
 from bike_analysis import read_recording
 from bike_policy.bundle import Bundle, load_bundle
+from bike_training.arguments import make_folder
 from bike_training.explanation import Explanation, explain, set_values
 from bike_training.explanation_drawing import draw
 from bike_training.explanation_findings import Statement, correlation, state_findings
@@ -47,13 +48,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Explain; not ok when the values do not sum to the outputs."""
-    bundle = _policy(args.policy or policy_of(read_recording(args.recording).notes, args.recording))
+    named = args.policy
+    bundle = _policy(policy_of(read_recording(args.recording).notes, args.recording) if named is None else named)
+    make_folder("--out", args.out)
     seen = read_observations(args.recording, bundle, args.section, args.ride)
     explanation = explain(bundle, seen.observations, silent=args.json)
     differ = _answers_differ(bundle, seen)
     statement = state_findings(explanation, differ)
     figures = _figures(bundle, seen, explanation, statement) | {"answers_differ_rad": _number(differ)}
-    args.out.mkdir(parents=True, exist_ok=True)
     (args.out / "explanation.json").write_text(json.dumps(figures, indent=1), encoding="utf-8")
     draw(explanation, f"{_headline(bundle, seen)}: what makes it steer", args.out / "explanation.png")
     if not args.json:

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from bike_analysis.commands.analyze import text_of
 from bike_analysis.report import analyze
 from bike_policy.bundle import DEFAULT_POLICY, load_bundle
 from bike_sim.course.files import load_course
 from bike_sim.isolation import DomainLease
+from bike_sim.simulator import SimulatorConfig
+from bike_training.arguments import check_positive, check_whole, make_folder
 from bike_training.riding import time_for
+
+LARGEST_DOMAIN: Final = 232
+"""ROS domain with the largest ports that there are."""
 
 EXAMPLES = """examples:
   bike ride                                   the benchmark path at 4 m/s with the shipped policy
@@ -38,10 +43,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Ride, record, analyse; not ok when the ride was not completed."""
+    check_positive("--speed", args.speed, "m/s")
+    if args.domain is not None:
+        check_whole("--domain", args.domain, 0, LARGEST_DOMAIN)
+    SimulatorConfig(engine=args.engine, time_step=args.time_step)  # refuses a step that cannot be
     bundle = load_bundle(args.policy)
     course = load_course(args.course)
     longest = time_for(course, args.speed)
-    args.out.mkdir(parents=True, exist_ok=True)
+    make_folder("--out", args.out)
     recording = args.out / "ride.mcap"
     if args.domain is None:
         with DomainLease() as lease:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from rich import box
@@ -17,6 +17,7 @@ from bike_sim.physics.engine import ENGINE_KINDS, Engine, make_engine
 from bike_sim.physics.superbike_engine import TIME_STEP
 from bike_sim.physics.vehicle import Vehicle
 from bike_sim.physics.vehicle_files import load_vehicle
+from bike_training.arguments import check_positive, make_folder
 from bike_training.commands import validate_superbike
 
 SCHEMA = "bike.validate/1"
@@ -28,6 +29,10 @@ _EXAMPLES = """examples:
   bike validate superbike --out out               five superbikes against statics and closed formulas"""
 
 SUPERBIKES = "superbike"
+
+BICYCLE_PERIOD: Final = 0.05
+SUPERBIKE_PERIOD: Final = 0.02
+"""Control periods, s; a longer integration step is none."""
 
 _PLOT_SPEEDS = np.arange(0.5, 10.01, 0.5)
 
@@ -50,11 +55,21 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Measure, print a table unless `args.json`, and return the result."""
-    if args.vehicle == SUPERBIKES:
-        args.time_step = args.time_step or TIME_STEP
+    """Measure, print a table unless `args.json`, and return the result.
+
+    Raises:
+        ValueError: a vehicle's file that is wrong, or a step that cannot be. OSError: an unknown vehicle or a folder
+            that cannot be made.
+    """
+    superbikes = args.vehicle == SUPERBIKES
+    usual, longest = (TIME_STEP, SUPERBIKE_PERIOD) if superbikes else (0.001, BICYCLE_PERIOD)
+    if args.time_step is None:
+        args.time_step = usual
+    check_positive("--time-step", args.time_step, "s", longest)
+    if args.out is not None:
+        make_folder("--out", args.out)
+    if superbikes:
         return validate_superbike.run(args)
-    args.time_step = args.time_step or 0.001
     vehicle = load_vehicle(args.vehicle)
     console = Console(quiet=args.json)
     with console.status("measuring") as status:
@@ -64,7 +79,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     console.print(*_tables(result))
     answer = as_dict(result)
     if args.out is not None:
-        args.out.mkdir(parents=True, exist_ok=True)
         (args.out / "validate.json").write_text(json.dumps(answer, indent=2) + "\n", encoding="utf-8")
         draw_modes(vehicle, args.engine, args.time_step, args.out / "modes.png")
         console.print(f"written: {args.out / 'modes.png'}, {args.out / 'validate.json'}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import select
 import signal
 import sys
 import threading
@@ -26,6 +27,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.timer import Timer
 
 from bike_sim.isolation import prepare_discovery
+from bike_sim.parent import PARENT_PERIOD, parent_is_gone
 from bike_sim.stamps import time_to_message
 
 NAMESPACE: Final = "bike"
@@ -66,7 +68,7 @@ class CannotGoOn(Exception):
 def run_node(
     name: str, make_node: Callable[[], Node], arguments: Sequence[str] | None = None, linger: float = 0.0
 ) -> int:
-    """Run a node until SIGINT or SIGTERM, or until it raises.
+    """Run a node until SIGINT or SIGTERM, until the program is gone that started it for itself, or until it raises.
 
     Args:
         name: name of the program for its messages.
@@ -145,7 +147,7 @@ def _start_middleware(arguments: Sequence[str] | None) -> None:
 
 
 def _watch_signals(stop: threading.Event, ended: threading.Event, wake: Sequence[Callable[[], None]]) -> None:
-    """End the node on SIGINT and SIGTERM, also where the main thread is inside a library.
+    """End the node on SIGINT and SIGTERM, and with its parent, also where the main thread is inside a library.
 
     Python runs its handlers only in the main thread, which may be waiting for messages; but the number of a signal is
     written to the wake-up file at once, whichever thread it hits. A thread reads it there. So the node ends between two
@@ -160,7 +162,10 @@ def _watch_signals(stop: threading.Event, ended: threading.Event, wake: Sequence
     def wait() -> None:
         number = 0
         while number not in (signal.SIGINT, signal.SIGTERM):
-            number = os.read(readable, 1)[0]
+            if select.select([readable], [], [], PARENT_PERIOD)[0]:
+                number = os.read(readable, 1)[0]
+            elif parent_is_gone():
+                number = signal.SIGTERM
         stop.set()
         for trigger in wake:
             trigger()

@@ -1,0 +1,40 @@
+"""Checks of what a command is given, before it starts anything; each names the option and the value."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+
+def check_positive(option: str, value: float, unit: str, most: float = math.inf) -> None:
+    """Check a number.
+
+    Raises:
+        ValueError: it is not finite, not above 0, or above the largest.
+    """
+    if not (math.isfinite(value) and 0.0 < value <= most):
+        bound = "and finite" if math.isinf(most) else f"and at most {most:g} {unit}"
+        raise ValueError(f"{option} must be positive {bound}, got {value:g} {unit}")
+
+
+def check_whole(option: str, value: int, least: int, most: int | None = None) -> None:
+    """Check a whole number.
+
+    Raises:
+        ValueError: it is less than the least or more than the most.
+    """
+    if value < least or (most is not None and value > most):
+        wanted = f"at least {least}" if most is None else f"{least} to {most}"
+        raise ValueError(f"{option} must be {wanted}, got {value}")
+
+
+def make_folder(option: str, path: Path) -> None:
+    """Make a folder for what a command writes, so that one that cannot be is known before and not after the work.
+
+    Raises:
+        FileExistsError: there is a file of that name. OSError: it cannot be made.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError) as error:
+        raise FileExistsError(f"{option} {path} cannot be a folder: a file is in the way") from error

@@ -1,0 +1,106 @@
+"""Signals that end a program: how they are taken, and which one came."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from types import FrameType
+from typing import Final, NoReturn
+
+from bike_training.node_process import tell_all_to_end
+
+ENDING: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""Signals that end a program."""
+
+SHELL_BASE: Final = 128
+"""A program that a signal ended has this and the number of the signal as its exit code, as shells have it."""
+
+AGAIN_AFTER: Final = 0.05
+"""Wall-clock time after which an interruption that came at a bad moment is tried again, s."""
+
+Handler = Callable[[int, FrameType | None], object]
+
+
+@contextmanager
+def signals_noted() -> Iterator[Callable[[], int]]:
+    """Take note of signals that end a program, whoever handles them: learning has handlers of its own.
+
+    Yields:
+        A function that returns the exit code of the first signal that came, or 0.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda: 0  # only the main thread may listen to signals
+        return
+    readable, writable = os.pipe()
+    os.set_blocking(readable, False)
+    os.set_blocking(writable, False)
+    before = signal.set_wakeup_fd(writable, warn_on_full_buffer=False)
+
+    came: list[int] = []
+
+    def exit_code() -> int:
+        with suppress(BlockingIOError):
+            came.extend(number for number in os.read(readable, 4096) if number in ENDING)
+        return SHELL_BASE + came[0] if came else 0
+
+    try:
+        yield exit_code
+    finally:
+        signal.set_wakeup_fd(before)
+        os.close(readable)
+        os.close(writable)
+
+
+@contextmanager
+def signals_handled(handler: Handler) -> Iterator[None]:
+    """Let a handler take the signals that end a program while the block lasts; one that is ignored stays so (nohup)."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    numbers = [number for number in ENDING if signal.getsignal(number) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, handler) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handled in before.items():
+            signal.signal(number, handled)
+
+
+def leave_at_once(number: int, frame: FrameType | None) -> NoReturn:
+    """End the process: for the time in which it loads its modules and has nothing to close.
+
+    An exception would not do: extension modules turn one that comes while they are loaded into errors of their own.
+    """
+    os.write(2, b"interrupted\n")
+    os._exit(SHELL_BASE + number)
+
+
+def interrupt(number: int, frame: FrameType | None) -> None:
+    """Tell the nodes to end and raise KeyboardInterrupt, as soon as no module is being loaded.
+
+    Raises:
+        KeyboardInterrupt: always, but later where it would be lost or taken for another error.
+    """
+    tell_all_to_end()
+    if not _is_loading(frame):
+        raise KeyboardInterrupt
+    again = threading.Timer(AGAIN_AFTER, _signal_again, [number])
+    again.daemon = True
+    again.start()
+
+
+def _signal_again(number: int) -> None:
+    ident = threading.main_thread().ident
+    if signal.getsignal(number) is interrupt and ident is not None:
+        signal.pthread_kill(ident, number)
+
+
+def _is_loading(frame: FrameType | None) -> bool:
+    while frame is not None:
+        if frame.f_globals.get("__name__") == "importlib._bootstrap":
+            return True
+        frame = frame.f_back
+    return False
