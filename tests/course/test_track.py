@@ -213,6 +213,7 @@ def test_inexact_table_is_closed_at_the_wanted_length():
         ([Piece(100.0), Piece(60.0, 1.0), Piece(60.0, -1.0)], "turns by 360 deg"),
         ([Piece(100.0), Piece(60.0, 2.0 * math.pi)], "at least two arcs"),
         ([Piece(500.0), Piece(60.0, math.pi), Piece(100.0), Piece(60.0, math.pi)], "cannot be closed"),
+        ([Piece(0.001), Piece(60.0, math.pi), Piece(60.0, math.pi)], "element 1 is 0.001 m long"),
     ],
 )
 def test_table_of_another_shape_is_refused(pieces, message):

@@ -98,6 +98,26 @@ def test_line_that_crosses_itself_is_a_bridge(shapes):
     assert track.length > 1000.0
 
 
+@pytest.mark.parametrize("shift", [0.0, 0.5, 3.0])
+def test_two_laps_are_no_circuit(tmp_path, shapes, shift):
+    laps = np.vstack([shapes.ring_points(200, radius, 0.05) for radius in (100.0, 100.0 + shift)])
+    text = shapes.csv_text(laps + np.linspace(0.0, 1e-6, len(laps))[:, None], 4.0, 4.0)
+    with pytest.raises(CourseFileError, match=r"lies on the road at .*more than one lap"):
+        _load(tmp_path, text)
+
+
+def test_roads_side_by_side_the_same_way_are_a_circuit(shapes):
+    # Twice round, inside out, over a bridge.
+    t = np.linspace(0.0, 4.0 * math.pi, 800, endpoint=False)
+    radius = 110.0 + 10.0 * np.cos(0.5 * t)
+    points = np.stack([radius * np.cos(t), radius * np.sin(t)], axis=1)
+    with pytest.raises(ValueError, match="lies on the road"):  # it crosses itself too flatly for a bridge
+        track_from_points("flat", parse_csv(shapes.csv_text(points, 4.0, 4.0)))
+    radius = 110.0 + 60.0 * np.cos(0.5 * t)
+    points = np.stack([radius * np.cos(t), radius * np.sin(t)], axis=1)
+    assert track_from_points("twice", parse_csv(shapes.csv_text(points, 4.0, 4.0))).length > 1300.0
+
+
 def _without(points):
     return points[: len(points) // 2]
 

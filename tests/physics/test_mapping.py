@@ -116,6 +116,8 @@ def test_without_a_neighbour_angles_come_back_within_half_a_turn() -> None:
         (np.zeros(9), r"shape \(9,\)"),
         (np.array([0, 0, 0, math.nan, 0, 0, 0, 0, 0, 0]), "roll_rad = nan"),
         (np.array([0, 0, 0, 0, 0, 0, 0, 0, 0, math.inf]), "front_wheel_rate_rad_s = inf"),
+        (np.array([0, 0, 0, math.pi / 2.0, 0, 0, 0, 0, 0, 4]), "roll 90 deg"),
+        (np.array([0, 0, 0, -2.0, 0, 0, 0, 0, 0, 4]), "roll -114.592 deg"),
     ],
 )
 def test_a_state_that_cannot_be_is_refused(state: np.ndarray, message: str) -> None:

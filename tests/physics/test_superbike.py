@@ -139,6 +139,7 @@ def test_vectors_for_compiled_code_carry_every_number_once() -> None:
         ("rear_tyre", "friction", float("nan"), "rear_tyre.friction = nan is not a finite number"),
         ("motor", "peak_power_rpm", 9000.0, "peak_torque_rpm"),
         ("motor", "gears", 5.5, "whole number"),
+        ("motor", "top_gear_speed", 90000.0, "motor.top_gear_speed = 90000.0 must be at most 200 m/s"),
         ("brakes", "front_share", 1.2, "between 0 and 1"),
         ("virtual_rider", "max_lean_deg", 80.0, "below the fall"),
         ("bodies", "wet_mass", 20.0, "leaves no mass for the frame"),

@@ -322,3 +322,6 @@ def test_bad_input_is_refused(engine: SuperbikeEngine) -> None:
     bad[st.ROLL] = math.nan
     with pytest.raises(ValueError, match="roll_rad"):
         engine.reset(bad)
+    bad[st.ROLL] = 2.0
+    with pytest.raises(ValueError, match=r"roll 114\.592 deg"):
+        engine.reset(bad)

@@ -11,10 +11,11 @@ import pytest
 
 from bike_sim import ride, track_look
 from bike_sim.course.lap_timing import time_laps
-from bike_sim.course.placing import samples_of
+from bike_sim.course.placing import EXACT, samples_of
 from bike_sim.events import EventKind
 from bike_sim.fast_lines import content_key, track_with_line
 from bike_sim.physics import state as st
+from bike_sim.physics.superbike_statics import turning_state
 from bike_sim.reset import ResetRequest
 from bike_sim.simulator import Simulator, SimulatorConfig
 from bike_sim.track_events import TrackWatch
@@ -112,12 +113,23 @@ def test_going_straight_on_leaves_the_track_and_meets_the_wall(machine: TrackRid
     assert machine.engine.rear_grip == machine.engine.front_grip == OFF_TRACK_GRIP
 
 
-def test_falls_have_names(machine: TrackRide, circuit: Path) -> None:
-    snapshot = machine.reset(request(circuit, speed_range=(25.0, 25.0)))
-    machine.engine.rear_grip = machine.engine.front_grip = 1.0
-    seen = until_the_end(machine, snapshot, 1.0, 0.0)  # leans as far as it goes: off the track at full lean
-    assert seen[-1].fallen
-    assert seen[-1].fall in ("low_side", "high_side", "wall")
+@pytest.mark.parametrize(
+    ("speed", "fall", "off_track"),
+    [
+        (25.0, "low_side", True),  # at full lean over the limit, where there is less grip
+        (3.0, "tip_over", False),  # too slow to be held
+    ],
+)
+def test_falls_have_names(machine: TrackRide, circuit: Path, speed: float, fall: str, off_track: bool) -> None:
+    snapshot = machine.reset(request(circuit, speed_range=(speed, speed)))
+    watch = TrackWatch("kidney", snapshot)
+    seen = until_the_end(machine, snapshot, 1.0, 0.0)
+    assert [snapshot.fall for snapshot in seen[:-1]] == ["none"] * (len(seen) - 1)
+    assert (seen[-1].fall, seen[-1].wall) == (fall, None)
+    assert (seen[-2].outside > 0.0) == off_track
+    events = [event for snapshot in seen[1:] for event in watch.look(snapshot)]
+    assert events[-1].kind is EventKind.FALL
+    assert fall.replace("_", " ") in events[-1].text
 
 
 def test_same_commands_same_snapshots(machine: TrackRide, circuit: Path) -> None:
@@ -198,4 +210,112 @@ def test_start_speed_is_for_the_place_and_the_line(machine: TrackRide, circuit: 
     assert speeds[0.0] != speeds[1.0]
     for s, speed in zip(places, speeds[1.0], strict=True):
         snapshot = machine.reset(request(circuit, progress=float(s), speed_range=(speed, speed)))
-        assert snapshot.speed == pytest.approx(speed, rel=0.08)  # of the frame, which leans inwards
+        assert snapshot.speed == pytest.approx(speed, rel=0.01)  # of the frame, which leans inwards
+
+
+@pytest.mark.parametrize("perturb", [False, True])
+def test_a_start_rides_the_turn_that_was_asked_for(machine: TrackRide, circuit: Path, perturb: bool) -> None:
+    snapshot = machine.reset(request(circuit, progress=600.0, perturb=perturb))
+    roll, crown = snapshot.state[st.ROLL], machine.vehicle.front_tyre.crown
+    assert roll < -0.6
+    radius = machine.vehicle.rF - crown * (1.0 - math.cos(roll))
+    assert snapshot.state[st.FRONT_WHEEL_RATE] * radius == pytest.approx(30.0, rel=1e-12)
+    assert snapshot.seen[ride.YAW_RATE] == pytest.approx(30.0 * snapshot.seen[ride.CURVATURE], rel=1e-9)
+    assert snapshot.state[st.STEER] > 0.0
+
+
+def test_turning_state_is_the_upright_one_where_nothing_turns(machine: TrackRide) -> None:
+    assert np.array_equal(turning_state(machine.vehicle, 35.0, 0.0, 0.0), st.upright_state(35.0, machine.vehicle.rF))
+    left, right = (turning_state(machine.vehicle, 25.0, sign * 0.8, -sign * 0.4) for sign in (1.0, -1.0))
+    assert left == pytest.approx(st.MIRROR_SIGNS * right, abs=1e-12)
+
+
+def test_an_initial_state_is_found_wherever_it_lies(machine: TrackRide, circuit: Path) -> None:
+    for progress in (0.0, 500.0, 1280.0):
+        first = machine.reset(request(circuit, progress=progress))
+        state = tuple(first.state)
+        for asked in (0.0, progress):
+            again = machine.reset(request(circuit, initial_state=state, progress=asked))
+            assert again.place == pytest.approx(first.place, abs=EXACT)
+            assert again.seen[ride.PROGRESS] == pytest.approx(first.seen[ride.PROGRESS], abs=1e-6)
+            assert again.wall is None
+            assert again.fall == "none"
+
+
+def test_a_state_just_behind_the_start_is_before_the_first_lap(machine: TrackRide, circuit: Path) -> None:
+    state = machine.reset(request(circuit)).state
+    state[[st.X, st.Y]] -= 2.0 * np.array([math.cos(state[st.YAW]), math.sin(state[st.YAW])])
+    snapshot = machine.reset(request(circuit, initial_state=tuple(state)))
+    assert snapshot.place[track_look.PROGRESS] == pytest.approx(-2.0, abs=0.2)
+    assert not snapshot.finished
+
+
+def test_grip_of_the_ride_before_is_forgotten(machine: TrackRide, circuit: Path) -> None:
+    asked = request(circuit, progress=300.0)
+    first = machine.reset(asked)
+    until_the_end(machine, first, 0.0, 0.3)
+    assert machine.engine.rear_grip == OFF_TRACK_GRIP
+    assert np.array_equal(machine.reset(asked).telemetry, first.telemetry)
+    state = first.state.copy()
+    state[[st.X, st.Y]] += 12.0 * np.array([-math.sin(state[st.YAW]), math.cos(state[st.YAW])])
+    outside = machine.reset(request(circuit, initial_state=tuple(state)))
+    assert outside.outside > 0.0
+    assert machine.engine.rear_grip == machine.engine.front_grip == OFF_TRACK_GRIP
+
+
+def test_a_refused_reset_leaves_the_ride_alone(machine: TrackRide, circuit: Path) -> None:
+    before = machine.reset(request(circuit))
+    machine.step(0.1, 0.1)
+    state, timing = machine.engine.state(), machine.timing()
+    lying = before.state.copy()
+    lying[st.ROLL] = 0.5 * math.pi
+    for wrong, message in (((1e300, *before.state[1:]), "x_m is 1e[+]300"), (tuple(lying), "roll 90 deg")):
+        with pytest.raises(ValueError, match=message):
+            machine.reset(request(circuit, initial_state=wrong))
+    assert machine.episode == before.episode
+    assert np.array_equal(machine.engine.state(), state)
+    assert machine.timing() == timing
+    assert machine.step(0.1, 0.1).step == 2
+
+
+def test_a_long_control_period_sees_the_same_places(machine: TrackRide, circuit: Path) -> None:
+    coarse = TrackRide(SimulatorConfig(vehicle="panigale_v4r", time_step=0.002, control_period=0.2))
+    asked = request(circuit, speed_range=(40.0, 40.0), progress=400.0)
+    at_once, seen = coarse.reset(asked), machine.reset(asked)
+    all_at_once = [at_once]
+    for _ in range(8):
+        at_once = coarse.step(0.0, 0.1)  # 8 m on
+        for _ in range(10):
+            seen = machine.step(0.0, 0.1)
+        assert np.array_equal(at_once.state, seen.state)
+        assert at_once.place == pytest.approx(seen.place, abs=1e-6)
+        all_at_once.append(at_once)
+    assert seen.place[track_look.PROGRESS] > 450.0
+    assert coarse.track is not None
+    again = samples_of(
+        coarse.track,
+        np.array([snapshot.time for snapshot in all_at_once]),
+        np.array([snapshot.state[:2] for snapshot in all_at_once]),
+        np.array([snapshot.seen[[ride.FRONT_X, ride.FRONT_Y]] for snapshot in all_at_once]),
+        400.0,
+        400.0 + coarse.vehicle.w,
+    )
+    assert [sample.progress for sample in again] == [snapshot.place[track_look.PROGRESS] for snapshot in all_at_once]
+    coarse.close()
+
+
+def test_a_ride_is_finished_after_a_whole_lap(machine: TrackRide, circuit: Path) -> None:
+    snapshot = machine.reset(request(circuit, progress=1280.0))
+    assert machine.course is not None
+    while snapshot.seen[ride.PROGRESS] < machine.course.length + 1.0:
+        snapshot = machine.step(0.0, 0.0)
+        assert not snapshot.fallen
+    assert not snapshot.finished
+
+
+def test_lines_are_computed_where_no_cache_can_be(
+    machine: TrackRide, circuit: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").write_text("in the way")
+    monkeypatch.setenv("BIKE_CACHE", str(tmp_path / "file" / "lines"))
+    assert track_with_line(circuit, machine.envelope).ideal is not None

@@ -6,6 +6,7 @@ that, so a changed circuit, machine or method never meets an old line.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import inspect
 import os
@@ -121,4 +122,5 @@ def _write(path: Path, offset: NDArray[np.float64]) -> None:
             np.save(stream, offset)
         scratch.replace(path)
     except OSError:
-        scratch.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # the folder itself may be what cannot be made
+            scratch.unlink(missing_ok=True)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bike_sim.course.course import Course
+from bike_sim.course.document import MAX_LENGTH
 from bike_sim.course.files import load_course
 from bike_sim.course.random_paths import CURRICULUM_PATHS, PathRanges, random_course
 from bike_sim.physics import state as st
@@ -20,11 +21,18 @@ from bike_sim.physics.vehicle import Vehicle
 RANDOM_COURSE = "random"
 """Name that asks for a random path instead of a file."""
 
-MEDIAN, IDEAL = 0.0, 1.0
-"""Lines of a circuit that a superbike may follow; a number between them is that part of the way."""
+IDEAL = 1.0
+"""The ideal line of a circuit; 0 is its median, and a number between them is that part of the way."""
 
 EPISODE_DURATION = 60.0
 """Longest episode of the training task, s (Weyrer et al. 2026, Sect. 4)."""
+
+SEED_LIMIT = 2**62
+"""Largest seed: who counts seeds up from it stays within the 64 bits of a message."""
+
+STATE_LIMIT = 1e9
+"""Largest coordinate of an initial state, in m, rad or rad/s: far above any ride's, far below what overflows when
+squared."""
 
 POSITION_RANGE = 10.0
 DIRECTION_RANGE = math.radians(5.0)
@@ -62,14 +70,15 @@ class ResetRequest:
     """What an episode begins with.
 
     Attributes:
-        seed: seed of all draws.
+        seed: seed of all draws, 0 to SEED_LIMIT.
         course: name of a shipped course, path of a YAML or CSV file, or ``"random"``.
         speed_range: forward speed is drawn from it, m/s.
         perturb: draw pose, roll, steer, rates and path direction from Table 3; else upright on the course.
-        initial_state: the ten minimal coordinates, overriding speed and perturbation.
+        initial_state: the ten minimal coordinates, overriding speed and perturbation; the place is looked for on the
+            whole course.
         path_ranges: intervals of a random path.
-        path_length: least length of a random path, m; None for two episodes at the drawn speed, which is how long
-            the training task may go on without a new start.
+        path_length: least length of a random path, at most MAX_LENGTH, m; None for two episodes at the drawn speed,
+            which is how long the training task may go on without a new start.
         preview: preview settings.
         context: curriculum context, kept for the record only.
         line: superbikes: which line is followed, 0 the median of the circuit, 1 the ideal line.
@@ -97,18 +106,42 @@ class ResetRequest:
         low, high = self.speed_range
         if not (math.isfinite(low) and math.isfinite(high)) or low <= 0.0 or low > high:
             raise ValueError(f"speed range must be 0 < min <= max and finite, got {low!r} to {high!r} m/s")
-        if self.seed < 0:
-            raise ValueError(f"seed must not be negative, got {self.seed}")
+        if not 0 <= self.seed <= SEED_LIMIT:
+            raise ValueError(f"seed must be 0 to {SEED_LIMIT} (2^62), got {self.seed}")
         if self.initial_state is not None:
             values = np.asarray(self.initial_state, dtype=np.float64)
             if values.shape != (st.STATE_SIZE,) or not np.all(np.isfinite(values)):
                 raise ValueError(f"initial state must be {st.STATE_SIZE} finite numbers, got {self.initial_state!r}")
+            largest = int(np.argmax(np.abs(values)))
+            if abs(values[largest]) > STATE_LIMIT:
+                raise ValueError(
+                    f"initial state: {st.STATE_NAMES[largest]} is {float(values[largest])!r}, beyond {STATE_LIMIT:g}"
+                )
         if not 0.0 <= self.line <= 1.0:
             raise ValueError(f"line must be 0 (median) to 1 (ideal line), got {self.line!r}")
         if not (math.isfinite(self.progress) and self.progress >= 0.0):
             raise ValueError(f"progress must be finite and not negative, got {self.progress!r} m")
-        if self.path_length is not None and not (math.isfinite(self.path_length) and self.path_length > 0.0):
+        self._check_path_length()
+
+    def _check_path_length(self) -> None:
+        """Refuse random paths that would fill time and memory."""
+        if self.path_length is None:
+            longest = random_length(self.speed_range[1])
+            if self.course == RANDOM_COURSE and longest > MAX_LENGTH:
+                raise ValueError(
+                    f"speed of up to {self.speed_range[1]!r} m/s asks for a random path of {longest:.6g} m, at most "
+                    f"{MAX_LENGTH:g} m are possible; give a lower speed or a path length"
+                )
+            return
+        if not math.isfinite(self.path_length) or self.path_length <= 0.0:
             raise ValueError(f"path length must be positive and finite, got {self.path_length!r} m")
+        if self.path_length > MAX_LENGTH:
+            raise ValueError(f"path length must be at most {MAX_LENGTH:g} m, got {self.path_length!r} m")
+
+
+def random_length(speed: float) -> float:
+    """Return how long a random path is where nothing is asked for, m: two episodes at the drawn speed (m/s)."""
+    return 2.0 * EPISODE_DURATION * speed
 
 
 def begin(request: ResetRequest, vehicle: Vehicle, cached: Course | None = None) -> tuple[Course, st.StateVector]:
@@ -134,7 +167,7 @@ def begin(request: ResetRequest, vehicle: Vehicle, cached: Course | None = None)
     if request.perturb:
         direction = _perturb(rng, state)
     if request.course == RANDOM_COURSE:
-        length = request.path_length or 2.0 * EPISODE_DURATION * speed
+        length = request.path_length or random_length(speed)
         start = (state[st.X], state[st.Y], state[st.YAW] + direction)
         course = random_course(rng, request.path_ranges, length, start)
     else:

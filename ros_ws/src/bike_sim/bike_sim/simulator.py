@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from bike_sim import ride
 from bike_sim.course.course import Course
+from bike_sim.course.projection import AHEAD, project, window
 from bike_sim.physics import state as st
 from bike_sim.physics.engine import make_engine
 from bike_sim.physics.vehicle import Vehicle
@@ -76,8 +77,8 @@ class Snapshot:
         steer_torque: torque of the steering drive, Nm, positive to the left.
         preview_x: m, base_link. preview_y: m, base_link.
         roll_history: rad, oldest first. steer_history: rad, oldest first.
-        fallen: roll beyond the vehicle's limit. off_course: distance beyond the course's limit.
-        finished: the end of an open course is reached, or a closed course was ridden once.
+        fallen: roll beyond the vehicle's limit, or lying. off_course: distance beyond the course's limit.
+        finished: the end of an open course is reached, or a closed course was ridden once, from where the ride began.
     """
 
     episode: int
@@ -144,6 +145,10 @@ class Simulator:
         self.episode += 1
         self._step = 0
         self._seen = ride.blank_look()
+        if request.initial_state is not None:
+            self._seen[ride.PROGRESS] = course.nearest(*(float(state[k]) for k in (st.X, st.Y, st.YAW)))
+        # The projection on an open course stops at its end.
+        self._end = float(self._seen[ride.PROGRESS]) + course.length if course.closed else course.length - 1e-9
         self._rolls: deque[float] = deque(maxlen=self.config.history)
         self._steers: deque[float] = deque(maxlen=self.config.history)
         return self._look(0.0, 0.0, fresh=True)
@@ -176,6 +181,18 @@ class Simulator:
         error = float(state[st.STEER]) - steering * self.vehicle.max_steer
         return -self.vehicle.P * error - self.vehicle.D * float(state[st.STEER_RATE])
 
+    def _catch_up(self, course: Course, state: FloatArray, seen: FloatArray) -> None:
+        """Search farther than `ride.look` does where the bicycle has moved farther, as in a long control period."""
+        rear = state[[st.X, st.Y]]
+        reach = window(AHEAD, math.dist(rear, self._rear), course.length)
+        if reach > AHEAD:
+            before = seen[ride.PROGRESS]
+            s, _, _ = project(
+                course.x, course.y, course.heading, course.spacing, course.closed, *rear, before, reach, reach
+            )
+            seen[ride.PROGRESS] = s
+            seen[ride.FRONT_PROGRESS] += s - before
+
     def _look(self, steering: float, throttle: float, fresh: bool) -> Snapshot:
         course = self.course
         assert course is not None
@@ -183,6 +200,9 @@ class Simulator:
         preview = self.request.preview
         points = np.empty((2, preview.count))
         seen = self._seen.copy()
+        if not fresh:
+            self._catch_up(course, state, seen)
+        self._rear = state[[st.X, st.Y]]
         ride.look(
             state,
             self.vehicle.parameters,
@@ -204,7 +224,8 @@ class Simulator:
         self._rolls.append(roll)
         self._steers.append(steer)
         progress = seen[ride.PROGRESS]
-        end = course.length if course.closed else course.length - 1e-9
+        # The compiled engine lies, and stays as it is, before its roll could reach a limit beyond its own.
+        lying = getattr(self.engine, "lying", False)
         return Snapshot(
             episode=self.episode,
             step=self._step,
@@ -218,7 +239,7 @@ class Simulator:
             preview_y=points[1],
             roll_history=tuple(self._rolls),
             steer_history=tuple(self._steers),
-            fallen=abs(roll) > self.vehicle.fall_roll,
+            fallen=bool(lying or abs(roll) > self.vehicle.fall_roll),
             off_course=bool(abs(seen[ride.LATERAL_ERROR]) > course.off_course_limit),
-            finished=bool(progress >= end),
+            finished=bool(progress >= self._end),
         )

@@ -27,7 +27,6 @@ LINE, LEFT, RIGHT = range(3)
 
 # Places in the vector of what relates to the centre line.
 PROGRESS, OFFSET, FRONT_PROGRESS, FRONT_OFFSET = range(4)
-PLACE_SIZE = 4
 
 LEAST_SPACING = 0.5
 """Distance of stations at a standstill, m."""

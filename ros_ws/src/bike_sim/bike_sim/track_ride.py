@@ -18,7 +18,7 @@ from bike_sim import ride, track_look
 from bike_sim.course.course import Course
 from bike_sim.course.lap_timing import LapTimer, Sample, Timing, TimingEvent
 from bike_sim.course.placing import EXACT, REACH
-from bike_sim.course.projection import curvature_at, point_at
+from bike_sim.course.projection import curvature_at, point_at, project, window
 from bike_sim.course.track import Track
 from bike_sim.fast_lines import track_with_line
 from bike_sim.lap_limit import lap_limit
@@ -28,7 +28,7 @@ from bike_sim.physics.engine import make_engine
 from bike_sim.physics.envelope import Envelope, envelope
 from bike_sim.physics.superbike import Superbike
 from bike_sim.physics.superbike_engine import TIME_STEP, SuperbikeEngine
-from bike_sim.physics.superbike_statics import steady_lateral
+from bike_sim.physics.superbike_statics import steady_lateral, turning_state
 from bike_sim.physics.vehicle_files import load_vehicle
 from bike_sim.reset import IDEAL, Preview, ResetRequest
 from bike_sim.simulator import Simulator, SimulatorConfig, Snapshot
@@ -191,7 +191,9 @@ class TrackRide:
         self._line: tuple[Track, float, Course, FloatArray] | None = None
 
     def reset(self, request: ResetRequest) -> TrackSnapshot:
-        """Begin an episode on the followed line, leaning as its curvature and the speed ask.
+        """Begin an episode on the followed line, in the steady turn that its curvature and the speed ask for.
+
+        An initial state is looked for on the whole circuit, wherever it lies.
 
         Raises:
             ValueError: a request that cannot be met; the episode before stays as it was.
@@ -199,9 +201,15 @@ class TrackRide:
         """
         track = self._track(request.course)
         line, to_centre = self._follow(track, request.line)
-        progress = request.progress
-        s = start_place(track, line, to_centre, progress)
-        state = self._first_state(request, line, s)
+        s = start_place(track, line, to_centre, request.progress)
+        if request.initial_state is None:
+            state = self._first_state(request, line, s)
+            place = np.array([request.progress, 0.0, request.progress + self.vehicle.w, 0.0])
+        else:
+            state = np.array(request.initial_state, dtype=np.float64)
+            s = line.nearest(state[st.X], state[st.Y], state[st.YAW], s)
+            place = self._look_up(track.centre, state, request.progress)
+        self._set_grips(track, place)
         self.engine.reset(state)
         self.track, self.course, self.request = track, line, request
         self._to_centre = to_centre
@@ -210,7 +218,7 @@ class TrackRide:
         self._seen = ride.blank_look()
         self._seen[ride.PROGRESS] = s
         self._seen[ride.FRONT_PROGRESS] = s + self.vehicle.w
-        self._place = np.array([progress, 0.0, progress + self.vehicle.w, 0.0])
+        self._place, self._begin, self._rear = place, s, state[[st.X, st.Y]]
         self._timer = LapTimer(track)
         self._wall: WallHit | None = None
         self.episode += 1
@@ -235,8 +243,8 @@ class TrackRide:
         if not -1.0 <= steering <= 1.0 or not -1.0 <= throttle <= 1.0:
             raise ValueError(f"commands must lie in [-1, 1], got steering {steering!r} and throttle {throttle!r}")
         if self._wall is None:
-            front, rear = (self._grip(at) for at in (track_look.FRONT_PROGRESS, track_look.PROGRESS))
-            self.engine.front_grip, self.engine.rear_grip = front, rear
+            assert self.track is not None
+            self._set_grips(self.track, self._place)
             self.engine.advance_commands(steering, throttle, self.config.substeps)
         self._step += 1
         return self._look(steering, throttle)
@@ -264,19 +272,28 @@ class TrackRide:
         return self._line[2:]
 
     def _first_state(self, request: ResetRequest, line: Course, s: float) -> st.StateVector:
-        if request.initial_state is not None:
-            return np.array(request.initial_state, dtype=np.float64)
         rng = np.random.default_rng(request.seed)
         speed = float(rng.uniform(*request.speed_range))
-        state = st.upright_state(speed, self.vehicle.rF)
         x, y, along, across = point_at(line.x, line.y, line.heading, line.spacing, True, s)
-        state[[st.X, st.Y, st.YAW]] = x, y, math.atan2(across, along)
+        yaw = math.atan2(across, along)
         bend = curvature_at(line.curvature, line.spacing, True, s)
-        state[st.ROLL] = -math.copysign(self._lean(abs(bend) * speed**2, speed, s), bend)
+        roll = -math.copysign(self._lean(abs(bend) * speed**2, speed, s), bend)
         if request.perturb:
-            state[st.ROLL] += rng.uniform(-0.05, 0.05)
-            state[st.YAW] += rng.uniform(-0.02, 0.02)
+            roll += rng.uniform(-0.05, 0.05)
+            yaw += rng.uniform(-0.02, 0.02)
+        state = turning_state(self.vehicle, speed, roll, speed * bend)
+        state[[st.X, st.Y, st.YAW]] = x, y, yaw
         return state
+
+    def _look_up(self, centre: Course, state: st.StateVector, asked: float) -> FloatArray:
+        """Return progress and offset of both contact points of a state that may lie anywhere, as if upright, m."""
+        x, y, yaw = (float(state[k]) for k in (st.X, st.Y, st.YAW))
+        near = centre.nearest(x, y, yaw, asked)
+        place: list[float] = []
+        for ahead in (0.0, self.vehicle.w):
+            px, py, at = x + ahead * math.cos(yaw), y + ahead * math.sin(yaw), near + ahead
+            place += project(centre.x, centre.y, centre.heading, centre.spacing, True, px, py, at, REACH, REACH)[:2]
+        return np.array(place)
 
     def _lean(self, lateral: float, speed: float, s: float) -> float:
         """Return the lean at which a lateral acceleration is steady, rad."""
@@ -290,11 +307,12 @@ class TrackRide:
 
     # --------------------------------------------------------------------------------------------------------- looking
 
-    def _grip(self, contact: int) -> float:
-        """Return the factor on friction under a contact point."""
-        assert self.track is not None
-        outside = self.track.outside(self._place[contact], self._place[contact + 1])
-        return OFF_TRACK_GRIP if outside > 0.0 else 1.0
+    def _set_grips(self, track: Track, place: FloatArray) -> None:
+        """Give the engine the factors on friction under both contact points."""
+        self.engine.rear_grip, self.engine.front_grip = (
+            OFF_TRACK_GRIP if track.outside(place[contact], place[contact + 1]) > 0.0 else 1.0
+            for contact in (track_look.PROGRESS, track_look.FRONT_PROGRESS)
+        )
 
     def _meet_wall(self, state: st.StateVector, telemetry: FloatArray) -> None:
         """Note the wall if a contact point has reached one."""
@@ -311,14 +329,15 @@ class TrackRide:
             self._wall = WallHit(speed, angle, 0.5 * self.vehicle.mass * speed**2)
             return
 
-    def _look(self, steering: float, throttle: float) -> TrackSnapshot:
+    def _place_on_lines(self, state: st.StateVector, telemetry: FloatArray) -> FloatArray:
+        """Find the machine on the followed line and the centre line, and return the course points."""
         track, line = self.track, self.course
         assert track is not None
         assert line is not None
-        state, telemetry = self.engine.state(), self.engine.telemetry()
         centre = track.centre
         seen, place, points = self._seen.copy(), self._place.copy(), np.empty((3, track_look.STATIONS, 3))
         stopped = self._wall is not None
+        rear = state[[st.X, st.Y]]
         track_look.look(
             state,
             0.0 if stopped else float(telemetry[sf.T_SPEED]),
@@ -332,14 +351,24 @@ class TrackRide:
             centre.spacing,
             self._limits,
             PREVIEW.interval,
-            REACH,
+            window(REACH, math.dist(rear, self._rear), centre.length),
             seen,
             place,
             points,
         )
-        if self._step == 0 and abs(place[track_look.PROGRESS] - self._place[track_look.PROGRESS]) < EXACT:
-            place[track_look.PROGRESS] = self._place[track_look.PROGRESS]  # a start on the line is one
-        self._seen, self._place = seen, place
+        if self._step == 0 and abs(place[track_look.PROGRESS] - self.request.progress) < EXACT:
+            place[track_look.PROGRESS] = self.request.progress  # a start on the line is one
+        self._seen, self._place, self._rear = seen, place, rear
+        return points
+
+    def _look(self, steering: float, throttle: float) -> TrackSnapshot:
+        track, line = self.track, self.course
+        assert track is not None
+        assert line is not None
+        state, telemetry = self.engine.state(), self.engine.telemetry()
+        points = self._place_on_lines(state, telemetry)
+        seen, place = self._seen, self._place
+        stopped = self._wall is not None
         time = self._step * self.config.control_period
         timing = tuple(self._timer.feed(Sample(time, *(float(value) for value in place))))
         if not stopped and self.engine.fall == sf.NO_FALL:
@@ -365,7 +394,7 @@ class TrackRide:
             steer_history=tuple(self._steers),
             fallen=fall != "none",
             off_course=outside > 0.0,
-            finished=bool(seen[ride.PROGRESS] >= line.length),
+            finished=bool(seen[ride.PROGRESS] >= self._begin + line.length),
             telemetry=telemetry,
             place=place,
             outside=outside,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import stat
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import yaml
 
 from bike_sim.course.csv_line import CourseFileError
+from bike_sim.unique_keys import UniqueKeys
 
 MAX_LENGTH = 100e3
 """Longest course, m. A longer one is a mistake of units, and would fill the memory with samples."""
@@ -26,7 +28,10 @@ def read_text(path: Path) -> str:
         CourseFileError: it cannot be read as text.
     """
     try:
-        if path.stat().st_size > MAX_FILE_SIZE:
+        status = path.stat()
+        if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):
+            raise CourseFileError("is no file but a pipe or a device, which might never end")
+        if status.st_size > MAX_FILE_SIZE:
             raise CourseFileError(f"is larger than {MAX_FILE_SIZE // 1_000_000} MB, which no course is")
         data = path.read_bytes()
     except FileNotFoundError:
@@ -62,17 +67,8 @@ def parse_yaml(text: str, keys: tuple[str, ...]) -> Mapping[str, Any]:
     return document
 
 
-class _UniqueKeyLoader(yaml.BaseLoader):
-    """Base loader that refuses a key given twice, of which YAML would silently drop the first."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        seen: set[str] = set()
-        for key, _ in node.value:
-            if isinstance(key, yaml.ScalarNode):
-                if key.value in seen:
-                    raise yaml.MarkedYAMLError(problem=f"key {key.value!r} is given twice", problem_mark=key.start_mark)
-                seen.add(key.value)
-        return super().construct_mapping(node, deep)
+class _UniqueKeyLoader(UniqueKeys, yaml.BaseLoader):
+    """Base loader that refuses a key given twice."""
 
 
 def values_of(value: Any, where: str, keys: tuple[str, ...]) -> list[Any]:

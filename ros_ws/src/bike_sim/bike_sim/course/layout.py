@@ -22,6 +22,9 @@ RADIUS_ACCURACY = 0.10
 STRAIGHT_ACCURACY = (5.0, 0.02)
 """How well the length of a straight is known: m, and relative to its length."""
 
+LEAST_LENGTH = 0.1
+"""Shortest piece of a table, m: the distance of samples, and far below the accuracy of any length."""
+
 MAX_CHANGE = 4.0
 """A table that would have to change by more than this many accuracies to close describes another shape."""
 
@@ -169,6 +172,9 @@ def close_layout(pieces: Sequence[Piece], length: float, transition: float) -> t
     Raises:
         ValueError: the pieces cannot be closed without changing them beyond recognition.
     """
+    for number, piece in enumerate(pieces, start=1):
+        if piece.length < LEAST_LENGTH:
+            raise ValueError(f"element {number} is {piece.length:g} m long, at least {LEAST_LENGTH} m are needed")
     if sum(piece.angle != 0.0 for piece in pieces) < 2:
         raise ValueError("a closed layout needs at least two arcs")
     total = sum(piece.angle for piece in pieces)

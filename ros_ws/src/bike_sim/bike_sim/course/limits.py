@@ -17,6 +17,10 @@ FloatArray = NDArray[np.float64]
 _STATION = 2.0
 # How far along the road two points may be for one to count as the other's neighbour, beside what their offset asks.
 _NEIGHBOURHOOD = 30.0
+# Roads whose directions differ by less than this (rad) lie on each other where they meet, and by more they cross.
+_SAME_WAY = math.radians(20.0)
+# How far aside another part of the road is looked for, m, where the road is wider than twice that.
+_BESIDE = 10.0
 # A limit or wall stays this far (as a fraction of the radius) from the centre of a curve.
 _RADIUS_SHARE = 0.9
 # What is wide behind a corner begins this long before it and ends after it, m: where a straight line would lead.
@@ -48,7 +52,7 @@ def check_limits(centre: Course) -> None:
 
     Raises:
         ValueError: a limit lies beyond the centre of a curve, so that it would run backwards, or the road runs into
-            another part of itself. A crossing of the centre line itself counts as a bridge.
+            another part of itself or lies on it. A crossing of the centre line itself counts as a bridge.
     """
     assert centre.width_left is not None
     assert centre.width_right is not None
@@ -68,6 +72,7 @@ def check_limits(centre: Course) -> None:
     left = _offset_points(centre, rows, centre.width_left[rows])
     right = _offset_points(centre, rows, -centre.width_right[rows])
     middle = _offset_points(centre, rows, np.zeros(len(rows)))
+    _check_once(centre, rows, middle)
     bridges = _crossings(middle, middle)
     for a, b in ((left, right), (left, left), (right, right)):
         for i, j in _crossings(a, b):
@@ -76,6 +81,34 @@ def check_limits(centre: Course) -> None:
                     f"the limits cross: the road at {centre.s[rows[i]]:.0f} m runs into the road at "
                     f"{centre.s[rows[j]]:.0f} m; are the widths too large?"
                 )
+
+
+def _check_once(centre: Course, rows: NDArray[np.int64], middle: FloatArray) -> None:
+    """Refuse a road that lies on another part of itself, led the same way, as in a file of two laps.
+
+    Raises:
+        ValueError: naming the two places.
+    """
+    assert centre.width_left is not None
+    assert centre.width_right is not None
+    half = 0.5 * (centre.width_left + centre.width_right)[rows]
+    s, heading = centre.s[rows], centre.heading[rows]
+    step = float(np.diff(s, append=centre.length).max())
+    pairs = cKDTree(middle).query_pairs(math.hypot(min(float(half.max()), _BESIDE), step), output_type="ndarray")
+    i, j = pairs.T
+    along = np.abs(s[i] - s[j])
+    along = np.minimum(along, centre.length - along)
+    between = middle[j] - middle[i]
+    aside = np.abs(between[:, 1] * np.cos(heading[i]) - between[:, 0] * np.sin(heading[i]))
+    same_way = np.cos(heading[i] - heading[j]) > math.cos(_SAME_WAY)
+    far = along > min(_NEIGHBOURHOOD, 0.25 * centre.length)
+    found = np.flatnonzero(far & same_way & (aside < np.minimum(half[i], half[j])))
+    if len(found):
+        first = found[np.argmin(s[i[found]])]
+        raise ValueError(
+            f"the road at {s[i[first]]:.0f} m lies on the road at {s[j[first]]:.0f} m; does the file hold more than "
+            "one lap?"
+        )
 
 
 def wall_distances(centre: Course, run_off: RunOff) -> tuple[FloatArray, FloatArray]:

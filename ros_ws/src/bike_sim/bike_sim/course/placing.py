@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bike_sim.course.lap_timing import Sample
-from bike_sim.course.projection import project
+from bike_sim.course.projection import project, window
 from bike_sim.course.track import Track
 
 FloatArray = NDArray[np.float64]
 
 REACH = 4.0
 """The nearest point is searched this far both ways, m: over two control steps at top speed, less than to a road that
-runs beside."""
+runs beside. Where a point moves farther in a step, the search follows it (`projection.window`)."""
 
 EXACT = 0.05
 """A start this close to where it was asked for is there, m: the way from the centre line to the followed line and back
@@ -38,8 +39,9 @@ def samples_of(
     centre = track.centre
     near, front_near = begin, front_begin
     for k in range(len(time)):
+        reach = window(REACH, math.dist(rear[k], rear[max(k - 1, 0)]), centre.length)
         found = [
-            project(centre.x, centre.y, centre.heading, centre.spacing, True, float(x), float(y), s, REACH, REACH)
+            project(centre.x, centre.y, centre.heading, centre.spacing, True, float(x), float(y), s, reach, reach)
             for (x, y), s in ((rear[k], near), (front[k], front_near))
         ]
         (near, offset, _), (front_near, front_offset, _) = found

@@ -17,8 +17,12 @@ AHEAD = 3.0
 """How far ahead of the last nearest point the search looks, m.
 
 The window is what keeps the projection continuous: at a crossing the other branch is nearer in the plane but farther
-along the line. It is long enough for the step of a control period at 30 m/s and for cutting a sharp corner.
+along the line. It is long enough for the step of a control period at 30 m/s and for cutting a sharp corner;
+:func:`window` makes it longer where a point moves farther from one look to the next.
 """
+MOVED_SHARE = 1.5
+"""The window is at least this many times as long as the way that the point has moved: more than it gains on the line
+by cutting a corner."""
 
 
 @njit(cache=True)
@@ -78,6 +82,19 @@ def curvature_at(curvature: ndarray, spacing: float, closed: bool, s: float) -> 
     """Return the curvature (1/m) of the sample nearest below an arc length, so that steps stay steps."""
     i, u = locate(s, spacing, len(curvature), closed)
     return curvature[i + 1] if u >= 1.0 else curvature[i]
+
+
+@njit(cache=True)
+def window(least: float, moved: float, length: float) -> float:
+    """Return how far to search for the nearest point, m.
+
+    Args:
+        least: shortest window, m.
+        moved: how far the point has moved since it was looked for last, m.
+        length: of the line, m: all that can be searched.
+    """
+    wanted = MOVED_SHARE * moved
+    return min(wanted, length) if wanted > least else least
 
 
 @njit(cache=True)

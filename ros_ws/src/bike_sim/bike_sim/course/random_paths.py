@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from bike_sim.course.course import OFF_COURSE_LIMIT, SAMPLE_SPACING, Course
+from bike_sim.course.document import MAX_LENGTH
 from bike_sim.course.elements import Arc, Element, Line, Quintic
 
 LINE_LENGTH = (5.0, 15.0)
@@ -36,11 +37,13 @@ class PathRanges:
     quintic_width_max: float
 
     def __post_init__(self) -> None:
-        """Refuse empty, negative or non-finite intervals."""
+        """Refuse empty, negative or non-finite intervals, and elements longer than any course."""
         for spec in fields(self):
             value = getattr(self, spec.name)
             if not math.isfinite(value) or value <= 0.0:
                 raise ValueError(f"path range {spec.name} must be positive and finite, got {value!r}")
+            if value > MAX_LENGTH:
+                raise ValueError(f"path range {spec.name} must be at most {MAX_LENGTH:g} m, got {value!r}")
         for name in ("radius", "quintic_length", "quintic_width"):
             low, high = getattr(self, f"{name}_min"), getattr(self, f"{name}_max")
             if low > high:
@@ -104,7 +107,12 @@ def random_course(
         length: the path is at least this long, m.
         start: x, y, heading of its beginning (m, m, rad).
         off_course_limit: m.
+
+    Raises:
+        ValueError: a length that is not positive, or beyond MAX_LENGTH.
     """
+    if not 0.0 < length <= MAX_LENGTH:
+        raise ValueError(f"length of a random path must be above 0 and at most {MAX_LENGTH:g} m, got {length!r} m")
     elements = random_elements(rng, ranges, length)
     return Course.from_elements(
         "random", elements, start=start, off_course_limit=off_course_limit, spacing=SAMPLE_SPACING

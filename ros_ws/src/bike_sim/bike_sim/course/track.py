@@ -193,11 +193,8 @@ class Track:
             raise ValueError(f"circuit {self.name!r} has no ideal line yet; bike_sim.course.racing_line computes it")
         return self._beside(lam * self.ideal, f"{self.name} ({'ideal' if lam == 1.0 else f'lambda {lam:g}'})")
 
-    def offset_line(self, offset: FloatArray, name: str) -> Course:
-        """Return a course at an offset (m, at the samples) from the centre line, with the same limits."""
-        return self._beside(offset, name)
-
     def _beside(self, offset: FloatArray, name: str) -> Course:
+        """Return a course at an offset (m, at the samples) from the centre line, with the same limits."""
         count = max(16, round(self.length / LINE_SPACING))
         # On samples of the centre line: between them positions are linear, which would show as curvature.
         rows = np.round(np.linspace(0.0, len(self.centre.s) - 1, count + 1))

@@ -17,7 +17,6 @@ FloatArray = NDArray[np.float64]
 _INK = "#222222"
 _ROAD = "#dcdcdc"
 _WALL = "#9a9a9a"
-_MEDIAN = "#3465a4"
 _IDEAL = "#c0392b"
 _STRIDE = 10
 

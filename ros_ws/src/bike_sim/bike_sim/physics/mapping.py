@@ -265,7 +265,7 @@ def checked_state(state: StateVector) -> StateVector:
     """Return the state as a float64 vector.
 
     Raises:
-        ValueError: it is not ten finite numbers.
+        ValueError: it is not ten finite numbers, or its roll is not below 90 deg: the angles would not say one state.
     """
     vector = np.asarray(state, dtype=np.float64)
     if vector.shape != (st.STATE_SIZE,):
@@ -273,6 +273,10 @@ def checked_state(state: StateVector) -> StateVector:
     if not np.isfinite(vector).all():
         name = st.STATE_NAMES[int(np.argmin(np.isfinite(vector)))]
         raise ValueError(f"state is not finite: {name} = {vector[st.STATE_NAMES.index(name)]}")
+    if abs(vector[st.ROLL]) >= 0.5 * math.pi:
+        raise ValueError(
+            f"roll {math.degrees(vector[st.ROLL]):.6g} deg: a state has a roll below 90 deg to either side"
+        )
     return vector
 
 

@@ -23,6 +23,8 @@ from bike_sim.physics.vehicle import FORMAT, Vehicle, VehicleError, require_fini
 FloatArray = NDArray[np.float64]
 
 GRAVITY: Final = 9.81
+HIGHEST_SPEED: Final = 200.0
+"""Largest road speed at the limiter, m/s: limits are tabulated up to it, and a larger one is a mistake of units."""
 TORQUE_SAMPLES: Final = 256
 """Samples of the table of wheel torque over wheel speed that compiled code interpolates."""
 _SHIFT_FLOOR: Final = 0.3
@@ -347,6 +349,8 @@ class Superbike(Vehicle):
             self._check_order("electronics", self.electronics, (f"{aid}_on", f"{aid}_off"))
         for aid in ("wheelie_load", "stoppie_load"):
             self._check_order("electronics", self.electronics, (f"{aid}_off", f"{aid}_on"))
+        if self.motor.top_gear_speed > HIGHEST_SPEED:
+            self._refuse(f"motor.top_gear_speed = {self.motor.top_gear_speed} must be at most {HIGHEST_SPEED:g} m/s")
         if self.motor.gears < 2 or self.motor.gears != int(self.motor.gears):
             self._refuse(f"motor.gears = {self.motor.gears} must be a whole number of at least 2")
         if not self.virtual_rider.max_lean_deg < math.degrees(self.fall_roll):
@@ -499,37 +503,10 @@ def superbike_from_document(document: Any, origin: str) -> Superbike:
     front_tyre, rear_tyre = (_section(top[name], Tyre, where, name) for name in ("front_tyre", "rear_tyre"))
     require_finite(origin, "control_period_s", top["control_period_s"])
     frame = _frame(geometry, bodies, where)
-    rider: Rider = sections["rider"]
-    rear = _join(frame, rider)
     return Superbike(
         name=str(top["name"]),
         description=str(top["description"]),
-        w=geometry["wheelbase"],
-        c=geometry["trail"],
-        lam=math.radians(geometry["caster_deg"]),
-        g=GRAVITY,
-        rR=geometry["rear_radius"],
-        mR=bodies["rear_wheel_mass"],
-        IRxx=bodies["rear_wheel_diameter"],
-        IRyy=bodies["rear_wheel_spin"],
-        xB=rear.x,
-        zB=-rear.height,
-        mB=rear.mass,
-        IBxx=rear.Ixx,
-        IBxz=-rear.Ixz,
-        IByy=rear.Iyy,
-        IBzz=rear.Izz,
-        xH=bodies["fork_x"],
-        zH=-bodies["fork_height"],
-        mH=bodies["fork_mass"],
-        IHxx=bodies["fork_Ixx"],
-        IHxz=-bodies["fork_Ixz"],
-        IHyy=bodies["fork_Iyy"],
-        IHzz=bodies["fork_Izz"],
-        rF=geometry["front_radius"],
-        mF=bodies["front_wheel_mass"],
-        IFxx=bodies["front_wheel_diameter"],
-        IFyy=bodies["front_wheel_spin"],
+        **_four_bodies(geometry, bodies, _join(frame, sections["rider"])),
         P=0.0,
         D=sections["steering"].damper_slow,
         max_steer=math.radians(sections["steering"].stop_deg),
@@ -540,6 +517,38 @@ def superbike_from_document(document: Any, origin: str) -> Superbike:
         rear_tyre=rear_tyre,
         **sections,
     )
+
+
+def _four_bodies(geometry: dict[str, float], bodies: dict[str, float], rear: Frame) -> dict[str, Any]:
+    """Return the inherited numbers, z down, of the machine whose rear body is frame and rider together."""
+    return {
+        "w": geometry["wheelbase"],
+        "c": geometry["trail"],
+        "lam": math.radians(geometry["caster_deg"]),
+        "g": GRAVITY,
+        "rR": geometry["rear_radius"],
+        "mR": bodies["rear_wheel_mass"],
+        "IRxx": bodies["rear_wheel_diameter"],
+        "IRyy": bodies["rear_wheel_spin"],
+        "xB": rear.x,
+        "zB": -rear.height,
+        "mB": rear.mass,
+        "IBxx": rear.Ixx,
+        "IBxz": -rear.Ixz,
+        "IByy": rear.Iyy,
+        "IBzz": rear.Izz,
+        "xH": bodies["fork_x"],
+        "zH": -bodies["fork_height"],
+        "mH": bodies["fork_mass"],
+        "IHxx": bodies["fork_Ixx"],
+        "IHxz": -bodies["fork_Ixz"],
+        "IHyy": bodies["fork_Iyy"],
+        "IHzz": bodies["fork_Izz"],
+        "rF": geometry["front_radius"],
+        "mF": bodies["front_wheel_mass"],
+        "IFxx": bodies["front_wheel_diameter"],
+        "IFyy": bodies["front_wheel_spin"],
+    }
 
 
 def _frame(geometry: dict[str, float], bodies: dict[str, float], where: str) -> Frame:

@@ -131,6 +131,12 @@ class SuperbikeEngine:
                 f"no configuration with both wheels on the ground at roll {math.degrees(roll):.1f} deg and "
                 f"steer {math.degrees(steer):.1f} deg of vehicle '{vehicle.name}'"
             )
+        yaw_rate, _, pitch_rate = kinematics.rates(state, vehicle.parameters)
+        if not (math.isfinite(yaw_rate) and math.isfinite(pitch_rate)):
+            raise ValueError(
+                f"no rolling motion at roll {math.degrees(roll):.1f} deg and steer {math.degrees(steer):.1f} deg of "
+                f"vehicle '{vehicle.name}'"
+            )
         lean = mapping.multiply(
             mapping.axis_angle(np.array([0.0, 0.0, 1.0]), state[st.YAW]),
             mapping.axis_angle(np.array([1.0, 0.0, 0.0]), roll),
@@ -140,7 +146,6 @@ class SuperbikeEngine:
         # Where the rear contact comes to lie with the frame at the origin says where the frame must be
         x, y, *_ = sf.read_state((0.0, 0.0, height), tuple(orientation), (0.0, 0.0, 0.0), machine, geometry, tyre)
         position = np.array([state[st.X] - x, state[st.Y] - y, height])
-        yaw_rate, _, pitch_rate = kinematics.rates(state, vehicle.parameters)
         heading = np.array([math.cos(state[st.YAW]), math.sin(state[st.YAW]), 0.0])
         omega = state[st.ROLL_RATE] * heading + pitch_rate * mapping.rotate(frame, np.array([0.0, 1.0, 0.0]))
         omega[2] += yaw_rate

@@ -94,7 +94,6 @@ _THROW_RATE: Final = 1.0  # rad/s of roll at which the electronics keep the fron
 _ASKS: Final = 0.01  # part of full throttle or full brake below which an aid has nothing to hold back
 _LIGHT: Final = 0.5  # part of the standing machine's front load below which the wheel feels light
 _LIGHTEST_HAND: Final = 0.25  # part of the gains left when the front wheel is in the air
-_LEAST_SPEED: Final = 0.5  # m/s below which slips are no longer told as ratios
 _SLIDING: Final = 1.15  # times the peak slip from which a tyre counts as sliding
 _SLIDE_LEAN_MIN: Final = 0.15  # rad; upright a slide has no side
 _SLIDE_MEMORY: Final = 1.5  # s a slide explains a fall

@@ -12,6 +12,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from bike_sim.physics import kinematics
+from bike_sim.physics import state as st
 from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics.superbike import Superbike, Tyre
 
@@ -57,6 +59,30 @@ def steady_lateral(vehicle: Superbike, lean: float, speed: float) -> float:
     for _ in range(20):
         a = gravity / (linear - quadratic * a)
     return a
+
+
+def turning_state(vehicle: Superbike, speed: float, roll: float, yaw_rate: float) -> st.StateVector:
+    """Return the minimal state at the origin in which a machine rolls through a turn at a given lean.
+
+    The front wheel turns on its crown, which is nearer to the axle the more it leans, and it is steered so that both
+    wheels roll without slip. In a steady turn the tyres ask for a little more steer: 0.1 deg more at 20 deg of lean,
+    0.2 to 0.6 deg at 55 deg.
+
+    Args:
+        vehicle: the machine.
+        speed: of the rear contact point, m/s.
+        roll: rad, positive to the right.
+        yaw_rate: rad/s, positive to the left; more than the steering stop allows gives the stop.
+    """
+    state = st.upright_state(speed, vehicle.rF - vehicle.front_tyre.crown * (1.0 - math.cos(roll)))
+    state[st.ROLL] = roll
+    if yaw_rate != 0.0:
+        low, high = 0.0, math.copysign(vehicle.max_steer, yaw_rate)
+        for _ in range(50):
+            state[st.STEER] = 0.5 * (low + high)
+            slower = abs(kinematics.yaw_rate(state, vehicle.parameters)) < abs(yaw_rate)
+            low, high = (state[st.STEER], high) if slower else (low, state[st.STEER])
+    return state
 
 
 def _spread(vehicle: Superbike, height: float) -> float:

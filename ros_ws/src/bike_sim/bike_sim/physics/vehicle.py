@@ -241,5 +241,9 @@ def require_keys(mapping: Any, keys: tuple[str, ...], where: str) -> dict[str, A
 
 def require_finite(origin: str, key: str, value: Any) -> None:
     """Raise unless the value is a finite real number (YAML reads ``1e3`` as text: it wants ``1.0e+3``)."""
-    if isinstance(value, bool) or not isinstance(value, int | float | np.floating) or not math.isfinite(value):
+    try:
+        finite = isinstance(value, int | float | np.floating) and math.isfinite(value)
+    except OverflowError:
+        raise VehicleError(f"vehicle '{origin}': {key} is a whole number beyond all floating-point numbers") from None
+    if isinstance(value, bool) or not finite:
         raise VehicleError(f"vehicle '{origin}': {key} = {value!r} is not a finite number")

@@ -10,6 +10,7 @@ import yaml
 
 from bike_sim.physics.superbike import superbike_from_document
 from bike_sim.physics.vehicle import Vehicle, VehicleError, bicycle_from_document
+from bike_sim.unique_keys import UniqueKeys
 
 SHIPPED: Final = resources.files("bike_sim") / "config" / "vehicles"
 """Folder of the vehicles that come with the package."""
@@ -36,17 +37,32 @@ def load_vehicle(name_or_path: str | Path) -> Vehicle:
         path = Path(name_or_path)
         if not path.is_file():
             raise FileNotFoundError(f"vehicle file '{path}' does not exist")
-        content = path.read_text(encoding="utf-8")
+        content = _read(path)
     elif text in shipped_vehicles():
         content = (SHIPPED / f"{text}.yaml").read_text(encoding="utf-8")
     else:
         known = ", ".join(shipped_vehicles())
         raise FileNotFoundError(f"no vehicle '{text}'; shipped are: {known}; a file of your own must end in .yaml")
     try:
-        document = yaml.safe_load(content)
-    except yaml.YAMLError as error:
+        document = yaml.load(content, Loader=_UniqueKeyLoader)
+    except (yaml.YAMLError, ValueError) as error:  # a date or a number that cannot be is a ValueError
         raise VehicleError(f"vehicle '{text}' is not valid YAML: {' '.join(str(error).split())}") from None
+    except RecursionError:
+        raise VehicleError(f"vehicle '{text}' is nested too deeply") from None
     return vehicle_from_document(document, text)
+
+
+class _UniqueKeyLoader(UniqueKeys, yaml.SafeLoader):
+    """Safe loader that refuses a key given twice."""
+
+
+def _read(path: Path) -> str:
+    """Return the text of a file."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        wrong = error.object[error.start]
+        raise VehicleError(f"vehicle '{path}' is not a UTF-8 text file (byte {error.start} is {wrong:#04x})") from None
 
 
 def vehicle_from_document(document: Any, origin: str) -> Vehicle:
