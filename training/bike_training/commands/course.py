@@ -11,6 +11,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from bike_analysis.numbers import lap_text
 from bike_sim.course.track import Track
 from bike_sim.course.track_drawing import track_figure
 from bike_sim.course.track_files import load_track, shipped_tracks
@@ -108,9 +109,8 @@ def _table(track: Track, figures: dict[str, Any]) -> Table:
 
 
 def _draw(track: Track, ideal: LapLimit, path: Path) -> None:
-    minutes, seconds = divmod(ideal.lap_time, 60.0)
     title = (
         f"{track.name}: {track.length:.0f} m, {track.direction}, {len(track.corners)} corners; "
-        f"{ideal.machine}: {int(minutes)}:{seconds:05.2f}"
+        f"{ideal.machine}: {lap_text(ideal.lap_time)}"
     )
     track_figure(track, (track.line(1.0), ideal.s, ideal.speed), title).savefig(path, dpi=100)

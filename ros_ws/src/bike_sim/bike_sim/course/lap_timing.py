@@ -283,7 +283,7 @@ class LapTimer:
             self._lap.mean_distance(self._track.ideal is not None),
         )
         self._laps.append(lap)
-        minutes, seconds = divmod(lap.duration, 60.0)
+        minutes, seconds = divmod(round(lap.duration, 3), 60.0)  # rounded first: never 60.000 s
         text = f"lap {lap.number} in {int(minutes)}:{seconds:06.3f}"
         if not lap.valid:
             text += f", invalid: {lap.off_track:.2f} s outside the limits"
