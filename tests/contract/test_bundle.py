@@ -105,6 +105,15 @@ def test_command_stays_in_range_and_mirrors(action, max_steer):
         assert command * 1.2 == pytest.approx(action * max_steer)
 
 
+def test_many_actions_become_the_commands_that_each_of_them_would():
+    actions = np.random.default_rng(0).uniform(-1.0, 1.0, 1000).astype("f4")
+    for max_steer in (0.3, math.radians(70.0), 2.0):
+        scale = ActionScale(max_steer)
+        single = [scale.to_command(float(action), math.radians(70.0)) for action in actions]
+        np.testing.assert_array_equal(scale.to_commands(actions, math.radians(70.0)), single)
+    np.testing.assert_array_equal(ActionScale(math.radians(70.0)).to_commands(actions, math.radians(70.0)), actions)
+
+
 @pytest.mark.parametrize("name", shipped_policies())
 def test_shipped_policies_load(name):
     bundle = load_bundle(name)

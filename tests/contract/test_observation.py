@@ -99,7 +99,13 @@ def test_preview_is_picked_from_a_finer_one():
 
 @pytest.mark.parametrize(
     ("by_time", "interval", "count", "message"),
-    [(False, 0.1, 25, "by time"), (True, 0.3, 25, "multiple"), (True, 0.1, 16, "17 preview points")],
+    [
+        (False, 0.1, 25, "by time"),
+        (True, 0.3, 25, "multiple"),
+        (True, 0.1, 16, "17 preview points"),
+        (True, 0.0, 25, "positive"),
+        (True, math.nan, 25, "positive"),
+    ],
 )
 def test_preview_that_does_not_serve_is_refused(by_time, interval, count, message):
     with pytest.raises(ValueError, match=message):
@@ -111,3 +117,4 @@ def test_bounds_hold_angles():
     assert layout.high[layout.features.index("roll")] == pytest.approx(2.0 * math.pi)
     assert layout.high[layout.features.index("yaw_cos")] == pytest.approx(2.0)
     assert math.isinf(layout.high[0])
+    assert math.isinf(layout.high[layout.features.index("steer")])

@@ -1,5 +1,6 @@
 """The `bike` command from outside."""
 
+import argparse
 import json
 
 import numpy as np
@@ -9,7 +10,11 @@ from bike_policy.action import ActionScale
 from bike_policy.actor import Actor
 from bike_policy.bundle import Bundle
 from bike_policy.observation import LEAN_LAYOUT
+from bike_sim.simulator import Simulator
 from bike_training.cli import COMMANDS, main
+from bike_training.commands import export, train
+from bike_training.node_process import NodeLost
+from bike_training.presets import PRESETS
 
 
 @pytest.fixture
@@ -49,6 +54,27 @@ def test_help_of_every_command_shows_how_to_use_it(command, capsys):
         (["train", "whipple", "--out", "{tmp}", "--resume"], "no run to resume"),
         (["train", "whipple", "--out", "{tmp}", "--set", "gama=0.9"], "gama"),
         (["train", "whipple", "--out", "{tmp}", "--set", "gamma=high"], "high"),
+        (["train", "whipple", "--out", "{tmp}", "--set", "task=foo"], "task='foo'"),
+        (["train", "whipple", "--out", "{tmp}", "--set", "learner=foo"], "learner='foo'"),
+        (["train", "whipple", "--out", "{tmp}", "--set", "reward=foo"], "'foo'"),
+        (["train", "whipple", "--out", "{tmp}", "--set", "environments=0"], "environments=0"),
+        (["train", "whipple", "--out", "{tmp}", "--set", "gamma=nan"], "gamma=nan"),
+        (["train", "whipple", "--out", "{tmp}", "--set", "averaging=2"], "averaging=2.0"),
+        (["train", "whipple", "--out", "{tmp}", "--set", "averaging=1"], "averaging=1.0"),
+        (["train", "whipple", "--out", "{tmp}", "--set", "batch_size=0"], "batch_size=0"),
+        (["train", "whipple", "--out", "{tmp}", "--set", "updates=0"], "updates=0"),
+        (["train", "whipple", "--out", "{tmp}", "--set", "layers=64,0"], "layers=(64, 0)"),
+        (["train", "whipple", "--out", "{tmp}", "--set", "max_steer=inf"], "max_steer=inf"),
+        (["train", "whipple", "--out", "{tmp}", "--steps", "-5"], "steps=-5"),
+        (["train", "whipple", "--out", "{tmp}", "--seed", "-1"], "seed must be 0 to 4294967295, got -1"),
+        (["train", "whipple", "--out", "{tmp}", "--checkpoint-every", "0"], "checkpoint_every"),
+        (["train", "whipple", "--out", "{tmp}", "--record-every", "-1"], "record_every"),
+        (["train", "whipple", "--out", "{tmp}", "--engine", "pybullet", "--simulators", "0"], "--simulators"),
+        (["train", "whipple", "--out", "{tmp}", "--simulators", "4"], "--simulators 4 is for simulators"),
+        (["train", "whipple", "--out", "{tmp}", "--time-step", "0.001"], "--time-step 0.001 is for simulators"),
+        (["train", "whipple", "--out", "{tmp}", "--engine", "pybullet", "--time-step", "nan"], "time_step"),
+        (["train", "whipple", "--out", "{tmp}", "--resume", "--seed", "0", "--set", "gamma=0.9"], "--set, --seed"),
+        (["train", "whipple", "--out", "{tmp}", "--resume", "--preset", "fast"], "leave out --preset"),
         (["export", "{tmp}"], "no checkpoint"),
         (["analyze", "{tmp}/nothing.mcap"], "nothing.mcap"),
         (["bench", "everything"], "everything"),
@@ -60,6 +86,7 @@ def test_bad_input_is_one_line_and_exit_code_2(words, message, tmp_path, capsys)
     error = capsys.readouterr().err
     assert message in error
     assert len(error.strip().splitlines()) == 1
+    assert not list(tmp_path.iterdir())
 
 
 def test_train_export_and_evaluate(tmp_path, capsys):
@@ -85,3 +112,126 @@ def test_evaluate_rides_a_line_with_a_known_law(policy, tmp_path, capsys):
     assert figures["completed_count"] == 2
     # From the reference configuration on a line there is nothing to correct.
     assert figures["worst_max_m"] < 1e-6
+
+
+SMALL = ("layers=8,8", "learner=sb3", "environments=4", "updates=4", "buffer_size=1000", "learning_starts=200")
+SMALL_WORDS = [word for setting in SMALL for word in ("--set", setting)]
+
+
+def settings_of(run):
+    return json.loads((run / "settings.json").read_text())
+
+
+def test_a_resume_takes_what_may_change_and_keeps_the_rest(tmp_path, capsys):
+    run = tmp_path / "run"
+    words = ["train", "whipple", "--out", str(run)]
+    code, _ = run_json(capsys, *words, "--steps", "40", "--seed", "3", *SMALL_WORDS)
+    assert code == 0
+    first = settings_of(run)
+    assert (first["seed"], first["record_every"], first["preset"]["steps"]) == (3, 10, 40)
+    code, result = run_json(capsys, *words, "--resume")
+    assert (code, result["figures"]["steps"]) == (0, 40)
+    assert settings_of(run) == first
+    changes = ["--steps", "60", "--until-finished", "--checkpoint-every", "70", "--record-every", "0"]
+    code, result = run_json(capsys, *words, "--resume", *changes)
+    assert (code, result["figures"]["steps"]) == (0, 60)
+    second = settings_of(run)
+    assert second == first | {
+        "preset": first["preset"] | {"steps": 60},
+        "until_finished": True,
+        "checkpoint_every": 70,
+        "record_every": 0,
+    }
+    changes = [
+        "--steps",
+        "66",
+        "--engine",
+        "pybullet",
+        "--simulators",
+        "3",
+        "--time-step",
+        "0.01",
+        "--no-until-finished",
+    ]
+    code, result = run_json(capsys, *words, "--resume", *changes)
+    assert (code, result["figures"]["steps"]) == (0, 66)
+    third = settings_of(run)
+    assert (third["engine"], third["time_step"], third["until_finished"]) == ("pybullet", 0.01, False)
+    assert (third["preset"]["environments"], third["preset"]["updates"]) == (3, 3)
+    code, result = run_json(capsys, *words, "--resume", "--steps", "69")
+    assert settings_of(run) == third | {"preset": third["preset"] | {"steps": 69}}
+
+
+def test_simulators_are_as_many_as_asked_for():
+    """Also where the preset rides one bicycle; the updates for each step stay the preset's."""
+
+    def chosen(*words):
+        parser = argparse.ArgumentParser()
+        train.configure(parser)
+        args = parser.parse_args(["whipple", "--out", "x", *words])
+        preset = train._with_simulator(train._new_settings(args), args).preset
+        return preset.environments, preset.updates
+
+    assert chosen("--preset", "paper", "--client", "ros", "--simulators", "4") == (4, 4)
+    assert chosen("--preset", "paper", "--client", "ros") == (1, 1)
+    assert chosen("--client", "ros") == (2, 2)
+    assert chosen("--engine", "pybullet", "--simulators", "8") == (8, 8)
+    assert chosen() == (8, 8)
+
+
+def test_the_paper_preset_learns_as_long_as_the_paper():
+    assert {PRESETS[name].steps for name in PRESETS if name != "fast"} == {4_000_000}
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("settings.json", "{", "cannot be read"),
+        ("settings.json", "[]", "table of settings"),
+        ("settings.json", '{"preset": {"name": "x", "layers": [8], "colour": 1}}', "colour"),
+        ("settings.json", '{"preset": {"name": "x", "layers": ["a"]}}', "layers"),
+        ("settings.json", '{"preset": {"name": "x", "layers": [8]}, "seed": "one"}', "seed"),
+    ],
+)
+def test_damaged_settings_are_named(name, text, message, tmp_path, capsys):
+    (tmp_path / name).write_text(text)
+    assert main(["train", "whipple", "--out", str(tmp_path), "--resume"]) == 2
+    error = capsys.readouterr().err
+    assert str(tmp_path / name) in error
+    assert message in error
+    assert len(error.strip().splitlines()) == 1
+
+
+def test_export_and_curves_name_what_they_cannot_read(tmp_path, capsys):
+    run = tmp_path / "run"
+    run_json(capsys, "train", "whipple", "--out", str(run), "--steps", "40", *SMALL_WORDS)
+    (tmp_path / "list.json").write_text("[]")
+
+    def told(*words):
+        assert main([*words]) == 2
+        error = capsys.readouterr().err
+        assert len(error.strip().splitlines()) == 1
+        return error
+
+    assert "there is no 'last' actor yet; train longer\n" in told("export", str(run), "--which", "last")
+    assert "--which last" in told("export", str(run))
+    (run / "validations.csv").write_text("step,seconds,part,mean_error_m,passed\n4000,1.0,1,0.3,0\n8000,2\n")
+    assert "validations.csv: a row has no number" in told("curves", str(run))
+    (run / "run.json").write_text('{"steps": 3')
+    assert "run.json cannot be read" in told("export", str(run))
+    (run / "validations.csv").write_text("step,seconds,part,mean_error_m,passed\n4000,1.0,1,0.3,0\n")
+    assert "run.json cannot be read" in told("curves", str(run))
+    (run / "run.json").write_text("[]")
+    assert "run.json must hold" in told("curves", str(run))
+    with pytest.raises(ValueError, match="one JSON object"):
+        export._results(tmp_path / "list.json")
+
+
+def test_a_lost_simulator_says_how_to_go_on(tmp_path, capsys, monkeypatch):
+    def lost(*args):
+        raise NodeLost("sim_node ended")
+
+    monkeypatch.setattr(Simulator, "step", lost)
+    words = ["train", "whipple", "--out", str(tmp_path), "--engine", "pybullet", *SMALL_WORDS]
+    assert main([*words, "--steps", "40"]) == 2
+    assert "sim_node ended; go on from the checkpoint" in capsys.readouterr().err.splitlines()[-1]

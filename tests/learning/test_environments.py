@@ -6,15 +6,17 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+from bike_policy.actor import Actor
 from bike_sim.physics.state import MIRROR_SIGNS, ROLL
 from bike_sim.physics.vehicle_files import load_vehicle
 from bike_sim.reset import ResetRequest
-from bike_sim.simulator import Simulator, SimulatorConfig
+from bike_sim.simulator import Simulator, SimulatorConfig, Snapshot
 from bike_training.batch import RideBatch
 from bike_training.curriculum import Curriculum, RideRanges
 from bike_training.env import BikeEnv
 from bike_training.task import TASKS
-from bike_training.vec_env import CompiledVecEnv
+from bike_training.validation_rides import validate_compiled, validate_simulator
+from bike_training.vec_env import CompiledVecEnv, SimulatorVecEnv
 
 RANGES = Curriculum(part=4, entered_at=-10_000).ranges(0)
 COMPILED = SimulatorConfig(engine="whipple", time_step=0.01)
@@ -116,3 +118,112 @@ def test_mirrored_ride_gets_the_same_rewards():
         mine = task.layout.observe(left.states, left.preview_y)
         other = task.layout.observe(right.states, right.preview_y)
         np.testing.assert_allclose(other, mine * task.layout.mirror_signs, atol=1e-6)
+
+
+class Diverging(Simulator):
+    """A simulator whose physics diverges in its third step."""
+
+    def step(self, steering: float, throttle: float = 0.0) -> Snapshot:
+        snapshot = super().step(steering, throttle)
+        if snapshot.step < 3:
+            return snapshot
+        return replace(snapshot, state=np.full_like(snapshot.state, np.nan), seen=np.full_like(snapshot.seen, np.nan))
+
+
+class DivergingNode(Diverging):
+    """The same as the simulator node shows it: the last state that is one, as a fall."""
+
+    def reset(self, request: ResetRequest) -> Snapshot:
+        self.shown = super().reset(request)
+        return self.shown
+
+    def step(self, steering: float, throttle: float = 0.0) -> Snapshot:
+        snapshot = super().step(steering, throttle)
+        if np.isnan(snapshot.state).any():
+            snapshot = replace(self.shown, step=snapshot.step, time=snapshot.time, fallen=True)
+        self.shown = snapshot
+        return snapshot
+
+
+def test_physics_that_diverges_ends_the_episode_with_numbers():
+    """The same in this process as through the node."""
+    told = []
+    for kind in (Diverging, DivergingNode):
+        env = BikeEnv(kind(COMPILED), "prop")
+        env.reset(seed=1)
+        steps = [env.step(np.zeros(1, dtype=np.float32)) for _ in range(3)]
+        assert [terminated for _, _, terminated, _, _ in steps] == [False, False, True]
+        told.append(steps[-1])
+        assert env.snapshot is not None
+        assert env.snapshot.fallen
+    np.testing.assert_array_equal(told[0][0], told[1][0])
+    assert np.isfinite(told[0][0]).all()
+    assert told[0][1:] == told[1][1:]
+    assert np.isfinite([told[0][1], *told[0][4].values()]).all()
+
+
+def test_a_bicycle_that_lies_on_the_ground_ends_its_episode():
+    """Below the threshold of roll too: it would lie there for the rest of the episode."""
+    env = CompiledVecEnv(2, TASKS["prop"], RANGES, seed=1, time_step=0.01)
+    env.reset()
+    env.batch.lying[1] = True
+    before = env.batch.states[1].copy()
+    _, _, dones, infos = env.step(np.zeros((2, 1), dtype=np.float32))
+    assert list(dones) == [False, True]
+    assert infos[1]["TimeLimit.truncated"] is False
+    np.testing.assert_array_equal(infos[1]["terminal_observation"][:2], before[:2].astype(np.float32))
+    assert not env.batch.lying.any()
+
+
+def test_random_rides_stay_in_the_declared_space():
+    env = CompiledVecEnv(16, TASKS["prop"], RANGES, seed=1, time_step=0.01)
+    env.reset()
+    rng = np.random.default_rng(0)
+    for _ in range(300):
+        observations, _, _, infos = env.step(rng.uniform(-1.0, 1.0, (16, 1)).astype(np.float32))
+        last = [info["terminal_observation"] for info in infos if info]
+        assert all(env.observation_space.contains(observation) for observation in (*observations, *last))
+
+
+def test_seed_decides_the_rides_after_the_next_reset():
+    env = CompiledVecEnv(2, TASKS["prop"], RANGES, seed=1, time_step=0.01)
+    fresh = env.reset()
+    later = env.reset()
+    env.seed(1)
+    np.testing.assert_array_equal(env.reset(), fresh)
+    np.testing.assert_array_equal(env.reset(), later)
+    assert not np.array_equal(fresh, later)
+
+
+def test_simulators_of_neighbouring_seeds_begin_other_rides():
+    rides = []
+    for seed in (0, 1):
+        env = SimulatorVecEnv(2, lambda: BikeEnv("local", "prop", RANGES, COMPILED))
+        env.seed(seed)
+        rides.extend(env.reset())
+        env.close()
+    assert len({ride.tobytes() for ride in rides}) == 4
+
+
+def test_a_method_answers_for_each_bicycle_that_is_asked():
+    env = CompiledVecEnv(3, TASKS["prop"], RANGES, seed=1)
+    assert env.env_method("set_ranges", RANGES) == [None] * 3
+    assert env.env_method("set_ranges", RANGES, indices=[0, 2]) == [None] * 2
+
+
+def test_actions_mean_the_same_in_every_environment():
+    """Also where the action is not the vehicle's own set value, in batches as one by one."""
+    task = replace(TASKS["prop"], max_steer=0.3)
+    single = BikeEnv("local", task, RANGES, COMPILED)
+    batch = CompiledVecEnv(1, task, RANGES, seed=0, time_step=0.01)
+    single.reset(seed=3)
+    request = single.client.request
+    batch.reset()
+    batch.batch.reset(0, request)
+    for action in np.random.default_rng(0).uniform(-1.0, 1.0, (10, 1)).astype(np.float32):
+        single.step(action)
+        batch.step(action[None, :])
+        np.testing.assert_array_equal(single.snapshot.state, batch.batch.states[0])
+    actor = Actor([np.full((1, task.layout.size), 0.01, dtype=np.float32)], [np.zeros(1, dtype=np.float32)])
+    errors = validate_compiled(actor, task, load_vehicle("whipple"), [request])
+    assert errors == validate_simulator(actor, task, Simulator(COMPILED), [request])

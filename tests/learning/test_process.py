@@ -1,6 +1,8 @@
 """A run that is stopped and resumed is the run that was not stopped."""
 
+import csv
 import os
+import shutil
 import signal
 from dataclasses import replace
 from pathlib import Path
@@ -8,9 +10,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bike_training.learner import actor_tensors
+from bike_sim.reset import begin
+from bike_sim.simulator import Simulator
+from bike_training.curriculum import TRANSITION_STEPS, Curriculum
+from bike_training.env import BikeEnv
+from bike_training.learner import AveragedActor, actor_tensors, build_model
+from bike_training.node_process import NodeLost
 from bike_training.presets import FAST, PAPER
-from bike_training.process import LearningProcess, RunSettings
+from bike_training.process import LearningProcess, RunSettings, _Callback
+from bike_training.task import TASKS
+from bike_training.validation_rides import draw_requests
+from bike_training.vec_env import CompiledVecEnv
 
 TINY = {
     "layers": (16, 16),
@@ -21,6 +31,7 @@ TINY = {
     "buffer_size": 5000,
 }
 STEPS = 1600
+COMPILED_LEARNER = pytest.param("sbx", marks=pytest.mark.slow)
 
 
 def learner_settings(learner: str) -> RunSettings:
@@ -32,7 +43,8 @@ def weights(process: LearningProcess) -> np.ndarray:
     return np.concatenate([part.ravel() for parts in actor_tensors(process.model) for part in parts])
 
 
-@pytest.mark.parametrize("learner", ["sbx", "sb3"])
+@pytest.mark.slow
+@pytest.mark.parametrize("learner", [COMPILED_LEARNER, "sb3"])
 def test_resume_goes_on_as_if_not_stopped(learner, tmp_path):
     settings = learner_settings(learner)
     whole = LearningProcess(settings, tmp_path / "whole", STEPS)
@@ -61,6 +73,8 @@ def open_files(folder: Path) -> list[str]:
     return [path for path in held if path.startswith(str(folder.resolve()))]
 
 
+@pytest.mark.slow
+@pytest.mark.slow
 def test_same_seed_same_run_and_other_seed_another(tmp_path):
     settings = learner_settings("sbx")
     runs = []
@@ -84,6 +98,7 @@ def test_paper_preset_learns_over_a_simulator(tmp_path):
     assert resumed.model._n_updates == 210
 
 
+@pytest.mark.slow
 def test_learning_learns(tmp_path):
     """A few thousand steps must make rides at least twice as long as random ones."""
     settings = RunSettings(replace(FAST, learning_starts=1000, layers=(32, 32), updates=16), seed=1)
@@ -100,12 +115,23 @@ def test_learning_learns(tmp_path):
 
 def test_a_folder_with_a_run_is_not_overwritten(tmp_path):
     settings = learner_settings("sb3")
-    LearningProcess(settings, tmp_path, 8)
+    LearningProcess(settings, tmp_path, 8).run()
     with pytest.raises(ValueError, match="already holds a run"):
         LearningProcess(settings, tmp_path, 8)
 
 
-@pytest.mark.parametrize("learner", ["sbx", "sb3"])
+def test_a_run_that_was_killed_before_its_first_checkpoint_begins_anew(tmp_path):
+    process = tiny_process(tmp_path)
+    process.validate()
+    (tmp_path / "selection.csv").write_text("2,0.1\n")
+    process.close()
+    tiny_process(tmp_path).close()
+    assert len((tmp_path / "validations.csv").read_text().splitlines()) == 1
+    assert not (tmp_path / "selection.csv").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("learner", [COMPILED_LEARNER, "sb3"])
 def test_a_run_goes_on_with_another_simulator(learner, tmp_path):
     """First on the compiled engine with many bicycles, then on PyBullet with two."""
     settings = learner_settings(learner)
@@ -135,8 +161,266 @@ def test_a_signal_stops_with_a_whole_checkpoint(number, tmp_path):
     resumed = LearningProcess(learner_settings("sb3"), tmp_path, 440, resume=True)
     assert resumed.model.num_timesteps == 400
     np.testing.assert_array_equal(weights(resumed), weights(process))
+    resumed.close()
 
 
 def test_nothing_to_resume(tmp_path):
     with pytest.raises(FileNotFoundError, match="no checkpoint"):
         LearningProcess(learner_settings("sb3"), tmp_path, 8, resume=True)
+
+
+def tiny_process(folder: Path, **changes) -> LearningProcess:
+    settings = replace(learner_settings("sb3"), **changes)
+    return LearningProcess(replace(settings, preset=replace(settings.preset, environments=2, updates=1)), folder, 400)
+
+
+def drawn_seeds(process: LearningProcess, monkeypatch, steps: int) -> list[int]:
+    """Return the seeds of all rides that a process begins while it makes some more steps."""
+    seeds = []
+
+    def note(request, *rest):
+        seeds.append(request.seed)
+        return begin(request, *rest)
+
+    with monkeypatch.context() as patch:
+        patch.setattr("bike_sim.simulator.begin", note)
+        patch.setattr("bike_training.batch.begin", note)
+        process.steps = process.model.num_timesteps + steps
+        process.run()
+    return seeds
+
+
+@pytest.mark.parametrize("engine", ["whipple", "pybullet"])
+def test_neighbouring_seeds_share_no_ride(engine, tmp_path, monkeypatch):
+    """Neither with each other, nor a run's rides with those that it or another is validated on."""
+    drawn = []
+    for seed in (0, 1):
+        process = tiny_process(tmp_path / str(seed), seed=seed, engine=engine)
+        requests = draw_requests(process.task, process._ranges(0), process.progress.rng)
+        drawn.append([request.seed for request in requests])
+        drawn.append(drawn_seeds(process, monkeypatch, 100))
+        assert len(drawn[-1]) > 2
+    together = [seed for seeds in drawn for seed in seeds]
+    assert len(set(together)) == len(together)
+
+
+def test_a_resumed_run_on_a_simulator_begins_new_rides(tmp_path, monkeypatch):
+    first = drawn_seeds(tiny_process(tmp_path, engine="pybullet"), monkeypatch, 100)
+    settings = tiny_process(tmp_path / "other", engine="pybullet").settings
+    second = drawn_seeds(LearningProcess(settings, tmp_path, 200, resume=True), monkeypatch, 100)
+    assert second
+    assert not set(first) & set(second)
+    # They depend on the seed and on the step and on nothing else.
+    assert drawn_seeds(tiny_process(tmp_path / "again", engine="pybullet"), monkeypatch, 100) == first
+
+
+def test_a_stored_actor_stays_as_it_was():
+    """As the best one and the last one that passed a validation are stored while the average goes on."""
+    model, averaged = tiny_model(), AveragedActor(0.9)
+    averaged.update(model)
+    stored = averaged.actor()
+    observation = np.linspace(-1.0, 1.0, stored.inputs, dtype=np.float32)
+    before = stored.act(observation)
+    for parameter in model.actor.parameters():
+        parameter.data += 0.5
+    averaged.update(model)
+    assert averaged.actor().act(observation) != before
+    assert stored.act(observation) == before
+
+
+def tiny_model():
+    task = TASKS["lean"]
+    env = CompiledVecEnv(1, task, Curriculum().ranges(0), seed=0)
+    return build_model(replace(FAST, learner="sb3", layers=(4,), buffer_size=10), task, env, seed=0)
+
+
+def test_a_full_episode_asks_for_a_validation_only_when_one_is_allowed(tmp_path):
+    """After the wait and outside of a transition; one that came sooner is not remembered (Sects. 4.2 and 4.3)."""
+    process = tiny_process(tmp_path)
+    callback = _Callback(process, None)
+    callback.init_callback(process.model)
+    every = process.settings.preset.validate_every
+
+    def due_after_full_episode(step: int) -> bool:
+        process.model.num_timesteps = step
+        callback.locals = {"infos": [{}, {"TimeLimit.truncated": True}]}
+        callback.on_step()
+        return callback._validation_is_due()
+
+    def due_without(step: int) -> bool:
+        callback.num_timesteps = step
+        return callback._validation_is_due()
+
+    assert not due_after_full_episode(every - 2)
+    assert not due_without(every + 2)
+    assert due_after_full_episode(every + 4)
+    assert not due_without(every + 6)
+    process.progress.curriculum.report(every + 4, [0.0])
+    assert process.progress.curriculum.in_transition(3 * every)
+    assert not due_after_full_episode(3 * every)
+    assert not due_without(every + 4 + TRANSITION_STEPS)
+    assert due_after_full_episode(every + 4 + TRANSITION_STEPS)
+    process.close()
+
+
+def test_each_session_logs_episodes_in_a_table_of_its_own(tmp_path, monkeypatch):
+    """With mean length and return of the episodes, on either engine; a resume keeps the table of the first session."""
+    monkeypatch.setattr("bike_training.process.LOG_EVERY", 200)
+    for engine in ("whipple", "pybullet"):
+        folder = tmp_path / engine
+        process = tiny_process(folder, engine=engine)
+        process.steps = 210
+        process.run()
+        first = (folder / "tensorboard" / "progress.csv").read_text()
+        row = next(csv.DictReader(first.splitlines()))
+        assert 5.0 < float(row["rollout/ep_len_mean"]) < 200.0
+        assert 0.0 < float(row["rollout/ep_rew_mean"]) < float(row["rollout/ep_len_mean"])
+        resumed = LearningProcess(process.settings, folder, 420, resume=True)
+        resumed.run()
+        assert (folder / "tensorboard" / "progress.csv").read_text() == first
+        second = (folder / "tensorboard" / "progress_from_000000210.csv").read_text()
+        assert [row["time/total_timesteps"] for row in csv.DictReader(second.splitlines())] == ["410"]
+    assert not open_files(tmp_path)
+
+
+def test_rows_that_a_kill_left_behind_the_checkpoint_are_dropped(tmp_path):
+    process = tiny_process(tmp_path, checkpoint_every=100)
+
+    def act(p: LearningProcess) -> None:
+        if p.model.num_timesteps in (40, 120):
+            p.validate()
+            p.select()
+        if p.model.num_timesteps == 140:
+            shutil.copytree(tmp_path, copy)
+            raise KeyboardInterrupt
+
+    copy = tmp_path.with_name("killed")
+    with pytest.raises(KeyboardInterrupt):
+        process.run(act)
+    with (copy / "validations.csv").open("a") as file:
+        file.write("16")  # a row that the kill cut short
+    resumed = LearningProcess(process.settings, copy, 400, resume=True)
+    assert resumed.model.num_timesteps == 100
+    rows = list(csv.DictReader((copy / "validations.csv").open()))
+    assert [row["step"] for row in rows] == ["40"]
+    assert [line.split(",")[0] for line in (copy / "selection.csv").read_text().splitlines()] == ["40"]
+    resumed.close()
+
+
+@pytest.mark.parametrize("survivor", ["checkpoint.new", "checkpoint.old"])
+def test_a_kill_between_the_renames_of_a_checkpoint_costs_nothing(survivor, tmp_path):
+    process = tiny_process(tmp_path)
+    process.steps = 40
+    process.run()
+    (tmp_path / "checkpoint").rename(tmp_path / survivor)
+    if survivor == "checkpoint.old":
+        (tmp_path / "checkpoint.new").mkdir()  # one whose writing was not finished
+    resumed = LearningProcess(process.settings, tmp_path, 60, resume=True)
+    assert resumed.model.num_timesteps == 40
+    resumed.run()
+    assert sorted(path.name for path in tmp_path.glob("checkpoint*")) == ["checkpoint"]
+
+
+@pytest.mark.parametrize("name", ["state.pkl", "replay.npz", "model.zip"])
+def test_a_damaged_checkpoint_is_named(name, tmp_path):
+    process = tiny_process(tmp_path)
+    process.steps = 40
+    process.run()
+    path = tmp_path / "checkpoint" / name
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.raises(ValueError, match=rf"{name} cannot be read .*damaged") as told:
+        LearningProcess(process.settings, tmp_path, 60, resume=True)
+    assert "\n" not in str(told.value)
+
+
+class Closed:
+    """Counts what a process closes."""
+
+    def __init__(self, monkeypatch, broken: bool = False) -> None:
+        self.count = 0
+        close = BikeEnv.close
+
+        def counted(env: BikeEnv) -> None:
+            self.count += 1
+            close(env)
+            if broken:
+                raise OSError("cannot close")
+
+        monkeypatch.setattr(BikeEnv, "close", counted)
+
+
+def test_environments_are_closed_when_one_of_them_cannot_be_made(tmp_path, monkeypatch):
+    """As when Ctrl-C comes while simulators start one after the other."""
+    closed, made = Closed(monkeypatch), []
+
+    def make(*args) -> Simulator:
+        if made:
+            raise KeyboardInterrupt
+        made.append(Simulator(*args[1:]))
+        return made[0]
+
+    monkeypatch.setattr("bike_training.env.make_client", make)
+    with pytest.raises(KeyboardInterrupt):
+        tiny_process(tmp_path, engine="pybullet")
+    assert closed.count == 1
+
+
+def test_environments_are_closed_when_the_learner_cannot_be_made(tmp_path, monkeypatch):
+    closed = Closed(monkeypatch)
+
+    def fail(*args):
+        raise RuntimeError("no learner")
+
+    monkeypatch.setattr("bike_training.process.build_model", fail)
+    with pytest.raises(RuntimeError, match="no learner"):
+        tiny_process(tmp_path, engine="pybullet")
+    assert closed.count == 2
+
+
+@pytest.mark.parametrize("broken", [False, True])
+def test_all_is_closed_when_the_last_checkpoint_cannot_be_written(broken, tmp_path, monkeypatch):
+    """Also where closing an environment fails."""
+    closed = Closed(monkeypatch, broken)
+    process = tiny_process(tmp_path, engine="pybullet")
+    process.steps = 20
+
+    def full(*args) -> None:
+        raise OSError("No space left on device")
+
+    monkeypatch.setattr("bike_training.process.save_checkpoint", full)
+    with pytest.raises(OSError, match="cannot close" if broken else "No space"):
+        process.run(lambda p: p.validate() if p.model.num_timesteps == 10 else None)
+    assert closed.count == 2
+    assert process._simulator is None
+    assert not open_files(tmp_path)
+
+
+def test_a_process_can_be_asked_after_its_run(tmp_path):
+    process = tiny_process(tmp_path, engine="pybullet")
+    process.steps = 20
+    process.run(lambda p: p.validate() if p.model.num_timesteps == 10 else None)
+    process.validate()
+    process.close()
+    assert len((tmp_path / "validations.csv").read_text().splitlines()) == 3
+
+
+@pytest.mark.parametrize("step", [0, 30])
+def test_a_lost_simulator_leaves_a_checkpoint(step, tmp_path, monkeypatch):
+    """For rides on simulators begin anew anyway when a run goes on."""
+    process = tiny_process(tmp_path, engine="pybullet")
+    name = "step" if step else "reset"
+    method = getattr(Simulator, name)
+
+    def lost(simulator, *args):
+        if process.model.num_timesteps >= step:
+            raise NodeLost("the simulator is gone")
+        return method(simulator, *args)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Simulator, name, lost)
+        with pytest.raises(NodeLost):
+            process.run()
+    resumed = LearningProcess(process.settings, tmp_path, 60, resume=True)
+    assert resumed.model.num_timesteps == step
+    resumed.run()
+    assert resumed.model.num_timesteps == 60

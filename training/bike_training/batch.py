@@ -22,6 +22,7 @@ _MAX_SAMPLES = 20_000
 @njit(cache=True)
 def _step(
     states: ndarray,
+    lying: ndarray,
     steer_set: ndarray,
     time_step: float,
     substeps: int,
@@ -36,7 +37,7 @@ def _step(
     preview: ndarray,
 ) -> None:
     for i in range(len(states)):
-        advance(states[i], steer_set[i], time_step, substeps, parameters)
+        lying[i] = lying[i] or not advance(states[i], steer_set[i], time_step, substeps, parameters)
         _look(
             states[i],
             parameters,
@@ -89,6 +90,7 @@ class RideBatch:
 
     Attributes:
         states: minimal states, shape (n, 10).
+        lying: which bicycles lie on the ground, shape (n,); they stay as they are until they begin a new ride.
         seen: derived quantities in the order of :mod:`bike_sim.ride`, shape (n, ride.LOOK_SIZE).
         preview_y: lateral offsets of the preview points, m, shape (n, preview.count).
     """
@@ -111,6 +113,7 @@ class RideBatch:
         self.time_step = time_step
         self.substeps = round(control_period / time_step)
         self.states = np.zeros((count, STATE_SIZE))
+        self.lying = np.zeros(count, dtype=np.bool_)
         self.seen = np.zeros((count, ride.LOOK_SIZE))
         self._points = np.zeros((count, 2, preview.count))
         self._courses = np.zeros((count, 4, _MAX_SAMPLES))
@@ -134,6 +137,7 @@ class RideBatch:
         if count > _MAX_SAMPLES:
             raise ValueError(f"a batch has room for {_MAX_SAMPLES} samples, course {course.name!r} has {count}")
         self.states[index] = state
+        self.lying[index] = False
         self._courses[index, :, :count] = course.x, course.y, course.heading, course.curvature
         self._counts[index] = count
         self._spacings[index] = course.spacing
@@ -161,6 +165,7 @@ class RideBatch:
         """
         _step(
             self.states,
+            self.lying,
             np.asarray(commands, dtype=np.float64) * self.vehicle.max_steer,
             self.time_step,
             self.substeps,

@@ -1,14 +1,18 @@
 """Checkpoints of a learning process: everything that lets it go on as if it had not stopped.
 
-A checkpoint is written beside the last one and then takes its place, so that a kill in mid-write costs nothing. It
-holds pickles and is meant for the machine that made it; policies are shipped as bundles instead.
+A checkpoint is written beside the last one and then takes its place, so that a kill costs nothing, whenever it comes.
+It holds pickles and is meant for the machine that made it; policies are shipped as bundles instead.
 """
 
 from __future__ import annotations
 
+import csv
+import io
 import pickle
 import random
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,6 +24,9 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecEnv
 
 CHECKPOINT: Final = "checkpoint"
+_FRESH, _OLD = f"{CHECKPOINT}.new", f"{CHECKPOINT}.old"
+_STATE: Final = "state.pkl"
+"""Written last: where it is, the checkpoint is whole."""
 _ARRAYS: Final = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 
 
@@ -31,8 +38,10 @@ def save_checkpoint(folder: Path, model: OffPolicyAlgorithm, process_state: dict
         model: the learner.
         process_state: whatever else the process must remember; it is pickled.
     """
-    fresh = folder / f"{CHECKPOINT}.new"
-    old = folder / f"{CHECKPOINT}.old"
+    current, fresh, old = (folder / name for name in (CHECKPOINT, _FRESH, _OLD))
+    standing = find_checkpoint(folder)
+    if standing is not None and standing != current:
+        standing.rename(current)  # a kill came between the two renames below
     shutil.rmtree(fresh, ignore_errors=True)
     fresh.mkdir(parents=True)
     model.save(fresh / "model.zip")
@@ -45,8 +54,9 @@ def save_checkpoint(folder: Path, model: OffPolicyAlgorithm, process_state: dict
         "action_space": model.action_space.np_random.bit_generator.state,
         "jax_key": np.asarray(model.key) if hasattr(model, "key") else None,
     }
-    (fresh / "state.pkl").write_bytes(pickle.dumps(state))
-    current = folder / CHECKPOINT
+    unfinished = fresh / f"{_STATE}.part"
+    unfinished.write_bytes(pickle.dumps(state))
+    unfinished.rename(fresh / _STATE)
     shutil.rmtree(old, ignore_errors=True)
     if current.exists():
         current.rename(old)
@@ -54,13 +64,25 @@ def save_checkpoint(folder: Path, model: OffPolicyAlgorithm, process_state: dict
     shutil.rmtree(old, ignore_errors=True)
 
 
+def find_checkpoint(folder: Path) -> Path | None:
+    """Return the folder of the newest whole checkpoint of a run, or None."""
+    places = (folder / name for name in (CHECKPOINT, _FRESH, _OLD))
+    return next((place for place in places if (place / _STATE).is_file()), None)
+
+
+def holds_run(folder: Path) -> bool:
+    """Tell whether a folder holds a run that can go on, or what is left of one that did."""
+    return find_checkpoint(folder) is not None or (folder / "run.json").exists()
+
+
 def load_process_state(folder: Path) -> dict[str, Any]:
     """Return what :func:`save_checkpoint` was given as process state.
 
     Raises:
         FileNotFoundError: there is no checkpoint.
+        ValueError: it is damaged.
     """
-    process: dict[str, Any] = _read_state(folder)["process"]
+    process: dict[str, Any] = _read_state(_present(folder))["process"]
     return process
 
 
@@ -70,19 +92,26 @@ def load_model(folder: Path, env: VecEnv) -> OffPolicyAlgorithm:
     Args:
         folder: folder of the run.
         env: the environment that goes on.
+
+    Raises:
+        FileNotFoundError: there is no checkpoint.
+        ValueError: it is damaged, or of another task.
     """
-    state = _read_state(folder)
-    path = folder / CHECKPOINT / "model.zip"
-    if state["jax_key"] is None:
-        model: Any = SAC.load(path, env=env, device="cpu", force_reset=False)
-    else:
-        from sbx import SAC as JaxSAC
+    checkpoint = _present(folder)
+    state = _read_state(checkpoint)
+    path = checkpoint / "model.zip"
+    with _readable(path):
+        if state["jax_key"] is None:
+            model: Any = SAC.load(path, env=env, device="cpu", force_reset=False)
+        else:
+            from sbx import SAC as JaxSAC
 
-        model = JaxSAC.load(path, env=env, force_reset=False)
-        import jax.numpy as jnp
+            model = JaxSAC.load(path, env=env, force_reset=False)
+            import jax.numpy as jnp
 
-        model.key = jnp.asarray(state["jax_key"])
-    _load_replay(folder / CHECKPOINT / "replay.npz", model.replay_buffer)
+            model.key = jnp.asarray(state["jax_key"])
+    with _readable(checkpoint / "replay.npz") as replay:
+        _load_replay(replay, model.replay_buffer)
     random.setstate(state["random"])
     np.random.set_state(state["numpy"])
     torch.set_rng_state(state["torch"])
@@ -91,12 +120,58 @@ def load_model(folder: Path, env: VecEnv) -> OffPolicyAlgorithm:
     return loaded
 
 
-def _read_state(folder: Path) -> dict[str, Any]:
-    path = folder / CHECKPOINT / "state.pkl"
-    if not path.is_file():
-        raise FileNotFoundError(f"{folder} holds no checkpoint to resume from ({path} is missing)")
-    state: dict[str, Any] = pickle.loads(path.read_bytes())
-    return state
+def drop_rows_after(path: Path, step: int) -> None:
+    """Drop the rows of a run's table that were written after its checkpoint, and one that a kill cut short.
+
+    Args:
+        path: CSV file with the learning step in its first column; it need not exist.
+        step: last learning step that the checkpoint knows of.
+    """
+    if not path.exists():
+        return
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = list(csv.reader(file))
+    kept = [row for row in rows if len(row) == len(rows[0]) and (not row[0].isdigit() or int(row[0]) <= step)]
+    text = io.StringIO(newline="")
+    csv.writer(text).writerows(kept)
+    write_whole(path, text.getvalue())
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a text so that a kill leaves either the file of before or all of the new one."""
+    unfinished = path.with_name(f"{path.name}.part")
+    unfinished.write_text(text, encoding="utf-8", newline="")
+    unfinished.replace(path)
+
+
+def _present(folder: Path) -> Path:
+    checkpoint = find_checkpoint(folder)
+    if checkpoint is None:
+        raise FileNotFoundError(
+            f"{folder} holds no checkpoint ({folder / CHECKPOINT / _STATE} is missing); "
+            "a run that ended before its first one begins anew, without --resume"
+        )
+    return checkpoint
+
+
+def _read_state(checkpoint: Path) -> dict[str, Any]:
+    with _readable(checkpoint / _STATE) as path:
+        state: dict[str, Any] = pickle.loads(path.read_bytes())
+        return state
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[Path]:
+    """Turn whatever a damaged file of a checkpoint raises while it is read into one clear error."""
+    try:
+        yield path
+    except OSError:
+        raise  # names the file
+    except Exception as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise ValueError(
+            f"{path} cannot be read ({reason}); it is damaged, or another version of this software wrote it"
+        ) from error
 
 
 def _save_replay(path: Path, buffer: ReplayBuffer | None) -> None:

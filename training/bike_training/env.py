@@ -23,9 +23,10 @@ from bike_training.watch import RideWatch
 class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     """One bicycle on a random path.
 
-    An episode is terminated when a threshold is exceeded and truncated after ``task.max_steps`` steps. After a
-    truncated episode a plain ``reset()`` goes on with the same ride once, as the paper does (Weyrer et al. 2026,
-    Sect. 4.1); ``reset(seed=...)`` and ``reset(options=...)`` always begin a new one.
+    An episode is terminated when a threshold is exceeded, the bicycle lies on the ground or its physics diverges, and
+    truncated after ``task.max_steps`` steps. After a truncated episode a plain ``reset()`` goes on with the same ride
+    once, as the paper does (Weyrer et al. 2026, Sect. 4.1); ``reset(seed=...)`` and ``reset(options=...)`` always begin
+    a new one.
 
     ``info`` holds distance to the path, progress, speed and simulated time; ``snapshot`` all that the simulator shows.
     """
@@ -52,7 +53,7 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.task = TASKS[task] if isinstance(task, str) else task
         self.ranges = ranges or Curriculum().ranges(0)
         self.observation_space, self.action_space = task_spaces(self.task)  # type: ignore[assignment]
-        self._command_scale = self.task.max_steer / load_vehicle(config.vehicle).max_steer
+        self._vehicle_max_steer = load_vehicle(config.vehicle).max_steer
         self._steps = 0
         self._full_episodes = 0
         self._goes_on = False
@@ -93,16 +94,20 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Hold an action of shape (1,) in [-1, 1] for one control period."""
         before = self.snapshot
-        command = min(max(float(action[0]) * self._command_scale, -1.0), 1.0)
+        if before is None:
+            raise RuntimeError("call reset before step")
+        command = self.task.action_scale.to_command(float(action[0]), self._vehicle_max_steer)
         snapshot = self.client.step(command)
         if self.watch is not None:
-            assert before is not None
             self.watch.stepped(self._observe(before), float(action[0]), command, snapshot.state)
+        if not (np.isfinite(snapshot.state).all() and np.isfinite(snapshot.seen).all()):
+            # The physics diverged. As the simulator node does: the last state that is one, as a fall.
+            snapshot = replace(before, step=snapshot.step, time=snapshot.time, fallen=True)
         self.snapshot = snapshot
         self._steps += 1
         roll = snapshot.state[ROLL]
         reward = self.task.rewards(distances(self.task, snapshot.seen), roll)
-        terminated = bool(failed(snapshot.distance, roll))
+        terminated = bool(failed(snapshot.distance, roll) or snapshot.fallen)
         truncated = not terminated and self._steps >= self.task.max_steps
         if truncated:
             self._full_episodes += 1

@@ -40,7 +40,7 @@ class MirrorReplayBuffer(ReplayBuffer):
         )
 
 
-def build_model(preset: Preset, task: Task, env: VecEnv, seed: int, log_dir: str | None = None) -> OffPolicyAlgorithm:
+def build_model(preset: Preset, task: Task, env: VecEnv, seed: int) -> OffPolicyAlgorithm:
     """Make the learner of a preset.
 
     Args:
@@ -48,7 +48,6 @@ def build_model(preset: Preset, task: Task, env: VecEnv, seed: int, log_dir: str
         task: what is learned.
         env: vector environment.
         seed: seed of networks and samples.
-        log_dir: folder of TensorBoard logs.
     """
     buffer: dict[str, Any] = {}
     if preset.mirror:
@@ -68,7 +67,6 @@ def build_model(preset: Preset, task: Task, env: VecEnv, seed: int, log_dir: str
         "gradient_steps": preset.updates,
         "target_entropy": preset.target_entropy,
         "policy_kwargs": {"net_arch": list(preset.layers)},
-        "tensorboard_log": log_dir,
         "seed": seed,
         **buffer,
     }
@@ -136,5 +134,5 @@ class AveragedActor:
             mean += (1.0 - keep) * new
 
     def actor(self) -> Actor:
-        """Return the averaged actor."""
-        return Actor(self.weights, self.biases)
+        """Return the averaged actor as it is now; later updates leave it alone."""
+        return Actor([part.copy() for part in self.weights], [part.copy() for part in self.biases])

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import MISSING, asdict, dataclass, fields, replace
 from typing import Any, Final, Literal
 
 from bike_training.task import TASKS, Task
+
+LARGEST_SEED: Final = 2**32 - 1
+"""The generators of the learner take no larger one."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,7 @@ class Preset:
         reward: overrides the task's reward; empty keeps it.
         sharpness: width of the ``sharp`` reward's peak, m.
         refine: ride beyond the intervals of the last part once the curriculum is finished.
+        steps: learning steps in all.
     """
 
     name: str
@@ -61,6 +65,34 @@ class Preset:
     reward: str = ""
     sharpness: float = 0.2
     refine: bool = False
+    steps: int = 1_000_000
+
+    def __post_init__(self) -> None:
+        """Refuse values that mean nothing.
+
+        Raises:
+            ValueError: naming the setting and its value.
+        """
+        if self.task not in TASKS:
+            raise ValueError(f"preset setting task={self.task!r} is not one of {', '.join(TASKS)}")
+        if self.learner not in ("sb3", "sbx"):
+            raise ValueError(f"preset setting learner={self.learner!r} is not sb3 or sbx")
+        if not self.layers or not all(isinstance(size, int) and size >= 1 for size in self.layers):
+            raise ValueError(f"preset setting layers={self.layers!r} must be sizes of at least 1")
+        for name in ("environments", "updates", "batch_size", "buffer_size", "validate_every", "steps"):
+            _check(name, getattr(self, name), 1, math.inf)
+        _check("learning_starts", self.learning_starts, 0, math.inf)
+        for name in ("learning_rate", "final_learning_rate", "gamma", "tau", "averaging"):
+            _check(name, getattr(self, name), 0.0, 1.0)
+        for name in ("target_entropy", "max_steer", "sharpness"):
+            _check(name, getattr(self, name), -math.inf, math.inf)
+        for name in ("learning_rate", "tau", "max_steer", "sharpness"):
+            value = getattr(self, name)
+            if not value > 0.0:
+                raise ValueError(f"preset setting {name}={value!r} must be positive")
+        if self.averaging == 1.0:
+            raise ValueError("preset setting averaging=1.0 would never take in the actor")
+        self.make_task()
 
     def make_task(self) -> Task:
         """Return the task that this preset learns."""
@@ -72,6 +104,16 @@ class Preset:
         card = asdict(self)
         card["layers"] = list(self.layers)
         return card
+
+    @classmethod
+    def from_card(cls, card: dict[str, Any]) -> Preset:
+        """Read what :meth:`to_card` wrote.
+
+        Raises:
+            ValueError: an entry is missing, unknown, or of another kind.
+        """
+        check_entries(cls, card, needed=("name", "layers"))
+        return cls(**{**card, "layers": tuple(card["layers"])})
 
     def override(self, values: Mapping[str, str]) -> Preset:
         """Return a copy with values given as text, as on a command line.
@@ -88,6 +130,38 @@ class Preset:
         return replace(self, **changed)
 
 
+def check_entries(kind: type[Any], stored: Any, needed: Sequence[str]) -> None:
+    """Check that stored values are those of a record of settings.
+
+    Args:
+        kind: dataclass of the record.
+        stored: what was read.
+        needed: entries without a default.
+
+    Raises:
+        ValueError: it is no table, or an entry is missing, unknown, or of another kind than its default.
+    """
+    if not isinstance(stored, dict):
+        raise ValueError(f"{kind.__name__} must be a table of settings, got {type(stored).__name__}")
+    defaults = {spec.name: spec.default for spec in fields(kind)}
+    unknown, missing = sorted(set(stored) - set(defaults)), sorted(set(needed) - set(stored))
+    if unknown or missing:
+        raise ValueError(f"{kind.__name__}: unknown entries {unknown}, missing entries {missing}")
+    for name, value in stored.items():
+        default = defaults[name]
+        wanted = (int, float) if isinstance(default, float) else list if isinstance(default, tuple) else type(default)
+        if default is not MISSING and not isinstance(value, wanted):
+            raise ValueError(f"{kind.__name__}: entry {name} is {value!r}, not a {type(default).__name__}")
+
+
+def _check(name: str, value: float, least: float, most: float) -> None:
+    if math.isnan(value) or not least <= value <= most or math.isinf(value):
+        wanted = "finite" if math.isinf(least) else f"at least {least:g}"
+        if math.isfinite(most):
+            wanted = f"{least:g} to {most:g}"
+        raise ValueError(f"preset setting {name}={value!r} must be {wanted}")
+
+
 def _parse(name: str, text: str, current: Any) -> Any:
     try:
         if isinstance(current, bool):
@@ -96,13 +170,14 @@ def _parse(name: str, text: str, current: Any) -> Any:
             return tuple(int(part) for part in text.split(","))
         return type(current)(text)
     except (KeyError, ValueError) as error:
-        raise ValueError(f"preset setting {name}={text!r} is not a {type(current).__name__}") from error
+        kind = "list like 64,64" if isinstance(current, tuple) else type(current).__name__
+        raise ValueError(f"preset setting {name}={text!r} is not a {kind}") from error
 
 
-PAPER: Final = Preset("paper")
+PAPER: Final = Preset("paper", steps=4_000_000)
 """*prop.* as published: SAC of Stable-Baselines3 with its defaults, one update a step.
 
-Source: Weyrer et al. (2026), Sect. 5.1.
+Source: Weyrer et al. (2026), Sects. 4 (n_tot) and 5.1.
 """
 
 FAST: Final = Preset(

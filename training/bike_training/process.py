@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import json
-import signal
+import math
 import subprocess
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -18,18 +18,29 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from safetensors.numpy import save_file
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.logger import configure
-from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
+from stable_baselines3.common.logger import Logger, make_output_format
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import VecEnv
 
 from bike_policy.actor import Actor
 from bike_sim.physics.vehicle_files import load_vehicle
 from bike_sim.reset import ResetRequest
 from bike_sim.simulator import Simulator, SimulatorConfig
-from bike_training.checkpoint import load_model, load_process_state, save_checkpoint
+from bike_training.checkpoint import (
+    drop_rows_after,
+    holds_run,
+    load_model,
+    load_process_state,
+    save_checkpoint,
+    write_whole,
+)
+from bike_training.clients import CLIENT_KINDS
 from bike_training.curriculum import Curriculum, RideRanges
 from bike_training.env import BikeEnv
+from bike_training.interruption import signals_handled
 from bike_training.learner import AveragedActor, actor_tensors, build_model
-from bike_training.presets import Preset
+from bike_training.node_process import NodeLost
+from bike_training.presets import LARGEST_SEED, Preset, check_entries
 from bike_training.task import DISTANCE_THRESHOLD, Task
 from bike_training.validation_rides import (
     draw_requests,
@@ -37,7 +48,7 @@ from bike_training.validation_rides import (
     validate_compiled,
     validate_simulator,
 )
-from bike_training.vec_env import CompiledVecEnv
+from bike_training.vec_env import CompiledVecEnv, SimulatorVecEnv
 
 if TYPE_CHECKING:
     from bike_training.episode_recording import TrainingRecorder  # needs ROS
@@ -47,6 +58,12 @@ COMPILED_TIME_STEP: Final = 0.01
 
 SELECT_EVERY: Final = 10_000
 """Learning steps between two comparisons of actors once the curriculum is finished."""
+
+LOG_EVERY: Final = 1000
+"""Learning steps between two rows of the logs."""
+
+TRAINING_DRAWS, VALIDATION_DRAWS = 0, 1
+"""Branches of a run's seed, so that no draw of a run is another draw of it or of a run with another seed."""
 
 VALIDATION_COLUMNS: Final = ("step", "seconds", "part", "mean_error_m", "max_error_m", "passed", "updates")
 
@@ -79,15 +96,38 @@ class RunSettings:
     record_every: int = 0
     until_finished: bool = False
 
+    def __post_init__(self) -> None:
+        """Refuse values that mean nothing.
+
+        Raises:
+            ValueError: naming the value.
+        """
+        if not 0 <= self.seed <= LARGEST_SEED:
+            raise ValueError(f"seed must be 0 to {LARGEST_SEED}, got {self.seed}")
+        if self.client not in CLIENT_KINDS:
+            raise ValueError(f"client must be one of {', '.join(CLIENT_KINDS)}, got {self.client!r}")
+        if self.engine not in ("whipple", "pybullet"):
+            raise ValueError(f"engine must be whipple or pybullet, got {self.engine!r}")
+        if not (math.isfinite(self.time_step) and self.time_step > 0.0):
+            raise ValueError(f"time_step must be positive and finite, got {self.time_step!r} s")
+        if self.checkpoint_every < 1:
+            raise ValueError(f"checkpoint_every must be at least 1 learning step, got {self.checkpoint_every}")
+        if self.record_every < 0:
+            raise ValueError(f"record_every must be 0 or more validations, got {self.record_every}")
+
     def to_json(self) -> dict[str, Any]:
         """Return plain values that :meth:`from_json` reads."""
         return {**asdict(self), "preset": self.preset.to_card()}
 
     @classmethod
     def from_json(cls, stored: dict[str, Any]) -> RunSettings:
-        """Read what :meth:`to_json` wrote."""
-        preset = Preset(**{**stored["preset"], "layers": tuple(stored["preset"]["layers"])})
-        return cls(**{**stored, "preset": preset})
+        """Read what :meth:`to_json` wrote.
+
+        Raises:
+            ValueError: an entry is missing, unknown, or of another kind.
+        """
+        check_entries(cls, stored, needed=("preset",))
+        return cls(**{**stored, "preset": Preset.from_card(stored["preset"])})
 
     @property
     def compiled(self) -> bool:
@@ -109,7 +149,7 @@ class Progress:
         rng: draws of validation rides.
         seconds: time spent learning so far, s, earlier sessions included.
         validated_at: learning step of the last validation.
-        validation_due: whether an episode reached its full length since then.
+        validation_due: whether an episode has just reached its full length when a validation was allowed.
         handled_at: learning step that was last averaged and validated, so that a resumed run does not do it twice.
         validations: number of validations.
         latest_success: most recent actor that passed all rides of a validation in the highest part so far.
@@ -137,19 +177,37 @@ class Progress:
     selected_at: int = 0
     extra: dict[str, Any] = field(default_factory=dict)
 
+    def may_validate(self, step: int, every: int) -> bool:
+        """Tell whether an episode that reaches its full length at a learning step asks for a validation.
+
+        One that does so during the wait or while the intervals grow asks for none later (Weyrer et al. 2026, Sects.
+        4.2, 4.3).
+
+        Args:
+            step: learning step.
+            every: least learning steps between two validations.
+        """
+        return step - self.validated_at >= every and not self.curriculum.in_transition(step)
+
+
+def draws(seed: int, branch: int, step: int = 0) -> np.random.SeedSequence:
+    """Return the seeds of a run's draws.
+
+    Args:
+        seed: seed of the run.
+        branch: TRAINING_DRAWS or VALIDATION_DRAWS.
+        step: learning step from which on they are drawn, so that a run whose rides begin anew has new ones.
+    """
+    return np.random.SeedSequence(seed, spawn_key=(branch, step))
+
 
 def make_environment(settings: RunSettings, task: Task, ranges: RideRanges) -> VecEnv:
-    """Return the vector environment of a run."""
-    preset = settings.preset
+    """Return the vector environment of a run, not yet seeded for it."""
+    count = settings.preset.environments
     if settings.compiled:
-        return CompiledVecEnv(preset.environments, task, ranges, settings.seed, COMPILED_TIME_STEP)
-
-    def one() -> BikeEnv:
-        return BikeEnv(settings.client, task, ranges, settings.simulator())
-
-    env = DummyVecEnv([one] * preset.environments)
-    env.seed(settings.seed)
-    return env
+        return CompiledVecEnv(count, task, ranges, settings.seed, COMPILED_TIME_STEP)
+    # The monitor tells length and return of each episode, as the compiled environment does itself.
+    return SimulatorVecEnv(count, lambda: Monitor(BikeEnv(settings.client, task, ranges, settings.simulator())))
 
 
 class LearningProcess:
@@ -166,8 +224,11 @@ class LearningProcess:
 
         Raises:
             FileNotFoundError: nothing to resume from.
-            ValueError: the folder holds another run and resume is off.
+            ValueError: the folder holds another run and resume is off, or what it holds cannot be read.
+            NodeLost: a simulator behind ROS did not start.
         """
+        if steps < 1:
+            raise ValueError(f"learning steps must be at least 1, got {steps}")
         self.settings, self.out, self.steps = settings, out, steps
         self.task = settings.preset.make_task()
         self.vehicle = load_vehicle("whipple")
@@ -176,73 +237,112 @@ class LearningProcess:
         self.progress = Progress(
             Curriculum(settings.preset.refine),
             AveragedActor(settings.preset.averaging),
-            np.random.default_rng(settings.seed + 1),
+            np.random.default_rng(draws(settings.seed, VALIDATION_DRAWS)),
         )
-        log_dir = str(out / "tensorboard")
-        if resume:
-            stored = load_process_state(out)
-            self.progress = stored["progress"]
-            goes_on = settings.compiled and stored["env"] is not None
-            self.env = stored["env"] if goes_on else make_environment(settings, self.task, self._ranges(stored["step"]))
-            self.model = load_model(out, self.env)
-            self.model.gradient_steps = settings.preset.updates
-            if not goes_on:
-                self.model._last_obs = None  # a simulator's rides cannot be taken up again: they begin anew
-        else:
-            if (out / "validations.csv").exists():
-                raise ValueError(f"{out} already holds a run; resume it or choose another folder")
-            out.mkdir(parents=True, exist_ok=True)
-            self.env = make_environment(settings, self.task, self._ranges(0))
-            self.model = build_model(settings.preset, self.task, self.env, settings.seed, log_dir)
-            with (out / "validations.csv").open("w", newline="", encoding="utf-8") as file:
-                csv.writer(file).writerow(VALIDATION_COLUMNS)
-        self.model.set_logger(configure(log_dir, ["tensorboard", "csv"]))
+        self._opened = contextlib.ExitStack()
+        try:
+            if resume:
+                self._take_up()
+            else:
+                self._begin()
+        except BaseException:
+            self.close()
+            raise
+        self.model.set_logger(Logger(None, []))  # logs are written while it runs
         stage = {"client": settings.client, "engine": settings.engine, "from_step": self.model.num_timesteps}
         stages = self.progress.extra.setdefault("stages", [])
         if not stages or (stages[-1]["client"], stages[-1]["engine"]) != (settings.client, settings.engine):
             stages.append(stage)
 
+    def _begin(self) -> None:
+        if holds_run(self.out):
+            raise ValueError(f"{self.out} already holds a run; resume it or choose another folder")
+        self.out.mkdir(parents=True, exist_ok=True)
+        self.env = make_environment(self.settings, self.task, self._ranges(0))
+        self._opened.callback(self.env.close)
+        self.model = build_model(self.settings.preset, self.task, self.env, self.settings.seed)
+        self._seed_rides()
+        with (self.out / "validations.csv").open("w", newline="", encoding="utf-8") as file:
+            csv.writer(file).writerow(VALIDATION_COLUMNS)
+        (self.out / "selection.csv").unlink(missing_ok=True)  # of a run that was killed before its first checkpoint
+
+    def _take_up(self) -> None:
+        settings, stored = self.settings, load_process_state(self.out)
+        self.progress = stored["progress"]
+        goes_on = settings.compiled and stored["env"] is not None
+        self.env = stored["env"] if goes_on else make_environment(settings, self.task, self._ranges(stored["step"]))
+        self._opened.callback(self.env.close)
+        self.model = load_model(self.out, self.env)
+        self.model.gradient_steps = settings.preset.updates
+        if not goes_on:
+            self.model._last_obs = None  # a simulator's rides cannot be taken up again: they begin anew
+        if not goes_on or stored["step"] == 0:
+            self._seed_rides()
+        for name in ("validations.csv", "selection.csv"):
+            drop_rows_after(self.out / name, self.progress.handled_at)
+
+    def _seed_rides(self) -> None:
+        """Seed the rides from the present step on; the learner seeds them with its own seed when it is made."""
+        sequence = draws(self.settings.seed, TRAINING_DRAWS, self.model.num_timesteps)
+        self.env.seed(int(sequence.generate_state(1, np.uint64)[0]))
+
     def _ranges(self, step: int) -> RideRanges:
         return self.progress.curriculum.ranges(step)
 
     def run(self, report: Callable[[LearningProcess], None] | None = None) -> None:
-        """Learn; a checkpoint is written at the end, also when stopped by SIGINT or SIGTERM.
+        """Learn; a checkpoint is written at the end, also when stopped by SIGINT, SIGTERM or SIGHUP.
 
         Args:
             report: called after each step of all bicycles, to show progress.
 
         Raises:
             KeyboardInterrupt: stopped by a signal, between two steps and with a checkpoint.
+            NodeLost: a simulator behind ROS was lost; with a checkpoint too, for its rides begin anew anyway.
         """
         done = self.model.num_timesteps
         callback = _Callback(self, report)
         try:
             if done < self.steps:
+                self._open_logs()
                 with _stopping_between_steps(callback):
                     self.model.learn(
                         self.steps - done, callback=callback, log_interval=None, reset_num_timesteps=done == 0
                     )
         except StopLearning:
             pass
+        except NodeLost:
+            # The step that was lost is neither counted nor stored.
+            callback.consistent = callback.consistent or not self.settings.compiled
+            raise
         finally:
-            if self._recorder is not None:
-                self._recorder.close()
-            if callback.consistent:
-                self.save()
-            self.close()
+            try:
+                if callback.consistent:
+                    self.save()
+            finally:
+                self.close()
 
     def close(self) -> None:
-        """Close environments, simulator and logs; a run that has ended has done so."""
-        self.env.close()
-        if self._simulator is not None:
-            self._simulator.close()
-        self.model.logger.close()
+        """Close environments, simulators and logs, also where closing one fails; a run that has ended has done so."""
+        self._opened.close()
+
+    def _open_logs(self) -> None:
+        """Begin the logs of a session; each has its own table, for the logger overwrites what it finds."""
+        folder, step = str(self.out / "tensorboard"), self.model.num_timesteps
+        suffix = f"_from_{step:09d}" if step else ""
+        logger = Logger(folder, [make_output_format("tensorboard", folder), make_output_format("csv", folder, suffix)])
+        self.model.set_logger(logger)
+
+        def close() -> None:
+            self.model.set_logger(Logger(None, []))
+            logger.close()
+
+        self._opened.callback(close)
 
     def save(self) -> None:
         """Write a checkpoint and the summary of the run."""
         env = self.env if self.settings.compiled else None
         save_checkpoint(self.out, self.model, {"progress": self.progress, "env": env, "step": self.model.num_timesteps})
-        (self.out / "run.json").write_text(json.dumps(self.summary(), indent=1), encoding="utf-8")
+        write_whole(self.out / "run.json", json.dumps(self.summary(), indent=1))
 
     def summary(self) -> dict[str, Any]:
         """Return what the run did so far as plain values."""
@@ -326,7 +426,13 @@ class LearningProcess:
         if self._simulator is None:
             # In this process for every client: the rides are the same bit for bit, and ten times faster.
             self._simulator = Simulator(self.settings.simulator())
+            self._opened.callback(self._close_simulator)
         return self._simulator
+
+    def _close_simulator(self) -> None:
+        simulator, self._simulator = self._simulator, None
+        if simulator is not None:
+            simulator.close()
 
     def _record(self, actor: Actor, request: ResetRequest, part: int) -> None:
         """Record a ride of a validation, and the next one that the learner begins, where a recording is due."""
@@ -345,6 +451,7 @@ class LearningProcess:
 
         if self._recorder is None:
             self._recorder = TrainingRecorder(self.env, self.task, self.settings.simulator(), now)
+            self._opened.callback(self._recorder.close)
         self._recorder.record_next(path.with_name(f"{path.stem}_training.mcap"))
 
 
@@ -357,12 +464,13 @@ class _Callback(BaseCallback):
         self.report = report
         self.clock = time.perf_counter()
         self.saved_at = 0
+        self.logged_at = 0
         self.consistent = True
         self.stop_wanted = False
 
     def _on_training_start(self) -> None:
         self.clock = time.perf_counter()
-        self.saved_at = self.num_timesteps
+        self.saved_at = self.logged_at = self.num_timesteps
 
     def _tick(self) -> None:
         now = time.perf_counter()
@@ -383,6 +491,9 @@ class _Callback(BaseCallback):
                 process.validate()
             if progress.curriculum.finished and self.num_timesteps - progress.selected_at >= SELECT_EVERY:
                 process.select()
+        if self.num_timesteps - self.logged_at >= LOG_EVERY:
+            self.logged_at = self.num_timesteps
+            self.model.dump_logs()  # type: ignore[attr-defined]
         if self.num_timesteps - self.saved_at >= settings.checkpoint_every:
             self.saved_at = self.num_timesteps
             process.save()
@@ -395,14 +506,18 @@ class _Callback(BaseCallback):
         self.training_env.env_method("set_ranges", process._ranges(self.num_timesteps))
         self.consistent = False
 
+    def _may_validate(self) -> bool:
+        every = self.process.settings.preset.validate_every
+        return self.process.progress.may_validate(self.num_timesteps, every)
+
     def _validation_is_due(self) -> bool:
         progress = self.process.progress
-        step = self.num_timesteps
-        waited = step - progress.validated_at >= self.process.settings.preset.validate_every
-        return progress.validation_due and waited and not progress.curriculum.in_transition(step)
+        due, progress.validation_due = progress.validation_due, False
+        # Older checkpoints may hold a demand of an episode that ended during the wait.
+        return due and self._may_validate()
 
     def _on_step(self) -> bool:
-        if any(info.get("TimeLimit.truncated") for info in self.locals["infos"]):
+        if any(info.get("TimeLimit.truncated") for info in self.locals["infos"]) and self._may_validate():
             self.process.progress.validation_due = True
         return True
 
@@ -413,22 +528,15 @@ class _Callback(BaseCallback):
 
 @contextmanager
 def _stopping_between_steps(callback: _Callback) -> Iterator[None]:
-    """Let SIGINT and SIGTERM end a run where its checkpoint is whole; a second signal ends it at once."""
+    """Let the signals that end a program end a run where its checkpoint is whole; a second one ends it at once."""
 
     def stop(number: int, frame: FrameType | None) -> None:
         if callback.stop_wanted:
             raise KeyboardInterrupt
         callback.stop_wanted = True
 
-    if threading.current_thread() is not threading.main_thread():
-        yield  # only the main thread may listen to signals
-        return
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
+    with signals_handled(stop):
         yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def source_commit() -> str:

@@ -14,6 +14,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from bike_policy.action import ActionScale
 from bike_policy.observation import LEAN_LAYOUT, PROP_LAYOUT, ObservationLayout
 from bike_sim import ride
 from bike_sim.reset import Preview
@@ -68,6 +69,11 @@ class Task:
         """Preview that shows exactly what the layout needs."""
         return Preview(self.layout.preview_by_time, self.layout.preview_interval, self.layout.preview_count)
 
+    @property
+    def action_scale(self) -> ActionScale:
+        """What an action means."""
+        return ActionScale(self.max_steer)
+
     def reward_terms(self, distance: FloatArray, roll: FloatArray) -> dict[str, FloatArray]:
         """Return the parts of the reward of one or many instants with their weights, Eqs. (7) to (10), by name.
 
@@ -117,13 +123,13 @@ def distances(task: Task, seen: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def failed(rear_distance: Numbers, roll: Numbers) -> NDArray[np.bool_]:
-    """Return where a ride has failed: too far from the path or fallen (Sect. 4).
+    """Return where a ride has failed: too far from the path or fallen (Sect. 4). What is no number has failed.
 
     Args:
         rear_distance: d(P, P_P0), m.
         roll: roll angle, rad.
     """
-    return np.logical_or(np.greater(rear_distance, DISTANCE_THRESHOLD), np.abs(roll) > ROLL_THRESHOLD)
+    return ~(np.less_equal(rear_distance, DISTANCE_THRESHOLD) & np.less_equal(np.abs(roll), ROLL_THRESHOLD))
 
 
 def validation_error(distances: FloatArray, succeeded: bool) -> float:

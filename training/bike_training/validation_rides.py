@@ -7,7 +7,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_policy.action import ActionScale
 from bike_policy.actor import Actor
 from bike_sim import ride
 from bike_sim.course.random_paths import CURRICULUM_PATHS
@@ -76,12 +75,11 @@ def _ride_batch(
     steps = round(VALIDATION_DURATION / vehicle.control_period)
     track = np.zeros((steps, len(requests)))
     alive = np.ones(len(requests), dtype=bool)
-    scale = task.max_steer / vehicle.max_steer
     for step in range(steps):
         actions = actor.act_batch(task.layout.observe(batch.states, batch.preview_y))
-        batch.step(np.clip(actions * scale, -1.0, 1.0))
+        batch.step(task.action_scale.to_commands(actions, vehicle.max_steer))
         track[step] = distances(task, batch.seen)
-        alive &= ~failed(np.abs(batch.seen[:, ride.LATERAL_ERROR]), batch.states[:, ROLL])
+        alive &= ~(failed(np.abs(batch.seen[:, ride.LATERAL_ERROR]), batch.states[:, ROLL]) | batch.lying)
         # A fallen bicycle would leave the model's range; it lies still for the rest of the ride.
         batch.states[~alive] = 0.0
         if not alive.any():
@@ -96,13 +94,12 @@ def validate_simulator(actor: Actor, task: Task, simulator: Client, requests: li
 
 def _ride(actor: Actor, task: Task, simulator: Client, request: ResetRequest) -> float:
     vehicle = load_vehicle("whipple")
-    scale = ActionScale(task.max_steer)
     track: list[float] = []
     snapshot = simulator.reset(request)
     for _ in range(round(VALIDATION_DURATION / vehicle.control_period)):
         action = actor.act(task.layout.observe(snapshot.state, snapshot.preview_y))
-        snapshot = simulator.step(scale.to_command(action, vehicle.max_steer))
+        snapshot = simulator.step(task.action_scale.to_command(action, vehicle.max_steer))
         track.append(float(distances(task, snapshot.seen)))
-        if failed(snapshot.distance, snapshot.state[ROLL]):
+        if failed(snapshot.distance, snapshot.state[ROLL]) or snapshot.fallen:
             return validation_error(np.array(track), False)
     return validation_error(np.array(track), True)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import contextlib
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
-from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from bike_sim import ride
 from bike_sim.physics.state import ROLL
@@ -25,11 +26,39 @@ def task_spaces(task: Task) -> tuple[gym.spaces.Box, gym.spaces.Box]:
     return gym.spaces.Box(-high, high, dtype=np.float32), gym.spaces.Box(-1.0, 1.0, (1,), dtype=np.float32)
 
 
+class SimulatorVecEnv(DummyVecEnv):
+    """Environments that have a simulator each, one after the other in this process."""
+
+    def __init__(self, count: int, make: Callable[[], gym.Env[Any, Any]]) -> None:
+        """Make the environments; where one cannot be made, those before it are closed."""
+        with contextlib.ExitStack() as made:
+            envs = []
+            for _ in range(count):
+                envs.append(make())
+                made.callback(envs[-1].close)
+            super().__init__([lambda env=env: env for env in envs])  # type: ignore[misc]
+            self._open = made.pop_all()
+
+    def seed(self, seed: int | None = None) -> Sequence[int | None]:
+        """Seed the rides that begin with the next reset: each bicycle has draws that no other seed gives to any.
+
+        DummyVecEnv counts upwards from the seed, so that neighbouring seeds would share rides.
+        """
+        children = np.random.SeedSequence(seed).spawn(self.num_envs)
+        self._seeds = [int(child.generate_state(1, np.uint64)[0]) for child in children]
+        return self._seeds
+
+    def close(self) -> None:
+        """Close all environments, also where closing one of them fails. A second call does nothing."""
+        self._open.close()
+
+
 class CompiledVecEnv(VecEnv):
     """The paper's environment over :class:`~bike_training.batch.RideBatch`.
 
-    An episode ends after ``task.max_steps`` steps or when a threshold is exceeded. After a full episode the ride goes
-    on into the next one; after two full episodes in a row it begins anew (Weyrer et al. 2026, Sect. 4.1).
+    An episode ends after ``task.max_steps`` steps or when a threshold is exceeded or the bicycle lies on the ground.
+    After a full episode the ride goes on into the next one; after two full episodes in a row it begins anew (Weyrer et
+    al. 2026, Sect. 4.1).
 
     Attributes:
         watch: is told of the rides of the first bicycle; None for nobody.
@@ -57,7 +86,6 @@ class CompiledVecEnv(VecEnv):
         self.steps = np.zeros(count, dtype=np.int64)
         self.full_episodes = np.zeros(count, dtype=np.int64)
         self.returns = np.zeros(count)
-        self._command_scale = task.max_steer / self.vehicle.max_steer
         self._chosen = 0.0
         self._actions = np.zeros(count)
 
@@ -74,7 +102,13 @@ class CompiledVecEnv(VecEnv):
         return {name: value for name, value in self.__dict__.items() if name != "watch"}
 
     def reset(self) -> NDArray[np.float32]:
-        """Begin a new ride of every bicycle and return the observations, shape (n, layout size)."""
+        """Begin a new ride of every bicycle and return the observations, shape (n, layout size).
+
+        After :meth:`seed` the draws begin anew with that seed.
+        """
+        if self._seeds[0] is not None:
+            self.rng = np.random.default_rng(self._seeds[0])
+        self._reset_seeds()
         for index in range(self.num_envs):
             self._begin(index)
         return self._observe()
@@ -91,10 +125,15 @@ class CompiledVecEnv(VecEnv):
     def _observe(self) -> NDArray[np.float32]:
         return self.task.layout.observe(self.batch.states, self.batch.preview_y)
 
+    def seed(self, seed: int | None = None) -> Sequence[int | None]:
+        """Seed the rides that begin with the next reset; all bicycles draw from one generator."""
+        self._seeds = [seed] * self.num_envs
+        return self._seeds
+
     def step_async(self, actions: NDArray[np.float32]) -> None:
         """Take the actions of the next step, shape (n, 1)."""
         self._chosen = float(actions[0, 0])
-        self._actions = np.clip(actions[:, 0] * self._command_scale, -1.0, 1.0)
+        self._actions = self.task.action_scale.to_commands(actions[:, 0], self.vehicle.max_steer)
 
     def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
         """Step every bicycle; rides that ended have begun anew in the returned observations."""
@@ -109,7 +148,7 @@ class CompiledVecEnv(VecEnv):
         rear = np.abs(self.batch.seen[:, ride.LATERAL_ERROR])
         rewards = self.task.rewards(distances(self.task, self.batch.seen), roll).astype(np.float32)
         self.returns += rewards
-        terminated = failed(rear, roll)
+        terminated = failed(rear, roll) | self.batch.lying
         truncated = ~terminated & (self.steps >= self.task.max_steps)
         observations = self._observe()
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
@@ -142,8 +181,9 @@ class CompiledVecEnv(VecEnv):
         setattr(self, attr_name, value)
 
     def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
-        """Call a method once for all bicycles together."""
-        return [getattr(self, method_name)(*method_args, **method_kwargs)]
+        """Call a method once for all bicycles together and return its result once for each bicycle."""
+        result = getattr(self, method_name)(*method_args, **method_kwargs)
+        return [result] * len(list(self._get_indices(indices)))
 
     def env_is_wrapped(self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: Any = None) -> list[bool]:
         """No bicycle is wrapped."""

@@ -86,7 +86,7 @@ def read_curve(folder: Path) -> Curve:
 
     Raises:
         FileNotFoundError: the folder holds no run.
-        ValueError: it has not been validated yet.
+        ValueError: it has not been validated yet, or is damaged.
     """
     with (folder / "validations.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
@@ -94,12 +94,28 @@ def read_curve(folder: Path) -> Curve:
         raise ValueError(f"{folder} has no validation yet")
 
     def column(name: str) -> NDArray[np.float64]:
-        return np.array([float(row[name]) for row in rows])
+        try:
+            return np.array([float(row[name]) for row in rows])
+        except (KeyError, TypeError, ValueError) as error:
+            raise ValueError(
+                f"{folder / 'validations.csv'}: a row has no number for {name}; was it cut off?"
+            ) from error
 
-    summary = json.loads((folder / "run.json").read_text(encoding="utf-8"))
+    summary = _read_summary(folder / "run.json")
     ridden_in = column("part")
     part = ridden_in + column("passed") * (ridden_in <= PARTS)
     return Curve(folder.name, summary, column("step"), column("seconds"), part, column("mean_error_m"))
+
+
+def _read_summary(path: Path) -> dict[str, Any]:
+    needed = {"seed", "finished_at_step", "finished_after_s", "steps", "seconds"}
+    try:
+        summary = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise ValueError(f"{path} cannot be read as JSON ({error}); it is damaged or another file") from error
+    if not isinstance(summary, dict) or not needed <= set(summary):
+        raise ValueError(f"{path} must hold {', '.join(sorted(needed))}; it is not the summary of a run")
+    return summary
 
 
 def draw(curves: Sequence[Curve], path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -37,10 +38,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Write the bundle."""
     progress: Progress = load_process_state(args.run)["progress"]
-    summary = json.loads((args.run / "run.json").read_text(encoding="utf-8"))
+    summary = _read_table(args.run / "run.json", ("preset", "steps"))
     actor = _choose(progress, args.which)
     if actor is None:
-        raise ValueError(f"{args.run}: there is no {args.which!r} actor yet; train longer, or export --which last")
+        advice = "" if args.which == "last" else ", or export --which last"
+        raise ValueError(f"{args.run}: there is no {args.which!r} actor yet; train longer{advice}")
     vehicle = load_vehicle("whipple")
     preset = summary["preset"]
     bundle = Bundle(
@@ -67,11 +69,29 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 def _choose(progress: Progress, which: str) -> Actor | None:
     if which == "best":
         return progress.best or progress.latest_success
-    return progress.latest_success if which == "success" else progress.averaged.actor()
+    if which == "success":
+        return progress.latest_success
+    return progress.averaged.actor() if progress.averaged.count else None  # none before learning began
 
 
 def _results(path: Path | None) -> dict[str, Any]:
     if path is None:
         return {}
-    figures = json.loads(path.read_text(encoding="utf-8"))
+    figures = _read_table(path)
     return {key: value for key, value in figures.items() if not isinstance(value, list)}
+
+
+def _read_table(path: Path, needed: Sequence[str] = ()) -> dict[str, Any]:
+    """Read a JSON object.
+
+    Raises:
+        OSError: there is no such file. ValueError: it holds something else.
+    """
+    try:
+        table = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise ValueError(f"{path} cannot be read as JSON ({error}); it is damaged or another file") from error
+    if not isinstance(table, dict) or not set(needed) <= set(table):
+        wanted = f" with {', '.join(needed)}" if needed else ""
+        raise ValueError(f"{path} must hold one JSON object{wanted}; it is another file than asked for")
+    return table

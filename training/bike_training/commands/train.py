@@ -4,17 +4,25 @@ from __future__ import annotations
 
 import argparse
 import json
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from tqdm import tqdm
 
+from bike_training.checkpoint import find_checkpoint, write_whole
 from bike_training.clients import CLIENT_KINDS
+from bike_training.node_process import NodeLost
 from bike_training.presets import PRESETS
-from bike_training.process import LearningProcess, RunSettings
+from bike_training.process import COMPILED_TIME_STEP, LearningProcess, RunSettings
 
-SETTINGS_FILE = "settings.json"
+SETTINGS_FILE: Final = "settings.json"
+DEFAULT_PRESET: Final = "fast"
+DEFAULT_SIMULATORS: Final = 2
+RECORD_EVERY: Final = 10
+ENGINES: Final = {"local": "whipple", "ros": "pybullet"}
+"""Engine behind a client where none is asked for."""
 
 EXAMPLES = """examples:
   bike train whipple --out runs/a                        the default preset on the compiled engine
@@ -32,7 +40,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("vehicle", choices=["whipple"], help="what to train")
     parser.add_argument("--out", type=Path, required=True, help="folder of the run")
-    parser.add_argument("--preset", choices=sorted(PRESETS), default="fast", help="settings (default: %(default)s)")
+    parser.add_argument("--preset", choices=sorted(PRESETS), help=f"settings (default: {DEFAULT_PRESET})")
     parser.add_argument(
         "--set", action="append", default=[], metavar="NAME=VALUE", help="change one setting of the preset"
     )
@@ -40,71 +48,99 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--engine", choices=["whipple", "pybullet"], help="default: whipple locally, pybullet through ROS"
     )
-    parser.add_argument("--time-step", type=float, default=0.005, help="simulator's integration step, s")
+    parser.add_argument(
+        "--time-step",
+        type=float,
+        help=f"integration step of simulators, s (default: {RunSettings.time_step}); not of the compiled engine",
+    )
     parser.add_argument(
         "--simulators",
         type=int,
-        default=2,
-        help="simulators side by side where they are not compiled into this process (default: %(default)s); "
-        "the updates for each step of learning stay the preset's",
+        help="simulators side by side where they are not compiled into this process (default: "
+        f"{DEFAULT_SIMULATORS}, or fewer where the preset rides fewer bicycles); the updates for each step of learning "
+        "stay the preset's",
     )
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--steps", type=int, default=1_000_000, help="learning steps in all (default: %(default)s)")
-    parser.add_argument("--until-finished", action="store_true", help="stop when the curriculum is finished")
-    parser.add_argument("--resume", action="store_true", help="go on from the checkpoint in --out")
-    parser.add_argument("--checkpoint-every", type=int, default=50_000, help="learning steps between checkpoints")
+    parser.add_argument("--seed", type=int, help=f"seed of everything (default: {RunSettings.seed})")
+    parser.add_argument("--steps", type=int, help="learning steps in all (default: those of the preset)")
     parser.add_argument(
-        "--record-every", type=int, default=10, help="validations between recorded rides; 0 records none"
+        "--until-finished", action=argparse.BooleanOptionalAction, help="stop when the curriculum is finished"
+    )
+    parser.add_argument("--resume", action="store_true", help="go on from the checkpoint in --out")
+    parser.add_argument(
+        "--checkpoint-every",
+        type=int,
+        help=f"learning steps between checkpoints (default: {RunSettings.checkpoint_every})",
+    )
+    parser.add_argument(
+        "--record-every",
+        type=int,
+        help=f"validations between recorded rides; 0 records none (default: {RECORD_EVERY})",
     )
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Learn and return what came of it; not ok when interrupted."""
-    settings = _resumed_settings(args) if args.resume else _new_settings(args)
-    process = LearningProcess(settings, args.out, args.steps, resume=args.resume)
-    interrupted = False
-    with tqdm(total=args.steps, initial=process.model.num_timesteps, unit="step", smoothing=0.05) as bar:
-        try:
-            process.run(lambda p: _show(bar, p))
-        except KeyboardInterrupt:
-            interrupted = True
+    settings = _with_simulator(_resumed_settings(args) if args.resume else _new_settings(args), args)
+    steps = settings.preset.steps
+    try:
+        with closing(LearningProcess(settings, args.out, steps, resume=args.resume)) as process:
+            _store(settings, args.out)  # only now: nothing stays of a run that cannot be
+            interrupted = _learn(process, steps)
+    except NodeLost as error:
+        if find_checkpoint(args.out) is None:
+            raise
+        raise NodeLost(f"{error}; go on from the checkpoint in {args.out} with --resume") from error
     figures = process.summary() | {"interrupted": interrupted, "out": str(args.out)}
     if not args.json:
         _print(figures)
     return {"schema": "bike.train/1", "ok": not interrupted, "figures": figures}
 
 
+def _learn(process: LearningProcess, steps: int) -> bool:
+    """Learn until the end and return whether that was an interruption."""
+    with tqdm(total=steps, initial=process.model.num_timesteps, unit="step", smoothing=0.05) as bar:
+        try:
+            process.run(lambda p: _show(bar, p))
+        except KeyboardInterrupt:
+            return True
+    return False
+
+
 def _new_settings(args: argparse.Namespace) -> RunSettings:
-    overrides = dict(_split(pair) for pair in args.set)
-    settings = RunSettings(
-        preset=PRESETS[args.preset].override(overrides),
-        seed=args.seed,
-        time_step=args.time_step,
-        checkpoint_every=args.checkpoint_every,
-        record_every=args.record_every,
-        until_finished=args.until_finished,
-    )
-    settings = _with_simulator(settings, args)
-    args.out.mkdir(parents=True, exist_ok=True)
-    if not (args.out / SETTINGS_FILE).exists():
-        _store(settings, args.out)
-    return settings
+    preset = PRESETS[args.preset or DEFAULT_PRESET].override(dict(_split(pair) for pair in args.set))
+    settings = RunSettings(preset=preset, seed=args.seed or 0, record_every=RECORD_EVERY)
+    return _with_choices(settings, args)
 
 
 def _resumed_settings(args: argparse.Namespace) -> RunSettings:
-    """Return the settings of a run that goes on, with another simulator if one is asked for."""
+    """Return the settings of a run that goes on, with what may change on the way."""
+    fixed = {"--preset": args.preset, "--set": args.set or None, "--seed": args.seed}
+    given = [option for option, value in fixed.items() if value is not None]
+    if given:
+        raise ValueError(f"a resumed run keeps what it began with: leave out {', '.join(given)}, or begin another run")
     path = args.out / SETTINGS_FILE
     if not path.is_file():
         raise FileNotFoundError(f"{args.out} holds no run to resume ({path.name} is missing)")
-    settings = RunSettings.from_json(json.loads(path.read_text(encoding="utf-8")))
-    if args.client or args.engine:
-        settings = _with_simulator(settings, args)
-        _store(settings, args.out)
-    return settings
+    try:
+        settings = RunSettings.from_json(json.loads(path.read_text(encoding="utf-8")))
+    except ValueError as error:
+        raise ValueError(
+            f"{path} cannot be read ({error}); it is damaged, or another version of this software wrote it"
+        ) from error
+    return _with_choices(settings, args)
+
+
+def _with_choices(settings: RunSettings, args: argparse.Namespace) -> RunSettings:
+    """Return settings with those arguments that may be given anew at each start."""
+    if args.steps is not None:
+        settings = replace(settings, preset=replace(settings.preset, steps=args.steps))
+    names = ("checkpoint_every", "record_every", "until_finished")
+    given = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
+    return replace(settings, **given)
 
 
 def _store(settings: RunSettings, out: Path) -> None:
-    (out / SETTINGS_FILE).write_text(json.dumps(settings.to_json(), indent=1), encoding="utf-8")
+    write_whole(out / SETTINGS_FILE, json.dumps(settings.to_json(), indent=1))
 
 
 def _with_simulator(settings: RunSettings, args: argparse.Namespace) -> RunSettings:
@@ -112,17 +148,26 @@ def _with_simulator(settings: RunSettings, args: argparse.Namespace) -> RunSetti
 
     Fewer bicycles at once learn as much from each of their steps.
     """
-    if args.simulators < 1:
-        raise ValueError(f"--simulators must be at least 1, got {args.simulators}")
-    client = args.client or "local"
-    engine = args.engine or ("pybullet" if client == "ros" else "whipple")
-    settings = replace(settings, client=client, engine=engine)
-    if settings.compiled:
-        return settings
+    client = args.client or settings.client
+    engine = args.engine or (settings.engine if client == settings.client else ENGINES[client])
+    moved = replace(settings, client=client, engine=engine)
+    if moved.compiled:
+        for option, value in (("--time-step", args.time_step), ("--simulators", args.simulators)):
+            if value is not None:
+                raise ValueError(
+                    f"{option} {value} is for simulators: add --client ros or --engine pybullet. The compiled engine "
+                    f"takes steps of {COMPILED_TIME_STEP} s and as many bicycles as --set environments=N says"
+                )
+        return moved
+    moved = replace(moved, time_step=moved.time_step if args.time_step is None else args.time_step)
     preset = settings.preset
-    count = min(args.simulators, preset.environments)
+    count = args.simulators
+    if count is None:
+        count = min(DEFAULT_SIMULATORS, preset.environments) if settings.compiled else preset.environments
+    if count < 1:
+        raise ValueError(f"--simulators must be at least 1, got {count}")
     updates = max(1, round(preset.updates * count / preset.environments))
-    return replace(settings, preset=replace(preset, environments=count, updates=updates))
+    return replace(moved, preset=replace(preset, environments=count, updates=updates))
 
 
 def _split(pair: str) -> tuple[str, str]:

@@ -7,6 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 ACTION_MEANING: Final = "steering_set_value"
 """The only meaning so far: set value of the steering angle, positive to the left."""
 
@@ -38,7 +41,11 @@ class ActionScale:
             action: in [-1, 1].
             vehicle_max_steer: steering set value of command 1, rad.
         """
-        return min(max(action * self.max_steer / vehicle_max_steer, -1.0), 1.0)
+        return min(max(action * (self.max_steer / vehicle_max_steer), -1.0), 1.0)
+
+    def to_commands(self, actions: NDArray[np.floating], vehicle_max_steer: float) -> NDArray[np.float64]:
+        """Return :meth:`to_command` of many actions at once, the same bit for bit."""
+        return np.clip(np.asarray(actions, dtype=np.float64) * (self.max_steer / vehicle_max_steer), -1.0, 1.0)
 
     def to_card(self) -> dict[str, Any]:
         """Return plain values for a policy card."""

@@ -24,13 +24,14 @@ LAYOUT_VERSION: Final = 1
 GRAVITY: Final = 9.81
 """m/s^2, scales the lean preview."""
 
-# Place in the minimal state (bike_sim.physics.state), mirror sign, and bound of each state feature.
+# Place in the minimal state (bike_sim.physics.state), mirror sign, and bound of each state feature. The fork has no
+# stop: when a bicycle falls, its steering angle grows beyond any bound.
 _STATE_FEATURES: Final[Mapping[str, tuple[int, float, float]]] = {
     "x": (0, 1.0, math.inf),
     "y": (1, -1.0, math.inf),
     "yaw": (2, -1.0, math.inf),
     "roll": (3, -1.0, math.pi),
-    "steer": (4, -1.0, math.pi),
+    "steer": (4, -1.0, math.inf),
     "rear_wheel": (5, 1.0, math.inf),
     "front_wheel": (6, 1.0, math.inf),
     "roll_rate": (7, -1.0, math.inf),
@@ -151,6 +152,8 @@ class ObservationLayout:
         Raises:
             ValueError: the simulator's preview cannot serve this layout, naming the difference.
         """
+        if not (math.isfinite(interval) and interval > 0.0):
+            raise ValueError(f"the simulator's preview interval must be positive and finite, got {interval!r}")
         if by_time != self.preview_by_time:
             raise ValueError(
                 f"layout {self.name!r} needs a preview by {_basis(self.preview_by_time)}, "
