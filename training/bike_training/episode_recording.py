@@ -144,7 +144,7 @@ class RideWriter:
         given = Command(before.episode, before.step, command)
         self._write("command", messages.command_to_message(given, messages.time_to_message(stamp)))
         self.snapshot = snapshot = self._simulator.step(command)
-        self.failed = bool(failed(snapshot.distance, snapshot.state[ROLL]))
+        self.failed = bool(failed(snapshot.distance, snapshot.state[ROLL]) or snapshot.fallen)
         learned = _standing_message(standing)
         learned.header.stamp = messages.time_to_message(stamp)
         learned.episode, learned.step = before.episode, before.step
