@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -18,8 +19,12 @@ import rclpy.node
 from bike_msgs.msg import BikeCommand, BikeState
 from bike_msgs.srv import Pause, Reset
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParameters
+from rclpy.client import Client
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from scipy.linalg import solve_discrete_are
 
@@ -27,10 +32,11 @@ from bike_policy.action import ActionScale
 from bike_policy.actor import Actor
 from bike_policy.bundle import Bundle
 from bike_policy.observation import ObservationLayout
-from bike_sim import node_tools
+from bike_sim import node_tools, sim_node
 from bike_sim.command_gate import Command
 from bike_sim.isolation import DomainLease, prepare_discovery
 from bike_sim.messages import command_to_message, reset_to_message
+from bike_sim.node_settings import SPECS, NodeSettings
 from bike_sim.physics import state as st
 from bike_sim.physics.engine import make_engine
 from bike_sim.physics.vehicle_files import load_vehicle
@@ -78,15 +84,23 @@ class Witness(rclpy.node.Node):
         self._spinner = SingleThreadedExecutor(context=self._own_context)
         self._spinner.add_node(self)
         self.reports: list[DiagnosticStatus] = []
+        self.statuses: dict[str, list[DiagnosticStatus]] = {}
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_report, node_tools.EVENT_QOS)
 
     def _on_report(self, message: DiagnosticArray) -> None:
         self.reports += [status for status in message.status if status.name == "bike/record"]
+        for status in message.status:
+            self.statuses.setdefault(status.name.removeprefix("bike/"), []).append(status)
 
     def figures(self, file: Path | str = "") -> dict[str, str]:
         """Return what a recorder last reported: the one that writes a file, or any."""
         found = ({entry.key: entry.value for entry in status.values} for status in reversed(self.reports))
         return next((figures for figures in found if str(file) in figures["file"]), {})
+
+    def count(self, node: str, name: str) -> int:
+        """Return what a node last reported to have counted, 0 where it has not reported yet."""
+        latest = self.statuses.get(node, [DiagnosticStatus()])[-1]
+        return int({entry.key: entry.value for entry in latest.values}.get(name, "0"))
 
     def records(self, *topics: str, file: Path | str = "") -> bool:
         """Whether a recorder has written messages of topics; what is sent from now on reaches it, too."""
@@ -110,6 +124,13 @@ class Witness(rclpy.node.Node):
             assert time.monotonic() < end, f"waited {patience} s in vain; {self.describe()}"
             self._spinner.spin_once(timeout_sec=0.05)
 
+    def until_equal(self, find: Callable[[], Any], wanted: Any) -> None:
+        """Listen until something is as it should be; what it was instead is told."""
+        end = time.monotonic() + PATIENCE
+        while (found := find()) != wanted and time.monotonic() < end:
+            self._spinner.spin_once(timeout_sec=0.05)
+        assert found == wanted
+
     def describe(self) -> str:
         return f"the recorder reported {self.figures()}"
 
@@ -128,8 +149,11 @@ class Ears(Witness):
         self.commands = self.create_publisher(BikeCommand, "command", node_tools.COMMAND_QOS)
         self._reset = self.create_client(Reset, "reset")
         self._pause = self.create_client(Pause, "pause")
+        self._parameters: Client | None = None
+        self._sent: Counter[str] = Counter()
         # After the clients: a simulator whose states come knows where its answers go to, and sooner it drops them.
-        self.states: list[BikeState] = self.listen(BikeState, "state")
+        # As deep as the simulator's queue, so that none is lost where this process is held up.
+        self.states: list[BikeState] = self.listen(BikeState, "state", node_tools.SENDER_QOS)
 
     def describe(self) -> str:
         return f"last episode and step: {[(s.episode, s.step) for s in self.states[-1:]]}; {super().describe()}"
@@ -142,10 +166,41 @@ class Ears(Witness):
         values = {"episode": state.episode, "step": state.step, "steering": steering, **changes}
         self.commands.publish(command_to_message(Command(**values)))
 
+    def judged(self, verdict: str, state: BikeState, steering: float = 0.0, **changes: Any) -> None:
+        """Send a command and wait until the simulator has counted it: its queue holds one, a further takes its place.
+
+        Commands with this verdict must all have been sent by this method, or by `answer`.
+        """
+        self.command(state, steering, **changes)
+        self._sent[verdict] += 1
+        self.until_equal(lambda: self.count("sim_node", f"commands_{verdict}"), self._sent[verdict])
+
     def answer(self, state: BikeState, steering: float = 0.0, **changes: Any) -> BikeState:
         """Answer a state and return the next one."""
         self.command(state, steering, **changes)
+        self._sent["taken"] += 1
         self.until(lambda: (self.states[-1].episode, self.states[-1].step) == (state.episode, state.step + 1))
+        return self.states[-1]
+
+    def attend(self, kind: type, topic: str) -> list[Any]:
+        """Return a list that grows with each message from now on: the simulator knows of it.
+
+        Nodes learn of subscriptions in the order in which these were made, so a later one that hears a state tells.
+        """
+        heard = self.listen(kind, topic)
+        probe: list[BikeState] = []
+        later = self.create_subscription(BikeState, "state", probe.append, node_tools.STREAM_QOS)
+        self.until(lambda: probe)
+        self.destroy_subscription(later)
+        return heard
+
+    def still(self) -> BikeState:
+        """Wait until time stands still, and return the state that comes again.
+
+        Twice: one that is published again may have had its answer in the simulator's queue already.
+        """
+        begin = len(self.states)
+        self.until(lambda: len(self.states) >= begin + 3 and self.states[-1] == self.states[-2] == self.states[-3])
         return self.states[-1]
 
     def reset(self, request: ResetRequest | Reset.Request) -> Reset.Response:
@@ -153,6 +208,16 @@ class Ears(Witness):
         future = self._reset.call_async(message)
         self.until(future.done)
         return future.result()
+
+    def set_parameter(self, name: str, value: float | str) -> SetParametersResult:
+        """Set a parameter of the simulator."""
+        if self._parameters is None:
+            self._parameters = self.create_client(SetParameters, "sim_node/set_parameters")
+            self.until(self._parameters.service_is_ready)
+        parameter = Parameter(name, value=value).to_parameter_msg()
+        future = self._parameters.call_async(SetParameters.Request(parameters=[parameter]))
+        self.until(future.done)
+        return future.result().results[0]
 
     def pause(self, paused: bool) -> Pause.Response:
         future = self._pause.call_async(Pause.Request(paused=paused))
@@ -212,8 +277,36 @@ class Stage:
         self._lease.close()
 
 
+@pytest.fixture(scope="session")
+def compiled(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Compiles the physics here, where nobody waits: on a busy machine it takes minutes if nothing is cached."""
+    circuit = oval(tmp_path_factory.mktemp("compiled"))
+    defaults = {spec.name: spec.default for spec in SPECS}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("BIKE_CACHE", str(circuit.parent))
+        for changes in ({}, {"engine": "whipple"}, {"vehicle": "panigale_v4r", "course": str(circuit)}):
+            sim_node._compile(NodeSettings.from_parameters(defaults | changes))
+
+
+def oval(folder: Path) -> Path:
+    """Write a small circuit for superbikes."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 120, endpoint=False)
+    radius = 110.0 + 25.0 * np.cos(2.0 * angle)
+    rows = "\n".join(f"{r * np.cos(a):.4f},{r * np.sin(a):.4f},6.0,6.0" for a, r in zip(angle, radius, strict=True))
+    path = folder / "oval.csv"
+    path.write_text(f"# x_m,y_m,w_tr_right_m,w_tr_left_m\n{rows}\n")
+    return path
+
+
 @pytest.fixture
-def stage(tmp_path: Path) -> Iterator[Stage]:
+def circuit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A small circuit, whose lines are kept where nothing else is."""
+    monkeypatch.setenv("BIKE_CACHE", str(tmp_path / "lines"))
+    return oval(tmp_path)
+
+
+@pytest.fixture
+def stage(tmp_path: Path, compiled: None) -> Iterator[Stage]:
     stage = Stage(tmp_path)
     yield stage
     stage.close()
@@ -227,7 +320,7 @@ def other_stage(tmp_path: Path) -> Iterator[Stage]:
 
 
 @pytest.fixture(scope="module")
-def lockstep(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ears]:
+def lockstep(tmp_path_factory: pytest.TempPathFactory, compiled: None) -> Iterator[Ears]:
     """Ears on a simulator in lockstep that the tests of a module share; each begins with a reset of its own."""
     stage = Stage(tmp_path_factory.mktemp("lockstep"))
     stage.simulator()

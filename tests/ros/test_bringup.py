@@ -71,7 +71,7 @@ RVIZ = yaml.safe_load((BRINGUP / "rviz" / "ride.rviz").read_text())["Visualizati
 
 
 @pytest.fixture(scope="module")
-def ride(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def ride(tmp_path_factory: pytest.TempPathFactory, compiled: None) -> Path:
     """A short ride of the real nodes."""
     folder = tmp_path_factory.mktemp("bringup")
     course = folder / "short.yaml"

@@ -20,6 +20,8 @@ from bike_sim.reset import ResetRequest
 from bike_sim.simulator import Simulator, SimulatorConfig, Snapshot
 
 NUMBERS = st.floats(allow_nan=True, allow_infinity=True)
+PATIENCE = 90.0
+"""Longest wait for another process, s: what a busy machine may need."""
 COMMANDS = st.builds(Command, st.integers(0, 4), st.integers(0, 6), NUMBERS, NUMBERS)
 
 
@@ -116,7 +118,7 @@ def test_a_fall_and_leaving_the_course_are_told_once() -> None:
 def _lease(folder: Path, ready: multiprocessing.Queue, end: multiprocessing.Event) -> None:
     with isolation.DomainLease(folder) as lease:
         ready.put(lease.domain_id)
-        end.wait(30.0)
+        end.wait(PATIENCE)
 
 
 def test_processes_get_domains_of_their_own_and_give_them_back(tmp_path: Path) -> None:
@@ -125,14 +127,14 @@ def test_processes_get_domains_of_their_own_and_give_them_back(tmp_path: Path) -
     workers = [context.Process(target=_lease, args=(tmp_path, ready, end)) for _ in range(4)]
     for worker in workers:
         worker.start()
-    domains = {ready.get(timeout=30.0) for _ in workers}
+    domains = {ready.get(timeout=PATIENCE) for _ in workers}
     with isolation.DomainLease(tmp_path) as lease:
         domains.add(lease.domain_id)
         assert len(domains) == 5
         assert all(isolation.FIRST_DOMAIN <= d <= isolation.LAST_DOMAIN for d in domains)
     end.set()
     for worker in workers:
-        worker.join(30.0)
+        worker.join(PATIENCE)
     leases = [isolation.DomainLease(tmp_path) for _ in range(isolation.LAST_DOMAIN - isolation.FIRST_DOMAIN + 1)]
     with pytest.raises(OSError, match="all ROS domains"):
         isolation.DomainLease(tmp_path)

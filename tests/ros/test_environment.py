@@ -14,7 +14,7 @@ PROGRAMS = [("bike_sim", "sim_node"), ("bike_sim", "record"), ("bike_policy", "d
 def plain_python(code: str, **environment: str) -> str:
     """Standard output of a Python that gets these environment variables and no others."""
     command = [sys.executable, "-c", code]
-    result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60, check=False)
+    result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=90, check=False)
     assert result.returncode == 0, result.stderr
     return result.stdout.strip()
 

@@ -7,7 +7,16 @@ import time
 import pytest
 from bike_msgs.msg import RideEvent
 
+from bike_sim.sim_node import oldest_step
+
 pytestmark = pytest.mark.ros
+
+
+@pytest.mark.parametrize(
+    ("step", "timeout", "oldest"), [(10, 0.25, 5), (3, 0.25, 0), (10, 0.01, 10), (10, 0.0, 0), (10, 1e308, 0)]
+)
+def test_commands_may_be_as_old_as_the_timeout(step: int, timeout: float, oldest: int) -> None:
+    assert oldest_step(step, timeout, 0.05) == oldest
 
 
 def test_time_runs_at_the_wanted_pace_and_commands_are_held(stage) -> None:
@@ -23,10 +32,7 @@ def test_time_runs_at_the_wanted_pace_and_commands_are_held(stage) -> None:
     assert {s.steering_command for s in ridden} == {0.01}
     assert elapsed > 0.8 * 40 * 0.05 / 2.0  # never faster; how much slower is up to the machine
     assert ears.pause(True).success
-    ears.during(0.1)
-    step = ears.states[-1].step
-    ears.during(0.3)
-    assert ears.states[-1].step == step
+    step = ears.still().step
     ears.pause(False)
     ears.until(lambda: ears.states[-1].step > step)
 
@@ -39,19 +45,20 @@ def test_silence_sets_steering_straight_and_a_command_ends_it(stage) -> None:
     applied = {s.step: s.steering_command for s in ears.states}
     assert {applied[step] for step in range(1, 6)} == {0.02}
     assert {applied[step] for step in range(7, 12)} == {0.0}
-    ears.command(ears.states[-1], 0.03)
-    ears.until(lambda: ears.states[-1].steering_command == 0.03)
-    # A command of the far past is stale, one that names no episode is not.
-    ears.command(ears.states[-1], 0.04, step=1)
+    # A command of the far past is stale, one that names no episode is not, however late it comes.
+    ears.judged("stale", ears.states[-1], 0.03, step=1)
+    ears.command(ears.states[-1], 0.04, episode=0, step=0)
+    ears.until(lambda: ears.states[-1].steering_command == 0.04)
+    ears.judged("stale", ears.states[-1], 0.03, step=1)
     ears.command(ears.states[-1], 0.05, episode=0, step=0)
     ears.until(lambda: ears.states[-1].steering_command == 0.05)
-    assert 0.04 not in {s.steering_command for s in ears.states}
+    assert 0.03 not in {s.steering_command for s in ears.states}
 
 
 def test_without_a_pace_each_command_is_a_step_and_falls_begin_anew(stage) -> None:
     stage.simulator(mode="free", real_time_factor=0.0, auto_reset="fall", seed=5)
     ears = stage.ears()
-    events = ears.listen(RideEvent, "events")
+    events = ears.attend(RideEvent, "events")
     for _ in range(200):
         state = ears.states[-1]
         if state.episode == 2:

@@ -10,7 +10,7 @@ import pytest
 from bike_msgs.msg import Course as CourseMessage
 from bike_msgs.msg import CoursePoints, LeanHistory, RideEvent
 from bike_msgs.srv import Reset
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
@@ -23,7 +23,7 @@ from bike_sim.reset import ResetRequest
 from bike_sim.simulator import Simulator, SimulatorConfig, Snapshot
 from bike_training.ros_client import RosClient, RosClientConfig
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("compiled")]
 
 
 def assert_same(a: Snapshot, b: Snapshot) -> None:
@@ -70,7 +70,7 @@ def test_a_repeated_command_gets_the_same_state_again(lockstep) -> None:
     first = begin(lockstep)
     second = lockstep.answer(first, 0.05)
     count = len(lockstep.states)
-    lockstep.command(first, 0.9)
+    lockstep.judged("repeated", first, 0.9)
     lockstep.until(lambda: len(lockstep.states) > count)
     assert lockstep.states[-1] == second
     third = lockstep.answer(second, 0.05)
@@ -82,30 +82,22 @@ def test_stale_and_foreign_commands_do_nothing(lockstep) -> None:
     second = lockstep.answer(first)
     third = lockstep.answer(second)
     for changes in ({"step": 0}, {"step": 3}, {"episode": third.episode - 1}, {"episode": third.episode + 1}):
-        lockstep.command(third, 0.5, **changes)
-    lockstep.during(0.2)
+        lockstep.judged("stale", third, 0.5, **changes)
     assert lockstep.states[-1] == third
     assert lockstep.answer(third).steering_command == 0.0
 
 
 def test_commands_that_cannot_be_never_reach_the_physics_and_are_reported(lockstep) -> None:
-    reports = lockstep.listen(DiagnosticArray, "/diagnostics")
-    lockstep.until(lambda: reports)
     state = begin(lockstep)
     for value in (math.nan, math.inf, -math.inf):
-        lockstep.command(state, value)
-        lockstep.during(0.1)  # the queue holds one command, so a quicker one would take its place
-        lockstep.command(state, 0.0, throttle=value)
-        lockstep.during(0.1)
+        lockstep.judged("refused", state, value)
+        lockstep.judged("refused", state, 0.0, throttle=value)
     assert lockstep.states[-1] == state
     clipped = lockstep.answer(state, 3.0)
     assert clipped.steering_command == 1.0
-
-    def last(key: str) -> int:
-        return int({entry.key: entry.value for entry in reports[-1].status[0].values}[key])
-
-    lockstep.until(lambda: last("commands_refused") >= 6 and last("commands_clipped") >= 1)
-    warnings = [r.status[0].message for r in reports if r.status[0].level == DiagnosticStatus.WARN]
+    lockstep.until(lambda: lockstep.count("sim_node", "commands_clipped") == 1)
+    reports = lockstep.statuses["sim_node"]
+    warnings = [status.message for status in reports if status.level == DiagnosticStatus.WARN]
     assert any("refused" in text for text in warnings)
     assert any("clipped" in text for text in warnings)
 
@@ -113,7 +105,7 @@ def test_commands_that_cannot_be_never_reach_the_physics_and_are_reported(lockst
 def test_an_unanswered_state_comes_again(lockstep) -> None:
     state = begin(lockstep)
     count = len(lockstep.states)
-    lockstep.until(lambda: len(lockstep.states) >= count + 2, patience=5.0)
+    lockstep.until(lambda: len(lockstep.states) >= count + 2)
     assert all(again == state for again in lockstep.states[count:])
 
 
@@ -163,9 +155,8 @@ def test_a_seed_is_drawn_where_none_is_given(lockstep) -> None:
 def test_a_pause_keeps_the_command_for_later(lockstep) -> None:
     state = begin(lockstep)
     assert lockstep.pause(True).success
-    lockstep.command(state, 0.25)
-    lockstep.during(0.2)
-    assert lockstep.states[-1].step == 0
+    lockstep.judged("taken", state, 0.25)
+    assert lockstep.still() == state
     lockstep.pause(False)
     lockstep.until(lambda: lockstep.states[-1].step == 1)
     assert lockstep.states[-1].steering_command == 0.25
@@ -180,13 +171,11 @@ def test_all_topics_tell_of_the_same_ride(lockstep) -> None:
         "markers": MarkerArray,
         "transform": TransformStamped,
     }
-    heard = {topic: lockstep.listen(kind, topic) for topic, kind in kinds.items()}
-    lockstep.until(lambda: all(lockstep.count_publishers(topic) for topic in kinds))
-    lockstep.during(0.5)
+    heard = {topic: lockstep.attend(kind, topic) for topic, kind in kinds.items()}
     state = begin(lockstep, course="benchmark")
     for _ in range(5):
         state = lockstep.answer(state, 0.01)
-    lockstep.until(lambda: all(len(heard[topic]) >= 6 for topic in kinds))
+    lockstep.until_equal(lambda: {len(heard[topic]) for topic in kinds}, {6})
     points, history, odom, joints = (heard[topic][-1] for topic in list(kinds)[:4])
     assert {m.header.stamp.nanosec for m in (points, history, odom, joints)} == {state.header.stamp.nanosec}
     assert [p.x for p in points.line] == list(state.preview_x)
@@ -210,15 +199,13 @@ def test_who_comes_late_still_gets_the_course(lockstep) -> None:
 
 
 def test_a_fall_is_told_and_ends_the_episode(lockstep) -> None:
-    events = lockstep.listen(RideEvent, "events")
-    lockstep.during(0.5)
+    events = lockstep.attend(RideEvent, "events")
     state = begin(lockstep)
     while not state.fallen:
         state = lockstep.answer(state, 0.3)
     lockstep.until(lambda: events and events[-1].kind == RideEvent.FALL)
     assert events[-1].value == state.roll
     assert [e.kind for e in events if e.episode == state.episode] == [RideEvent.RESET, RideEvent.FALL]
-    lockstep.command(state)
-    lockstep.during(0.2)
-    assert lockstep.states[-1] == state
+    lockstep.judged("taken", state)
+    assert lockstep.still() == state
     assert not begin(lockstep).fallen

@@ -31,6 +31,7 @@ def end(*programs) -> None:
     assert [program.end()[0] for program in programs] == [0] * len(programs)
 
 
+@pytest.mark.slow
 def test_rides_in_lockstep_come_out_the_same(stage, policy, tmp_path: Path) -> None:
     """The ride that the node begins, and one asked for at random; a recorder starts before the node, another after."""
     paths = [tmp_path / "early" / "ride.mcap", tmp_path / "late" / "ride.mcap"]

@@ -35,18 +35,7 @@ from bike_sim.track_ride import PREVIEW, TrackRide, superbike_config
 from bike_training.laps import seen_from
 from bike_training.node_laps import ride_through_nodes
 
-pytestmark = pytest.mark.ros
-
-
-@pytest.fixture
-def circuit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("BIKE_CACHE", str(tmp_path / "lines"))
-    angle = np.linspace(0.0, 2.0 * np.pi, 120, endpoint=False)
-    radius = 110.0 + 25.0 * np.cos(2.0 * angle)
-    rows = "\n".join(f"{r * np.cos(a):.4f},{r * np.sin(a):.4f},6.0,6.0" for a, r in zip(angle, radius, strict=True))
-    path = tmp_path / "oval.csv"
-    path.write_text(f"# x_m,y_m,w_tr_right_m,w_tr_left_m\n{rows}\n")
-    return path
+pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("compiled")]
 
 
 def test_messages_carry_what_the_rider_sees(circuit: Path) -> None:
@@ -115,7 +104,7 @@ def test_reset_chooses_line_and_place_alike_in_process_and_through_ros(circuit: 
     name = str(circuit)
     stage.simulator(vehicle="panigale_v4r", course=name, time_step=0.002, speed=20.0)
     ears = stage.ears()
-    told = ears.listen(Telemetry, "telemetry")
+    told = ears.attend(Telemetry, "telemetry")
     local = TrackRide(superbike_config())
     for line, progress in ((0.0, 150.0), (1.0, 0.0), (0.4, 333.3)):
         request = ResetRequest(course=name, speed_range=(20.0, 20.0), line=line, progress=progress)
@@ -130,7 +119,7 @@ def test_reset_chooses_line_and_place_alike_in_process_and_through_ros(circuit: 
             state, ours = ears.answer(state, 0.1), local.step(0.1)
         np.testing.assert_array_equal(snapshot_from_message(state).state, ours.state)
         number = response.state.episode
-        ears.until(lambda number=number: (told[-1].episode, told[-1].step) == (number, 5))
+        ears.until(lambda number=number: told and (told[-1].episode, told[-1].step) == (number, 5))
         expected = telemetry_to_message(ours, local.vehicle, 0)
         expected.header, expected.episode = told[-1].header, number
         assert told[-1] == expected
@@ -150,6 +139,23 @@ def test_reset_chooses_line_and_place_alike_in_process_and_through_ros(circuit: 
     local.close()
 
 
+def test_a_changed_parameter_loads_the_circuit_only_where_the_start_is_another(circuit: Path, stage) -> None:
+    """Loading it takes most of a second, in which nobody is answered. Here there is nothing to load any more."""
+    stage.simulator(vehicle="panigale_v4r", course=str(circuit), time_step=0.002)
+    ears = stage.ears()
+    speed = ears.reset(Reset.Request(seed=1)).state.speed
+    circuit.unlink()
+    for name, value in (("command_timeout_s", 1.0), ("seed", 3), ("auto_reset", "end")):
+        result = ears.set_parameter(name, value)
+        assert result.successful, result.reason
+    assert ears.reset(Reset.Request(seed=1)).state.speed == speed > 0.0
+    for name, value in (("line", 0.5), ("progress", 20.0), ("speed", 20.0)):
+        result = ears.set_parameter(name, value)
+        assert not result.successful
+        assert str(circuit) in result.reason
+
+
+@pytest.mark.slow
 def test_laps_through_the_nodes_are_recorded_and_timed_alike(circuit: Path, tmp_path: Path) -> None:
     machine = load_vehicle("panigale_v4r")
     assert isinstance(machine, Superbike)

@@ -23,7 +23,7 @@ from bike_training.node_process import NodeLost, NodeProcess
 SILENCE: Final = 15.0
 """Wall-clock time without a new state after which a ride counts as stuck, s."""
 
-START_TIMEOUT: Final = 60.0
+START_TIMEOUT: Final = 120.0
 """Wall-clock time that the nodes get to find each other, s; the first line of a machine takes some seconds."""
 
 NEEDED_TOPICS: Final = ("state", "command", "episode", "course")

@@ -33,7 +33,7 @@ from bike_sim.reset import ResetRequest
 from bike_sim.simulator import SimulatorConfig, Snapshot
 from bike_training.node_process import NodeLost, NodeProcess
 
-START_TIMEOUT: Final = 60.0
+START_TIMEOUT: Final = 120.0
 """Longest wait for a simulator to appear, s. The first start on a machine compiles the physics."""
 
 RESEND_AFTER: Final = 0.5

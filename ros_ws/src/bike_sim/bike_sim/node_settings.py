@@ -22,6 +22,13 @@ NEVER, FALL, END = "never", "fall", "end"
 BICYCLE_SPEED: Final = 4.0
 """Speed at which episodes of a bicycle begin if nothing else is asked for, m/s."""
 
+LONGEST_STEP: Final = 3600.0
+"""Longest wall-clock time that free mode may take for a control period, s."""
+
+START: Final = ("vehicle", "course", "speed", "line", "progress")
+"""Parameters that the start of a superbike depends on. Checking them loads lines and a lap, which takes most of a
+second in which nothing is simulated."""
+
 _CONFIG = SimulatorConfig()
 _PREVIEW = Preview()
 
@@ -62,7 +69,11 @@ SPECS: Final = (
     ),
     ParameterSpec("preview_interval", _PREVIEW.interval, "Their interval, s or m. From the next episode."),
     ParameterSpec("preview_count", _PREVIEW.count, "Their number, the nearest included. From the next episode."),
-    ParameterSpec("real_time_factor", 1.0, "Free mode: simulated over wall-clock time; 0: a step for each command."),
+    ParameterSpec(
+        "real_time_factor",
+        1.0,
+        "Free mode: simulated over wall-clock time, at least a control period an hour; 0: a step for each command.",
+    ),
     ParameterSpec(
         "command_timeout_s",
         0.5,
@@ -85,6 +96,7 @@ class NodeSettings:
     Attributes:
         simulator: what stays the same over all episodes.
         episode: what the node's own episodes begin with; also serves where a reset leaves something open.
+        start: values of the parameters in START.
         seed: seed of the first of them, or negative.
         mode: LOCKSTEP or FREE.
         real_time_factor: simulated over wall-clock time in free mode; 0 for a step a command.
@@ -95,6 +107,7 @@ class NodeSettings:
 
     simulator: SimulatorConfig
     episode: ResetRequest
+    start: tuple[Any, ...]
     seed: int
     mode: str
     real_time_factor: float
@@ -103,8 +116,12 @@ class NodeSettings:
     publish_markers: bool
 
     @classmethod
-    def from_parameters(cls, values: Mapping[str, Any]) -> NodeSettings:
+    def from_parameters(cls, values: Mapping[str, Any], before: NodeSettings | None = None) -> NodeSettings:
         """Check parameters together, as an episode would use them.
+
+        Args:
+            values: all parameters.
+            before: settings that hold so far. A superbike's start is checked only where it is another one.
 
         Raises:
             ValueError: a value that cannot be. FileNotFoundError: an unknown vehicle or course.
@@ -120,6 +137,13 @@ class NodeSettings:
             control_period=values["control_period"] or vehicle.control_period,
             history=values["history"],
         )
+        slowest = simulator.control_period / LONGEST_STEP
+        if 0.0 < values["real_time_factor"] < slowest:
+            raise ValueError(
+                f"parameter real_time_factor must be 0 or at least {slowest:.3g}, a control period an hour, "
+                f"got {values['real_time_factor']!r}"
+            )
+        start = tuple(values[name] for name in START)
         speed = values["speed"] or BICYCLE_SPEED
         episode = ResetRequest(
             seed=max(values["seed"], 0),
@@ -130,14 +154,17 @@ class NodeSettings:
             line=values["line"],
             progress=values["progress"],
         )
-        if isinstance(vehicle, Superbike):
+        if not isinstance(vehicle, Superbike):
+            begin(episode, vehicle)
+        elif before is not None and before.start == start:
+            episode = replace(episode, speed_range=before.episode.speed_range)
+        else:
             own = start_speed(episode.course, envelope(vehicle), episode.line, episode.progress)
             episode = episode if values["speed"] else replace(episode, speed_range=(own, own))
-        else:
-            begin(episode, vehicle)
         return cls(
             simulator=simulator,
             episode=episode,
+            start=start,
             seed=values["seed"],
             mode=values["mode"],
             real_time_factor=values["real_time_factor"],

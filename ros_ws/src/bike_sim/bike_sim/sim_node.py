@@ -235,9 +235,8 @@ class SimNode(rclpy.node.Node):
     # ------------------------------------------------------------------------------------------------------ commands
 
     def _on_command(self, message: BikeCommand) -> None:
-        snapshot, config = self._snapshot, self._simulator.config
-        patience = round(self._settings.command_timeout / config.control_period)
-        oldest = max(snapshot.step - patience, 0) if patience else 0
+        snapshot, timeout = self._snapshot, self._settings.command_timeout
+        oldest = oldest_step(snapshot.step, timeout, self._simulator.config.control_period)
         command = command_from_message(message)
         verdict, command = self._gate.judge(command, snapshot.episode, snapshot.step, oldest)
         if verdict is Verdict.REPEATED:
@@ -310,7 +309,7 @@ class SimNode(rclpy.node.Node):
 
     def _on_parameters(self, values: dict[str, Any]) -> None:
         """Take changed parameters over: pace and safety at once, what describes an episode from the next one on."""
-        before, self._settings = self._settings, NodeSettings.from_parameters(values)
+        before, self._settings = self._settings, NodeSettings.from_parameters(values, self._settings)
         if self._settings.seed != before.seed:
             self._own_episodes = 0
         if self._settings.real_time_factor != before.real_time_factor:
@@ -367,6 +366,19 @@ class SimNode(rclpy.node.Node):
             f"{self._settings.episode.speed_range[0]:g} m/s, {config.engine} at {config.time_step * 1e3:g} ms, "
             f"a command every {config.control_period * 1e3:g} ms, {self._settings.mode}"
         )
+
+
+def oldest_step(step: int, timeout: float, control_period: float) -> int:
+    """Return the oldest step that a command of free mode may answer.
+
+    Args:
+        step: the present one.
+        timeout: how old it may be, s; 0 for as old as the episode.
+        control_period: s.
+    """
+    if timeout == 0.0:
+        return 0
+    return step - round(min(timeout / control_period, step))
 
 
 def _compile(settings: NodeSettings) -> None:
