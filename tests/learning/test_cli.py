@@ -217,10 +217,14 @@ def test_export_and_curves_name_what_they_cannot_read(tmp_path, capsys):
     assert "--which last" in told("export", str(run))
     (run / "validations.csv").write_text("step,seconds,part,mean_error_m,passed\n4000,1.0,1,0.3,0\n8000,2\n")
     assert "validations.csv: a row has no number" in told("curves", str(run))
+    whole = (run / "run.json").read_text()
     (run / "run.json").write_text('{"steps": 3')
     assert "run.json cannot be read" in told("export", str(run))
     (run / "validations.csv").write_text("step,seconds,part,mean_error_m,passed\n4000,1.0,1,0.3,0\n")
     assert "run.json cannot be read" in told("curves", str(run))
+    (run / "run.json").write_text(whole)
+    assert main(["curves", str(run), "--out", str(tmp_path / "pictures")]) == 1  # drawn, and not finished
+    assert (tmp_path / "pictures" / "learning_curves.png").is_file()
     (run / "run.json").write_text("[]")
     assert "run.json must hold" in told("curves", str(run))
     with pytest.raises(ValueError, match="one JSON object"):

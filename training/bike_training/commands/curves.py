@@ -8,7 +8,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import matplotlib as mpl
 import numpy as np
@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 from bike_training.curriculum import PARTS
 from bike_training.task import VALIDATION_THRESHOLD
+
+PICTURE: Final = "learning_curves.png"
 
 
 @dataclass(frozen=True)
@@ -45,15 +47,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("runs", type=Path, nargs="+", help="folders of runs of bike train")
     parser.add_argument(
-        "--out", type=Path, default=Path("out/learning_curves.png"), help="picture (default: %(default)s)"
+        "--out", type=Path, default=Path("out") / PICTURE, help="picture, or folder for it (default: %(default)s)"
     )
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Draw the curves; not ok when a run has not finished its curriculum."""
     curves = [read_curve(folder) for folder in args.runs]
-    args.out.parent.mkdir(parents=True, exist_ok=True)
-    draw(curves, args.out)
+    picture: Path = args.out if args.out.suffix else args.out / PICTURE
+    picture.parent.mkdir(parents=True, exist_ok=True)
+    draw(curves, picture)
     runs = [
         {
             "run": curve.name,
@@ -70,7 +73,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if not args.json:
         for entry in runs:
             print(", ".join(f"{key} {value}" for key, value in entry.items()))
-        print(f"picture: {args.out}")
+        print(f"picture: {picture}")
     return {"schema": "bike.curves/1", "ok": all(entry["finished_at_step"] for entry in runs), "figures": figures}
 
 
