@@ -87,8 +87,8 @@ class States(Table):
 
     Attributes:
         control_period: Time between two steps, s.
-        steering_limit: Set value of the steering angle that a steering command of 1 asks for, rad; of a superbike, whose
-            command asks for a lean, the steering stop.
+        steering_limit: Set value of the steering angle that a steering command of 1 asks for, rad. Of a superbike,
+            whose command asks for a lean, the steering stop.
         x: Rear contact point in map, m.
         y: Rear contact point in map, m.
         yaw: rad, not wrapped.
