@@ -23,7 +23,8 @@ from bike_training.curriculum import REFINEMENT, Curriculum
 from bike_training.env import BikeEnv
 from bike_training.learner import actor_tensors
 from bike_training.presets import FAST
-from bike_training.process import LearningProcess, RunSettings
+from bike_training.process import LearningProcess
+from bike_training.run_settings import RunSettings
 from bike_training.task import TASKS, Task
 from bike_training.vec_env import CompiledVecEnv
 

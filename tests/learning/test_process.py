@@ -17,7 +17,8 @@ from bike_training.env import BikeEnv
 from bike_training.learner import AveragedActor, actor_tensors, build_model
 from bike_training.node_process import NodeLost
 from bike_training.presets import FAST, PAPER
-from bike_training.process import LearningProcess, RunSettings, _Callback
+from bike_training.process import LearningProcess, _Callback
+from bike_training.run_settings import RunSettings
 from bike_training.task import TASKS
 from bike_training.validation_rides import draw_requests
 from bike_training.vec_env import CompiledVecEnv

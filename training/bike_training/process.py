@@ -5,12 +5,10 @@ from __future__ import annotations
 import contextlib
 import csv
 import json
-import math
 import subprocess
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any, Final
@@ -25,7 +23,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from bike_policy.actor import Actor
 from bike_sim.physics.vehicle_files import load_vehicle
 from bike_sim.reset import ResetRequest
-from bike_sim.simulator import Simulator, SimulatorConfig
+from bike_sim.simulator import Simulator
 from bike_training.checkpoint import (
     drop_rows_after,
     holds_run,
@@ -34,13 +32,13 @@ from bike_training.checkpoint import (
     save_checkpoint,
     write_whole,
 )
-from bike_training.clients import CLIENT_KINDS
 from bike_training.curriculum import Curriculum, RideRanges
 from bike_training.env import BikeEnv
 from bike_training.interruption import signals_handled
 from bike_training.learner import AveragedActor, actor_tensors, build_model
 from bike_training.node_process import NodeLost
-from bike_training.presets import LARGEST_SEED, Preset, check_entries
+from bike_training.progress import Progress
+from bike_training.run_settings import COMPILED_TIME_STEP, TRAINING_DRAWS, VALIDATION_DRAWS, RunSettings, draws
 from bike_training.task import DISTANCE_THRESHOLD, Task
 from bike_training.validation_rides import (
     draw_requests,
@@ -53,152 +51,17 @@ from bike_training.vec_env import CompiledVecEnv, SimulatorVecEnv
 if TYPE_CHECKING:
     from bike_training.episode_recording import TrainingRecorder  # needs ROS
 
-COMPILED_TIME_STEP: Final = 0.01
-"""Integration step of the compiled engine in training, s; its error there is below 1e-6 in every state."""
-
 SELECT_EVERY: Final = 10_000
 """Learning steps between two comparisons of actors once the curriculum is finished."""
 
 LOG_EVERY: Final = 1000
 """Learning steps between two rows of the logs."""
 
-TRAINING_DRAWS, VALIDATION_DRAWS = 0, 1
-"""Branches of a run's seed, so that no draw of a run is another draw of it or of a run with another seed."""
-
 VALIDATION_COLUMNS: Final = ("step", "seconds", "part", "mean_error_m", "max_error_m", "passed", "updates")
 
 
 class StopLearning(Exception):
     """Ends a run at a point where a checkpoint is whole."""
-
-
-@dataclass(frozen=True)
-class RunSettings:
-    """What a run is, beside its preset.
-
-    Attributes:
-        preset: settings of the learner and the task.
-        seed: seed of everything.
-        client: ``local`` or ``ros``.
-        engine: ``whipple`` or ``pybullet``.
-        time_step: integration step of a simulator, s; the compiled batch uses COMPILED_TIME_STEP.
-        checkpoint_every: learning steps between checkpoints.
-        record_every: validations between recorded rides; 0 records none.
-        until_finished: stop when the curriculum is finished.
-    """
-
-    preset: Preset
-    seed: int = 0
-    client: str = "local"
-    engine: str = "whipple"
-    time_step: float = 0.005
-    checkpoint_every: int = 50_000
-    record_every: int = 0
-    until_finished: bool = False
-
-    def __post_init__(self) -> None:
-        """Refuse values that mean nothing.
-
-        Raises:
-            ValueError: naming the value.
-        """
-        if not 0 <= self.seed <= LARGEST_SEED:
-            raise ValueError(f"seed must be 0 to {LARGEST_SEED}, got {self.seed}")
-        if self.client not in CLIENT_KINDS:
-            raise ValueError(f"client must be one of {', '.join(CLIENT_KINDS)}, got {self.client!r}")
-        if self.engine not in ("whipple", "pybullet"):
-            raise ValueError(f"engine must be whipple or pybullet, got {self.engine!r}")
-        if not (math.isfinite(self.time_step) and self.time_step > 0.0):
-            raise ValueError(f"time_step must be positive and finite, got {self.time_step!r} s")
-        if self.checkpoint_every < 1:
-            raise ValueError(f"checkpoint_every must be at least 1 learning step, got {self.checkpoint_every}")
-        if self.record_every < 0:
-            raise ValueError(f"record_every must be 0 or more validations, got {self.record_every}")
-
-    def to_json(self) -> dict[str, Any]:
-        """Return plain values that :meth:`from_json` reads."""
-        return {**asdict(self), "preset": self.preset.to_card()}
-
-    @classmethod
-    def from_json(cls, stored: dict[str, Any]) -> RunSettings:
-        """Read what :meth:`to_json` wrote.
-
-        Raises:
-            ValueError: an entry is missing, unknown, or of another kind.
-        """
-        check_entries(cls, stored, needed=("preset",))
-        return cls(**{**stored, "preset": Preset.from_card(stored["preset"])})
-
-    @property
-    def compiled(self) -> bool:
-        """Whether all bicycles are stepped by one compiled loop in this process."""
-        return self.client == "local" and self.engine == "whipple"
-
-    def simulator(self) -> SimulatorConfig:
-        """Return the configuration of a simulator that rides as the environments do."""
-        return SimulatorConfig(engine=self.engine, time_step=COMPILED_TIME_STEP if self.compiled else self.time_step)
-
-
-@dataclass
-class Progress:
-    """What a process remembers beside learner and environment.
-
-    Attributes:
-        curriculum: where it stands.
-        averaged: average of the actor.
-        rng: draws of validation rides.
-        seconds: time spent learning so far, s, earlier sessions included.
-        validated_at: learning step of the last validation.
-        validation_due: whether an episode has just reached its full length when a validation was allowed.
-        handled_at: learning step that was last averaged and validated, so that a resumed run does not do it twice.
-        validations: number of validations.
-        latest_success: most recent actor that passed all rides of a validation in the highest part so far.
-        recent_error_m: mean distance of the last validation, m.
-        best: actor with the least selection error since the curriculum was finished.
-        best_error_m: its selection error, m.
-        best_step: learning step at which it was found.
-        selected_at: learning step of the last comparison.
-    """
-
-    curriculum: Curriculum
-    averaged: AveragedActor
-    rng: np.random.Generator
-    seconds: float = 0.0
-    validated_at: int = 0
-    validation_due: bool = False
-    handled_at: int = -1
-    validations: int = 0
-    latest_success: Actor | None = None
-    success_step: int = 0
-    recent_error_m: float = float("nan")
-    best: Actor | None = None
-    best_error_m: float = float("inf")
-    best_step: int = 0
-    selected_at: int = 0
-    extra: dict[str, Any] = field(default_factory=dict)
-
-    def may_validate(self, step: int, every: int) -> bool:
-        """Tell whether an episode that reaches its full length at a learning step asks for a validation.
-
-        One that does so during the wait or while the intervals grow asks for none later (Weyrer et al. 2026, Sects.
-        4.2, 4.3).
-
-        Args:
-            step: learning step.
-            every: least learning steps between two validations.
-        """
-        return step - self.validated_at >= every and not self.curriculum.in_transition(step)
-
-
-def draws(seed: int, branch: int, step: int = 0) -> np.random.SeedSequence:
-    """Return the seeds of a run's draws.
-
-    Args:
-        seed: seed of the run.
-        branch: TRAINING_DRAWS or VALIDATION_DRAWS.
-        step: learning step from which on they are drawn, so that a run whose rides begin anew has new ones.
-    """
-    return np.random.SeedSequence(seed, spawn_key=(branch, step))
 
 
 def make_environment(settings: RunSettings, task: Task, ranges: RideRanges) -> VecEnv:

@@ -14,7 +14,7 @@ from bike_policy.actor import Actor
 from bike_policy.bundle import Bundle
 from bike_sim.physics.vehicle_files import load_vehicle
 from bike_training.checkpoint import load_process_state
-from bike_training.process import Progress
+from bike_training.progress import Progress
 from bike_training.task import TASKS
 
 

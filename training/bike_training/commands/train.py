@@ -15,7 +15,8 @@ from bike_training.checkpoint import find_checkpoint, write_whole
 from bike_training.clients import CLIENT_KINDS
 from bike_training.node_process import NodeLost
 from bike_training.presets import PRESETS
-from bike_training.process import COMPILED_TIME_STEP, LearningProcess, RunSettings
+from bike_training.process import LearningProcess
+from bike_training.run_settings import COMPILED_TIME_STEP, RunSettings
 
 SETTINGS_FILE: Final = "settings.json"
 DEFAULT_PRESET: Final = "fast"
