@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -53,6 +54,7 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.task = TASKS[task] if isinstance(task, str) else task
         self.ranges = ranges or Curriculum().ranges(0)
         self.observation_space, self.action_space = task_spaces(self.task)  # type: ignore[assignment]
+        self._scale = self.task.action_scale
         self._vehicle_max_steer = load_vehicle(config.vehicle).max_steer
         self._steps = 0
         self._full_episodes = 0
@@ -96,11 +98,11 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         before = self.snapshot
         if before is None:
             raise RuntimeError("call reset before step")
-        command = self.task.action_scale.to_command(float(action[0]), self._vehicle_max_steer)
+        command = self._scale.to_command(float(action[0]), self._vehicle_max_steer)
         snapshot = self.client.step(command)
         if self.watch is not None:
             self.watch.stepped(self._observe(before), float(action[0]), command, snapshot.state)
-        if not (np.isfinite(snapshot.state).all() and np.isfinite(snapshot.seen).all()):
+        if not math.isfinite(float(snapshot.state.sum() + snapshot.seen.sum())):
             # The physics diverged. As the simulator node does: the last state that is one, as a fall.
             snapshot = replace(before, step=snapshot.step, time=snapshot.time, fallen=True)
         self.snapshot = snapshot

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
+from functools import cached_property
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -110,6 +111,14 @@ class ObservationLayout:
         """One name for each number of the observation."""
         return self.features + tuple(f"t_p{k}" for k in range(self.preview_count))
 
+    @cached_property
+    def _gathered(self) -> tuple[NDArray[np.intp], FloatArray, list[tuple[int, np.ufunc]]]:
+        """Columns of the state, factors, and the features that are a function of the yaw, for one gather a step."""
+        turned: dict[str, np.ufunc] = {"yaw_cos": np.cos, "yaw_sin": np.sin}
+        columns = [_STATE_FEATURES[name][0] if name in _STATE_FEATURES else _YAW_INDEX for name in self.features]
+        turns = [(i, turned[name]) for i, name in enumerate(self.features) if name in turned]
+        return np.array(columns, dtype=np.intp), np.array(self.scales, dtype=np.float64), turns
+
     def observe(self, state: FloatArray, preview_y: FloatArray) -> NDArray[np.float32]:
         """Make the observation of one vehicle or of a batch.
 
@@ -122,13 +131,12 @@ class ObservationLayout:
             float32 array of shape (..., size).
         """
         out = np.empty((*state.shape[:-1], self.size), dtype=np.float32)
-        for i, (feature, scale) in enumerate(zip(self.features, self.scales, strict=True)):
-            if feature in _STATE_FEATURES:
-                out[..., i] = state[..., _STATE_FEATURES[feature][0]] * scale
-            else:
-                turn = np.cos if feature == "yaw_cos" else np.sin
-                out[..., i] = turn(state[..., _YAW_INDEX]) * scale
-        preview = out[..., len(self.features) :]
+        columns, factors, turns = self._gathered
+        values = state[..., columns]
+        for i, turn in turns:
+            values[..., i] = turn(state[..., _YAW_INDEX])
+        out[..., : len(columns)] = values * factors
+        preview = out[..., len(columns) :]
         if self.preview_kind == "points":
             preview[...] = preview_y * self.preview_scale
         else:

@@ -183,7 +183,7 @@ class Simulator:
 
     def _catch_up(self, course: Course, state: FloatArray, seen: FloatArray) -> None:
         """Search farther than `ride.look` does where the bicycle has moved farther, as in a long control period."""
-        rear = state[[st.X, st.Y]]
+        rear = float(state[st.X]), float(state[st.Y])
         reach = window(AHEAD, math.dist(rear, self._rear), course.length)
         if reach > AHEAD:
             before = seen[ride.PROGRESS]
@@ -202,7 +202,7 @@ class Simulator:
         seen = self._seen.copy()
         if not fresh:
             self._catch_up(course, state, seen)
-        self._rear = state[[st.X, st.Y]]
+        self._rear = float(state[st.X]), float(state[st.Y])
         ride.look(
             state,
             self.vehicle.parameters,
