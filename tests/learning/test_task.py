@@ -50,10 +50,11 @@ def test_reward_terms_add_up_to_the_reward(reward, distance, roll, weight):
 
 
 def test_thresholds():
-    assert not failed(np.float64(3.5), np.float64(math.radians(45)))
-    assert failed(np.float64(3.51), np.float64(0))
-    assert failed(np.float64(0), np.float64(-math.radians(45.1)))
-    assert failed(np.array([np.nan, 0.0]), np.array([0.0, np.nan])).all()
+    assert not failed(np.float64(3.5), np.float64(math.radians(45)), False)
+    assert failed(np.float64(3.51), np.float64(0), False)
+    assert failed(np.float64(0), np.float64(-math.radians(45.1)), False)
+    assert failed(np.float64(0), np.float64(0), True)
+    assert failed(np.array([np.nan, 0.0]), np.array([0.0, np.nan]), False).all()
 
 
 def test_validation_error_leaves_out_the_first_fifth():

@@ -16,7 +16,7 @@ from bike_sim.physics.vehicle_files import load_vehicle
 from bike_sim.simulator import SimulatorConfig, Snapshot
 from bike_training.clients import Client, make_client
 from bike_training.curriculum import Curriculum, RideRanges
-from bike_training.task import TASKS, Task, distances, failed
+from bike_training.task import TASKS, Task, distances, has_failed
 from bike_training.vec_env import task_spaces
 from bike_training.watch import RideWatch
 
@@ -109,7 +109,7 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._steps += 1
         roll = snapshot.state[ROLL]
         reward = self.task.rewards(distances(self.task, snapshot.seen), roll)
-        terminated = bool(failed(snapshot.distance, roll) or snapshot.fallen)
+        terminated = has_failed(snapshot)
         truncated = not terminated and self._steps >= self.task.max_steps
         if truncated:
             self._full_episodes += 1

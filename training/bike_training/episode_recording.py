@@ -33,7 +33,7 @@ from bike_sim.recording import LATCHED, Qos, RideRecorder, message_type
 from bike_sim.reset import ResetRequest
 from bike_sim.simulator import Simulator, SimulatorConfig, Snapshot
 from bike_training.curriculum import VALIDATION_DURATION, RideRanges
-from bike_training.task import Task, distances, failed, sum_of
+from bike_training.task import Task, distances, has_failed, sum_of
 
 TOPICS: Final = {
     "episode": ("bike_msgs/msg/EpisodeStart", LATCHED),
@@ -144,7 +144,7 @@ class RideWriter:
         given = Command(before.episode, before.step, command)
         self._write("command", messages.command_to_message(given, messages.time_to_message(stamp)))
         self.snapshot = snapshot = self._simulator.step(command)
-        self.failed = bool(failed(snapshot.distance, snapshot.state[ROLL]) or snapshot.fallen)
+        self.failed = has_failed(snapshot)
         learned = _standing_message(standing)
         learned.header.stamp = messages.time_to_message(stamp)
         learned.episode, learned.step = before.episode, before.step

@@ -18,7 +18,7 @@ from bike_sim.physics.vehicle_files import load_vehicle
 from bike_sim.reset import RANDOM_COURSE, Preview, ResetRequest
 from bike_sim.simulator import Snapshot
 from bike_training.clients import Client
-from bike_training.task import failed
+from bike_training.task import has_failed
 
 FloatArray = NDArray[np.float64]
 
@@ -120,11 +120,6 @@ def is_completed(last: Snapshot, request: ResetRequest) -> bool:
     A course must be ridden to its end; on a random path it is enough to have lasted.
     """
     return not has_failed(last) and (last.finished or request.course == RANDOM_COURSE)
-
-
-def has_failed(snapshot: Snapshot) -> bool:
-    """Tell whether the bicycle has fallen or is too far from its course (Weyrer et al. 2026, Sect. 4)."""
-    return bool(failed(snapshot.distance, snapshot.state[ROLL]))
 
 
 def time_for(course: Course, speed: float) -> float:

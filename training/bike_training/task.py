@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 from bike_policy.action import ActionScale
 from bike_policy.observation import LEAN_LAYOUT, PROP_LAYOUT, ObservationLayout
 from bike_sim import ride
+from bike_sim.physics.state import ROLL
 from bike_sim.reset import Preview
+from bike_sim.simulator import Snapshot
 
 FloatArray = NDArray[np.float64]
 Numbers = FloatArray | float
@@ -122,14 +124,21 @@ def distances(task: Task, seen: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.abs(seen[..., place])
 
 
-def failed(rear_distance: Numbers, roll: Numbers) -> NDArray[np.bool_]:
+def failed(rear_distance: Numbers, roll: Numbers, fallen: bool | NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return where a ride has failed: too far from the path or fallen (Sect. 4). What is no number has failed.
 
     Args:
         rear_distance: d(P, P_P0), m.
         roll: roll angle, rad.
+        fallen: where the simulator says so: the bicycle lies on the ground, or its physics diverged.
     """
-    return ~(np.less_equal(rear_distance, DISTANCE_THRESHOLD) & np.less_equal(np.abs(roll), ROLL_THRESHOLD))
+    rides = np.less_equal(rear_distance, DISTANCE_THRESHOLD) & np.less_equal(np.abs(roll), ROLL_THRESHOLD)
+    return ~rides | fallen
+
+
+def has_failed(snapshot: Snapshot) -> bool:
+    """Tell whether a ride has failed, as :func:`failed` does of many."""
+    return bool(failed(snapshot.distance, snapshot.state[ROLL], snapshot.fallen))
 
 
 def validation_error(distances: FloatArray, succeeded: bool) -> float:

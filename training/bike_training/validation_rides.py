@@ -17,7 +17,7 @@ from bike_sim.reset import ResetRequest
 from bike_training.batch import RideBatch
 from bike_training.clients import Client
 from bike_training.curriculum import SPEED_RANGES, VALIDATION_DURATION, VALIDATION_RIDES, RideRanges
-from bike_training.task import DISTANCE_THRESHOLD, Task, distances, failed, validation_error
+from bike_training.task import DISTANCE_THRESHOLD, Task, distances, failed, has_failed, validation_error
 
 SELECTION_RIDES_PER_SPEED: Final = 5
 SELECTION_SEED: Final = 2**32
@@ -79,7 +79,7 @@ def _ride_batch(
         actions = actor.act_batch(task.layout.observe(batch.states, batch.preview_y))
         batch.step(task.action_scale.to_commands(actions, vehicle.max_steer))
         track[step] = distances(task, batch.seen)
-        alive &= ~(failed(np.abs(batch.seen[:, ride.LATERAL_ERROR]), batch.states[:, ROLL]) | batch.lying)
+        alive &= ~failed(np.abs(batch.seen[:, ride.LATERAL_ERROR]), batch.states[:, ROLL], batch.lying)
         # A fallen bicycle would leave the model's range; it lies still for the rest of the ride.
         batch.states[~alive] = 0.0
         if not alive.any():
@@ -100,6 +100,6 @@ def _ride(actor: Actor, task: Task, simulator: Client, request: ResetRequest) ->
         action = actor.act(task.layout.observe(snapshot.state, snapshot.preview_y))
         snapshot = simulator.step(task.action_scale.to_command(action, vehicle.max_steer))
         track.append(float(distances(task, snapshot.seen)))
-        if failed(snapshot.distance, snapshot.state[ROLL]) or snapshot.fallen:
+        if has_failed(snapshot):
             return validation_error(np.array(track), False)
     return validation_error(np.array(track), True)

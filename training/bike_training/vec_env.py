@@ -148,7 +148,7 @@ class CompiledVecEnv(VecEnv):
         rear = np.abs(self.batch.seen[:, ride.LATERAL_ERROR])
         rewards = self.task.rewards(distances(self.task, self.batch.seen), roll).astype(np.float32)
         self.returns += rewards
-        terminated = failed(rear, roll) | self.batch.lying
+        terminated = failed(rear, roll, self.batch.lying)
         truncated = ~terminated & (self.steps >= self.task.max_steps)
         observations = self._observe()
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]

@@ -181,9 +181,8 @@ class Simulator:
         error = float(state[st.STEER]) - steering * self.vehicle.max_steer
         return -self.vehicle.P * error - self.vehicle.D * float(state[st.STEER_RATE])
 
-    def _catch_up(self, course: Course, state: FloatArray, seen: FloatArray) -> None:
+    def _catch_up(self, course: Course, rear: tuple[float, float], seen: FloatArray) -> None:
         """Search farther than `ride.look` does where the bicycle has moved farther, as in a long control period."""
-        rear = float(state[st.X]), float(state[st.Y])
         reach = window(AHEAD, math.dist(rear, self._rear), course.length)
         if reach > AHEAD:
             before = seen[ride.PROGRESS]
@@ -200,9 +199,10 @@ class Simulator:
         preview = self.request.preview
         points = np.empty((2, preview.count))
         seen = self._seen.copy()
+        rear = float(state[st.X]), float(state[st.Y])
         if not fresh:
-            self._catch_up(course, state, seen)
-        self._rear = float(state[st.X]), float(state[st.Y])
+            self._catch_up(course, rear, seen)
+        self._rear = rear
         ride.look(
             state,
             self.vehicle.parameters,
