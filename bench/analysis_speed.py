@@ -31,18 +31,19 @@ from tqdm import tqdm
 
 from bike_analysis.columns import MessageSchema
 from bike_analysis.reading import read_recording
-from bike_policy.classical import ClassicalRider
-from bike_sim import messages, standard_messages, track_look
-from bike_sim.command_gate import Command
-from bike_sim.messages import NANOSECONDS
-from bike_sim.physics.superbike import Superbike
+from bike_policy.riders.classical import ClassicalRider
 from bike_sim.physics.superbike_engine import TIME_STEP
 from bike_sim.recording import LATCHED, MessageType, Qos, RideRecorder, message_type
-from bike_sim.reset import ResetRequest
-from bike_sim.simulator import SimulatorConfig
-from bike_sim.track_events import TrackWatch
-from bike_sim.track_ride import PREVIEW, TrackRide, TrackSnapshot, start_speed
-from bike_training.laps import seen_from
+from bike_sim.ros import messages, standard_messages
+from bike_sim.ros.command_gate import Command
+from bike_sim.ros.messages import NANOSECONDS
+from bike_sim.sim import circuit_look as track_look
+from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.simulator import SimulatorConfig
+from bike_sim.sim.track_events import TrackWatch
+from bike_sim.sim.track_ride import PREVIEW, TrackRide, TrackSnapshot, start_speed
+from bike_sim.vehicles.superbike import Superbike
+from bike_training.rollout.laps import seen_from
 
 VEHICLE: Final = "panigale_v4r"
 CIRCUIT: Final = "barcelona"

@@ -15,11 +15,11 @@ import numpy as np
 
 from bike_sim.course.random_paths import CURRICULUM_PATHS
 from bike_sim.physics.state import ROLL, ROLL_RATE
-from bike_sim.simulator import SimulatorConfig
-from bike_training.curriculum import RideRanges
-from bike_training.env import BikeEnv
-from bike_training.task import TASKS
-from bike_training.vec_env import CompiledVecEnv
+from bike_sim.sim.simulator import SimulatorConfig
+from bike_training.curricula.parts import RideRanges
+from bike_training.envs.env import BikeEnv
+from bike_training.envs.vec_env import CompiledVecEnv
+from bike_training.tasks.path import TASKS
 
 SPEED: Final = 5.0
 """m/s; the bicycle balances itself there, so that a ride lasts without a policy."""

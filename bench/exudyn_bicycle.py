@@ -23,7 +23,7 @@ import numpy as np
 from bike_sim.physics import kinematics, mapping
 from bike_sim.physics import state as st
 from bike_sim.physics.state import StateVector
-from bike_sim.physics.vehicle import Vehicle
+from bike_sim.vehicles.bicycle import Vehicle
 
 # The build without range checks; Exudyn looks for this name when it is first imported, and announces its choice.
 sys.exudynFast = True  # type: ignore[attr-defined]

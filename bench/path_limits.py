@@ -20,17 +20,17 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from bike_policy.bundle import Bundle, load_bundle
-from bike_sim import ride as seen
+from bike_policy.contract.bundle import Bundle, load_bundle
 from bike_sim.course import projection
 from bike_sim.course.course import Course
 from bike_sim.course.files import load_course
 from bike_sim.physics.state import ROLL, X, Y
-from bike_sim.physics.vehicle import Vehicle
-from bike_sim.physics.vehicle_files import load_vehicle
 from bike_sim.physics.whipple_engine import advance
-from bike_sim.reset import Preview, ResetRequest
-from bike_sim.simulator import Simulator, SimulatorConfig, Snapshot
+from bike_sim.sim import look as seen
+from bike_sim.sim.request import Preview, ResetRequest
+from bike_sim.sim.simulator import Simulator, SimulatorConfig, Snapshot
+from bike_sim.vehicles.bicycle import Vehicle
+from bike_sim.vehicles.files import load_vehicle
 
 FloatArray = NDArray[np.float64]
 

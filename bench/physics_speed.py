@@ -22,9 +22,9 @@ from bike_sim.physics import linear, modes
 from bike_sim.physics import state as st
 from bike_sim.physics.engine import Engine, make_engine
 from bike_sim.physics.state import StateVector
-from bike_sim.physics.validation import free_of_drive
-from bike_sim.physics.vehicle import Vehicle
-from bike_sim.physics.vehicle_files import load_vehicle
+from bike_sim.validation.bicycle import free_of_drive
+from bike_sim.vehicles.bicycle import Vehicle
+from bike_sim.vehicles.files import load_vehicle
 
 CONTROL_PERIOD: Final = 0.05
 _RIDE_PERIODS: Final = 40

@@ -24,9 +24,9 @@ import yaml
 from mcap.writer import Writer
 
 from bench.traffic import messages_of_a_period
-from bike_sim.isolation import DOMAIN_VARIABLE, DomainLease, prepare_discovery
 from bike_sim.recording import CHUNK_BYTES, RideRecorder, message_type
-from bike_training.node_process import NodeProcess
+from bike_sim.ros.isolation import DOMAIN_VARIABLE, DomainLease, prepare_discovery
+from bike_training.nodes.node_process import NodeProcess
 
 BIKES: Final = 10
 CONTROL_RATE: Final = 100.0
@@ -173,7 +173,7 @@ def send_and_record(rate: float) -> Trial:
         target = Path(folder) / "ride"
         environment = {**os.environ, DOMAIN_VARIABLE: str(lease.domain_id)}
         prepare_discovery(environment)
-        with NodeProcess("bike_sim.record", {"path": str(target)}, lease.domain_id) as recorder:
+        with NodeProcess("bike_sim.ros.record", {"path": str(target)}, lease.domain_id) as recorder:
             publishers = [_publisher(rate / PUBLISHERS, f"traffic{k}", environment) for k in range(PUBLISHERS)]
             for publisher in publishers:
                 assert publisher.stdout is not None

@@ -18,9 +18,9 @@ from typing import Any, Final
 import yaml
 from tqdm import tqdm
 
-from bike_sim.physics.vehicle_files import SHIPPED
+from bike_sim.vehicles.files import SHIPPED
 from bike_training.commands.lap import shipped_superbikes
-from bike_training.laps import LapRide, ride_laps
+from bike_training.rollout.laps import LapRide, ride_laps
 
 GAINS: Final = ("lean_gain", "rate_gain_slow", "rate_gain_fast", "integral_gain")
 DAMPERS: Final = ("damper_slow", "damper_fast")

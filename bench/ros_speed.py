@@ -21,18 +21,18 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 
-from bike_policy.action import ActionScale
-from bike_policy.actor import Actor
-from bike_policy.bundle import DEFAULT_POLICY, Bundle, shipped_policies
-from bike_policy.observation import LEAN_LAYOUT
-from bike_sim import node_tools
-from bike_sim.isolation import DomainLease, prepare_discovery
-from bike_sim.physics.vehicle_files import load_vehicle
-from bike_sim.reset import ResetRequest
-from bike_sim.simulator import Simulator, SimulatorConfig, Snapshot
-from bike_training.clients import Client
-from bike_training.node_process import NodeLost, NodeProcess
-from bike_training.ros_client import RosClient
+from bike_policy.contract.action import ActionScale
+from bike_policy.contract.actor import Actor
+from bike_policy.contract.bundle import DEFAULT_POLICY, Bundle, shipped_policies
+from bike_policy.contract.observation import LEAN_LAYOUT
+from bike_sim.ros import node_tools
+from bike_sim.ros.isolation import DomainLease, prepare_discovery
+from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.simulator import Simulator, SimulatorConfig, Snapshot
+from bike_sim.vehicles.files import load_vehicle
+from bike_training.envs.clients import Client
+from bike_training.envs.ros_client import RosClient
+from bike_training.nodes.node_process import NodeLost, NodeProcess
 
 EPISODE_STEPS: Final = 30
 """Steps before the bicycle is set upright again: it rides without a hand on the handlebar."""
@@ -113,7 +113,9 @@ def actor_latency(policy: str | None = None, duration: float = 6.0) -> dict[str,
         node.create_subscription(DiagnosticArray, "/diagnostics", on_report, node_tools.STREAM_QOS)
         try:
             with (
-                NodeProcess("bike_sim.sim_node", {"auto_reset": "fall", "time_step": 0.005}, lease.domain_id) as sim,
+                NodeProcess(
+                    "bike_sim.ros.sim_node", {"auto_reset": "fall", "time_step": 0.005}, lease.domain_id
+                ) as sim,
                 NodeProcess("bike_policy.drive", {"policy": name}, lease.domain_id) as drive,
             ):
                 nodes = (sim, drive)

@@ -24,11 +24,11 @@ from rclpy.publisher import Publisher
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 
-from bike_sim import messages, node_tools, standard_messages
-from bike_sim.command_gate import Command
-from bike_sim.isolation import prepare_discovery
-from bike_sim.reset import ResetRequest
-from bike_sim.simulator import Simulator, SimulatorConfig
+from bike_sim.ros import messages, node_tools, standard_messages
+from bike_sim.ros.command_gate import Command
+from bike_sim.ros.isolation import prepare_discovery
+from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.simulator import Simulator, SimulatorConfig
 
 LONGEST_START: Final = 30.0
 """Wall-clock time in which every topic must have found a listener, s."""

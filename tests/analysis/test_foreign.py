@@ -22,7 +22,7 @@ from bike_analysis.motion import EARTH_RADIUS
 from bike_analysis.schema import shipped_schema
 from bike_sim.recording import MessageType, RideRecorder
 from bike_training.cli import main
-from bike_training.recorded_rides import read_rides
+from bike_training.replay.recorded_rides import read_rides
 
 RATE = 20.0
 ODOMETRY, IMU, FIX = "nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu", "sensor_msgs/msg/NavSatFix"

@@ -159,7 +159,7 @@ def test_laps_have_the_numbers_of_the_events_in_all_reports(writer, circle, ring
 
 def test_laps_through_the_nodes_note_who_rode(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     pytest.importorskip("rclpy")
-    from bike_training import node_laps
+    from bike_training.nodes import node_laps
 
     told = {}
     monkeypatch.setattr(node_laps, "ride_recorded", lambda domain, record, *rest, **named: told.update(record))

@@ -25,7 +25,7 @@ from bike_analysis.columns import ColumnReader, MessageSchema, SchemaError
 from bike_analysis.container import MAGIC, Container, find_files
 from bike_analysis.reading import RecordingError, States, read_recording
 from bike_sim.recording import MessageType, RideRecorder, Split, message_type
-from bike_training.recorded_rides import read_rides
+from bike_training.replay.recorded_rides import read_rides
 
 
 @pytest.fixture(scope="module")

@@ -7,10 +7,10 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bike_policy.action import ActionScale
-from bike_policy.actor import Actor
-from bike_policy.bundle import Bundle, load_bundle, shipped_policies
-from bike_policy.observation import LEAN_LAYOUT
+from bike_policy.contract.action import ActionScale
+from bike_policy.contract.actor import Actor
+from bike_policy.contract.bundle import Bundle, load_bundle, shipped_policies
+from bike_policy.contract.observation import LEAN_LAYOUT
 
 
 def make_actor(inputs=LEAN_LAYOUT.size, seed=0):

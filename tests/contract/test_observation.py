@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from bike_policy.observation import LAYOUT_VERSION, LEAN_LAYOUT, PROP_LAYOUT, ObservationLayout
+from bike_policy.contract.observation import LAYOUT_VERSION, LEAN_LAYOUT, PROP_LAYOUT, ObservationLayout
 from bike_sim.physics.state import MIRROR_SIGNS, STATE_SIZE
-from bike_training.task import TASKS
+from bike_training.tasks.path import TASKS
 
 LAYOUTS = [task.layout for task in TASKS.values()]
 finite = st.floats(-20.0, 20.0)

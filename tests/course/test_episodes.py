@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 import yaml
 
-from bike_sim import ride
 from bike_sim.course.document import MAX_LENGTH
 from bike_sim.course.files import load_course
 from bike_sim.course.random_paths import CURRICULUM_PATHS, PathRanges, random_course
 from bike_sim.physics import state as st
-from bike_sim.physics.vehicle_files import SHIPPED
-from bike_sim.reset import SEED_LIMIT, STATE_LIMIT, ResetRequest
-from bike_sim.simulator import Simulator, SimulatorConfig
+from bike_sim.sim import look as ride
+from bike_sim.sim.request import SEED_LIMIT, STATE_LIMIT, ResetRequest
+from bike_sim.sim.simulator import Simulator, SimulatorConfig
+from bike_sim.vehicles.files import SHIPPED
 
 
 @pytest.fixture

@@ -9,10 +9,10 @@ import pytest
 from bike_sim.course.course import Course
 from bike_sim.course.elements import Line
 from bike_sim.course.track_files import load_track
-from bike_sim.lap_limit import GRAVITY, lap_limit
-from bike_sim.minimum_time import with_fastest_line
-from bike_sim.physics.envelope import Envelope
-from bike_sim.point_mass import point_mass_envelope
+from bike_sim.theory.envelope import Envelope
+from bike_sim.theory.lap_limit import GRAVITY, lap_limit
+from bike_sim.theory.minimum_time import with_fastest_line
+from bike_sim.theory.point_mass import point_mass_envelope
 
 MACHINE = point_mass_envelope(1.4)
 

@@ -6,15 +6,15 @@ import json
 import numpy as np
 import pytest
 
-from bike_policy.action import ActionScale
-from bike_policy.actor import Actor
-from bike_policy.bundle import Bundle
-from bike_policy.observation import LEAN_LAYOUT
-from bike_sim.simulator import Simulator
+from bike_policy.contract.action import ActionScale
+from bike_policy.contract.actor import Actor
+from bike_policy.contract.bundle import Bundle
+from bike_policy.contract.observation import LEAN_LAYOUT
+from bike_sim.sim.simulator import Simulator
 from bike_training.cli import COMMANDS, main
 from bike_training.commands import export, train
-from bike_training.node_process import NodeLost
-from bike_training.presets import PRESETS
+from bike_training.learning.presets import PRESETS
+from bike_training.nodes.node_process import NodeLost
 
 
 @pytest.fixture

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from bike_sim.course.random_paths import CURRICULUM_PATHS
-from bike_sim.reset import Preview
-from bike_training.curriculum import FAST_AND_SHARP, REFINEMENT, TRANSITION_STEPS, Curriculum
+from bike_sim.sim.request import Preview
+from bike_training.curricula.parts import FAST_AND_SHARP, REFINEMENT, TRANSITION_STEPS, Curriculum
 
 GOOD = [0.05] * 10
 BAD = [0.05] * 9 + [0.06]  # eta_e is 0.2 / 3.5 = 0.0571

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from bike_policy.actor import Actor
+from bike_policy.contract.actor import Actor
 from bike_sim.physics.state import MIRROR_SIGNS, ROLL
-from bike_sim.physics.vehicle_files import load_vehicle
-from bike_sim.reset import ResetRequest
-from bike_sim.simulator import Simulator, SimulatorConfig, Snapshot
-from bike_training.batch import RideBatch
-from bike_training.curriculum import Curriculum, RideRanges
-from bike_training.env import BikeEnv
-from bike_training.task import TASKS
-from bike_training.validation_rides import validate_compiled, validate_simulator
-from bike_training.vec_env import CompiledVecEnv, SimulatorVecEnv
+from bike_sim.sim.batch import RideBatch
+from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.simulator import Simulator, SimulatorConfig, Snapshot
+from bike_sim.vehicles.files import load_vehicle
+from bike_training.curricula.parts import Curriculum, RideRanges
+from bike_training.envs.env import BikeEnv
+from bike_training.envs.vec_env import CompiledVecEnv, SimulatorVecEnv
+from bike_training.learning.validation_rides import validate_compiled, validate_simulator
+from bike_training.tasks.path import TASKS
 
 RANGES = Curriculum(part=4, entered_at=-10_000).ranges(0)
 COMPILED = SimulatorConfig(engine="whipple", time_step=0.01)

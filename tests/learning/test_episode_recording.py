@@ -14,19 +14,19 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from bike_analysis.columns import MessageSchema
 from bike_analysis.container import Container
 from bike_analysis.report import analyze
-from bike_policy.actor import Actor
-from bike_policy.observation import ObservationLayout
+from bike_policy.contract.actor import Actor
+from bike_policy.contract.observation import ObservationLayout
 from bike_sim.physics.state import FIELDS
-from bike_sim.reset import ResetRequest
-from bike_sim.simulator import Simulator, SimulatorConfig
-from bike_training.curriculum import REFINEMENT, Curriculum
-from bike_training.env import BikeEnv
-from bike_training.learner import actor_tensors
-from bike_training.presets import FAST
-from bike_training.process import LearningProcess
-from bike_training.run_settings import RunSettings
-from bike_training.task import TASKS, Task
-from bike_training.vec_env import CompiledVecEnv
+from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.simulator import Simulator, SimulatorConfig
+from bike_training.curricula.parts import REFINEMENT, Curriculum
+from bike_training.envs.env import BikeEnv
+from bike_training.envs.vec_env import CompiledVecEnv
+from bike_training.learning.learner import actor_tensors
+from bike_training.learning.presets import FAST
+from bike_training.learning.process import LearningProcess
+from bike_training.learning.run_settings import RunSettings
+from bike_training.tasks.path import TASKS, Task
 
 pytest.importorskip("rclpy")
 
@@ -57,7 +57,7 @@ def notes(path: Path) -> dict:
 @pytest.fixture(scope="module")
 def validation(tmp_path_factory) -> Path:
     """A recorded validation ride of an actor that does nothing."""
-    from bike_training.episode_recording import Standing, record_ride
+    from bike_training.learning.episode_recording import Standing, record_ride
 
     task = TASKS["lean"]
     actor = Actor([np.zeros((1, task.layout.size), dtype="f4")], [np.zeros(1, dtype="f4")])
@@ -121,7 +121,7 @@ def bullets() -> VecEnv:
 @pytest.mark.parametrize(("make", "config"), [(compiled, COMPILED), (bullets, PYBULLET)])
 def test_rides_of_the_learner_are_recorded_as_it_learned_from_them(make, config, tmp_path):
     """Two episodes make a ride; what is recorded is what environment and policy exchanged."""
-    from bike_training.episode_recording import Standing, TrainingRecorder
+    from bike_training.learning.episode_recording import Standing, TrainingRecorder
 
     env, path = make(), tmp_path / "training.mcap"
     made = 0
@@ -202,7 +202,7 @@ def small_disk(size: int):
 @pytest.mark.parametrize("size", [0, 40_000])
 def test_a_full_disk_ends_the_recording_and_not_the_learning(size, tmp_path):
     """From the first byte or amid a ride: one warning with path and reason, then the environment goes on as before."""
-    from bike_training.episode_recording import Standing, TrainingRecorder
+    from bike_training.learning.episode_recording import Standing, TrainingRecorder
 
     task = replace(SHORT, max_steps=400)
     env, path = CompiledVecEnv(2, task, RANGES, seed=3, time_step=0.01), tmp_path / "training.mcap"
@@ -237,7 +237,7 @@ def test_a_full_disk_ends_the_recording_and_not_the_learning(size, tmp_path):
     ("size", "reason"), [(0, "File too large"), (20_000, "File too large"), (None, "cannot be made")]
 )
 def test_validation_rides_that_cannot_be_recorded_are_told_of(size, reason, tmp_path):
-    from bike_training.episode_recording import Standing, record_ride
+    from bike_training.learning.episode_recording import Standing, record_ride
 
     task = TASKS["lean"]
     actor = Actor([np.zeros((1, task.layout.size), dtype="f4")], [np.zeros(1, dtype="f4")])

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from bike_analysis.container import Container, find_files
-from bike_policy.action import ActionScale
-from bike_policy.actor import Actor
-from bike_policy.bundle import Bundle, load_bundle
-from bike_policy.observation import LEAN_LAYOUT, PROP_LAYOUT
+from bike_policy.contract.action import ActionScale
+from bike_policy.contract.actor import Actor
+from bike_policy.contract.bundle import Bundle, load_bundle
+from bike_policy.contract.observation import LEAN_LAYOUT, PROP_LAYOUT
 from bike_sim.recording import MessageType, RideRecorder, Split
 from bike_training.cli import main
-from bike_training.explanation import explain, set_values
-from bike_training.explanation_drawing import labels
-from bike_training.explanation_findings import correlation, state_findings
+from bike_training.explain.drawing import labels
+from bike_training.explain.findings import correlation, state_findings
+from bike_training.explain.shap_values import explain, set_values
 
 SMALL = {"permutations": 4, "background": 20, "silent": True}
 COURSE = """format: bike.course/1
@@ -159,7 +159,7 @@ def recording(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def seen(recording):
-    from bike_training.recorded_observations import read_observations
+    from bike_training.explain.observations import read_observations
 
     return read_observations(recording, load_bundle("whipple"), "slalom")
 
@@ -177,7 +177,7 @@ def test_observations_are_those_that_were_driven_on(seen):
 
 @pytest.mark.ros
 def test_a_recording_in_several_files_shows_the_same(recording, seen, tmp_path):
-    from bike_training.recorded_observations import read_observations
+    from bike_training.explain.observations import read_observations
 
     box = Container(recording)
     messages = list(box.messages())

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from bike_sim.isolation import DomainLease
-from bike_sim.parent import PARENT_PERIOD
+from bike_sim.ros.isolation import DomainLease
+from bike_sim.ros.parent import PARENT_PERIOD
 from bike_training.commands.bench import _load as load_bench
-from bike_training.node_process import NodeLost, NodeProcess, tell_all_to_end
+from bike_training.nodes.node_process import NodeLost, NodeProcess, tell_all_to_end
 
 PATIENCE = 90.0
 """Longest wait for anything, s."""
@@ -75,10 +75,10 @@ def test_all_nodes_are_told_to_end_at_once(start) -> None:
 
 STARTS_A_RECORDER = """
 import sys, threading, time
-from bike_training.node_process import NodeProcess
+from bike_training.nodes.node_process import NodeProcess
 
 started = []
-start = lambda: started.append(NodeProcess("bike_sim.record", {"path": sys.argv[1]}, int(sys.argv[2])))
+start = lambda: started.append(NodeProcess("bike_sim.ros.record", {"path": sys.argv[1]}, int(sys.argv[2])))
 thread = threading.Thread(target=start)
 thread.start()
 thread.join()
@@ -106,7 +106,7 @@ def test_a_node_outlives_the_thread_that_started_it_but_not_the_program(tmp_path
             words = Path("/proc") / starter.stdout.readline().strip() / "cmdline"  # empty once the process has ended
             until(recording.exists)
             time.sleep(4 * PARENT_PERIOD)
-            assert b"bike_sim.record" in words.read_bytes()
+            assert b"bike_sim.ros.record" in words.read_bytes()
             starter.kill()
         until(lambda: not words.exists() or not words.read_bytes())
     assert recording.read_bytes().endswith(b"\x89MCAP0\r\n")

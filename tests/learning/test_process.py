@@ -10,18 +10,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bike_sim.reset import begin
-from bike_sim.simulator import Simulator
-from bike_training.curriculum import TRANSITION_STEPS, Curriculum
-from bike_training.env import BikeEnv
-from bike_training.learner import AveragedActor, actor_tensors, build_model
-from bike_training.node_process import NodeLost
-from bike_training.presets import FAST, PAPER
-from bike_training.process import LearningProcess, _Callback
-from bike_training.run_settings import RunSettings
-from bike_training.task import TASKS
-from bike_training.validation_rides import draw_requests
-from bike_training.vec_env import CompiledVecEnv
+from bike_sim.sim.request import begin
+from bike_sim.sim.simulator import Simulator
+from bike_training.curricula.parts import TRANSITION_STEPS, Curriculum
+from bike_training.envs.env import BikeEnv
+from bike_training.envs.vec_env import CompiledVecEnv
+from bike_training.learning.learner import AveragedActor, actor_tensors, build_model
+from bike_training.learning.presets import FAST, PAPER
+from bike_training.learning.process import LearningProcess, _Callback
+from bike_training.learning.run_settings import RunSettings
+from bike_training.learning.validation_rides import draw_requests
+from bike_training.nodes.node_process import NodeLost
+from bike_training.tasks.path import TASKS
 
 TINY = {
     "layers": (16, 16),
@@ -184,8 +184,8 @@ def drawn_seeds(process: LearningProcess, monkeypatch, steps: int) -> list[int]:
         return begin(request, *rest)
 
     with monkeypatch.context() as patch:
-        patch.setattr("bike_sim.simulator.begin", note)
-        patch.setattr("bike_training.batch.begin", note)
+        patch.setattr("bike_sim.sim.simulator.begin", note)
+        patch.setattr("bike_sim.sim.batch.begin", note)
         process.steps = process.model.num_timesteps + steps
         process.run()
     return seeds
@@ -266,7 +266,7 @@ def test_a_full_episode_asks_for_a_validation_only_when_one_is_allowed(tmp_path)
 
 def test_each_session_logs_episodes_in_a_table_of_its_own(tmp_path, monkeypatch):
     """With mean length and return of the episodes, on either engine; a resume keeps the table of the first session."""
-    monkeypatch.setattr("bike_training.process.LOG_EVERY", 200)
+    monkeypatch.setattr("bike_training.learning.process.LOG_EVERY", 200)
     for engine in ("whipple", "pybullet"):
         folder = tmp_path / engine
         process = tiny_process(folder, engine=engine)
@@ -360,7 +360,7 @@ def test_environments_are_closed_when_one_of_them_cannot_be_made(tmp_path, monke
         made.append(Simulator(*args[1:]))
         return made[0]
 
-    monkeypatch.setattr("bike_training.env.make_client", make)
+    monkeypatch.setattr("bike_training.envs.env.make_client", make)
     with pytest.raises(KeyboardInterrupt):
         tiny_process(tmp_path, engine="pybullet")
     assert closed.count == 1
@@ -372,7 +372,7 @@ def test_environments_are_closed_when_the_learner_cannot_be_made(tmp_path, monke
     def fail(*args):
         raise RuntimeError("no learner")
 
-    monkeypatch.setattr("bike_training.process.build_model", fail)
+    monkeypatch.setattr("bike_training.learning.process.build_model", fail)
     with pytest.raises(RuntimeError, match="no learner"):
         tiny_process(tmp_path, engine="pybullet")
     assert closed.count == 2
@@ -388,7 +388,7 @@ def test_all_is_closed_when_the_last_checkpoint_cannot_be_written(broken, tmp_pa
     def full(*args) -> None:
         raise OSError("No space left on device")
 
-    monkeypatch.setattr("bike_training.process.save_checkpoint", full)
+    monkeypatch.setattr("bike_training.learning.process.save_checkpoint", full)
     with pytest.raises(OSError, match="cannot close" if broken else "No space"):
         process.run(lambda p: p.validate() if p.model.num_timesteps == 10 else None)
     assert closed.count == 2

@@ -16,16 +16,16 @@ from hypothesis import strategies as st
 
 from bike_analysis.columns import MessageSchema
 from bike_analysis.container import Container
-from bike_policy.actor import Actor
+from bike_policy.contract.actor import Actor
 from bike_sim.course.random_paths import PathRanges
 from bike_sim.recording import RideRecorder, message_type
-from bike_sim.reset import Preview, ResetRequest
-from bike_sim.simulator import Simulator, SimulatorConfig
+from bike_sim.sim.request import Preview, ResetRequest
+from bike_sim.sim.simulator import Simulator, SimulatorConfig
 from bike_training.cli import main
-from bike_training.curriculum import Curriculum
-from bike_training.recorded_rides import COMMANDS, EXACT, FLAGS, RecordedRide, Start, read_rides
-from bike_training.replay import Replay, ride_again
-from bike_training.task import TASKS
+from bike_training.curricula.parts import Curriculum
+from bike_training.replay.recorded_rides import COMMANDS, EXACT, FLAGS, RecordedRide, Start, read_rides
+from bike_training.replay.replaying import Replay, ride_again
+from bike_training.tasks.path import TASKS
 
 rclpy_serialization = pytest.importorskip("rclpy.serialization")
 
@@ -43,7 +43,7 @@ def balancing_actor() -> Actor:
 
 
 def record(path: Path, config: SimulatorConfig) -> Path:
-    from bike_training.episode_recording import Standing, record_ride
+    from bike_training.learning.episode_recording import Standing, record_ride
 
     request = ResetRequest(
         seed=5, speed_range=(4.0, 5.0), path_ranges=RANGES.paths, path_length=150.0, perturb=True, preview=TASK.preview
@@ -284,7 +284,7 @@ def test_a_torn_recording_is_ridden_as_far_as_it_goes(recording, tmp_path, capsy
 
 def test_a_start_survives_as_a_message_whatever_is_in_it():
     """Every field differs from its default, so that one that is left out shows."""
-    from bike_sim.messages import episode_start_to_message
+    from bike_sim.ros.messages import episode_start_to_message
 
     config = SimulatorConfig("some.yaml", "whipple", 0.002, 0.1, 3)
     request = ResetRequest(

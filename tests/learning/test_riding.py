@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from bike_training.evaluation import evaluate
-from bike_training.riding import Ride
+from bike_training.rollout.evaluation import evaluate
+from bike_training.rollout.riding import Ride
 
 
 def ride(error, progress, completed=True):

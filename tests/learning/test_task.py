@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bike_training.task import PROP, TASKS, failed, validation_error
+from bike_training.tasks.path import PROP, TASKS, failed, validation_error
 
 
 @pytest.mark.parametrize(

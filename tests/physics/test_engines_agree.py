@@ -13,8 +13,8 @@ from bike_sim.physics import mapping
 from bike_sim.physics import state as st
 from bike_sim.physics.engine import ENGINE_KINDS, Engine, make_engine
 from bike_sim.physics.pybullet_engine import PyBulletEngine
-from bike_sim.physics.validation import coast, free_of_drive, violent_start
-from bike_sim.physics.vehicle_files import load_vehicle
+from bike_sim.validation.bicycle import coast, free_of_drive, violent_start
+from bike_sim.vehicles.files import load_vehicle
 
 VEHICLE = load_vehicle("whipple")
 WATCHED = [st.X, st.Y, st.YAW, st.ROLL, st.STEER]

@@ -9,7 +9,7 @@ from hypothesis import strategies as some
 
 from bike_sim.physics import kinematics, mapping
 from bike_sim.physics import state as st
-from bike_sim.physics.vehicle_files import load_vehicle
+from bike_sim.vehicles.files import load_vehicle
 
 VEHICLE = load_vehicle("whipple")
 

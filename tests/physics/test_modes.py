@@ -9,7 +9,7 @@ import pytest
 from bike_sim.physics import linear, modes
 from bike_sim.physics import state as st
 from bike_sim.physics.engine import make_engine
-from bike_sim.physics.vehicle_files import load_vehicle
+from bike_sim.vehicles.files import load_vehicle
 
 VEHICLE = replace(load_vehicle("whipple"), P=0.0, D=0.0)
 

@@ -7,8 +7,8 @@ import math
 
 import pytest
 
-from bike_sim.physics import validation
-from bike_sim.physics.vehicle_files import load_vehicle
+from bike_sim.validation import bicycle as validation
+from bike_sim.vehicles.files import load_vehicle
 from bike_training.commands import validate as command
 
 VEHICLE = load_vehicle("whipple")

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from bike_sim.physics import kinematics, mapping
 from bike_sim.physics import state as st
 from bike_sim.physics.pybullet_engine import FORK, FRONT_WHEEL, REAR_WHEEL, PyBulletEngine, bullet
-from bike_sim.physics.vehicle_files import load_vehicle
+from bike_sim.vehicles.files import load_vehicle
 
 from .test_mapping import states
 

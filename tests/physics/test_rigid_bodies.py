@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from bike_sim.physics import kinematics as kin
 from bike_sim.physics import state as st
 from bike_sim.physics import whipple_engine as whipple
-from bike_sim.physics.vehicle import Vehicle
-from bike_sim.physics.vehicle_files import load_vehicle
+from bike_sim.vehicles.bicycle import Vehicle
+from bike_sim.vehicles.files import load_vehicle
 
 Array = NDArray[np.float64]
 UP = np.array([0.0, 0.0, 1.0])

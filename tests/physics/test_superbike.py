@@ -13,11 +13,11 @@ import yaml
 from bike_sim.physics import linear, mapping
 from bike_sim.physics import superbike_statics as statics
 from bike_sim.physics.engine import make_engine
-from bike_sim.physics.envelope import Envelope, envelope
-from bike_sim.physics.superbike import MACHINE_NAMES, Superbike
 from bike_sim.physics.superbike_engine import SuperbikeEngine, without_rider
-from bike_sim.physics.vehicle import Vehicle, VehicleError
-from bike_sim.physics.vehicle_files import load_vehicle, shipped_vehicles
+from bike_sim.theory.envelope import Envelope, envelope
+from bike_sim.vehicles.bicycle import Vehicle, VehicleError
+from bike_sim.vehicles.files import load_vehicle, shipped_vehicles
+from bike_sim.vehicles.superbike import MACHINE_NAMES, Superbike
 
 NAMES = ("panigale_v4r", "zx10rr", "cbr1000rr_r", "r1", "m1000rr")
 FOLDER = resources.files("bike_sim") / "config" / "vehicles"

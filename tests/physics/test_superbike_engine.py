@@ -13,9 +13,8 @@ from bike_sim.physics import state as st
 from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics import superbike_statics as statics
 from bike_sim.physics.engine import make_engine
-from bike_sim.physics.superbike import Superbike
 from bike_sim.physics.superbike_engine import SuperbikeEngine
-from bike_sim.physics.superbike_validation import (
+from bike_sim.validation.superbike import (
     Validation,
     at_speed,
     check_mirror,
@@ -26,7 +25,8 @@ from bike_sim.physics.superbike_validation import (
     ride,
     without_electronics,
 )  # fmt: skip
-from bike_sim.physics.vehicle_files import load_vehicle
+from bike_sim.vehicles.files import load_vehicle
+from bike_sim.vehicles.superbike import Superbike
 
 STEP = 0.002
 

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as some
 
 from bike_sim.physics import tyres
-from bike_sim.physics.superbike import Superbike, Tyre
-from bike_sim.physics.vehicle_files import load_vehicle
+from bike_sim.vehicles.files import load_vehicle
+from bike_sim.vehicles.superbike import Superbike, Tyre
 
 VEHICLE = load_vehicle("panigale_v4r")
 assert isinstance(VEHICLE, Superbike)

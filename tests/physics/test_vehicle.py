@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 import yaml
 
-from bike_sim.physics.vehicle import PARAMETER_NAMES, Vehicle, VehicleError
-from bike_sim.physics.vehicle_files import load_vehicle, shipped_vehicles
+from bike_sim.vehicles.bicycle import PARAMETER_NAMES, Vehicle, VehicleError
+from bike_sim.vehicles.files import load_vehicle, shipped_vehicles
 
 
 @pytest.fixture

@@ -18,9 +18,9 @@ from bike_sim.physics import kinematics as kin
 from bike_sim.physics import linear
 from bike_sim.physics import state as st
 from bike_sim.physics import whipple_engine as whipple
-from bike_sim.physics.vehicle import Vehicle
-from bike_sim.physics.vehicle_files import load_vehicle
 from bike_sim.physics.whipple_engine import WhippleEngine
+from bike_sim.vehicles.bicycle import Vehicle
+from bike_sim.vehicles.files import load_vehicle
 
 Array = NDArray[np.float64]
 VEHICLE = load_vehicle("whipple")

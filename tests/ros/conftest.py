@@ -28,19 +28,19 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from scipy.linalg import solve_discrete_are
 
-from bike_policy.action import ActionScale
-from bike_policy.actor import Actor
-from bike_policy.bundle import Bundle
-from bike_policy.observation import ObservationLayout
-from bike_sim import node_tools, sim_node
-from bike_sim.command_gate import Command
-from bike_sim.isolation import DomainLease, prepare_discovery
-from bike_sim.messages import command_to_message, reset_to_message
-from bike_sim.node_settings import SPECS, NodeSettings
+from bike_policy.contract.action import ActionScale
+from bike_policy.contract.actor import Actor
+from bike_policy.contract.bundle import Bundle
+from bike_policy.contract.observation import ObservationLayout
 from bike_sim.physics import state as st
 from bike_sim.physics.engine import make_engine
-from bike_sim.physics.vehicle_files import load_vehicle
-from bike_sim.reset import ResetRequest
+from bike_sim.ros import node_tools, sim_node
+from bike_sim.ros.command_gate import Command
+from bike_sim.ros.isolation import DomainLease, prepare_discovery
+from bike_sim.ros.messages import command_to_message, reset_to_message
+from bike_sim.ros.node_settings import SPECS, NodeSettings
+from bike_sim.sim.request import ResetRequest
+from bike_sim.vehicles.files import load_vehicle
 
 PATIENCE = 90.0
 """Longest wait for anything, s. Nothing takes that long; it is what a busy machine may need."""
@@ -251,7 +251,7 @@ class Stage:
         return self._programs[-1]
 
     def simulator(self, **parameters: Any) -> Program:
-        return self.start("bike_sim.sim_node", **{"time_step": 0.005, "course": "line", **parameters})
+        return self.start("bike_sim.ros.sim_node", **{"time_step": 0.005, "course": "line", **parameters})
 
     def ears(self) -> Ears:
         """Return ears that hear the simulator."""

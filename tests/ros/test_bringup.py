@@ -14,9 +14,9 @@ import yaml
 
 from bike_analysis.columns import MessageSchema
 from bike_analysis.container import Container
-from bike_sim import record
-from bike_sim.node_settings import SPECS, NodeSettings
-from bike_sim.node_tools import ParameterSpec
+from bike_sim.ros import record
+from bike_sim.ros.node_settings import SPECS, NodeSettings
+from bike_sim.ros.node_tools import ParameterSpec
 from bike_training.cli import main
 
 ROOT = Path(__file__).parents[2]

@@ -12,12 +12,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bike_sim import isolation, ride
-from bike_sim.command_gate import Command, CommandGate, Verdict
 from bike_sim.course.files import load_course
-from bike_sim.events import EventKind, EventWatch
-from bike_sim.reset import ResetRequest
-from bike_sim.simulator import Simulator, SimulatorConfig, Snapshot
+from bike_sim.ros import isolation
+from bike_sim.ros.command_gate import Command, CommandGate, Verdict
+from bike_sim.sim import look as ride
+from bike_sim.sim.events import EventKind, EventWatch
+from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.simulator import Simulator, SimulatorConfig, Snapshot
 
 NUMBERS = st.floats(allow_nan=True, allow_infinity=True)
 PATIENCE = 90.0

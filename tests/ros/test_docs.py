@@ -10,8 +10,8 @@ import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from bike_policy import drive
-from bike_sim import node_settings, node_tools, record
-from bike_sim.node_tools import ParameterSpec
+from bike_sim.ros import node_settings, node_tools, record
+from bike_sim.ros.node_tools import ParameterSpec
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "ros.md").read_text()
@@ -126,7 +126,7 @@ def check_diagnostics(ears: Any) -> None:
 @pytest.mark.ros
 def test_topics_services_and_diagnostics_are_those_of_the_nodes(stage, policy: str, tmp_path: Path) -> None:
     stage.simulator()
-    stage.start("bike_sim.record", path=str(tmp_path / "ride.mcap"))
+    stage.start("bike_sim.ros.record", path=str(tmp_path / "ride.mcap"))
     stage.start("bike_policy.drive", policy=policy)
     ears = stage.ears()
     ears.until(lambda: {name for name, _ in ears.get_node_names_and_namespaces()} >= set(NODES))

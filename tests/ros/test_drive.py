@@ -14,11 +14,11 @@ from bike_msgs.msg import BikeCommand, BikeState
 from builtin_interfaces.msg import Time
 from std_msgs.msg import Header
 
-from bike_policy.bundle import load_bundle
+from bike_policy.contract.bundle import load_bundle
 from bike_policy.drive import REANSWER_AFTER
-from bike_sim import node_tools
-from bike_sim.reset import ResetRequest
-from bike_sim.simulator import Simulator, SimulatorConfig
+from bike_sim.ros import node_tools
+from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.simulator import Simulator, SimulatorConfig
 
 pytestmark = pytest.mark.ros
 

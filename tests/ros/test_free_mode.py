@@ -7,7 +7,7 @@ import time
 import pytest
 from bike_msgs.msg import RideEvent
 
-from bike_sim.sim_node import oldest_step
+from bike_sim.ros.sim_node import oldest_step
 
 pytestmark = pytest.mark.ros
 

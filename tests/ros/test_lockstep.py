@@ -17,11 +17,11 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
-from bike_sim import messages, node_tools
 from bike_sim.course.files import load_course
-from bike_sim.reset import ResetRequest
-from bike_sim.simulator import Simulator, SimulatorConfig, Snapshot
-from bike_training.ros_client import RosClient, RosClientConfig
+from bike_sim.ros import messages, node_tools
+from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.simulator import Simulator, SimulatorConfig, Snapshot
+from bike_training.envs.ros_client import RosClient, RosClientConfig
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("compiled")]
 

@@ -11,15 +11,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 
-from bike_sim import messages, ride, standard_messages
 from bike_sim.course.course import Course
 from bike_sim.course.files import load_course
 from bike_sim.course.random_paths import CURRICULUM_PATHS
-from bike_sim.events import EventKind
 from bike_sim.physics import kinematics
 from bike_sim.physics import state as state_places
-from bike_sim.reset import Preview, ResetRequest
-from bike_sim.simulator import Simulator, SimulatorConfig, Snapshot
+from bike_sim.ros import messages, standard_messages
+from bike_sim.sim import look as ride
+from bike_sim.sim.events import EventKind
+from bike_sim.sim.request import Preview, ResetRequest
+from bike_sim.sim.simulator import Simulator, SimulatorConfig, Snapshot
 
 
 def over_the_wire(message):

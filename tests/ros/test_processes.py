@@ -18,11 +18,11 @@ from bike_msgs.srv import Reset
 from mcap.reader import make_reader
 from rclpy.serialization import deserialize_message
 
-from bike_sim.node_settings import SPECS, NodeSettings
-from bike_sim.reset import ResetRequest
-from bike_sim.simulator import SimulatorConfig
-from bike_training.node_process import NodeLost
-from bike_training.ros_client import RosClient
+from bike_sim.ros.node_settings import SPECS, NodeSettings
+from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.simulator import SimulatorConfig
+from bike_training.envs.ros_client import RosClient
+from bike_training.nodes.node_process import NodeLost
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("compiled")]
 
@@ -71,7 +71,7 @@ def test_what_is_wrong_with_a_parameter_is_named(name: str, value: Any, words: s
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_all_programs_end_within_two_seconds_and_close_their_files(stage, policy, tmp_path: Path, number: int) -> None:
     simulator = stage.simulator(course="circle")
-    recorder = stage.start("bike_sim.record", path=str(tmp_path / "ride.mcap"), notes=["policy=linear"])
+    recorder = stage.start("bike_sim.ros.record", path=str(tmp_path / "ride.mcap"), notes=["policy=linear"])
     driver = stage.start("bike_policy.drive", policy=policy)
     ears = stage.ears()
     ears.until(lambda: ears.records("state", "command", "course", "course_points"))
@@ -101,7 +101,7 @@ def test_all_programs_end_within_two_seconds_and_close_their_files(stage, policy
 
 def test_a_recording_has_no_gaps(stage, policy, tmp_path: Path) -> None:
     path = tmp_path / "ride.mcap"
-    recorder = stage.start("bike_sim.record", path=str(path))
+    recorder = stage.start("bike_sim.ros.record", path=str(path))
     simulator = stage.simulator(course="circle")
     ears = stage.ears()
     ears.pause(True)
@@ -122,7 +122,7 @@ def test_a_recording_has_no_gaps(stage, policy, tmp_path: Path) -> None:
 
 def test_an_existing_recording_is_not_overwritten(stage, tmp_path: Path) -> None:
     (tmp_path / "ride.mcap").write_text("precious")
-    recorder = stage.start("bike_sim.record", path=str(tmp_path / "ride.mcap"))
+    recorder = stage.start("bike_sim.ros.record", path=str(tmp_path / "ride.mcap"))
     assert recorder.wait() == 2
     assert "exists already" in recorder.words
     assert (tmp_path / "ride.mcap").read_text() == "precious"
@@ -163,7 +163,7 @@ far_away ip addr add 10.77.0.2/24 dev v1
 far_away ip link set v1 up
 far_away ip route add default dev v1
 echo connected
-"$PYTHON" -m bike_sim.sim_node & simulator=$!
+"$PYTHON" -m bike_sim.ros.sim_node & simulator=$!
 "$PYTHON" -c "$LISTENER" near "$PATIENCE"
 far_away env ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET "$PYTHON" -c "$LISTENER" far "$FAR_PATIENCE"
 """

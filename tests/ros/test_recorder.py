@@ -27,14 +27,14 @@ from shape_msgs.msg import Plane
 from std_msgs.msg import Float64, String
 
 from bike_analysis.container import Container
-from bike_policy.bundle import DEFAULT_POLICY
-from bike_sim import node_tools
-from bike_sim.isolation import DOMAIN_VARIABLE
-from bike_sim.node_tools import time_to_message
-from bike_sim.record import SPECS, RecordSettings
-from bike_sim.stamps import NANOSECONDS
-from bike_training.node_process import NodeLost, NodeProcess
-from bike_training.ride_monitor import START_TIMEOUT, RideMonitor, ride_recorded
+from bike_policy.contract.bundle import DEFAULT_POLICY
+from bike_sim.ros import node_tools
+from bike_sim.ros.isolation import DOMAIN_VARIABLE
+from bike_sim.ros.node_tools import time_to_message
+from bike_sim.ros.record import SPECS, RecordSettings
+from bike_sim.ros.stamps import NANOSECONDS
+from bike_training.nodes.node_process import NodeLost, NodeProcess
+from bike_training.nodes.ride_monitor import START_TIMEOUT, RideMonitor, ride_recorded
 
 pytestmark = pytest.mark.ros
 
@@ -80,9 +80,11 @@ def test_what_is_wrong_with_a_parameter_is_named(changes: dict[str, Any], words:
 
 def test_settings_that_cannot_be_end_the_node_with_one_line(stage: Any, tmp_path: Path) -> None:
     programs = {
-        "give a directory": stage.start("bike_sim.record", path=str(tmp_path / "a.mcap"), max_bag_size=1000),
-        "'no good' is no name of a topic": stage.start("bike_sim.record", topics=["no good"]),
-        "directory /dev/null cannot be made: File exists": stage.start("bike_sim.record", path="/dev/null/ride.mcap"),
+        "give a directory": stage.start("bike_sim.ros.record", path=str(tmp_path / "a.mcap"), max_bag_size=1000),
+        "'no good' is no name of a topic": stage.start("bike_sim.ros.record", topics=["no good"]),
+        "directory /dev/null cannot be made: File exists": stage.start(
+            "bike_sim.ros.record", path="/dev/null/ride.mcap"
+        ),
     }
     for words, program in programs.items():
         assert program.wait() == 2
@@ -93,7 +95,7 @@ def test_settings_that_cannot_be_end_the_node_with_one_line(stage: Any, tmp_path
 
 
 def test_the_recorder_starts_without_the_simulator() -> None:
-    look = "import sys, bike_sim.record; print({'numba', 'scipy', 'bike_sim.simulator'} & set(sys.modules))"
+    look = "import sys, bike_sim.ros.record; print({'numba', 'scipy', 'bike_sim.sim.simulator'} & set(sys.modules))"
     assert subprocess.run([sys.executable, "-c", look], capture_output=True, text=True, check=True).stdout == "set()\n"
 
 
@@ -110,7 +112,7 @@ def test_late_unknown_and_uninstalled_topics_are_no_error(
     chosen = ["late", "/never", "plane", "mixed"]
     strange = mouth.create_publisher(Plane, "plane", 1)
     mixed = mouth.create_publisher(String, "mixed", node_tools.SENDER_QOS)
-    recorder = stage.start("bike_sim.record", path=str(tmp_path / "ride.mcap"), topics=chosen)
+    recorder = stage.start("bike_sim.ros.record", path=str(tmp_path / "ride.mcap"), topics=chosen)
     mouth.until(lambda: "not there yet" in recorder.words)
     assert "recorded when they come: /bike/late, /never\n" in recorder.words
     late = mouth.open(PointStamped, "late")
@@ -138,7 +140,7 @@ def test_late_unknown_and_uninstalled_topics_are_no_error(
 def test_a_stamp_of_the_wall_clock_before_the_first_clock_is_no_simulated_time(
     stage: Any, mouth: Any, tmp_path: Path
 ) -> None:
-    recorder = stage.start("bike_sim.record", path=str(tmp_path / "ride"), max_bag_duration=60.0)
+    recorder = stage.start("bike_sim.ros.record", path=str(tmp_path / "ride"), max_bag_duration=60.0)
     place, clock = mouth.open(PointStamped, "place"), mouth.open(Clock, "/clock")
 
     def publish(stamp_ns: int) -> None:
@@ -169,7 +171,7 @@ def test_all_topics_by_wall_clock_in_files_by_duration(stage: Any, mouth: Any, t
     static = mouth.create_publisher(String, "/static", latched)
     static.publish(String(data="stays"))
     recorder = stage.start(
-        "bike_sim.record", path=str(tmp_path / "all"), all_topics=True, clock="wall", max_bag_duration=0.5
+        "bike_sim.ros.record", path=str(tmp_path / "all"), all_topics=True, clock="wall", max_bag_duration=0.5
     )
     bare, hidden = mouth.open(Float64, "/elsewhere/bare"), mouth.create_publisher(Float64, "/_hidden", 1)
     began = time.time_ns()
@@ -202,7 +204,7 @@ def test_all_topics_by_wall_clock_in_files_by_duration(stage: Any, mouth: Any, t
 def test_a_ride_in_several_files_opens_everywhere(stage: Any, mouth: Any, policy: str, tmp_path: Path) -> None:
     stage.simulator(course="circle", mode="free", real_time_factor=5.0)
     recorder = stage.start(
-        "bike_sim.record", path=str(tmp_path / "ride"), max_bag_duration=3.0, chunk_size=8192, compression="lz4"
+        "bike_sim.ros.record", path=str(tmp_path / "ride"), max_bag_duration=3.0, chunk_size=8192, compression="lz4"
     )
     mouth.until(lambda: mouth.figures().get("messages_written", "0") > "0")
     stage.start("bike_policy.drive", policy=policy)
@@ -226,7 +228,7 @@ def test_a_ride_in_several_files_opens_everywhere(stage: Any, mouth: Any, policy
 
 
 def test_a_kill_costs_less_than_a_second(stage: Any, mouth: Any, tmp_path: Path) -> None:
-    recorder = stage.start("bike_sim.record", path=str(tmp_path / "ride.mcap"), clock="wall")
+    recorder = stage.start("bike_sim.ros.record", path=str(tmp_path / "ride.mcap"), clock="wall")
     publisher = mouth.open(Float64, "number")
     sent: dict[int, float] = {}
     for number in range(500):
@@ -252,7 +254,7 @@ def decode_float(data: bytes) -> int:
 
 def test_a_full_disk_ends_the_recording_and_not_the_ride(stage: Any, policy: str, tmp_path: Path) -> None:
     simulator = stage.simulator(course="circle")
-    recorder = stage.start("bike_sim.record", path=str(tmp_path / "ride"), chunk_size=16_384)
+    recorder = stage.start("bike_sim.ros.record", path=str(tmp_path / "ride"), chunk_size=16_384)
     ears = stage.ears()
     driver = stage.start("bike_policy.drive", policy=policy)
     ears.until(lambda: ears.records("state", "command") and ears.states[-1].step > 20)
@@ -310,7 +312,7 @@ def test_a_ride_waits_for_its_recorder(stage: Any, tmp_path: Path) -> None:
         with pytest.raises(NodeLost, match="did not find each other within 2 s; missing: /bike/state"):
             monitor.wait_for_recorder(2.0, [], ["state"])
         record = {"path": str(tmp_path / "ride.mcap")}
-        with NodeProcess("bike_sim.record", record, stage.domain) as recorder:
+        with NodeProcess("bike_sim.ros.record", record, stage.domain) as recorder:
             monitor.wait_for_recorder(START_TIMEOUT, [recorder], ["state", "course"])
             with pytest.raises(NodeLost, match="within 1 s; missing: /bike/command"):
                 monitor.wait_for_recorder(1.0, [recorder], ["state", "command"])  # nobody drives
@@ -329,7 +331,7 @@ def test_a_recorder_that_cannot_close_its_file_fails_the_ride(
 
     def watch_and_fill(monitor: RideMonitor, bar: Any, longest: float, needed: list[NodeProcess], *more: Any) -> None:
         watch(monitor, bar, longest, needed, *more)
-        (recorder,) = (node for node in needed if node.module == "bike_sim.record")
+        (recorder,) = (node for node in needed if node.module == "bike_sim.ros.record")
         size = (tmp_path / "ride.mcap").stat().st_size
         resource.prlimit(recorder.process.pid, resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
 
@@ -339,7 +341,7 @@ def test_a_recorder_that_cannot_close_its_file_fails_the_ride(
 
 
 def test_lost_messages_are_counted(stage: Any, mouth: Any, tmp_path: Path) -> None:
-    recorder = stage.start("bike_sim.record", path=str(tmp_path / "ride.mcap"))
+    recorder = stage.start("bike_sim.ros.record", path=str(tmp_path / "ride.mcap"))
     publisher = mouth.open(String, "flood", QoSProfile(depth=5))
     publisher.publish(String(data="before"))
     mouth.until(lambda: mouth.figures().get("messages_written", "0") != "0")
@@ -369,7 +371,7 @@ SENT_FOR = 4.0
 @pytest.mark.slow
 def test_ten_bicycles_at_a_hundred_hertz_are_recorded_whole(stage: Any, mouth: Any, tmp_path: Path) -> None:
     folder = tmp_path / "ride"
-    recorder = stage.start("bike_sim.record", path=str(folder), max_bag_size=2_000_000)
+    recorder = stage.start("bike_sim.ros.record", path=str(folder), max_bag_size=2_000_000)
     mouth.until(mouth.figures)
     command = [sys.executable, "-m", "bench.traffic", str(BIKES), str(RATE), str(SENT_FOR)]
     environment = {**os.environ, DOMAIN_VARIABLE: str(stage.domain)}

@@ -9,14 +9,14 @@ import pytest
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from bike_sim.physics.superbike_engine import TIME_STEP
-from bike_sim.reset import ResetRequest
-from bike_sim.simulator import SimulatorConfig
-from bike_training.curriculum import Curriculum
-from bike_training.env import BikeEnv
-from bike_training.episode_recording import Standing, TrainingRecorder
-from bike_training.recorded_rides import read_rides
-from bike_training.replay import Replay, ride_again
-from bike_training.task import TASKS
+from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.simulator import SimulatorConfig
+from bike_training.curricula.parts import Curriculum
+from bike_training.envs.env import BikeEnv
+from bike_training.learning.episode_recording import Standing, TrainingRecorder
+from bike_training.replay.recorded_rides import read_rides
+from bike_training.replay.replaying import Replay, ride_again
+from bike_training.tasks.path import TASKS
 
 pytestmark = pytest.mark.ros
 
@@ -35,10 +35,10 @@ def end(*programs) -> None:
 def test_rides_in_lockstep_come_out_the_same(stage, policy, tmp_path: Path) -> None:
     """The ride that the node begins, and one asked for at random; a recorder starts before the node, another after."""
     paths = [tmp_path / "early" / "ride.mcap", tmp_path / "late" / "ride.mcap"]
-    early = stage.start("bike_sim.record", path=str(paths[0]))
+    early = stage.start("bike_sim.ros.record", path=str(paths[0]))
     simulator = stage.simulator(course="circle")
     ears = stage.ears()
-    late = stage.start("bike_sim.record", path=str(paths[1]))
+    late = stage.start("bike_sim.ros.record", path=str(paths[1]))
     ears.pause(True)
     driver = stage.start("bike_policy.drive", policy=policy)
     ears.until(lambda: all(ears.records("episode", "state", "command", file=path) for path in paths))
@@ -78,7 +78,7 @@ def test_a_ride_of_a_learner_behind_ros_comes_out_the_same(tmp_path: Path) -> No
 def test_a_ride_by_the_clock_comes_out_the_same(stage, tmp_path: Path) -> None:
     """Free mode: commands come when they come, some periods repeat the last, and silence sets it straight."""
     path = tmp_path / "ride.mcap"
-    recorder = stage.start("bike_sim.record", path=str(path))
+    recorder = stage.start("bike_sim.ros.record", path=str(path))
     simulator = stage.simulator(mode="free", command_timeout_s=0.2, real_time_factor=2.0)
     ears = stage.ears()
     ears.until(lambda: ears.records("episode", "state") and ears.commands.get_subscription_count() == 2)
@@ -104,7 +104,7 @@ def test_a_superbike_comes_out_the_same(stage, tmp_path: Path, monkeypatch: pyte
     rows = "\n".join(f"{150.0 * np.cos(a):.4f},{150.0 * np.sin(a):.4f},6.0,6.0" for a in angle)
     circuit.write_text(f"# x_m,y_m,w_tr_right_m,w_tr_left_m\n{rows}\n")
     path = tmp_path / "ride.mcap"
-    recorder = stage.start("bike_sim.record", path=str(path))
+    recorder = stage.start("bike_sim.ros.record", path=str(path))
     simulator = stage.simulator(
         vehicle="panigale_v4r", course=str(circuit), time_step=TIME_STEP, line=0.5, progress=40.0, speed=20.0, seed=4
     )

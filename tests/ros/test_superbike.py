@@ -15,25 +15,25 @@ from bike_msgs.srv import Reset
 
 from bike_analysis.lap_recording import Theory, load_laps
 from bike_analysis.lap_report import lap_figures, render_lap_page
-from bike_sim import ride
-from bike_sim.fast_lines import track_with_line
-from bike_sim.lap_limit import lap_limit
-from bike_sim.messages import Episode as MessageEpisode
-from bike_sim.messages import (
+from bike_sim.physics import superbike_forces as sf
+from bike_sim.physics.state import upright_state
+from bike_sim.ros.messages import Episode as MessageEpisode
+from bike_sim.ros.messages import (
     course_points_to_message,
     snapshot_from_message,
     state_to_message,
     telemetry_to_message,
 )
-from bike_sim.physics import superbike_forces as sf
-from bike_sim.physics.envelope import envelope
-from bike_sim.physics.state import upright_state
-from bike_sim.physics.superbike import Superbike
-from bike_sim.physics.vehicle_files import load_vehicle
-from bike_sim.reset import ResetRequest
-from bike_sim.track_ride import PREVIEW, TrackRide, superbike_config
-from bike_training.laps import seen_from
-from bike_training.node_laps import ride_through_nodes
+from bike_sim.sim import look as ride
+from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.track_ride import PREVIEW, TrackRide, superbike_config
+from bike_sim.theory.envelope import envelope
+from bike_sim.theory.lap_limit import lap_limit
+from bike_sim.theory.line_cache import track_with_line
+from bike_sim.vehicles.files import load_vehicle
+from bike_sim.vehicles.superbike import Superbike
+from bike_training.nodes.node_laps import ride_through_nodes
+from bike_training.rollout.laps import seen_from
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("compiled")]
 

@@ -10,23 +10,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bike_policy.classical import ClassicalRider, Seen
-from bike_policy.lap_plan import RiderSettings, reserved
+from bike_policy.riders.classical import ClassicalRider, Seen
+from bike_policy.riders.lap_plan import RiderSettings, reserved
 from bike_sim.course.course import Course
-from bike_sim.fast_lines import track_with_line
-from bike_sim.lap_limit import lap_limit
 from bike_sim.physics import state as st
 from bike_sim.physics import superbike_forces as sf
-from bike_sim.physics.envelope import Envelope, envelope
 from bike_sim.physics.state import upright_state
-from bike_sim.physics.superbike import Superbike
 from bike_sim.physics.superbike_engine import TIME_STEP, SuperbikeEngine
 from bike_sim.physics.superbike_forces import force_limits
 from bike_sim.physics.superbike_statics import inertial_mass
-from bike_sim.physics.vehicle_files import load_vehicle
+from bike_sim.theory.envelope import Envelope, envelope
+from bike_sim.theory.lap_limit import lap_limit
+from bike_sim.theory.line_cache import track_with_line
+from bike_sim.vehicles.files import load_vehicle
+from bike_sim.vehicles.superbike import Superbike
 from bike_training import cli
 from bike_training.commands.lap import ALLOWED_EXCESS
-from bike_training.laps import ride_laps
+from bike_training.rollout.laps import ride_laps
 from tests.superbike.conftest import write_circuit
 
 

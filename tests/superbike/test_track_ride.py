@@ -9,17 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bike_sim import ride, track_look
 from bike_sim.course.lap_timing import time_laps
 from bike_sim.course.placing import EXACT, samples_of
-from bike_sim.events import EventKind
-from bike_sim.fast_lines import content_key, track_with_line
 from bike_sim.physics import state as st
 from bike_sim.physics.superbike_statics import turning_state
-from bike_sim.reset import ResetRequest
-from bike_sim.simulator import Simulator, SimulatorConfig
-from bike_sim.track_events import TrackWatch
-from bike_sim.track_ride import (
+from bike_sim.sim import circuit_look as track_look
+from bike_sim.sim import look as ride
+from bike_sim.sim.events import EventKind
+from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.simulator import Simulator, SimulatorConfig
+from bike_sim.sim.track_events import TrackWatch
+from bike_sim.sim.track_ride import (
     HORIZON,
     OFF_TRACK_GRIP,
     TrackRide,
@@ -28,6 +28,7 @@ from bike_sim.track_ride import (
     start_speed,
     superbike_config,
 )
+from bike_sim.theory.line_cache import content_key, track_with_line
 
 
 @pytest.fixture(scope="module")

@@ -28,8 +28,8 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
-            "record = bike_sim.record:main",
-            "sim_node = bike_sim.sim_node:main",
+            "record = bike_sim.ros.record:main",
+            "sim_node = bike_sim.ros.sim_node:main",
         ],
     },
 )

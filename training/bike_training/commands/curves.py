@@ -14,8 +14,8 @@ import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_training.curriculum import PARTS
-from bike_training.task import VALIDATION_THRESHOLD
+from bike_training.curricula.parts import PARTS
+from bike_training.tasks.path import VALIDATION_THRESHOLD
 
 PICTURE: Final = "learning_curves.png"
 

@@ -13,13 +13,13 @@ from rich.console import Console
 from rich.table import Table
 from tqdm import tqdm
 
-from bike_policy.bundle import DEFAULT_POLICY, Bundle, load_bundle
+from bike_policy.contract.bundle import DEFAULT_POLICY, Bundle, load_bundle
 from bike_sim.course.files import load_course
-from bike_sim.simulator import SimulatorConfig
+from bike_sim.sim.simulator import SimulatorConfig
 from bike_training.arguments import check_positive, check_whole, make_folder
-from bike_training.clients import CLIENT_KINDS, make_client
-from bike_training.evaluation import PAPER_MAX, PAPER_MEAN, SPEEDS, Rider, draw, evaluate
-from bike_training.riding import ride_through
+from bike_training.envs.clients import CLIENT_KINDS, make_client
+from bike_training.rollout.evaluation import PAPER_MAX, PAPER_MEAN, SPEEDS, Rider, draw, evaluate
+from bike_training.rollout.riding import ride_through
 
 NODES = "nodes"
 
@@ -87,7 +87,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 def _rider(args: argparse.Namespace, bundle: Bundle, config: SimulatorConfig) -> Iterator[Rider]:
     """Open what rides, and close it."""
     if args.client == NODES:
-        from bike_training.node_rides import NodeRides  # only rides through nodes need ROS
+        from bike_training.nodes.node_rides import NodeRides  # only rides through nodes need ROS
 
         with NodeRides(args.policy, config) as nodes:
             yield nodes.ride

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from bike_analysis import read_recording
-from bike_policy.bundle import Bundle, load_bundle
+from bike_policy.contract.bundle import Bundle, load_bundle
 from bike_training.arguments import make_folder
-from bike_training.explanation import Explanation, explain, set_values
-from bike_training.explanation_drawing import draw
-from bike_training.explanation_findings import Statement, correlation, state_findings
-from bike_training.recorded_observations import WHOLE_RIDE, RecordedObservations, policy_of, read_observations
+from bike_training.explain.drawing import draw
+from bike_training.explain.findings import Statement, correlation, state_findings
+from bike_training.explain.observations import WHOLE_RIDE, RecordedObservations, policy_of, read_observations
+from bike_training.explain.shap_values import Explanation, explain, set_values
 
 EXAMPLES = """examples:
   bike explain out/ride/ride.mcap                        the policy that drove, on the slalom

@@ -9,13 +9,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from bike_policy.action import ActionScale
-from bike_policy.actor import Actor
-from bike_policy.bundle import Bundle
-from bike_sim.physics.vehicle_files import load_vehicle
-from bike_training.checkpoint import load_process_state
-from bike_training.progress import Progress
-from bike_training.task import TASKS
+from bike_policy.contract.action import ActionScale
+from bike_policy.contract.actor import Actor
+from bike_policy.contract.bundle import Bundle
+from bike_sim.vehicles.files import load_vehicle
+from bike_training.learning.checkpoint import load_process_state
+from bike_training.learning.progress import Progress
+from bike_training.tasks.path import TASKS
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

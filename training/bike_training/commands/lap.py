@@ -17,16 +17,16 @@ from tqdm import tqdm
 from bike_analysis.lap_recording import Theory, load_laps
 from bike_analysis.lap_report import lap_figures, write_lap_report
 from bike_analysis.numbers import lap_text
-from bike_sim import track_look
 from bike_sim.course.track_files import shipped_tracks
-from bike_sim.fast_lines import track_with_line
-from bike_sim.lap_limit import lap_limit
-from bike_sim.physics.envelope import envelope
-from bike_sim.physics.superbike import Superbike
-from bike_sim.physics.vehicle_files import load_vehicle, shipped_vehicles
-from bike_sim.track_ride import WALL, TrackSnapshot
+from bike_sim.sim import circuit_look as track_look
+from bike_sim.sim.track_ride import WALL, TrackSnapshot
+from bike_sim.theory.envelope import envelope
+from bike_sim.theory.lap_limit import lap_limit
+from bike_sim.theory.line_cache import track_with_line
+from bike_sim.vehicles.files import load_vehicle, shipped_vehicles
+from bike_sim.vehicles.superbike import Superbike
 from bike_training.arguments import check_whole, make_folder
-from bike_training.laps import LapRide, ride_laps
+from bike_training.rollout.laps import LapRide, ride_laps
 
 SCHEMA: Final = "bike.lap/1"
 
@@ -88,7 +88,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _through_nodes(args: argparse.Namespace) -> dict[str, Any]:
     """Ride through the nodes, write the report, print the times unless `args.json`, and return the figures."""
-    from bike_training.node_laps import ride_through_nodes  # only rides through nodes need ROS
+    from bike_training.nodes.node_laps import ride_through_nodes  # only rides through nodes need ROS
 
     make_folder("--out", args.out)
     recording = args.out / "lap.mcap"

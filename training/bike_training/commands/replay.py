@@ -12,8 +12,8 @@ from typing import Any, Final
 
 from tqdm import tqdm
 
-from bike_training.recorded_rides import RecordedRide, read_rides
-from bike_training.replay import Difference, Replay, ride_again
+from bike_training.replay.recorded_rides import RecordedRide, read_rides
+from bike_training.replay.replaying import Difference, Replay, ride_again
 
 SCHEMA: Final = "bike.replay/1"
 

@@ -8,12 +8,12 @@ from typing import Any, Final
 
 from bike_analysis.commands.analyze import text_of
 from bike_analysis.report import analyze
-from bike_policy.bundle import DEFAULT_POLICY, load_bundle
+from bike_policy.contract.bundle import DEFAULT_POLICY, load_bundle
 from bike_sim.course.files import load_course
-from bike_sim.isolation import DomainLease
-from bike_sim.simulator import SimulatorConfig
+from bike_sim.ros.isolation import DomainLease
+from bike_sim.sim.simulator import SimulatorConfig
 from bike_training.arguments import check_positive, check_whole, make_folder
-from bike_training.riding import time_for
+from bike_training.rollout.riding import time_for
 
 LARGEST_DOMAIN: Final = 232
 """ROS domain with the largest ports that there are."""
@@ -78,7 +78,7 @@ def _ride(args: argparse.Namespace, domain: int, recording: Path, length: float,
     # By its full path, so that the note serves from anywhere; shipped policies by name.
     policy = str(Path(args.policy).resolve()) if Path(args.policy).is_dir() else args.policy
     record = {"path": str(recording.resolve()), "overwrite": True, "notes": [f"policy={policy}"]}
-    from bike_training.ride_monitor import ride_recorded  # only rides through nodes need ROS
+    from bike_training.nodes.ride_monitor import ride_recorded  # only rides through nodes need ROS
 
     title = f"{args.course} at {args.speed:g} m/s"
     return ride_recorded(domain, record, simulator, {"policy": args.policy}, title=title, way=length, longest=longest)

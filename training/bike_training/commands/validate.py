@@ -12,11 +12,12 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from bike_sim.physics import linear, modes, validation
+from bike_sim.physics import linear, modes
 from bike_sim.physics.engine import ENGINE_KINDS, Engine, make_engine
 from bike_sim.physics.superbike_engine import TIME_STEP
-from bike_sim.physics.vehicle import Vehicle
-from bike_sim.physics.vehicle_files import load_vehicle
+from bike_sim.validation import bicycle as validation
+from bike_sim.vehicles.bicycle import Vehicle
+from bike_sim.vehicles.files import load_vehicle
 from bike_training.arguments import check_positive, make_folder
 from bike_training.commands import validate_superbike
 

@@ -15,11 +15,11 @@ from rich.table import Table
 
 from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics import superbike_statics as statics
-from bike_sim.physics import superbike_validation as validation
 from bike_sim.physics import tyres
-from bike_sim.physics.envelope import envelope
-from bike_sim.physics.superbike import Superbike
-from bike_sim.physics.vehicle_files import load_vehicle
+from bike_sim.theory.envelope import envelope
+from bike_sim.validation import superbike as validation
+from bike_sim.vehicles.files import load_vehicle
+from bike_sim.vehicles.superbike import Superbike
 
 SCHEMA: Final = "bike.validate_superbike/1"
 PICTURES: Final = ("tyres", "lean_steps", "turns", "modes", "launch_and_stop", "envelopes", "convergence")

@@ -17,12 +17,12 @@ import numpy as np
 import rclpy.node
 from bike_msgs.msg import BikeCommand, BikeState, Course
 
-from bike_policy.bundle import DEFAULT_POLICY
-from bike_policy.pilots import Pilot, make_pilot
-from bike_sim import node_tools
-from bike_sim.command_gate import Command
-from bike_sim.messages import command_to_message, time_from_message
-from bike_sim.node_tools import CannotGoOn, ParameterSpec
+from bike_policy.contract.bundle import DEFAULT_POLICY
+from bike_policy.riders.pilots import Pilot, make_pilot
+from bike_sim.ros import node_tools
+from bike_sim.ros.command_gate import Command
+from bike_sim.ros.messages import command_to_message, time_from_message
+from bike_sim.ros.node_tools import CannotGoOn, ParameterSpec
 
 SPECS: Final = (
     ParameterSpec(

@@ -1,1 +1,1 @@
-"""Vehicles, their kinematics, the engines that move them, and their linear modes; knows no ROS."""
+"""State, kinematics, tyres, forces, the engines that move vehicles, and their linear modes; knows no ROS."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Final, Protocol
 
 from bike_sim.physics.state import StateVector
-from bike_sim.physics.superbike import Superbike
-from bike_sim.physics.vehicle import Vehicle
+from bike_sim.vehicles.bicycle import Vehicle
+from bike_sim.vehicles.superbike import Superbike
 
 ENGINE_KINDS: Final = ("pybullet", "whipple")
 

@@ -2,7 +2,7 @@
 
 All functions are compiled (numba, nopython), take and return plain floats, and work in the project's signs:
 x forward, y left, z up; roll positive leaning right, yaw and steer positive to the left, pitch positive nose
-down. ``p`` is `bike_sim.physics.vehicle.Vehicle.parameters`; ``state`` is the vector of
+down. ``p`` is `bike_sim.vehicles.bicycle.Vehicle.parameters`; ``state`` is the vector of
 `bike_sim.physics.state`. Angles in rad, lengths in m, rates in rad/s.
 
 The ground constraint is appendix C of Weyrer et al. (2026), after Basu-Mandal, Chatterjee and Papadopoulos
@@ -24,7 +24,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from bike_sim.physics.state import FRONT_WHEEL_RATE, ROLL, ROLL_RATE, STEER, STEER_RATE, YAW, StateVector, X, Y
-from bike_sim.physics.vehicle import PARAMETER_NAMES
+from bike_sim.vehicles.bicycle import PARAMETER_NAMES
 
 Parameters = NDArray[np.float64]
 

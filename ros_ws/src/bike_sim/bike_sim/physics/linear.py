@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_sim.physics.vehicle import Vehicle
+from bike_sim.vehicles.bicycle import Vehicle
 
 Matrix = NDArray[np.float64]
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from bike_sim.physics import kinematics
 from bike_sim.physics import state as st
 from bike_sim.physics.state import StateVector
-from bike_sim.physics.vehicle import Vehicle
+from bike_sim.vehicles.bicycle import Vehicle
 
 Vector = NDArray[np.float64]
 

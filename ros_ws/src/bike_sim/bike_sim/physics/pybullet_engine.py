@@ -28,7 +28,7 @@ from bike_sim.physics.pybullet_tree import (
     set_free,
 )
 from bike_sim.physics.state import StateVector
-from bike_sim.physics.vehicle import Vehicle
+from bike_sim.vehicles.bicycle import Vehicle
 
 _MARGIN: Final = 1e-7
 """Collision margin, m. It rounds the wheel's edge to a torus of this radius; the benchmark's wheels are knife edges

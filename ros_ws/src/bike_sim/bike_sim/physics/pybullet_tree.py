@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from bike_sim.physics import mapping
-from bike_sim.physics.vehicle import Vehicle
+from bike_sim.vehicles.bicycle import Vehicle
 
 
 @contextmanager

@@ -31,7 +31,7 @@ from bike_sim.physics.pybullet_tree import (
     set_free,
 )
 from bike_sim.physics.state import StateVector
-from bike_sim.physics.superbike import Superbike
+from bike_sim.vehicles.superbike import Superbike
 
 TIME_STEP: Final = 0.002
 """Integration step, s, that rides a lap far faster than real time; `bike validate superbike` shows what it costs."""

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from bike_sim.physics import mapping, tyres
 from bike_sim.physics.pybullet_tree import principal_axes
-from bike_sim.physics.superbike import MACHINE_NAMES, Superbike
+from bike_sim.vehicles.superbike import MACHINE_NAMES, Superbike
 
 FloatArray = NDArray[np.float64]
 Vec = tuple[float, float, float]

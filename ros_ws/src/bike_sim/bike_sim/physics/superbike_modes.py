@@ -19,8 +19,8 @@ from bike_sim.physics import state as st
 from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics import superbike_statics as statics
 from bike_sim.physics.pybullet_tree import FORK, SLIDER, bullet
-from bike_sim.physics.superbike import Superbike
 from bike_sim.physics.superbike_engine import SuperbikeEngine
+from bike_sim.vehicles.superbike import Superbike
 
 FloatArray = NDArray[np.float64]
 

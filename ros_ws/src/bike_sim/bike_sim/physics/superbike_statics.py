@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from bike_sim.physics import kinematics
 from bike_sim.physics import state as st
 from bike_sim.physics import superbike_forces as sf
-from bike_sim.physics.superbike import Superbike, Tyre
+from bike_sim.vehicles.superbike import Superbike, Tyre
 
 FloatArray = NDArray[np.float64]
 

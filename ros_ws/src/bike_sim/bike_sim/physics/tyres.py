@@ -27,7 +27,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from bike_sim.physics.superbike import TYRE_NAMES
+from bike_sim.vehicles.superbike import TYRE_NAMES
 
 FloatArray = NDArray[np.float64]
 

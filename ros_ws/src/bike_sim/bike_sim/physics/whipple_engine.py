@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from bike_sim.physics import state as st
 from bike_sim.physics.kinematics import Parameters, solve_beta, steering_geometry
 from bike_sim.physics.state import StateVector
-from bike_sim.physics.vehicle import PARAMETER_NAMES, Vehicle
 from bike_sim.physics.whipple_equations import Constants, energies, motion
+from bike_sim.vehicles.bicycle import PARAMETER_NAMES, Vehicle
 
 # Indices of the parameter vector, spelled out because compiled code wants plain global integers.
 (

@@ -1,0 +1,1 @@
+"""The contract between simulator, training and driving: observation, action, actor, bundle; numpy only."""

@@ -1,0 +1,146 @@
+"""A policy bundle on disk: ``actor.safetensors`` and ``card.yaml``. No pickle is ever read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib import resources
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import yaml
+from safetensors import SafetensorError
+from safetensors.numpy import load_file, save_file
+
+from bike_policy.contract.action import ActionScale
+from bike_policy.contract.actor import Actor
+from bike_policy.contract.observation import ObservationLayout
+
+FORMAT_VERSION: Final = 1
+DEFAULT_POLICY: Final = "whipple"
+ACTOR_FILE: Final = "actor.safetensors"
+CARD_FILE: Final = "card.yaml"
+_CARD_ENTRIES: Final = ("format", "name", "vehicle", "control_period_s", "layout", "action", "training", "results")
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """An actor with everything that must be known to use it.
+
+    Attributes:
+        name: name of the bundle.
+        actor: the network.
+        layout: what it sees.
+        action: what it answers.
+        vehicle: name of the vehicle it was trained on.
+        control_period: s.
+        training: how it was trained: commit, seed, steps, preset and so on.
+        results: measured results with units in the names.
+    """
+
+    name: str
+    actor: Actor
+    layout: ObservationLayout
+    action: ActionScale
+    vehicle: str
+    control_period: float
+    training: Mapping[str, Any] = field(default_factory=dict)
+    results: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Refuse an actor whose input is not the layout's."""
+        if self.actor.inputs != self.layout.size:
+            raise ValueError(
+                f"policy {self.name!r}: the actor takes {self.actor.inputs} numbers, its layout {self.layout.size}"
+            )
+
+    def check_fit(self, vehicle: str, control_period: float) -> None:
+        """Check that a simulator is one that this policy was made for.
+
+        Raises:
+            ValueError: naming the difference.
+        """
+        if vehicle != self.vehicle:
+            raise ValueError(
+                f"policy {self.name!r} was trained for vehicle {self.vehicle!r}, the simulator rides {vehicle!r}"
+            )
+        if abs(control_period - self.control_period) > 1e-9:
+            raise ValueError(
+                f"policy {self.name!r} was trained for a control period of {self.control_period} s, "
+                f"the simulator's is {control_period} s"
+            )
+
+    def save(self, folder: Path) -> None:
+        """Write the bundle into a folder, which is made if need be."""
+        folder.mkdir(parents=True, exist_ok=True)
+        save_file(self.actor.tensors(), folder / ACTOR_FILE)
+        (folder / ACTOR_FILE).chmod(0o644)  # safetensors makes it readable for its owner only
+        card = {
+            "format": FORMAT_VERSION,
+            "name": self.name,
+            "vehicle": self.vehicle,
+            "control_period_s": self.control_period,
+            "layout": self.layout.to_card(),
+            "action": self.action.to_card(),
+            "training": dict(self.training),
+            "results": dict(self.results),
+        }
+        (folder / CARD_FILE).write_text(yaml.safe_dump(card, sort_keys=False, width=100), encoding="utf-8")
+
+
+def shipped_policies() -> list[str]:
+    """Return the names of the bundles that come with this package."""
+    root = resources.files("bike_policy") / "policies"
+    return sorted(entry.name for entry in root.iterdir() if (entry / CARD_FILE).is_file())
+
+
+def load_bundle(name_or_path: str | Path) -> Bundle:
+    """Load a shipped bundle by name, or any bundle by its folder.
+
+    Raises:
+        FileNotFoundError: there is no such bundle.
+        ValueError: a file that is not one of this project's, or a version that this software does not speak.
+    """
+    folder = Path(name_or_path)
+    if not folder.is_dir():
+        shipped = Path(str(resources.files("bike_policy") / "policies")) / str(name_or_path)
+        if not shipped.is_dir():
+            raise FileNotFoundError(
+                f"no policy {str(name_or_path)!r}: neither a folder nor one of {shipped_policies()}"
+            )
+        folder = shipped
+    card = _read_card(folder / CARD_FILE)
+    try:
+        tensors = load_file(folder / ACTOR_FILE)
+    except SafetensorError as error:
+        raise ValueError(f"{folder / ACTOR_FILE}: not a safetensors file ({error})") from error
+    try:
+        return Bundle(
+            name=str(card["name"]),
+            actor=Actor.from_tensors({key: np.asarray(value, dtype=np.float32) for key, value in tensors.items()}),
+            layout=ObservationLayout.from_card(card["layout"]),
+            action=ActionScale.from_card(card["action"]),
+            vehicle=str(card["vehicle"]),
+            control_period=float(card["control_period_s"]),
+            training=card["training"],
+            results=card["results"],
+        )
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"{folder}: {error}") from error
+
+
+def _read_card(path: Path) -> dict[str, Any]:
+    if not path.is_file():
+        raise FileNotFoundError(f"{path.parent} is not a policy bundle: it has no {CARD_FILE}")
+    try:
+        card = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: not a YAML file ({error})") from error
+    if not isinstance(card, dict) or card.get("format") != FORMAT_VERSION:
+        found = card.get("format") if isinstance(card, dict) else type(card).__name__
+        raise ValueError(f"{path}: policy format {found!r}, this software reads format {FORMAT_VERSION}")
+    missing = [entry for entry in _CARD_ENTRIES if entry not in card]
+    if missing:
+        raise ValueError(f"{path}: the card lacks {missing}")
+    return card

@@ -1,0 +1,1 @@
+"""Who answers a snapshot with a command: learned and classical riders; knows no ROS."""

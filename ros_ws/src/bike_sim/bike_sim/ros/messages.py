@@ -1,0 +1,450 @@
+"""The one place that converts between core types and ``bike_msgs``.
+
+Floating-point numbers cross unchanged, so a ride is the same bit for bit on both sides. Arrays travel as
+``array.array``, which the generated classes take without looking at each element.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Final
+
+import numpy as np
+from bike_msgs.msg import BikeCommand, BikeState, CoursePoints, EpisodeStart, LeanHistory, RideEvent, Telemetry
+from bike_msgs.msg import Course as CourseMessage
+from bike_msgs.srv import Reset
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point
+from numpy.typing import NDArray
+
+from bike_sim.course import projection
+from bike_sim.course.course import Course
+from bike_sim.course.random_paths import PathRanges
+from bike_sim.physics import state as st
+from bike_sim.physics import superbike_forces as sf
+from bike_sim.ros.command_gate import Command
+from bike_sim.ros.stamps import NANOSECONDS as NANOSECONDS
+from bike_sim.ros.stamps import time_from_message as time_from_message
+from bike_sim.ros.stamps import time_to_message as time_to_message
+from bike_sim.sim import circuit_look as track_look
+from bike_sim.sim import look as ride
+from bike_sim.sim.events import Event
+from bike_sim.sim.request import Preview, ResetRequest
+from bike_sim.sim.simulator import SimulatorConfig, Snapshot
+from bike_sim.sim.track_ride import TrackSnapshot
+from bike_sim.vehicles.bicycle import Vehicle
+from bike_sim.vehicles.superbike import Superbike
+
+FloatArray = NDArray[np.float64]
+
+MAP_FRAME: Final = "map"
+BASE_FRAME: Final = "base_link"
+
+_TELEMETRY_FIELDS: Final = (
+    ("acceleration_longitudinal", sf.T_ALONG),
+    ("acceleration_lateral", sf.T_LATERAL),
+    ("rear_slip_angle", sf.T_REAR_DRIFT),
+    ("rear_slip", sf.T_REAR_SLIP),
+    ("rear_camber", sf.T_REAR_CAMBER),
+    ("rear_load", sf.T_REAR_LOAD),
+    ("rear_force_longitudinal", sf.T_REAR_FX),
+    ("rear_force_lateral", sf.T_REAR_FY),
+    ("rear_slip_use", sf.T_REAR_USE),
+    ("front_slip_angle", sf.T_FRONT_DRIFT),
+    ("front_slip", sf.T_FRONT_SLIP),
+    ("front_camber", sf.T_FRONT_CAMBER),
+    ("front_load", sf.T_FRONT_LOAD),
+    ("front_force_longitudinal", sf.T_FRONT_FX),
+    ("front_force_lateral", sf.T_FRONT_FY),
+    ("front_slip_use", sf.T_FRONT_USE),
+    ("engine_power", sf.T_POWER),
+    ("drag_force", sf.T_DRAG),
+    ("rider_offset", sf.T_SLIDE),
+    ("lean_reference", sf.T_LEAN_REFERENCE),
+)
+"""Fields of Telemetry with their places in the telemetry of the forces."""
+
+_AID_FIELDS: Final = (
+    ("traction_control", sf.T_TRACTION_ACTIVE),
+    ("anti_wheelie", sf.T_WHEELIE_ACTIVE),
+    ("brake_control", sf.T_BRAKE_ACTIVE),
+    ("anti_stoppie", sf.T_STOPPIE_ACTIVE),
+)
+
+_OWN: Final = -1.0
+"""What line and progress of a reset say to keep the simulator's own."""
+
+_RANGE_FIELDS: Final = (
+    "radius_min",
+    "radius_max",
+    "quintic_length_min",
+    "quintic_length_max",
+    "quintic_width_min",
+    "quintic_width_max",
+)
+
+
+@dataclass(frozen=True)
+class Episode:
+    """What stays the same over the states of an episode.
+
+    Attributes:
+        vehicle: the vehicle that rides.
+        course: the course that it follows.
+        preview: which points of the line ahead it sees.
+        control_period: s.
+    """
+
+    vehicle: Vehicle
+    course: Course
+    preview: Preview
+    control_period: float
+
+
+# ------------------------------------------------------------------------------------------------------------ state
+
+
+def state_to_message(snapshot: Snapshot, episode: Episode, stamp: int) -> BikeState:
+    """Return the message of a snapshot.
+
+    Args:
+        snapshot: what is seen.
+        episode: what it belongs to.
+        stamp: simulated time, ns.
+    """
+    message = BikeState()
+    message.header.stamp = time_to_message(stamp)
+    message.header.frame_id = MAP_FRAME
+    message.episode = snapshot.episode
+    message.step = snapshot.step
+    message.control_period = episode.control_period
+    message.vehicle = episode.vehicle.name
+    message.steering_limit = episode.vehicle.max_steer
+    for name, value in zip(st.FIELDS, snapshot.state.tolist(), strict=True):
+        setattr(message, name, value)
+    for name, value in zip(ride.FIELDS, snapshot.seen.tolist(), strict=True):
+        setattr(message, name, value)
+    message.steering_command = float(snapshot.steering)
+    message.throttle_command = float(snapshot.throttle)
+    message.steer_torque = float(snapshot.steer_torque)
+    message.course_length = episode.course.length
+    message.course_closed = episode.course.closed
+    message.preview_by_time = episode.preview.by_time
+    message.preview_interval = float(episode.preview.interval)
+    message.preview_x = _floats(snapshot.preview_x)
+    message.preview_y = _floats(snapshot.preview_y)
+    message.roll_history = array("d", snapshot.roll_history)
+    message.steer_history = array("d", snapshot.steer_history)
+    message.fallen = snapshot.fallen
+    message.off_course = snapshot.off_course
+    message.finished = snapshot.finished
+    return message
+
+
+def snapshot_from_message(message: BikeState) -> Snapshot:
+    """Return the snapshot that a message was made of, bit for bit."""
+    return Snapshot(
+        episode=message.episode,
+        step=message.step,
+        time=message.step * message.control_period,
+        state=minimal_state(message),
+        seen=np.array([getattr(message, name) for name in ride.FIELDS]),
+        steering=message.steering_command,
+        throttle=message.throttle_command,
+        steer_torque=message.steer_torque,
+        preview_x=np.array(message.preview_x),
+        preview_y=np.array(message.preview_y),
+        roll_history=tuple(message.roll_history),
+        steer_history=tuple(message.steer_history),
+        fallen=message.fallen,
+        off_course=message.off_course,
+        finished=message.finished,
+    )
+
+
+def minimal_state(message: BikeState) -> st.StateVector:
+    """Return the ten minimal coordinates of a state message."""
+    return np.array([getattr(message, name) for name in st.FIELDS])
+
+
+# ---------------------------------------------------------------------------------------------------------- command
+
+
+def command_to_message(command: Command, state_stamp: Time | None = None) -> BikeCommand:
+    """Return the message of a command.
+
+    Args:
+        command: the command.
+        state_stamp: stamp of the state that it answers.
+    """
+    message = BikeCommand()
+    if state_stamp is not None:
+        message.header.stamp = state_stamp
+    message.episode = command.episode
+    message.step = command.step
+    message.steering = float(command.steering)
+    message.throttle = float(command.throttle)
+    return message
+
+
+def command_from_message(message: BikeCommand) -> Command:
+    """Return the command of a message."""
+    return Command(message.episode, message.step, message.steering, message.throttle)
+
+
+# ------------------------------------------------------------------------------------------------------------ reset
+
+
+def reset_to_message(request: ResetRequest) -> Reset.Request:
+    """Return the service request that asks for an episode."""
+    message = Reset.Request()
+    _fill_request(message, request)
+    return message
+
+
+def reset_from_message(message: Reset.Request, own: ResetRequest) -> ResetRequest:
+    """Return the request for an episode that a service request asks for.
+
+    Args:
+        message: the request. Its seed must have been drawn already if it was negative.
+        own: the simulator's own settings, which serve where the message leaves something open.
+
+    Raises:
+        ValueError: naming the value that cannot be.
+    """
+    ranges = {name: getattr(message, name) for name in _RANGE_FIELDS}
+    preview = own.preview
+    if message.preview_count:
+        preview = Preview(message.preview_by_time, message.preview_interval, message.preview_count)
+    speed = (message.speed_min, message.speed_max)
+    return ResetRequest(
+        seed=message.seed,
+        course=message.course or own.course,
+        speed_range=own.speed_range if speed == (0.0, 0.0) else speed,
+        perturb=message.perturb,
+        initial_state=tuple(message.initial_state) or None,
+        path_ranges=PathRanges(**ranges) if any(ranges.values()) else own.path_ranges,
+        path_length=message.path_length or own.path_length,
+        preview=preview,
+        context=tuple(message.context),
+        line=own.line if message.line == _OWN else message.line,
+        progress=own.progress if message.progress == _OWN else message.progress,
+    )
+
+
+def episode_start_to_message(request: ResetRequest, config: SimulatorConfig, episode: int, stamp: int) -> EpisodeStart:
+    """Return the message of how an episode began.
+
+    Args:
+        request: the request that was met.
+        config: the simulator.
+        episode: number of the episode.
+        stamp: simulated time of the first state, ns.
+    """
+    message = EpisodeStart()
+    message.header.stamp = time_to_message(stamp)
+    message.episode = episode
+    for spec in fields(config):
+        setattr(message, spec.name, getattr(config, spec.name))
+    _fill_request(message, request)
+    return message
+
+
+def _fill_request(message: Reset.Request | EpisodeStart, request: ResetRequest) -> None:
+    """Set the fields that a reset and the start of an episode have in common."""
+    message.seed = int(request.seed)
+    message.course = request.course
+    message.speed_min, message.speed_max = map(float, request.speed_range)
+    message.perturb = bool(request.perturb)
+    if request.initial_state is not None:
+        message.initial_state = _floats(request.initial_state)
+    for name in _RANGE_FIELDS:
+        setattr(message, name, float(getattr(request.path_ranges, name)))
+    message.path_length = float(request.path_length or 0.0)
+    message.preview_count = int(request.preview.count)
+    message.preview_by_time = bool(request.preview.by_time)
+    message.preview_interval = float(request.preview.interval)
+    message.context = array("d", request.context)
+    message.line = float(request.line)
+    message.progress = float(request.progress)
+
+
+# ----------------------------------------------------------------------------------------------------------- course
+
+
+def course_to_message(course: Course, episode: int, stamp: int) -> CourseMessage:
+    """Return the message of a whole course.
+
+    Args:
+        course: the course.
+        episode: number of the episode that it is ridden in.
+        stamp: simulated time, ns.
+    """
+    message = CourseMessage()
+    message.header.stamp = time_to_message(stamp)
+    message.header.frame_id = MAP_FRAME
+    message.episode = episode
+    message.name = course.name
+    message.closed = course.closed
+    message.length = course.length
+    message.off_course_limit = float(course.off_course_limit)
+    for name in ("s", "x", "y", "heading", "curvature", "width_left", "width_right"):
+        column = getattr(course, name)
+        if column is not None:
+            setattr(message, name, _floats(column))
+    message.section_names = [name for name, _ in course.sections]
+    message.section_starts = array("d", (start for _, start in course.sections))
+    return message
+
+
+def course_from_message(message: CourseMessage) -> Course:
+    """Return the course that a message was made of.
+
+    Raises:
+        ValueError: columns that do not describe a course.
+    """
+    return Course(
+        name=message.name,
+        s=np.array(message.s),
+        x=np.array(message.x),
+        y=np.array(message.y),
+        heading=np.array(message.heading),
+        curvature=np.array(message.curvature),
+        closed=message.closed,
+        off_course_limit=message.off_course_limit,
+        width_left=np.array(message.width_left) if message.width_left else None,
+        width_right=np.array(message.width_right) if message.width_right else None,
+        sections=tuple(zip(message.section_names, message.section_starts, strict=True)),
+    )
+
+
+def course_points_to_message(snapshot: Snapshot, course: Course, stamp: int) -> CoursePoints:
+    """Return the preview of the followed line and of both limits.
+
+    Args:
+        snapshot: what is seen.
+        course: the course that is followed.
+        stamp: simulated time, ns.
+    """
+    message = CoursePoints()
+    message.header.stamp = time_to_message(stamp)
+    message.header.frame_id = BASE_FRAME
+    message.episode = snapshot.episode
+    message.step = snapshot.step
+    message.progress = float(snapshot.seen[ride.PROGRESS])
+    message.lateral_error = float(snapshot.seen[ride.LATERAL_ERROR])
+    message.heading_error = float(snapshot.seen[ride.HEADING_ERROR])
+    if isinstance(snapshot, TrackSnapshot):
+        for name, row in (("line", track_look.LINE), ("left", track_look.LEFT), ("right", track_look.RIGHT)):
+            setattr(message, name, [Point(x=x, y=y, z=z) for x, y, z in snapshot.points[row].tolist()])
+        return message
+    message.line = _points(snapshot.preview_x, snapshot.preview_y)
+    if course.width_left is not None:
+        message.left = _limit(snapshot, course, course.width_left)
+    if course.width_right is not None:
+        message.right = _limit(snapshot, course, -course.width_right)
+    return message
+
+
+def _limit(snapshot: Snapshot, course: Course, offset: FloatArray) -> list[Point]:
+    """Return points beside the preview points, at a signed distance (m, positive left) given along the course."""
+    count = len(snapshot.preview_x)
+    stations = snapshot.seen[ride.PROGRESS] + np.arange(count) * snapshot.seen[ride.PREVIEW_SPACING]
+    inside = stations % course.length if course.closed else np.clip(stations, 0.0, course.length)
+    distance = np.interp(inside, course.s, offset)
+    x, y = np.empty(count), np.empty(count)
+    yaw = snapshot.state[st.YAW]
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    for k, s in enumerate(stations):
+        _, _, tx, ty = projection.point_at(course.x, course.y, course.heading, course.spacing, course.closed, s)
+        x[k] = snapshot.preview_x[k] - distance[k] * (cos * ty - sin * tx)
+        y[k] = snapshot.preview_y[k] + distance[k] * (cos * tx + sin * ty)
+    return _points(x, y)
+
+
+# ---------------------------------------------------------------------------------------------------------- history
+
+
+def lean_history_to_message(snapshot: Snapshot, stamp: int, period: int) -> LeanHistory:
+    """Return the last roll and steer angles with their times.
+
+    Args:
+        snapshot: what is seen.
+        stamp: simulated time of the snapshot, ns.
+        period: control period, ns.
+    """
+    message = LeanHistory()
+    message.header.stamp = time_to_message(stamp)
+    message.header.frame_id = BASE_FRAME
+    message.episode = snapshot.episode
+    message.step = snapshot.step
+    count = len(snapshot.roll_history)
+    message.stamps = [time_to_message(stamp - (count - 1 - k) * period) for k in range(count)]
+    message.roll = array("d", snapshot.roll_history)
+    message.steer = array("d", snapshot.steer_history)
+    message.roll_delta = _floats(np.diff(snapshot.roll_history, prepend=snapshot.roll_history[:1]))
+    message.steer_delta = _floats(np.diff(snapshot.steer_history, prepend=snapshot.steer_history[:1]))
+    return message
+
+
+# -------------------------------------------------------------------------------------------------------- telemetry
+
+
+def telemetry_to_message(snapshot: TrackSnapshot, vehicle: Superbike, stamp: int) -> Telemetry:
+    """Return what tyres, engine, brakes and electronics of a superbike do.
+
+    Args:
+        snapshot: what is seen.
+        vehicle: the machine; its radii turn torques into forces.
+        stamp: simulated time, ns.
+    """
+    message = Telemetry()
+    message.header.stamp = time_to_message(stamp)
+    message.header.frame_id = BASE_FRAME
+    message.episode = snapshot.episode
+    message.step = snapshot.step
+    measured = snapshot.telemetry.tolist()
+    for name, place in _TELEMETRY_FIELDS:
+        setattr(message, name, measured[place])
+    for name, place in _AID_FIELDS:
+        setattr(message, name, measured[place] != 0.0)
+    message.engine_force = measured[sf.T_DRIVE] / vehicle.rR
+    message.rear_brake_force = measured[sf.T_REAR_BRAKE] / vehicle.rR
+    message.front_brake_force = measured[sf.T_FRONT_BRAKE] / vehicle.rF
+    message.rear_contact_lost = measured[sf.T_REAR_LOAD] <= 0.0
+    message.front_contact_lost = measured[sf.T_FRONT_LOAD] <= 0.0
+    return message
+
+
+# ----------------------------------------------------------------------------------------------------------- events
+
+
+def event_to_message(event: Event, snapshot: Snapshot, stamp: int) -> RideEvent:
+    """Return the message of an event.
+
+    Args:
+        event: what happened.
+        snapshot: the snapshot that reported it.
+        stamp: simulated time of the snapshot, ns.
+    """
+    message = RideEvent()
+    message.header.stamp = time_to_message(stamp)
+    message.header.frame_id = MAP_FRAME
+    message.episode = snapshot.episode
+    message.step = snapshot.step
+    message.kind = int(event.kind)
+    message.time = float(event.time)
+    message.progress = float(event.progress)
+    message.value = float(event.value)
+    message.text = event.text
+    return message
+
+
+def _floats(values: Sequence[float] | FloatArray) -> array[float]:
+    return array("d", np.asarray(values, dtype=np.float64).tobytes())
+
+
+def _points(x: FloatArray, y: FloatArray) -> list[Point]:
+    return [Point(x=a, y=b, z=0.0) for a, b in zip(x.tolist(), y.tolist(), strict=True)]

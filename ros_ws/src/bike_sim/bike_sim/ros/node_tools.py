@@ -1,0 +1,311 @@
+"""What all nodes share: how they start and end, their parameters, and their diagnostics."""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, NoReturn
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.exceptions import ParameterException
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from rclpy.timer import Timer
+
+from bike_sim.ros.isolation import prepare_discovery
+from bike_sim.ros.parent import PARENT_PERIOD, parent_is_gone
+from bike_sim.ros.stamps import time_to_message
+
+NAMESPACE: Final = "bike"
+"""Namespace of the nodes unless ``__ns`` is remapped."""
+
+STREAM_QOS: Final = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+COMMAND_QOS: Final = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+EVENT_QOS: Final = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
+SENDER_QOS: Final = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+"""Of what is sent every control period. A sender keeps more than its listeners ask for, so that a recorder that is
+held up for a moment still gets each message."""
+LATCHED_QOS: Final = QoSProfile(
+    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
+
+BAD_INPUT_EXIT: Final = 2
+"""Exit code after a parameter, a file or a partner that cannot be used."""
+
+LONGEST_ARRIVAL: Final = 0.3
+"""Wall-clock time that the last messages of a node get to arrive, s. One whose listener was killed never does."""
+
+LONGEST_FAREWELL: Final = 1.5
+"""Wall-clock time after a signal at which a process that is still busy is ended, s."""
+
+
+QUIET: Final = PublisherEventCallbacks(use_default_callbacks=False)
+"""For publishers: without it each brings two event handlers into every wait, which then takes three times as long. What
+they would report, a partner with other QoS, its subscription reports as well."""
+
+
+class CannotGoOn(Exception):
+    """Ends a node with one line and exit code 2."""
+
+
+# ------------------------------------------------------------------------------------------------------ start and end
+
+
+def run_node(
+    name: str, make_node: Callable[[], Node], arguments: Sequence[str] | None = None, linger: float = 0.0
+) -> int:
+    """Run a node until SIGINT or SIGTERM, until the program is gone that started it for itself, or until it raises.
+
+    Args:
+        name: name of the program for its messages.
+        make_node: makes the node. A ValueError or OSError from it means bad input.
+        arguments: command line; None for this process's own.
+        linger: wall-clock time that the node goes on after the signal, for messages that are under way, s.
+
+    Returns:
+        Exit code: 0 after a signal, 2 after bad input with one line on standard error.
+    """
+    prepare_discovery()
+    stop, ended = threading.Event(), threading.Event()
+    wake: list[Callable[[], None]] = []
+    _watch_signals(stop, ended, wake)
+    node = executor = None
+    code = 0
+    try:
+        _start_middleware(arguments)
+        node = make_node()
+        # A guard condition of the node itself, because waking an idle executor does not end its wait.
+        wake.append(node.create_guard_condition(lambda: None).trigger)
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        while not stop.is_set():
+            # The time-out only matters where a signal comes between the test and the wait.
+            executor.spin_once(timeout_sec=0.5)
+        end = time.monotonic() + linger
+        while (left := end - time.monotonic()) > 0.0:
+            executor.spin_once(timeout_sec=left)
+    except (CannotGoOn, ValueError, OSError, ParameterException) as error:
+        code = _complain(name, error)
+    finally:
+        if node is not None:
+            try:
+                getattr(node, "finish", lambda: None)()
+            except (CannotGoOn, OSError) as error:
+                code = _complain(name, error)
+            _let_arrive(node)
+            node.destroy_node()
+        if executor is not None:
+            executor.shutdown()
+        rclpy.try_shutdown()
+        rclpy.get_default_context().destroy()  # tells the others at once that the node is gone
+        ended.set()
+    return code
+
+
+def _let_arrive(node: Node) -> None:
+    """Wait until the listeners have what was published last: it would go with the node."""
+    end = time.monotonic() + LONGEST_ARRIVAL
+    for publisher in node.publishers:
+        publisher.wait_for_all_acked(Duration(seconds=max(end - time.monotonic(), 0.0)))
+
+
+def _complain(name: str, error: BaseException) -> int:
+    print(f"{name}: {_one_line(error)}", file=sys.stderr, flush=True)
+    return BAD_INPUT_EXIT
+
+
+def leave(code: int) -> NoReturn:
+    """End the process after `run_node`.
+
+    Everything is closed by then. Python's own farewell would unload the compiler and the middleware, piece by piece,
+    for up to a second.
+    """
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
+
+
+def _start_middleware(arguments: Sequence[str] | None) -> None:
+    try:
+        rclpy.init(args=list(arguments) if arguments else None, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:  # what rclpy makes of an argument that rcl cannot parse
+        raise CannotGoOn(error) from error
+
+
+def _watch_signals(stop: threading.Event, ended: threading.Event, wake: Sequence[Callable[[], None]]) -> None:
+    """End the node on SIGINT and SIGTERM, and with its parent, also where the main thread is inside a library.
+
+    Python runs its handlers only in the main thread, which may be waiting for messages; but the number of a signal is
+    written to the wake-up file at once, whichever thread it hits. A thread reads it there. So the node ends between two
+    callbacks with its middleware still up, and can say goodbye and close its files.
+    """
+    readable, writable = os.pipe()
+    os.set_blocking(writable, False)
+    signal.set_wakeup_fd(writable, warn_on_full_buffer=False)
+    for ending in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(ending, lambda *_: None)
+
+    def wait() -> None:
+        number = 0
+        while number not in (signal.SIGINT, signal.SIGTERM):
+            if select.select([readable], [], [], PARENT_PERIOD)[0]:
+                number = os.read(readable, 1)[0]
+            elif parent_is_gone():
+                number = signal.SIGTERM
+        stop.set()
+        for trigger in wake:
+            trigger()
+        if not ended.wait(LONGEST_FAREWELL):
+            os._exit(128 + number)
+
+    threading.Thread(target=wait, name="signals", daemon=True).start()
+
+
+def _one_line(error: BaseException) -> str:
+    if isinstance(error, OSError) and error.strerror and error.filename is None:
+        return error.strerror  # our own words, which need no number
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+# --------------------------------------------------------------------------------------------------------- parameters
+
+
+@dataclass(frozen=True)
+class ParameterSpec:
+    """One parameter of a node.
+
+    Attributes:
+        name: its name.
+        default: its default, which also gives its type.
+        text: what it means, with unit.
+        fixed: whether it can only be set at start.
+        choices: allowed values, or empty.
+    """
+
+    name: str
+    default: bool | int | float | str | tuple[str, ...]
+    text: str
+    fixed: bool = False
+    choices: tuple[str, ...] = ()
+
+    def read(self, value: Any) -> Any:
+        """Return a value in the parameter's own type.
+
+        Raises:
+            ValueError: a wrong type or a value that is not one of the choices.
+        """
+        kind = type(self.default)
+        if kind is float and isinstance(value, int) and not isinstance(value, bool):
+            value = float(value)  # `speed:=4` is as good as `speed:=4.0`
+        if kind is tuple and isinstance(value, list | tuple) and all(isinstance(entry, str) for entry in value):
+            value = tuple(value)
+        if type(value) is not kind:
+            raise ValueError(f"parameter {self.name} must be {_KINDS[kind]}, got {value!r}")
+        if self.choices and value not in self.choices:
+            raise ValueError(f"parameter {self.name} must be one of {', '.join(self.choices)}, got {value!r}")
+        return value
+
+
+_KINDS: Final[Mapping[type, str]] = {
+    bool: "true or false",
+    int: "a whole number",
+    float: "a number",
+    str: "a text",
+    tuple: "a list of texts",
+}
+
+
+def declare(node: Node, specs: Sequence[ParameterSpec]) -> dict[str, Any]:
+    """Declare parameters and return their values.
+
+    Raises:
+        ValueError: a value of the wrong type.
+    """
+    values = {}
+    for spec in specs:
+        descriptor = ParameterDescriptor(
+            description=spec.text,
+            additional_constraints=", ".join(spec.choices),
+            read_only=spec.fixed,
+            dynamic_typing=True,  # the types are checked by `read`, which says what is wrong and takes 4 for 4.0
+        )
+        default = list(spec.default) if isinstance(spec.default, tuple) else spec.default
+        node.declare_parameter(spec.name, default, descriptor)
+        values[spec.name] = spec.read(node.get_parameter(spec.name).value)
+    return values
+
+
+def on_change(node: Node, specs: Sequence[ParameterSpec], accept: Callable[[dict[str, Any]], None]) -> None:
+    """Check parameters that are set while the node runs.
+
+    Args:
+        node: the node.
+        specs: its parameters.
+        accept: gets all values after the change; a ValueError or OSError from it refuses the change.
+    """
+    known = {spec.name: spec for spec in specs}
+
+    def check(changed: list[Parameter]) -> SetParametersResult:
+        try:
+            values = {name: known[name].read(node.get_parameter(name).value) for name in known}
+            mine = {p.name: known[p.name].read(p.value) for p in changed if p.name in known}
+            if mine:
+                accept(values | mine)
+        except (ValueError, OSError) as error:
+            return SetParametersResult(successful=False, reason=" ".join(str(error).split()))
+        return SetParametersResult(successful=True)
+
+    node.add_on_set_parameters_callback(check)
+
+
+# -------------------------------------------------------------------------------------------------------- diagnostics
+
+
+class Diagnostics:
+    """Publishes what a node has to report on ``/diagnostics``."""
+
+    OK: Final = DiagnosticStatus.OK
+    WARN: Final = DiagnosticStatus.WARN
+    ERROR: Final = DiagnosticStatus.ERROR
+
+    def __init__(self, node: Node) -> None:
+        self._name = node.get_fully_qualified_name().lstrip("/")
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", STREAM_QOS, event_callbacks=QUIET)
+
+    def report(self, level: bytes, text: str, figures: Mapping[str, object], stamp: int) -> None:
+        """Publish one report.
+
+        Args:
+            level: OK, WARN or ERROR.
+            text: one line for people.
+            figures: named values; names end in their unit.
+            stamp: simulated time, ns.
+        """
+        values = [KeyValue(key=key, value=_figure(value)) for key, value in figures.items()]
+        status = DiagnosticStatus(level=level, name=self._name, message=text, values=values)
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = time_to_message(stamp)
+        self._publisher.publish(message)
+
+
+def _figure(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def wall_timer(node: Node, period: float, callback: Callable[[], object]) -> Timer:
+    """Call back every so many seconds of wall-clock time, whatever the simulated time does."""
+    return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))

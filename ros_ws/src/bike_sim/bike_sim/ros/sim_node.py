@@ -1,0 +1,398 @@
+"""The simulator as a ROS 2 node: commands in, physics, states out. Nothing here integrates or judges a ride.
+
+In lockstep, time stands still until a command answers the last state; the answer to it is the next state. A state that
+nobody answers is published again twice a second, so a partner may join late, be killed and come back.
+
+In free mode, time runs by itself at `real_time_factor` from the first command of an episode on, and the last command
+is held. When commands stop for `command_timeout_s` of simulated time, the set values of steering and throttle go to 0.
+For a bicycle that is not a state of rest: with its steering held straight it falls within seconds. Straight is merely
+the set value that leaves the course last and needs no knowledge of the ride. After a fall the physics stops and waits
+for a reset.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, Final, NoReturn
+
+import numpy as np
+import rclpy.node
+from bike_msgs.msg import BikeCommand, BikeState, CoursePoints, EpisodeStart, LeanHistory, RideEvent, Telemetry
+from bike_msgs.msg import Course as CourseMessage
+from bike_msgs.srv import Pause, Reset
+from geometry_msgs.msg import TransformStamped
+from nav_msgs.msg import Odometry
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from visualization_msgs.msg import Marker, MarkerArray
+
+from bike_sim.course.course import Course
+from bike_sim.ros import node_tools, standard_messages
+from bike_sim.ros.command_gate import Command, CommandCounts, CommandGate, Verdict
+from bike_sim.ros.messages import (
+    NANOSECONDS,
+    Episode,
+    command_from_message,
+    course_points_to_message,
+    course_to_message,
+    episode_start_to_message,
+    event_to_message,
+    lean_history_to_message,
+    reset_from_message,
+    state_to_message,
+    telemetry_to_message,
+    time_to_message,
+)
+from bike_sim.ros.node_settings import END, FALL, LOCKSTEP, SPECS, NodeSettings
+from bike_sim.sim.events import EventWatch
+from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.simulator import Snapshot
+from bike_sim.sim.track_events import TrackWatch
+from bike_sim.sim.track_ride import PREVIEW, TrackRide, TrackSnapshot, make_simulator
+
+try:
+    from tf2_msgs.msg import TFMessage
+except ImportError:  # the wheels on PyPI have no tf2
+    TFMessage = None
+
+FIRST_STAMP: Final = NANOSECONDS
+"""Simulated time of the first state, ns: nodes take a clock of 0 for one that has not begun."""
+
+REPEAT_AFTER: Final = 0.4
+"""Wall-clock time after which an unanswered state is published again, s. Looked at every HOUSEKEEPING_PERIOD."""
+
+HOUSEKEEPING_PERIOD: Final = 0.5
+REPORT_PERIOD: Final = 1.0
+"""Wall-clock time between two diagnostics, s."""
+
+LARGEST_SEED: Final = 2**31
+
+
+class SimNode(rclpy.node.Node):
+    """One vehicle on one course behind topics and services."""
+
+    def __init__(self) -> None:
+        """Read the parameters and begin the first episode.
+
+        Raises:
+            ValueError: a parameter that cannot be. FileNotFoundError: an unknown vehicle or course.
+        """
+        super().__init__("sim_node", namespace=node_tools.NAMESPACE)
+        self._settings = NodeSettings.from_parameters(node_tools.declare(self, SPECS))
+        _compile(self._settings)
+        self._simulator = make_simulator(self._settings.simulator)
+        self._period = round(self._settings.simulator.control_period * NANOSECONDS)
+        self._gate = CommandGate(lockstep=self._settings.mode == LOCKSTEP)
+        self._reported = CommandCounts()
+        self._reported_at = time.monotonic()
+        self._steps = self._reported_steps = 0
+        self._own_episodes = 0
+        self._begin_stamp = FIRST_STAMP
+        self._stamp = FIRST_STAMP - self._period
+        self._paused = False
+        self._waiting: Command | None = None
+        self._seeds = np.random.default_rng()
+        self._open_topics()
+        self._begin(self._own_request())
+        self.create_subscription(BikeCommand, "command", self._on_command, node_tools.COMMAND_QOS)
+        self.create_service(Reset, "reset", self._on_reset)
+        self.create_service(Pause, "pause", self._on_pause)
+        node_tools.on_change(self, SPECS, self._on_parameters)
+        node_tools.wall_timer(self, HOUSEKEEPING_PERIOD, self._keep_house)
+        self._pace()
+        self.get_logger().info(self._describe())
+
+    def finish(self) -> None:
+        """Report a last time and release the engine."""
+        self._report()
+        self._simulator.close()
+
+    # ------------------------------------------------------------------------------------------------------- topics
+
+    def _open_topics(self) -> None:
+        stream, latched = node_tools.SENDER_QOS, node_tools.LATCHED_QOS
+
+        def open_topic(kind: type, name: str, qos: QoSProfile) -> Publisher:
+            return self.create_publisher(kind, name, qos, event_callbacks=node_tools.QUIET)
+
+        self._state_topic = open_topic(BikeState, "state", stream)
+        self._clock_topic = open_topic(Clock, "/clock", stream)
+        self._start_topic = open_topic(EpisodeStart, "episode", latched)
+        self._course_topic = open_topic(CourseMessage, "course", latched)
+        self._course_marker_topic = open_topic(Marker, "course_marker", latched)
+        self._event_topic = open_topic(RideEvent, "events", node_tools.EVENT_QOS)
+        self._diagnostics = node_tools.Diagnostics(self)
+        # Topics that are only made where someone listens: they cost more than the state itself.
+        self._extras: list[tuple[Publisher, Callable[[Snapshot], Any]]] = []
+
+        def extra(kind: type, name: str, make: Callable[[Snapshot], Any]) -> None:
+            self._extras.append((open_topic(kind, name, stream), make))
+
+        extra(CoursePoints, "course_points", lambda s: course_points_to_message(s, self._course, self._stamp))
+        extra(LeanHistory, "lean_history", lambda s: lean_history_to_message(s, self._stamp, self._period))
+        if isinstance(self._simulator, TrackRide):
+            extra(Telemetry, "telemetry", self._telemetry)
+        extra(Odometry, "odom", lambda s: standard_messages.odometry(s, self._stamp))
+        # The same as on /tf, for viewers of recordings made where tf2_msgs is missing.
+        extra(TransformStamped, "transform", lambda s: standard_messages.base_transform(s, self._stamp))
+        extra(JointState, "joint_states", lambda s: standard_messages.joint_state(s, self._stamp))
+        if self._settings.publish_markers:
+            vehicle = self._simulator.vehicle
+            extra(MarkerArray, "markers", lambda s: standard_messages.vehicle_markers(s, vehicle, self._stamp))
+        if TFMessage is not None:
+            extra(TFMessage, "/tf", lambda s: TFMessage(transforms=[standard_messages.base_transform(s, self._stamp)]))
+
+    def _telemetry(self, snapshot: Snapshot) -> Telemetry:
+        assert isinstance(self._simulator, TrackRide)
+        assert isinstance(snapshot, TrackSnapshot)
+        return telemetry_to_message(snapshot, self._simulator.vehicle, self._stamp)
+
+    @property
+    def _course(self) -> Course:
+        return self._episode.course
+
+    def _show(self, snapshot: Snapshot) -> None:
+        """Publish a state and all that goes with it."""
+        self._snapshot = snapshot
+        self._stamp = self._begin_stamp + snapshot.step * self._period
+        self._state = state_to_message(snapshot, self._episode, self._stamp)
+        # The state first: the partner computes its answer while the rest is made.
+        self._publish_state()
+        for topic, make in self._extras:
+            if topic.get_subscription_count():
+                topic.publish(make(snapshot))
+
+    def _publish_state(self) -> None:
+        if self._clock_topic.get_subscription_count():
+            self._clock_topic.publish(Clock(clock=time_to_message(self._stamp)))
+        self._state_topic.publish(self._state)
+        self._published_at = time.monotonic()
+
+    # ------------------------------------------------------------------------------------------------------ episodes
+
+    def _own_request(self) -> ResetRequest:
+        """Return the request for an episode that the node begins by itself."""
+        first = self._settings.seed
+        seed = first + self._own_episodes if first >= 0 else self._draw_seed()
+        self._own_episodes += 1
+        return replace(self._settings.episode, seed=seed)
+
+    def _draw_seed(self) -> int:
+        return int(self._seeds.integers(LARGEST_SEED))
+
+    def _begin(self, request: ResetRequest) -> Snapshot:
+        """Begin an episode; simulated time goes on by one period.
+
+        Raises:
+            ValueError: a request that cannot be met; the episode before goes on. FileNotFoundError: no such course.
+        """
+        snapshot = self._simulator.reset(request)
+        config, course = self._simulator.config, self._simulator.course
+        assert course is not None
+        preview = PREVIEW if isinstance(self._simulator, TrackRide) else request.preview
+        self._episode = Episode(self._simulator.vehicle, course, preview, config.control_period)
+        self._begin_stamp = self._stamp + self._period
+        self._watch: EventWatch | TrackWatch = EventWatch(course, snapshot)
+        if isinstance(snapshot, TrackSnapshot):
+            assert isinstance(self._simulator, TrackRide)
+            assert self._simulator.track is not None
+            self._watch = TrackWatch(self._simulator.track.name, snapshot)
+        self._hold: Command | None = None
+        self._held_since = 0
+        self._waiting = None
+        self._start_topic.publish(episode_start_to_message(request, config, snapshot.episode, self._begin_stamp))
+        self._course_topic.publish(course_to_message(course, snapshot.episode, self._begin_stamp))
+        if self._settings.publish_markers:
+            self._course_marker_topic.publish(standard_messages.course_marker(course, self._begin_stamp))
+        self._event_topic.publish(event_to_message(self._watch.begun(), snapshot, self._begin_stamp))
+        self._show(snapshot)
+        return snapshot
+
+    def _advance(self, steering: float, throttle: float) -> None:
+        """Ride one control period and publish what came of it."""
+        before = self._snapshot
+        snapshot = self._simulator.step(steering, throttle)
+        if not (np.isfinite(snapshot.state).all() and np.isfinite(snapshot.seen).all()):
+            self.get_logger().error(f"the physics diverged in step {snapshot.step}; the episode ends as a fall")
+            snapshot = replace(before, step=snapshot.step, time=snapshot.time, fallen=True)
+        self._steps += 1
+        self._show(snapshot)
+        for event in self._watch.look(snapshot):
+            self._event_topic.publish(event_to_message(event, snapshot, self._stamp))
+            self.get_logger().info(f"episode {snapshot.episode}, {event.time:.3f} s: {event.text}")
+        if self._wants_new_episode(snapshot):
+            self._begin(self._own_request())
+
+    def _wants_new_episode(self, snapshot: Snapshot) -> bool:
+        if snapshot.fallen:
+            return self._settings.auto_reset in (FALL, END)
+        return self._settings.auto_reset == END and (snapshot.off_course or snapshot.finished)
+
+    # ------------------------------------------------------------------------------------------------------ commands
+
+    def _on_command(self, message: BikeCommand) -> None:
+        snapshot, timeout = self._snapshot, self._settings.command_timeout
+        oldest = oldest_step(snapshot.step, timeout, self._simulator.config.control_period)
+        command = command_from_message(message)
+        verdict, command = self._gate.judge(command, snapshot.episode, snapshot.step, oldest)
+        if verdict is Verdict.REPEATED:
+            self._publish_state()
+        elif verdict is Verdict.TAKEN and not snapshot.fallen:
+            self._take(command)
+
+    def _take(self, command: Command) -> None:
+        if self._runs_by_itself:
+            self._hold = command
+            self._held_since = self._snapshot.step
+        elif self._paused:
+            self._waiting = command
+        else:
+            self._advance(command.steering, command.throttle)
+
+    @property
+    def _runs_by_itself(self) -> bool:
+        return self._settings.mode != LOCKSTEP and self._settings.real_time_factor > 0.0
+
+    def _pace(self) -> None:
+        """Start the timer of free mode at the present real-time factor."""
+        self._timer = None
+        if self._runs_by_itself:
+            period = self._simulator.config.control_period / self._settings.real_time_factor
+            self._timer = node_tools.wall_timer(self, period, self._tick)
+
+    def _tick(self) -> None:
+        """Ride one control period of free mode with the command that is held."""
+        if self._paused or self._hold is None or self._snapshot.fallen:
+            return
+        if self._is_silent:
+            self._advance(0.0, 0.0)
+        else:
+            self._advance(self._hold.steering, self._hold.throttle)
+
+    @property
+    def _is_silent(self) -> bool:
+        """Whether commands have stopped in free mode."""
+        timeout = self._settings.command_timeout
+        if not self._runs_by_itself or self._hold is None or timeout == 0.0:
+            return False
+        return (self._snapshot.step - self._held_since) * self._simulator.config.control_period > timeout - 1e-9
+
+    # ------------------------------------------------------------------------------------- services and parameters
+
+    def _on_reset(self, request: Reset.Request, response: Reset.Response) -> Reset.Response:
+        try:
+            if request.seed < 0:
+                request.seed = self._draw_seed()
+            self._begin(reset_from_message(request, self._settings.episode))
+        except (ValueError, OSError) as error:
+            response.message = " ".join(str(error).split())
+            response.state = self._state
+            self.get_logger().warning(f"reset refused: {response.message}")
+            return response
+        response.success = True
+        response.seed = request.seed
+        response.state = self._state
+        return response
+
+    def _on_pause(self, request: Pause.Request, response: Pause.Response) -> Pause.Response:
+        self._paused = request.paused
+        response.success = True
+        response.message = f"{'paused' if self._paused else 'running'} at step {self._snapshot.step}"
+        if not self._paused and self._waiting is not None:
+            command, self._waiting = self._waiting, None
+            self._advance(command.steering, command.throttle)
+        return response
+
+    def _on_parameters(self, values: dict[str, Any]) -> None:
+        """Take changed parameters over: pace and safety at once, what describes an episode from the next one on."""
+        before, self._settings = self._settings, NodeSettings.from_parameters(values, self._settings)
+        if self._settings.seed != before.seed:
+            self._own_episodes = 0
+        if self._settings.real_time_factor != before.real_time_factor:
+            if self._timer is not None:
+                self.destroy_timer(self._timer)
+            self._pace()
+
+    # ------------------------------------------------------------------------------------------------- housekeeping
+
+    def _keep_house(self) -> None:
+        now = time.monotonic()
+        if now - self._published_at > REPEAT_AFTER:
+            self._publish_state()
+        if now - self._reported_at > REPORT_PERIOD - 0.5 * HOUSEKEEPING_PERIOD:
+            self._report()
+
+    def _report(self) -> None:
+        """Tell on diagnostics and in the log what the last second brought."""
+        now = time.monotonic()
+        elapsed = max(now - self._reported_at, 1e-9)
+        new = self._gate.counts.since(self._reported)
+        rate = (self._steps - self._reported_steps) / elapsed
+        complaints = [f"{getattr(new, name)} {name}" for name in ("refused", "clipped", "stale") if getattr(new, name)]
+        text = f"commands in the last second: {', '.join(complaints)}" if complaints else self._doing()
+        if self._is_silent:
+            text = f"commands have stopped, steering is set straight; {text}"
+        level = self._diagnostics.WARN if complaints or self._is_silent else self._diagnostics.OK
+        if level == self._diagnostics.WARN:
+            self.get_logger().warning(text)
+        counts = {f"commands_{name}": value for name, value in vars(self._gate.counts).items()}
+        figures = {
+            "mode": self._settings.mode,
+            "episode": self._snapshot.episode,
+            "step": self._snapshot.step,
+            "control_steps_per_s": rate,
+            "real_time_factor": rate * self._simulator.config.control_period,
+            **counts,
+        }
+        self._diagnostics.report(level, text, figures, self._stamp)
+        self._reported, self._reported_at = replace(self._gate.counts), now
+        self._reported_steps = self._steps
+
+    def _doing(self) -> str:
+        if self._snapshot.fallen:
+            return "fallen, waiting for a reset"
+        if self._paused:
+            return "paused"
+        return "running"
+
+    def _describe(self) -> str:
+        config = self._simulator.config
+        return (
+            f"{config.vehicle} on course {self._course.name!r} ({self._course.length:.0f} m) at "
+            f"{self._settings.episode.speed_range[0]:g} m/s, {config.engine} at {config.time_step * 1e3:g} ms, "
+            f"a command every {config.control_period * 1e3:g} ms, {self._settings.mode}"
+        )
+
+
+def oldest_step(step: int, timeout: float, control_period: float) -> int:
+    """Return the oldest step that a command of free mode may answer.
+
+    Args:
+        step: the present one.
+        timeout: how old it may be, s; 0 for as old as the episode.
+        control_period: s.
+    """
+    if timeout == 0.0:
+        return 0
+    return step - round(min(timeout / control_period, step))
+
+
+def _compile(settings: NodeSettings) -> None:
+    """Ride a step that nobody sees: the first on a machine compiles the physics, longer than a partner would wait."""
+    simulator = make_simulator(settings.simulator)
+    simulator.reset(settings.episode)
+    simulator.step(0.0)
+    simulator.close()
+
+
+def main() -> NoReturn:
+    """Run the node until a signal; the exit code is 2 after a parameter that cannot be."""
+    node_tools.leave(node_tools.run_node("sim_node", SimNode))
+
+
+if __name__ == "__main__":
+    main()

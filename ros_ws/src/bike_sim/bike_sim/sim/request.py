@@ -1,0 +1,194 @@
+"""How an episode begins: the request, and the draws that turn it into a course and a state.
+
+All draws of an episode come from one seed in one order, so a seed means the same ride wherever it is used.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from bike_sim.course.course import Course
+from bike_sim.course.document import MAX_LENGTH
+from bike_sim.course.files import load_course
+from bike_sim.course.random_paths import CURRICULUM_PATHS, PathRanges, random_course
+from bike_sim.physics import state as st
+from bike_sim.vehicles.bicycle import Vehicle
+
+RANDOM_COURSE = "random"
+"""Name that asks for a random path instead of a file."""
+
+IDEAL = 1.0
+"""The ideal line of a circuit; 0 is its median, and a number between them is that part of the way."""
+
+EPISODE_DURATION = 60.0
+"""Longest episode of the training task, s (Weyrer et al. 2026, Sect. 4)."""
+
+SEED_LIMIT = 2**62
+"""Largest seed: who counts seeds up from it stays within the 64 bits of a message."""
+
+STATE_LIMIT = 1e9
+"""Largest coordinate of an initial state, in m, rad or rad/s: far above any ride's, far below what overflows when
+squared."""
+
+POSITION_RANGE = 10.0
+DIRECTION_RANGE = math.radians(5.0)
+ROLL_RANGE = 0.01
+STEER_RANGE = 0.01
+ROLL_RATE_RANGE = 0.05
+STEER_RATE_RANGE = 0.01
+"""Half widths of the intervals of a perturbed start (Table 3 and Sect. 4.1): m, rad, rad, rad, rad/s, rad/s."""
+
+
+@dataclass(frozen=True)
+class Preview:
+    """Which points of the line ahead are seen.
+
+    Attributes:
+        by_time: whether the distance of the points grows with speed.
+        interval: distance of the points, s if by_time, else m.
+        count: number of points, the nearest one included.
+    """
+
+    by_time: bool = True
+    interval: float = 0.1
+    count: int = 25
+
+    def __post_init__(self) -> None:
+        """Refuse intervals that are not positive and counts outside 1 to 1000."""
+        if not math.isfinite(self.interval) or self.interval <= 0.0:
+            raise ValueError(f"preview interval must be positive and finite, got {self.interval!r}")
+        if not 1 <= self.count <= 1000:
+            raise ValueError(f"preview count must be 1 to 1000, got {self.count!r}")
+
+
+@dataclass(frozen=True)
+class ResetRequest:
+    """What an episode begins with.
+
+    Attributes:
+        seed: seed of all draws, 0 to SEED_LIMIT.
+        course: name of a shipped course, path of a YAML or CSV file, or ``"random"``.
+        speed_range: forward speed is drawn from it, m/s.
+        perturb: draw pose, roll, steer, rates and path direction from Table 3; else upright on the course.
+        initial_state: the ten minimal coordinates, overriding speed and perturbation; the place is looked for on the
+            whole course.
+        path_ranges: intervals of a random path.
+        path_length: least length of a random path, at most MAX_LENGTH, m; None for two episodes at the drawn speed,
+            which is how long the training task may go on without a new start.
+        preview: preview settings.
+        context: curriculum context, kept for the record only.
+        line: superbikes: which line is followed, 0 the median of the circuit, 1 the ideal line.
+        progress: superbikes: where the ride begins, m along the centre line, below its length.
+    """
+
+    seed: int = 0
+    course: str = RANDOM_COURSE
+    speed_range: tuple[float, float] = (4.0, 4.0)
+    perturb: bool = False
+    initial_state: Sequence[float] | None = None
+    path_ranges: PathRanges = CURRICULUM_PATHS[-1]
+    path_length: float | None = None
+    preview: Preview = field(default_factory=Preview)
+    context: tuple[float, ...] = ()
+    line: float = IDEAL
+    progress: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check every value.
+
+        Raises:
+            ValueError: naming the value and what it should be.
+        """
+        low, high = self.speed_range
+        if not (math.isfinite(low) and math.isfinite(high)) or low <= 0.0 or low > high:
+            raise ValueError(f"speed range must be 0 < min <= max and finite, got {low!r} to {high!r} m/s")
+        if not 0 <= self.seed <= SEED_LIMIT:
+            raise ValueError(f"seed must be 0 to {SEED_LIMIT} (2^62), got {self.seed}")
+        if self.initial_state is not None:
+            values = np.asarray(self.initial_state, dtype=np.float64)
+            if values.shape != (st.STATE_SIZE,) or not np.all(np.isfinite(values)):
+                raise ValueError(f"initial state must be {st.STATE_SIZE} finite numbers, got {self.initial_state!r}")
+            largest = int(np.argmax(np.abs(values)))
+            if abs(values[largest]) > STATE_LIMIT:
+                raise ValueError(
+                    f"initial state: {st.STATE_NAMES[largest]} is {float(values[largest])!r}, beyond {STATE_LIMIT:g}"
+                )
+        if not 0.0 <= self.line <= 1.0:
+            raise ValueError(f"line must be 0 (median) to 1 (ideal line), got {self.line!r}")
+        if not (math.isfinite(self.progress) and self.progress >= 0.0):
+            raise ValueError(f"progress must be finite and not negative, got {self.progress!r} m")
+        self._check_path_length()
+
+    def _check_path_length(self) -> None:
+        """Refuse random paths that would fill time and memory."""
+        if self.path_length is None:
+            longest = random_length(self.speed_range[1])
+            if self.course == RANDOM_COURSE and longest > MAX_LENGTH:
+                raise ValueError(
+                    f"speed of up to {self.speed_range[1]!r} m/s asks for a random path of {longest:.6g} m, at most "
+                    f"{MAX_LENGTH:g} m are possible; give a lower speed or a path length"
+                )
+            return
+        if not math.isfinite(self.path_length) or self.path_length <= 0.0:
+            raise ValueError(f"path length must be positive and finite, got {self.path_length!r} m")
+        if self.path_length > MAX_LENGTH:
+            raise ValueError(f"path length must be at most {MAX_LENGTH:g} m, got {self.path_length!r} m")
+
+
+def random_length(speed: float) -> float:
+    """Return how long a random path is where nothing is asked for, m: two episodes at the drawn speed (m/s)."""
+    return 2.0 * EPISODE_DURATION * speed
+
+
+def begin(request: ResetRequest, vehicle: Vehicle, cached: Course | None = None) -> tuple[Course, st.StateVector]:
+    """Draw the course and the initial state of an episode.
+
+    Args:
+        request: what is asked for.
+        vehicle: the vehicle that rides.
+        cached: the course of the episode before; taken again when its name is asked for, to spare the file.
+
+    Raises:
+        ValueError: a course that cannot be read. FileNotFoundError: a course that does not exist.
+    """
+    if request.line != IDEAL or request.progress != 0.0:
+        raise ValueError(
+            f"line {request.line!r} and progress {request.progress!r} m are for superbikes on circuits; vehicle "
+            f"'{vehicle.name}' begins at the start of its course"
+        )
+    rng = np.random.default_rng(request.seed)
+    speed = rng.uniform(*request.speed_range)
+    state = st.upright_state(speed, vehicle.rF)
+    direction = 0.0
+    if request.perturb:
+        direction = _perturb(rng, state)
+    if request.course == RANDOM_COURSE:
+        length = request.path_length or random_length(speed)
+        start = (state[st.X], state[st.Y], state[st.YAW] + direction)
+        course = random_course(rng, request.path_ranges, length, start)
+    else:
+        course = cached if cached is not None else load_course(request.course)
+        if request.perturb:
+            state[st.X], state[st.Y] = course.x[0], course.y[0]
+            state[st.YAW] = course.heading[0] - direction
+        else:
+            state[[st.X, st.Y, st.YAW]] = course.x[0], course.y[0], course.heading[0]
+    if request.initial_state is not None:
+        state = np.array(request.initial_state, dtype=np.float64)
+    return course, state
+
+
+def _perturb(rng: np.random.Generator, state: st.StateVector) -> float:
+    """Draw a perturbed start (Table 3) into the state; return the direction of the path relative to the yaw, rad."""
+    state[st.X], state[st.Y] = rng.uniform(-POSITION_RANGE, POSITION_RANGE, size=2)
+    state[st.YAW] = rng.uniform(-math.pi, math.pi)
+    state[st.ROLL] = rng.uniform(-ROLL_RANGE, ROLL_RANGE)
+    state[st.STEER] = rng.uniform(-STEER_RANGE, STEER_RANGE)
+    state[st.REAR_WHEEL], state[st.FRONT_WHEEL] = rng.uniform(-math.pi, math.pi, size=2)
+    state[st.ROLL_RATE] = rng.uniform(-ROLL_RATE_RANGE, ROLL_RATE_RANGE)
+    state[st.STEER_RATE] = rng.uniform(-STEER_RATE_RANGE, STEER_RATE_RANGE)
+    return float(rng.uniform(-DIRECTION_RANGE, DIRECTION_RANGE))

@@ -1,0 +1,1 @@
+"""The physics held against its publications; knows no ROS."""

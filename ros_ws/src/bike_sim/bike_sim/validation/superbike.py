@@ -1,0 +1,431 @@
+"""What the simulated superbikes do, measured against statics, closed formulas and common sense.
+
+Every figure comes from riding the engine; nothing is adjusted for the occasion but where a check says so (electronics
+off to find the limits they guard). `bike validate superbike` prints the result; the tests hold the quick part of it.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_sim.physics import state as st
+from bike_sim.physics import superbike_forces as sf
+from bike_sim.physics import superbike_statics as statics
+from bike_sim.physics.superbike_engine import TIME_STEP, SuperbikeEngine
+from bike_sim.physics.superbike_modes import SuperbikeModes, holding_throttle, measure_modes
+from bike_sim.theory.envelope import envelope
+from bike_sim.validation.bicycle import Check
+from bike_sim.vehicles.files import load_vehicle
+from bike_sim.vehicles.superbike import Superbike
+
+FloatArray = NDArray[np.float64]
+Command = Callable[[float, FloatArray], tuple[float, float]]
+"""Time (s) and telemetry to steering and throttle."""
+
+MACHINES: Final = ("panigale_v4r", "zx10rr", "cbr1000rr_r", "r1", "m1000rr")
+SPEEDS: Final = (10.0, 20.0, 30.0, 40.0, 60.0, 80.0, 90.0)
+LEANS: Final = (30.0, 50.0, 55.0)
+MODE_SPEEDS: Final = tuple(np.linspace(10.0, 90.0, 17))
+TRAIL_BRAKING: Final = ((30.0, 0.8), (40.0, 0.6), (45.0, 0.5), (50.0, 0.5), (30.0, 1.0), (50.0, 1.0))
+"""Lean, deg, and brake command, from 50 m/s."""
+DRIVE_OUT: Final = ((30.0, 1.0), (45.0, 0.7), (45.0, 1.0), (50.0, 1.0))
+"""Lean, deg, and throttle, from 30 m/s."""
+CONVERGENCE_STEPS: Final = (0.004, 0.002, 0.001, 0.0005)
+_REFERENCE_STEP: Final = 0.000125
+_PERIOD: Final = 0.02  # s between two commands
+_G: Final = 9.81
+
+
+@dataclass(frozen=True)
+class Ride:
+    """A recorded ride, one row a control period.
+
+    Attributes:
+        time: s. telemetry: columns `superbike_forces.TELEMETRY_NAMES`. states: columns `state.STATE_NAMES`.
+        fall: how it ended, one of `superbike_forces.FALL_NAMES`.
+    """
+
+    time: FloatArray
+    telemetry: FloatArray
+    states: FloatArray
+    fall: str
+
+    @property
+    def lean_error(self) -> float:
+        """Largest distance of the lean from the rider's reference, deg."""
+        return float(np.degrees(np.abs(self.lean - self.telemetry[:, sf.T_LEAN_REFERENCE]).max()))
+
+    @property
+    def lean(self) -> FloatArray:
+        """Roll angle, rad."""
+        return self.states[:, st.ROLL]
+
+    @property
+    def speed(self) -> FloatArray:
+        """Forward speed, m/s."""
+        return self.telemetry[:, sf.T_SPEED]
+
+
+@dataclass
+class Validation:
+    """All that was measured.
+
+    Attributes:
+        time_step: integration step, s.
+        checks: in the order of measurement.
+        steps: lean steps of the first machine, by lean (deg) and speed (m/s).
+        launches: full throttle from 10 m/s, by machine. stops: full brake from 80 m/s, by machine.
+        modes: over speed, by machine.
+        turns: rows of lean (deg), speed (m/s), lateral acceleration measured and by formula (g).
+        convergence: rows of step (s), largest error of lean (deg), error of position (m).
+    """
+
+    time_step: float
+    checks: list[Check] = field(default_factory=list)
+    steps: dict[tuple[float, float], Ride] = field(default_factory=dict)
+    launches: dict[str, Ride] = field(default_factory=dict)
+    stops: dict[str, Ride] = field(default_factory=dict)
+    modes: dict[str, list[SuperbikeModes]] = field(default_factory=dict)
+    turns: list[tuple[float, float, float, float]] = field(default_factory=list)
+    convergence: list[tuple[float, float, float]] = field(default_factory=list)
+
+    @property
+    def passed(self) -> bool:
+        """Whether all checks passed."""
+        return all(check.passed for check in self.checks)
+
+
+def ride(engine: SuperbikeEngine, duration: float, command: Command) -> Ride:
+    """Ride on from where the engine is and record each control period; a fall ends it."""
+    steps = round(_PERIOD / engine.time_step)
+    times, telemetry, states = [], [], []
+    for k in range(round(duration / _PERIOD)):
+        steering, throttle = command(k * _PERIOD, engine.telemetry())
+        engine.advance_commands(min(max(steering, -1.0), 1.0), min(max(throttle, -1.0), 1.0), steps)
+        times.append((k + 1) * _PERIOD)
+        telemetry.append(engine.telemetry())
+        states.append(engine.state())
+        if engine.fall:
+            break
+    return Ride(np.array(times), np.array(telemetry), np.array(states), engine.fall_name)
+
+
+def holding(vehicle: Superbike, speed: float, lean: Callable[[float], float]) -> Command:
+    """Return a command that holds a speed (m/s) and asks for a lean (deg) over time (s)."""
+    largest, ahead = vehicle.virtual_rider.max_lean_deg, holding_throttle(vehicle, speed)
+    integral = 0.0
+
+    def command(now: float, telemetry: FloatArray) -> tuple[float, float]:
+        nonlocal integral
+        error = speed - telemetry[sf.T_SPEED]
+        integral = min(max(integral + 0.2 * error * _PERIOD, -0.5), 0.5)
+        return -lean(now) / largest, min(max(ahead + 0.3 * error + integral, -0.3), 1.0)
+
+    return command
+
+
+def constant(vehicle: Superbike, lean: float, throttle: float) -> Command:
+    """Return a command that holds a lean (deg) and a throttle."""
+    steering = -lean / vehicle.virtual_rider.max_lean_deg
+    return lambda now, telemetry: (steering, throttle)
+
+
+def _always(lean: float) -> Callable[[float], float]:
+    return lambda now: lean
+
+
+def _squeezing(sign: float, duration: float) -> Command:
+    """Return a command that goes straight and opens throttle (1) or brake (-1) in proportion to time."""
+    return lambda now, telemetry: (0.0, sign * min(1.0, now / duration))
+
+
+def _weaving(side: float) -> Command:
+    """Return a slalom with throttle and brake that begins to the left (1) or to the right (-1)."""
+    return lambda now, telemetry: (side * 0.7 * math.sin(2.0 * now), 0.5 * math.sin(now))
+
+
+def at_speed(engine: SuperbikeEngine, speed: float, lean: float = 0.0, settle: float = 1.0) -> SuperbikeEngine:
+    """Bring an engine to steady riding at a speed (m/s) and a lean (deg), for `settle` seconds."""
+    engine.reset(st.upright_state(speed, engine.vehicle.rF))
+    ride(engine, settle, holding(engine.vehicle, speed, lambda now: lean))
+    return engine
+
+
+def without_electronics(vehicle: Superbike) -> Superbike:
+    """Return the machine with all aids off."""
+    off = replace(
+        vehicle.electronics, traction_control=0.0, wheelie_control=0.0, brake_control=0.0, stoppie_control=0.0
+    )
+    return replace(vehicle, electronics=off)
+
+
+def validate(time_step: float = TIME_STEP, report: Callable[[str], None] = lambda part: None) -> Validation:
+    """Measure everything, about a minute.
+
+    Args:
+        time_step: integration step, s.
+        report: told what is being measured.
+    """
+    result = Validation(time_step)
+    vehicle = load_vehicle(MACHINES[0])
+    assert isinstance(vehicle, Superbike)
+    parts: tuple[tuple[str, Callable[[Validation, Superbike], Iterator[Check]]], ...] = (
+        ("straight running", check_kick),
+        ("lean steps", check_lean_steps),
+        ("slaloms", check_slaloms),
+        ("trail braking and driving out", check_trail_braking),
+        ("limits of wheelie and stoppie", check_pitch_limits),
+        ("mirror symmetry", check_mirror),
+        ("convergence", check_convergence),
+        ("speed of computing", check_real_time),
+        ("five machines: launch and stop", check_machines),
+        ("five machines: modes", check_modes),
+    )
+    for title, part in parts:
+        report(title)
+        result.checks.extend(part(result, vehicle))
+    return result
+
+
+def check_kick(result: Validation, vehicle: Superbike) -> Iterator[Check]:
+    """Straight running after a kick of 0.3 rad/s of roll rate: comes back, and stays."""
+    largest, rest = 0.0, 0.0
+    engine = SuperbikeEngine(vehicle, result.time_step)
+    for speed in SPEEDS:
+        start = st.upright_state(speed, vehicle.rF)
+        start[st.ROLL_RATE] = 0.3
+        engine.reset(start)
+        recorded = ride(engine, 4.0, holding(vehicle, speed, lambda now: 0.0))
+        largest = max(largest, recorded.lean_error if recorded.fall == "none" else math.inf)
+        rest = max(rest, float(np.degrees(np.ptp(recorded.lean[-50:]))))
+    engine.close()
+    yield Check("kick_lean_deg", "straight running, kick of 0.3 rad/s: largest lean, deg", largest, 0.0, 3.0)
+    yield Check("kick_rest_deg", "what moves of it after 3 s, deg", rest, 0.0, 0.05)
+
+
+def check_lean_steps(result: Validation, vehicle: Superbike) -> Iterator[Check]:
+    """Lean from upright to 30, 50 and 55 deg, and the steady turn that follows against the closed formula."""
+    engine = SuperbikeEngine(vehicle, result.time_step)
+    for lean in LEANS:
+        worst, formula_error = 0.0, 0.0
+        for speed in SPEEDS:
+            at_speed(engine, speed)
+            recorded = ride(engine, 6.0, holding(vehicle, speed, _always(lean)))
+            result.steps[lean, speed] = recorded
+            worst = max(worst, recorded.lean_error if recorded.fall == "none" else math.inf)
+            tail = slice(-50, None)
+            measured = -float(recorded.telemetry[tail, sf.T_LATERAL].mean())
+            at = float(recorded.speed[tail].mean())
+            expected = statics.steady_lateral(vehicle, float(recorded.lean[tail].mean()), at)
+            result.turns.append((lean, at, measured / _G, expected / _G))
+            formula_error = max(formula_error, abs(measured / expected - 1.0))
+        yield Check(
+            f"lean_step_{lean:.0f}_error_deg", f"lean step to {lean:.0f} deg: largest error, deg", worst, 0.0, 3.0
+        )
+        yield Check(
+            f"lateral_{lean:.0f}_error",
+            f"steady lateral acceleration at {lean:.0f} deg, share off the formula",
+            formula_error,
+            0.0,
+            0.03,
+        )
+    engine.close()
+
+
+def check_slaloms(result: Validation, vehicle: Superbike) -> Iterator[Check]:
+    """Slalom of 45 deg to either side in 4 s, up to 80 m/s."""
+    engine = SuperbikeEngine(vehicle, result.time_step)
+    worst = 0.0
+    for speed in (10.0, 20.0, 40.0, 60.0, 80.0):
+        at_speed(engine, speed)
+        recorded = ride(engine, 10.0, holding(vehicle, speed, lambda now: 45.0 * math.sin(0.5 * math.pi * now)))
+        worst = max(worst, recorded.lean_error if recorded.fall == "none" else math.inf)
+    engine.close()
+    yield Check(
+        "slalom_error_deg", "slalom of 45 deg in 4 s: largest error to the rider's reference, deg", worst, 0.0, 5.0
+    )
+
+
+def check_trail_braking(result: Validation, vehicle: Superbike) -> Iterator[Check]:
+    """Braking into and driving out of turns with the electronics on: no falls; with them off: falls, by name."""
+    falls = 0
+    engine = SuperbikeEngine(vehicle, result.time_step)
+    for lean, brake in TRAIL_BRAKING:
+        at_speed(engine, 50.0, lean, 2.5)
+        falls += ride(engine, 2.0, constant(vehicle, lean, -brake)).fall != "none"
+    for lean, throttle in DRIVE_OUT:
+        at_speed(engine, 30.0, lean, 2.5)
+        falls += ride(engine, 3.0, constant(vehicle, lean, throttle)).fall != "none"
+    engine.close()
+    yield Check(
+        "aided_falls", f"falls in {len(TRAIL_BRAKING)} trail brakings and {len(DRIVE_OUT)} drives out", falls, 0, 0
+    )
+    bare = without_electronics(vehicle)
+    engine = SuperbikeEngine(bare, result.time_step)
+    at_speed(engine, 50.0, 50.0, 2.5)
+    fall = ride(engine, 3.0, constant(bare, 50.0, -1.0)).fall
+    engine.close()
+    yield Check("bare_low_side", "full brake at 50 deg without electronics is a low side", fall == "low_side", 1, 1)
+
+
+def check_pitch_limits(result: Validation, vehicle: Superbike) -> Iterator[Check]:
+    """Braking force and thrust at which a wheel leaves the ground, squeezed slowly, against statics."""
+    brakes = replace(vehicle.brakes, front_share=1.0, force=1.6 * vehicle.mass * _G)
+    # a rear wheel that loses its load would spin down under engine braking and push the nose down besides
+    bare = replace(without_electronics(vehicle), brakes=brakes, motor=replace(vehicle.motor, engine_brake=0.0))
+    for title, start, load, duration, sign in (
+        ("stoppie", 85.0, sf.T_REAR_LOAD, 5.0, -1.0),
+        ("wheelie", 15.0, sf.T_FRONT_LOAD, 2.5, 1.0),
+    ):
+        engine = SuperbikeEngine(bare, result.time_step)
+        at_speed(engine, start, settle=0.5)
+        squeeze = ride(engine, 2.0 * duration, _squeezing(sign, duration))
+        engine.close()
+        lifted = int(np.argmax(squeeze.telemetry[:, load] <= 0.0))
+        row = squeeze.telemetry[max(0, lifted - 1)]
+        speed = float(row[sf.T_SPEED])
+        expected = _lifting_force(bare, speed, sign)
+        measured = abs(float(row[sf.T_FRONT_FX] + row[sf.T_REAR_FX])) if lifted else math.nan
+        yield Check(
+            f"{title}_force_ratio",
+            f"{title}: force that lifts a wheel, by statics",
+            measured / expected,
+            0.96,
+            1.04,
+            1.0,
+        )
+        yield Check(f"{title}_named", f"squeezing on ends in a {title}", squeeze.fall == title, 1, 1)
+
+
+def _lifting_force(vehicle: Superbike, speed: float, sign: float) -> float:
+    """Return the force at which a wheel lifts, N, by statics: the front with thrust (1), the rear with brakes (-1).
+
+    The machine pitches on its tyres until one carries all, which moves its weight the same way.
+    """
+    loads = statics.wheel_loads(vehicle, 0.0, speed, 0.0)
+    more = statics.wheel_loads(vehicle, 0.0, speed, sign * 1000.0)
+    index = 1 if sign > 0.0 else 0
+    tyres = (vehicle.rear_tyre, vehicle.front_tyre)
+    # the other wheel gains what this one loses
+    pitch = loads[index] * sum(1.0 / tyre.stiffness for tyre in tyres) / vehicle.w
+    moved = vehicle.mass * vehicle.g * vehicle.centre_of_mass[1] * pitch / vehicle.w
+    return 1000.0 * (loads[index] - moved) / (loads[index] - more[index])
+
+
+def check_mirror(result: Validation, vehicle: Superbike) -> Iterator[Check]:
+    """The same ride to the left and to the right."""
+    engine = SuperbikeEngine(vehicle, result.time_step)
+    rides = []
+    for side in (1.0, -1.0):
+        at_speed(engine, 35.0)
+        rides.append(ride(engine, 5.0, _weaving(side)))
+    engine.close()
+    difference = np.abs(rides[0].states - rides[1].states * st.MIRROR_SIGNS)[:, st.ROLL].max()
+    yield Check(
+        "mirror_lean_deg", "left against right slalom with throttle and brake, deg", math.degrees(difference), 0.0, 1e-6
+    )
+
+
+def check_convergence(result: Validation, vehicle: Superbike) -> Iterator[Check]:
+    """Turn in, brake, drive out at several steps against a very fine one."""
+
+    def lap_piece(step: float) -> Ride:
+        engine = SuperbikeEngine(vehicle, step)
+        at_speed(engine, 45.0, settle=0.2)
+
+        def command(now: float, telemetry: FloatArray) -> tuple[float, float]:
+            return (-0.75 if 0.5 < now < 3.0 else 0.4), (-0.5 if now < 1.0 else 0.3 if now < 2.0 else 0.6)
+
+        recorded = ride(engine, 5.0, command)
+        engine.close()
+        return recorded
+
+    reference = lap_piece(_REFERENCE_STEP)
+    for step in CONVERGENCE_STEPS:
+        recorded = lap_piece(step)
+        rows = min(len(recorded.time), len(reference.time))
+        lean = np.degrees(np.abs(recorded.lean[:rows] - reference.lean[:rows]).max())
+        place = np.hypot(*(recorded.states[rows - 1, :2] - reference.states[rows - 1, :2]))
+        same = recorded.fall == reference.fall == "none"
+        result.convergence.append((step, float(lean) if same else math.inf, float(place) if same else math.inf))
+    table = np.array(result.convergence)
+    order = float(np.polyfit(np.log(table[:, 0]), np.log(table[:, 1]), 1)[0])
+    yield Check("convergence_order", "order in which the error of lean falls with the step", order, 0.8, 2.2, 1.0)
+    at_step = float(np.interp(result.time_step, table[::-1, 0], table[::-1, 1]))
+    yield Check(
+        "step_lean_error_deg", "error of lean by the step over 5 s of brake, turn and drive, deg", at_step, 0.0, 0.5
+    )
+
+
+def check_real_time(result: Validation, vehicle: Superbike) -> Iterator[Check]:
+    """Seconds simulated by seconds of processor time, control periods of 20 ms."""
+    engine = SuperbikeEngine(vehicle, result.time_step)
+    at_speed(engine, 40.0)
+    steps, best = round(_PERIOD / result.time_step), 0.0
+    for _ in range(5):  # the best of five: the machine may be busy with other things
+        began = time.process_time()
+        for k in range(500):
+            engine.advance_commands(0.5 * math.sin(0.03 * k), 0.15, steps)
+        best = max(best, 500 * _PERIOD / (time.process_time() - began))
+    engine.close()
+    yield Check("real_time_factor", "seconds simulated by seconds of one core", best, 80.0, math.inf)
+
+
+def check_machines(result: Validation, vehicle: Superbike) -> Iterator[Check]:
+    """Full throttle from 10 m/s to top speed and full brake from 80 to 10 m/s, all five, against their envelopes."""
+    drive_error, brake_error, worst_step = 0.0, 0.0, 0.0
+    for name in MACHINES:
+        machine = load_vehicle(name)
+        assert isinstance(machine, Superbike)
+        limits = envelope(machine)
+        engine = SuperbikeEngine(machine, result.time_step)
+        at_speed(engine, 10.0)
+        launch = ride(engine, 30.0, constant(machine, 0.0, 1.0))
+        at_speed(engine, 80.0)
+        stop = ride(engine, 12.0, lambda now, telemetry: (0.0, -1.0 if telemetry[sf.T_SPEED] > 10.0 else 0.0))
+        result.launches[name], result.stops[name] = launch, stop
+        drive_error = max(drive_error, _time_error(launch, limits.drive, 20.0, 75.0))
+        brake_error = max(brake_error, _time_error(stop, limits.brake, 75.0, 20.0))
+        for speed in (10.0, 30.0, 60.0):
+            at_speed(engine, speed)
+            step = ride(engine, 4.0, holding(machine, speed, lambda now: 50.0))
+            worst_step = max(worst_step, step.lean_error if step.fall == "none" else math.inf)
+        engine.close()
+    yield Check(
+        "machines_lean_error_deg", "five machines, lean step to 50 deg: largest error, deg", worst_step, 0.0, 3.5
+    )
+    yield Check("launch_time_error", "time from 20 to 75 m/s, share off the envelope's", drive_error, 0.0, 0.04)
+    yield Check("stop_time_error", "time from 75 to 20 m/s, share off the envelope's", brake_error, 0.0, 0.04)
+
+
+def _time_error(recorded: Ride, acceleration: Callable[[FloatArray], FloatArray], start: float, end: float) -> float:
+    """Return by which share the time between two speeds differs from that of an acceleration or a deceleration."""
+    if recorded.fall != "none":
+        return math.inf
+    speeds = np.linspace(start, end, 500)
+    expected = abs(float(np.trapezoid(1.0 / acceleration(speeds), speeds)))
+    sign = math.copysign(1.0, end - start)
+    measured = np.interp((sign * end, sign * start), sign * recorded.speed, recorded.time)
+    return abs(float(measured[0] - measured[1]) / expected - 1.0)
+
+
+def check_modes(result: Validation, vehicle: Superbike) -> Iterator[Check]:
+    """Weave, wobble and capsize with the hands off, in straight running."""
+    weave, wobble, capsize = -math.inf, -math.inf, -math.inf
+    for name in MACHINES:
+        machine = load_vehicle(name)
+        assert isinstance(machine, Superbike)
+        result.modes[name] = [measure_modes(machine, float(speed)) for speed in MODE_SPEEDS]
+        weave = max(weave, max(modes.weave.real for modes in result.modes[name]))
+        wobble = max(wobble, max(modes.wobble.real for modes in result.modes[name]))
+        capsize = max(capsize, max(modes.capsize for modes in result.modes[name]))
+    yield Check("weave_real_1_s", "weave, least damped of five machines, 10 to 90 m/s, 1/s", weave, -math.inf, 0.0)
+    yield Check("wobble_real_1_s", "wobble, least damped, 1/s", wobble, -math.inf, 0.0)
+    yield Check("capsize_1_s", "capsize, fastest, 1/s; a rider catches it easily", capsize, 0.0, 3.5)

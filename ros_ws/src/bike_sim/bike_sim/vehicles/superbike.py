@@ -1,0 +1,597 @@
+"""A superbike: the four rigid bodies of `Vehicle` plus tyres, air, engine, brakes, electronics and a rider.
+
+One YAML file, one frozen dataclass made of small frozen sections, and flat vectors for compiled code. Because a
+superbike *is* a `Vehicle`, everything that works on the four bodies (layout, mapping, kinematics) works on it; there
+the rider sits rigidly in the middle of the rear body. The engine lets the rider slide sideways.
+
+Files are z-up and in SI units: heights are positive. The inherited fields keep the published z-down signs.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any, Final, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_sim.vehicles.bicycle import FORMAT, Vehicle, VehicleError, require_finite, require_keys
+
+FloatArray = NDArray[np.float64]
+
+GRAVITY: Final = 9.81
+HIGHEST_SPEED: Final = 200.0
+"""Largest road speed at the limiter, m/s: limits are tabulated up to it, and a larger one is a mistake of units."""
+TORQUE_SAMPLES: Final = 256
+"""Samples of the table of wheel torque over wheel speed that compiled code interpolates."""
+_SHIFT_FLOOR: Final = 0.3
+"""Part of the limiter's engine speed below which the clutch slips: torque there is that at this speed."""
+
+
+@dataclass(frozen=True)
+class Tyre:
+    """A motorcycle tyre; formulas in `bike_sim.physics.tyres`.
+
+    Attributes:
+        crown: radius of the tyre's cross-section, m.
+        stiffness: vertical, N/m (with the suspension in series, as the frame is rigid).
+        damping: vertical, N s/m.
+        nominal_load: Fz0 of the load dependence, N.
+        cornering: cornering stiffness by load at the nominal load, 1/rad.
+        cornering_slope: derivative of cornering stiffness by load, 1/rad (smaller than `cornering`: it falls off).
+        camber: camber stiffness by load, 1/rad.
+        friction: largest lateral force by load, upright.
+        friction_ratio: longitudinal by lateral friction.
+        camber_fade: friction falls as 1 / (1 + camber_fade camber^2), 1/rad^2.
+        shape: C of the Magic Formula.
+        slip_stiffness: longitudinal slip stiffness by load.
+        relaxation: relaxation length of lateral slip, m.
+        slip_relaxation: relaxation length of longitudinal slip, m.
+        trail: pneumatic trail at small slip, m.
+        rolling: rolling resistance coefficient.
+    """
+
+    crown: float
+    stiffness: float
+    damping: float
+    nominal_load: float
+    cornering: float
+    cornering_slope: float
+    camber: float
+    friction: float
+    friction_ratio: float
+    camber_fade: float
+    shape: float
+    slip_stiffness: float
+    relaxation: float
+    slip_relaxation: float
+    trail: float
+    rolling: float
+
+
+@dataclass(frozen=True)
+class Rider:
+    """The rider's body, sliding across the machine.
+
+    Attributes:
+        mass: kg, with leathers.
+        x: centre of mass ahead of the rear contact, m.
+        height: of the centre of mass, m.
+        Ixx: about the own centre of mass, kg m2. Iyy: as Ixx. Izz: as Ixx.
+        slide: largest distance of the centre of mass from the middle plane, m.
+        slide_lean_deg: lean at which all of it is used, deg; in proportion below.
+        slide_frequency: of the body's critically damped motion, rad/s.
+    """
+
+    mass: float
+    x: float
+    height: float
+    Ixx: float
+    Iyy: float
+    Izz: float
+    slide: float
+    slide_lean_deg: float
+    slide_frequency: float
+
+
+@dataclass(frozen=True)
+class Air:
+    """Drag and downforce.
+
+    Attributes:
+        density: kg/m3.
+        drag_area: Cd A, m2.
+        down_area: -Cl A, m2, positive pressing down in the machine's own plane.
+        x: of the centre of pressure, ahead of the rear contact, m.
+        height: of the centre of pressure, m.
+    """
+
+    density: float
+    drag_area: float
+    down_area: float
+    x: float
+    height: float
+
+
+@dataclass(frozen=True)
+class Motor:
+    """Engine and driveline: a torque curve through the published peaks, and gears that are always the best ones.
+
+    Attributes:
+        peak_power: W, at the crank.
+        peak_power_rpm: 1/min.
+        peak_torque: N m, at the crank.
+        peak_torque_rpm: 1/min.
+        limiter_rpm: 1/min; above it there is no torque.
+        low_torque: part of the peak torque at a third of its engine speed.
+        efficiency: of the driveline.
+        gears: their number, geometrically spaced.
+        first_gear_speed: road speed at the limiter in first gear, m/s.
+        top_gear_speed: road speed at the limiter in top gear, m/s.
+        lag: time constant of the torque, s.
+        engine_brake: force at the rear tyre with the throttle closed, N.
+        crank_momentum: spin momentum of the crankshaft at racing speed, N m s; negative when it turns backwards.
+    """
+
+    peak_power: float
+    peak_power_rpm: float
+    peak_torque: float
+    peak_torque_rpm: float
+    limiter_rpm: float
+    low_torque: float
+    efficiency: float
+    gears: float
+    first_gear_speed: float
+    top_gear_speed: float
+    lag: float
+    engine_brake: float
+    crank_momentum: float
+
+    def crank_torque(self, rpm: FloatArray) -> FloatArray:
+        """Return the full-throttle torque, N m: parabolas on both sides of the peak, zero above the limiter."""
+        low = (1.0 - self.low_torque) * (1.5 * (1.0 - rpm / self.peak_torque_rpm)) ** 2
+        at_power = self.peak_power / (self.peak_power_rpm * math.pi / 30.0)
+        span = self.peak_power_rpm - self.peak_torque_rpm
+        high = (1.0 - at_power / self.peak_torque) * ((rpm - self.peak_torque_rpm) / span) ** 2
+        torque = self.peak_torque * (1.0 - np.where(rpm < self.peak_torque_rpm, low, high))
+        return np.where(rpm <= self.limiter_rpm, np.maximum(torque, 0.0), 0.0)
+
+    def gear_speeds(self) -> FloatArray:
+        """Return the road speeds at the limiter, m/s, first gear first."""
+        return np.geomspace(self.first_gear_speed, self.top_gear_speed, int(self.gears))
+
+
+@dataclass(frozen=True)
+class Brakes:
+    """Both brakes behind one lever.
+
+    Attributes:
+        force: sum of both tyres' braking forces at full command, N.
+        front_share: part of it at the front.
+        lag: time constant, s.
+    """
+
+    force: float
+    front_share: float
+    lag: float
+
+
+@dataclass(frozen=True)
+class Steering:
+    """Steering damper, its schedule over speed, and the stop.
+
+    Attributes:
+        damper_slow: N m s/rad at and below `slow`. damper_fast: at and above `fast`; linear between.
+        slow: m/s. fast: m/s.
+        stop_deg: largest steering angle, deg.
+    """
+
+    damper_slow: float
+    damper_fast: float
+    slow: float
+    fast: float
+    stop_deg: float
+
+
+@dataclass(frozen=True)
+class VirtualRider:
+    """The controller that turns the steering command into lean by steering torque.
+
+    Attributes:
+        max_lean_deg: lean at a steering command of 1, deg.
+        frequency: of the critically damped reference model, rad/s.
+        lean_rate: largest rate of the reference, rad/s.
+        lean_acceleration: largest change of that rate, rad/s2.
+        gyro_share: the reference is also slow enough for its gyroscopic torque to stay below this part of the limit.
+        torque: largest steering torque, N m.
+        hold_torque: steering torque into the lean that a steady turn needs, by the sine of the lean, N m.
+        lean_gain: N m/rad.
+        rate_gain_slow: N m s/rad at and below `Steering.slow`. rate_gain_fast: at and above `Steering.fast`.
+        integral_gain: N m/(rad s).
+        integral_torque: largest torque of the integral part, N m.
+    """
+
+    max_lean_deg: float
+    frequency: float
+    lean_rate: float
+    lean_acceleration: float
+    gyro_share: float
+    torque: float
+    hold_torque: float
+    lean_gain: float
+    rate_gain_slow: float
+    rate_gain_fast: float
+    integral_gain: float
+    integral_torque: float
+
+
+@dataclass(frozen=True)
+class Electronics:
+    """Aids that know speed, lean, loads and slips exactly (idealised); each can be switched off with a 0.
+
+    Each works twice: ahead, by a limit on the force computed from lean and statics, and after the fact, by a cut in
+    proportion between two thresholds. Slips are normalised by friction: 1 is where a linear tyre would reach it, and
+    the peak lies at 2.6 for a shape of 1.5.
+
+    Attributes:
+        traction_control: 1 on, 0 off.
+        traction_share: part of the friction that the lean leaves which the drive may use.
+        traction_slip_on: cut begins. traction_slip_off: no drive is left.
+        wheelie_control: 1 on, 0 off.
+        wheelie_load: kept on the front wheel by the limit, N.
+        wheelie_load_lean: kept besides when lying flat or thrown over at 1 rad/s, in proportion before, N.
+        wheelie_load_on: front load where the cut begins, N. wheelie_load_off: no drive.
+        brake_control: 1 on, 0 off.
+        brake_share: part of the friction that the lean leaves which the front brake may use.
+        brake_slip_on: cut begins. brake_slip_off: no brake on that wheel is left.
+        stoppie_control: 1 on, 0 off.
+        stoppie_load: kept on the rear wheel by the limit, N.
+        stoppie_load_on: rear load where the cut begins, N. stoppie_load_off: no brake.
+    """
+
+    traction_control: float
+    traction_share: float
+    traction_slip_on: float
+    traction_slip_off: float
+    wheelie_control: float
+    wheelie_load: float
+    wheelie_load_lean: float
+    wheelie_load_on: float
+    wheelie_load_off: float
+    brake_control: float
+    brake_share: float
+    brake_slip_on: float
+    brake_slip_off: float
+    stoppie_control: float
+    stoppie_load: float
+    stoppie_load_on: float
+    stoppie_load_off: float
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The rear frame without rider (swingarm, engine, tank with fuel); x from the rear contact, z up.
+
+    Attributes:
+        mass: kg. x: m. height: m.
+        Ixx: kg m2 about the own centre of mass. Iyy: as Ixx. Izz: as Ixx.
+        Ixz: element xz of the inertia tensor, z up, kg m2.
+    """
+
+    mass: float
+    x: float
+    height: float
+    Ixx: float
+    Iyy: float
+    Izz: float
+    Ixz: float
+
+
+@dataclass(frozen=True)
+class Superbike(Vehicle):
+    """A racing motorcycle with its rider.
+
+    In the inherited `Vehicle` the rear body B is frame and rider together, `D` is the steering damper at low speed,
+    `P` is 0 and `max_steer` the steering stop.
+
+    Attributes:
+        frame: rear frame without rider.
+        rider: the rider's body.
+        front_tyre: the front tyre. rear_tyre: the rear tyre.
+        air: drag and downforce.
+        motor: engine and driveline.
+        brakes: both brakes.
+        steering: damper and stop.
+        virtual_rider: from command to lean.
+        electronics: rider aids.
+    """
+
+    frame: Frame
+    rider: Rider
+    front_tyre: Tyre
+    rear_tyre: Tyre
+    air: Air
+    motor: Motor
+    brakes: Brakes
+    steering: Steering
+    virtual_rider: VirtualRider
+    electronics: Electronics
+
+    def __post_init__(self) -> None:
+        """Check that the numbers describe a machine that can exist.
+
+        Raises:
+            VehicleError: naming the first value that cannot be.
+        """
+        super().__post_init__()
+        for name, section in self.sections.items():
+            for field in fields(section):
+                value = getattr(section, field.name)
+                require_finite(self.name, f"{name}.{field.name}", value)
+                if field.name not in _SIGNED and value < 0.0:
+                    raise VehicleError(f"vehicle '{self.name}': {name}.{field.name} = {value} must not be negative")
+                if field.name in _POSITIVE and value <= 0.0:
+                    raise VehicleError(f"vehicle '{self.name}': {name}.{field.name} = {value} must be positive")
+        for name, tyre, radius in (("front", self.front_tyre, self.rF), ("rear", self.rear_tyre, self.rR)):
+            if tyre.crown >= radius:
+                self._refuse(f"{name}_tyre.crown = {tyre.crown} m must stay below the wheel's radius of {radius} m")
+            if not 1.0 < tyre.shape < 2.0:
+                self._refuse(f"{name}_tyre.shape = {tyre.shape} must lie between 1 and 2, or the tyre has no peak")
+        if not 0.0 <= self.brakes.front_share <= 1.0:
+            self._refuse(f"brakes.front_share = {self.brakes.front_share} must lie between 0 and 1")
+        self._check_order("steering", self.steering, ("slow", "fast"))
+        self._check_order("motor", self.motor, ("peak_torque_rpm", "peak_power_rpm", "limiter_rpm"))
+        self._check_order("motor", self.motor, ("first_gear_speed", "top_gear_speed"))
+        for aid in ("traction_slip", "brake_slip"):
+            self._check_order("electronics", self.electronics, (f"{aid}_on", f"{aid}_off"))
+        for aid in ("wheelie_load", "stoppie_load"):
+            self._check_order("electronics", self.electronics, (f"{aid}_off", f"{aid}_on"))
+        if self.motor.top_gear_speed > HIGHEST_SPEED:
+            self._refuse(f"motor.top_gear_speed = {self.motor.top_gear_speed} must be at most {HIGHEST_SPEED:g} m/s")
+        if self.motor.gears < 2 or self.motor.gears != int(self.motor.gears):
+            self._refuse(f"motor.gears = {self.motor.gears} must be a whole number of at least 2")
+        if not self.virtual_rider.max_lean_deg < math.degrees(self.fall_roll):
+            self._refuse(
+                f"virtual_rider.max_lean_deg = {self.virtual_rider.max_lean_deg} must stay below the fall at "
+                f"{math.degrees(self.fall_roll):.6g} deg"
+            )
+
+    @property
+    def sections(self) -> dict[str, Any]:
+        """The sections by name, in the order of the file."""
+        names = [field.name for field in fields(self) if field.name not in _VEHICLE_FIELDS]
+        return {name: getattr(self, name) for name in names}
+
+    @property
+    def mass(self) -> float:
+        """Mass of machine and rider, kg."""
+        return self.mR + self.mB + self.mH + self.mF
+
+    @property
+    def centre_of_mass(self) -> tuple[float, float]:
+        """Distance ahead of the rear contact and height of the common centre of mass, upright, m."""
+        x = (self.mB * self.xB + self.mH * self.xH + self.mF * self.w) / self.mass
+        height = (self.mR * self.rR - self.mB * self.zB - self.mH * self.zH + self.mF * self.rF) / self.mass
+        return x, height
+
+    @property
+    def com_x(self) -> float:
+        """Distance of the common centre of mass ahead of the rear contact, m."""
+        return self.centre_of_mass[0]
+
+    @property
+    def com_height(self) -> float:
+        """Height of the common centre of mass, upright, m."""
+        return self.centre_of_mass[1]
+
+    @cached_property
+    def wheel_torque(self) -> FloatArray:
+        """Full-throttle torque at the rear wheel, N m, over wheel speeds of `wheel_torque_spacing`; best gear each."""
+        spin = self.wheel_torque_spacing * np.arange(TORQUE_SAMPLES)
+        limiter = self.motor.limiter_rpm
+        limit_speeds = self.motor.gear_speeds() / self.rR
+        rpm = np.maximum(spin[:, None] / limit_speeds[None, :], _SHIFT_FLOOR) * limiter
+        ratio = limiter * math.pi / 30.0 / limit_speeds
+        table: FloatArray = (self.motor.crank_torque(rpm) * ratio * self.motor.efficiency).max(axis=1)
+        table.setflags(write=False)
+        return table
+
+    @property
+    def wheel_torque_spacing(self) -> float:
+        """Spacing of `wheel_torque`, rad/s; the table ends 5 % above the limiter in top gear."""
+        return 1.05 * self.motor.top_gear_speed / self.rR / (TORQUE_SAMPLES - 1)
+
+    @cached_property
+    def tyres(self) -> FloatArray:
+        """Both tyres for compiled code: rear first, columns in the order of `TYRE_NAMES`, shape (2, n)."""
+        rows = [[getattr(tyre, name) for name in TYRE_NAMES] for tyre in (self.rear_tyre, self.front_tyre)]
+        table = np.array(rows, dtype=np.float64)
+        table.setflags(write=False)
+        return table
+
+    @cached_property
+    def machine(self) -> FloatArray:
+        """All else for compiled code, in the order of `MACHINE_NAMES`."""
+        sections = self.sections
+        values = []
+        for name in MACHINE_NAMES:
+            section, _, key = name.partition(".")
+            values.append(getattr(sections[section], key) if key else getattr(self, name))
+        vector = np.array(values, dtype=np.float64)
+        vector.setflags(write=False)
+        return vector
+
+    def _refuse(self, text: str) -> None:
+        raise VehicleError(f"vehicle '{self.name}': {text}")
+
+    def _check_order(self, section: str, values: Any, keys: tuple[str, ...]) -> None:
+        numbers = [getattr(values, key) for key in keys]
+        if any(low >= high for low, high in itertools.pairwise(numbers)):
+            text = " < ".join(f"{key} ({number:.6g})" for key, number in zip(keys, numbers, strict=True))
+            self._refuse(f"{section} must have {text}")
+
+
+_VEHICLE_FIELDS: Final = frozenset(field.name for field in fields(Vehicle))
+_SIGNED: Final = frozenset({"crank_momentum", "Ixz"})
+_POSITIVE: Final = frozenset(
+    {
+        "crown", "stiffness", "nominal_load", "cornering", "friction", "friction_ratio", "slip_stiffness", "relaxation",
+        "slip_relaxation", "mass", "height", "Ixx", "Iyy", "Izz", "slide_lean_deg", "slide_frequency", "peak_power",
+        "peak_torque", "peak_torque_rpm", "efficiency", "first_gear_speed", "lag", "force", "frequency", "lean_rate",
+        "lean_acceleration", "torque", "max_lean_deg", "stop_deg",
+    }
+)  # fmt: skip
+"""Values that must not be zero either, in any section."""
+
+TYRE_NAMES: Final = tuple(field.name for field in fields(Tyre))
+
+_SECTION_TYPES: Final[dict[str, type]] = {
+    "rider": Rider,
+    "air": Air,
+    "motor": Motor,
+    "brakes": Brakes,
+    "steering": Steering,
+    "virtual_rider": VirtualRider,
+    "electronics": Electronics,
+}
+"""Sections that stand in the file as they stand in the dataclass."""
+
+MACHINE_NAMES: Final = (
+    "w", "c", "lam", "g", "rR", "rF", "IRyy", "IFyy", "fall_roll", "max_steer", "mass", "com_x", "com_height",
+    *(f"{section}.{field.name}" for section, kind in _SECTION_TYPES.items() for field in fields(kind)),
+)  # fmt: skip
+"""Order of `Superbike.machine`."""
+
+_TOP_LEVEL: Final = (
+    "format", "type", "name", "description", "sources", "geometry", "bodies", "front_tyre", "rear_tyre",
+    *_SECTION_TYPES, "limits", "control_period_s",
+)  # fmt: skip
+_GEOMETRY: Final = ("wheelbase", "caster_deg", "trail", "front_radius", "rear_radius")
+_FORK: Final = ("fork_mass", "fork_x", "fork_height", "fork_Ixx", "fork_Iyy", "fork_Izz", "fork_Ixz")
+_WHEELS: Final = ("front_wheel_mass", "front_wheel_spin", "front_wheel_diameter",
+                  "rear_wheel_mass", "rear_wheel_spin", "rear_wheel_diameter")  # fmt: skip
+_BODIES: Final = ("wet_mass", "front_load_share", "centre_height", "frame_Ixx", "frame_Iyy", "frame_Izz", "frame_Ixz",
+                  *_FORK, *_WHEELS)  # fmt: skip
+
+_Section = TypeVar("_Section")
+
+
+def superbike_from_document(document: Any, origin: str) -> Superbike:
+    """Build a superbike from the parsed content of a vehicle file of ``type: superbike``.
+
+    The file states what is published of the machine as it stands on its wheels without rider: wet mass, share of the
+    front wheel, height of the centre of mass. The frame is what remains without fork and wheels.
+
+    Args:
+        document: what the YAML parser returned.
+        origin: name or path for error messages.
+
+    Raises:
+        VehicleError: a key is missing or unknown, or a value cannot be.
+    """
+    where = f"vehicle '{origin}'"
+    top = require_keys(document, _TOP_LEVEL, where)
+    if top["format"] != FORMAT:
+        raise VehicleError(f"{where}: format is '{top['format']}', this version reads '{FORMAT}'")
+    geometry = _numbers(top["geometry"], _GEOMETRY, where, "geometry")
+    bodies = _numbers(top["bodies"], _BODIES, where, "bodies")
+    limits = _numbers(top["limits"], ("fall_roll_deg",), where, "limits")
+    sections: dict[str, Any] = {name: _section(top[name], kind, where, name) for name, kind in _SECTION_TYPES.items()}
+    front_tyre, rear_tyre = (_section(top[name], Tyre, where, name) for name in ("front_tyre", "rear_tyre"))
+    require_finite(origin, "control_period_s", top["control_period_s"])
+    frame = _frame(geometry, bodies, where)
+    return Superbike(
+        name=str(top["name"]),
+        description=str(top["description"]),
+        **_four_bodies(geometry, bodies, _join(frame, sections["rider"])),
+        P=0.0,
+        D=sections["steering"].damper_slow,
+        max_steer=math.radians(sections["steering"].stop_deg),
+        fall_roll=math.radians(limits["fall_roll_deg"]),
+        control_period=float(top["control_period_s"]),
+        frame=frame,
+        front_tyre=front_tyre,
+        rear_tyre=rear_tyre,
+        **sections,
+    )
+
+
+def _four_bodies(geometry: dict[str, float], bodies: dict[str, float], rear: Frame) -> dict[str, Any]:
+    """Return the inherited numbers, z down, of the machine whose rear body is frame and rider together."""
+    return {
+        "w": geometry["wheelbase"],
+        "c": geometry["trail"],
+        "lam": math.radians(geometry["caster_deg"]),
+        "g": GRAVITY,
+        "rR": geometry["rear_radius"],
+        "mR": bodies["rear_wheel_mass"],
+        "IRxx": bodies["rear_wheel_diameter"],
+        "IRyy": bodies["rear_wheel_spin"],
+        "xB": rear.x,
+        "zB": -rear.height,
+        "mB": rear.mass,
+        "IBxx": rear.Ixx,
+        "IBxz": -rear.Ixz,
+        "IByy": rear.Iyy,
+        "IBzz": rear.Izz,
+        "xH": bodies["fork_x"],
+        "zH": -bodies["fork_height"],
+        "mH": bodies["fork_mass"],
+        "IHxx": bodies["fork_Ixx"],
+        "IHxz": -bodies["fork_Ixz"],
+        "IHyy": bodies["fork_Iyy"],
+        "IHzz": bodies["fork_Izz"],
+        "rF": geometry["front_radius"],
+        "mF": bodies["front_wheel_mass"],
+        "IFxx": bodies["front_wheel_diameter"],
+        "IFyy": bodies["front_wheel_spin"],
+    }
+
+
+def _frame(geometry: dict[str, float], bodies: dict[str, float], where: str) -> Frame:
+    """Return the rear frame: the standing machine less fork and wheels."""
+    parts = (
+        (bodies["fork_mass"], bodies["fork_x"], bodies["fork_height"]),
+        (bodies["front_wheel_mass"], geometry["wheelbase"], geometry["front_radius"]),
+        (bodies["rear_wheel_mass"], 0.0, geometry["rear_radius"]),
+    )
+    wet = bodies["wet_mass"]
+    mass = wet - sum(part[0] for part in parts)
+    if mass <= 0.0:
+        raise VehicleError(f"{where}: wet_mass = {wet} kg leaves no mass for the frame beside fork and wheels")
+    moment_x = wet * bodies["front_load_share"] * geometry["wheelbase"] - sum(part[0] * part[1] for part in parts)
+    moment_z = wet * bodies["centre_height"] - sum(part[0] * part[2] for part in parts)
+    inertia = (bodies[f"frame_{axes}"] for axes in ("Ixx", "Iyy", "Izz", "Ixz"))
+    return Frame(mass, moment_x / mass, moment_z / mass, *inertia)
+
+
+def _join(frame: Frame, rider: Rider) -> Frame:
+    """Return frame and rider as one rigid body (parallel axes)."""
+    mass = frame.mass + rider.mass
+    reduced = frame.mass * rider.mass / mass
+    dx, dz = frame.x - rider.x, frame.height - rider.height
+    return Frame(
+        mass,
+        (frame.mass * frame.x + rider.mass * rider.x) / mass,
+        (frame.mass * frame.height + rider.mass * rider.height) / mass,
+        frame.Ixx + rider.Ixx + reduced * dz * dz,
+        frame.Iyy + rider.Iyy + reduced * (dx * dx + dz * dz),
+        frame.Izz + rider.Izz + reduced * dx * dx,
+        frame.Ixz - reduced * dx * dz,
+    )
+
+
+def _numbers(mapping: Any, keys: tuple[str, ...], where: str, section: str) -> dict[str, float]:
+    """Return a section of plain numbers."""
+    values = require_keys(mapping, keys, f"{where}, section '{section}'")
+    for key, value in values.items():
+        require_finite(where.removeprefix("vehicle '").removesuffix("'"), f"{section}.{key}", value)
+    return {key: float(value) for key, value in values.items()}
+
+
+def _section(mapping: Any, kind: type[_Section], where: str, section: str) -> _Section:
+    """Return a section of the file as its dataclass."""
+    return kind(**_numbers(mapping, tuple(f.name for f in fields(kind)), where, section))  # type: ignore[arg-type]

@@ -1,0 +1,138 @@
+"""The four-part curriculum: which rides are drawn when, and what ends a part.
+
+Source: Weyrer et al. (2026), Sects. 4.2 and 4.3, Table 4, Fig. 7.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Final
+
+import numpy as np
+
+from bike_sim.course.random_paths import CURRICULUM_PATHS, PathRanges
+from bike_sim.sim.request import Preview, ResetRequest
+from bike_training.tasks.path import DISTANCE_THRESHOLD, VALIDATION_THRESHOLD
+
+SPEED_RANGES: Final = ((4.0, 4.0), (2.0, 7.0), (2.0, 7.0), (2.0, 7.0))
+"""Forward speed of the four parts, m/s (Table 4)."""
+
+TRANSITION_STEPS: Final = 10_000
+"""n_dec: learning steps over which the intervals grow into those of the next part."""
+
+VALIDATION_RIDES: Final = 10
+VALIDATION_DURATION: Final = 30.0
+"""Rides of a validation and their duration, s (Sect. 4.2)."""
+
+PARTS: Final = 4
+
+
+@dataclass(frozen=True)
+class RideRanges:
+    """Intervals that new rides are drawn from.
+
+    Attributes:
+        speed: forward speed, m/s.
+        paths: elements of the random path.
+        also: other intervals that a ride is drawn from just as often.
+    """
+
+    speed: tuple[float, float]
+    paths: PathRanges
+    also: tuple[RideRanges, ...] = ()
+
+    def draw(self, rng: np.random.Generator, preview: Preview, path_length: float | None = None) -> ResetRequest:
+        """Draw a perturbed ride.
+
+        Args:
+            rng: draws.
+            preview: what is seen of the path.
+            path_length: least length of the path, m; None for two episodes.
+        """
+        chosen = (self, *self.also)[rng.integers(1 + len(self.also))] if self.also else self
+        return ResetRequest(
+            seed=int(rng.integers(2**31)),
+            speed_range=chosen.speed,
+            path_ranges=chosen.paths,
+            path_length=path_length,
+            perturb=True,
+            preview=preview,
+        )
+
+
+FAST_AND_SHARP: Final = RideRanges((5.5, 7.3), PathRanges(7.5, 14.0, 11.0, 14.0, 3.0, 7.0))
+REFINEMENT: Final = RideRanges((1.8, 7.3), PathRanges(7.5, 14.0, 11.0, 22.0, 2.0, 8.0), (FAST_AND_SHARP,))
+"""Rides after the curriculum where a run asks for them. Not from the paper.
+
+Half of them lie in a margin around part 4, so that its edges lie inside. The other half are what part 4 seldom has,
+sharp transfers at high speed. The hard lane change of the benchmark path (10 m long) stays outside of both.
+"""
+
+
+@dataclass
+class Curriculum:
+    """Where a learning process stands.
+
+    Attributes:
+        part: 1 to 4; 5 once the curriculum is finished.
+        entered_at: learning step at which the part began.
+        finished_at: learning step at which the last part was passed, or None.
+        refine: whether the intervals grow into REFINEMENT afterwards; otherwise they stay those of part 4.
+    """
+
+    refine: bool = False
+    part: int = 1
+    entered_at: int = 0
+    finished_at: int | None = None
+
+    @property
+    def finished(self) -> bool:
+        """Whether a validation of the last part was fully successful."""
+        return self.finished_at is not None
+
+    def in_transition(self, step: int) -> bool:
+        """Tell whether the intervals still grow; no validation is made then."""
+        return 1 < self.part <= PARTS and step - self.entered_at < TRANSITION_STEPS
+
+    def ranges(self, step: int) -> RideRanges:
+        """Return the intervals at a learning step, growing linearly after a new part began."""
+        stages = [RideRanges(*stage) for stage in zip(SPEED_RANGES, CURRICULUM_PATHS, strict=True)]
+        stages.append(REFINEMENT if self.refine else stages[-1])
+        if self.part == 1:
+            return stages[0]
+        share = (step - self.entered_at) / TRANSITION_STEPS
+        if share >= 1.0:
+            return stages[self.part - 1]
+        return _ranges_between(stages[self.part - 2], stages[self.part - 1], share)
+
+    def validation_ranges(self) -> RideRanges:
+        """Return the intervals of validation rides: those of the present part, at most of the last."""
+        part = min(self.part, PARTS)
+        return RideRanges(SPEED_RANGES[part - 1], CURRICULUM_PATHS[part - 1])
+
+    def report(self, step: int, errors: Sequence[float]) -> bool:
+        """Take the errors e_i of a validation and return whether a part was passed.
+
+        A validation is fully successful when every ride's error is at most eta_e (Eq. 13).
+        """
+        if self.finished or max(errors) > VALIDATION_THRESHOLD / DISTANCE_THRESHOLD:
+            return False
+        self.part += 1
+        self.entered_at = step
+        if self.part > PARTS:
+            self.finished_at = step
+        return True
+
+
+def _ranges_between(before: RideRanges, after: RideRanges, share: float) -> RideRanges:
+    paths = {
+        spec.name: _between(getattr(before.paths, spec.name), getattr(after.paths, spec.name), share)
+        for spec in fields(PathRanges)
+    }
+    low, high = (_between(a, b, share) for a, b in zip(before.speed, after.speed, strict=True))
+    return RideRanges((low, high), PathRanges(**paths))
+
+
+def _between(a: float, b: float, share: float) -> float:
+    return a + (b - a) * share

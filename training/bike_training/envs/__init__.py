@@ -1,0 +1,1 @@
+"""Simulators in process and behind ROS, and the environments on top of them."""

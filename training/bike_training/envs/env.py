@@ -1,0 +1,132 @@
+"""The Gymnasium environment of the task over a simulator client."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_sim.physics.state import ROLL
+from bike_sim.sim import look as ride
+from bike_sim.sim.simulator import SimulatorConfig, Snapshot
+from bike_sim.vehicles.files import load_vehicle
+from bike_training.curricula.parts import Curriculum, RideRanges
+from bike_training.envs.clients import Client, make_client
+from bike_training.envs.vec_env import task_spaces
+from bike_training.envs.watch import RideWatch
+from bike_training.tasks.path import TASKS, Task, distances, has_failed
+
+
+class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
+    """One bicycle on a random path.
+
+    An episode is terminated when a threshold is exceeded, the bicycle lies on the ground or its physics diverges, and
+    truncated after ``task.max_steps`` steps. After a truncated episode a plain ``reset()`` goes on with the same ride
+    once, as the paper does (Weyrer et al. 2026, Sect. 4.1); ``reset(seed=...)`` and ``reset(options=...)`` always begin
+    a new one.
+
+    ``info`` holds distance to the path, progress, speed and simulated time; ``snapshot`` all that the simulator shows.
+    """
+
+    metadata = {"render_modes": []}  # noqa: RUF012 (Gymnasium's own declaration)
+
+    def __init__(
+        self,
+        client: Client | str = "local",
+        task: Task | str = "prop",
+        ranges: RideRanges | None = None,
+        config: SimulatorConfig | None = None,
+    ) -> None:
+        """Make the environment.
+
+        Args:
+            client: a client, or ``local`` or ``ros`` for one of its own.
+            task: a task or its name in :data:`bike_training.tasks.path.TASKS`.
+            ranges: intervals of new rides; the first part of the curriculum by default.
+            config: simulator of a client of its own; by default PyBullet at the paper's step of 5 ms.
+        """
+        config = config or SimulatorConfig(time_step=0.005)
+        self.client = make_client(client, config) if isinstance(client, str) else client
+        self.task = TASKS[task] if isinstance(task, str) else task
+        self.ranges = ranges or Curriculum().ranges(0)
+        self.observation_space, self.action_space = task_spaces(self.task)  # type: ignore[assignment]
+        self._scale = self.task.action_scale
+        self._vehicle_max_steer = load_vehicle(config.vehicle).max_steer
+        self._steps = 0
+        self._full_episodes = 0
+        self._goes_on = False
+        self.snapshot: Snapshot | None = None
+        self.watch: RideWatch | None = None
+
+    def set_watch(self, watch: RideWatch | None) -> None:
+        """Tell somebody of the rides from now on, or nobody."""
+        self.watch = watch
+
+    def set_ranges(self, ranges: RideRanges) -> None:
+        """Draw new rides from other intervals from now on."""
+        self.ranges = ranges
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Begin an episode.
+
+        Args:
+            seed: seed of this and all later draws.
+            options: ``{"request": ResetRequest(...)}`` asks for a certain ride; its preview is replaced by the task's.
+        """
+        super().reset(seed=seed)
+        goes_on = self._goes_on and seed is None and not options
+        self._goes_on = False
+        self._steps = 0
+        if not goes_on:
+            request = (options or {}).get("request") or self.ranges.draw(self.np_random, self.task.preview)
+            request = replace(request, preview=self.task.preview)
+            self.snapshot = self.client.reset(request)
+            self._full_episodes = 0
+            if self.watch is not None:
+                self.watch.begun(request)
+        assert self.snapshot is not None
+        return self._observe(self.snapshot), self._info(self.snapshot)
+
+    def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """Hold an action of shape (1,) in [-1, 1] for one control period."""
+        before = self.snapshot
+        if before is None:
+            raise RuntimeError("call reset before step")
+        command = self._scale.to_command(float(action[0]), self._vehicle_max_steer)
+        snapshot = self.client.step(command)
+        if self.watch is not None:
+            self.watch.stepped(self._observe(before), float(action[0]), command, snapshot.state)
+        if not math.isfinite(float(snapshot.state.sum() + snapshot.seen.sum())):
+            # The physics diverged. As the simulator node does: the last state that is one, as a fall.
+            snapshot = replace(before, step=snapshot.step, time=snapshot.time, fallen=True)
+        self.snapshot = snapshot
+        self._steps += 1
+        roll = snapshot.state[ROLL]
+        reward = self.task.rewards(distances(self.task, snapshot.seen), roll)
+        terminated = has_failed(snapshot)
+        truncated = not terminated and self._steps >= self.task.max_steps
+        if truncated:
+            self._full_episodes += 1
+            self._goes_on = self._full_episodes == 1
+        return self._observe(snapshot), float(reward), terminated, truncated, self._info(snapshot)
+
+    def close(self) -> None:
+        """Release the simulator."""
+        self.client.close()
+
+    def _observe(self, snapshot: Snapshot) -> NDArray[np.float32]:
+        return self.task.layout.observe(snapshot.state, snapshot.preview_y)
+
+    def _info(self, snapshot: Snapshot) -> dict[str, Any]:
+        return {
+            "distance_m": snapshot.distance,
+            "progress_m": float(snapshot.seen[ride.PROGRESS]),
+            "speed_m_s": float(snapshot.seen[ride.SPEED]),
+            "time_s": snapshot.time,
+        }

@@ -1,0 +1,295 @@
+"""The simulator over ROS 2, with the same methods as the one in process.
+
+A `RosClient` starts its own simulator node in a ROS domain of its own, or joins one that runs. Each step is one command
+and one state in lockstep, so the rides are bit for bit those of :class:`bike_sim.sim.simulator.Simulator`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from types import TracebackType
+from typing import Any, Final, Self
+
+from bike_msgs.msg import BikeCommand, BikeState
+from bike_msgs.msg import Course as CourseMessage
+from bike_msgs.srv import Reset
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+from rclpy.node import Node
+
+from bike_sim.course.course import Course
+from bike_sim.ros import messages, node_tools
+from bike_sim.ros.command_gate import Command
+from bike_sim.ros.isolation import DOMAIN_VARIABLE, DomainLease, prepare_discovery
+from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.simulator import SimulatorConfig, Snapshot
+from bike_sim.vehicles.bicycle import Vehicle
+from bike_sim.vehicles.files import load_vehicle
+from bike_training.nodes.node_process import NodeLost, NodeProcess
+
+START_TIMEOUT: Final = 120.0
+"""Longest wait for a simulator to appear, s. The first start on a machine compiles the physics."""
+
+RESEND_AFTER: Final = 0.5
+"""Time without an answer after which a command is sent again, s."""
+
+
+HEARD: Final = 1000
+"""States kept that nobody has asked for yet."""
+
+
+@dataclass(frozen=True)
+class RosClientConfig:
+    """How a simulator is reached.
+
+    Attributes:
+        join: False starts a simulator node of one's own, True uses one that runs.
+        namespace: namespace of the simulator's topics.
+        domain_id: ROS domain; None takes a free one for a simulator of one's own, and this process's when joining.
+        timeout: wall-clock time without an answer after which the simulator counts as lost, s.
+        wait_set: wait for answers with a wait set of one's own instead of an executor: fewer microseconds a step,
+            but built on parts of rclpy that are not its public interface.
+    """
+
+    join: bool = False
+    namespace: str = node_tools.NAMESPACE
+    domain_id: int | None = None
+    timeout: float = 10.0
+    wait_set: bool = True
+
+
+class RosClient:
+    """Rides one simulator node in lockstep.
+
+    Attributes:
+        config: what the simulator was started with (as given, when joining).
+        vehicle: the vehicle of that name or file.
+        domain_id: ROS domain that is used.
+    """
+
+    def __init__(self, config: SimulatorConfig | None = None, ros: RosClientConfig | None = None) -> None:
+        """Start or find the simulator.
+
+        Raises:
+            NodeLost: it ended or did not appear in time; with its last words where it is one's own.
+            FileNotFoundError: an unknown vehicle. ValueError: a vehicle that cannot be.
+        """
+        self.config = config or SimulatorConfig()
+        self.vehicle: Vehicle = load_vehicle(self.config.vehicle)
+        self._ros = ros or RosClientConfig()
+        self._close = contextlib.ExitStack()
+        try:
+            self._open()
+        except BaseException:
+            self.close()
+            raise
+
+    def _open(self) -> None:
+        prepare_discovery()
+        self.domain_id = self._choose_domain()
+        self._process: NodeProcess | None = None
+        if not self._ros.join:
+            parameters = asdict(self.config) | {"mode": "lockstep", "auto_reset": "never", "course": "line"}
+            self._process = NodeProcess("bike_sim.ros.sim_node", parameters, self.domain_id, self._ros.namespace)
+            self._close.callback(self._process.close)
+        context = Context()
+        context.init(args=[], domain_id=self.domain_id)
+        self._close.callback(context.try_shutdown)
+        self._node = Node(
+            f"ride_client_{os.getpid()}_{id(self) & 0xFFFF:x}",
+            context=context,
+            namespace=self._ros.namespace,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+        self._close.callback(self._node.destroy_node)
+        self._executor = SingleThreadedExecutor(context=context)
+        self._close.callback(self._executor.shutdown)
+        self._executor.add_node(self._node)
+        self._commands = self._node.create_publisher(BikeCommand, "command", node_tools.COMMAND_QOS)
+        # Before the subscriptions: a simulator that is heard knows where its answers go to, and sooner it drops them.
+        self._reset_service = self._node.create_client(Reset, "reset")
+        # States that an executor took while it waited for something else.
+        self._heard: deque[BikeState] = deque(maxlen=HEARD)
+        self._course_message: CourseMessage | None = None
+        self._node.create_subscription(CourseMessage, "course", self._on_course, node_tools.LATCHED_QOS)
+        states = self._node.create_subscription(BikeState, "state", self._on_state, node_tools.SENDER_QOS)
+        self._fast = _FastReceiver(states, context) if self._ros.wait_set else None
+        self._last: Snapshot | None = None
+        self._wait_until(self._connected, START_TIMEOUT, "did not appear")
+
+    def _choose_domain(self) -> int:
+        if self._ros.domain_id is not None:
+            return self._ros.domain_id
+        if self._ros.join:
+            return int(os.environ.get(DOMAIN_VARIABLE) or 0)
+        lease = DomainLease()
+        self._close.callback(lease.close)
+        return lease.domain_id
+
+    # ---------------------------------------------------------------------------------------------- simulator's methods
+
+    @property
+    def course(self) -> Course | None:
+        """The course of the present episode, or None before the first."""
+        if self._last is None:
+            return None
+        episode = self._last.episode
+        self._wait_until(
+            lambda: self._course_message is not None and self._course_message.episode == episode,
+            self._ros.timeout,
+            f"has not sent the course of episode {episode}",
+        )
+        return messages.course_from_message(self._course_message)
+
+    def reset(self, request: ResetRequest) -> Snapshot:
+        """Begin an episode.
+
+        Raises:
+            ValueError: the simulator refused the request, in its words.
+            NodeLost: it does not answer.
+        """
+        future = self._reset_service.call_async(messages.reset_to_message(request))
+        try:
+            self._wait_until(future.done, self._ros.timeout, "has not answered a reset")
+        finally:
+            self._reset_service.remove_pending_request(future)
+        response = future.result()
+        assert response is not None
+        if not response.success:
+            raise ValueError(response.message)
+        self._last = messages.snapshot_from_message(response.state)
+        return self._last
+
+    def step(self, steering: float, throttle: float = 0.0) -> Snapshot:
+        """Hold a command for one control period.
+
+        Args:
+            steering: in [-1, 1], positive to the left.
+            throttle: in [-1, 1]; the bicycle has no drive and ignores it.
+
+        Raises:
+            ValueError: a command that is not finite or out of range.
+            RuntimeError: no episode was begun, or the vehicle has fallen, where the node ends the episode.
+            NodeLost: the simulator does not answer.
+        """
+        last = self._last
+        if last is None:
+            raise RuntimeError("call reset before step")
+        if last.fallen:
+            raise RuntimeError(f"episode {last.episode} ended with a fall in step {last.step}; call reset")
+        if not -1.0 <= steering <= 1.0 or not -1.0 <= throttle <= 1.0:
+            raise ValueError(f"commands must lie in [-1, 1], got steering {steering!r} and throttle {throttle!r}")
+        command = messages.command_to_message(Command(last.episode, last.step, steering, throttle))
+        state = self._exchange(command, last.episode, last.step + 1)
+        self._last = messages.snapshot_from_message(state)
+        return self._last
+
+    def listen(self, timeout: float) -> BikeState | None:
+        """Return the next state that another's commands bring about, or None after a wall-clock time, s.
+
+        It comes as a message: who listens to a ride at full speed converts it later.
+
+        Raises:
+            NodeLost: the simulator ended.
+        """
+        state = self._receive(timeout)
+        if state is None:
+            self._check_alive()
+        return state
+
+    def close(self) -> None:
+        """End the simulator if it is one's own, and leave the domain. A second call does nothing."""
+        self._close.close()
+
+    def __enter__(self) -> Self:
+        """Return the client."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the client."""
+        self.close()
+
+    # --------------------------------------------------------------------------------------------------------- waiting
+
+    def _exchange(self, command: BikeCommand, episode: int, step: int) -> BikeState:
+        """Send a command, again and again if need be, until the state of the given step comes."""
+        given_up = time.monotonic() + self._ros.timeout
+        while True:
+            self._commands.publish(command)
+            resend_at = time.monotonic() + RESEND_AFTER
+            while (now := time.monotonic()) < resend_at:
+                state = self._receive(resend_at - now)
+                if state is not None and state.episode == episode and state.step == step:
+                    return state
+            self._check_alive()
+            if time.monotonic() > given_up:
+                raise self._lost(f"has not answered step {step} of episode {episode} within {self._ros.timeout:g} s")
+
+    def _receive(self, timeout: float) -> BikeState | None:
+        """Return the next state, or None after the time-out."""
+        if not self._heard:
+            if self._fast is not None:
+                return self._fast.take(timeout)
+            self._executor.spin_once(timeout_sec=timeout)
+        return self._heard.popleft() if self._heard else None
+
+    def _on_state(self, message: BikeState) -> None:
+        self._heard.append(message)
+
+    def _on_course(self, message: CourseMessage) -> None:
+        self._course_message = message
+
+    def _connected(self) -> bool:
+        # Both directions: a command that is sent before the simulator's reader is known would be lost until resent.
+        seen = self._node.count_publishers("state") and self._commands.get_subscription_count()
+        return bool(seen) and self._reset_service.service_is_ready()
+
+    def _wait_until(self, condition: Callable[[], bool], timeout: float, complaint: str) -> None:
+        given_up = time.monotonic() + timeout
+        while not condition():
+            self._executor.spin_once(timeout_sec=0.02)
+            self._check_alive()
+            if time.monotonic() > given_up:
+                raise self._lost(f"{complaint} within {timeout:g} s")
+
+    def _check_alive(self) -> None:
+        if self._process is not None:
+            self._process.check()
+
+    def _lost(self, complaint: str) -> NodeLost:
+        where = f"/{self._ros.namespace.strip('/')} in ROS domain {self.domain_id}"
+        return NodeLost(f"the simulator {where} {complaint}; is it running, in lockstep, and not paused?")
+
+
+class _FastReceiver:
+    """Takes the messages of one subscription with a wait set that is built once.
+
+    An executor builds its wait set anew for every message, which costs more than the message. The wait set is not part
+    of rclpy's public interface; `RosClientConfig.wait_set` chooses.
+    """
+
+    def __init__(self, subscription: Any, context: Context) -> None:
+        self._handle = subscription.handle
+        self._type = subscription.msg_type
+        with context.handle:
+            self._wait_set = _rclpy.WaitSet(1, 0, 0, 0, 0, 0, context.handle)
+
+    def take(self, timeout: float) -> Any:
+        """Return the next message, or None after the time-out (s)."""
+        with self._handle:
+            taken = self._handle.take_message(self._type, False)
+            if taken is None:
+                self._wait_set.clear_entities()
+                self._wait_set.add_subscription(self._handle)
+                self._wait_set.wait(max(int(timeout * messages.NANOSECONDS), 0))
+                taken = self._handle.take_message(self._type, False)
+        return None if taken is None else taken[0]

@@ -1,0 +1,34 @@
+"""How an environment tells of one of its rides, for whoever wants to record it."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_sim.sim.request import ResetRequest
+
+
+class RideWatch(Protocol):
+    """Follows the rides of one bicycle while it learns.
+
+    Environments have none unless they are given one, and then do nothing for it.
+    """
+
+    def begun(self, request: ResetRequest) -> None:
+        """Take note that a ride begins; the one before is over."""
+        ...
+
+    def stepped(
+        self, observation: NDArray[np.float32], action: float, command: float, state: NDArray[np.float64]
+    ) -> None:
+        """Take note of a control period.
+
+        Args:
+            observation: what the policy saw.
+            action: what it answered, in [-1, 1].
+            command: steering command that it became, in [-1, 1].
+            state: minimal state at the end of the period.
+        """
+        ...

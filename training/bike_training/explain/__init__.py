@@ -1,0 +1,1 @@
+"""Why a policy steers as it does."""

@@ -1,0 +1,137 @@
+"""Which parts of an observation make a policy steer as it does: SHAP values of its actor.
+
+A SHAP value says how much one feature of one observation moves the output away from the base value, which is the mean
+output over a background. The values of an observation sum to its output minus the base value (Lundberg and Lee 2017).
+
+Source: Weyrer et al. (2026), Sect. 5.5: the permutation explainer of the package ``shap`` on the observations of a
+ride through a slalom.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import shap  # type: ignore[import-untyped]
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
+
+from bike_policy.contract.bundle import Bundle
+from bike_policy.contract.observation import ObservationLayout
+
+FloatArray = NDArray[np.float64]
+
+PERMUTATIONS: Final = 10
+"""Orders, each also backwards, in which the features of an observation are put in."""
+BACKGROUND: Final = 100
+"""Observations, evenly spread over the section, that stand for features not put in yet."""
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """SHAP values of a policy on n observations of k features.
+
+    Attributes:
+        layout: what the policy sees.
+        features: values of the features in their own units (rad, rad/s, m, m/s, tangent), shape (n, k).
+        values: SHAP values: share of each feature in the set value of the steering angle, rad, shape (n, k).
+        base: mean set value over the background, rad.
+        outputs: set value that the actor asks for, rad, shape (n,).
+        background: observations in the background.
+        permutations: orders tried for each observation.
+        seconds: wall-clock time it took, s.
+    """
+
+    layout: ObservationLayout
+    features: FloatArray
+    values: FloatArray
+    base: float
+    outputs: FloatArray
+    background: int
+    permutations: int
+    seconds: float
+
+    @property
+    def mean_abs(self) -> FloatArray:
+        """Mean magnitude of each feature's values, rad, shape (k,)."""
+        return np.abs(self.values).mean(axis=0)
+
+    @property
+    def additivity_error(self) -> float:
+        """Largest difference of base and values to the outputs, rad; not zero by rounding only."""
+        return float(np.abs(self.base + self.values.sum(axis=1) - self.outputs).max())
+
+
+def set_values(bundle: Bundle, observations: NDArray[np.floating]) -> FloatArray:
+    """Return the set value of the steering angle that a policy asks for, rad.
+
+    Args:
+        bundle: policy.
+        observations: shape (n, size).
+    """
+    actions = bundle.actor.act_batch(np.asarray(observations, dtype=np.float32))
+    return np.asarray(actions, dtype=np.float64) * bundle.action.max_steer
+
+
+def explain(
+    bundle: Bundle,
+    observations: NDArray[np.float32],
+    *,
+    permutations: int = PERMUTATIONS,
+    background: int = BACKGROUND,
+    seed: int = 0,
+    silent: bool = False,
+) -> Explanation:
+    """Compute the SHAP values of a policy's output.
+
+    Args:
+        bundle: policy.
+        observations: in the order of the ride, shape (n, size), at least 2.
+        permutations: orders to try for each observation.
+        background: how many of the observations, at most, stand for features that are not put in yet.
+        seed: of the orders.
+        silent: show no progress.
+    """
+    begun = time.monotonic()
+    inputs = np.asarray(observations, dtype=np.float64)
+    chosen = np.unique(np.linspace(0, len(inputs) - 1, min(background, len(inputs))).round().astype(int))
+    explainer = shap.explainers.Permutation(
+        lambda batch: set_values(bundle, batch), _Background(inputs[chosen]), seed=seed
+    )
+    evaluations = permutations * (2 * inputs.shape[1] + 1)
+    # Many small products: threads of the linear algebra cost more than they give, six times as much on a busy machine.
+    with threadpool_limits(1):
+        found = explainer(inputs, max_evals=evaluations, silent=silent)
+    return Explanation(
+        layout=bundle.layout,
+        features=inputs / _scales(bundle.layout),
+        values=np.asarray(found.values, dtype=np.float64),
+        base=float(np.mean(found.base_values)),
+        outputs=set_values(bundle, observations),
+        background=len(chosen),
+        permutations=permutations,
+        seconds=time.monotonic() - begun,
+    )
+
+
+class _Background:
+    """Masker of shap: features that are not put in take the values of each background observation.
+
+    The same as ``shap.maskers.Independent``, whose compilation alone takes 15 s in every process.
+    """
+
+    immutable_outputs = True  # spares shap a copy of each output
+
+    def __init__(self, rows: FloatArray) -> None:
+        self._rows = rows
+
+    def __call__(self, mask: NDArray[np.bool_], observation: FloatArray) -> tuple[FloatArray]:
+        return (np.where(mask, observation, self._rows),)
+
+
+def _scales(layout: ObservationLayout) -> FloatArray:
+    """Factors from features to the numbers of an observation."""
+    preview = layout.preview_scale if layout.preview_kind == "points" else 1.0
+    return np.array([*layout.scales, *[preview] * layout.preview_count])

@@ -1,0 +1,1 @@
+"""A learning run: presets, learner, validations, checkpoints, recordings."""

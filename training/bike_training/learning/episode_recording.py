@@ -1,0 +1,292 @@
+"""Records rides of training as the recorder node would, with what was learned from at each step.
+
+Two kinds of rides are recorded: those of a validation, and rides that the learner itself makes, with its exploration.
+A recording that the disk refuses ends with a warning; learning goes on.
+"""
+
+from __future__ import annotations
+
+import json
+import warnings
+from array import array
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from bike_msgs.msg import LearningStep
+from numpy.typing import NDArray
+from rclpy.serialization import serialize_message
+from stable_baselines3.common.vec_env import VecEnv
+
+from bike_analysis.columns import MessageSchema
+from bike_policy.contract.action import ActionScale
+from bike_policy.contract.actor import Actor
+from bike_sim.course.random_paths import PathRanges
+from bike_sim.physics.state import ROLL
+from bike_sim.recording import LATCHED, Qos, RideRecorder, message_type
+from bike_sim.ros import messages
+from bike_sim.ros.command_gate import Command
+from bike_sim.sim.events import EventWatch
+from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.simulator import Simulator, SimulatorConfig, Snapshot
+from bike_training.curricula.parts import VALIDATION_DURATION, RideRanges
+from bike_training.tasks.path import Task, distances, has_failed, sum_of
+
+TOPICS: Final = {
+    "episode": ("bike_msgs/msg/EpisodeStart", LATCHED),
+    "course": ("bike_msgs/msg/Course", LATCHED),
+    "state": ("bike_msgs/msg/BikeState", Qos()),
+    "command": ("bike_msgs/msg/BikeCommand", Qos()),
+    "events": ("bike_msgs/msg/RideEvent", Qos()),
+    "learning/step": ("bike_msgs/msg/LearningStep", Qos()),
+}
+"""Topics of a recorded ride in the namespace of the nodes, with their types and QoS."""
+
+
+@dataclass(frozen=True)
+class Standing:
+    """Where learning stands.
+
+    Attributes:
+        step: learning steps made so far.
+        part: part of the curriculum, 5 once it is finished.
+        ranges: intervals that new rides are drawn from.
+    """
+
+    step: int
+    part: int
+    ranges: RideRanges
+
+
+def task_note(task: Task) -> str:
+    """Return the task's settings as JSON, with the layout of the observation under ``layout``."""
+    return json.dumps(asdict(task) | {"layout": task.layout.to_card()})
+
+
+@contextmanager
+def _warning_of_disk(path: Path, end: Callable[[], None] = lambda: None) -> Iterator[None]:
+    """Turn a refusal of the disk into a warning, for no recording is worth the training.
+
+    Args:
+        path: recording.
+        end: is called then.
+    """
+    try:
+        yield
+    except OSError as error:
+        warnings.warn(f"{path} is not recorded further, learning goes on: {error.strerror or error}", stacklevel=3)
+        end()
+
+
+class RideWriter:
+    """Rides one ride in a simulator, step by step, and writes it down.
+
+    Attributes:
+        snapshot: what is seen now.
+        failed: whether the bicycle has fallen or is too far from its path.
+    """
+
+    def __init__(
+        self, path: Path, task: Task, simulator: Simulator, request: ResetRequest, full_episode: int, rider: str
+    ) -> None:
+        """Begin the ride and its recording.
+
+        Args:
+            path: recording, ``.mcap``.
+            task: what is learned.
+            simulator: where it is ridden.
+            request: how the ride begins.
+            full_episode: steps after which an episode of learning is truncated.
+            rider: who rides, for the notes.
+
+        Raises:
+            OSError: the disk refuses the recording; it is closed then. `step` and `close` raise it too.
+        """
+        self._task, self._simulator, self._full_episode = task, simulator, full_episode
+        self._episode, self._episode_step = 1, 0
+        self.snapshot = simulator.reset(request)
+        self.failed = False
+        assert simulator.course is not None
+        config = simulator.config
+        self._facts = messages.Episode(simulator.vehicle, simulator.course, request.preview, config.control_period)
+        self._watch = EventWatch(simulator.course, self.snapshot)
+        self._open(path, {"rider": rider, "layout": task.layout.name, "task": task_note(task)})
+        number, stamp = self.snapshot.episode, self._stamp
+        self._write("episode", messages.episode_start_to_message(request, config, number, stamp))
+        self._write("course", messages.course_to_message(simulator.course, number, stamp))
+        self._write("events", messages.event_to_message(self._watch.begun(), self.snapshot, stamp))
+        self._write("state", messages.state_to_message(self.snapshot, self._facts, stamp))
+
+    def _open(self, path: Path, notes: dict[str, str]) -> None:
+        self._recorder = RideRecorder(path, overwrite=True, notes=notes, metadata_file=False)
+        self._schemas: dict[str, MessageSchema] = {}
+        for name, (kind, qos) in TOPICS.items():
+            described = message_type(kind)
+            self._recorder.add_topic(f"/bike/{name}", described, qos)
+            self._schemas[name] = MessageSchema(described.name, described.definition)
+
+    def step(
+        self, observation: NDArray[np.float32], action: float, command: float, standing: Standing, deterministic: bool
+    ) -> Snapshot:
+        """Hold a command for one control period; write down it, the step of learning, and what comes of it.
+
+        Args:
+            observation: what the policy saw.
+            action: what it answered, in [-1, 1].
+            command: steering command that it became, in [-1, 1].
+            standing: where learning stood.
+            deterministic: whether the action is the mean of the policy.
+        """
+        before, stamp = self.snapshot, self._stamp
+        given = Command(before.episode, before.step, command)
+        self._write("command", messages.command_to_message(given, messages.time_to_message(stamp)))
+        self.snapshot = snapshot = self._simulator.step(command)
+        self.failed = has_failed(snapshot)
+        learned = _standing_message(standing)
+        learned.header.stamp = messages.time_to_message(stamp)
+        learned.episode, learned.step = before.episode, before.step
+        learned.deterministic = deterministic
+        learned.feature_names = list(self._task.layout.names)
+        learned.observation = array("f", observation.tobytes())
+        learned.action, learned.steering = action, command
+        learned.steer_set = action * self._task.max_steer
+        self._judge(learned)
+        self._write("learning/step", learned, stamp)
+        self._write("state", messages.state_to_message(snapshot, self._facts, self._stamp))
+        for event in self._watch.look(snapshot):
+            self._write("events", messages.event_to_message(event, snapshot, self._stamp))
+        return snapshot
+
+    def close(self) -> None:
+        """Finish the file."""
+        self._recorder.close()
+
+    def _judge(self, message: LearningStep) -> None:
+        """Say what the step was worth and whether an episode of learning ended with it."""
+        terms = self._task.reward_terms(distances(self._task, self.snapshot.seen), self.snapshot.state[ROLL])
+        message.reward_names = list(terms)
+        message.reward_terms = array("d", map(float, terms.values()))
+        message.reward = float(sum_of(terms))
+        message.learning_episode, message.learning_episode_step = self._episode, self._episode_step
+        self._episode_step += 1
+        message.terminated = self.failed
+        message.truncated = not self.failed and self._episode_step == self._full_episode
+        if message.truncated:
+            self._episode, self._episode_step = self._episode + 1, 0
+
+    @property
+    def _stamp(self) -> int:
+        """Simulated time of the present state, ns. Rides begin after one period, as those of the node do."""
+        return round((self.snapshot.step + 1) * self._facts.control_period * messages.NANOSECONDS)
+
+    def _write(self, name: str, message: Any, stamp: int | None = None) -> None:
+        # rclpy leaves excess bytes behind messages with empty arrays, which strict readers refuse.
+        data = self._schemas[name].trim(serialize_message(message))
+        self._recorder.write(f"/bike/{name}", data, self._stamp if stamp is None else stamp)
+
+
+def _standing_message(standing: Standing) -> LearningStep:
+    message = LearningStep()
+    message.learning_step, message.part = standing.step, standing.part
+    sets = (standing.ranges, *standing.ranges.also)
+    message.speed_min = array("d", (ranges.speed[0] for ranges in sets))
+    message.speed_max = array("d", (ranges.speed[1] for ranges in sets))
+    for spec in fields(PathRanges):
+        setattr(message, spec.name, array("d", (getattr(ranges.paths, spec.name) for ranges in sets)))
+    return message
+
+
+def record_ride(
+    path: Path, actor: Actor, task: Task, simulator: Simulator, request: ResetRequest, standing: Standing
+) -> None:
+    """Ride a validation ride once more and record it; a disk that refuses it ends the ride with a warning.
+
+    Args:
+        path: recording, ``.mcap``.
+        actor: policy.
+        task: what it sees and answers.
+        simulator: where it rides.
+        request: how the ride begins.
+        standing: where learning stands.
+    """
+    steps = round(VALIDATION_DURATION / simulator.config.control_period)
+    scale = ActionScale(task.max_steer)
+    with _warning_of_disk(path):
+        writer = RideWriter(path, task, simulator, request, steps, "deterministic actor, in validation")
+        with closing(writer):
+            for _ in range(steps):
+                observation = task.layout.observe(writer.snapshot.state, writer.snapshot.preview_y)
+                action = actor.act(observation)
+                writer.step(observation, action, scale.to_command(action, simulator.vehicle.max_steer), standing, True)
+                if writer.failed:
+                    break
+
+
+class TrainingRecorder:
+    """Records rides of the learner itself when it is asked to.
+
+    It follows the first bicycle with a simulator of its own, command by command, and holds each state against that of
+    the training: what is recorded is the ride that was learned from.
+    """
+
+    def __init__(self, env: VecEnv, task: Task, config: SimulatorConfig, standing: Callable[[], Standing]) -> None:
+        """Prepare to record.
+
+        Args:
+            env: environments of the training.
+            task: what is learned.
+            config: simulator that rides as they do.
+            standing: tells where learning stands.
+        """
+        self._env, self._task, self._config, self._standing = env, task, config, standing
+        self._path: Path | None = None
+        self._simulator: Simulator | None = None
+        self._writer: RideWriter | None = None
+
+    @property
+    def recording(self) -> bool:
+        """Whether a ride is being recorded now."""
+        return self._writer is not None
+
+    def record_next(self, path: Path) -> None:
+        """Record the next ride that begins, unless one is being recorded or waited for."""
+        if self._path is None:
+            self._path = path
+            self._env.env_method("set_watch", self, indices=0)
+
+    def begun(self, request: ResetRequest) -> None:
+        """Begin to record, or end with the ride that was recorded."""
+        if self.recording or self._path is None:
+            self.close()
+            return
+        self._simulator = Simulator(self._config)
+        with _warning_of_disk(self._path, self.close):
+            self._writer = RideWriter(
+                self._path, self._task, self._simulator, request, self._task.max_steps, "learner, in training"
+            )
+
+    def stepped(
+        self, observation: NDArray[np.float32], action: float, command: float, state: NDArray[np.float64]
+    ) -> None:
+        """Write a step down; the recording ends with a warning where the simulator leaves the ride of the training."""
+        if self._writer is None or self._path is None:
+            return
+        with _warning_of_disk(self._path, self.close):
+            snapshot = self._writer.step(observation, action, command, self._standing(), False)
+            if not np.array_equal(snapshot.state, state):
+                warnings.warn(f"recording {self._path} ends: its ride has left that of the training", stacklevel=2)
+                self.close()
+
+    def close(self) -> None:
+        """Finish a recording that is open, and listen to no more rides."""
+        self._env.env_method("set_watch", None, indices=0)
+        path, writer, simulator = self._path, self._writer, self._simulator
+        self._path = self._writer = self._simulator = None
+        if simulator is not None:
+            simulator.close()
+        if path is not None and writer is not None:
+            with _warning_of_disk(path):
+                writer.close()

@@ -1,0 +1,138 @@
+"""The learners: Stable-Baselines3's SAC and its JAX sibling, with mirrored replay, and the actor taken out of them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from stable_baselines3 import SAC
+from stable_baselines3.common.buffers import ReplayBuffer
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.type_aliases import ReplayBufferSamples
+from stable_baselines3.common.vec_env import VecEnv
+
+from bike_policy.contract.actor import Actor
+from bike_training.learning.presets import Preset
+from bike_training.tasks.path import Task
+
+
+class MirrorReplayBuffer(ReplayBuffer):
+    """Replay buffer that mirrors a random half of each sample left to right.
+
+    The bicycle and the task are mirror-symmetric, so a mirrored transition is as true as the one that happened.
+    """
+
+    def __init__(self, *args: Any, mirror_signs: NDArray[np.float32], **kwargs: Any) -> None:
+        """Take the signs of the observation layout beside the usual arguments."""
+        super().__init__(*args, **kwargs)
+        self.mirror_signs = torch.as_tensor(mirror_signs)
+
+    def _get_samples(self, batch_inds: NDArray[np.int64], env: Any = None) -> ReplayBufferSamples:
+        data = super()._get_samples(batch_inds, env)
+        flip = torch.as_tensor(np.random.random(len(batch_inds)) < 0.5)[:, None]
+        signs = torch.where(flip, self.mirror_signs, 1.0)
+        return data._replace(
+            observations=data.observations * signs,
+            next_observations=data.next_observations * signs,
+            actions=torch.where(flip, -data.actions, data.actions),
+        )
+
+
+def build_model(preset: Preset, task: Task, env: VecEnv, seed: int) -> OffPolicyAlgorithm:
+    """Make the learner of a preset.
+
+    Args:
+        preset: settings.
+        task: what is learned.
+        env: vector environment.
+        seed: seed of networks and samples.
+    """
+    buffer: dict[str, Any] = {}
+    if preset.mirror:
+        buffer = {
+            "replay_buffer_class": MirrorReplayBuffer,
+            "replay_buffer_kwargs": {"mirror_signs": task.layout.mirror_signs},
+        }
+    # One update a step is SB3's own pace; with many bicycles a step counts for all of them.
+    common: dict[str, Any] = {
+        "learning_rate": _Schedule(preset.learning_rate, preset.final_learning_rate),
+        "buffer_size": preset.buffer_size,
+        "learning_starts": preset.learning_starts,
+        "batch_size": preset.batch_size,
+        "tau": preset.tau,
+        "gamma": preset.gamma,
+        "train_freq": 1,
+        "gradient_steps": preset.updates,
+        "target_entropy": preset.target_entropy,
+        "policy_kwargs": {"net_arch": list(preset.layers)},
+        "seed": seed,
+        **buffer,
+    }
+    if preset.learner == "sb3":
+        torch.set_num_threads(1)
+        return SAC("MlpPolicy", env, device="cpu", **common)
+    from sbx import SAC as JaxSAC
+
+    common["policy_kwargs"]["layer_norm"] = preset.layer_norm
+    return JaxSAC("MlpPolicy", env, **common)
+
+
+class _Schedule:
+    """Learning rate that goes linearly from one value to another; a class because checkpoints must pickle it."""
+
+    def __init__(self, first: float, last: float) -> None:
+        self.first, self.last = first, last
+
+    def __call__(self, remaining: float) -> float:
+        return self.last + (self.first - self.last) * remaining
+
+
+def actor_tensors(model: OffPolicyAlgorithm) -> tuple[list[NDArray[np.float32]], list[NDArray[np.float32]]]:
+    """Return weights (outputs, inputs) and biases of the mean action's network, layer by layer."""
+    if isinstance(model, SAC):
+        layers = [m for m in model.actor.latent_pi if isinstance(m, torch.nn.Linear)]
+        layers.append(model.actor.mu)  # type: ignore[arg-type]
+        return (
+            [layer.weight.detach().numpy().copy() for layer in layers],
+            [layer.bias.detach().numpy().copy() for layer in layers],
+        )
+    dense = model.policy.actor_state.params["params"]  # type: ignore[union-attr]
+    # The last two layers are heads on the same hidden layer: mean, then log standard deviation.
+    names = sorted(dense, key=lambda name: int(name.split("_")[1]))[:-1]
+    return (
+        [np.asarray(dense[name]["kernel"]).T.copy() for name in names],
+        [np.asarray(dense[name]["bias"]).copy() for name in names],
+    )
+
+
+class AveragedActor:
+    """Exponential moving average of the actor's weights, which wanders less than the actor itself.
+
+    The average is bias-corrected, so it is the actor itself at the start.
+    """
+
+    def __init__(self, keep: float) -> None:
+        """Average with a share `keep` of the old value in each update."""
+        self.keep = keep
+        self.weights: list[NDArray[np.float32]] = []
+        self.biases: list[NDArray[np.float32]] = []
+        self.count = 0
+
+    def update(self, model: OffPolicyAlgorithm, times: int = 1) -> None:
+        """Take in the present weights as if they had been seen a number of times."""
+        weights, biases = actor_tensors(model)
+        self.count += times
+        if not self.weights:
+            self.weights, self.biases = weights, biases
+            return
+        # Early on the plain mean of all weights so far, later an exponential window.
+        keep = min(self.keep**times, 1.0 - times / self.count)
+        for mean, new in zip(self.weights + self.biases, weights + biases, strict=True):
+            mean *= keep
+            mean += (1.0 - keep) * new
+
+    def actor(self) -> Actor:
+        """Return the averaged actor as it is now; later updates leave it alone."""
+        return Actor([part.copy() for part in self.weights], [part.copy() for part in self.biases])

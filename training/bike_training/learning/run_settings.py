@@ -1,0 +1,97 @@
+"""What a learning run is: its preset, where it rides, its seed and what it writes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from bike_sim.sim.simulator import SimulatorConfig
+from bike_training.envs.clients import CLIENT_KINDS
+from bike_training.learning.presets import LARGEST_SEED, Preset, check_entries
+
+COMPILED_TIME_STEP: Final = 0.01
+"""Integration step of the compiled engine in training, s; its error there is below 1e-6 in every state."""
+
+TRAINING_DRAWS, VALIDATION_DRAWS = 0, 1
+"""Branches of a run's seed, so that no draw of a run is another draw of it or of a run with another seed."""
+
+
+@dataclass(frozen=True)
+class RunSettings:
+    """What a run is, beside its preset.
+
+    Attributes:
+        preset: settings of the learner and the task.
+        seed: seed of everything.
+        client: ``local`` or ``ros``.
+        engine: ``whipple`` or ``pybullet``.
+        time_step: integration step of a simulator, s; the compiled batch uses COMPILED_TIME_STEP.
+        checkpoint_every: learning steps between checkpoints.
+        record_every: validations between recorded rides; 0 records none.
+        until_finished: stop when the curriculum is finished.
+    """
+
+    preset: Preset
+    seed: int = 0
+    client: str = "local"
+    engine: str = "whipple"
+    time_step: float = 0.005
+    checkpoint_every: int = 50_000
+    record_every: int = 0
+    until_finished: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse values that mean nothing.
+
+        Raises:
+            ValueError: naming the value.
+        """
+        if not 0 <= self.seed <= LARGEST_SEED:
+            raise ValueError(f"seed must be 0 to {LARGEST_SEED}, got {self.seed}")
+        if self.client not in CLIENT_KINDS:
+            raise ValueError(f"client must be one of {', '.join(CLIENT_KINDS)}, got {self.client!r}")
+        if self.engine not in ("whipple", "pybullet"):
+            raise ValueError(f"engine must be whipple or pybullet, got {self.engine!r}")
+        if not (math.isfinite(self.time_step) and self.time_step > 0.0):
+            raise ValueError(f"time_step must be positive and finite, got {self.time_step!r} s")
+        if self.checkpoint_every < 1:
+            raise ValueError(f"checkpoint_every must be at least 1 learning step, got {self.checkpoint_every}")
+        if self.record_every < 0:
+            raise ValueError(f"record_every must be 0 or more validations, got {self.record_every}")
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain values that :meth:`from_json` reads."""
+        return {**asdict(self), "preset": self.preset.to_card()}
+
+    @classmethod
+    def from_json(cls, stored: dict[str, Any]) -> RunSettings:
+        """Read what :meth:`to_json` wrote.
+
+        Raises:
+            ValueError: an entry is missing, unknown, or of another kind.
+        """
+        check_entries(cls, stored, needed=("preset",))
+        return cls(**{**stored, "preset": Preset.from_card(stored["preset"])})
+
+    @property
+    def compiled(self) -> bool:
+        """Whether all bicycles are stepped by one compiled loop in this process."""
+        return self.client == "local" and self.engine == "whipple"
+
+    def simulator(self) -> SimulatorConfig:
+        """Return the configuration of a simulator that rides as the environments do."""
+        return SimulatorConfig(engine=self.engine, time_step=COMPILED_TIME_STEP if self.compiled else self.time_step)
+
+
+def draws(seed: int, branch: int, step: int = 0) -> np.random.SeedSequence:
+    """Return the seeds of a run's draws.
+
+    Args:
+        seed: seed of the run.
+        branch: TRAINING_DRAWS or VALIDATION_DRAWS.
+        step: learning step from which on they are drawn, so that a run whose rides begin anew has new ones.
+    """
+    return np.random.SeedSequence(seed, spawn_key=(branch, step))

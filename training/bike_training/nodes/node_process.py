@@ -1,0 +1,124 @@
+"""A node of this project as a process of one's own, in its own ROS domain."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import weakref
+from collections.abc import Mapping
+from types import TracebackType
+from typing import IO, Any, Final, Self
+
+from bike_sim.ros.isolation import DOMAIN_VARIABLE, prepare_discovery
+from bike_sim.ros.parent import end_with_this_process
+
+STOP_TIMEOUT: Final = 3.0
+"""Time that a node gets to end, s."""
+
+
+class NodeLost(RuntimeError):
+    """A node ended that was needed, or did not answer in time."""
+
+
+_running: Final[weakref.WeakSet[NodeProcess]] = weakref.WeakSet()
+
+
+def tell_all_to_end() -> None:
+    """Tell all nodes of this program to end, without waiting: one after the other they would take too long."""
+    for node in list(_running):
+        node.tell_to_end()
+
+
+class NodeProcess:
+    """A node started as ``python -m <module>``.
+
+    It runs in a session of its own: a Ctrl-C at the terminal is for whoever started it, who ends it in turn. Where that
+    process is killed, the node notices and ends by itself.
+    """
+
+    def __init__(
+        self,
+        module: str,
+        parameters: Mapping[str, Any],
+        domain_id: int,
+        namespace: str = "bike",
+        log_level: str = "warn",
+    ) -> None:
+        """Start the node.
+
+        Args:
+            module: its Python module.
+            parameters: ROS parameters.
+            domain_id: its ROS domain.
+            namespace: namespace of its topics.
+            log_level: least severity that it prints.
+        """
+        self.module = module
+        command = [sys.executable, "-m", module, "--ros-args", "-r", f"__ns:=/{namespace.strip('/')}"]
+        command += ["--log-level", log_level]
+        for name, value in parameters.items():
+            command += ["-p", f"{name}:={json.dumps(value)}"]
+        environment = {**os.environ, DOMAIN_VARIABLE: str(domain_id)}
+        prepare_discovery(environment)
+        end_with_this_process(environment)
+        self._words: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - closed by close()
+        self.process = subprocess.Popen(
+            command, env=environment, stdout=subprocess.DEVNULL, stderr=self._words, start_new_session=True
+        )
+        _running.add(self)
+
+    def __enter__(self) -> Self:
+        """Return the running node."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End the node."""
+        self.close()
+
+    def tell_to_end(self) -> None:
+        """Tell the node to end, without waiting for it; one that has ended takes no notice."""
+        self.process.terminate()
+
+    def check(self) -> None:
+        """Check that the node runs.
+
+        Raises:
+            NodeLost: it has ended; with its last words.
+        """
+        if self.process.poll() is not None:
+            raise self._lost()
+
+    def finish(self) -> None:
+        """End the process and check that it could finish its work, as a recorder cannot on a full or very slow disk.
+
+        Raises:
+            NodeLost: it ended with an error of its own, with its last words, or had to be ended by force.
+        """
+        self._end()
+        if self.process.returncode:
+            raise self._lost()
+
+    def close(self) -> None:
+        """End the process, if need be by force; a second call does nothing."""
+        self._end()
+        self._words.close()
+
+    def _lost(self) -> NodeLost:
+        self._words.seek(0)
+        lines = self._words.read().decode(errors="replace").strip().splitlines()
+        words = f": {lines[-1]}" if lines else ""
+        return NodeLost(f"{self.module} ended with exit code {self.process.returncode}{words}")
+
+    def _end(self) -> None:
+        if self.process.poll() is None:
+            self.tell_to_end()
+            try:
+                self.process.wait(STOP_TIMEOUT)
+            except subprocess.TimeoutExpired:
+                self.process.kill()
+                self.process.wait()

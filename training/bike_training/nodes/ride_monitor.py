@@ -1,0 +1,211 @@
+"""Watches a ride of running nodes from outside."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Mapping, Sequence
+from types import TracebackType
+from typing import Any, Final, Self
+
+from bike_msgs.msg import BikeState
+from bike_msgs.srv import Pause
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from tqdm import tqdm
+
+from bike_sim.ros import node_tools
+from bike_sim.ros.isolation import prepare_discovery
+from bike_training.nodes.node_process import NodeLost, NodeProcess
+
+SILENCE: Final = 15.0
+"""Wall-clock time without a new state after which a ride counts as stuck, s."""
+
+START_TIMEOUT: Final = 120.0
+"""Wall-clock time that the nodes get to find each other, s; the first line of a machine takes some seconds."""
+
+NEEDED_TOPICS: Final = ("state", "command", "episode", "course")
+"""What a recorder must have written before a ride goes on: nodes find each other pair by pair, some only after seconds,
+and a short ride could be over by then."""
+
+
+def has_ended(state: BikeState) -> bool:
+    """Whether a ride is over: finished, fallen or off course."""
+    return bool(state.finished or state.fallen or state.off_course)
+
+
+def ride_recorded(
+    domain: int,
+    record: Mapping[str, Any],
+    simulator: Mapping[str, Any],
+    drive: Mapping[str, Any],
+    *,
+    title: str,
+    way: float,
+    longest: float,
+    is_over: Callable[[BikeState], bool] = has_ended,
+) -> float:
+    """Start recorder, simulator and policy, show the progress of the ride until it ends, and stop them.
+
+    Args:
+        domain: ROS domain of the nodes.
+        record: parameters of the recorder.
+        simulator: parameters of the simulator.
+        drive: parameters of the policy.
+        title: of the progress bar.
+        way: of the ride, m.
+        longest: longest ride, s of simulated time.
+        is_over: whether a state ends the ride.
+
+    Returns:
+        Wall-clock time of the ride, s.
+
+    Raises:
+        NodeLost: a node ended, no state came for long, or the recorder could not finish its file.
+    """
+    with NodeProcess("bike_sim.ros.record", record, domain) as recorder:
+        with NodeProcess("bike_sim.ros.sim_node", simulator, domain) as sim, RideMonitor(domain) as monitor:
+            monitor.pause(True, START_TIMEOUT, [sim, recorder])
+            with NodeProcess("bike_policy.drive", drive, domain) as policy:
+                # The simulator holds the first command until both it and the state are in the recording.
+                monitor.wait_for_recorder(START_TIMEOUT, [sim, recorder, policy])
+                begun = time.monotonic()
+                monitor.pause(False, START_TIMEOUT, [sim, recorder, policy])
+                with tqdm(total=round(way), unit="m", desc=title) as bar:
+                    monitor.watch(bar, longest, [sim, recorder, policy], is_over)
+                wall = time.monotonic() - begun
+        recorder.finish()
+        return wall
+
+
+class RideMonitor:
+    """Listens to the state of a simulator in a ROS domain."""
+
+    def __init__(self, domain_id: int, namespace: str = node_tools.NAMESPACE) -> None:
+        """Join the domain."""
+        prepare_discovery()
+        self._context = Context()
+        self._context.init(args=[], domain_id=domain_id)
+        self._node = Node(
+            f"ride_monitor_{os.getpid()}",
+            context=self._context,
+            namespace=namespace,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._state: BikeState | None = None
+        self._recorded: frozenset[str] = frozenset()
+        self._recorder = f"{self._node.get_namespace()}/record".lstrip("/")
+        # Before the subscriptions: a simulator that is heard knows where its answers go to, and sooner it drops them.
+        self._pause = self._node.create_client(Pause, "pause")
+        self._node.create_subscription(BikeState, "state", self._on_state, node_tools.STREAM_QOS)
+        self._node.create_subscription(DiagnosticArray, "/diagnostics", self._on_report, node_tools.EVENT_QOS)
+
+    def __enter__(self) -> Self:
+        """Return the monitor."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Leave the domain."""
+        self._executor.shutdown()
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+    def _on_state(self, message: BikeState) -> None:
+        self._state = message
+
+    def _on_report(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == self._recorder:
+                figures = {value.key: value.value for value in status.values}
+                self._recorded = frozenset(figures["topics_heard"].split())
+
+    def pause(self, paused: bool, timeout: float, needed: Sequence[NodeProcess]) -> None:
+        """Pause the simulator, as soon as it is there, or let it go on.
+
+        Args:
+            paused: whether it shall hold the command that comes.
+            timeout: wall-clock time to wait, s.
+            needed: processes that must not end meanwhile.
+
+        Raises:
+            NodeLost: a process ended, or the time is up.
+        """
+        end = time.monotonic() + timeout
+        found = self._spin_until(lambda: self._state is not None and self._pause.service_is_ready(), end, needed)
+        if not (found and self._spin_until(self._pause.call_async(Pause.Request(paused=paused)).done, end, needed)):
+            raise NodeLost(f"the simulator did not answer within {timeout:g} s")
+
+    def wait_for_recorder(
+        self, timeout: float, needed: Sequence[NodeProcess], topics: Sequence[str] = NEEDED_TOPICS
+    ) -> None:
+        """Wait until the simulator is heard here, and until the recorder has messages of some topics.
+
+        Args:
+            timeout: wall-clock time to wait, s.
+            needed: processes that must not end meanwhile.
+            topics: names in the namespace.
+
+        Raises:
+            NodeLost: a process ended, or the time is up.
+        """
+        names = {self._node.resolve_topic_name(name) for name in topics}
+        end = time.monotonic() + timeout
+        if not self._spin_until(lambda: self._state is not None and names <= self._recorded, end, needed):
+            missing = ", ".join(sorted(names - self._recorded)) or "all"
+            raise NodeLost(f"simulator and recorder did not find each other within {timeout:g} s; missing: {missing}")
+
+    def _spin_until(self, condition: Callable[[], bool], end: float, needed: Sequence[NodeProcess]) -> bool:
+        """Return whether a condition came to hold in time."""
+        while not condition():
+            self._executor.spin_once(0.05)
+            for process in needed:
+                process.check()
+            if time.monotonic() > end:
+                return False
+        return True
+
+    def watch(
+        self,
+        bar: Any,
+        longest: float,
+        needed: Sequence[NodeProcess],
+        is_over: Callable[[BikeState], bool] = has_ended,
+    ) -> None:
+        """Show progress until the ride ends or is out of simulated time.
+
+        Args:
+            bar: a tqdm bar in m.
+            longest: longest ride, s of simulated time.
+            needed: processes that must not end meanwhile.
+            is_over: whether a state ends the ride.
+
+        Raises:
+            NodeLost: a process ended, or no new state came for SILENCE seconds.
+        """
+        heard = time.monotonic()
+        step = -1
+        while True:
+            self._executor.spin_once(0.05)
+            now = time.monotonic()
+            state = self._state
+            if state is not None and state.step != step:
+                step, heard = state.step, now
+                bar.set_postfix_str(
+                    f"{state.speed:.2f} m/s, error {state.lateral_error:+.3f} m, roll {state.roll * 57.29578:+.1f}°",
+                    refresh=False,
+                )
+                bar.update(min(round(state.progress), bar.total) - bar.n)
+                if is_over(state) or state.step * state.control_period > longest:
+                    return
+            elif now - heard > SILENCE:
+                raise NodeLost(f"no new state for {SILENCE:g} s; the ride is stuck at step {step}")
+            if step % 20 == 0:
+                for process in needed:
+                    process.check()

@@ -1,0 +1,1 @@
+"""Recorded rides, ridden again."""

@@ -1,0 +1,1 @@
+"""Riding a policy, and judging the ride."""

@@ -1,0 +1,149 @@
+"""Laps of the classical rider, in process: one machine on one circuit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from bike_policy.riders.classical import ClassicalRider, Seen
+from bike_policy.riders.lap_plan import RiderSettings
+from bike_sim.course.lap_timing import Lap
+from bike_sim.physics import state as st
+from bike_sim.sim import look as ride
+from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.simulator import Snapshot
+from bike_sim.sim.track_ride import TrackRide, TrackSnapshot, start_speed, superbike_config
+from bike_sim.theory.lap_limit import LapLimit, lap_limit
+from bike_sim.theory.line_cache import closest_lap
+from bike_sim.vehicles.files import load_vehicle
+
+LONGEST_LAP = 3.0
+"""Times the theoretical lap, after which a lap counts as never finished."""
+
+
+@dataclass(frozen=True)
+class LapRide:
+    """Laps of one machine on one circuit. The first lap, from a rolling start, is none of the flying ones.
+
+    Attributes:
+        vehicle: its name. circuit: its name.
+        limit: the theoretical lap on the followed line. closest: that time on the closest line, s.
+        plan: the rider's own speed profile.
+        out_lap: the first lap, or None if it was not finished. laps: the flying laps that were finished.
+        end: ``"finished"``, a fall's name, ``"wall"`` or ``"slow"``.
+        largest_error: largest distance to the followed line on flying laps, m.
+        largest_lean: rad. highest_speed: m/s; both on flying laps.
+        off_track: time with both contact points outside the limits on flying laps, s.
+    """
+
+    vehicle: str
+    circuit: str
+    limit: LapLimit
+    closest: float
+    plan: LapLimit
+    out_lap: Lap | None
+    laps: tuple[Lap, ...]
+    end: str
+    largest_error: float
+    largest_lean: float
+    highest_speed: float
+    off_track: float
+
+    @property
+    def best(self) -> Lap | None:
+        """The fastest flying lap."""
+        return min(self.laps, key=lambda lap: lap.duration, default=None)
+
+    @property
+    def excess(self) -> float | None:
+        """How much longer the slowest flying lap is than the theoretical one on the followed line, as a part of it."""
+        return self._over(self.limit.lap_time)
+
+    @property
+    def closest_excess(self) -> float | None:
+        """The same for the closest line."""
+        return self._over(self.closest)
+
+    def _over(self, theoretical: float) -> float | None:
+        return max(lap.duration for lap in self.laps) / theoretical - 1.0 if self.laps else None
+
+
+def seen_from(snapshot: Snapshot) -> Seen:
+    """Return what the classical rider sees of a snapshot."""
+    return Seen(
+        float(snapshot.seen[ride.SPEED]),
+        float(snapshot.state[st.ROLL]),
+        float(snapshot.seen[ride.PROGRESS]),
+        float(snapshot.seen[ride.LATERAL_ERROR]),
+        float(snapshot.seen[ride.HEADING_ERROR]),
+    )
+
+
+def ride_laps(
+    vehicle: str,
+    circuit: str | Path,
+    laps: int = 3,
+    *,
+    settings: RiderSettings | None = None,
+    tell: Callable[[TrackSnapshot, float], None] | None = None,
+) -> LapRide:
+    """Ride an out-lap and flying laps.
+
+    Args:
+        vehicle: name or file of a superbike.
+        circuit: name or file of a circuit.
+        laps: number of flying laps.
+        settings: of the rider.
+        tell: called every control step with the snapshot and the length of a lap, m.
+
+    Raises:
+        ValueError: a file that is wrong, or fewer than one lap. FileNotFoundError: an unknown vehicle or circuit.
+    """
+    if laps < 1:
+        raise ValueError(f"number of laps must be at least 1, got {laps}")
+    machine = TrackRide(superbike_config(vehicle))
+    try:
+        speed = start_speed(circuit, machine.envelope)
+        snapshot = machine.reset(ResetRequest(course=str(circuit), speed_range=(speed, speed)))
+        assert machine.course is not None
+        assert machine.track is not None
+        limit = lap_limit(machine.envelope, machine.course)
+        rider = ClassicalRider(
+            machine.vehicle, machine.course, machine.config.control_period, settings, machine.envelope
+        )
+        finished, end, length = 0, "", machine.track.length
+        error = lean = fastest = 0.0
+        while not end:
+            snapshot = machine.step(*rider.command(seen_from(snapshot)))
+            if tell is not None:
+                tell(snapshot, length)
+            finished += sum(1 for event in snapshot.timing if event.lap is not None)
+            if finished > 0:
+                error = max(error, snapshot.distance)
+                lean = max(lean, abs(float(snapshot.state[st.ROLL])))
+                fastest = max(fastest, snapshot.speed)
+            if snapshot.fallen:
+                end = snapshot.fall
+            elif finished > laps:
+                end = "finished"
+            elif snapshot.time > LONGEST_LAP * limit.lap_time * (laps + 1):
+                end = "slow"
+        ridden = machine.timing().laps
+    finally:
+        machine.close()
+    flying = ridden[1 : laps + 1]
+    return LapRide(
+        load_vehicle(vehicle).name,
+        machine.track.name,
+        limit,
+        closest_lap(circuit, machine.envelope),
+        rider.profile,
+        ridden[0] if ridden else None,
+        flying,
+        end,
+        error,
+        lean,
+        fastest,
+        sum(lap.off_track for lap in flying),
+    )

@@ -1,0 +1,127 @@
+"""Riding a policy through a simulator, and what the ride was like."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_policy.contract.bundle import Bundle
+from bike_sim.course.course import Course
+from bike_sim.physics.state import ROLL, STEER
+from bike_sim.sim import look as seen
+from bike_sim.sim.request import RANDOM_COURSE, Preview, ResetRequest
+from bike_sim.sim.simulator import Snapshot
+from bike_sim.vehicles.files import load_vehicle
+from bike_training.envs.clients import Client
+from bike_training.tasks.path import has_failed
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Ride:
+    """One ride from its first to its last state.
+
+    Attributes:
+        speed: forward speed at the start, m/s.
+        completed: it reached its end without falling or leaving the course.
+        progress: arc length, m, shape (steps + 1,).
+        error: signed distance of the rear contact to the course, m.
+        roll: rad. steer: rad. command: steering command applied on the way to the state, [-1, 1].
+        x: rear contact, m. y: rear contact, m.
+        lost_states: states of the ride that are missing here.
+    """
+
+    speed: float
+    completed: bool
+    progress: FloatArray
+    error: FloatArray
+    roll: FloatArray
+    steer: FloatArray
+    command: FloatArray
+    x: FloatArray
+    y: FloatArray
+    lost_states: int = 0
+
+    @classmethod
+    def from_snapshots(cls, snapshots: Sequence[Snapshot], completed: bool) -> Ride:
+        """Take what matters out of the snapshots."""
+        looks = np.array([snapshot.seen for snapshot in snapshots])
+        states = np.array([snapshot.state for snapshot in snapshots])
+        return cls(
+            speed=float(looks[0, seen.SPEED]),
+            completed=completed,
+            progress=looks[:, seen.PROGRESS],
+            error=looks[:, seen.LATERAL_ERROR],
+            roll=states[:, ROLL],
+            steer=states[:, STEER],
+            command=np.array([snapshot.steering for snapshot in snapshots]),
+            x=states[:, 0],
+            y=states[:, 1],
+        )
+
+    def figures(self, sections: Iterable[tuple[str, float]] = ()) -> dict[str, Any]:
+        """Return mean, maximum and RMS distance, also for each section (name, first arc length in m)."""
+        distance = np.abs(self.error)
+        found: dict[str, Any] = {
+            "speed_m_s": round(self.speed, 6),
+            "completed": self.completed,
+            "lost_states": self.lost_states,
+            "mean_m": float(distance.mean()),
+            "max_m": float(distance.max()),
+            "rms_m": float(np.sqrt(np.mean(distance**2))),
+            "max_roll_deg": float(np.degrees(np.abs(self.roll).max())),
+            "max_steer_deg": float(np.degrees(np.abs(self.steer).max())),
+        }
+        bounds = [*sections, ("", np.inf)]
+        per_section = []
+        for (name, first), (_, last) in pairwise(bounds):
+            inside = distance[(self.progress >= first) & (self.progress < last)]
+            if len(inside):
+                per_section.append({"section": name, "mean_m": float(inside.mean()), "max_m": float(inside.max())})
+        if per_section:
+            found["sections"] = per_section
+        return found
+
+
+def ride_through(client: Client, bundle: Bundle, request: ResetRequest, longest: float) -> Ride:
+    """Ride a policy until the course ends, it fails, or the time is up.
+
+    Args:
+        client: simulator.
+        bundle: policy; the request's preview is replaced by what it needs.
+        request: how the ride begins.
+        longest: longest ride, s; an open ride that lasts so long is completed, a closed one is not.
+    """
+    layout = bundle.layout
+    preview = Preview(layout.preview_by_time, layout.preview_interval, layout.preview_count)
+    max_steer = load_vehicle(bundle.vehicle).max_steer
+    snapshots = [client.reset(replace(request, preview=preview))]
+    while not is_over(snapshots[-1], longest):
+        snapshot = snapshots[-1]
+        action = bundle.actor.act(layout.observe(snapshot.state, snapshot.preview_y))
+        snapshots.append(client.step(bundle.action.to_command(action, max_steer)))
+    return Ride.from_snapshots(snapshots, is_completed(snapshots[-1], request))
+
+
+def is_over(snapshot: Snapshot, longest: float) -> bool:
+    """Tell whether a ride ends with a snapshot: failed, at the end of the course, or out of time (s)."""
+    return has_failed(snapshot) or snapshot.finished or snapshot.time > longest - 1e-9
+
+
+def is_completed(last: Snapshot, request: ResetRequest) -> bool:
+    """Tell whether a ride that ended with a snapshot is completed.
+
+    A course must be ridden to its end; on a random path it is enough to have lasted.
+    """
+    return not has_failed(last) and (last.finished or request.course == RANDOM_COURSE)
+
+
+def time_for(course: Course, speed: float) -> float:
+    """Return a generous time limit for a course, s."""
+    return 1.5 * course.length / speed + 5.0

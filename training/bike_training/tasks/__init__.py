@@ -1,0 +1,1 @@
+"""What is learned: observation, action, reward terms and failure."""
