@@ -37,11 +37,12 @@ from bike_sim.recording import LATCHED, MessageType, Qos, RideRecorder, message_
 from bike_sim.ros import messages, standard_messages
 from bike_sim.ros.command_gate import Command
 from bike_sim.ros.messages import NANOSECONDS
-from bike_sim.sim import circuit_look as track_look
+from bike_sim.sim import look as lk
+from bike_sim.sim.circuit_scene import start_speed
+from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
-from bike_sim.sim.simulator import SimulatorConfig
-from bike_sim.sim.track_events import TrackWatch
-from bike_sim.sim.track_ride import PREVIEW, TrackRide, TrackSnapshot, start_speed
+from bike_sim.sim.simulator import Simulator
+from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.rollout.laps import seen_from
 
@@ -141,7 +142,7 @@ def ride_lap() -> tuple[list[_LapTopic], int, float]:
         The topics with their messages, the number of steps (whole seconds of them), and the way of the lap along the
         followed line, m.
     """
-    machine = TrackRide(SimulatorConfig(vehicle=VEHICLE, time_step=TIME_STEP, control_period=PERIOD))
+    machine = Simulator(SimulatorConfig(vehicle=VEHICLE, time_step=TIME_STEP, control_period=PERIOD))
     try:
         speed = start_speed(CIRCUIT, machine.envelope)
         request = ResetRequest(course=CIRCUIT, speed_range=(speed, speed))
@@ -151,7 +152,7 @@ def ride_lap() -> tuple[list[_LapTopic], int, float]:
         rider = ClassicalRider(machine.vehicle, machine.course, PERIOD, None, machine.envelope)
         writer = _LapWriter(machine, request, snapshot)
         with tqdm(total=round(2.0 * machine.track.length), desc="riding", unit="m", leave=False) as bar:
-            while (progress := float(snapshot.place[track_look.PROGRESS])) < 2.0 * machine.track.length:
+            while (progress := float(snapshot.circuit.place[lk.CENTRE_PROGRESS])) < 2.0 * machine.track.length:
                 bar.update(round(progress) - bar.n)
                 steering, throttle = rider.command(seen_from(snapshot))
                 if progress >= machine.track.length:
@@ -167,7 +168,7 @@ def ride_lap() -> tuple[list[_LapTopic], int, float]:
 class _LapWriter:
     """Serializes what the simulator and the policy publish during the lap."""
 
-    def __init__(self, machine: TrackRide, request: ResetRequest, first: TrackSnapshot) -> None:
+    def __init__(self, machine: Simulator, request: ResetRequest, first: Snapshot) -> None:
         assert machine.course is not None
         assert machine.track is not None
         assert isinstance(machine.vehicle, Superbike)
@@ -185,7 +186,7 @@ class _LapWriter:
         self._add("/bike/course_marker", standard_messages.course_marker(machine.course, stamp), LATCHED)
         self._add("/bike/events", messages.event_to_message(self._watch.begun(), first, stamp))
 
-    def write(self, snapshot: TrackSnapshot, steering: float, throttle: float) -> None:
+    def write(self, snapshot: Snapshot, steering: float, throttle: float) -> None:
         """Serialize one step."""
         stamp = NANOSECONDS + self._steps * round(PERIOD * NANOSECONDS)
         course = self._episode.course
@@ -220,7 +221,7 @@ class _LapWriter:
         kind = type(message)
         self._put(topic, f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}", serialize_message(message), qos)
 
-    def _add_transform(self, snapshot: TrackSnapshot, stamp: int) -> None:
+    def _add_transform(self, snapshot: Snapshot, stamp: int) -> None:
         sent = standard_messages.base_transform(snapshot, stamp)
         types = self._transforms.types
         moved, turned = sent.transform.translation, sent.transform.rotation
@@ -256,7 +257,7 @@ def _report(node: str, figures: dict[str, Any], stamp: int) -> DiagnosticArray:
     return message
 
 
-def _as_step(snapshot: TrackSnapshot, step: int) -> TrackSnapshot:
+def _as_step(snapshot: Snapshot, step: int) -> Snapshot:
     return replace(snapshot, episode=1, step=step, time=step * PERIOD)
 
 

@@ -15,10 +15,10 @@ import numpy as np
 
 from bike_sim.course.random_paths import CURRICULUM_PATHS
 from bike_sim.physics.state import ROLL, ROLL_RATE
-from bike_sim.sim.simulator import SimulatorConfig
+from bike_sim.sim.config import SimulatorConfig
 from bike_training.curricula.parts import RideRanges
 from bike_training.envs.env import BikeEnv
-from bike_training.envs.vec_env import CompiledVecEnv
+from bike_training.envs.vec_env import BatchVecEnv
 from bike_training.tasks.path import TASKS
 
 SPEED: Final = 5.0
@@ -65,7 +65,7 @@ def vector_speed(count: int = 64, steps: int = 100) -> float:
     ranges = RideRanges((SPEED, SPEED), CURRICULUM_PATHS[0])
     best = 0.0
     for seed in range(ROUNDS):
-        env = CompiledVecEnv(count, TASKS["prop"], ranges, seed)
+        env = BatchVecEnv(count, TASKS["prop"], ranges, seed)
         env.reset()
         env.step(np.zeros((count, 1), dtype=np.float32))
         begun, falls = time.process_time(), 0

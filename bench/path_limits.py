@@ -26,9 +26,11 @@ from bike_sim.course.course import Course
 from bike_sim.course.files import load_course
 from bike_sim.physics.state import ROLL, X, Y
 from bike_sim.physics.whipple_engine import advance
-from bike_sim.sim import look as seen
+from bike_sim.sim import look as lk
+from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import Preview, ResetRequest
-from bike_sim.sim.simulator import Simulator, SimulatorConfig, Snapshot
+from bike_sim.sim.simulator import Simulator
+from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.files import load_vehicle
 
@@ -160,8 +162,8 @@ def section_limit(
     Returns:
         Mean and largest distance of the policy and of the optimised commands in the same window.
     """
-    speed = float(snapshots[0].seen[seen.SPEED])
-    progress = np.array([snapshot.seen[seen.PROGRESS] for snapshot in snapshots])
+    speed = float(snapshots[0].look[lk.SPEED])
+    progress = np.array([snapshot.look[lk.PROGRESS] for snapshot in snapshots])
     begin = int(np.searchsorted(progress, first - MARGIN * speed))
     end = min(int(np.searchsorted(progress, last + MARGIN * speed)), len(snapshots) - 1)
     commands = np.array([s.steering * vehicle.max_steer for s in snapshots[begin + 1 : end + 1]])

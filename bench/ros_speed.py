@@ -21,14 +21,16 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 
-from bike_policy.contract.action import ActionScale
+from bike_policy.contract.action import ActionLayout
 from bike_policy.contract.actor import Actor
 from bike_policy.contract.bundle import DEFAULT_POLICY, Bundle, shipped_policies
 from bike_policy.contract.observation import LEAN_LAYOUT
 from bike_sim.ros import node_tools
 from bike_sim.ros.isolation import DomainLease, prepare_discovery
+from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
-from bike_sim.sim.simulator import Simulator, SimulatorConfig, Snapshot
+from bike_sim.sim.simulator import Simulator
+from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.envs.clients import Client
 from bike_training.envs.ros_client import RosClient
@@ -156,7 +158,9 @@ def _any_policy(folder: Path) -> str:
     weights = [rng.normal(0.0, 0.01, (b, a)).astype(np.float32) for a, b in itertools.pairwise(sizes)]
     actor = Actor(weights, [np.zeros(len(w), dtype=np.float32) for w in weights])
     vehicle = load_vehicle("whipple")
-    bundle = Bundle("random", actor, LEAN_LAYOUT, ActionScale(vehicle.max_steer), vehicle.name, vehicle.control_period)
+    bundle = Bundle(
+        "random", actor, LEAN_LAYOUT, ActionLayout.steering(vehicle.max_steer), vehicle.name, vehicle.control_period
+    )
     bundle.save(folder / "random")
     return str(folder / "random")
 

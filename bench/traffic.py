@@ -27,8 +27,9 @@ from rosgraph_msgs.msg import Clock
 from bike_sim.ros import messages, node_tools, standard_messages
 from bike_sim.ros.command_gate import Command
 from bike_sim.ros.isolation import prepare_discovery
+from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
-from bike_sim.sim.simulator import Simulator, SimulatorConfig
+from bike_sim.sim.simulator import Simulator
 
 LONGEST_START: Final = 30.0
 """Wall-clock time in which every topic must have found a listener, s."""

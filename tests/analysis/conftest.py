@@ -123,7 +123,7 @@ def circle_ride(
     return SyntheticRide(states, course=course, **options)
 
 
-class RideWriter:
+class EpisodeWriter:
     """Writes synthetic rides as a recording."""
 
     def __init__(self, messages: Messages) -> None:
@@ -181,8 +181,8 @@ def messages() -> Messages:
 
 
 @pytest.fixture(scope="session")
-def writer(messages: Messages) -> RideWriter:
-    return RideWriter(messages)
+def writer(messages: Messages) -> EpisodeWriter:
+    return EpisodeWriter(messages)
 
 
 @pytest.fixture(scope="session")

@@ -7,7 +7,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bike_policy.contract.action import ActionScale
+from bike_policy.contract.action import ActionLayout
 from bike_policy.contract.actor import Actor
 from bike_policy.contract.bundle import Bundle, load_bundle, shipped_policies
 from bike_policy.contract.observation import LEAN_LAYOUT
@@ -23,7 +23,9 @@ def make_actor(inputs=LEAN_LAYOUT.size, seed=0):
 
 @pytest.fixture
 def bundle():
-    return Bundle("test", make_actor(), LEAN_LAYOUT, ActionScale(math.radians(70)), "whipple", 0.05, {"seed": 1}, {})
+    return Bundle(
+        "test", make_actor(), LEAN_LAYOUT, ActionLayout.steering(math.radians(70)), "whipple", 0.05, {"seed": 1}, {}
+    )
 
 
 def test_actor_is_the_torch_network():
@@ -78,7 +80,7 @@ def test_foreign_card_is_refused(bundle, tmp_path, entry, value, message):
 @given(junk=st.binary(max_size=300))
 def test_junk_weights_give_one_clear_error(junk, tmp_path_factory):
     folder = tmp_path_factory.mktemp("policy")
-    Bundle("test", make_actor(), LEAN_LAYOUT, ActionScale(1.0), "whipple", 0.05).save(folder)
+    Bundle("test", make_actor(), LEAN_LAYOUT, ActionLayout.steering(1.0), "whipple", 0.05).save(folder)
     (folder / "actor.safetensors").write_bytes(junk)
     with pytest.raises(ValueError, match=r"actor\.safetensors|not an actor"):
         load_bundle(folder)
@@ -86,7 +88,7 @@ def test_junk_weights_give_one_clear_error(junk, tmp_path_factory):
 
 def test_wrong_sizes_and_values_are_refused(bundle):
     with pytest.raises(ValueError, match="takes 3 numbers"):
-        Bundle("test", make_actor(3), LEAN_LAYOUT, ActionScale(1.0), "whipple", 0.05)
+        Bundle("test", make_actor(3), LEAN_LAYOUT, ActionLayout.steering(1.0), "whipple", 0.05)
     with pytest.raises(ValueError, match="shape"):
         bundle.actor.act(np.zeros(3, dtype="f4"))
     with pytest.raises(ValueError, match="not finite"):
@@ -97,7 +99,7 @@ def test_wrong_sizes_and_values_are_refused(bundle):
 
 @given(action=st.floats(-1, 1), max_steer=st.floats(0.01, 3.0))
 def test_command_stays_in_range_and_mirrors(action, max_steer):
-    scale = ActionScale(max_steer)
+    scale = ActionLayout.steering(max_steer)
     command = scale.to_command(action, 1.2)
     assert -1.0 <= command <= 1.0
     assert scale.to_command(-action, 1.2) == -command
@@ -108,10 +110,12 @@ def test_command_stays_in_range_and_mirrors(action, max_steer):
 def test_many_actions_become_the_commands_that_each_of_them_would():
     actions = np.random.default_rng(0).uniform(-1.0, 1.0, 1000).astype("f4")
     for max_steer in (0.3, math.radians(70.0), 2.0):
-        scale = ActionScale(max_steer)
+        scale = ActionLayout.steering(max_steer)
         single = [scale.to_command(float(action), math.radians(70.0)) for action in actions]
         np.testing.assert_array_equal(scale.to_commands(actions, math.radians(70.0)), single)
-    np.testing.assert_array_equal(ActionScale(math.radians(70.0)).to_commands(actions, math.radians(70.0)), actions)
+    np.testing.assert_array_equal(
+        ActionLayout.steering(math.radians(70.0)).to_commands(actions, math.radians(70.0)), actions
+    )
 
 
 @pytest.mark.parametrize("name", shipped_policies())

@@ -13,9 +13,10 @@ from bike_sim.course.document import MAX_LENGTH
 from bike_sim.course.files import load_course
 from bike_sim.course.random_paths import CURRICULUM_PATHS, PathRanges, random_course
 from bike_sim.physics import state as st
-from bike_sim.sim import look as ride
+from bike_sim.sim import look as lk
+from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import SEED_LIMIT, STATE_LIMIT, ResetRequest
-from bike_sim.sim.simulator import Simulator, SimulatorConfig
+from bike_sim.sim.simulator import Simulator
 from bike_sim.vehicles.files import SHIPPED
 
 
@@ -37,8 +38,8 @@ def state_at(simulator: Simulator, s: float, aside: float = 0.0) -> tuple[float,
 @pytest.mark.parametrize("s", [0.0, 123.4, 300.0])
 def test_an_initial_state_is_found_wherever_it_lies(simulator: Simulator, s: float) -> None:
     snapshot = simulator.reset(ResetRequest(course="benchmark", initial_state=state_at(simulator, s, 0.5)))
-    assert snapshot.seen[ride.PROGRESS] == pytest.approx(s, abs=0.1)
-    assert snapshot.seen[ride.LATERAL_ERROR] == pytest.approx(0.5, abs=1e-3)
+    assert snapshot.look[lk.PROGRESS] == pytest.approx(s, abs=0.1)
+    assert snapshot.look[lk.LATERAL_ERROR] == pytest.approx(0.5, abs=1e-3)
     assert not snapshot.off_course
 
 
@@ -47,7 +48,7 @@ def test_a_closed_course_is_finished_after_a_whole_lap(simulator: Simulator) -> 
     snapshot = simulator.reset(ResetRequest(course="benchmark", initial_state=state_at(simulator, 365.0)))
     for _ in range(40):
         snapshot = simulator.step(0.0)
-    assert snapshot.seen[ride.PROGRESS] > course.length
+    assert snapshot.look[lk.PROGRESS] > course.length
     assert not snapshot.finished
 
 
@@ -79,8 +80,8 @@ def test_a_long_control_period_stays_on_the_course(period: float) -> None:
     snapshot = simulator.reset(ResetRequest(course="line", speed_range=(6.0, 6.0)))
     for _ in range(round(4.0 / period)):
         snapshot = simulator.step(0.0)
-    assert snapshot.seen[ride.PROGRESS] == pytest.approx(24.0, abs=1e-6)
-    assert snapshot.seen[ride.FRONT_PROGRESS] == pytest.approx(25.02, abs=1e-6)
+    assert snapshot.look[lk.PROGRESS] == pytest.approx(24.0, abs=1e-6)
+    assert snapshot.look[lk.FRONT_PROGRESS] == pytest.approx(25.02, abs=1e-6)
     assert not snapshot.off_course
 
 

@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from bike_policy.contract.action import ActionScale
+from bike_policy.contract.action import ActionLayout
 from bike_policy.contract.actor import Actor
 from bike_policy.contract.bundle import Bundle
 from bike_policy.contract.observation import LEAN_LAYOUT
@@ -26,7 +26,9 @@ def policy(tmp_path):
     weight[0, names.index("roll")] = -1.2 / scales["roll"]
     weight[0, names.index("roll_rate")] = -0.35 / scales["roll_rate"]
     actor = Actor([weight], [np.zeros(1, dtype="f4")])
-    Bundle("linear", actor, LEAN_LAYOUT, ActionScale(np.radians(70)), "whipple", 0.05, {"seed": 0}).save(tmp_path / "p")
+    Bundle("linear", actor, LEAN_LAYOUT, ActionLayout.steering(np.radians(70)), "whipple", 0.05, {"seed": 0}).save(
+        tmp_path / "p"
+    )
     return tmp_path / "p"
 
 

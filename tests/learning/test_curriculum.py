@@ -5,7 +5,7 @@ import pytest
 
 from bike_sim.course.random_paths import CURRICULUM_PATHS
 from bike_sim.sim.request import Preview
-from bike_training.curricula.parts import FAST_AND_SHARP, REFINEMENT, TRANSITION_STEPS, Curriculum
+from bike_training.curricula.parts import FAST_AND_SHARP, REFINEMENT, TRANSITION_STEPS
 
 GOOD = [0.05] * 10
 BAD = [0.05] * 9 + [0.06]  # eta_e is 0.2 / 3.5 = 0.0571
@@ -19,7 +19,7 @@ def test_table_4():
 
 
 def test_only_a_fully_successful_validation_passes_a_part():
-    curriculum = Curriculum()
+    curriculum = PartsCurriculum()
     assert not curriculum.report(1000, BAD)
     assert curriculum.part == 1
     assert curriculum.report(2000, GOOD)
@@ -27,39 +27,39 @@ def test_only_a_fully_successful_validation_passes_a_part():
 
 
 def test_ranges_grow_linearly_after_a_part_began():
-    curriculum = Curriculum()
+    curriculum = PartsCurriculum()
     curriculum.report(5000, GOOD)
-    start, half, full = (curriculum.ranges(5000 + n) for n in (0, TRANSITION_STEPS // 2, TRANSITION_STEPS))
+    start, half, full = (curriculum.episodes(5000 + n) for n in (0, TRANSITION_STEPS // 2, TRANSITION_STEPS))
     assert start.speed == (4.0, 4.0)
     assert half.speed == pytest.approx((3.0, 5.5))
     assert full.speed == (2.0, 7.0)
     assert start.paths.radius_min == 14
     assert half.paths.radius_min == 13
     assert full.paths == CURRICULUM_PATHS[1]
-    assert curriculum.in_transition(5000 + TRANSITION_STEPS - 1)
-    assert not curriculum.in_transition(5000 + TRANSITION_STEPS)
+    assert curriculum.may_validate(5000 + TRANSITION_STEPS - 1)
+    assert not curriculum.may_validate(5000 + TRANSITION_STEPS)
 
 
 def test_the_last_part_finishes_the_curriculum_once():
-    curriculum = Curriculum()
+    curriculum = PartsCurriculum()
     for step in (1, 20_000, 40_000, 60_000):
         assert not curriculum.finished
         assert curriculum.report(step, GOOD)
     assert curriculum.finished_at == 60_000
     assert not curriculum.report(80_000, GOOD)
     assert curriculum.finished_at == 60_000
-    assert curriculum.ranges(90_000).paths == CURRICULUM_PATHS[3]
-    assert not curriculum.in_transition(60_001)
+    assert curriculum.episodes(90_000).paths == CURRICULUM_PATHS[3]
+    assert not curriculum.may_validate(60_001)
 
 
 def test_refinement_grows_out_of_the_last_part_and_is_not_validated():
-    curriculum = Curriculum(refine=True)
+    curriculum = PartsCurriculum(refine=True)
     for step in (1, 20_000, 40_000, 60_000):
         curriculum.report(step, GOOD)
-    start, end = (curriculum.ranges(60_000 + n) for n in (0, TRANSITION_STEPS))
+    start, end = (curriculum.episodes(60_000 + n) for n in (0, TRANSITION_STEPS))
     assert (start.speed, start.paths) == ((2.0, 7.0), CURRICULUM_PATHS[3])
     assert end == REFINEMENT
-    assert curriculum.validation_ranges() == start
+    assert curriculum.validation() == start
     assert end.speed[0] < 2.0
     assert end.speed[1] > 7.0
 
@@ -75,7 +75,7 @@ def test_refinement_draws_both_kinds_of_rides_and_never_the_hard_lane_change():
 
 def test_ranges_without_others_draw_no_choice():
     """So that runs without refinement stay the runs that they were."""
-    ranges = Curriculum().ranges(0)
+    ranges = PartsCurriculum().episodes(0)
     request = ranges.draw(np.random.default_rng(3), Preview())
     assert request.seed == np.random.default_rng(3).integers(2**31)
     assert (request.speed_range, request.path_ranges) == (ranges.speed, ranges.paths)

@@ -8,17 +8,19 @@ from gymnasium.utils.env_checker import check_env
 
 from bike_policy.contract.actor import Actor
 from bike_sim.physics.state import MIRROR_SIGNS, ROLL
-from bike_sim.sim.batch import RideBatch
+from bike_sim.sim.batch import CompiledBatch
+from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
-from bike_sim.sim.simulator import Simulator, SimulatorConfig, Snapshot
+from bike_sim.sim.simulator import Simulator
+from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.files import load_vehicle
-from bike_training.curricula.parts import Curriculum, RideRanges
+from bike_training.curricula.parts import PartsCurriculum, RideRanges
 from bike_training.envs.env import BikeEnv
-from bike_training.envs.vec_env import CompiledVecEnv, SimulatorVecEnv
-from bike_training.learning.validation_rides import validate_compiled, validate_simulator
+from bike_training.envs.vec_env import BatchVecEnv, SimulatorVecEnv
+from bike_training.learning.validation_rides import validate_batch, validate_simulator
 from bike_training.tasks.path import TASKS
 
-RANGES = Curriculum(part=4, entered_at=-10_000).ranges(0)
+RANGES = PartsCurriculum(part=4, entered_at=-10_000).episodes(0)
 COMPILED = SimulatorConfig(engine="whipple", time_step=0.01)
 
 
@@ -38,7 +40,7 @@ def test_batch_rides_as_the_simulator_does():
         ResetRequest(seed=seed, speed_range=RANGES.speed, path_ranges=RANGES.paths, perturb=True, preview=task.preview)
         for seed in range(5)
     ]
-    batch = RideBatch(5, load_vehicle("whipple"), task.preview, time_step=0.01)
+    batch = CompiledBatch(5, load_vehicle("whipple"), task.preview, time_step=0.01)
     commands = np.random.default_rng(0).uniform(-0.2, 0.2, (30, 5))
     for index, request in enumerate(requests):
         batch.reset(index, request)
@@ -51,7 +53,7 @@ def test_batch_rides_as_the_simulator_does():
         snapshot = simulator.reset(request)
         for step, (states, seen, preview) in enumerate(history):
             np.testing.assert_array_equal(snapshot.state, states[index])
-            np.testing.assert_array_equal(snapshot.seen, seen[index])
+            np.testing.assert_array_equal(snapshot.look, seen[index])
             np.testing.assert_array_equal(snapshot.preview_y, preview[index])
             if step < len(commands):
                 snapshot = simulator.step(commands[step, index])
@@ -77,7 +79,7 @@ def test_episode_goes_on_once_after_its_full_length_and_then_begins_anew():
 
 def test_compiled_environment_keeps_the_same_rules():
     task = replace(TASKS["prop"], max_steps=3)
-    env = CompiledVecEnv(2, task, RideRanges((5.0, 5.0), RANGES.paths), seed=1, time_step=0.01)
+    env = BatchVecEnv(2, task, RideRanges((5.0, 5.0), RANGES.paths), seed=1, time_step=0.01)
     env.reset()
     actions = np.zeros((2, 1), dtype=np.float32)
     for episode in range(2):
@@ -90,7 +92,7 @@ def test_compiled_environment_keeps_the_same_rules():
 
 
 def test_a_fall_terminates_and_is_not_a_time_limit():
-    env = CompiledVecEnv(1, TASKS["prop"], RANGES, seed=1, time_step=0.01)
+    env = BatchVecEnv(1, TASKS["prop"], RANGES, seed=1, time_step=0.01)
     env.reset()
     for _ in range(200):
         _, _, dones, infos = env.step(np.ones((1, 1), dtype=np.float32))
@@ -104,7 +106,7 @@ def test_mirrored_ride_gets_the_same_rewards():
     """Mirroring state, path and actions mirrors the ride."""
     task = TASKS["lean"]
     vehicle = load_vehicle("whipple")
-    left, right = (RideBatch(1, vehicle, task.preview, time_step=0.01) for _ in range(2))
+    left, right = (CompiledBatch(1, vehicle, task.preview, time_step=0.01) for _ in range(2))
     request = ResetRequest(seed=4, course="line", speed_range=(4.0, 4.0), preview=task.preview)
     left.reset(0, request)
     right.reset(0, request)
@@ -127,7 +129,7 @@ class Diverging(Simulator):
         snapshot = super().step(steering, throttle)
         if snapshot.step < 3:
             return snapshot
-        return replace(snapshot, state=np.full_like(snapshot.state, np.nan), seen=np.full_like(snapshot.seen, np.nan))
+        return replace(snapshot, state=np.full_like(snapshot.state, np.nan), seen=np.full_like(snapshot.look, np.nan))
 
 
 class DivergingNode(Diverging):
@@ -164,7 +166,7 @@ def test_physics_that_diverges_ends_the_episode_with_numbers():
 
 def test_a_bicycle_that_lies_on_the_ground_ends_its_episode():
     """Below the threshold of roll too: it would lie there for the rest of the episode."""
-    env = CompiledVecEnv(2, TASKS["prop"], RANGES, seed=1, time_step=0.01)
+    env = BatchVecEnv(2, TASKS["prop"], RANGES, seed=1, time_step=0.01)
     env.reset()
     env.batch.lying[1] = True
     before = env.batch.states[1].copy()
@@ -176,7 +178,7 @@ def test_a_bicycle_that_lies_on_the_ground_ends_its_episode():
 
 
 def test_random_rides_stay_in_the_declared_space():
-    env = CompiledVecEnv(16, TASKS["prop"], RANGES, seed=1, time_step=0.01)
+    env = BatchVecEnv(16, TASKS["prop"], RANGES, seed=1, time_step=0.01)
     env.reset()
     rng = np.random.default_rng(0)
     for _ in range(300):
@@ -186,7 +188,7 @@ def test_random_rides_stay_in_the_declared_space():
 
 
 def test_seed_decides_the_rides_after_the_next_reset():
-    env = CompiledVecEnv(2, TASKS["prop"], RANGES, seed=1, time_step=0.01)
+    env = BatchVecEnv(2, TASKS["prop"], RANGES, seed=1, time_step=0.01)
     fresh = env.reset()
     later = env.reset()
     env.seed(1)
@@ -206,16 +208,16 @@ def test_simulators_of_neighbouring_seeds_begin_other_rides():
 
 
 def test_a_method_answers_for_each_bicycle_that_is_asked():
-    env = CompiledVecEnv(3, TASKS["prop"], RANGES, seed=1)
-    assert env.env_method("set_ranges", RANGES) == [None] * 3
-    assert env.env_method("set_ranges", RANGES, indices=[0, 2]) == [None] * 2
+    env = BatchVecEnv(3, TASKS["prop"], RANGES, seed=1)
+    assert env.env_method("set_episodes", RANGES) == [None] * 3
+    assert env.env_method("set_episodes", RANGES, indices=[0, 2]) == [None] * 2
 
 
 def test_actions_mean_the_same_in_every_environment():
     """Also where the action is not the vehicle's own set value, in batches as one by one."""
     task = replace(TASKS["prop"], max_steer=0.3)
     single = BikeEnv("local", task, RANGES, COMPILED)
-    batch = CompiledVecEnv(1, task, RANGES, seed=0, time_step=0.01)
+    batch = BatchVecEnv(1, task, RANGES, seed=0, time_step=0.01)
     single.reset(seed=3)
     request = single.client.request
     batch.reset()
@@ -225,5 +227,5 @@ def test_actions_mean_the_same_in_every_environment():
         batch.step(action[None, :])
         np.testing.assert_array_equal(single.snapshot.state, batch.batch.states[0])
     actor = Actor([np.full((1, task.layout.size), 0.01, dtype=np.float32)], [np.zeros(1, dtype=np.float32)])
-    errors = validate_compiled(actor, task, load_vehicle("whipple"), [request])
+    errors = validate_batch(actor, task, load_vehicle("whipple"), [request])
     assert errors == validate_simulator(actor, task, Simulator(COMPILED), [request])

@@ -17,11 +17,12 @@ from bike_analysis.report import analyze
 from bike_policy.contract.actor import Actor
 from bike_policy.contract.observation import ObservationLayout
 from bike_sim.physics.state import FIELDS
+from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
-from bike_sim.sim.simulator import Simulator, SimulatorConfig
-from bike_training.curricula.parts import REFINEMENT, Curriculum
+from bike_sim.sim.simulator import Simulator
+from bike_training.curricula.parts import REFINEMENT
 from bike_training.envs.env import BikeEnv
-from bike_training.envs.vec_env import CompiledVecEnv
+from bike_training.envs.vec_env import BatchVecEnv
 from bike_training.learning.learner import actor_tensors
 from bike_training.learning.presets import FAST
 from bike_training.learning.process import LearningProcess
@@ -33,7 +34,7 @@ pytest.importorskip("rclpy")
 COMPILED = SimulatorConfig(engine="whipple", time_step=0.01)
 PYBULLET = SimulatorConfig(engine="pybullet", time_step=0.005)
 SHORT = replace(TASKS["lean"], reward="sharp", path_weight=0.8, max_steps=12)
-RANGES = Curriculum().ranges(0)
+RANGES = PartsCurriculum().episodes(0)
 
 
 def messages(path: Path, topic: str) -> list:
@@ -109,7 +110,7 @@ def test_rewards_are_those_of_the_next_state_and_the_sum_of_their_terms(validati
 
 
 def compiled() -> VecEnv:
-    return CompiledVecEnv(2, SHORT, RANGES, seed=3, time_step=0.01)
+    return BatchVecEnv(2, SHORT, RANGES, seed=3, time_step=0.01)
 
 
 def bullets() -> VecEnv:
@@ -205,7 +206,7 @@ def test_a_full_disk_ends_the_recording_and_not_the_learning(size, tmp_path):
     from bike_training.learning.episode_recording import Standing, TrainingRecorder
 
     task = replace(SHORT, max_steps=400)
-    env, path = CompiledVecEnv(2, task, RANGES, seed=3, time_step=0.01), tmp_path / "training.mcap"
+    env, path = BatchVecEnv(2, task, RANGES, seed=3, time_step=0.01), tmp_path / "training.mcap"
     recorder = TrainingRecorder(env, task, COMPILED, lambda: Standing(0, 1, RANGES))
     env.reset()
 

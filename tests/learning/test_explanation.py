@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bike_analysis.container import Container, find_files
-from bike_policy.contract.action import ActionScale
+from bike_policy.contract.action import ActionLayout
 from bike_policy.contract.actor import Actor
 from bike_policy.contract.bundle import Bundle, load_bundle
 from bike_policy.contract.observation import LEAN_LAYOUT, PROP_LAYOUT
@@ -33,7 +33,7 @@ elements:
 
 
 def bundle_of(actor, layout=LEAN_LAYOUT):
-    return Bundle("made up", actor, layout, ActionScale(1.0), "whipple", 0.05)
+    return Bundle("made up", actor, layout, ActionLayout.steering(1.0), "whipple", 0.05)
 
 
 def random_bundle(layout, rng, hidden=12):

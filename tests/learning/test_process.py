@@ -12,9 +12,9 @@ import pytest
 
 from bike_sim.sim.request import begin
 from bike_sim.sim.simulator import Simulator
-from bike_training.curricula.parts import TRANSITION_STEPS, Curriculum
+from bike_training.curricula.parts import TRANSITION_STEPS
 from bike_training.envs.env import BikeEnv
-from bike_training.envs.vec_env import CompiledVecEnv
+from bike_training.envs.vec_env import BatchVecEnv
 from bike_training.learning.learner import AveragedActor, actor_tensors, build_model
 from bike_training.learning.presets import FAST, PAPER
 from bike_training.learning.process import LearningProcess, _Callback
@@ -231,7 +231,7 @@ def test_a_stored_actor_stays_as_it_was():
 
 def tiny_model():
     task = TASKS["lean"]
-    env = CompiledVecEnv(1, task, Curriculum().ranges(0), seed=0)
+    env = BatchVecEnv(1, task, PartsCurriculum().episodes(0), seed=0)
     return build_model(replace(FAST, learner="sb3", layers=(4,), buffer_size=10), task, env, seed=0)
 
 
@@ -257,7 +257,7 @@ def test_a_full_episode_asks_for_a_validation_only_when_one_is_allowed(tmp_path)
     assert due_after_full_episode(every + 4)
     assert not due_without(every + 6)
     process.progress.curriculum.report(every + 4, [0.0])
-    assert process.progress.curriculum.in_transition(3 * every)
+    assert process.progress.curriculum.may_validate(3 * every)
     assert not due_after_full_episode(3 * every)
     assert not due_without(every + 4 + TRANSITION_STEPS)
     assert due_after_full_episode(every + 4 + TRANSITION_STEPS)

@@ -19,10 +19,11 @@ from bike_analysis.container import Container
 from bike_policy.contract.actor import Actor
 from bike_sim.course.random_paths import PathRanges
 from bike_sim.recording import RideRecorder, message_type
+from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import Preview, ResetRequest
-from bike_sim.sim.simulator import Simulator, SimulatorConfig
+from bike_sim.sim.simulator import Simulator
 from bike_training.cli import main
-from bike_training.curricula.parts import Curriculum
+from bike_training.curricula.parts import PartsCurriculum
 from bike_training.replay.recorded_rides import COMMANDS, EXACT, FLAGS, RecordedRide, Start, read_rides
 from bike_training.replay.replaying import Replay, ride_again
 from bike_training.tasks.path import TASKS
@@ -30,7 +31,7 @@ from bike_training.tasks.path import TASKS
 rclpy_serialization = pytest.importorskip("rclpy.serialization")
 
 TASK = replace(TASKS["lean"], reward="sharp")
-RANGES = Curriculum().ranges(0)
+RANGES = PartsCurriculum().episodes(0)
 COMPILED = SimulatorConfig(engine="whipple", time_step=0.01)
 PYBULLET = SimulatorConfig(engine="pybullet", time_step=0.005)
 

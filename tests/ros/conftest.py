@@ -28,7 +28,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from scipy.linalg import solve_discrete_are
 
-from bike_policy.contract.action import ActionScale
+from bike_policy.contract.action import ActionLayout
 from bike_policy.contract.actor import Actor
 from bike_policy.contract.bundle import Bundle
 from bike_policy.contract.observation import ObservationLayout
@@ -365,7 +365,7 @@ def linear_bundle(speed: float = 4.0) -> Bundle:
     y, yaw = gain[0], gain[1] / (0.4 * speed)
     row = [-gain[2], -gain[3], -gain[4], -gain[5], y - yaw, yaw]
     actor = Actor([np.array([row], dtype=np.float32)], [np.zeros(1, dtype=np.float32)])
-    return Bundle("linear", actor, LINEAR_LAYOUT, ActionScale(vehicle.max_steer), "whipple", 0.05)
+    return Bundle("linear", actor, LINEAR_LAYOUT, ActionLayout.steering(vehicle.max_steer), "whipple", 0.05)
 
 
 @pytest.fixture(scope="session")

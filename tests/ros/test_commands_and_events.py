@@ -15,10 +15,12 @@ from hypothesis import strategies as st
 from bike_sim.course.files import load_course
 from bike_sim.ros import isolation
 from bike_sim.ros.command_gate import Command, CommandGate, Verdict
-from bike_sim.sim import look as ride
+from bike_sim.sim import look as lk
+from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.events import EventKind, EventWatch
 from bike_sim.sim.request import ResetRequest
-from bike_sim.sim.simulator import Simulator, SimulatorConfig, Snapshot
+from bike_sim.sim.simulator import Simulator
+from bike_sim.sim.snapshot import Snapshot
 
 NUMBERS = st.floats(allow_nan=True, allow_infinity=True)
 PATIENCE = 90.0
@@ -72,8 +74,8 @@ def snapshots(course: str, progress: list[float], **flags: list[bool]) -> list[S
     first = simulator.reset(ResetRequest(course=course))
     made = []
     for step, s in enumerate(progress):
-        seen = first.seen.copy()
-        seen[ride.PROGRESS] = s
+        seen = first.look.copy()
+        seen[lk.PROGRESS] = s
         extra = {name: values[step] for name, values in flags.items()}
         made.append(replace(first, step=step, time=0.05 * step, seen=seen, **extra))
     return made

@@ -17,8 +17,9 @@ from std_msgs.msg import Header
 from bike_policy.contract.bundle import load_bundle
 from bike_policy.drive import REANSWER_AFTER
 from bike_sim.ros import node_tools
+from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
-from bike_sim.sim.simulator import Simulator, SimulatorConfig
+from bike_sim.sim.simulator import Simulator
 
 pytestmark = pytest.mark.ros
 

@@ -19,8 +19,10 @@ from visualization_msgs.msg import MarkerArray
 
 from bike_sim.course.files import load_course
 from bike_sim.ros import messages, node_tools
+from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
-from bike_sim.sim.simulator import Simulator, SimulatorConfig, Snapshot
+from bike_sim.sim.simulator import Simulator
+from bike_sim.sim.snapshot import Snapshot
 from bike_training.envs.ros_client import RosClient, RosClientConfig
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("compiled")]

@@ -17,10 +17,12 @@ from bike_sim.course.random_paths import CURRICULUM_PATHS
 from bike_sim.physics import kinematics
 from bike_sim.physics import state as state_places
 from bike_sim.ros import messages, standard_messages
-from bike_sim.sim import look as ride
+from bike_sim.sim import look as lk
+from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.events import EventKind
 from bike_sim.sim.request import Preview, ResetRequest
-from bike_sim.sim.simulator import Simulator, SimulatorConfig, Snapshot
+from bike_sim.sim.simulator import Simulator
+from bike_sim.sim.snapshot import Snapshot
 
 
 def over_the_wire(message):
@@ -112,7 +114,7 @@ def test_limits_run_beside_the_line(ridden: tuple[Simulator, list[Snapshot]]) ->
         np.array([[p.x, p.y] for p in points]) for points in (message.line, message.left, message.right)
     )
     np.testing.assert_array_equal(line[:, 0], snapshot.preview_x)
-    stations = message.progress + np.arange(len(line)) * snapshot.seen[ride.PREVIEW_SPACING]
+    stations = message.progress + np.arange(len(line)) * snapshot.look[lk.PREVIEW_SPACING]
     np.testing.assert_allclose(np.linalg.norm(left_limit - line, axis=1), np.interp(stations, wide.s, left), atol=1e-9)
     np.testing.assert_allclose(np.linalg.norm(right_limit - line, axis=1), 2.0, atol=1e-9)
     ahead = np.gradient(line, axis=0)
@@ -159,7 +161,7 @@ def test_wheels_touch_the_ground_where_the_physics_says(roll: float, steer: floa
     (r0, _), (f0, t0) = standard_messages.wheel_poses(straight, vehicle)
     axis0 = t0 @ np.array([-math.sin(vehicle.lam), 0.0, math.cos(vehicle.lam)])
     assert span @ axis == pytest.approx((f0 - r0) @ axis0, abs=1e-6)
-    assert kinematics.pitch(roll, steer, vehicle.parameters) == snapshot.seen[ride.PITCH]
+    assert kinematics.pitch(roll, steer, vehicle.parameters) == snapshot.look[lk.PITCH]
 
 
 @given(st.lists(st.floats(-3.1, 3.1), min_size=3, max_size=3))

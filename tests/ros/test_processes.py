@@ -19,8 +19,8 @@ from mcap.reader import make_reader
 from rclpy.serialization import deserialize_message
 
 from bike_sim.ros.node_settings import SPECS, NodeSettings
+from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
-from bike_sim.sim.simulator import SimulatorConfig
 from bike_training.envs.ros_client import RosClient
 from bike_training.nodes.node_process import NodeLost
 

@@ -9,9 +9,9 @@ import pytest
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from bike_sim.physics.superbike_engine import TIME_STEP
+from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
-from bike_sim.sim.simulator import SimulatorConfig
-from bike_training.curricula.parts import Curriculum
+from bike_training.curricula.parts import PartsCurriculum
 from bike_training.envs.env import BikeEnv
 from bike_training.learning.episode_recording import Standing, TrainingRecorder
 from bike_training.replay.recorded_rides import read_rides
@@ -56,7 +56,7 @@ def test_rides_in_lockstep_come_out_the_same(stage, policy, tmp_path: Path) -> N
 
 def test_a_ride_of_a_learner_behind_ros_comes_out_the_same(tmp_path: Path) -> None:
     """The simulator of the training is a node; the recording holds what the learner got from it."""
-    ranges, path = Curriculum().ranges(0), tmp_path / "training.mcap"
+    ranges, path = PartsCurriculum().episodes(0), tmp_path / "training.mcap"
     env = DummyVecEnv([lambda: BikeEnv("ros", "lean", ranges, CONFIG)])
     env.seed(2)
     try:

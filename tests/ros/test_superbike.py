@@ -24,9 +24,10 @@ from bike_sim.ros.messages import (
     state_to_message,
     telemetry_to_message,
 )
-from bike_sim.sim import look as ride
+from bike_sim.sim import look as lk
+from bike_sim.sim.plant import superbike_config
 from bike_sim.sim.request import ResetRequest
-from bike_sim.sim.track_ride import PREVIEW, TrackRide, superbike_config
+from bike_sim.sim.simulator import Simulator
 from bike_sim.theory.envelope import envelope
 from bike_sim.theory.lap_limit import lap_limit
 from bike_sim.theory.line_cache import track_with_line
@@ -39,7 +40,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("compiled")]
 
 
 def test_messages_carry_what_the_rider_sees(circuit: Path) -> None:
-    machine = TrackRide(superbike_config("m1000rr"))
+    machine = Simulator(superbike_config("m1000rr"))
     snapshot = machine.reset(ResetRequest(course=str(circuit), speed_range=(25.0, 25.0)))
     for _ in range(20):
         snapshot = machine.step(0.4, 0.2)
@@ -49,13 +50,13 @@ def test_messages_carry_what_the_rider_sees(circuit: Path) -> None:
     assert seen_from(snapshot_from_message(message)) == seen_from(snapshot)
     points = course_points_to_message(snapshot, machine.course, 10**9)
     assert [len(points.line), len(points.left), len(points.right)] == [20, 20, 20]
-    assert [(p.x, p.y, p.z) for p in points.right] == [tuple(row) for row in snapshot.points[2]]
+    assert [(p.x, p.y, p.z) for p in points.right] == [tuple(row) for row in snapshot.circuit.points[2]]
     machine.close()
 
 
-def straight_on(vehicle: str, circuit: Path, throttles: list[float]) -> Iterator[tuple[TrackRide, Telemetry, str]]:
+def straight_on(vehicle: str, circuit: Path, throttles: list[float]) -> Iterator[tuple[Simulator, Telemetry, str]]:
     """Ride upright on the open plane; yield ride, telemetry and fall after each control period."""
-    ride = TrackRide(superbike_config(vehicle))
+    ride = Simulator(superbike_config(vehicle))
     seen = ride.reset(ResetRequest(course=str(circuit), speed_range=(20.0, 20.0)))
     ride.engine.reset(upright_state(25.0, ride.vehicle.rF))
     for throttle in throttles:
@@ -105,7 +106,7 @@ def test_reset_chooses_line_and_place_alike_in_process_and_through_ros(circuit: 
     stage.simulator(vehicle="panigale_v4r", course=name, time_step=0.002, speed=20.0)
     ears = stage.ears()
     told = ears.attend(Telemetry, "telemetry")
-    local = TrackRide(superbike_config())
+    local = Simulator(superbike_config())
     for line, progress in ((0.0, 150.0), (1.0, 0.0), (0.4, 333.3)):
         request = ResetRequest(course=name, speed_range=(20.0, 20.0), line=line, progress=progress)
         ours, response = local.reset(request), ears.reset(request)
@@ -123,7 +124,7 @@ def test_reset_chooses_line_and_place_alike_in_process_and_through_ros(circuit: 
         expected = telemetry_to_message(ours, local.vehicle, 0)
         expected.header, expected.episode = told[-1].header, number
         assert told[-1] == expected
-    assert ours.seen[ride.PROGRESS] > 300.0
+    assert ours.seen[lk.PROGRESS] > 300.0
     # What is left open is the node's own: the ideal line from the start.
     response = ears.reset(Reset.Request(seed=0, course=name))
     assert response.success, response.message

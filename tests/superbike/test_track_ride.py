@@ -13,27 +13,20 @@ from bike_sim.course.lap_timing import time_laps
 from bike_sim.course.placing import EXACT, samples_of
 from bike_sim.physics import state as st
 from bike_sim.physics.superbike_statics import turning_state
-from bike_sim.sim import circuit_look as track_look
-from bike_sim.sim import look as ride
+from bike_sim.sim import look as lk
+from bike_sim.sim.circuit_scene import OFF_TRACK_GRIP, start_speed
+from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.events import EventKind
+from bike_sim.sim.plant import HORIZON, superbike_config
 from bike_sim.sim.request import ResetRequest
-from bike_sim.sim.simulator import Simulator, SimulatorConfig
-from bike_sim.sim.track_events import TrackWatch
-from bike_sim.sim.track_ride import (
-    HORIZON,
-    OFF_TRACK_GRIP,
-    TrackRide,
-    TrackSnapshot,
-    make_simulator,
-    start_speed,
-    superbike_config,
-)
+from bike_sim.sim.simulator import Simulator
+from bike_sim.sim.snapshot import Snapshot
 from bike_sim.theory.line_cache import content_key, track_with_line
 
 
 @pytest.fixture(scope="module")
-def machine() -> Iterator[TrackRide]:
-    machine = TrackRide(superbike_config("panigale_v4r"))
+def machine() -> Iterator[Simulator]:
+    machine = Simulator(superbike_config("panigale_v4r"))
     yield machine
     machine.close()
 
@@ -42,7 +35,7 @@ def request(circuit: Path, **changes: object) -> ResetRequest:
     return ResetRequest(**({"course": str(circuit), "speed_range": (30.0, 30.0)} | changes))  # type: ignore[arg-type]
 
 
-def until_the_end(machine: TrackRide, snapshot: TrackSnapshot, steering: float, throttle: float) -> list[TrackSnapshot]:
+def until_the_end(machine: Simulator, snapshot: Snapshot, steering: float, throttle: float) -> list[Snapshot]:
     """Ride with held commands until the machine stops, 20 s at most."""
     seen = [snapshot]
     while not seen[-1].fallen and len(seen) < 1000:
@@ -50,19 +43,19 @@ def until_the_end(machine: TrackRide, snapshot: TrackSnapshot, steering: float, 
     return seen
 
 
-def test_starts_where_asked_on_the_line_leaning_into_the_bend(machine: TrackRide, circuit: Path) -> None:
+def test_starts_where_asked_on_the_line_leaning_into_the_bend(machine: Simulator, circuit: Path) -> None:
     for progress in (0.0, 300.0, 900.0):
         snapshot = machine.reset(request(circuit, progress=progress))
-        assert snapshot.place[track_look.PROGRESS] == pytest.approx(progress, abs=2.0)
-        assert abs(snapshot.seen[ride.LATERAL_ERROR]) < 1e-6
-        bend = snapshot.seen[ride.CURVATURE]
+        assert snapshot.circuit.place[lk.CENTRE_PROGRESS] == pytest.approx(progress, abs=2.0)
+        assert abs(snapshot.look[lk.LATERAL_ERROR]) < 1e-6
+        bend = snapshot.look[lk.CURVATURE]
         # Left is positive for bends, right for roll; the lean is a little more than that of a point mass on thin tyres.
         lean = math.atan(abs(bend) * 30.0**2 / 9.81)
         assert snapshot.state[st.ROLL] * bend <= 0.0
         assert abs(snapshot.state[st.ROLL]) == pytest.approx(lean, rel=0.15, abs=0.01)
 
 
-def test_too_fast_a_start_is_refused(machine: TrackRide, circuit: Path) -> None:
+def test_too_fast_a_start_is_refused(machine: Simulator, circuit: Path) -> None:
     machine.reset(request(circuit))
     before = machine.step(0.0, 0.1)
     with pytest.raises(ValueError, match="too fast for the curve"):
@@ -70,46 +63,46 @@ def test_too_fast_a_start_is_refused(machine: TrackRide, circuit: Path) -> None:
     assert machine.step(0.0, 0.1).step == before.step + 1  # the episode before goes on
 
 
-def test_course_points_are_the_next_six_seconds_between_the_limits(machine: TrackRide, circuit: Path) -> None:
+def test_course_points_are_the_next_six_seconds_between_the_limits(machine: Simulator, circuit: Path) -> None:
     snapshot = machine.reset(request(circuit))
-    points = snapshot.points
+    points = snapshot.circuit.points
     assert points.shape == (3, 20, 3)
-    line = points[track_look.LINE, :, :2]
+    line = points[lk.LINE, :, :2]
     # Chords are a little shorter than the way.
     length = np.linalg.norm(np.diff(line, axis=0), axis=1).sum()
     assert length == pytest.approx(HORIZON * snapshot.speed, rel=0.02)
-    across = points[track_look.LEFT, :, :2] - points[track_look.RIGHT, :, :2]
+    across = points[lk.LEFT, :, :2] - points[lk.RIGHT, :, :2]
     assert np.linalg.norm(across, axis=1) == pytest.approx(np.full(20, 12.0), abs=0.05)
-    assert points[track_look.LEFT, 0, 1] > points[track_look.LINE, 0, 1] > points[track_look.RIGHT, 0, 1]
+    assert points[lk.LEFT, 0, 1] > points[lk.LINE, 0, 1] > points[lk.RIGHT, 0, 1]
 
 
 def test_course_points_have_the_height_of_the_road() -> None:
-    machine = TrackRide(superbike_config("panigale_v4r"))
+    machine = Simulator(superbike_config("panigale_v4r"))
     snapshot = machine.reset(ResetRequest(course="barcelona", speed_range=(50.0, 50.0), progress=200.0))
     track = machine.track
     assert track is not None
     ahead = 200.0 + HORIZON * snapshot.speed
     climb = float(track.at(track.elevation, ahead) - track.at(track.elevation, 200.0))
-    assert snapshot.points[track_look.LINE, -1, 2] == pytest.approx(climb, abs=0.2)
+    assert snapshot.circuit.points[lk.LINE, -1, 2] == pytest.approx(climb, abs=0.2)
     assert abs(climb) > 1.0
     machine.close()
 
 
-def test_going_straight_on_leaves_the_track_and_meets_the_wall(machine: TrackRide, circuit: Path) -> None:
+def test_going_straight_on_leaves_the_track_and_meets_the_wall(machine: Simulator, circuit: Path) -> None:
     snapshot = machine.reset(request(circuit))
     watch = TrackWatch("kidney", snapshot)
     seen = until_the_end(machine, snapshot, 0.0, 0.3)
     events = [event for snapshot in seen[1:] for event in watch.look(snapshot)]
     assert [event.kind for event in events][-1] is EventKind.WALL
     assert EventKind.OFF_COURSE in [event.kind for event in events]
-    hit = seen[-1].wall
+    hit = seen[-1].circuit.wall
     assert hit is not None
     assert hit.energy == pytest.approx(0.5 * machine.vehicle.mass * hit.speed**2)
     assert events[-1].value == hit.speed > 30.0
     after = machine.step(0.0, 1.0)
     assert after.speed == 0.0
     assert after.state[:3] == pytest.approx(seen[-1].state[:3])
-    off = next(snapshot for snapshot in seen if snapshot.outside > 0.0)
+    off = next(snapshot for snapshot in seen if snapshot.circuit.outside > 0.0)
     assert off.off_course
     assert machine.engine.rear_grip == machine.engine.front_grip == OFF_TRACK_GRIP
 
@@ -121,19 +114,19 @@ def test_going_straight_on_leaves_the_track_and_meets_the_wall(machine: TrackRid
         (3.0, "tip_over", False),  # too slow to be held
     ],
 )
-def test_falls_have_names(machine: TrackRide, circuit: Path, speed: float, fall: str, off_track: bool) -> None:
+def test_falls_have_names(machine: Simulator, circuit: Path, speed: float, fall: str, off_track: bool) -> None:
     snapshot = machine.reset(request(circuit, speed_range=(speed, speed)))
     watch = TrackWatch("kidney", snapshot)
     seen = until_the_end(machine, snapshot, 1.0, 0.0)
     assert [snapshot.fall for snapshot in seen[:-1]] == ["none"] * (len(seen) - 1)
-    assert (seen[-1].fall, seen[-1].wall) == (fall, None)
-    assert (seen[-2].outside > 0.0) == off_track
+    assert (seen[-1].fall, seen[-1].circuit.wall) == (fall, None)
+    assert (seen[-2].circuit.outside > 0.0) == off_track
     events = [event for snapshot in seen[1:] for event in watch.look(snapshot)]
     assert events[-1].kind is EventKind.FALL
     assert fall.replace("_", " ") in events[-1].text
 
 
-def test_same_commands_same_snapshots(machine: TrackRide, circuit: Path) -> None:
+def test_same_commands_same_snapshots(machine: Simulator, circuit: Path) -> None:
     def states() -> np.ndarray:
         machine.reset(request(circuit, seed=7, perturb=True))
         return np.array([machine.step(0.3 * math.sin(k / 20), 0.2).state for k in range(150)])
@@ -141,7 +134,7 @@ def test_same_commands_same_snapshots(machine: TrackRide, circuit: Path) -> None
     assert np.array_equal(states(), states())
 
 
-def test_timing_from_recorded_points_is_that_of_the_ride(machine: TrackRide, circuit: Path) -> None:
+def test_timing_from_recorded_points_is_that_of_the_ride(machine: Simulator, circuit: Path) -> None:
     seen = until_the_end(machine, machine.reset(request(circuit)), 0.0, 0.3)
     track = machine.track
     assert track is not None
@@ -149,7 +142,7 @@ def test_timing_from_recorded_points_is_that_of_the_ride(machine: TrackRide, cir
         track,
         np.array([snapshot.time for snapshot in seen]),
         np.array([snapshot.state[:2] for snapshot in seen]),
-        np.array([snapshot.seen[[ride.FRONT_X, ride.FRONT_Y]] for snapshot in seen]),
+        np.array([snapshot.look[[lk.FRONT_X, lk.FRONT_Y]] for snapshot in seen]),
         0.0,
         machine.vehicle.w,
     )
@@ -158,7 +151,7 @@ def test_timing_from_recorded_points_is_that_of_the_ride(machine: TrackRide, cir
     assert events == tuple(event for snapshot in seen for event in snapshot.timing)
 
 
-def test_lines_are_kept_by_what_they_depend_on(machine: TrackRide, circuit: Path, own_cache: Path) -> None:
+def test_lines_are_kept_by_what_they_depend_on(machine: Simulator, circuit: Path, own_cache: Path) -> None:
     track = track_with_line(circuit, machine.envelope)
     kept = own_cache / f"{content_key(track, machine.envelope)}.npy"
     assert kept.exists()
@@ -168,17 +161,17 @@ def test_lines_are_kept_by_what_they_depend_on(machine: TrackRide, circuit: Path
 
 
 def test_vehicle_decides_what_rides_it() -> None:
-    bicycle = make_simulator(SimulatorConfig())
+    bicycle = Simulator(SimulatorConfig())
     assert isinstance(bicycle, Simulator)
     bicycle.close()
-    superbike = make_simulator(superbike_config("r1"))
-    assert isinstance(superbike, TrackRide)
+    superbike = Simulator(superbike_config("r1"))
+    assert isinstance(superbike, Simulator)
     superbike.close()
     with pytest.raises(ValueError, match="no superbike"):
-        TrackRide(SimulatorConfig())
+        Simulator(SimulatorConfig())
 
 
-def test_places_that_cannot_be_are_refused_with_their_value(machine: TrackRide, circuit: Path) -> None:
+def test_places_that_cannot_be_are_refused_with_their_value(machine: Simulator, circuit: Path) -> None:
     first = machine.reset(request(circuit))
     track = machine.track
     assert track is not None
@@ -204,7 +197,7 @@ def test_bicycles_have_no_line_to_choose() -> None:
     bicycle.close()
 
 
-def test_start_speed_is_for_the_place_and_the_line(machine: TrackRide, circuit: Path) -> None:
+def test_start_speed_is_for_the_place_and_the_line(machine: Simulator, circuit: Path) -> None:
     places = np.linspace(0.0, 1200.0, 13)
     speeds = {lam: [start_speed(circuit, machine.envelope, lam, float(s)) for s in places] for lam in (0.0, 1.0)}
     assert max(speeds[1.0]) > min(speeds[1.0]) + 1.0
@@ -215,56 +208,56 @@ def test_start_speed_is_for_the_place_and_the_line(machine: TrackRide, circuit: 
 
 
 @pytest.mark.parametrize("perturb", [False, True])
-def test_a_start_rides_the_turn_that_was_asked_for(machine: TrackRide, circuit: Path, perturb: bool) -> None:
+def test_a_start_rides_the_turn_that_was_asked_for(machine: Simulator, circuit: Path, perturb: bool) -> None:
     snapshot = machine.reset(request(circuit, progress=600.0, perturb=perturb))
     roll, crown = snapshot.state[st.ROLL], machine.vehicle.front_tyre.crown
     assert roll < -0.6
     radius = machine.vehicle.rF - crown * (1.0 - math.cos(roll))
     assert snapshot.state[st.FRONT_WHEEL_RATE] * radius == pytest.approx(30.0, rel=1e-12)
-    assert snapshot.seen[ride.YAW_RATE] == pytest.approx(30.0 * snapshot.seen[ride.CURVATURE], rel=1e-9)
+    assert snapshot.look[lk.YAW_RATE] == pytest.approx(30.0 * snapshot.look[lk.CURVATURE], rel=1e-9)
     assert snapshot.state[st.STEER] > 0.0
 
 
-def test_turning_state_is_the_upright_one_where_nothing_turns(machine: TrackRide) -> None:
+def test_turning_state_is_the_upright_one_where_nothing_turns(machine: Simulator) -> None:
     assert np.array_equal(turning_state(machine.vehicle, 35.0, 0.0, 0.0), st.upright_state(35.0, machine.vehicle.rF))
     left, right = (turning_state(machine.vehicle, 25.0, sign * 0.8, -sign * 0.4) for sign in (1.0, -1.0))
     assert left == pytest.approx(st.MIRROR_SIGNS * right, abs=1e-12)
 
 
-def test_an_initial_state_is_found_wherever_it_lies(machine: TrackRide, circuit: Path) -> None:
+def test_an_initial_state_is_found_wherever_it_lies(machine: Simulator, circuit: Path) -> None:
     for progress in (0.0, 500.0, 1280.0):
         first = machine.reset(request(circuit, progress=progress))
         state = tuple(first.state)
         for asked in (0.0, progress):
             again = machine.reset(request(circuit, initial_state=state, progress=asked))
-            assert again.place == pytest.approx(first.place, abs=EXACT)
-            assert again.seen[ride.PROGRESS] == pytest.approx(first.seen[ride.PROGRESS], abs=1e-6)
-            assert again.wall is None
+            assert again.circuit.place == pytest.approx(first.circuit.place, abs=EXACT)
+            assert again.look[lk.PROGRESS] == pytest.approx(first.look[lk.PROGRESS], abs=1e-6)
+            assert again.circuit.wall is None
             assert again.fall == "none"
 
 
-def test_a_state_just_behind_the_start_is_before_the_first_lap(machine: TrackRide, circuit: Path) -> None:
+def test_a_state_just_behind_the_start_is_before_the_first_lap(machine: Simulator, circuit: Path) -> None:
     state = machine.reset(request(circuit)).state
     state[[st.X, st.Y]] -= 2.0 * np.array([math.cos(state[st.YAW]), math.sin(state[st.YAW])])
     snapshot = machine.reset(request(circuit, initial_state=tuple(state)))
-    assert snapshot.place[track_look.PROGRESS] == pytest.approx(-2.0, abs=0.2)
+    assert snapshot.circuit.place[lk.CENTRE_PROGRESS] == pytest.approx(-2.0, abs=0.2)
     assert not snapshot.finished
 
 
-def test_grip_of_the_ride_before_is_forgotten(machine: TrackRide, circuit: Path) -> None:
+def test_grip_of_the_ride_before_is_forgotten(machine: Simulator, circuit: Path) -> None:
     asked = request(circuit, progress=300.0)
     first = machine.reset(asked)
     until_the_end(machine, first, 0.0, 0.3)
     assert machine.engine.rear_grip == OFF_TRACK_GRIP
-    assert np.array_equal(machine.reset(asked).telemetry, first.telemetry)
+    assert np.array_equal(machine.reset(asked).signals, first.signals)
     state = first.state.copy()
     state[[st.X, st.Y]] += 12.0 * np.array([-math.sin(state[st.YAW]), math.cos(state[st.YAW])])
     outside = machine.reset(request(circuit, initial_state=tuple(state)))
-    assert outside.outside > 0.0
+    assert outside.circuit.outside > 0.0
     assert machine.engine.rear_grip == machine.engine.front_grip == OFF_TRACK_GRIP
 
 
-def test_a_refused_reset_leaves_the_ride_alone(machine: TrackRide, circuit: Path) -> None:
+def test_a_refused_reset_leaves_the_ride_alone(machine: Simulator, circuit: Path) -> None:
     before = machine.reset(request(circuit))
     machine.step(0.1, 0.1)
     state, timing = machine.engine.state(), machine.timing()
@@ -279,8 +272,8 @@ def test_a_refused_reset_leaves_the_ride_alone(machine: TrackRide, circuit: Path
     assert machine.step(0.1, 0.1).step == 2
 
 
-def test_a_long_control_period_sees_the_same_places(machine: TrackRide, circuit: Path) -> None:
-    coarse = TrackRide(SimulatorConfig(vehicle="panigale_v4r", time_step=0.002, control_period=0.2))
+def test_a_long_control_period_sees_the_same_places(machine: Simulator, circuit: Path) -> None:
+    coarse = Simulator(SimulatorConfig(vehicle="panigale_v4r", time_step=0.002, control_period=0.2))
     asked = request(circuit, speed_range=(40.0, 40.0), progress=400.0)
     at_once, seen = coarse.reset(asked), machine.reset(asked)
     all_at_once = [at_once]
@@ -289,33 +282,35 @@ def test_a_long_control_period_sees_the_same_places(machine: TrackRide, circuit:
         for _ in range(10):
             seen = machine.step(0.0, 0.1)
         assert np.array_equal(at_once.state, seen.state)
-        assert at_once.place == pytest.approx(seen.place, abs=1e-6)
+        assert at_once.circuit.place == pytest.approx(seen.place, abs=1e-6)
         all_at_once.append(at_once)
-    assert seen.place[track_look.PROGRESS] > 450.0
+    assert seen.place[lk.CENTRE_PROGRESS] > 450.0
     assert coarse.track is not None
     again = samples_of(
         coarse.track,
         np.array([snapshot.time for snapshot in all_at_once]),
         np.array([snapshot.state[:2] for snapshot in all_at_once]),
-        np.array([snapshot.seen[[ride.FRONT_X, ride.FRONT_Y]] for snapshot in all_at_once]),
+        np.array([snapshot.look[[lk.FRONT_X, lk.FRONT_Y]] for snapshot in all_at_once]),
         400.0,
         400.0 + coarse.vehicle.w,
     )
-    assert [sample.progress for sample in again] == [snapshot.place[track_look.PROGRESS] for snapshot in all_at_once]
+    assert [sample.progress for sample in again] == [
+        snapshot.circuit.place[lk.CENTRE_PROGRESS] for snapshot in all_at_once
+    ]
     coarse.close()
 
 
-def test_a_ride_is_finished_after_a_whole_lap(machine: TrackRide, circuit: Path) -> None:
+def test_a_ride_is_finished_after_a_whole_lap(machine: Simulator, circuit: Path) -> None:
     snapshot = machine.reset(request(circuit, progress=1280.0))
     assert machine.course is not None
-    while snapshot.seen[ride.PROGRESS] < machine.course.length + 1.0:
+    while snapshot.look[lk.PROGRESS] < machine.course.length + 1.0:
         snapshot = machine.step(0.0, 0.0)
         assert not snapshot.fallen
     assert not snapshot.finished
 
 
 def test_lines_are_computed_where_no_cache_can_be(
-    machine: TrackRide, circuit: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    machine: Simulator, circuit: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "file").write_text("in the way")
     monkeypatch.setenv("BIKE_CACHE", str(tmp_path / "file" / "lines"))

@@ -14,8 +14,9 @@ from rich.table import Table
 from tqdm import tqdm
 
 from bike_policy.contract.bundle import DEFAULT_POLICY, Bundle, load_bundle
+from bike_policy.riders.learned import LearnedRider
 from bike_sim.course.files import load_course
-from bike_sim.sim.simulator import SimulatorConfig
+from bike_sim.sim.config import SimulatorConfig
 from bike_training.arguments import check_positive, check_whole, make_folder
 from bike_training.envs.clients import CLIENT_KINDS, make_client
 from bike_training.rollout.evaluation import PAPER_MAX, PAPER_MEAN, SPEEDS, Rider, draw, evaluate
@@ -92,9 +93,9 @@ def _rider(args: argparse.Namespace, bundle: Bundle, config: SimulatorConfig) ->
         with NodeRides(args.policy, config) as nodes:
             yield nodes.ride
         return
-    client = make_client(args.client, config)
+    client, rider = make_client(args.client, config), LearnedRider(bundle)
     try:
-        yield lambda request, longest: ride_through(client, bundle, request, longest)
+        yield lambda request, longest: ride_through(client, rider, request, longest)
     finally:
         client.close()
 

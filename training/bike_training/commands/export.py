@@ -9,13 +9,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from bike_policy.contract.action import ActionScale
 from bike_policy.contract.actor import Actor
 from bike_policy.contract.bundle import Bundle
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.learning.checkpoint import load_process_state
+from bike_training.learning.presets import Preset
 from bike_training.learning.progress import Progress
-from bike_training.tasks.path import TASKS
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -44,12 +43,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         advice = "" if args.which == "last" else ", or export --which last"
         raise ValueError(f"{args.run}: there is no {args.which!r} actor yet; train longer{advice}")
     vehicle = load_vehicle("whipple")
-    preset = summary["preset"]
+    task = Preset.from_card(summary["preset"]).make_task()
     bundle = Bundle(
         name=args.name,
         actor=actor,
-        layout=TASKS[preset["task"]].layout,
-        action=ActionScale(preset["max_steer"]),
+        layout=task.layout,
+        action=task.action,
         vehicle=vehicle.name,
         control_period=vehicle.control_period,
         training={**summary, "actor": args.which, "exported": time.strftime("%Y-%m-%d")},

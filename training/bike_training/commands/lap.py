@@ -18,8 +18,7 @@ from bike_analysis.lap_recording import Theory, load_laps
 from bike_analysis.lap_report import lap_figures, write_lap_report
 from bike_analysis.numbers import lap_text
 from bike_sim.course.track_files import shipped_tracks
-from bike_sim.sim import circuit_look as track_look
-from bike_sim.sim.track_ride import WALL, TrackSnapshot
+from bike_sim.sim.snapshot import WALL, Snapshot
 from bike_sim.theory.envelope import envelope
 from bike_sim.theory.lap_limit import lap_limit
 from bike_sim.theory.line_cache import track_with_line
@@ -125,12 +124,12 @@ def _ride(vehicle: str, circuit: str, laps: int, quiet: bool) -> dict[str, Any]:
     began = time.monotonic()
     with tqdm(desc=f"{vehicle}, {circuit}", unit="m", disable=quiet, leave=False) as bar:
 
-        def tell(snapshot: TrackSnapshot, length: float) -> None:
+        def tell(snapshot: Snapshot, length: float) -> None:
             if snapshot.step % 50:
                 return
             bar.total = round(length * (laps + 1))
             bar.set_postfix_str(f"{snapshot.speed:.0f} m/s, {math.degrees(snapshot.state[3]):+.0f}°", refresh=False)
-            bar.update(round(float(snapshot.place[track_look.PROGRESS])) - bar.n)
+            bar.update(round(snapshot.progress) - bar.n)
 
         ride = ride_laps(vehicle, circuit, laps, tell=tell)
     return pair_figures(ride, laps) | {"wall_s": round(time.monotonic() - began, 1)}

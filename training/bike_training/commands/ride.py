@@ -11,7 +11,7 @@ from bike_analysis.report import analyze
 from bike_policy.contract.bundle import DEFAULT_POLICY, load_bundle
 from bike_sim.course.files import load_course
 from bike_sim.ros.isolation import DomainLease
-from bike_sim.sim.simulator import SimulatorConfig
+from bike_sim.sim.config import SimulatorConfig
 from bike_training.arguments import check_positive, check_whole, make_folder
 from bike_training.rollout.riding import time_for
 

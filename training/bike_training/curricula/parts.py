@@ -71,8 +71,8 @@ sharp transfers at high speed. The hard lane change of the benchmark path (10 m 
 
 
 @dataclass
-class Curriculum:
-    """Where a learning process stands.
+class PartsCurriculum:
+    """The four parts of the paper; implements `bike_training.curricula.base.Curriculum`.
 
     Attributes:
         part: 1 to 4; 5 once the curriculum is finished.
@@ -91,11 +91,14 @@ class Curriculum:
         """Whether a validation of the last part was fully successful."""
         return self.finished_at is not None
 
-    def in_transition(self, step: int) -> bool:
-        """Tell whether the intervals still grow; no validation is made then."""
-        return 1 < self.part <= PARTS and step - self.entered_at < TRANSITION_STEPS
+    def may_validate(self, step: int) -> bool:
+        """Tell whether the intervals no longer grow; while they do no validation is made."""
+        return not 1 < self.part <= PARTS or step - self.entered_at >= TRANSITION_STEPS
 
-    def ranges(self, step: int) -> RideRanges:
+    def ended(self, context: Sequence[float], total: float, steps: int) -> None:
+        """Need nothing of an episode; validations decide."""
+
+    def episodes(self, step: int) -> RideRanges:
         """Return the intervals at a learning step, growing linearly after a new part began."""
         stages = [RideRanges(*stage) for stage in zip(SPEED_RANGES, CURRICULUM_PATHS, strict=True)]
         stages.append(REFINEMENT if self.refine else stages[-1])
@@ -106,12 +109,12 @@ class Curriculum:
             return stages[self.part - 1]
         return _ranges_between(stages[self.part - 2], stages[self.part - 1], share)
 
-    def validation_ranges(self) -> RideRanges:
+    def validation(self) -> RideRanges:
         """Return the intervals of validation rides: those of the present part, at most of the last."""
         part = min(self.part, PARTS)
         return RideRanges(SPEED_RANGES[part - 1], CURRICULUM_PATHS[part - 1])
 
-    def report(self, step: int, errors: Sequence[float]) -> bool:
+    def validated(self, step: int, errors: Sequence[float]) -> bool:
         """Take the errors e_i of a validation and return whether a part was passed.
 
         A validation is fully successful when every ride's error is at most eta_e (Eq. 13).

@@ -1,24 +1,49 @@
-"""Simulator clients: the same two calls whether the simulator is in this process or behind ROS."""
+"""Simulator clients: the same calls whether the simulator is in this process or behind ROS."""
 
 from __future__ import annotations
 
 from typing import Final, Protocol
 
-from bike_sim.sim.request import ResetRequest
-from bike_sim.sim.simulator import Simulator, SimulatorConfig, Snapshot
+from bike_sim.course.course import Course
+from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.request import Preview, ResetRequest
+from bike_sim.sim.simulator import Simulator
+from bike_sim.sim.snapshot import Snapshot
+from bike_sim.vehicles.bicycle import Vehicle
 
 CLIENT_KINDS: Final = ("local", "ros")
 
 
 class Client(Protocol):
-    """What an environment needs of a simulator. :class:`~bike_sim.sim.simulator.Simulator` is one itself."""
+    """What environments and rollouts need of a simulator. :class:`~bike_sim.sim.simulator.Simulator` is one itself.
+
+    Attributes:
+        config: vehicle, engine and steps.
+    """
+
+    config: SimulatorConfig
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """What is ridden."""
+        ...
+
+    @property
+    def course(self) -> Course | None:
+        """The followed line of the present episode, or None before the first."""
+        ...
+
+    @property
+    def preview(self) -> Preview:
+        """The preview of the present episode."""
+        ...
 
     def reset(self, request: ResetRequest) -> Snapshot:
         """Begin an episode."""
         ...
 
     def step(self, steering: float, throttle: float = 0.0) -> Snapshot:
-        """Hold a command in [-1, 1] for one control period."""
+        """Hold commands in [-1, 1] for one control period."""
         ...
 
     def close(self) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Any
 
@@ -10,24 +9,25 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_sim.physics.state import ROLL
-from bike_sim.sim import look as ride
-from bike_sim.sim.simulator import SimulatorConfig, Snapshot
-from bike_sim.vehicles.files import load_vehicle
-from bike_training.curricula.parts import Curriculum, RideRanges
+from bike_sim.sim import look as lk
+from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.snapshot import Snapshot
+from bike_training.curricula.base import Episodes
+from bike_training.curricula.parts import PartsCurriculum
 from bike_training.envs.clients import Client, make_client
 from bike_training.envs.vec_env import task_spaces
 from bike_training.envs.watch import RideWatch
-from bike_training.tasks.path import TASKS, Task, distances, has_failed
+from bike_training.tasks.base import Task, has_failed, sum_of
+from bike_training.tasks.path import TASKS
 
 
 class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
-    """One bicycle on a random path.
+    """One vehicle that rides a task: by default the bicycle on a random path.
 
-    An episode is terminated when a threshold is exceeded, the bicycle lies on the ground or its physics diverges, and
-    truncated after ``task.max_steps`` steps. After a truncated episode a plain ``reset()`` goes on with the same ride
-    once, as the paper does (Weyrer et al. 2026, Sect. 4.1); ``reset(seed=...)`` and ``reset(options=...)`` always begin
-    a new one.
+    An episode is terminated when the task says that it has failed (a threshold is exceeded, the vehicle lies on the
+    ground, its physics diverges), and truncated after ``task.max_steps`` steps. After a truncated episode a plain
+    ``reset()`` goes on with the same ride once, as the paper does (Weyrer et al. 2026, Sect. 4.1); ``reset(seed=...)``
+    and ``reset(options=...)`` always begin a new one.
 
     ``info`` holds distance to the path, progress, speed and simulated time; ``snapshot`` all that the simulator shows.
     """
@@ -38,7 +38,7 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self,
         client: Client | str = "local",
         task: Task | str = "prop",
-        ranges: RideRanges | None = None,
+        episodes: Episodes | None = None,
         config: SimulatorConfig | None = None,
     ) -> None:
         """Make the environment.
@@ -46,16 +46,16 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         Args:
             client: a client, or ``local`` or ``ros`` for one of its own.
             task: a task or its name in :data:`bike_training.tasks.path.TASKS`.
-            ranges: intervals of new rides; the first part of the curriculum by default.
+            episodes: where new episodes are drawn from; the first part of the paper's curriculum by default.
             config: simulator of a client of its own; by default PyBullet at the paper's step of 5 ms.
         """
         config = config or SimulatorConfig(time_step=0.005)
         self.client = make_client(client, config) if isinstance(client, str) else client
         self.task = TASKS[task] if isinstance(task, str) else task
-        self.ranges = ranges or Curriculum().ranges(0)
+        self.episodes = episodes or PartsCurriculum().episodes(0)
         self.observation_space, self.action_space = task_spaces(self.task)  # type: ignore[assignment]
-        self._scale = self.task.action_scale
-        self._vehicle_max_steer = load_vehicle(config.vehicle).max_steer
+        self._action = self.task.action
+        self._max_steer = self.client.vehicle.max_steer
         self._steps = 0
         self._full_episodes = 0
         self._goes_on = False
@@ -66,9 +66,9 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """Tell somebody of the rides from now on, or nobody."""
         self.watch = watch
 
-    def set_ranges(self, ranges: RideRanges) -> None:
-        """Draw new rides from other intervals from now on."""
-        self.ranges = ranges
+    def set_episodes(self, episodes: Episodes) -> None:
+        """Draw new episodes from elsewhere from now on."""
+        self.episodes = episodes
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -84,9 +84,10 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._goes_on = False
         self._steps = 0
         if not goes_on:
-            request = (options or {}).get("request") or self.ranges.draw(self.np_random, self.task.preview)
+            request = (options or {}).get("request") or self.episodes.draw(self.np_random, self.task.preview)
             request = replace(request, preview=self.task.preview)
             self.snapshot = self.client.reset(request)
+            self._context = request.context
             self._full_episodes = 0
             if self.watch is not None:
                 self.watch.begun(request)
@@ -94,39 +95,38 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return self._observe(self.snapshot), self._info(self.snapshot)
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """Hold an action of shape (1,) in [-1, 1] for one control period."""
+        """Hold an action in [-1, 1], one number a column of the task's action, for one control period."""
         before = self.snapshot
         if before is None:
             raise RuntimeError("call reset before step")
-        command = self._scale.to_command(float(action[0]), self._vehicle_max_steer)
-        snapshot = self.client.step(command)
+        command = self._action.to_command(action, self._max_steer)
+        snapshot = self.client.step(*command)
         if self.watch is not None:
-            self.watch.stepped(self._observe(before), float(action[0]), command, snapshot.state)
-        if not math.isfinite(float(snapshot.state.sum() + snapshot.seen.sum())):
-            # The physics diverged. As the simulator node does: the last state that is one, as a fall.
-            snapshot = replace(before, step=snapshot.step, time=snapshot.time, fallen=True)
+            self.watch.stepped(self._observe(before), action, command, snapshot.state)
         self.snapshot = snapshot
         self._steps += 1
-        roll = snapshot.state[ROLL]
-        reward = self.task.rewards(distances(self.task, snapshot.seen), roll)
-        terminated = has_failed(snapshot)
+        reward = sum_of(self.task.reward_terms(snapshot))
+        terminated = has_failed(self.task, snapshot)
         truncated = not terminated and self._steps >= self.task.max_steps
         if truncated:
             self._full_episodes += 1
             self._goes_on = self._full_episodes == 1
-        return self._observe(snapshot), float(reward), terminated, truncated, self._info(snapshot)
+        info = self._info(snapshot)
+        if terminated or truncated:
+            info["context"] = self._context
+        return self._observe(snapshot), float(reward), terminated, truncated, info
 
     def close(self) -> None:
         """Release the simulator."""
         self.client.close()
 
     def _observe(self, snapshot: Snapshot) -> NDArray[np.float32]:
-        return self.task.layout.observe(snapshot.state, snapshot.preview_y)
+        return self.task.layout.observe(snapshot)
 
     def _info(self, snapshot: Snapshot) -> dict[str, Any]:
         return {
             "distance_m": snapshot.distance,
-            "progress_m": float(snapshot.seen[ride.PROGRESS]),
-            "speed_m_s": float(snapshot.seen[ride.SPEED]),
+            "progress_m": float(snapshot.look[lk.PROGRESS]),
+            "speed_m_s": snapshot.speed,
             "time_s": snapshot.time,
         }

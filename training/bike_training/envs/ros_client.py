@@ -27,8 +27,9 @@ from bike_sim.course.course import Course
 from bike_sim.ros import messages, node_tools
 from bike_sim.ros.command_gate import Command
 from bike_sim.ros.isolation import DOMAIN_VARIABLE, DomainLease, prepare_discovery
-from bike_sim.sim.request import ResetRequest
-from bike_sim.sim.simulator import SimulatorConfig, Snapshot
+from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.request import Preview, ResetRequest
+from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.nodes.node_process import NodeLost, NodeProcess
@@ -71,7 +72,10 @@ class RosClient:
         config: what the simulator was started with (as given, when joining).
         vehicle: the vehicle of that name or file.
         domain_id: ROS domain that is used.
+        preview: the preview of the present episode.
     """
+
+    preview = Preview()
 
     def __init__(self, config: SimulatorConfig | None = None, ros: RosClientConfig | None = None) -> None:
         """Start or find the simulator.
@@ -164,7 +168,9 @@ class RosClient:
         assert response is not None
         if not response.success:
             raise ValueError(response.message)
-        self._last = messages.snapshot_from_message(response.state)
+        state = response.state
+        self.preview = Preview(state.preview_by_time, state.preview_interval, len(state.preview_y))
+        self._last = messages.snapshot_from_message(state)
         return self._last
 
     def step(self, steering: float, throttle: float = 0.0) -> Snapshot:
@@ -172,7 +178,7 @@ class RosClient:
 
         Args:
             steering: in [-1, 1], positive to the left.
-            throttle: in [-1, 1]; the bicycle has no drive and ignores it.
+            throttle: in [-1, 1]; bicycles have no drive and ignore it.
 
         Raises:
             ValueError: a command that is not finite or out of range.

@@ -1,4 +1,4 @@
-"""Vector environment of compiled bicycles for Stable-Baselines3 and sbx."""
+"""Vector environments for Stable-Baselines3 and sbx: simulators one by one, and batches."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
-from bike_sim.physics.state import ROLL
-from bike_sim.sim import look as ride
-from bike_sim.sim.batch import RideBatch
-from bike_sim.vehicles.files import load_vehicle
-from bike_training.curricula.parts import RideRanges
+from bike_sim.sim.batch import make_batch
+from bike_sim.sim.config import SimulatorConfig
+from bike_training.curricula.base import Episodes
 from bike_training.envs.watch import RideWatch
-from bike_training.tasks.path import Task, distances, failed
+from bike_training.tasks.base import Task, sum_of
 
 
 def task_spaces(task: Task) -> tuple[gym.spaces.Box, gym.spaces.Box]:
     """Return the observation and action space of a task."""
     high = task.layout.high
-    return gym.spaces.Box(-high, high, dtype=np.float32), gym.spaces.Box(-1.0, 1.0, (1,), dtype=np.float32)
+    return gym.spaces.Box(-high, high, dtype=np.float32), gym.spaces.Box(
+        -1.0, 1.0, (task.action.size,), dtype=np.float32
+    )
 
 
 class SimulatorVecEnv(DummyVecEnv):
@@ -53,48 +53,48 @@ class SimulatorVecEnv(DummyVecEnv):
         self._open.close()
 
 
-class CompiledVecEnv(VecEnv):
-    """The paper's environment over :class:`~bike_sim.sim.batch.RideBatch`.
+class BatchVecEnv(VecEnv):
+    """Episodes of a task over a :class:`~bike_sim.sim.batch.Batch`.
 
-    An episode ends after ``task.max_steps`` steps or when a threshold is exceeded or the bicycle lies on the ground.
-    After a full episode the ride goes on into the next one; after two full episodes in a row it begins anew (Weyrer et
-    al. 2026, Sect. 4.1).
+    An episode ends after ``task.max_steps`` steps or where the task says that it has failed. After a full episode the
+    ride goes on into the next one; after two full episodes in a row it begins anew (Weyrer et al. 2026, Sect. 4.1).
 
     Attributes:
-        watch: is told of the rides of the first bicycle; None for nobody.
+        task: what is learned. batch: what rides.
+        watch: is told of the rides of the first vehicle; None for nobody.
     """
 
     watch: RideWatch | None = None
 
-    def __init__(self, count: int, task: Task, ranges: RideRanges, seed: int, time_step: float = 0.01) -> None:
-        """Make an environment of a number of bicycles.
+    def __init__(self, count: int, task: Task, episodes: Episodes, config: SimulatorConfig, seed: int) -> None:
+        """Make an environment of a number of vehicles.
 
         Args:
-            count: number of bicycles.
+            count: number of vehicles.
             task: what is learned.
-            ranges: intervals of new rides; :meth:`set_ranges` changes them.
+            episodes: where new episodes are drawn from; :meth:`set_episodes` changes it.
+            config: vehicle, engine and steps.
             seed: seed of all rides.
-            time_step: integration step, s.
         """
         self.render_mode = None
         super().__init__(count, *task_spaces(task))
         self.task = task
-        self.ranges = ranges
-        self.vehicle = load_vehicle("whipple")
-        self.batch = RideBatch(count, self.vehicle, task.preview, self.vehicle.control_period, time_step)
+        self.episodes = episodes
+        self.batch = make_batch(count, config, task.preview)
         self.rng = np.random.default_rng(seed)
         self.steps = np.zeros(count, dtype=np.int64)
         self.full_episodes = np.zeros(count, dtype=np.int64)
         self.returns = np.zeros(count)
-        self._chosen = 0.0
-        self._actions = np.zeros(count)
+        self._contexts: list[tuple[float, ...]] = [()] * count
+        self._chosen = np.zeros(task.action.size)
+        self._commands = np.zeros((count, 2))
 
-    def set_ranges(self, ranges: RideRanges) -> None:
-        """Draw new rides from other intervals from now on."""
-        self.ranges = ranges
+    def set_episodes(self, episodes: Episodes) -> None:
+        """Draw new episodes from elsewhere from now on."""
+        self.episodes = episodes
 
     def set_watch(self, watch: RideWatch | None) -> None:
-        """Tell somebody of the rides of the first bicycle from now on, or nobody."""
+        """Tell somebody of the rides of the first vehicle from now on, or nobody."""
         self.watch = watch
 
     def __getstate__(self) -> dict[str, Any]:
@@ -102,7 +102,7 @@ class CompiledVecEnv(VecEnv):
         return {name: value for name, value in self.__dict__.items() if name != "watch"}
 
     def reset(self) -> NDArray[np.float32]:
-        """Begin a new ride of every bicycle and return the observations, shape (n, layout size).
+        """Begin a new ride of every vehicle and return the observations, shape (n, layout size).
 
         After :meth:`seed` the draws begin anew with that seed.
         """
@@ -114,8 +114,9 @@ class CompiledVecEnv(VecEnv):
         return self._observe()
 
     def _begin(self, index: int) -> None:
-        request = self.ranges.draw(self.rng, self.task.preview)
+        request = self.episodes.draw(self.rng, self.task.preview)
         self.batch.reset(index, request)
+        self._contexts[index] = request.context
         if index == 0 and self.watch is not None:
             self.watch.begun(request)
         self.steps[index] = 0
@@ -123,32 +124,31 @@ class CompiledVecEnv(VecEnv):
         self.returns[index] = 0.0
 
     def _observe(self) -> NDArray[np.float32]:
-        return self.task.layout.observe(self.batch.states, self.batch.preview_y)
+        return self.task.layout.observe(self.batch)
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
-        """Seed the rides that begin with the next reset; all bicycles draw from one generator."""
+        """Seed the rides that begin with the next reset; all vehicles draw from one generator."""
         self._seeds = [seed] * self.num_envs
         return self._seeds
 
     def step_async(self, actions: NDArray[np.float32]) -> None:
-        """Take the actions of the next step, shape (n, 1)."""
-        self._chosen = float(actions[0, 0])
-        self._actions = self.task.action_scale.to_commands(actions[:, 0], self.vehicle.max_steer)
+        """Take the actions of the next step, shape (n, columns of the action)."""
+        self._chosen = actions[0].astype(np.float64)
+        self._commands = self.task.action.to_commands(actions, self.batch.vehicle.max_steer)
 
     def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
-        """Step every bicycle; rides that ended have begun anew in the returned observations."""
+        """Step every vehicle; rides that ended have begun anew in the returned observations."""
         if self.watch is None:
-            self.batch.step(self._actions)
+            self.batch.step(self._commands)
         else:
             observation = self._observe()[0]
-            self.batch.step(self._actions)
-            self.watch.stepped(observation, self._chosen, float(self._actions[0]), self.batch.states[0].copy())
+            self.batch.step(self._commands)
+            steering, throttle = self._commands[0].tolist()
+            self.watch.stepped(observation, self._chosen, (steering, throttle), self.batch.state[0].copy())
         self.steps += 1
-        roll = self.batch.states[:, ROLL]
-        rear = np.abs(self.batch.seen[:, ride.LATERAL_ERROR])
-        rewards = self.task.rewards(distances(self.task, self.batch.seen), roll).astype(np.float32)
+        rewards = sum_of(self.task.reward_terms(self.batch)).astype(np.float32)
         self.returns += rewards
-        terminated = failed(rear, roll, self.batch.lying)
+        terminated = self.task.failed(self.batch)
         truncated = ~terminated & (self.steps >= self.task.max_steps)
         observations = self._observe()
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
@@ -158,6 +158,7 @@ class CompiledVecEnv(VecEnv):
                 "terminal_observation": observations[index].copy(),
                 "TimeLimit.truncated": bool(truncated[index]),
                 "episode": {"r": float(self.returns[index]), "l": int(self.steps[index]), "t": 0.0},
+                "context": self._contexts[index],
             }
             if truncated[index] and self.full_episodes[index] == 0:
                 self.full_episodes[index] = 1
@@ -170,23 +171,24 @@ class CompiledVecEnv(VecEnv):
         return observations, rewards, ended, infos
 
     def close(self) -> None:
-        """Nothing to release."""
+        """Release the engines."""
+        self.batch.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Return an attribute of this environment once for each bicycle."""
+        """Return an attribute of this environment once for each vehicle."""
         return [getattr(self, attr_name)] * len(list(self._get_indices(indices)))
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Set an attribute for all bicycles together."""
+        """Set an attribute for all vehicles together."""
         setattr(self, attr_name, value)
 
     def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
-        """Call a method once for all bicycles together and return its result once for each bicycle."""
+        """Call a method once for all vehicles together and return its result once for each vehicle."""
         result = getattr(self, method_name)(*method_args, **method_kwargs)
         return [result] * len(list(self._get_indices(indices)))
 
     def env_is_wrapped(self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: Any = None) -> list[bool]:
-        """No bicycle is wrapped."""
+        """No vehicle is wrapped."""
         return [False] * len(list(self._get_indices(indices)))
 
     def get_images(self) -> Sequence[None]:

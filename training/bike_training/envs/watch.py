@@ -11,7 +11,7 @@ from bike_sim.sim.request import ResetRequest
 
 
 class RideWatch(Protocol):
-    """Follows the rides of one bicycle while it learns.
+    """Follows the rides of one vehicle while it learns.
 
     Environments have none unless they are given one, and then do nothing for it.
     """
@@ -21,14 +21,18 @@ class RideWatch(Protocol):
         ...
 
     def stepped(
-        self, observation: NDArray[np.float32], action: float, command: float, state: NDArray[np.float64]
+        self,
+        observation: NDArray[np.float32],
+        action: NDArray[np.floating],
+        command: tuple[float, float],
+        state: NDArray[np.float64],
     ) -> None:
         """Take note of a control period.
 
         Args:
             observation: what the policy saw.
-            action: what it answered, in [-1, 1].
-            command: steering command that it became, in [-1, 1].
+            action: what it answered, in [-1, 1], one number a column of the task's action.
+            command: steering and throttle that it became, in [-1, 1].
             state: minimal state at the end of the period.
         """
         ...

@@ -13,7 +13,9 @@ from bike_analysis import Ride, find_rides, read_recording
 from bike_analysis.columns import ColumnReader
 from bike_analysis.container import find_files
 from bike_policy.contract.bundle import Bundle
+from bike_policy.contract.observation import SeenBlocks
 from bike_sim.physics.state import FIELDS
+from bike_sim.sim import look as lk
 from bike_training.replay.recorded_rides import blocks_of
 
 FloatArray = NDArray[np.float64]
@@ -116,10 +118,10 @@ def _columns(path: Path, topic: str, orders: NDArray[np.int64]) -> dict[str, NDA
         if not len(rows):
             continue
         if reader is None:
-            missing = {*FIELDS, *_PREVIEW_FIELDS} - kind.fields()
+            missing = {*FIELDS, *lk.FIELDS, *_PREVIEW_FIELDS} - kind.fields()
             if missing:
                 raise ValueError(f"{path}: {topic} has no {', '.join(sorted(missing))}, which observations are made of")
-            reader = ColumnReader(kind, (*FIELDS, *_PREVIEW_FIELDS))
+            reader = ColumnReader(kind, (*FIELDS, *lk.FIELDS, *_PREVIEW_FIELDS))
         reader.add_block(block.contents, block.begin[rows], block.end[rows])
     assert reader is not None, "the orders are those of messages that have been read"
     return reader.finish()
@@ -130,8 +132,8 @@ def _observe(bundle: Bundle, columns: dict[str, NDArray[Any]]) -> NDArray[np.flo
     picked = layout.pick_preview(
         bool(columns["preview_by_time"][0]), float(columns["preview_interval"][0]), preview.shape[1]
     )
-    state = np.stack([columns[name] for name in FIELDS], axis=1)
-    observations = layout.observe(state, preview[:, picked])
+    state, look = (np.stack([columns[name] for name in names], axis=1) for names in (FIELDS, lk.FIELDS))
+    observations = layout.observe(SeenBlocks(state, look, preview), picked)
     if not np.isfinite(observations).all():
         raise ValueError("the recorded states hold values that are not finite")
     return observations

@@ -72,7 +72,7 @@ def set_values(bundle: Bundle, observations: NDArray[np.floating]) -> FloatArray
         observations: shape (n, size).
     """
     actions = bundle.actor.act_batch(np.asarray(observations, dtype=np.float32))
-    return np.asarray(actions, dtype=np.float64) * bundle.action.max_steer
+    return np.asarray(actions[:, 0], dtype=np.float64) * bundle.action.columns[0].scale
 
 
 def explain(

@@ -11,7 +11,7 @@ import warnings
 from array import array
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Final
 
@@ -22,18 +22,17 @@ from rclpy.serialization import serialize_message
 from stable_baselines3.common.vec_env import VecEnv
 
 from bike_analysis.columns import MessageSchema
-from bike_policy.contract.action import ActionScale
 from bike_policy.contract.actor import Actor
 from bike_sim.course.random_paths import PathRanges
-from bike_sim.physics.state import ROLL
 from bike_sim.recording import LATCHED, Qos, RideRecorder, message_type
 from bike_sim.ros import messages
 from bike_sim.ros.command_gate import Command
-from bike_sim.sim.events import EventWatch
+from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
-from bike_sim.sim.simulator import Simulator, SimulatorConfig, Snapshot
+from bike_sim.sim.simulator import Simulator
+from bike_sim.sim.snapshot import Snapshot
 from bike_training.curricula.parts import VALIDATION_DURATION, RideRanges
-from bike_training.tasks.path import Task, distances, has_failed, sum_of
+from bike_training.tasks.base import Task, has_failed, sum_of
 
 TOPICS: Final = {
     "episode": ("bike_msgs/msg/EpisodeStart", LATCHED),
@@ -63,7 +62,7 @@ class Standing:
 
 def task_note(task: Task) -> str:
     """Return the task's settings as JSON, with the layout of the observation under ``layout``."""
-    return json.dumps(asdict(task) | {"layout": task.layout.to_card()})
+    return json.dumps(task.to_card())
 
 
 @contextmanager
@@ -81,7 +80,7 @@ def _warning_of_disk(path: Path, end: Callable[[], None] = lambda: None) -> Iter
         end()
 
 
-class RideWriter:
+class EpisodeWriter:
     """Rides one ride in a simulator, step by step, and writes it down.
 
     Attributes:
@@ -112,12 +111,12 @@ class RideWriter:
         assert simulator.course is not None
         config = simulator.config
         self._facts = messages.Episode(simulator.vehicle, simulator.course, request.preview, config.control_period)
-        self._watch = EventWatch(simulator.course, self.snapshot)
         self._open(path, {"rider": rider, "layout": task.layout.name, "task": task_note(task)})
         number, stamp = self.snapshot.episode, self._stamp
-        self._write("episode", messages.episode_start_to_message(request, config, number, stamp))
+        names = simulator.plant.signal_names
+        self._write("episode", messages.episode_start_to_message(request, config, names, number, stamp))
         self._write("course", messages.course_to_message(simulator.course, number, stamp))
-        self._write("events", messages.event_to_message(self._watch.begun(), self.snapshot, stamp))
+        self._write_events()
         self._write("state", messages.state_to_message(self.snapshot, self._facts, stamp))
 
     def _open(self, path: Path, notes: dict[str, str]) -> None:
@@ -129,36 +128,44 @@ class RideWriter:
             self._schemas[name] = MessageSchema(described.name, described.definition)
 
     def step(
-        self, observation: NDArray[np.float32], action: float, command: float, standing: Standing, deterministic: bool
+        self,
+        observation: NDArray[np.float32],
+        action: NDArray[np.floating],
+        command: tuple[float, float],
+        standing: Standing,
+        deterministic: bool,
     ) -> Snapshot:
         """Hold a command for one control period; write down it, the step of learning, and what comes of it.
 
         Args:
             observation: what the policy saw.
             action: what it answered, in [-1, 1].
-            command: steering command that it became, in [-1, 1].
+            command: steering and throttle that it became, in [-1, 1].
             standing: where learning stood.
             deterministic: whether the action is the mean of the policy.
         """
         before, stamp = self.snapshot, self._stamp
-        given = Command(before.episode, before.step, command)
+        given = Command(before.episode, before.step, *command)
         self._write("command", messages.command_to_message(given, messages.time_to_message(stamp)))
-        self.snapshot = snapshot = self._simulator.step(command)
-        self.failed = has_failed(snapshot)
+        self.snapshot = snapshot = self._simulator.step(*command)
+        self.failed = has_failed(self._task, snapshot)
         learned = _standing_message(standing)
         learned.header.stamp = messages.time_to_message(stamp)
         learned.episode, learned.step = before.episode, before.step
         learned.deterministic = deterministic
         learned.feature_names = list(self._task.layout.names)
         learned.observation = array("f", observation.tobytes())
-        learned.action, learned.steering = action, command
-        learned.steer_set = action * self._task.max_steer
+        learned.action, learned.steering = float(action[0]), command[0]
+        learned.steer_set = float(action[0]) * self._task.action.columns[0].scale
         self._judge(learned)
         self._write("learning/step", learned, stamp)
         self._write("state", messages.state_to_message(snapshot, self._facts, self._stamp))
-        for event in self._watch.look(snapshot):
-            self._write("events", messages.event_to_message(event, snapshot, self._stamp))
+        self._write_events()
         return snapshot
+
+    def _write_events(self) -> None:
+        for event in self.snapshot.events:
+            self._write("events", messages.event_to_message(event, self.snapshot, self._stamp))
 
     def close(self) -> None:
         """Finish the file."""
@@ -166,7 +173,7 @@ class RideWriter:
 
     def _judge(self, message: LearningStep) -> None:
         """Say what the step was worth and whether an episode of learning ended with it."""
-        terms = self._task.reward_terms(distances(self._task, self.snapshot.seen), self.snapshot.state[ROLL])
+        terms = self._task.reward_terms(self.snapshot)
         message.reward_names = list(terms)
         message.reward_terms = array("d", map(float, terms.values()))
         message.reward = float(sum_of(terms))
@@ -213,14 +220,14 @@ def record_ride(
         standing: where learning stands.
     """
     steps = round(VALIDATION_DURATION / simulator.config.control_period)
-    scale = ActionScale(task.max_steer)
     with _warning_of_disk(path):
-        writer = RideWriter(path, task, simulator, request, steps, "deterministic actor, in validation")
+        writer = EpisodeWriter(path, task, simulator, request, steps, "deterministic actor, in validation")
         with closing(writer):
             for _ in range(steps):
-                observation = task.layout.observe(writer.snapshot.state, writer.snapshot.preview_y)
+                observation = task.layout.observe(writer.snapshot)
                 action = actor.act(observation)
-                writer.step(observation, action, scale.to_command(action, simulator.vehicle.max_steer), standing, True)
+                command = task.action.to_command(action, simulator.vehicle.max_steer)
+                writer.step(observation, action, command, standing, True)
                 if writer.failed:
                     break
 
@@ -244,7 +251,7 @@ class TrainingRecorder:
         self._env, self._task, self._config, self._standing = env, task, config, standing
         self._path: Path | None = None
         self._simulator: Simulator | None = None
-        self._writer: RideWriter | None = None
+        self._writer: EpisodeWriter | None = None
 
     @property
     def recording(self) -> bool:
@@ -264,12 +271,16 @@ class TrainingRecorder:
             return
         self._simulator = Simulator(self._config)
         with _warning_of_disk(self._path, self.close):
-            self._writer = RideWriter(
+            self._writer = EpisodeWriter(
                 self._path, self._task, self._simulator, request, self._task.max_steps, "learner, in training"
             )
 
     def stepped(
-        self, observation: NDArray[np.float32], action: float, command: float, state: NDArray[np.float64]
+        self,
+        observation: NDArray[np.float32],
+        action: NDArray[np.floating],
+        command: tuple[float, float],
+        state: NDArray[np.float64],
     ) -> None:
         """Write a step down; the recording ends with a warning where the simulator leaves the ride of the training."""
         if self._writer is None or self._path is None:

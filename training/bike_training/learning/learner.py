@@ -15,19 +15,22 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from bike_policy.contract.actor import Actor
 from bike_training.learning.presets import Preset
-from bike_training.tasks.path import Task
+from bike_training.tasks.base import Task
 
 
 class MirrorReplayBuffer(ReplayBuffer):
     """Replay buffer that mirrors a random half of each sample left to right.
 
-    The bicycle and the task are mirror-symmetric, so a mirrored transition is as true as the one that happened.
+    Vehicle and task are mirror-symmetric, so a mirrored transition is as true as the one that happened.
     """
 
-    def __init__(self, *args: Any, mirror_signs: NDArray[np.float32], **kwargs: Any) -> None:
-        """Take the signs of the observation layout beside the usual arguments."""
+    def __init__(
+        self, *args: Any, mirror_signs: NDArray[np.float32], action_signs: NDArray[np.float32], **kwargs: Any
+    ) -> None:
+        """Take the signs of observation and action, column by column, beside the usual arguments."""
         super().__init__(*args, **kwargs)
         self.mirror_signs = torch.as_tensor(mirror_signs)
+        self.action_signs = torch.as_tensor(action_signs)
 
     def _get_samples(self, batch_inds: NDArray[np.int64], env: Any = None) -> ReplayBufferSamples:
         data = super()._get_samples(batch_inds, env)
@@ -36,7 +39,7 @@ class MirrorReplayBuffer(ReplayBuffer):
         return data._replace(
             observations=data.observations * signs,
             next_observations=data.next_observations * signs,
-            actions=torch.where(flip, -data.actions, data.actions),
+            actions=data.actions * torch.where(flip, self.action_signs, 1.0),
         )
 
 
@@ -53,7 +56,10 @@ def build_model(preset: Preset, task: Task, env: VecEnv, seed: int) -> OffPolicy
     if preset.mirror:
         buffer = {
             "replay_buffer_class": MirrorReplayBuffer,
-            "replay_buffer_kwargs": {"mirror_signs": task.layout.mirror_signs},
+            "replay_buffer_kwargs": {
+                "mirror_signs": task.layout.mirror_signs,
+                "action_signs": task.action.mirror_signs,
+            },
         }
     # One update a step is SB3's own pace; with many bicycles a step counts for all of them.
     common: dict[str, Any] = {

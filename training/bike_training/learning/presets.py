@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, asdict, dataclass, fields, replace
+from dataclasses import MISSING, asdict, dataclass, field, fields, replace
 from typing import Any, Final, Literal
 
-from bike_training.tasks.path import TASKS, Task
+from bike_training.tasks.path import SHARP, TASKS, PathTask
 
 LARGEST_SEED: Final = 2**32 - 1
 """The generators of the learner take no larger one."""
@@ -37,8 +37,8 @@ class Preset:
         averaging: share of the averaged actor kept in an update of the average; 0 deploys the actor itself.
         validate_every: least learning steps between two validations.
         max_steer: steering set value of action 1, rad.
-        reward: overrides the task's reward; empty keeps it.
-        sharpness: width of the ``sharp`` reward's peak, m.
+        weights: terms of the reward by name and their weights; empty keeps the task's.
+        sharpness: width of the term ``path_peak``, m.
         refine: ride beyond the intervals of the last part once the curriculum is finished.
         steps: learning steps in all.
     """
@@ -62,7 +62,7 @@ class Preset:
     averaging: float = 0.0
     validate_every: int = 4000
     max_steer: float = math.radians(70.0)
-    reward: str = ""
+    weights: Mapping[str, float] = field(default_factory=dict)
     sharpness: float = 0.2
     refine: bool = False
     steps: int = 1_000_000
@@ -90,19 +90,21 @@ class Preset:
             value = getattr(self, name)
             if not value > 0.0:
                 raise ValueError(f"preset setting {name}={value!r} must be positive")
+        if not isinstance(self.weights, Mapping):
+            raise ValueError(f"preset setting weights={self.weights!r} must name reward terms and their weights")
         if self.averaging == 1.0:
             raise ValueError("preset setting averaging=1.0 would never take in the actor")
         self.make_task()
 
-    def make_task(self) -> Task:
+    def make_task(self) -> PathTask:
         """Return the task that this preset learns."""
         task = replace(TASKS[self.task], max_steer=self.max_steer, sharpness=self.sharpness)
-        return replace(task, reward=self.reward) if self.reward else task  # type: ignore[arg-type]
+        return replace(task, weights=dict(self.weights)) if self.weights else task
 
     def to_card(self) -> dict[str, Any]:
         """Return plain values for a policy card."""
         card = asdict(self)
-        card["layers"] = list(self.layers)
+        card["layers"], card["weights"] = list(self.layers), dict(self.weights)
         return card
 
     @classmethod
@@ -168,9 +170,13 @@ def _parse(name: str, text: str, current: Any) -> Any:
             return {"true": True, "false": False}[text.lower()]
         if isinstance(current, tuple):
             return tuple(int(part) for part in text.split(","))
+        if isinstance(current, Mapping):
+            return {name: float(weight) for name, _, weight in (part.partition(":") for part in text.split(","))}
         return type(current)(text)
     except (KeyError, ValueError) as error:
         kind = "list like 64,64" if isinstance(current, tuple) else type(current).__name__
+        if isinstance(current, Mapping):
+            kind = "list like path_linear:0.5,path_peak:0.5"
         raise ValueError(f"preset setting {name}={text!r} is not a {kind}") from error
 
 
@@ -193,7 +199,7 @@ FAST: Final = Preset(
     target_entropy=-3.0,
     mirror=True,
     averaging=0.999,
-    reward="sharp",
+    weights=SHARP,
     refine=True,
 )
 """The default: many bicycles, small networks, mirrored replay, little noise and a reward that is sharp at the path.

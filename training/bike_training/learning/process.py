@@ -23,10 +23,10 @@ from stable_baselines3.common.vec_env import VecEnv
 from bike_policy.contract.actor import Actor
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
-from bike_sim.vehicles.files import load_vehicle
-from bike_training.curricula.parts import Curriculum, RideRanges
+from bike_training.curricula.base import Episodes
+from bike_training.curricula.parts import PartsCurriculum, RideRanges
 from bike_training.envs.env import BikeEnv
-from bike_training.envs.vec_env import CompiledVecEnv, SimulatorVecEnv
+from bike_training.envs.vec_env import BatchVecEnv, SimulatorVecEnv
 from bike_training.interruption import signals_handled
 from bike_training.learning.checkpoint import (
     drop_rows_after,
@@ -38,15 +38,16 @@ from bike_training.learning.checkpoint import (
 )
 from bike_training.learning.learner import AveragedActor, actor_tensors, build_model
 from bike_training.learning.progress import Progress
-from bike_training.learning.run_settings import COMPILED_TIME_STEP, TRAINING_DRAWS, VALIDATION_DRAWS, RunSettings, draws
+from bike_training.learning.run_settings import TRAINING_DRAWS, VALIDATION_DRAWS, RunSettings, draws
 from bike_training.learning.validation_rides import (
     draw_requests,
     selection_error,
-    validate_compiled,
+    validate_batch,
     validate_simulator,
 )
 from bike_training.nodes.node_process import NodeLost
-from bike_training.tasks.path import DISTANCE_THRESHOLD, Task
+from bike_training.tasks.base import Task
+from bike_training.tasks.path import DISTANCE_THRESHOLD
 
 if TYPE_CHECKING:
     from bike_training.learning.episode_recording import TrainingRecorder  # needs ROS
@@ -64,13 +65,13 @@ class StopLearning(Exception):
     """Ends a run at a point where a checkpoint is whole."""
 
 
-def make_environment(settings: RunSettings, task: Task, ranges: RideRanges) -> VecEnv:
+def make_environment(settings: RunSettings, task: Task, episodes: Episodes) -> VecEnv:
     """Return the vector environment of a run, not yet seeded for it."""
     count = settings.preset.environments
     if settings.compiled:
-        return CompiledVecEnv(count, task, ranges, settings.seed, COMPILED_TIME_STEP)
+        return BatchVecEnv(count, task, episodes, settings.simulator(), settings.seed)
     # The monitor tells length and return of each episode, as the compiled environment does itself.
-    return SimulatorVecEnv(count, lambda: Monitor(BikeEnv(settings.client, task, ranges, settings.simulator())))
+    return SimulatorVecEnv(count, lambda: Monitor(BikeEnv(settings.client, task, episodes, settings.simulator())))
 
 
 class LearningProcess:
@@ -94,11 +95,10 @@ class LearningProcess:
             raise ValueError(f"learning steps must be at least 1, got {steps}")
         self.settings, self.out, self.steps = settings, out, steps
         self.task = settings.preset.make_task()
-        self.vehicle = load_vehicle("whipple")
         self._simulator: Simulator | None = None
         self._recorder: TrainingRecorder | None = None
         self.progress = Progress(
-            Curriculum(settings.preset.refine),
+            PartsCurriculum(settings.preset.refine),
             AveragedActor(settings.preset.averaging),
             np.random.default_rng(draws(settings.seed, VALIDATION_DRAWS)),
         )
@@ -121,7 +121,7 @@ class LearningProcess:
         if holds_run(self.out):
             raise ValueError(f"{self.out} already holds a run; resume it or choose another folder")
         self.out.mkdir(parents=True, exist_ok=True)
-        self.env = make_environment(self.settings, self.task, self._ranges(0))
+        self.env = make_environment(self.settings, self.task, self._episodes(0))
         self._opened.callback(self.env.close)
         self.model = build_model(self.settings.preset, self.task, self.env, self.settings.seed)
         self._seed_rides()
@@ -133,7 +133,7 @@ class LearningProcess:
         settings, stored = self.settings, load_process_state(self.out)
         self.progress = stored["progress"]
         goes_on = settings.compiled and stored["env"] is not None
-        self.env = stored["env"] if goes_on else make_environment(settings, self.task, self._ranges(stored["step"]))
+        self.env = stored["env"] if goes_on else make_environment(settings, self.task, self._episodes(stored["step"]))
         self._opened.callback(self.env.close)
         self.model = load_model(self.out, self.env)
         self.model.gradient_steps = settings.preset.updates
@@ -149,8 +149,8 @@ class LearningProcess:
         sequence = draws(self.settings.seed, TRAINING_DRAWS, self.model.num_timesteps)
         self.env.seed(int(sequence.generate_state(1, np.uint64)[0]))
 
-    def _ranges(self, step: int) -> RideRanges:
-        return self.progress.curriculum.ranges(step)
+    def _episodes(self, step: int) -> RideRanges:
+        return self.progress.curriculum.episodes(step)
 
     def run(self, report: Callable[[LearningProcess], None] | None = None) -> None:
         """Learn; a checkpoint is written at the end, also when stopped by SIGINT, SIGTERM or SIGHUP.
@@ -236,10 +236,10 @@ class LearningProcess:
         """Ride a validation, write it down, and move the curriculum on if it was fully successful."""
         progress, step = self.progress, self.model.num_timesteps
         actor = self.actor()
-        requests = draw_requests(self.task, progress.curriculum.validation_ranges(), progress.rng)
+        requests = draw_requests(self.task, progress.curriculum.validation(), progress.rng)
         errors = self._ride(actor, requests)
         part = progress.curriculum.part
-        passed = progress.curriculum.report(step, errors)
+        passed = progress.curriculum.validated(step, errors)
         succeeded = max(errors) <= 0.2 / DISTANCE_THRESHOLD
         progress.recent_error_m = float(np.mean(errors) * DISTANCE_THRESHOLD)
         progress.validated_at, progress.validation_due = step, False
@@ -273,7 +273,7 @@ class LearningProcess:
         actors = self.out / "actors"
         actors.mkdir(exist_ok=True)
         save_file(actor.tensors(), actors / f"{step:09d}.safetensors")
-        error = selection_error(actor, self.task, self.vehicle, COMPILED_TIME_STEP)
+        error = selection_error(actor, self.task, self.settings.compiled_simulator())
         if error < progress.best_error_m:
             progress.best, progress.best_error_m, progress.best_step = actor, error, step
         with (self.out / "selection.csv").open("a", newline="", encoding="utf-8") as file:
@@ -282,7 +282,7 @@ class LearningProcess:
 
     def _ride(self, actor: Actor, requests: list[ResetRequest]) -> list[float]:
         if self.settings.compiled:
-            return validate_compiled(actor, self.task, self.vehicle, requests, COMPILED_TIME_STEP)
+            return validate_batch(actor, self.task, self.settings.simulator(), requests)
         return validate_simulator(actor, self.task, self._validation_simulator(), requests)
 
     def _validation_simulator(self) -> Simulator:
@@ -310,7 +310,7 @@ class LearningProcess:
 
         def now() -> Standing:
             step = self.model.num_timesteps
-            return Standing(step, self.progress.curriculum.part, self._ranges(step))
+            return Standing(step, self.progress.curriculum.part, self._episodes(step))
 
         if self._recorder is None:
             self._recorder = TrainingRecorder(self.env, self.task, self.settings.simulator(), now)
@@ -366,7 +366,7 @@ class _Callback(BaseCallback):
             raise KeyboardInterrupt
         if settings.until_finished and progress.curriculum.finished:
             raise StopLearning
-        self.training_env.env_method("set_ranges", process._ranges(self.num_timesteps))
+        self.training_env.env_method("set_episodes", process._episodes(self.num_timesteps))
         self.consistent = False
 
     def _may_validate(self) -> bool:
@@ -380,6 +380,10 @@ class _Callback(BaseCallback):
         return due and self._may_validate()
 
     def _on_step(self) -> bool:
+        for info in self.locals["infos"]:
+            if "episode" in info:
+                episode, context = info["episode"], info.get("context", ())
+                self.process.progress.curriculum.ended(context, float(episode["r"]), int(episode["l"]))
         if any(info.get("TimeLimit.truncated") for info in self.locals["infos"]) and self._may_validate():
             self.process.progress.validation_due = True
         return True

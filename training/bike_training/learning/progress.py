@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from bike_policy.contract.actor import Actor
-from bike_training.curricula.parts import Curriculum
+from bike_training.curricula.parts import PartsCurriculum
 from bike_training.learning.learner import AveragedActor
 
 
@@ -33,7 +33,7 @@ class Progress:
         selected_at: learning step of the last comparison.
     """
 
-    curriculum: Curriculum
+    curriculum: PartsCurriculum
     averaged: AveragedActor
     rng: np.random.Generator
     seconds: float = 0.0
@@ -60,4 +60,4 @@ class Progress:
             step: learning step.
             every: least learning steps between two validations.
         """
-        return step - self.validated_at >= every and not self.curriculum.in_transition(step)
+        return step - self.validated_at >= every and self.curriculum.may_validate(step)

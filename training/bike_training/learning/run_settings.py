@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from bike_sim.sim.simulator import SimulatorConfig
+from bike_sim.sim.config import SimulatorConfig
 from bike_training.envs.clients import CLIENT_KINDS
 from bike_training.learning.presets import LARGEST_SEED, Preset, check_entries
 
@@ -83,7 +83,13 @@ class RunSettings:
 
     def simulator(self) -> SimulatorConfig:
         """Return the configuration of a simulator that rides as the environments do."""
-        return SimulatorConfig(engine=self.engine, time_step=COMPILED_TIME_STEP if self.compiled else self.time_step)
+        if self.compiled:
+            return self.compiled_simulator()
+        return SimulatorConfig(engine=self.engine, time_step=self.time_step)
+
+    def compiled_simulator(self) -> SimulatorConfig:
+        """Return the configuration of the compiled engine, on which actors are compared wherever they learn."""
+        return SimulatorConfig(engine="whipple", time_step=COMPILED_TIME_STEP)
 
 
 def draws(seed: int, branch: int, step: int = 0) -> np.random.SeedSequence:

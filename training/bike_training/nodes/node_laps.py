@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from bike_policy.riders.pilots import CLASSICAL
+from bike_policy.riders.classical import CLASSICAL
 from bike_sim.physics.superbike_engine import TIME_STEP
 from bike_sim.ros.isolation import DomainLease
 from bike_training.nodes.ride_monitor import ride_recorded

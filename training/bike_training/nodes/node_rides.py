@@ -10,11 +10,11 @@ from typing import Final, Self
 from bike_msgs.msg import BikeState
 
 from bike_sim.ros.messages import snapshot_from_message
+from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import Preview, ResetRequest
-from bike_sim.sim.simulator import SimulatorConfig
 from bike_training.envs.ros_client import RosClient
 from bike_training.nodes.node_process import NodeLost, NodeProcess
-from bike_training.rollout.riding import Ride, is_completed
+from bike_training.rollout.riding import RideResult, is_completed
 
 SILENCE: Final = 15.0
 """Wall-clock time without a state after which a ride counts as stuck, s."""
@@ -55,7 +55,7 @@ class NodeRides:
         self._drive.close()
         self._client.close()
 
-    def ride(self, request: ResetRequest, longest: float) -> Ride:
+    def ride(self, request: ResetRequest, longest: float) -> RideResult:
         """Ride for at most a simulated time, s.
 
         Raises:
@@ -76,7 +76,7 @@ class NodeRides:
             heard, step = time.monotonic(), state.step
         snapshots = [first, *(snapshot_from_message(state) for state in states)]
         lost = step - first.step - len(states)
-        return replace(Ride.from_snapshots(snapshots, is_completed(snapshots[-1], request)), lost_states=lost)
+        return replace(RideResult.from_snapshots(snapshots, is_completed(snapshots[-1], request)), lost_states=lost)
 
 
 def _is_over(state: BikeState, longest: float) -> bool:

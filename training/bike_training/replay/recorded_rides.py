@@ -15,20 +15,19 @@ from bike_analysis.columns import ColumnReader, MessageSchema, SchemaError
 from bike_analysis.container import Block, Container, RecordingError, find_files
 from bike_analysis.reading import Recording, read_recording
 from bike_analysis.rides import Ride, find_rides
-from bike_policy.contract.observation import ObservationLayout
 from bike_sim.course.random_paths import PathRanges
 from bike_sim.physics import state as st
-from bike_sim.sim import look as seen
+from bike_sim.sim import look as lk
+from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import Preview, ResetRequest
-from bike_sim.sim.simulator import SimulatorConfig
-from bike_training.tasks.path import Task
+from bike_training.tasks.path import PathTask
 
 Integers = NDArray[np.int64]
 Columns = dict[str, NDArray[Any]]
 
 COMMANDS: Final = ("steering_command", "throttle_command")
 FLAGS: Final = ("fallen", "off_course", "finished")
-EXACT: Final = (*st.FIELDS, *seen.FIELDS, *COMMANDS, "steer_torque", *FLAGS)
+EXACT: Final = (*st.FIELDS, *lk.FIELDS, *COMMANDS, "steer_torque", *FLAGS)
 """Fields of a recorded state that are ridden again: all but preview and history, which follow from them."""
 
 
@@ -83,7 +82,7 @@ class Learned:
         reward: for the control period that followed, shape (n,).
     """
 
-    task: Task
+    task: PathTask
     step: Integers
     observation: NDArray[np.float32]
     reward: NDArray[np.float64]
@@ -151,7 +150,7 @@ def _learned(ride: Ride, recording: Recording, raw: _Raw) -> Learned | None:
         return None
     card = json.loads(recording.notes["task"])
     try:
-        task = Task(**{**card, "layout": ObservationLayout.from_card(card["layout"])})
+        task = PathTask.from_card(card)
     except (KeyError, TypeError) as error:
         raise RecordingError(f"{recording.path}: the task in its notes is of another version ({error})") from error
     return Learned(

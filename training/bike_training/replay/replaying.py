@@ -14,13 +14,16 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_policy.contract.observation import ObservationLayout
-from bike_sim.physics.state import ROLL
-from bike_sim.sim.simulator import SimulatorConfig, Snapshot
-from bike_sim.sim.track_ride import make_simulator
+from bike_sim.course.course import Course
+from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.request import Preview
+from bike_sim.sim.simulator import Simulator
+from bike_sim.sim.snapshot import Snapshot
+from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.replay.recorded_rides import COMMANDS, EXACT, FLAGS, Columns, Learned, RecordedRide, Start
-from bike_training.tasks.path import distances
+from bike_training.rollout.rollout import rollout
+from bike_training.tasks.base import sum_of
 
 APART_AT: Final = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0)
 """Times at which it is told how far rides that differ are apart, s; the end comes last."""
@@ -114,20 +117,35 @@ def ride_again(
     config = config if time_step is None else replace(config, time_step=time_step)
     steering, throttle, stopped = _commands(recorded)
     ridden = _Ridden(recorded.learned)
-    simulator = make_simulator(config)
+    simulator = Simulator(config)
     try:
-        ridden.note(simulator.reset(start.request))
-        for step in range(len(steering)):
-            if tell is not None:
-                tell(step, len(steering))
-            snapshot = simulator.step(float(steering[step]), float(throttle[step]))
+        for snapshot in rollout(simulator, RecordedCommands(steering, throttle), start.request):
             ridden.note(snapshot)
-            if snapshot.fallen and step + 1 < len(steering):
+            if tell is not None:
+                tell(snapshot.step, len(steering))
+            if snapshot.fallen and snapshot.step < len(steering):
                 stopped = f"it falls after {snapshot.time:.2f} s now, where the recorded ride goes on"
-                break
     finally:
         simulator.close()
     return _compare(recorded, config, ridden, stopped)
+
+
+class RecordedCommands:
+    """The commands of a recorded ride as a rider; it has no answer after the last of them."""
+
+    name = "recorded"
+    preview: Preview | None = None
+
+    def __init__(self, steering: NDArray[np.float64], throttle: NDArray[np.float64]) -> None:
+        """Take the commands of each step, in [-1, 1]."""
+        self._commands = list(zip(steering.tolist(), throttle.tolist(), strict=True))
+
+    def begin(self, vehicle: Vehicle, course: Course, period: float, preview: Preview) -> None:
+        """Need nothing; see `bike_policy.riders.rider.Rider`."""
+
+    def command(self, snapshot: Snapshot) -> tuple[float, float] | None:
+        """Return the recorded command of the step."""
+        return self._commands[snapshot.step] if snapshot.step < len(self._commands) else None
 
 
 def _start_of(recorded: RecordedRide) -> Start:
@@ -190,12 +208,10 @@ class _Ridden:
     def note(self, snapshot: Snapshot) -> None:
         flags = [getattr(snapshot, name) for name in FLAGS]
         others = [snapshot.steering, snapshot.throttle, snapshot.steer_torque, *flags]
-        self._rows.append(np.concatenate([snapshot.state, snapshot.seen, others]))
+        self._rows.append(np.concatenate([snapshot.state, snapshot.look, others]))
         if self._task is not None:
-            layout: ObservationLayout = self._task.layout
-            self.observations.append(layout.observe(snapshot.state, snapshot.preview_y))
-            distance = distances(self._task, snapshot.seen)
-            self.rewards.append(float(self._task.rewards(distance, snapshot.state[ROLL])))
+            self.observations.append(self._task.layout.observe(snapshot))
+            self.rewards.append(float(sum_of(self._task.reward_terms(snapshot))))
 
     def columns(self) -> Columns:
         return dict(zip(EXACT, np.stack(self._rows, axis=1), strict=True))

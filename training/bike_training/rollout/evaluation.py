@@ -15,7 +15,7 @@ import numpy as np
 from bike_policy.contract.bundle import Bundle
 from bike_sim.course.files import load_course
 from bike_sim.sim.request import RANDOM_COURSE, ResetRequest
-from bike_training.rollout.riding import Ride, time_for
+from bike_training.rollout.riding import RideResult, time_for
 
 SPEEDS: Final = tuple(2.0 + 0.25 * k for k in range(21))
 """The 21 speeds, m/s."""
@@ -27,7 +27,7 @@ PAPER_MEAN: Final = 0.09
 PAPER_MAX: Final = 0.69
 """Largest mean and largest maximum distance of the paper's best controller with the proposed settings, m (Table 6)."""
 
-Rider = Callable[[ResetRequest, float], Ride]
+Rider = Callable[[ResetRequest, float], RideResult]
 """Rides a request for at most a time, s."""
 
 

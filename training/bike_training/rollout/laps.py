@@ -1,4 +1,4 @@
-"""Laps of the classical rider, in process: one machine on one circuit."""
+"""Laps of a rider: one machine on one circuit."""
 
 from __future__ import annotations
 
@@ -6,17 +6,20 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from bike_policy.riders.classical import ClassicalRider, Seen
+from bike_policy.riders.classical import ClassicalRider
 from bike_policy.riders.lap_plan import RiderSettings
 from bike_sim.course.lap_timing import Lap
 from bike_sim.physics import state as st
-from bike_sim.sim import look as ride
+from bike_sim.sim.circuit_scene import CircuitScene
+from bike_sim.sim.events import EventKind
+from bike_sim.sim.plant import superbike_config
 from bike_sim.sim.request import ResetRequest
-from bike_sim.sim.simulator import Snapshot
-from bike_sim.sim.track_ride import TrackRide, TrackSnapshot, start_speed, superbike_config
-from bike_sim.theory.lap_limit import LapLimit, lap_limit
+from bike_sim.sim.simulator import Simulator
+from bike_sim.sim.snapshot import Snapshot
+from bike_sim.theory.lap_limit import LapLimit
 from bike_sim.theory.line_cache import closest_lap
 from bike_sim.vehicles.files import load_vehicle
+from bike_training.rollout.rollout import rollout
 
 LONGEST_LAP = 3.0
 """Times the theoretical lap, after which a lap counts as never finished."""
@@ -69,24 +72,13 @@ class LapRide:
         return max(lap.duration for lap in self.laps) / theoretical - 1.0 if self.laps else None
 
 
-def seen_from(snapshot: Snapshot) -> Seen:
-    """Return what the classical rider sees of a snapshot."""
-    return Seen(
-        float(snapshot.seen[ride.SPEED]),
-        float(snapshot.state[st.ROLL]),
-        float(snapshot.seen[ride.PROGRESS]),
-        float(snapshot.seen[ride.LATERAL_ERROR]),
-        float(snapshot.seen[ride.HEADING_ERROR]),
-    )
-
-
 def ride_laps(
     vehicle: str,
     circuit: str | Path,
     laps: int = 3,
     *,
     settings: RiderSettings | None = None,
-    tell: Callable[[TrackSnapshot, float], None] | None = None,
+    tell: Callable[[Snapshot, float], None] | None = None,
 ) -> LapRide:
     """Ride an out-lap and flying laps.
 
@@ -94,7 +86,7 @@ def ride_laps(
         vehicle: name or file of a superbike.
         circuit: name or file of a circuit.
         laps: number of flying laps.
-        settings: of the rider.
+        settings: of the classical rider.
         tell: called every control step with the snapshot and the length of a lap, m.
 
     Raises:
@@ -102,23 +94,20 @@ def ride_laps(
     """
     if laps < 1:
         raise ValueError(f"number of laps must be at least 1, got {laps}")
-    machine = TrackRide(superbike_config(vehicle))
+    machine = Simulator(superbike_config(vehicle))
     try:
-        speed = start_speed(circuit, machine.envelope)
-        snapshot = machine.reset(ResetRequest(course=str(circuit), speed_range=(speed, speed)))
-        assert machine.course is not None
-        assert machine.track is not None
-        limit = lap_limit(machine.envelope, machine.course)
-        rider = ClassicalRider(
-            machine.vehicle, machine.course, machine.config.control_period, settings, machine.envelope
-        )
-        finished, end, length = 0, "", machine.track.length
-        error = lean = fastest = 0.0
-        while not end:
-            snapshot = machine.step(*rider.command(seen_from(snapshot)))
-            if tell is not None:
-                tell(snapshot, length)
-            finished += sum(1 for event in snapshot.timing if event.lap is not None)
+        limits = machine.plant.envelope
+        if limits is None:
+            raise ValueError(f"vehicle {vehicle!r} is no superbike; the classical rider needs tyres to plan a lap")
+        rider = ClassicalRider(settings)
+        request = machine.at_own_speed(ResetRequest(course=str(circuit)))
+        finished, end, error, lean, fastest = 0, "", 0.0, 0.0, 0.0
+        for snapshot in rollout(machine, rider, request):
+            scene = _circuit_scene(machine)
+            limit = scene.followed.limit(limits)
+            if tell is not None and snapshot.step:
+                tell(snapshot, scene.track.length)
+            finished += sum(event.kind is EventKind.LAP for event in snapshot.events)
             if finished > 0:
                 error = max(error, snapshot.distance)
                 lean = max(lean, abs(float(snapshot.state[st.ROLL])))
@@ -129,16 +118,21 @@ def ride_laps(
                 end = "finished"
             elif snapshot.time > LONGEST_LAP * limit.lap_time * (laps + 1):
                 end = "slow"
-        ridden = machine.timing().laps
+            if end:
+                break
+        scene = _circuit_scene(machine)
+        ridden, name = scene.timing().laps, scene.track.name
+        assert rider.controller is not None
+        plan = rider.controller.profile
     finally:
         machine.close()
     flying = ridden[1 : laps + 1]
     return LapRide(
         load_vehicle(vehicle).name,
-        machine.track.name,
+        name,
         limit,
-        closest_lap(circuit, machine.envelope),
-        rider.profile,
+        closest_lap(circuit, limits),
+        plan,
         ridden[0] if ridden else None,
         flying,
         end,
@@ -147,3 +141,14 @@ def ride_laps(
         fastest,
         sum(lap.off_track for lap in flying),
     )
+
+
+def _circuit_scene(machine: Simulator) -> CircuitScene:
+    """Return the circuit that is ridden.
+
+    Raises:
+        ValueError: the course is a path.
+    """
+    if not isinstance(machine.scene, CircuitScene):
+        raise ValueError(f"course {machine.request.course!r} is a path; laps need limits and a start line")
+    return machine.scene

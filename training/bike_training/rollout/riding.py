@@ -1,4 +1,4 @@
-"""Riding a policy through a simulator, and what the ride was like."""
+"""What a ride along a course was like."""
 
 from __future__ import annotations
 
@@ -10,21 +10,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_policy.contract.bundle import Bundle
+from bike_policy.riders.rider import Rider
 from bike_sim.course.course import Course
 from bike_sim.physics.state import ROLL, STEER
-from bike_sim.sim import look as seen
-from bike_sim.sim.request import RANDOM_COURSE, Preview, ResetRequest
-from bike_sim.sim.simulator import Snapshot
-from bike_sim.vehicles.files import load_vehicle
+from bike_sim.sim import look as lk
+from bike_sim.sim.request import RANDOM_COURSE, ResetRequest
+from bike_sim.sim.snapshot import Snapshot
 from bike_training.envs.clients import Client
-from bike_training.tasks.path import has_failed
+from bike_training.rollout.rollout import rollout
+from bike_training.tasks.base import has_failed
+from bike_training.tasks.path import PROP
 
 FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Ride:
+class RideResult:
     """One ride from its first to its last state.
 
     Attributes:
@@ -49,15 +50,15 @@ class Ride:
     lost_states: int = 0
 
     @classmethod
-    def from_snapshots(cls, snapshots: Sequence[Snapshot], completed: bool) -> Ride:
+    def from_snapshots(cls, snapshots: Sequence[Snapshot], completed: bool) -> RideResult:
         """Take what matters out of the snapshots."""
-        looks = np.array([snapshot.seen for snapshot in snapshots])
+        looks = np.array([snapshot.look for snapshot in snapshots])
         states = np.array([snapshot.state for snapshot in snapshots])
         return cls(
-            speed=float(looks[0, seen.SPEED]),
+            speed=float(looks[0, lk.SPEED]),
             completed=completed,
-            progress=looks[:, seen.PROGRESS],
-            error=looks[:, seen.LATERAL_ERROR],
+            progress=looks[:, lk.PROGRESS],
+            error=looks[:, lk.LATERAL_ERROR],
             roll=states[:, ROLL],
             steer=states[:, STEER],
             command=np.array([snapshot.steering for snapshot in snapshots]),
@@ -89,29 +90,28 @@ class Ride:
         return found
 
 
-def ride_through(client: Client, bundle: Bundle, request: ResetRequest, longest: float) -> Ride:
-    """Ride a policy until the course ends, it fails, or the time is up.
+def ride_through(client: Client, rider: Rider, request: ResetRequest, longest: float) -> RideResult:
+    """Ride until the course ends, the ride fails, or the time is up.
 
     Args:
         client: simulator.
-        bundle: policy; the request's preview is replaced by what it needs.
+        rider: who rides; the request's preview is replaced by what it needs.
         request: how the ride begins.
         longest: longest ride, s; an open ride that lasts so long is completed, a closed one is not.
     """
-    layout = bundle.layout
-    preview = Preview(layout.preview_by_time, layout.preview_interval, layout.preview_count)
-    max_steer = load_vehicle(bundle.vehicle).max_steer
-    snapshots = [client.reset(replace(request, preview=preview))]
-    while not is_over(snapshots[-1], longest):
-        snapshot = snapshots[-1]
-        action = bundle.actor.act(layout.observe(snapshot.state, snapshot.preview_y))
-        snapshots.append(client.step(bundle.action.to_command(action, max_steer)))
-    return Ride.from_snapshots(snapshots, is_completed(snapshots[-1], request))
+    if rider.preview is not None:
+        request = replace(request, preview=rider.preview)
+    snapshots = []
+    for snapshot in rollout(client, rider, request):
+        snapshots.append(snapshot)
+        if is_over(snapshot, longest):
+            break
+    return RideResult.from_snapshots(snapshots, is_completed(snapshots[-1], request))
 
 
 def is_over(snapshot: Snapshot, longest: float) -> bool:
     """Tell whether a ride ends with a snapshot: failed, at the end of the course, or out of time (s)."""
-    return has_failed(snapshot) or snapshot.finished or snapshot.time > longest - 1e-9
+    return has_failed(PROP, snapshot) or snapshot.finished or snapshot.time > longest - 1e-9
 
 
 def is_completed(last: Snapshot, request: ResetRequest) -> bool:
@@ -119,7 +119,7 @@ def is_completed(last: Snapshot, request: ResetRequest) -> bool:
 
     A course must be ridden to its end; on a random path it is enough to have lasted.
     """
-    return not has_failed(last) and (last.finished or request.course == RANDOM_COURSE)
+    return not has_failed(PROP, last) and (last.finished or request.course == RANDOM_COURSE)
 
 
 def time_for(course: Course, speed: float) -> float:

@@ -1,28 +1,24 @@
-"""The task: reward, termination and validation error of path following with balance.
+"""Path following with balance: reward, termination and validation error.
 
 Source: Weyrer et al. (2026), Sects. 3.2 to 4.2 and Table 5. Every choice of Table 5 is a setting here.
 """
 
 from __future__ import annotations
 
-import functools
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Final, Literal
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_policy.contract.action import ActionScale
+from bike_policy.contract.action import ActionLayout
 from bike_policy.contract.observation import LEAN_LAYOUT, PROP_LAYOUT, ObservationLayout
 from bike_sim.physics.state import ROLL
-from bike_sim.sim import look as ride
+from bike_sim.sim import look as lk
 from bike_sim.sim.request import Preview
-from bike_sim.sim.simulator import Snapshot
-
-FloatArray = NDArray[np.float64]
-Numbers = FloatArray | float
+from bike_training.tasks.base import FloatArray, RideBlocks
 
 DISTANCE_THRESHOLD: Final = 3.5
 """eta_y, m."""
@@ -32,113 +28,133 @@ VALIDATION_THRESHOLD: Final = 0.2
 """Mean distance of a successful validation ride, m (eta_e times eta_y, Eq. 13)."""
 
 
+def _path_linear(task: PathTask, distance: FloatArray, roll: FloatArray) -> FloatArray:
+    """Eq. (8)."""
+    return np.clip((DISTANCE_THRESHOLD - distance) / DISTANCE_THRESHOLD, 0.0, 1.0)
+
+
+def _path_exponential(task: PathTask, distance: FloatArray, roll: FloatArray) -> FloatArray:
+    """Eq. (9)."""
+    return np.exp(-0.5 * distance**2)
+
+
+def _path_peak(task: PathTask, distance: FloatArray, roll: FloatArray) -> FloatArray:
+    """Laplace peak of width `sharpness`, so that the last centimetres count as well. Not from the paper."""
+    return np.exp(-distance / task.sharpness)
+
+
+def _upright(task: PathTask, distance: FloatArray, roll: FloatArray) -> FloatArray:
+    """Eq. (10)."""
+    return np.clip((ROLL_THRESHOLD - np.abs(roll)) / ROLL_THRESHOLD, 0.0, 1.0)
+
+
+REWARD_TERMS: Final[Mapping[str, Callable[[PathTask, FloatArray, FloatArray], FloatArray]]] = {
+    "path_linear": _path_linear,
+    "path_exponential": _path_exponential,
+    "path_peak": _path_peak,
+    "upright": _upright,
+}
+"""Terms of the reward by name: functions in [0, 1] of distance to the path (m) and roll (rad)."""
+
+LINEAR: Final[Mapping[str, float]] = {"path_linear": 1.0}
+SHARP: Final[Mapping[str, float]] = {"path_linear": 0.5, "path_peak": 0.5}
+
+
 @dataclass(frozen=True)
-class Task:
-    """Settings of the learning task.
+class PathTask:
+    """Settings of the task; implements `bike_training.tasks.base.Task`.
 
     Attributes:
         layout: what the policy sees.
         max_steer: steering set value of action 1, rad.
-        reward: how the distance is rewarded. ``linear`` is Eq. (8), ``exponential`` Eq. (9); ``sharp`` is half of each
-            of Eq. (8) and a Laplace peak of ``sharpness``, so that the last centimetres count as well.
-        sharpness: width of the peak of ``sharp``, m.
-        path_weight: chi_1 of Eq. (7); the roll part has weight 1 - chi_1.
+        weights: terms of the reward by name, with their weights; they sum to 1 in the paper (chi_1 of Eq. 7 is the
+            weight of the distance).
+        sharpness: width of the term ``path_peak``, m.
         contact: which contact point is held to the path, ``rear`` d(P, P_P0) or ``front`` d(Q, P_Q0).
         max_steps: n_max, steps of an episode.
     """
 
     layout: ObservationLayout = LEAN_LAYOUT
     max_steer: float = math.radians(70.0)
-    reward: Literal["linear", "exponential", "sharp"] = "linear"
+    weights: Mapping[str, float] = field(default_factory=lambda: LINEAR)
     sharpness: float = 0.2
-    path_weight: float = 1.0
     contact: Literal["rear", "front"] = "rear"
     max_steps: int = 1200
 
     def __post_init__(self) -> None:
-        """Refuse values that mean nothing."""
-        if self.reward not in ("linear", "exponential", "sharp"):
-            raise ValueError(f"reward must be linear, exponential or sharp, got {self.reward!r}")
+        """Refuse values that mean nothing.
+
+        Raises:
+            ValueError: naming the value.
+        """
+        unknown = sorted(set(self.weights) - set(REWARD_TERMS))
+        if unknown or not self.weights:
+            raise ValueError(f"reward has unknown terms {unknown}; there are {', '.join(REWARD_TERMS)}")
+        for name, weight in self.weights.items():
+            if not math.isfinite(weight):
+                raise ValueError(f"weight of the reward term {name} must be finite, got {weight!r}")
         if self.contact not in ("rear", "front"):
             raise ValueError(f"contact must be rear or front, got {self.contact!r}")
-        if not 0.0 <= self.path_weight <= 1.0:
-            raise ValueError(f"path weight must lie in [0, 1], got {self.path_weight!r}")
-        if self.max_steps < 1 or not self.sharpness > 0.0 or not self.max_steer > 0.0:
-            raise ValueError("max_steps, sharpness and max_steer must be positive")
+        for name in ("max_steps", "sharpness", "max_steer"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)!r}")
 
     @property
     def preview(self) -> Preview:
-        """Preview that shows exactly what the layout needs."""
+        """The preview that shows exactly what the layout needs."""
         return Preview(self.layout.preview_by_time, self.layout.preview_interval, self.layout.preview_count)
 
     @property
-    def action_scale(self) -> ActionScale:
+    def action(self) -> ActionLayout:
         """What an action means."""
-        return ActionScale(self.max_steer)
+        return ActionLayout.steering(self.max_steer)
 
-    def reward_terms(self, distance: FloatArray, roll: FloatArray) -> dict[str, FloatArray]:
-        """Return the parts of the reward of one or many instants with their weights, Eqs. (7) to (10), by name.
+    def error(self, blocks: RideBlocks) -> FloatArray:
+        """Return t_0 of the contact point that is held to the path, m."""
+        place = lk.LATERAL_ERROR if self.contact == "rear" else lk.FRONT_LATERAL_ERROR
+        return np.abs(blocks.look[..., place])
 
-        Args:
-            distance: t_0 of the chosen contact point, m.
-            roll: rad.
+    def reward_terms(self, blocks: RideBlocks) -> dict[str, FloatArray]:
+        """Return the weighted terms of the reward of one or many instants, Eqs. (7) to (10), by name.
 
-        Returns:
-            ``path_linear``, ``path_exponential`` or ``path_peak`` for the distance to the path as far as the reward
-            has them, and ``upright`` where roll is rewarded. Their sum is the reward.
+        Their sum, the reward, lies in [0, 1] for the paper's weights, also on the step that leaves the thresholds.
         """
-        linear = np.clip((DISTANCE_THRESHOLD - distance) / DISTANCE_THRESHOLD, 0.0, 1.0)
-        if self.reward == "linear":
-            terms = {"path_linear": linear}
-        elif self.reward == "exponential":
-            terms = {"path_exponential": np.exp(-0.5 * distance**2)}
-        else:
-            terms = {"path_linear": 0.5 * linear, "path_peak": 0.5 * np.exp(-distance / self.sharpness)}
-        terms = {name: self.path_weight * term for name, term in terms.items()}
-        if self.path_weight < 1.0:
-            upright = np.clip((ROLL_THRESHOLD - np.abs(roll)) / ROLL_THRESHOLD, 0.0, 1.0)
-            terms["upright"] = (1.0 - self.path_weight) * upright
-        return terms
+        distance, roll = self.error(blocks), blocks.state[..., ROLL]
+        return {name: weight * REWARD_TERMS[name](self, distance, roll) for name, weight in self.weights.items()}
 
-    def rewards(self, distance: FloatArray, roll: FloatArray) -> FloatArray:
-        """Return the reward of one or many instants: the sum of :meth:`reward_terms`.
+    def failed(self, blocks: RideBlocks) -> NDArray[np.bool_]:
+        """Return where a ride has failed: too far from the path or fallen (Sect. 4). NaN has failed."""
+        rear, roll = np.abs(blocks.look[..., lk.LATERAL_ERROR]), np.abs(blocks.state[..., ROLL])
+        return ~(np.less_equal(rear, DISTANCE_THRESHOLD) & np.less_equal(roll, ROLL_THRESHOLD)) | blocks.fallen
 
-        Args:
-            distance: t_0 of the chosen contact point, m.
-            roll: rad.
+    def to_card(self) -> dict[str, Any]:
+        """Return plain values for recordings."""
+        return {**asdict(self), "weights": dict(self.weights), "layout": self.layout.to_card()}
 
-        Returns:
-            Rewards in [0, 1], also on the step that leaves the thresholds.
+    @classmethod
+    def from_card(cls, card: Mapping[str, Any]) -> PathTask:
+        """Read what :meth:`to_card` wrote.
+
+        Raises:
+            ValueError: an entry is missing, unknown or wrong.
         """
-        return sum_of(self.reward_terms(distance, roll))
+        values = dict(_named_weights(card))
+        unknown = sorted(set(values) - {spec.name for spec in fields(cls)})
+        if unknown or "layout" not in values:
+            raise ValueError(f"the task has unknown entries {unknown}, or no layout; another version wrote it")
+        return cls(**{**values, "layout": ObservationLayout.from_card(values["layout"])})
 
 
-def sum_of(terms: Mapping[str, FloatArray]) -> FloatArray:
-    """Return the reward that its terms make."""
-    return functools.reduce(np.add, terms.values())
-
-
-def distances(task: Task, seen: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return t_0 of the contact point that the task holds to the path, m, for one vehicle or a batch."""
-    place = ride.LATERAL_ERROR if task.contact == "rear" else ride.FRONT_LATERAL_ERROR
-    return np.abs(seen[..., place])
-
-
-def failed(rear_distance: Numbers, roll: Numbers, fallen: bool | NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return where a ride has failed: too far from the path or fallen (Sect. 4). What is no number has failed.
-
-    Args:
-        rear_distance: d(P, P_P0), m.
-        roll: roll angle, rad.
-        fallen: where the simulator says so: the bicycle lies on the ground, or its physics diverged.
-    """
-    rides = np.less_equal(rear_distance, DISTANCE_THRESHOLD) & np.less_equal(np.abs(roll), ROLL_THRESHOLD)
-    return ~rides | fallen
-
-
-def has_failed(snapshot: Snapshot) -> bool:
-    """Tell whether a ride has failed, as :func:`failed` does of many."""
-    return bool(failed(snapshot.distance, snapshot.state[ROLL], snapshot.fallen))
+def _named_weights(card: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return a card with weights; recordings from before the terms had names have a kind of reward instead."""
+    if "reward" not in card:
+        return card
+    path = {"linear": LINEAR, "exponential": {"path_exponential": 1.0}, "sharp": SHARP}[card["reward"]]
+    share = card["path_weight"]
+    weights = {name: share * weight for name, weight in path.items()}
+    if share < 1.0:
+        weights["upright"] = 1.0 - share
+    return {name: value for name, value in card.items() if name not in ("reward", "path_weight")} | {"weights": weights}
 
 
 def validation_error(distances: FloatArray, succeeded: bool) -> float:
@@ -153,7 +169,7 @@ def validation_error(distances: FloatArray, succeeded: bool) -> float:
     return float(np.mean(distances[len(distances) // 5 :]) / DISTANCE_THRESHOLD)
 
 
-PROP: Final = Task(layout=PROP_LAYOUT)
+PROP: Final = PathTask(layout=PROP_LAYOUT)
 """The proposed settings of Table 5."""
 
 _MINIMAL_LAYOUT = ObservationLayout(
@@ -162,13 +178,13 @@ _MINIMAL_LAYOUT = ObservationLayout(
     (1.0,) * (len(PROP_LAYOUT.features) - 1),
 )
 
-TASKS: Final[dict[str, Task]] = {
+TASKS: Final[dict[str, PathTask]] = {
     "prop": PROP,
     "alt1": replace(PROP, layout=_MINIMAL_LAYOUT),
     "alt2": replace(PROP, layout=replace(PROP_LAYOUT, name="alt2", preview_by_time=False, preview_interval=2.0)),
     "alt3": replace(PROP, contact="front"),
-    "alt4": replace(PROP, reward="exponential"),
-    "alt5": replace(PROP, path_weight=0.5),
-    "lean": Task(),
+    "alt4": replace(PROP, weights={"path_exponential": 1.0}),
+    "alt5": replace(PROP, weights={"path_linear": 0.5, "upright": 0.5}),
+    "lean": PathTask(),
 }
 """Table 5 by name, and this project's own."""

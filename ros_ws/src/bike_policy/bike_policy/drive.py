@@ -18,17 +18,20 @@ import rclpy.node
 from bike_msgs.msg import BikeCommand, BikeState, Course
 
 from bike_policy.contract.bundle import DEFAULT_POLICY
-from bike_policy.riders.pilots import Pilot, make_pilot
+from bike_policy.riders.rider import Rider, make_rider
 from bike_sim.ros import node_tools
 from bike_sim.ros.command_gate import Command
-from bike_sim.ros.messages import command_to_message, time_from_message
+from bike_sim.ros.messages import command_to_message, course_from_message, snapshot_from_message, time_from_message
 from bike_sim.ros.node_tools import CannotGoOn, ParameterSpec
+from bike_sim.sim.request import Preview
+from bike_sim.vehicles.bicycle import Vehicle
+from bike_sim.vehicles.files import load_vehicle
 
 SPECS: Final = (
     ParameterSpec(
         "policy", DEFAULT_POLICY, "Shipped policy, path of a bundle's folder, or classical for superbikes.", fixed=True
     ),
-    ParameterSpec("vehicle", "", "classical: YAML file of the vehicle, where it is not a shipped one.", fixed=True),
+    ParameterSpec("vehicle", "", "YAML file of the vehicle, where it is not a shipped one.", fixed=True),
     ParameterSpec("stale_after_s", 1.0, "Wall-clock time without a state after which a warning is given, s."),
 )
 
@@ -73,7 +76,9 @@ class Drive(rclpy.node.Node):
         """
         super().__init__("drive", namespace=node_tools.NAMESPACE)
         values = node_tools.declare(self, SPECS)
-        self._pilot: Pilot = make_pilot(values["policy"], values["vehicle"])
+        self._rider: Rider = make_rider(values["policy"])
+        self._told = load_vehicle(values["vehicle"]) if values["vehicle"] else None
+        self._course: Course | None = None
         self._accept(values)
         self._last: BikeState | None = None
         self._answered_at = self._heard_at = time.monotonic()
@@ -84,11 +89,11 @@ class Drive(rclpy.node.Node):
         )
         self._started_at = time.monotonic()
         self._diagnostics = node_tools.Diagnostics(self)
-        self.create_subscription(Course, "course", self._pilot.on_course, node_tools.LATCHED_QOS)
+        self.create_subscription(Course, "course", self._on_course, node_tools.LATCHED_QOS)
         self.create_subscription(BikeState, "state", self._on_state, node_tools.STREAM_QOS)
         node_tools.on_change(self, SPECS, self._accept)
         node_tools.wall_timer(self, REPORT_PERIOD, self._report)
-        self.get_logger().info(f"policy {self._pilot.name!r} is waiting for states")
+        self.get_logger().info(f"policy {self._rider.name!r} is waiting for states")
 
     def finish(self) -> None:
         """Report a last time, also in the log."""
@@ -121,7 +126,7 @@ class Drive(rclpy.node.Node):
         if message.fallen:
             self._counts.over += 1
             return
-        answer = self._pilot.command(message)
+        answer = self._rider.command(snapshot_from_message(message))
         if answer is None:
             self._counts.refused += 1
             return
@@ -157,19 +162,35 @@ class Drive(rclpy.node.Node):
         return last is None or message.episode != last.episode or message.step < last.step
 
     def _fits(self, message: BikeState) -> bool:
-        """Prepare the pilot for a ride; false while it still waits for the course.
+        """Prepare the rider for an episode; false while it still waits for the course.
 
         Raises:
             CannotGoOn: naming the difference.
         """
+        if self._course is None or self._course.episode != message.episode:
+            return False
+        preview = Preview(message.preview_by_time, message.preview_interval, len(message.preview_y))
         try:
-            if not self._pilot.fit(message):
-                return False
+            vehicle = self._vehicle(message)
+            self._rider.begin(vehicle, course_from_message(self._course), message.control_period, preview)
         except (ValueError, FileNotFoundError) as error:
             self.get_logger().error(f"the policy does not fit the simulator: {error}")
             raise CannotGoOn(f"the policy does not fit the simulator: {error}") from error
         self.get_logger().info(f"driving episode {message.episode} from step {message.step}")
         return True
+
+    def _on_course(self, message: Course) -> None:
+        self._course = message
+
+    def _vehicle(self, message: BikeState) -> Vehicle:
+        """Return the vehicle that the simulator rides: the one given as parameter, or the shipped one of its name.
+
+        Raises:
+            ValueError: another one was given. FileNotFoundError: it is neither given nor shipped.
+        """
+        if self._told is not None and self._told.name != message.vehicle:
+            raise ValueError(f"the simulator rides {message.vehicle!r}, parameter vehicle is {self._told.name!r}")
+        return self._told or load_vehicle(message.vehicle)
 
     # ---------------------------------------------------------------------------------------------------- diagnostics
 
@@ -193,7 +214,7 @@ class Drive(rclpy.node.Node):
         if self._latencies:
             median, p99 = np.percentile(self._latencies, [50.0, 99.0])
             figures |= {"latency_median_ms": median * 1e3, "latency_p99_ms": p99 * 1e3}
-        figures["policy"] = self._pilot.name
+        figures["policy"] = self._rider.name
         stamp = 0 if self._last is None else time_from_message(self._last.header.stamp)
         self._diagnostics.report(level, text, figures, stamp)
         self._reported = replace(self._counts)

@@ -1,63 +1,149 @@
-"""The action contract: what the one number that a policy answers means."""
+"""The action contract: what the numbers that a policy answers mean, column by column."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-ACTION_MEANING: Final = "steering_set_value"
-"""The only meaning so far: set value of the steering angle, positive to the left."""
+STEERING_SET_VALUE: Final = "steering_set_value"
+"""Set value of a bicycle's steering angle, positive to the left; its scale is the angle of action 1, rad."""
+LEAN_REQUEST: Final = "lean_request"
+"""Steering of a superbike in parts of the virtual rider's largest lean, positive to the left; scale 1 is all."""
+DRIVE: Final = "throttle_and_brake"
+"""Above 0 part of the engine's torque, below 0 part of the brakes' force; scale 1 is all."""
+
+MEANINGS: Final[Mapping[str, tuple[str, float]]] = {
+    STEERING_SET_VALUE: ("steering", -1.0),
+    LEAN_REQUEST: ("steering", -1.0),
+    DRIVE: ("throttle", 1.0),
+}
+"""Which command each meaning drives, and its sign in the mirrored ride."""
 
 
 @dataclass(frozen=True)
-class ActionScale:
-    """How the action in [-1, 1] becomes the steering command in [-1, 1] of the vehicle.
+class ActionColumn:
+    """One number of an action.
 
     Attributes:
-        max_steer: steering set value of action 1, rad. The paper's choice is the vehicle's own 70 degrees (Weyrer et
-            al. 2026, Sect. 3.4).
-        meaning: ACTION_MEANING.
+        meaning: a key of MEANINGS.
+        scale: what action 1 asks for, in the unit of the meaning.
     """
 
-    max_steer: float
-    meaning: str = ACTION_MEANING
+    meaning: str
+    scale: float = 1.0
 
     def __post_init__(self) -> None:
         """Refuse an unknown meaning and a scale that is not positive."""
-        if self.meaning != ACTION_MEANING:
-            raise ValueError(f"unknown action meaning {self.meaning!r}, this software knows {ACTION_MEANING!r}")
-        if not math.isfinite(self.max_steer) or self.max_steer <= 0.0:
-            raise ValueError(f"action scale max_steer must be positive and finite, got {self.max_steer!r}")
+        if self.meaning not in MEANINGS:
+            raise ValueError(f"unknown action meaning {self.meaning!r}, this software knows {', '.join(MEANINGS)}")
+        if not math.isfinite(self.scale) or self.scale <= 0.0:
+            raise ValueError(f"action scale of {self.meaning} must be positive and finite, got {self.scale!r}")
 
-    def to_command(self, action: float, vehicle_max_steer: float) -> float:
-        """Return the steering command in [-1, 1] for an action.
+    def factor(self, max_steer: float) -> float:
+        """Return the command in [-1, 1] for action 1, before clipping.
 
         Args:
-            action: in [-1, 1].
-            vehicle_max_steer: steering set value of command 1, rad.
+            max_steer: steering set value of the vehicle's command 1, rad.
         """
-        return min(max(action * (self.max_steer / vehicle_max_steer), -1.0), 1.0)
+        return self.scale / max_steer if self.meaning == STEERING_SET_VALUE else self.scale
 
-    def to_commands(self, actions: NDArray[np.floating], vehicle_max_steer: float) -> NDArray[np.float64]:
-        """Return :meth:`to_command` of many actions at once, the same bit for bit."""
-        return np.clip(np.asarray(actions, dtype=np.float64) * (self.max_steer / vehicle_max_steer), -1.0, 1.0)
+
+@dataclass(frozen=True)
+class ActionLayout:
+    """The columns of an action in [-1, 1] and how they become commands.
+
+    Attributes:
+        columns: in order; at most one for each command.
+    """
+
+    columns: tuple[ActionColumn, ...]
+
+    def __post_init__(self) -> None:
+        """Refuse an empty layout and two columns for one command."""
+        commands = [MEANINGS[column.meaning][0] for column in self.columns]
+        if not commands or len(set(commands)) != len(commands):
+            raise ValueError(f"an action needs one column for each command that it gives, got {commands}")
+
+    @classmethod
+    def steering(cls, max_steer: float) -> ActionLayout:
+        """Return the layout of a bicycle: one set value of the steering angle, action 1 for `max_steer` (rad)."""
+        return cls((ActionColumn(STEERING_SET_VALUE, max_steer),))
+
+    @property
+    def size(self) -> int:
+        """Numbers in an action."""
+        return len(self.columns)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Meaning of each column."""
+        return tuple(column.meaning for column in self.columns)
+
+    @cached_property
+    def mirror_signs(self) -> NDArray[np.float32]:
+        """Signs that turn an action into the one of the left/right mirrored ride."""
+        return np.array([MEANINGS[column.meaning][1] for column in self.columns], dtype=np.float32)
+
+    def to_command(self, action: Sequence[float] | NDArray[np.floating], max_steer: float) -> tuple[float, float]:
+        """Return steering and throttle in [-1, 1] for an action; 0 where no column drives the command.
+
+        Args:
+            action: in [-1, 1], shape (size,).
+            max_steer: steering set value of the vehicle's command 1, rad.
+        """
+        steering = throttle = 0.0
+        for column, value in zip(self.columns, action, strict=True):
+            command = min(max(float(value) * column.factor(max_steer), -1.0), 1.0)
+            if MEANINGS[column.meaning][0] == "steering":
+                steering = command
+            else:
+                throttle = command
+        return steering, throttle
+
+    def to_commands(self, actions: NDArray[np.floating], max_steer: float) -> NDArray[np.float64]:
+        """Return :meth:`to_command` of many actions at once, the same bit for bit.
+
+        Args:
+            actions: in [-1, 1], shape (n, size).
+            max_steer: rad.
+
+        Returns:
+            Steering and throttle, shape (n, 2).
+        """
+        commands = np.zeros((len(actions), 2))
+        for i, column in enumerate(self.columns):
+            place = 0 if MEANINGS[column.meaning][0] == "steering" else 1
+            values = np.asarray(actions[:, i], dtype=np.float64)
+            commands[:, place] = np.clip(values * column.factor(max_steer), -1.0, 1.0)
+        return commands
 
     def to_card(self) -> dict[str, Any]:
         """Return plain values for a policy card."""
-        return {"max_steer": float(self.max_steer), "meaning": self.meaning}
+        if self.names == (STEERING_SET_VALUE,):
+            return {"max_steer": float(self.columns[0].scale), "meaning": STEERING_SET_VALUE}
+        return {"columns": [asdict(column) for column in self.columns]}
 
     @classmethod
-    def from_card(cls, card: Mapping[str, Any]) -> ActionScale:
+    def from_card(cls, card: Mapping[str, Any]) -> ActionLayout:
         """Read from a policy card.
 
         Raises:
             ValueError: a missing or unknown entry.
         """
-        if set(card) != {"max_steer", "meaning"}:
-            raise ValueError(f"action entry of the card must hold max_steer and meaning, got {sorted(card)}")
-        return cls(float(card["max_steer"]), str(card["meaning"]))
+        if set(card) == {"max_steer", "meaning"}:
+            return cls((ActionColumn(str(card["meaning"]), float(card["max_steer"])),))
+        columns = card.get("columns")
+        if set(card) != {"columns"} or not isinstance(columns, list):
+            raise ValueError(
+                f"action entry of the card must hold max_steer and meaning, or columns, got {sorted(card)}"
+            )
+        for column in columns:
+            if not isinstance(column, Mapping) or set(column) != {"meaning", "scale"}:
+                raise ValueError(f"a column of the card's action must hold meaning and scale, got {column!r:.200}")
+        return cls(tuple(ActionColumn(str(column["meaning"]), float(column["scale"])) for column in columns))

@@ -24,7 +24,7 @@ class Actor:
             biases: vectors of shape (outputs,).
 
         Raises:
-            ValueError: shapes that do not chain, values that are not finite, or an output that is not one number.
+            ValueError: shapes that do not chain, or values that are not finite.
         """
         if not weights or len(weights) != len(biases):
             raise ValueError(f"actor has {len(weights)} weight matrices and {len(biases)} bias vectors")
@@ -37,8 +37,6 @@ class Actor:
                 )
             if not (np.all(np.isfinite(weight)) and np.all(np.isfinite(bias))):
                 raise ValueError(f"actor layer {i} holds values that are not finite")
-        if weights[-1].shape[0] != 1:
-            raise ValueError(f"actor answers {weights[-1].shape[0]} numbers, steering needs 1")
         self.weights = [np.ascontiguousarray(w.T, dtype=np.float32) for w in weights]
         self.biases = [np.ascontiguousarray(b, dtype=np.float32) for b in biases]
 
@@ -47,6 +45,11 @@ class Actor:
         """Numbers in an observation."""
         return int(self.weights[0].shape[0])
 
+    @property
+    def outputs(self) -> int:
+        """Numbers in an action."""
+        return int(self.weights[-1].shape[1])
+
     def act_batch(self, observations: Float32Array) -> Float32Array:
         """Answer a batch.
 
@@ -54,23 +57,23 @@ class Actor:
             observations: shape (n, inputs).
 
         Returns:
-            Actions in [-1, 1], shape (n,).
+            Actions in [-1, 1], shape (n, outputs).
         """
         hidden = observations
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             hidden = np.maximum(hidden @ weight + bias, 0.0)
-        return np.tanh(hidden @ self.weights[-1] + self.biases[-1])[:, 0]
+        return np.tanh(hidden @ self.weights[-1] + self.biases[-1])
 
-    def act(self, observation: Float32Array) -> float:
-        """Answer one observation of shape (inputs,) with an action in [-1, 1].
+    def act(self, observation: Float32Array) -> Float32Array:
+        """Answer one observation of shape (inputs,) with an action in [-1, 1], shape (outputs,).
 
         Raises:
             ValueError: a wrong size or a value that is not finite.
         """
         if observation.shape != (self.inputs,):
             raise ValueError(f"observation has shape {observation.shape}, the actor takes ({self.inputs},)")
-        action = float(self.act_batch(observation[None, :])[0])
-        if not np.isfinite(action):
+        action = self.act_batch(observation[None, :])[0]
+        if not np.isfinite(action).all():
             raise ValueError("observation holds a value that is not finite")
         return action
 

@@ -13,7 +13,7 @@ import yaml
 from safetensors import SafetensorError
 from safetensors.numpy import load_file, save_file
 
-from bike_policy.contract.action import ActionScale
+from bike_policy.contract.action import ActionLayout
 from bike_policy.contract.actor import Actor
 from bike_policy.contract.observation import ObservationLayout
 
@@ -42,17 +42,22 @@ class Bundle:
     name: str
     actor: Actor
     layout: ObservationLayout
-    action: ActionScale
+    action: ActionLayout
     vehicle: str
     control_period: float
     training: Mapping[str, Any] = field(default_factory=dict)
     results: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Refuse an actor whose input is not the layout's."""
+        """Refuse an actor whose input or output is not that of the layouts."""
         if self.actor.inputs != self.layout.size:
             raise ValueError(
                 f"policy {self.name!r}: the actor takes {self.actor.inputs} numbers, its layout {self.layout.size}"
+            )
+        if self.actor.outputs != self.action.size:
+            raise ValueError(
+                f"policy {self.name!r}: the actor answers {self.actor.outputs} numbers, its action has "
+                f"{self.action.size}: {', '.join(self.action.names)}"
             )
 
     def check_fit(self, vehicle: str, control_period: float) -> None:
@@ -120,7 +125,7 @@ def load_bundle(name_or_path: str | Path) -> Bundle:
             name=str(card["name"]),
             actor=Actor.from_tensors({key: np.asarray(value, dtype=np.float32) for key, value in tensors.items()}),
             layout=ObservationLayout.from_card(card["layout"]),
-            action=ActionScale.from_card(card["action"]),
+            action=ActionLayout.from_card(card["action"]),
             vehicle=str(card["vehicle"]),
             control_period=float(card["control_period_s"]),
             training=card["training"],

@@ -12,7 +12,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,25 +25,74 @@ LAYOUT_VERSION: Final = 1
 GRAVITY: Final = 9.81
 """m/s^2, scales the lean preview."""
 
-# Place in the minimal state (bike_sim.physics.state), mirror sign, and bound of each state feature. The fork has no
-# stop: when a bicycle falls, its steering angle grows beyond any bound.
-_STATE_FEATURES: Final[Mapping[str, tuple[int, float, float]]] = {
-    "x": (0, 1.0, math.inf),
-    "y": (1, -1.0, math.inf),
-    "yaw": (2, -1.0, math.inf),
-    "roll": (3, -1.0, math.pi),
-    "steer": (4, -1.0, math.inf),
-    "rear_wheel": (5, 1.0, math.inf),
-    "front_wheel": (6, 1.0, math.inf),
-    "roll_rate": (7, -1.0, math.inf),
-    "steer_rate": (8, -1.0, math.inf),
-    "front_wheel_rate": (9, 1.0, math.inf),
-}
-_YAW_INDEX: Final = 2
-_YAW_VECTOR: Final[Mapping[str, float]] = {"yaw_cos": 1.0, "yaw_sin": -1.0}
-"""Components of the yaw as a unit vector (Eq. 3) with their mirror signs."""
 
-FEATURES: Final = (*_STATE_FEATURES, *_YAW_VECTOR)
+class Blocks(Protocol):
+    """Named blocks that observations are made of: one snapshot, or many with leading dimensions.
+
+    Attributes:
+        state: minimal state (bike_sim.physics.state), shape (..., 10).
+        look: derived quantities (bike_sim.sim.look), shape (..., 12).
+        preview_y: lateral offsets of the preview points in base_link, m, shape (..., points).
+    """
+
+    @property
+    def state(self) -> FloatArray: ...  # noqa: D102
+    @property
+    def look(self) -> FloatArray: ...  # noqa: D102
+    @property
+    def preview_y(self) -> FloatArray: ...  # noqa: D102
+
+
+class SeenBlocks(NamedTuple):
+    """Blocks that come from neither a simulator nor a batch, as from a recording; see `Blocks`."""
+
+    state: FloatArray
+    look: FloatArray
+    preview_y: FloatArray
+
+
+class Feature(NamedTuple):
+    """One number of a block.
+
+    Attributes:
+        block: name of the block.
+        place: index in it.
+        mirror: sign in the mirrored ride.
+        bound: largest magnitude. The fork has no stop: when a bicycle falls, its steering angle grows beyond any.
+        turn: function that is applied to it, or None.
+    """
+
+    block: str
+    place: int
+    mirror: float
+    bound: float = math.inf
+    turn: np.ufunc | None = None
+
+
+_FEATURES: Final[Mapping[str, Feature]] = {
+    "x": Feature("state", 0, 1.0),
+    "y": Feature("state", 1, -1.0),
+    "yaw": Feature("state", 2, -1.0),
+    "roll": Feature("state", 3, -1.0, math.pi),
+    "steer": Feature("state", 4, -1.0),
+    "rear_wheel": Feature("state", 5, 1.0),
+    "front_wheel": Feature("state", 6, 1.0),
+    "roll_rate": Feature("state", 7, -1.0),
+    "steer_rate": Feature("state", 8, -1.0),
+    "front_wheel_rate": Feature("state", 9, 1.0),
+    # The yaw as a unit vector (Eq. 3)
+    "yaw_cos": Feature("state", 2, 1.0, 1.0, np.cos),
+    "yaw_sin": Feature("state", 2, -1.0, 1.0, np.sin),
+    "pitch": Feature("look", 0, 1.0, math.pi),
+    "yaw_rate": Feature("look", 1, -1.0),
+    "speed": Feature("look", 2, 1.0),
+    "lateral_error": Feature("look", 6, -1.0),
+    "heading_error": Feature("look", 7, -1.0, math.pi),
+    "curvature": Feature("look", 8, -1.0),
+    "front_lateral_error": Feature("look", 10, -1.0),
+}
+
+FEATURES: Final = tuple(_FEATURES)
 """Names of all features that a layout can hold, before the preview."""
 
 
@@ -112,31 +161,52 @@ class ObservationLayout:
         return self.features + tuple(f"t_p{k}" for k in range(self.preview_count))
 
     @cached_property
-    def _gathered(self) -> tuple[NDArray[np.intp], FloatArray, list[tuple[int, np.ufunc]]]:
-        """Columns of the state, factors, and the features that are a function of the yaw, for one gather a step."""
-        turned: dict[str, np.ufunc] = {"yaw_cos": np.cos, "yaw_sin": np.sin}
-        columns = [_STATE_FEATURES[name][0] if name in _STATE_FEATURES else _YAW_INDEX for name in self.features]
-        turns = [(i, turned[name]) for i, name in enumerate(self.features) if name in turned]
-        return np.array(columns, dtype=np.intp), np.array(self.scales, dtype=np.float64), turns
+    def _gathered(self) -> tuple[tuple[str, NDArray[np.intp], NDArray[np.intp]], ...]:
+        """For each block that is used: its name, the places taken from it and where they go, for one gather a step."""
+        used = [_FEATURES[name] for name in self.features]
+        blocks = dict.fromkeys(feature.block for feature in used)
+        found = []
+        for block in blocks:
+            rows = [i for i, feature in enumerate(used) if feature.block == block]
+            places = np.array([used[i].place for i in rows], dtype=np.intp)
+            found.append((block, places, np.array(rows, dtype=np.intp)))
+        return tuple(found)
 
-    def observe(self, state: FloatArray, preview_y: FloatArray) -> NDArray[np.float32]:
+    @cached_property
+    def _factors(self) -> FloatArray:
+        return np.array(self.scales, dtype=np.float64)
+
+    @cached_property
+    def _turns(self) -> tuple[tuple[int, np.ufunc], ...]:
+        turns = ((i, _FEATURES[name].turn) for i, name in enumerate(self.features))
+        return tuple((i, turn) for i, turn in turns if turn is not None)
+
+    def observe(self, blocks: Blocks, picked: NDArray[np.intp] | None = None) -> NDArray[np.float32]:
         """Make the observation of one vehicle or of a batch.
 
         Args:
-            state: minimal state, shape (..., 10).
-            preview_y: lateral offsets of exactly the preview points of this layout in base_link, m, shape
-                (..., preview_count); see :meth:`pick_preview`.
+            blocks: what is seen.
+            picked: which of its preview points this layout takes, from :meth:`pick_preview`; None where they are
+                exactly those.
 
         Returns:
             float32 array of shape (..., size).
         """
+        state, preview_y = blocks.state, blocks.preview_y
+        if picked is not None:
+            preview_y = preview_y[..., picked]
+        count = len(self.features)
         out = np.empty((*state.shape[:-1], self.size), dtype=np.float32)
-        columns, factors, turns = self._gathered
-        values = state[..., columns]
-        for i, turn in turns:
-            values[..., i] = turn(state[..., _YAW_INDEX])
-        out[..., : len(columns)] = values * factors
-        preview = out[..., len(columns) :]
+        if len(self._gathered) == 1 and self._gathered[0][0] == "state":
+            values = state[..., self._gathered[0][1]]
+        else:
+            values = np.empty((*state.shape[:-1], count))
+            for block, places, rows in self._gathered:
+                values[..., rows] = getattr(blocks, block)[..., places]
+        for i, turn in self._turns:
+            values[..., i] = turn(values[..., i])
+        out[..., :count] = values * self._factors
+        preview = out[..., count:]
         if self.preview_kind == "points":
             preview[...] = preview_y * self.preview_scale
         else:
@@ -184,13 +254,13 @@ class ObservationLayout:
     @property
     def mirror_signs(self) -> NDArray[np.float32]:
         """Signs that turn an observation into the one of the left/right mirrored ride about the map's x axis."""
-        signs = [_STATE_FEATURES[f][1] if f in _STATE_FEATURES else _YAW_VECTOR[f] for f in self.features]
+        signs = [_FEATURES[name].mirror for name in self.features]
         return np.array(signs + [-1.0] * self.preview_count, dtype=np.float32)
 
     @property
     def high(self) -> NDArray[np.float32]:
         """Upper bounds of the observation; lower bounds are their negatives."""
-        bounds = [_STATE_FEATURES[f][2] if f in _STATE_FEATURES else 1.0 for f in self.features]
+        bounds = [_FEATURES[name].bound for name in self.features]
         scaled = [bound * abs(scale) for bound, scale in zip(bounds, self.scales, strict=True)]
         return np.array(scaled + [math.inf] * self.preview_count, dtype=np.float32)
 

@@ -23,18 +23,27 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bike_policy.riders.lap_plan import RiderSettings, SteadyLeans, plan_lap
 from bike_sim.course.course import Course
+from bike_sim.physics import state as st
 from bike_sim.physics.superbike_statics import engine_force, inertial_mass
+from bike_sim.sim import look as lk
+from bike_sim.sim.request import Preview
+from bike_sim.sim.snapshot import Snapshot
 from bike_sim.theory.envelope import Envelope, envelope
 from bike_sim.theory.lap_limit import LapLimit
+from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.superbike import Superbike
 
 FloatArray = NDArray[np.float64]
+
+CLASSICAL: Final = "classical"
+"""Name of this rider."""
 
 LONGEST_GAP = 0.3
 """Time without states after which the last one tells nothing of the lateral error's rate any more, s."""
@@ -57,8 +66,8 @@ class Seen:
     heading_error: float
 
 
-class ClassicalRider:
-    """Rides one machine on one closed line.
+class LineController:
+    """Steers and drives one machine along one closed line.
 
     Attributes:
         settings: how it rides.
@@ -191,3 +200,49 @@ class ClassicalRider:
             # A closed throttle drags by the engine's brake, which fades as the throttle opens.
             return min(1.0, (force + self._engine_brake) / max(most + self._engine_brake, 1.0))
         return -min(1.0, max(0.0, (-force - self._engine_brake) / self._brake_force))
+
+
+class ClassicalRider:
+    """The classical rider of superbikes; implements `bike_policy.riders.rider.Rider`.
+
+    Attributes:
+        controller: of the present ride, or None before the first.
+    """
+
+    name = CLASSICAL
+    preview: Preview | None = None
+
+    def __init__(self, settings: RiderSettings | None = None) -> None:
+        """Take the settings of the rider."""
+        self._settings = settings
+        self._ride: tuple[Vehicle, Course, float] | None = None
+        self.controller: LineController | None = None
+
+    def begin(self, vehicle: Vehicle, course: Course, period: float, preview: Preview) -> None:
+        """Plan the lap; the same ride again needs no new plan.
+
+        Raises:
+            ValueError: a vehicle that is no superbike, or an open line.
+        """
+        if not isinstance(vehicle, Superbike):
+            raise ValueError(f"the classical rider rides superbikes, and {vehicle.name!r} is none")
+        same = self._ride is not None and self._ride[0] is vehicle and self._ride[1] is course
+        if self.controller is not None and same and self._ride is not None and self._ride[2] == period:
+            self.controller.reset()
+            return
+        self.controller = LineController(vehicle, course, period, self._settings)
+        self._ride = (vehicle, course, period)
+
+    def command(self, snapshot: Snapshot) -> tuple[float, float] | None:
+        """Return the answer to a snapshot; None where it is not finite."""
+        assert self.controller is not None, "begin comes first"
+        look = snapshot.look
+        seen = Seen(
+            float(look[lk.SPEED]),
+            float(snapshot.state[st.ROLL]),
+            float(look[lk.PROGRESS]),
+            float(look[lk.LATERAL_ERROR]),
+            float(look[lk.HEADING_ERROR]),
+        )
+        values = (seen.speed, seen.roll, seen.progress, seen.lateral_error, seen.heading_error)
+        return self.controller.command(seen) if all(map(math.isfinite, values)) else None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,6 +101,11 @@ class Course:
     def spacing(self) -> float:
         """Distance of samples, m."""
         return float(self.s[1] - self.s[0])
+
+    @cached_property
+    def table(self) -> FloatArray:
+        """x, y, heading and curvature of the samples in one array, shape (4, n), for compiled loops."""
+        return np.ascontiguousarray([self.x, self.y, self.heading, self.curvature])
 
     def nearest(self, x: float, y: float, heading: float, asked: float = 0.0) -> float:
         """Return the arc length of the sample that is nearest to a pose, m, out of the whole line.

@@ -12,6 +12,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 
+from bike_sim.course.line_crossings import crossed_share
 from bike_sim.course.track import Track
 
 
@@ -219,8 +220,7 @@ class LapTimer:
     @staticmethod
     def _between(before: _Place, after: _Place, progress: float) -> _Place:
         """Return the place where a line is crossed, everything linear in progress."""
-        moved = after.progress - before.progress
-        share = min(max((progress - before.progress) / moved, 0.0), 1.0) if moved > 0.0 else 1.0
+        share = crossed_share(progress - before.progress, after.progress - before.progress)
 
         def mix(a: float, b: float) -> float:
             return a + share * (b - a)

@@ -28,12 +28,11 @@ from bike_sim.ros.command_gate import Command
 from bike_sim.ros.stamps import NANOSECONDS as NANOSECONDS
 from bike_sim.ros.stamps import time_from_message as time_from_message
 from bike_sim.ros.stamps import time_to_message as time_to_message
-from bike_sim.sim import circuit_look as track_look
-from bike_sim.sim import look as ride
-from bike_sim.sim.events import Event
+from bike_sim.sim import look as lk
+from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.events import Event, EventKind
 from bike_sim.sim.request import Preview, ResetRequest
-from bike_sim.sim.simulator import SimulatorConfig, Snapshot
-from bike_sim.sim.track_ride import TrackSnapshot
+from bike_sim.sim.snapshot import CircuitView, Snapshot, WallHit
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.superbike import Superbike
 
@@ -124,7 +123,7 @@ def state_to_message(snapshot: Snapshot, episode: Episode, stamp: int) -> BikeSt
     message.steering_limit = episode.vehicle.max_steer
     for name, value in zip(st.FIELDS, snapshot.state.tolist(), strict=True):
         setattr(message, name, value)
-    for name, value in zip(ride.FIELDS, snapshot.seen.tolist(), strict=True):
+    for name, value in zip(lk.FIELDS, snapshot.look.tolist(), strict=True):
         setattr(message, name, value)
     message.steering_command = float(snapshot.steering)
     message.throttle_command = float(snapshot.throttle)
@@ -140,7 +139,21 @@ def state_to_message(snapshot: Snapshot, episode: Episode, stamp: int) -> BikeSt
     message.fallen = snapshot.fallen
     message.off_course = snapshot.off_course
     message.finished = snapshot.finished
+    message.fall = snapshot.fall
+    message.signals = _floats(snapshot.signals)
+    if snapshot.circuit is not None:
+        _fill_circuit(message, snapshot.circuit)
+    if snapshot.events:
+        message.events = [event_to_message(event, snapshot, stamp) for event in snapshot.events]
     return message
+
+
+def _fill_circuit(message: BikeState, view: CircuitView) -> None:
+    message.centre_place = _floats(view.place)
+    message.outside = view.outside
+    message.course_points = _floats(view.points.ravel())
+    if view.wall is not None:
+        message.wall_hit = array("d", (view.wall.speed, view.wall.angle, view.wall.energy))
 
 
 def snapshot_from_message(message: BikeState) -> Snapshot:
@@ -150,7 +163,7 @@ def snapshot_from_message(message: BikeState) -> Snapshot:
         step=message.step,
         time=message.step * message.control_period,
         state=minimal_state(message),
-        seen=np.array([getattr(message, name) for name in ride.FIELDS]),
+        look=np.array([getattr(message, name) for name in lk.FIELDS]),
         steering=message.steering_command,
         throttle=message.throttle_command,
         steer_torque=message.steer_torque,
@@ -161,6 +174,21 @@ def snapshot_from_message(message: BikeState) -> Snapshot:
         fallen=message.fallen,
         off_course=message.off_course,
         finished=message.finished,
+        fall=message.fall,
+        signals=np.array(message.signals),
+        circuit=_circuit_view(message),
+        events=tuple(event_from_message(event) for event in message.events),
+    )
+
+
+def _circuit_view(message: BikeState) -> CircuitView | None:
+    if not message.centre_place:
+        return None
+    return CircuitView(
+        place=np.array(message.centre_place),
+        outside=message.outside,
+        points=np.array(message.course_points).reshape(3, -1, 3),
+        wall=WallHit(*message.wall_hit) if message.wall_hit else None,
     )
 
 
@@ -234,12 +262,15 @@ def reset_from_message(message: Reset.Request, own: ResetRequest) -> ResetReques
     )
 
 
-def episode_start_to_message(request: ResetRequest, config: SimulatorConfig, episode: int, stamp: int) -> EpisodeStart:
+def episode_start_to_message(
+    request: ResetRequest, config: SimulatorConfig, signal_names: Sequence[str], episode: int, stamp: int
+) -> EpisodeStart:
     """Return the message of how an episode began.
 
     Args:
         request: the request that was met.
         config: the simulator.
+        signal_names: of the telemetry.
         episode: number of the episode.
         stamp: simulated time of the first state, ns.
     """
@@ -249,6 +280,7 @@ def episode_start_to_message(request: ResetRequest, config: SimulatorConfig, epi
     for spec in fields(config):
         setattr(message, spec.name, getattr(config, spec.name))
     _fill_request(message, request)
+    message.signal_names = list(signal_names)
     return message
 
 
@@ -333,12 +365,12 @@ def course_points_to_message(snapshot: Snapshot, course: Course, stamp: int) -> 
     message.header.frame_id = BASE_FRAME
     message.episode = snapshot.episode
     message.step = snapshot.step
-    message.progress = float(snapshot.seen[ride.PROGRESS])
-    message.lateral_error = float(snapshot.seen[ride.LATERAL_ERROR])
-    message.heading_error = float(snapshot.seen[ride.HEADING_ERROR])
-    if isinstance(snapshot, TrackSnapshot):
-        for name, row in (("line", track_look.LINE), ("left", track_look.LEFT), ("right", track_look.RIGHT)):
-            setattr(message, name, [Point(x=x, y=y, z=z) for x, y, z in snapshot.points[row].tolist()])
+    message.progress = float(snapshot.look[lk.PROGRESS])
+    message.lateral_error = float(snapshot.look[lk.LATERAL_ERROR])
+    message.heading_error = float(snapshot.look[lk.HEADING_ERROR])
+    if snapshot.circuit is not None:
+        for name, row in (("line", lk.LINE), ("left", lk.LEFT), ("right", lk.RIGHT)):
+            setattr(message, name, [Point(x=x, y=y, z=z) for x, y, z in snapshot.circuit.points[row].tolist()])
         return message
     message.line = _points(snapshot.preview_x, snapshot.preview_y)
     if course.width_left is not None:
@@ -351,7 +383,7 @@ def course_points_to_message(snapshot: Snapshot, course: Course, stamp: int) -> 
 def _limit(snapshot: Snapshot, course: Course, offset: FloatArray) -> list[Point]:
     """Return points beside the preview points, at a signed distance (m, positive left) given along the course."""
     count = len(snapshot.preview_x)
-    stations = snapshot.seen[ride.PROGRESS] + np.arange(count) * snapshot.seen[ride.PREVIEW_SPACING]
+    stations = snapshot.look[lk.PROGRESS] + np.arange(count) * snapshot.look[lk.PREVIEW_SPACING]
     inside = stations % course.length if course.closed else np.clip(stations, 0.0, course.length)
     distance = np.interp(inside, course.s, offset)
     x, y = np.empty(count), np.empty(count)
@@ -392,7 +424,7 @@ def lean_history_to_message(snapshot: Snapshot, stamp: int, period: int) -> Lean
 # -------------------------------------------------------------------------------------------------------- telemetry
 
 
-def telemetry_to_message(snapshot: TrackSnapshot, vehicle: Superbike, stamp: int) -> Telemetry:
+def telemetry_to_message(snapshot: Snapshot, vehicle: Superbike, stamp: int) -> Telemetry:
     """Return what tyres, engine, brakes and electronics of a superbike do.
 
     Args:
@@ -405,7 +437,7 @@ def telemetry_to_message(snapshot: TrackSnapshot, vehicle: Superbike, stamp: int
     message.header.frame_id = BASE_FRAME
     message.episode = snapshot.episode
     message.step = snapshot.step
-    measured = snapshot.telemetry.tolist()
+    measured = snapshot.signals.tolist()
     for name, place in _TELEMETRY_FIELDS:
         setattr(message, name, measured[place])
     for name, place in _AID_FIELDS:
@@ -440,6 +472,11 @@ def event_to_message(event: Event, snapshot: Snapshot, stamp: int) -> RideEvent:
     message.value = float(event.value)
     message.text = event.text
     return message
+
+
+def event_from_message(message: RideEvent) -> Event:
+    """Return the event that a message was made of."""
+    return Event(EventKind(message.kind), message.time, message.progress, message.value, message.text)
 
 
 def _floats(values: Sequence[float] | FloatArray) -> array[float]:

@@ -4,37 +4,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Final
 
+from bike_sim.physics.engine import ENGINE_KINDS
 from bike_sim.ros.node_tools import ParameterSpec
-from bike_sim.sim.request import Preview, ResetRequest, begin
-from bike_sim.sim.simulator import SimulatorConfig
-from bike_sim.sim.track_ride import start_speed
-from bike_sim.theory.envelope import envelope
+from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.request import Preview, ResetRequest
+from bike_sim.sim.simulator import Simulator
 from bike_sim.vehicles.files import load_vehicle
-from bike_sim.vehicles.superbike import Superbike
 
 LOCKSTEP: Final = "lockstep"
 FREE: Final = "free"
 NEVER, FALL, END = "never", "fall", "end"
 
-BICYCLE_SPEED: Final = 4.0
-"""Speed at which episodes of a bicycle begin if nothing else is asked for, m/s."""
-
 LONGEST_STEP: Final = 3600.0
 """Longest wall-clock time that free mode may take for a control period, s."""
-
-START: Final = ("vehicle", "course", "speed", "line", "progress")
-"""Parameters that the start of a superbike depends on. Checking them loads lines and a lap, which takes most of a
-second in which nothing is simulated."""
 
 _CONFIG = SimulatorConfig()
 _PREVIEW = Preview()
 
 SPECS: Final = (
     ParameterSpec("vehicle", _CONFIG.vehicle, "Shipped vehicle, or path of a YAML file.", fixed=True),
-    ParameterSpec("engine", _CONFIG.engine, "Physics engine.", fixed=True, choices=("pybullet", "whipple")),
+    ParameterSpec("engine", _CONFIG.engine, "Physics engine.", fixed=True, choices=ENGINE_KINDS),
     ParameterSpec("time_step", _CONFIG.time_step, "Integration step, s.", fixed=True),
     ParameterSpec("control_period", 0.0, "Time between two commands, s; 0 takes the vehicle's own.", fixed=True),
     ParameterSpec("history", _CONFIG.history, "Roll and steer angles kept in the lean history.", fixed=True),
@@ -55,10 +47,10 @@ SPECS: Final = (
         "superbike. From the next episode.",
     ),
     ParameterSpec(
-        "line", 1.0, "Superbike: line that is followed, 0 the median of the circuit, 1 the ideal line. From the next."
+        "line", 1.0, "Circuit: line that is followed, 0 the median, 1 the ideal line. From the next episode."
     ),
     ParameterSpec(
-        "progress", 0.0, "Superbike: where it begins, m along the centre line, below its length. From the next episode."
+        "progress", 0.0, "Circuit: where it begins, m along the centre line, below its length. From the next episode."
     ),
     ParameterSpec(
         "perturb", False, "Whether episodes start off the course, leaning and turning a little. From the next."
@@ -95,8 +87,8 @@ class NodeSettings:
 
     Attributes:
         simulator: what stays the same over all episodes.
-        episode: what the node's own episodes begin with; also serves where a reset leaves something open.
-        start: values of the parameters in START.
+        episode: what the node's own episodes begin with, the speed aside.
+        speed: forward speed at their start, m/s; 0 for the vehicle's own.
         seed: seed of the first of them, or negative.
         mode: LOCKSTEP or FREE.
         real_time_factor: simulated over wall-clock time in free mode; 0 for a step a command.
@@ -107,7 +99,7 @@ class NodeSettings:
 
     simulator: SimulatorConfig
     episode: ResetRequest
-    start: tuple[Any, ...]
+    speed: float
     seed: int
     mode: str
     real_time_factor: float
@@ -116,25 +108,20 @@ class NodeSettings:
     publish_markers: bool
 
     @classmethod
-    def from_parameters(cls, values: Mapping[str, Any], before: NodeSettings | None = None) -> NodeSettings:
-        """Check parameters together, as an episode would use them.
-
-        Args:
-            values: all parameters.
-            before: settings that hold so far. A superbike's start is checked only where it is another one.
+    def from_parameters(cls, values: Mapping[str, Any]) -> NodeSettings:
+        """Check parameters, one by one and together.
 
         Raises:
-            ValueError: a value that cannot be. FileNotFoundError: an unknown vehicle or course.
+            ValueError: a value that is wrong. FileNotFoundError: an unknown vehicle.
         """
         for name in ("real_time_factor", "command_timeout_s", "control_period", "speed"):
             if not math.isfinite(values[name]) or values[name] < 0.0:
                 raise ValueError(f"parameter {name} must be finite and not negative, got {values[name]!r}")
-        vehicle = load_vehicle(values["vehicle"])
         simulator = SimulatorConfig(
             vehicle=values["vehicle"],
             engine=values["engine"],
             time_step=values["time_step"],
-            control_period=values["control_period"] or vehicle.control_period,
+            control_period=values["control_period"] or load_vehicle(values["vehicle"]).control_period,
             history=values["history"],
         )
         slowest = simulator.control_period / LONGEST_STEP
@@ -143,28 +130,19 @@ class NodeSettings:
                 f"parameter real_time_factor must be 0 or at least {slowest:.3g}, a control period an hour, "
                 f"got {values['real_time_factor']!r}"
             )
-        start = tuple(values[name] for name in START)
-        speed = values["speed"] or BICYCLE_SPEED
         episode = ResetRequest(
             seed=max(values["seed"], 0),
             course=values["course"],
-            speed_range=(speed, speed),
+            speed_range=(values["speed"],) * 2 if values["speed"] else ResetRequest().speed_range,
             perturb=values["perturb"],
             preview=Preview(values["preview_by_time"], values["preview_interval"], values["preview_count"]),
             line=values["line"],
             progress=values["progress"],
         )
-        if not isinstance(vehicle, Superbike):
-            begin(episode, vehicle)
-        elif before is not None and before.start == start:
-            episode = replace(episode, speed_range=before.episode.speed_range)
-        else:
-            own = start_speed(episode.course, envelope(vehicle), episode.line, episode.progress)
-            episode = episode if values["speed"] else replace(episode, speed_range=(own, own))
         return cls(
             simulator=simulator,
             episode=episode,
-            start=start,
+            speed=values["speed"],
             seed=values["seed"],
             mode=values["mode"],
             real_time_factor=values["real_time_factor"],
@@ -172,3 +150,13 @@ class NodeSettings:
             auto_reset=values["auto_reset"],
             publish_markers=values["publish_markers"],
         )
+
+    def request(self, simulator: Simulator) -> ResetRequest:
+        """Return what the node's own episodes begin with; also serves where a reset leaves something open.
+
+        Raises:
+            ValueError: an episode that cannot begin. FileNotFoundError: an unknown course.
+        """
+        request = self.episode if self.speed else simulator.at_own_speed(self.episode)
+        simulator.check(request)
+        return request

@@ -48,11 +48,10 @@ from bike_sim.ros.messages import (
     time_to_message,
 )
 from bike_sim.ros.node_settings import END, FALL, LOCKSTEP, SPECS, NodeSettings
-from bike_sim.sim.events import EventWatch
 from bike_sim.sim.request import ResetRequest
-from bike_sim.sim.simulator import Snapshot
-from bike_sim.sim.track_events import TrackWatch
-from bike_sim.sim.track_ride import PREVIEW, TrackRide, TrackSnapshot, make_simulator
+from bike_sim.sim.simulator import Simulator
+from bike_sim.sim.snapshot import DIVERGED, Snapshot
+from bike_sim.vehicles.superbike import Superbike
 
 try:
     from tf2_msgs.msg import TFMessage
@@ -84,7 +83,8 @@ class SimNode(rclpy.node.Node):
         super().__init__("sim_node", namespace=node_tools.NAMESPACE)
         self._settings = NodeSettings.from_parameters(node_tools.declare(self, SPECS))
         _compile(self._settings)
-        self._simulator = make_simulator(self._settings.simulator)
+        self._simulator = Simulator(self._settings.simulator)
+        self._request = self._settings.request(self._simulator)
         self._period = round(self._settings.simulator.control_period * NANOSECONDS)
         self._gate = CommandGate(lockstep=self._settings.mode == LOCKSTEP)
         self._reported = CommandCounts()
@@ -134,8 +134,9 @@ class SimNode(rclpy.node.Node):
 
         extra(CoursePoints, "course_points", lambda s: course_points_to_message(s, self._course, self._stamp))
         extra(LeanHistory, "lean_history", lambda s: lean_history_to_message(s, self._stamp, self._period))
-        if isinstance(self._simulator, TrackRide):
-            extra(Telemetry, "telemetry", self._telemetry)
+        machine = self._simulator.vehicle
+        if isinstance(machine, Superbike):
+            extra(Telemetry, "telemetry", lambda s: telemetry_to_message(s, machine, self._stamp))
         extra(Odometry, "odom", lambda s: standard_messages.odometry(s, self._stamp))
         # The same as on /tf, for viewers of recordings made where tf2_msgs is missing.
         extra(TransformStamped, "transform", lambda s: standard_messages.base_transform(s, self._stamp))
@@ -145,11 +146,6 @@ class SimNode(rclpy.node.Node):
             extra(MarkerArray, "markers", lambda s: standard_messages.vehicle_markers(s, vehicle, self._stamp))
         if TFMessage is not None:
             extra(TFMessage, "/tf", lambda s: TFMessage(transforms=[standard_messages.base_transform(s, self._stamp)]))
-
-    def _telemetry(self, snapshot: Snapshot) -> Telemetry:
-        assert isinstance(self._simulator, TrackRide)
-        assert isinstance(snapshot, TrackSnapshot)
-        return telemetry_to_message(snapshot, self._simulator.vehicle, self._stamp)
 
     @property
     def _course(self) -> Course:
@@ -179,7 +175,7 @@ class SimNode(rclpy.node.Node):
         first = self._settings.seed
         seed = first + self._own_episodes if first >= 0 else self._draw_seed()
         self._own_episodes += 1
-        return replace(self._settings.episode, seed=seed)
+        return replace(self._request, seed=seed)
 
     def _draw_seed(self) -> int:
         return int(self._seeds.integers(LARGEST_SEED))
@@ -193,35 +189,30 @@ class SimNode(rclpy.node.Node):
         snapshot = self._simulator.reset(request)
         config, course = self._simulator.config, self._simulator.course
         assert course is not None
-        preview = PREVIEW if isinstance(self._simulator, TrackRide) else request.preview
-        self._episode = Episode(self._simulator.vehicle, course, preview, config.control_period)
+        self._episode = Episode(self._simulator.vehicle, course, self._simulator.preview, config.control_period)
         self._begin_stamp = self._stamp + self._period
-        self._watch: EventWatch | TrackWatch = EventWatch(course, snapshot)
-        if isinstance(snapshot, TrackSnapshot):
-            assert isinstance(self._simulator, TrackRide)
-            assert self._simulator.track is not None
-            self._watch = TrackWatch(self._simulator.track.name, snapshot)
         self._hold: Command | None = None
         self._held_since = 0
         self._waiting = None
-        self._start_topic.publish(episode_start_to_message(request, config, snapshot.episode, self._begin_stamp))
+        names = self._simulator.plant.signal_names
+        start = episode_start_to_message(request, config, names, snapshot.episode, self._begin_stamp)
+        self._start_topic.publish(start)
         self._course_topic.publish(course_to_message(course, snapshot.episode, self._begin_stamp))
         if self._settings.publish_markers:
             self._course_marker_topic.publish(standard_messages.course_marker(course, self._begin_stamp))
-        self._event_topic.publish(event_to_message(self._watch.begun(), snapshot, self._begin_stamp))
+        for event in snapshot.events:
+            self._event_topic.publish(event_to_message(event, snapshot, self._begin_stamp))
         self._show(snapshot)
         return snapshot
 
     def _advance(self, steering: float, throttle: float) -> None:
         """Ride one control period and publish what came of it."""
-        before = self._snapshot
         snapshot = self._simulator.step(steering, throttle)
-        if not (np.isfinite(snapshot.state).all() and np.isfinite(snapshot.seen).all()):
+        if snapshot.fall == DIVERGED:
             self.get_logger().error(f"the physics diverged in step {snapshot.step}; the episode ends as a fall")
-            snapshot = replace(before, step=snapshot.step, time=snapshot.time, fallen=True)
         self._steps += 1
         self._show(snapshot)
-        for event in self._watch.look(snapshot):
+        for event in snapshot.events:
             self._event_topic.publish(event_to_message(event, snapshot, self._stamp))
             self.get_logger().info(f"episode {snapshot.episode}, {event.time:.3f} s: {event.text}")
         if self._wants_new_episode(snapshot):
@@ -287,7 +278,7 @@ class SimNode(rclpy.node.Node):
         try:
             if request.seed < 0:
                 request.seed = self._draw_seed()
-            self._begin(reset_from_message(request, self._settings.episode))
+            self._begin(reset_from_message(request, self._request))
         except (ValueError, OSError) as error:
             response.message = " ".join(str(error).split())
             response.state = self._state
@@ -309,7 +300,9 @@ class SimNode(rclpy.node.Node):
 
     def _on_parameters(self, values: dict[str, Any]) -> None:
         """Take changed parameters over: pace and safety at once, what describes an episode from the next one on."""
-        before, self._settings = self._settings, NodeSettings.from_parameters(values, self._settings)
+        settings = NodeSettings.from_parameters(values)
+        self._request = settings.request(self._simulator)
+        before, self._settings = self._settings, settings
         if self._settings.seed != before.seed:
             self._own_episodes = 0
         if self._settings.real_time_factor != before.real_time_factor:
@@ -363,7 +356,7 @@ class SimNode(rclpy.node.Node):
         config = self._simulator.config
         return (
             f"{config.vehicle} on course {self._course.name!r} ({self._course.length:.0f} m) at "
-            f"{self._settings.episode.speed_range[0]:g} m/s, {config.engine} at {config.time_step * 1e3:g} ms, "
+            f"{self._request.speed_range[0]:g} m/s, {config.engine} at {config.time_step * 1e3:g} ms, "
             f"a command every {config.control_period * 1e3:g} ms, {self._settings.mode}"
         )
 
@@ -383,8 +376,8 @@ def oldest_step(step: int, timeout: float, control_period: float) -> int:
 
 def _compile(settings: NodeSettings) -> None:
     """Ride a step that nobody sees: the first on a machine compiles the physics, longer than a partner would wait."""
-    simulator = make_simulator(settings.simulator)
-    simulator.reset(settings.episode)
+    simulator = Simulator(settings.simulator)
+    simulator.reset(settings.request(simulator))
     simulator.step(0.0)
     simulator.close()
 

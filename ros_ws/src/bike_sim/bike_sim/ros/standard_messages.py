@@ -16,8 +16,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 from bike_sim.course.course import Course
 from bike_sim.physics import state as st
 from bike_sim.ros.messages import BASE_FRAME, MAP_FRAME, time_to_message
-from bike_sim.sim import look as ride
-from bike_sim.sim.simulator import Snapshot
+from bike_sim.sim import look as lk
+from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.bicycle import Vehicle
 
 FloatArray = NDArray[np.float64]
@@ -42,9 +42,9 @@ def odometry(snapshot: Snapshot, stamp: int) -> Odometry:
     message.child_frame_id = BASE_FRAME
     message.pose.pose.position = _point(snapshot.state[st.X], snapshot.state[st.Y], 0.0)
     message.pose.pose.orientation = _quaternion(_rotation_z(snapshot.state[st.YAW]))
-    message.twist.twist.linear.x = float(snapshot.seen[ride.SPEED])
+    message.twist.twist.linear.x = float(snapshot.look[lk.SPEED])
     message.twist.twist.angular.x = float(snapshot.state[st.ROLL_RATE])
-    message.twist.twist.angular.z = float(snapshot.seen[ride.YAW_RATE])
+    message.twist.twist.angular.z = float(snapshot.look[lk.YAW_RATE])
     return message
 
 
@@ -106,16 +106,16 @@ def course_marker(course: Course, stamp: int) -> Marker:
 
 def wheel_poses(snapshot: Snapshot, vehicle: Vehicle) -> tuple[tuple[FloatArray, FloatArray], ...]:
     """Return centre (m, map) and orientation (3 by 3, axle along y) of the rear and of the front wheel."""
-    state, seen = snapshot.state, snapshot.seen
+    state, look = snapshot.state, snapshot.look
     lean = _rotation_z(state[st.YAW]) @ _rotation_x(state[st.ROLL])
     rear = np.array([state[st.X], state[st.Y], 0.0]) + lean @ np.array([0.0, 0.0, vehicle.rR])
-    frame = lean @ _rotation_y(seen[ride.PITCH])
+    frame = lean @ _rotation_y(look[lk.PITCH])
     tilt = _rotation_y(-vehicle.lam)
     front = frame @ tilt @ _rotation_z(state[st.STEER]) @ tilt.T
     # From the contact point the centre lies upwards within the plane of the wheel.
     axle = front[:, 1]
     upwards = np.array([0.0, 0.0, 1.0]) - axle[2] * axle
-    centre = np.array([seen[ride.FRONT_X], seen[ride.FRONT_Y], 0.0]) + vehicle.rF * upwards / np.linalg.norm(upwards)
+    centre = np.array([look[lk.FRONT_X], look[lk.FRONT_Y], 0.0]) + vehicle.rF * upwards / np.linalg.norm(upwards)
     return (rear, frame), (centre, front)
 
 

@@ -1,22 +1,99 @@
-"""Many bicycles on their own random paths, stepped by one compiled loop."""
+"""Many vehicles side by side, stepped together. Same kernels and same draws as the single simulator, bit for bit.
+
+Courses are shared by index: a row refers to a course, and rows on the same course refer to the same arrays.
+"""
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 from numba import njit
+from numba.typed import List
 from numpy import ndarray
 from numpy.typing import NDArray
 
-from bike_sim.physics.state import STATE_SIZE
-from bike_sim.physics.whipple_engine import advance
-from bike_sim.sim import look as ride
-from bike_sim.sim.request import Preview, ResetRequest, begin
+from bike_sim.course.course import Course
+from bike_sim.physics.state import ROLL, STATE_SIZE
+from bike_sim.physics.whipple_engine import WhippleEngine, advance
+from bike_sim.sim import look as lk
+from bike_sim.sim.beginning import Courses, begin
+from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.plant import make_plant
+from bike_sim.sim.request import Preview, ResetRequest
+from bike_sim.sim.scene import PathScene
+from bike_sim.sim.simulator import Simulator
+from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.bicycle import Vehicle
 
 FloatArray = NDArray[np.float64]
 
-_MAX_SAMPLES = 20_000
-"""Course samples kept for each bicycle: 2 km, more than two episodes at 7 m/s need."""
+
+class Batch(Protocol):
+    """Vehicles that ride side by side. The arrays have one row a vehicle; a step changes them in place.
+
+    Attributes:
+        count: number of vehicles.
+        vehicle: their vehicle.
+        state: minimal states, shape (n, 10).
+        look: derived quantities in the order of :mod:`bike_sim.sim.look`, shape (n, lk.LOOK_SIZE).
+        signals: telemetry, shape (n, signals); no columns where the vehicle has none.
+    """
+
+    count: int
+    state: FloatArray
+    look: FloatArray
+    signals: FloatArray
+
+    @property
+    def fallen(self) -> NDArray[np.bool_]:
+        """Which vehicles have fallen, shape (n,); they stay as they are until their next episode."""
+        ...
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """Their vehicle."""
+        ...
+
+    @property
+    def preview_y(self) -> FloatArray:
+        """Lateral offsets of the preview points, m, shape (n, points)."""
+        ...
+
+    def reset(self, index: int, request: ResetRequest) -> None:
+        """Begin an episode of one vehicle, drawn exactly as `Simulator.reset` draws it.
+
+        Raises:
+            ValueError: a request that cannot be met.
+        """
+        ...
+
+    def step(self, commands: FloatArray) -> None:
+        """Hold steering and throttle in [-1, 1], shape (n, 2), for a control period."""
+        ...
+
+    def close(self) -> None:
+        """Release the engines."""
+        ...
+
+
+@njit(cache=True)
+def _look(
+    state: ndarray,
+    parameters: ndarray,
+    table: ndarray,
+    spacing: float,
+    closed: bool,
+    by_time: bool,
+    interval: float,
+    fresh: bool,
+    look: ndarray,
+    preview: ndarray,
+) -> None:
+    line = table[0], table[1], table[2], table[3]
+    lk.look_at_path(
+        state, parameters, True, line, spacing, closed, by_time, interval, fresh, look, preview[0], preview[1]
+    )
 
 
 @njit(cache=True)
@@ -27,155 +104,202 @@ def _step(
     time_step: float,
     substeps: int,
     parameters: ndarray,
-    courses: ndarray,
-    counts: ndarray,
+    tables: List,
+    course_of: ndarray,
     spacings: ndarray,
     closed: ndarray,
     by_time: bool,
     interval: float,
-    seen: ndarray,
-    preview: ndarray,
+    looks: ndarray,
+    previews: ndarray,
 ) -> None:
     for i in range(len(states)):
         lying[i] = lying[i] or not advance(states[i], steer_set[i], time_step, substeps, parameters)
+        course = course_of[i]
         _look(
             states[i],
             parameters,
-            courses[i],
-            counts[i],
-            spacings[i],
-            closed[i],
+            tables[course],
+            spacings[course],
+            closed[course],
             by_time,
             interval,
             False,
-            seen[i],
-            preview[i],
+            looks[i],
+            previews[i],
         )
 
 
-@njit(cache=True)
-def _look(
-    state: ndarray,
-    parameters: ndarray,
-    course: ndarray,
-    count: int,
-    spacing: float,
-    closed: bool,
-    by_time: bool,
-    interval: float,
-    fresh: bool,
-    seen: ndarray,
-    preview: ndarray,
-) -> None:
-    ride.look(
-        state,
-        parameters,
-        course[0, :count],
-        course[1, :count],
-        course[2, :count],
-        course[3, :count],
-        spacing,
-        closed,
-        by_time,
-        interval,
-        fresh,
-        seen,
-        preview[0],
-        preview[1],
-    )
+class CompiledBatch:
+    """Bicycles on paths, on the compiled Whipple engine, in one compiled loop; see `Batch`."""
 
-
-class RideBatch:
-    """Bicycles that ride side by side on the compiled Whipple engine.
-
-    Attributes:
-        states: minimal states, shape (n, 10).
-        lying: which bicycles lie on the ground, shape (n,); they stay as they are until they begin a new ride.
-        seen: derived quantities in the order of :mod:`bike_sim.sim.look`, shape (n, ride.LOOK_SIZE).
-        preview_y: lateral offsets of the preview points, m, shape (n, preview.count).
-    """
-
-    def __init__(
-        self, count: int, vehicle: Vehicle, preview: Preview, control_period: float = 0.05, time_step: float = 0.01
-    ) -> None:
+    def __init__(self, count: int, config: SimulatorConfig, preview: Preview) -> None:
         """Make room for a number of bicycles.
 
         Args:
             count: number of bicycles.
-            vehicle: their vehicle.
+            config: vehicle and steps; the engine must be ``"whipple"``.
             preview: what they see of the path.
-            control_period: s.
-            time_step: integration step of the compiled engine, s.
+
+        Raises:
+            ValueError: a vehicle or an engine that this loop does not carry.
         """
-        self.count = count
-        self.vehicle = vehicle
-        self.preview = preview
-        self.time_step = time_step
-        self.substeps = round(control_period / time_step)
-        self.states = np.zeros((count, STATE_SIZE))
+        self.count, self.preview = count, preview
+        self._plant = make_plant(config)
+        if not isinstance(getattr(self._plant, "engine", None), WhippleEngine):
+            raise ValueError(f"a compiled batch needs engine 'whipple', got {config.engine!r}")
+        self.time_step, self.substeps = config.time_step, config.substeps
+        self.state = np.zeros((count, STATE_SIZE))
         self.lying = np.zeros(count, dtype=np.bool_)
-        self.seen = np.zeros((count, ride.LOOK_SIZE))
+        self.look = np.zeros((count, lk.LOOK_SIZE))
+        self.signals = np.zeros((count, 0))
         self._points = np.zeros((count, 2, preview.count))
-        self._courses = np.zeros((count, 4, _MAX_SAMPLES))
-        self._counts = np.full(count, 2, dtype=np.int64)
+        self._courses = Courses()
+        # One place a row at most: a row on a course of its own takes its own place, shared ones take that of the first.
+        self._rows: list[Course | None] = [None] * count
+        self._tables = List([np.zeros((4, 2)) for _ in range(count)])
+        self._course_of = np.arange(count)
         self._spacings = np.ones(count)
         self._closed = np.zeros(count, dtype=np.bool_)
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """Their vehicle."""
+        return self._plant.vehicle
 
     @property
     def preview_y(self) -> FloatArray:
         """Lateral offsets of the preview points, m, shape (n, preview.count)."""
         return self._points[:, 1]
 
+    @property
+    def fallen(self) -> NDArray[np.bool_]:
+        """Which bicycles lie, or lean beyond the vehicle's limit, shape (n,)."""
+        return self.lying | (np.abs(self.state[:, ROLL]) > self.vehicle.fall_roll)
+
     def reset(self, index: int, request: ResetRequest) -> None:
-        """Begin a new ride of one bicycle, drawn exactly as :class:`bike_sim.sim.simulator.Simulator` draws it.
+        """Begin an episode of one bicycle; see `Batch`.
 
         Raises:
-            ValueError: a course that is longer than there is room for.
+            ValueError: a request that cannot be met, or a circuit: this loop has no limits and no laps.
         """
-        course, state = begin(request, self.vehicle)
-        count = len(course.s)
-        if count > _MAX_SAMPLES:
-            raise ValueError(f"a batch has room for {_MAX_SAMPLES} samples, course {course.name!r} has {count}")
-        self.states[index] = state
+        scene, state = begin(request, self._plant, self._courses)
+        if not isinstance(scene, PathScene):
+            raise ValueError(f"course {request.course!r} is a circuit; a compiled batch of bicycles rides paths")
+        place = self._put(index, scene.course)
+        self.state[index] = state
         self.lying[index] = False
-        self._courses[index, :, :count] = course.x, course.y, course.heading, course.curvature
-        self._counts[index] = count
-        self._spacings[index] = course.spacing
-        self._closed[index] = course.closed
-        self.seen[index] = ride.blank_look()
+        self.look[index] = scene.blank_look()
         _look(
-            self.states[index],
+            self.state[index],
             self.vehicle.parameters,
-            self._courses[index],
-            count,
-            course.spacing,
-            course.closed,
+            self._tables[place],
+            self._spacings[place],
+            self._closed[place],
             self.preview.by_time,
             self.preview.interval,
             True,
-            self.seen[index],
+            self.look[index],
             self._points[index],
         )
 
-    def step(self, commands: FloatArray) -> None:
-        """Hold one steering command a bicycle for a control period.
+    def _put(self, index: int, course: Course) -> int:
+        """Return the place of a course for a row; a course that is ridden already is not stored again."""
+        self._rows[index] = None
+        for row, other in enumerate(self._rows):
+            if other is course:
+                place = int(self._course_of[row])
+                break
+        else:
+            taken = {int(self._course_of[row]) for row, other in enumerate(self._rows) if other is not None}
+            place = next(free for free in range(self.count) if free not in taken)
+            self._tables[place] = course.table
+            self._spacings[place], self._closed[place] = course.spacing, course.closed
+        self._rows[index] = course
+        self._course_of[index] = place
+        return place
 
-        Args:
-            commands: in [-1, 1], shape (n,).
-        """
+    def step(self, commands: FloatArray) -> None:
+        """Hold steering commands for a control period; see `Batch`."""
         _step(
-            self.states,
+            self.state,
             self.lying,
-            np.asarray(commands, dtype=np.float64) * self.vehicle.max_steer,
+            commands[:, 0] * self.vehicle.max_steer,
             self.time_step,
             self.substeps,
             self.vehicle.parameters,
-            self._courses,
-            self._counts,
+            self._tables,
+            self._course_of,
             self._spacings,
             self._closed,
             self.preview.by_time,
             self.preview.interval,
-            self.seen,
+            self.look,
             self._points,
         )
+
+    def close(self) -> None:
+        """Release the engine that the starts are drawn with."""
+        self._plant.close()
+
+
+class SimulatorBatch:
+    """Vehicles of any kind and engine on paths and circuits, a simulator each, one after the other; see `Batch`.
+
+    Attributes:
+        simulators: one a row.
+        place: relation to the centre line of a circuit, shape (n, 4); NaN where there is none.
+        points: course points, shape (n, 3, lk.STATIONS, 3); NaN where there is no circuit.
+    """
+
+    def __init__(self, count: int, config: SimulatorConfig, preview: Preview) -> None:
+        """Start the simulators; see `CompiledBatch`."""
+        self.count = count
+        self.simulators = [Simulator(config) for _ in range(count)]
+        plant = self.simulators[0].plant
+        self.preview = plant.preview or preview
+        # One store of courses for all rows, so that a circuit's line is computed and kept once.
+        for simulator in self.simulators[1:]:
+            simulator.share_courses(self.simulators[0])
+        self.state = np.zeros((count, STATE_SIZE))
+        self.look = np.zeros((count, lk.LOOK_SIZE))
+        self.signals = np.zeros((count, len(plant.signal_names)))
+        self.fallen = np.zeros(count, dtype=np.bool_)
+        self.preview_y = np.zeros((count, self.preview.count))
+        self.place = np.full((count, lk.PLACE_SIZE), np.nan)
+        self.points = np.full((count, 3, lk.STATIONS, 3), np.nan)
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """Their vehicle."""
+        return self.simulators[0].vehicle
+
+    def reset(self, index: int, request: ResetRequest) -> None:
+        """Begin an episode of one vehicle; see `Batch`."""
+        self._show(index, self.simulators[index].reset(request))
+
+    def step(self, commands: FloatArray) -> None:
+        """Hold both commands for a control period; see `Batch`."""
+        for index, simulator in enumerate(self.simulators):
+            self._show(index, simulator.step(float(commands[index, 0]), float(commands[index, 1])))
+
+    def _show(self, index: int, snapshot: Snapshot) -> None:
+        self.state[index], self.look[index], self.signals[index] = snapshot.state, snapshot.look, snapshot.signals
+        self.fallen[index], self.preview_y[index] = snapshot.fallen, snapshot.preview_y
+        if snapshot.circuit is not None:
+            self.place[index], self.points[index] = snapshot.circuit.place, snapshot.circuit.points
+
+    def close(self) -> None:
+        """Release the engines."""
+        for simulator in self.simulators:
+            simulator.close()
+
+
+def make_batch(count: int, config: SimulatorConfig, preview: Preview) -> Batch:
+    """Return a batch of vehicles, compiled where the engine is.
+
+    Raises:
+        ValueError: a parameter that is wrong. FileNotFoundError: an unknown vehicle.
+    """
+    kind = CompiledBatch if config.engine == "whipple" else SimulatorBatch
+    return kind(count, config, preview)

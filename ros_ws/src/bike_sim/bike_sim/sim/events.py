@@ -1,14 +1,19 @@
-"""What happens in a ride: resets, falls, laps and sectors, found from one snapshot to the next."""
+"""What happens in a ride: resets, falls, laps and sectors, found from one control instant to the next."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import TYPE_CHECKING, Final
 
 from bike_sim.course.course import Course
-from bike_sim.physics import state as st
-from bike_sim.sim import look as ride
-from bike_sim.sim.simulator import Snapshot
+from bike_sim.course.lap_timing import LapTimer, Sample, TimingEvent, TimingKind
+from bike_sim.course.line_crossings import LineCrossings
+from bike_sim.course.track import Track
+
+if TYPE_CHECKING:
+    from bike_sim.sim.snapshot import WallHit
 
 
 class EventKind(IntEnum):
@@ -24,16 +29,16 @@ class EventKind(IntEnum):
     BACK_ON_COURSE = 7
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Event:
     """Something that happened.
 
     Attributes:
         kind: what.
         time: s since the reset, interpolated below the step where a line was crossed.
-        progress: arc length of the course, m.
-        value: time of the lap or sector (s), roll of a fall (rad), lateral error off the course (m), speed at a wall
-            (m/s), time away of who comes back (s), else 0.
+        progress: arc length, m: along the course, on a circuit along its centre line.
+        value: time of the lap or sector (s), roll of a fall (rad), lateral error off the course or distance beyond the
+            limits (m), speed at a wall (m/s), time away of who comes back (s), else 0.
         text: one sentence for people.
     """
 
@@ -44,90 +49,115 @@ class Event:
     text: str
 
 
-class EventWatch:
-    """Watches one episode.
+class PathEvents:
+    """Finds sectors, laps, the finish and leaving the course on a path.
 
     A line across the course (the start of a section, the end of a lap) counts once, when it is first crossed forward.
     """
 
-    def __init__(self, course: Course, first: Snapshot) -> None:
-        """Begin at the first snapshot of an episode.
+    def __init__(self, course: Course, time: float, progress: float) -> None:
+        """Begin an episode at a time (s) and an arc length (m)."""
+        self._course = course
+        self._marks = [(name, start) for name, start in course.sections if 0.0 < start < course.length]
+        self._lines = LineCrossings([start for _, start in self._marks], course.length, course.closed)
+        self._lines.skip_to(progress)
+        self._lap_began = self._sector_began = time
+        self._time, self._progress, self._off_course = time, progress, False
+
+    def look(
+        self, time: float, progress: float, speed: float, lateral_error: float, off_course: bool, ended: list[Event]
+    ) -> list[Event]:
+        """Return what happened since the instant before, in the order of time.
 
         Args:
-            course: the course that is ridden.
-            first: the snapshot that the reset returned.
+            time: s.
+            progress: arc length, m.
+            speed: m/s.
+            lateral_error: m, positive left.
+            off_course: whether that is beyond the course's limit.
+            ended: the event of a fall, if there was one.
         """
-        self._course = course
-        self._before = first
-        self._marks = [(name, start) for name, start in course.sections if 0.0 < start < course.length]
-        self._lap_began = first.time
-        self._sector_began = first.time
-        self._crossed = 0
-        while self._next_line()[0] <= _progress(first):
-            self._crossed += 1
-
-    def begun(self) -> Event:
-        """Return the event that opens the episode."""
-        text = f"episode {self._before.episode} begins on course {self._course.name!r}"
-        return Event(EventKind.RESET, self._before.time, _progress(self._before), 0.0, text)
-
-    def look(self, snapshot: Snapshot) -> list[Event]:
-        """Return what happened between the snapshot before and this one, in the order of time."""
-        events = self._crossings(snapshot)
-        if snapshot.fallen and not self._before.fallen:
-            roll = float(snapshot.state[st.ROLL])
-            events.append(self._now(EventKind.FALL, snapshot, roll, f"fell with a roll of {roll:.2f} rad"))
-        if snapshot.off_course and not self._before.off_course:
-            error = float(snapshot.seen[ride.LATERAL_ERROR])
-            events.append(self._now(EventKind.OFF_COURSE, snapshot, error, f"off the course by {error:+.2f} m"))
-        self._before = snapshot
+        # The projection on an open course stops at its end, so the last step may have gone farther than it says.
+        beyond = 0.0 if self._course.closed else speed * (time - self._time)
+        crossed = self._lines.advance(self._time, self._progress, time, progress, beyond)
+        events = [self._crossing(index, line, at) for index, line, at in crossed] + ended
+        if off_course and not self._off_course:
+            events.append(
+                Event(EventKind.OFF_COURSE, time, progress, lateral_error, f"off the course by {lateral_error:+.2f} m")
+            )
+        self._time, self._progress, self._off_course = time, progress, off_course
         return events
 
-    def _now(self, kind: EventKind, snapshot: Snapshot, value: float, text: str) -> Event:
-        return Event(kind, snapshot.time, _progress(snapshot), value, text)
-
-    def _next_line(self) -> tuple[float, str | None]:
-        """Return the arc length of the line that is crossed next, and the sector that begins there or None."""
-        lap, mark = divmod(self._crossed, len(self._marks) + 1)
-        if lap and not self._course.closed:
-            return float("inf"), None
+    def _crossing(self, index: int, line: float, time: float) -> Event:
+        lap, mark = divmod(index, len(self._marks) + 1)
+        began, self._sector_began = self._sector_began, time
         if mark < len(self._marks):
-            name, start = self._marks[mark]
-            return lap * self._course.length + start, name
-        return (lap + 1) * self._course.length, None
-
-    def _crossings(self, snapshot: Snapshot) -> list[Event]:
-        events: list[Event] = []
-        while True:
-            line, sector = self._next_line()
-            # The projection on an open course stops at its end, so the end counts as crossed when it is reached.
-            if _progress(snapshot) < line - (0.0 if self._course.closed else 1e-9):
-                return events
-            time = self._crossing_time(snapshot, line)
-            if sector is not None:
-                text = f"sector {sector!r} begins"
-                events.append(Event(EventKind.SECTOR, time, line, time - self._sector_began, text))
-            elif self._course.closed:
-                lap_time = time - self._lap_began
-                number = self._crossed // (len(self._marks) + 1) + 1
-                events.append(Event(EventKind.LAP, time, line, lap_time, f"lap {number} in {lap_time:.3f} s"))
-                self._lap_began = time
-            else:
-                text = f"end of the course reached after {time:.3f} s"
-                events.append(Event(EventKind.FINISH, time, line, 0.0, text))
-            self._sector_began = time
-            self._crossed += 1
-
-    def _crossing_time(self, snapshot: Snapshot, line: float) -> float:
-        """Return when a line was crossed since the snapshot before, s, at constant speed along the course."""
-        before, after = _progress(self._before), _progress(snapshot)
-        period = snapshot.time - self._before.time
-        travelled = after - before
-        if not self._course.closed and line >= self._course.length - 1e-9:
-            travelled = max(travelled, float(snapshot.seen[ride.SPEED]) * period)
-        share = (line - before) / travelled if travelled > 0.0 else 1.0
-        return self._before.time + min(max(share, 0.0), 1.0) * period
+            text = f"sector {self._marks[mark][0]!r} begins"
+            return Event(EventKind.SECTOR, time, line, time - began, text)
+        if not self._course.closed:
+            return Event(EventKind.FINISH, time, line, 0.0, f"end of the course reached after {time:.3f} s")
+        duration = time - self._lap_began
+        self._lap_began = time
+        return Event(EventKind.LAP, time, line, duration, f"lap {lap + 1} in {duration:.3f} s")
 
 
-def _progress(snapshot: Snapshot) -> float:
-    return float(snapshot.seen[ride.PROGRESS])
+_TIMING_KINDS: Final = {
+    TimingKind.SECTOR: EventKind.SECTOR,
+    TimingKind.LAP: EventKind.LAP,
+    TimingKind.LEFT_TRACK: EventKind.OFF_COURSE,
+    TimingKind.BACK_ON_TRACK: EventKind.BACK_ON_COURSE,
+}
+
+
+class CircuitEvents:
+    """Finds laps and sectors on a circuit, and leaving the track and coming back.
+
+    Attributes:
+        timer: the lap timing behind it.
+    """
+
+    def __init__(self, timer: LapTimer) -> None:
+        """Begin an episode with the timer of its circuit."""
+        self.timer = timer
+
+    def look(self, sample: Sample, outside: float) -> list[Event]:
+        """Return what the timing noticed at a place, with the distance beyond the limits (m) where they were left."""
+        return [timing_event(event, outside) for event in self.timer.feed(sample)]
+
+
+def timing_event(event: TimingEvent, outside: float) -> Event:
+    """Return what the lap timing noticed as an event of the ride.
+
+    Args:
+        event: what was noticed.
+        outside: distance beyond the limits at the end of the step, m.
+    """
+    value = outside if event.kind is TimingKind.LEFT_TRACK else event.value
+    return Event(_TIMING_KINDS[event.kind], event.time, event.progress, value, event.text)
+
+
+def reset_event(episode: int, course: Course, track: Track | None, progress: float) -> Event:
+    """Return the event that opens an episode at an arc length (m) of a course, or of a circuit where there is one."""
+    where = f"course {course.name!r}" if track is None else f"circuit {track.name!r}"
+    text = f"episode {episode} begins on {where}"
+    return Event(EventKind.RESET, 0.0, progress, 0.0, text)
+
+
+def fall_event(time: float, progress: float, roll: float, fall: str = "", speed: float = 0.0) -> Event:
+    """Return the event of a fall.
+
+    Args:
+        time: s.
+        progress: m.
+        roll: rad.
+        fall: how it fell, where there are several ways.
+        speed: m/s, told where the fall has a name.
+    """
+    how = f" ({fall.replace('_', ' ')}) at {speed:.1f} m/s" if fall else ""
+    return Event(EventKind.FALL, time, progress, roll, f"fell{how} with a roll of {roll:.2f} rad")
+
+
+def wall_event(time: float, progress: float, hit: WallHit) -> Event:
+    """Return the event of a collision with a wall at a time (s) and an arc length (m)."""
+    text = f"met a wall at {hit.speed:.1f} m/s, {math.degrees(hit.angle):.0f} deg, {hit.energy / 1e3:.0f} kJ"
+    return Event(EventKind.WALL, time, progress, hit.speed, text)

@@ -1,26 +1,35 @@
-"""What is seen of a ride at one instant: derived motion, relation to the course, preview. Compiled.
+"""What is seen at one control instant: derived motion, relation to the course, preview, course points. Compiled.
 
-One kernel serves the single simulator and the batches of training, so that both see the same numbers.
+The same kernels serve one simulator and batches, bicycles and superbikes, so that all see the same numbers bit for bit.
+
+A vehicle that rolls without slip has its motion from its minimal state. With tyres it has not: then the caller writes
+pitch, yaw rate and speed of the simulated machine into the look before.
 """
 
 from __future__ import annotations
+
+import math
+from typing import Final
 
 import numpy as np
 from numba import njit
 from numpy import ndarray
 
 from bike_sim.course import projection
+from bike_sim.course.course import Course
 from bike_sim.physics import kinematics
 from bike_sim.physics.state import FRONT_WHEEL_RATE, ROLL, STEER, YAW, X, Y
 from bike_sim.vehicles.bicycle import PARAMETER_NAMES
 
-# Places in the vector of derived quantities that `look` fills.
+Line = tuple[ndarray, ndarray, ndarray, ndarray]
+
+# Places in the vector of derived quantities.
 PITCH, YAW_RATE, SPEED, FRONT_X, FRONT_Y = range(5)
 PROGRESS, LATERAL_ERROR, HEADING_ERROR, CURVATURE = range(5, 9)
 FRONT_PROGRESS, FRONT_LATERAL_ERROR, PREVIEW_SPACING = range(9, 12)
-LOOK_SIZE = 12
+LOOK_SIZE: Final = 12
 
-FIELDS = (
+FIELDS: Final = (
     "pitch",
     "yaw_rate",
     "speed",
@@ -36,81 +45,300 @@ FIELDS = (
 )
 """What they are called in messages and recordings, in the same order."""
 
+# Places in the vector of what relates to the centre line of a circuit: arc length and lateral offset.
+CENTRE_PROGRESS, CENTRE_OFFSET, FRONT_CENTRE_PROGRESS, FRONT_CENTRE_OFFSET = range(4)
+PLACE_SIZE: Final = 4
+
+STATIONS: Final = 20
+"""Points of each of the three lines of the course points."""
+LINE, LEFT, RIGHT = range(3)
+"""Rows of the course points: the followed line and both limits."""
+
+LEAST_SPACING: Final = 0.5
+"""Distance of stations at a standstill, m."""
+
 _FRONT_RADIUS = PARAMETER_NAMES.index("rF")
 
 
+def blank_look() -> np.ndarray:
+    """Return a look with the search for the nearest point beginning at arc length 0."""
+    return np.zeros(LOOK_SIZE)
+
+
+def columns(course: Course) -> Line:
+    """Return a course's x, y, heading and curvature as the kernels take them."""
+    return course.x, course.y, course.heading, course.curvature
+
+
 @njit(cache=True)
-def look(
+def _move(state: ndarray, parameters: ndarray, rolling: bool, look: ndarray) -> None:
+    """Fill the derived motion; see the module's docstring for vehicles that do not roll without slip."""
+    if rolling:
+        look[PITCH] = kinematics.pitch(state[ROLL], state[STEER], parameters)
+        look[YAW_RATE] = kinematics.yaw_rate(state, parameters)
+        look[SPEED] = kinematics.rear_speed(state, parameters)
+    look[FRONT_X], look[FRONT_Y] = kinematics.front_contact(state, parameters)
+
+
+@njit(cache=True)
+def _relate(
+    state: ndarray, line: Line, spacing: float, closed: bool, behind: float, ahead: float, fresh: bool, look: ndarray
+) -> None:
+    """Fill how both contact points lie to the followed line, searched in a window around where they were."""
+    x, y, heading, curvature = line
+    s, distance, direction = projection.project(
+        x, y, heading, spacing, closed, state[X], state[Y], look[PROGRESS], behind, ahead
+    )
+    look[PROGRESS] = s
+    look[LATERAL_ERROR] = distance
+    look[HEADING_ERROR] = projection.wrap_angle(state[YAW] - direction)
+    look[CURVATURE] = projection.curvature_at(curvature, spacing, closed, s)
+    near = s + 1.0 if fresh else look[FRONT_PROGRESS]
+    s, distance, _ = projection.project(
+        x, y, heading, spacing, closed, look[FRONT_X], look[FRONT_Y], near, behind, ahead
+    )
+    look[FRONT_PROGRESS] = s
+    look[FRONT_LATERAL_ERROR] = distance
+
+
+@njit(cache=True)
+def preview_line(
     state: ndarray,
     parameters: ndarray,
-    course_x: ndarray,
-    course_y: ndarray,
-    course_heading: ndarray,
-    course_curvature: ndarray,
+    rolling: bool,
+    line: Line,
+    spacing: float,
+    closed: bool,
+    by_time: bool,
+    interval: float,
+    look: ndarray,
+    preview_x: ndarray,
+    preview_y: ndarray,
+) -> None:
+    """Fill the preview of the followed line (Weyrer et al. 2026, Eqs. 5 and 14).
+
+    Args:
+        state: minimal state.
+        parameters: flat vehicle parameters.
+        rolling: whether speed is that of the front wheel's rolling; else that of the look, with LEAST_SPACING.
+        line: from :func:`columns`.
+        spacing: distance of its samples, m.
+        closed: whether it is closed.
+        by_time: preview distance grows with speed.
+        interval: s if so, else m.
+        look: its progress is where the preview begins; its preview spacing is set.
+        preview_x: out, m, base_link.
+        preview_y: out, m, base_link.
+    """
+    step = interval
+    if by_time and rolling:
+        step = interval * parameters[_FRONT_RADIUS] * state[FRONT_WHEEL_RATE]
+    elif by_time:
+        step = max(interval * look[SPEED], LEAST_SPACING)
+    look[PREVIEW_SPACING] = step
+    x, y, heading, _ = line
+    projection.preview(
+        x, y, heading, spacing, closed, state[X], state[Y], state[YAW], look[PROGRESS], step, preview_x, preview_y
+    )
+
+
+@njit(cache=True)
+def look_at_path(
+    state: ndarray,
+    parameters: ndarray,
+    rolling: bool,
+    line: Line,
     spacing: float,
     closed: bool,
     by_time: bool,
     interval: float,
     fresh: bool,
-    seen: ndarray,
+    look: ndarray,
     preview_x: ndarray,
     preview_y: ndarray,
 ) -> None:
-    """Fill what is seen from a minimal state.
+    """Fill what is seen on a path.
 
     Args:
         state: minimal state, see :mod:`bike_sim.physics.state`.
         parameters: flat vehicle parameters.
-        course_x: samples of the course, m.
-        course_y: the same, m.
-        course_heading: the same, rad.
-        course_curvature: the same, 1/m.
-        spacing: distance of samples, m.
-        closed: whether the course is closed.
-        by_time: preview distance grows with speed (Weyrer et al. 2026, Eq. 14).
-        interval: s if so, else m.
-        fresh: search the whole window ahead from ``seen[PROGRESS]`` as given, after a reset.
-        seen: vector of LOOK_SIZE, in and out: the last progress is where the search begins.
+        rolling: whether the motion follows from the minimal state.
+        line: from :func:`columns`.
+        spacing: distance of its samples, m.
+        closed: whether it is closed.
+        by_time: see :func:`preview_line`.
+        interval: s or m.
+        fresh: search for the front contact from the rear one, after a reset.
+        look: vector of LOOK_SIZE, in and out: the last progress is where the search begins.
         preview_x: out, m, base_link.
         preview_y: out, m, base_link.
     """
-    seen[PITCH] = kinematics.pitch(state[ROLL], state[STEER], parameters)
-    seen[YAW_RATE] = kinematics.yaw_rate(state, parameters)
-    seen[SPEED] = kinematics.rear_speed(state, parameters)
-    front_x, front_y = kinematics.front_contact(state, parameters)
-    seen[FRONT_X], seen[FRONT_Y] = front_x, front_y
-    behind, ahead = projection.BEHIND, projection.AHEAD
-    s, distance, heading = projection.project(
-        course_x, course_y, course_heading, spacing, closed, state[X], state[Y], seen[PROGRESS], behind, ahead
-    )
-    seen[PROGRESS] = s
-    seen[LATERAL_ERROR] = distance
-    seen[HEADING_ERROR] = projection.wrap_angle(state[YAW] - heading)
-    seen[CURVATURE] = projection.curvature_at(course_curvature, spacing, closed, s)
-    front_near = s + 1.0 if fresh else seen[FRONT_PROGRESS]
-    s, distance, _ = projection.project(
-        course_x, course_y, course_heading, spacing, closed, front_x, front_y, front_near, behind, ahead
-    )
-    seen[FRONT_PROGRESS] = s
-    seen[FRONT_LATERAL_ERROR] = distance
-    step = interval * parameters[_FRONT_RADIUS] * state[FRONT_WHEEL_RATE] if by_time else interval
-    seen[PREVIEW_SPACING] = step
-    projection.preview(
-        course_x,
-        course_y,
-        course_heading,
-        spacing,
-        closed,
-        state[X],
-        state[Y],
-        state[YAW],
-        seen[PROGRESS],
-        step,
-        preview_x,
-        preview_y,
-    )
+    _move(state, parameters, rolling, look)
+    _relate(state, line, spacing, closed, projection.BEHIND, projection.AHEAD, fresh, look)
+    preview_line(state, parameters, rolling, line, spacing, closed, by_time, interval, look, preview_x, preview_y)
 
 
-def blank_look() -> np.ndarray:
-    """Return a vector for :func:`look` with the search beginning at arc length 0."""
-    return np.zeros(LOOK_SIZE)
+@njit(cache=True)
+def centre_progress(
+    x: ndarray, y: ndarray, heading: ndarray, spacing: float, line_x: ndarray, line_y: ndarray
+) -> ndarray:
+    """Return the progress along a closed centre line at the samples of a line beside it, growing, m.
+
+    Args:
+        x: samples of the centre line, m.
+        y: the same, m.
+        heading: the same, rad.
+        spacing: of its samples, m.
+        line_x: samples of the line, m; the first lies beside the start.
+        line_y: the same, m.
+    """
+    found = np.empty(len(line_x))
+    near = 0.0
+    for i in range(len(line_x)):
+        near, _, _ = projection.project(x, y, heading, spacing, True, line_x[i], line_y[i], near, 5.0, 5.0)
+        found[i] = near
+    return found
+
+
+@njit(cache=True)
+def _sample(column: ndarray, spacing: float, length: float, s: float) -> float:
+    """Return a column of a closed line at an arc length of any lap, linear between samples."""
+    u = (s % length) / spacing
+    i = min(int(u), len(column) - 2)
+    return column[i] + (u - i) * (column[i + 1] - column[i])
+
+
+@njit(cache=True)
+def look_at_circuit(
+    state: ndarray,
+    parameters: ndarray,
+    rolling: bool,
+    stopped: bool,
+    line: Line,
+    line_spacing: float,
+    to_centre: ndarray,
+    centre: Line,
+    spacing: float,
+    limits: tuple[ndarray, ndarray, ndarray],
+    interval: float,
+    reach: float,
+    look: ndarray,
+    place: ndarray,
+    points: ndarray,
+) -> None:
+    """Fill what is seen on a circuit.
+
+    Args:
+        state: minimal state.
+        parameters: flat vehicle parameters.
+        rolling: whether the motion follows from the minimal state.
+        stopped: whether a wall holds the vehicle, so that its speed and yaw rate are 0.
+        line: of the followed line, from :func:`columns`.
+        line_spacing: distance of its samples, m.
+        to_centre: progress along the centre line at its samples, m.
+        centre: of the centre line, from :func:`columns`.
+        spacing: distance of its samples, m.
+        limits: distance to the left and to the right limit (m) and height (m), at the centre line's samples.
+        interval: time between stations, s.
+        reach: how far around where they were the nearest points are searched, m.
+        look: in and out.
+        place: arc length and lateral offset of both contact points relative to the centre line, in and out.
+        points: out, stations of the followed line and of both limits, in base_link, m, shape (3, STATIONS, 3).
+    """
+    _move(state, parameters, rolling, look)
+    if stopped:
+        look[YAW_RATE] = look[SPEED] = 0.0
+    _relate(state, line, line_spacing, True, reach, reach, False, look)
+    cx, cy, ch, _ = centre
+    place[CENTRE_PROGRESS], place[CENTRE_OFFSET], _ = projection.project(
+        cx, cy, ch, spacing, True, state[X], state[Y], place[CENTRE_PROGRESS], reach, reach
+    )
+    place[FRONT_CENTRE_PROGRESS], place[FRONT_CENTRE_OFFSET], _ = projection.project(
+        cx, cy, ch, spacing, True, look[FRONT_X], look[FRONT_Y], place[FRONT_CENTRE_PROGRESS], reach, reach
+    )
+    look[PREVIEW_SPACING] = max(interval * look[SPEED], LEAST_SPACING)
+    _course_points(state, line, line_spacing, to_centre, centre, spacing, limits, look, place, points)
+
+
+@njit(cache=True)
+def _course_points(
+    state: ndarray,
+    line: Line,
+    line_spacing: float,
+    to_centre: ndarray,
+    centre: Line,
+    spacing: float,
+    limits: tuple[ndarray, ndarray, ndarray],
+    look: ndarray,
+    place: ndarray,
+    points: ndarray,
+) -> None:
+    """Fill the stations ahead; arguments as those of :func:`look_at_circuit`."""
+    lx, ly, lh, _ = line
+    cx, cy, ch, _ = centre
+    left, right, height = limits
+    cos, sin = math.cos(state[YAW]), math.sin(state[YAW])
+    around = spacing * (len(height) - 1)
+    ground = _sample(height, spacing, around, place[CENTRE_PROGRESS])
+    lap = line_spacing * (len(lx) - 1)
+    for k in range(points.shape[1]):
+        at = look[PROGRESS] + k * look[PREVIEW_SPACING]
+        qx, qy, _, _ = projection.point_at(lx, ly, lh, line_spacing, True, at)
+        u = (at % lap) / line_spacing
+        i = min(int(u), len(to_centre) - 2)
+        c = to_centre[i] + (u - i) * (to_centre[i + 1] - to_centre[i])
+        mx, my, tx, ty = projection.point_at(cx, cy, ch, spacing, True, c)
+        z = _sample(height, spacing, around, c) - ground
+        for row in range(3):
+            if row == LINE:
+                px, py = qx, qy
+            else:
+                aside = _sample(left, spacing, around, c) if row == LEFT else -_sample(right, spacing, around, c)
+                px, py = mx - aside * ty, my + aside * tx
+            px -= state[X]
+            py -= state[Y]
+            points[row, k, 0] = cos * px + sin * py
+            points[row, k, 1] = cos * py - sin * px
+            points[row, k, 2] = z
+
+
+@njit(cache=True)
+def margins(
+    place: ndarray,
+    left: ndarray,
+    right: ndarray,
+    left_wall: ndarray,
+    right_wall: ndarray,
+    spacing: float,
+    length: float,
+) -> tuple[float, float, int]:
+    """Return how far both contact points lie outside the limits, and which of them is at a wall.
+
+    Args:
+        place: as in :func:`look_at_circuit`.
+        left: distance to the left limit at the centre line's samples, m.
+        right: the same to the right, m.
+        left_wall: offset of the left wall, m, positive.
+        right_wall: offset of the right wall, m, negative.
+        spacing: distance of the samples, m.
+        length: of the centre line, m.
+
+    Returns:
+        Rear and front distance beyond the limits, m, negative within; index of the progress in `place` of the first
+        contact point that has reached a wall, or -1.
+    """
+    wall = -1
+    rear = front = 0.0
+    for contact in (CENTRE_PROGRESS, FRONT_CENTRE_PROGRESS):
+        progress, offset = place[contact], place[contact + 1]
+        beyond = max(
+            offset - _sample(left, spacing, length, progress), -offset - _sample(right, spacing, length, progress)
+        )
+        if contact == CENTRE_PROGRESS:
+            rear = beyond
+        else:
+            front = beyond
+        inside = _sample(right_wall, spacing, length, progress) < offset < _sample(left_wall, spacing, length, progress)
+        if wall < 0 and not inside:
+            wall = contact
+    return rear, front, wall

@@ -1,4 +1,4 @@
-"""How an episode begins: the request, and the draws that turn it into a course and a state.
+"""How an episode begins: the request, and the draws of its start.
 
 All draws of an episode come from one seed in one order, so a seed means the same ride wherever it is used.
 """
@@ -11,12 +11,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from bike_sim.course.course import Course
 from bike_sim.course.document import MAX_LENGTH
-from bike_sim.course.files import load_course
-from bike_sim.course.random_paths import CURRICULUM_PATHS, PathRanges, random_course
+from bike_sim.course.random_paths import CURRICULUM_PATHS, PathRanges
 from bike_sim.physics import state as st
-from bike_sim.vehicles.bicycle import Vehicle
 
 RANDOM_COURSE = "random"
 """Name that asks for a random path instead of a file."""
@@ -81,8 +78,8 @@ class ResetRequest:
             which is how long the training task may go on without a new start.
         preview: preview settings.
         context: curriculum context, kept for the record only.
-        line: superbikes: which line is followed, 0 the median of the circuit, 1 the ideal line.
-        progress: superbikes: where the ride begins, m along the centre line, below its length.
+        line: circuits: which line is followed, 0 the median, 1 the ideal line.
+        progress: circuits: where the ride begins, m along the centre line, below its length.
     """
 
     seed: int = 0
@@ -144,42 +141,34 @@ def random_length(speed: float) -> float:
     return 2.0 * EPISODE_DURATION * speed
 
 
-def begin(request: ResetRequest, vehicle: Vehicle, cached: Course | None = None) -> tuple[Course, st.StateVector]:
-    """Draw the course and the initial state of an episode.
+@dataclass(frozen=True)
+class Start:
+    """What of an episode's first state does not depend on the course.
+
+    Attributes:
+        state: upright or perturbed minimal state, for a random path with its pose.
+        speed: m/s.
+        direction: direction of the course relative to the yaw, rad.
+        roll: added to the lean of the start, rad.
+    """
+
+    state: st.StateVector
+    speed: float
+    direction: float = 0.0
+    roll: float = 0.0
+
+
+def draw_start(rng: np.random.Generator, speed: float, front_radius: float, perturb: bool) -> Start:
+    """Draw the start of a bicycle, perturbed as in Table 3 of Weyrer et al. (2026) where that is asked for.
 
     Args:
-        request: what is asked for.
-        vehicle: the vehicle that rides.
-        cached: the course of the episode before; taken again when its name is asked for, to spare the file.
-
-    Raises:
-        ValueError: a course that cannot be read. FileNotFoundError: a course that does not exist.
+        rng: draws.
+        speed: m/s.
+        front_radius: of the front wheel, m.
+        perturb: else it is upright at the origin.
     """
-    if request.line != IDEAL or request.progress != 0.0:
-        raise ValueError(
-            f"line {request.line!r} and progress {request.progress!r} m are for superbikes on circuits; vehicle "
-            f"'{vehicle.name}' begins at the start of its course"
-        )
-    rng = np.random.default_rng(request.seed)
-    speed = rng.uniform(*request.speed_range)
-    state = st.upright_state(speed, vehicle.rF)
-    direction = 0.0
-    if request.perturb:
-        direction = _perturb(rng, state)
-    if request.course == RANDOM_COURSE:
-        length = request.path_length or random_length(speed)
-        start = (state[st.X], state[st.Y], state[st.YAW] + direction)
-        course = random_course(rng, request.path_ranges, length, start)
-    else:
-        course = cached if cached is not None else load_course(request.course)
-        if request.perturb:
-            state[st.X], state[st.Y] = course.x[0], course.y[0]
-            state[st.YAW] = course.heading[0] - direction
-        else:
-            state[[st.X, st.Y, st.YAW]] = course.x[0], course.y[0], course.heading[0]
-    if request.initial_state is not None:
-        state = np.array(request.initial_state, dtype=np.float64)
-    return course, state
+    state = st.upright_state(speed, front_radius)
+    return Start(state, speed, _perturb(rng, state) if perturb else 0.0)
 
 
 def _perturb(rng: np.random.Generator, state: st.StateVector) -> float:

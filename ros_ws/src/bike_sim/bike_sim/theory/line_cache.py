@@ -1,14 +1,13 @@
-"""Circuits with a machine's fastest line, computed once and kept on disk.
+"""Circuits with a machine's ideal line, computed once and kept on disk.
 
-The line depends on the circuit, the machine's limits and the way it is computed; a file's name is a hash over all of
-that, so a changed circuit, machine or method never meets an old line.
+The line depends on the circuit, the machine's limits and the method; a file's name is a hash over all of that, so a
+changed circuit, machine or method never meets an old line.
 """
 
 from __future__ import annotations
 
 import contextlib
 import hashlib
-import inspect
 import os
 import zipfile
 from pathlib import Path
@@ -25,6 +24,9 @@ from bike_sim.theory.minimum_time import with_fastest_line
 
 FOLDER_VARIABLE = "BIKE_CACHE"
 """Environment variable that names another folder for computed lines."""
+
+METHOD = 1
+"""Version of the method; a change of the solver that gives other lines raises it."""
 
 MARGIN = 0.9
 """Distance that a line to be ridden keeps from the limits, m: what a good rider strays from it."""
@@ -43,13 +45,13 @@ def cache_folder() -> Path:
 
 
 def track_with_line(
-    circuit: str | Path, envelope: Envelope, margin: float = MARGIN, roll_cost: float = ROLL_COST
+    circuit: str | Path, envelope: Envelope | None, margin: float = MARGIN, roll_cost: float = ROLL_COST
 ) -> Track:
     """Load a circuit and give it the machine's fastest line.
 
     Args:
         circuit: name of a shipped circuit, or path of a YAML or CSV file.
-        envelope: the machine's limits.
+        envelope: the machine's limits; None for a vehicle without, whose ideal line is the one of least curvature.
         margin: distance that the line keeps from the limits, m.
         roll_cost: what rolling costs on it.
 
@@ -61,7 +63,10 @@ def track_with_line(
     offset = _read(path, len(track.centre.s))
     if offset is not None:
         return track.with_ideal(offset)
-    track = with_fastest_line(track, envelope, margin=margin, roll_cost=roll_cost)
+    if envelope is None:
+        track = racing_line.with_ideal_line(track, margin=margin)
+    else:
+        track = with_fastest_line(track, envelope, margin=margin, roll_cost=roll_cost)
     assert track.ideal is not None
     _write(path, track.ideal)
     return track
@@ -81,25 +86,26 @@ def closest_lap(circuit: str | Path, envelope: Envelope) -> float:
     return lap_limit.lap_limit(envelope, track.line(1.0)).lap_time
 
 
-def content_key(track: Track, envelope: Envelope, margin: float = MARGIN, roll_cost: float = ROLL_COST) -> str:
+def content_key(track: Track, envelope: Envelope | None, margin: float = MARGIN, roll_cost: float = ROLL_COST) -> str:
     """Return the hash over everything that a line depends on."""
-    digest = hashlib.sha256()
+    digest = hashlib.sha256(f"method {METHOD}".encode())
     centre = track.centre
-    columns = (centre.x, centre.y, centre.heading, centre.curvature, track.width_left, track.width_right)
-    limits = (
-        envelope.speeds,
-        envelope.lateral_max,
-        envelope.drive_max,
-        envelope.brake_max,
-        envelope.grip_drive_max,
-        envelope.drag,
-        np.array([envelope.exponent, margin, roll_cost]),
-        envelope.left_for_drive(np.linspace(0.0, 1.0, 50)),
-    )
-    for column in (*columns, *limits):
+    columns = [centre.x, centre.y, centre.heading, centre.curvature, track.width_left, track.width_right]
+    if envelope is None:
+        columns.append(np.array([margin]))
+    else:
+        columns += [
+            envelope.speeds,
+            envelope.lateral_max,
+            envelope.drive_max,
+            envelope.brake_max,
+            envelope.grip_drive_max,
+            envelope.drag,
+            np.array([envelope.exponent, margin, roll_cost]),
+            envelope.left_for_drive(np.linspace(0.0, 1.0, 50)),
+        ]
+    for column in columns:
         digest.update(np.ascontiguousarray(column).tobytes())
-    for module in (racing_line, minimum_time, lap_limit):
-        digest.update(inspect.getsource(module).encode())
     return digest.hexdigest()[:32]
 
 

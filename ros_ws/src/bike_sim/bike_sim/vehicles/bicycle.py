@@ -193,6 +193,11 @@ class Vehicle:
                 f"exceeds the sum of the other two ({text} kg m2), which no mass distribution has"
             )
 
+    @property
+    def mass(self) -> float:
+        """Mass of vehicle and rider, kg."""
+        return self.mR + self.mB + self.mH + self.mF
+
     @cached_property
     def parameters(self) -> NDArray[np.float64]:
         """The parameters in the order of `PARAMETER_NAMES` as a read-only vector, the ``p`` of compiled code."""

@@ -1,0 +1,151 @@
+"""How a request becomes a scene and a first state. Everything that may be refused is refused here."""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from bike_sim.course.course import Course
+from bike_sim.course.files import load_course
+from bike_sim.course.random_paths import random_course
+from bike_sim.course.registry import CIRCUIT, kind_of
+from bike_sim.physics import state as st
+from bike_sim.sim.circuit_scene import START_SHARE, START_SPEED, CircuitScene, FollowedLine, start_speed
+from bike_sim.sim.plant import Plant
+from bike_sim.sim.request import IDEAL, RANDOM_COURSE, ResetRequest, Start, random_length
+from bike_sim.sim.scene import PathScene
+from bike_sim.theory.line_cache import track_with_line
+
+BICYCLE_SPEED: Final = 4.0
+"""Speed at which rides of a bicycle begin if nothing else is asked for, m/s."""
+
+
+class Beginning(NamedTuple):
+    """An episode before its first step.
+
+    Attributes:
+        scene: the surroundings.
+        state: the first minimal state.
+    """
+
+    scene: PathScene | CircuitScene
+    state: st.StateVector
+
+
+class Courses:
+    """Courses that a simulator has loaded, so that the next episode on one of them begins without its file."""
+
+    def __init__(self) -> None:
+        self._path: tuple[str, Course] | None = None
+        self._lines: dict[tuple[str, float], FollowedLine] = {}
+
+    def path(self, name: str) -> Course:
+        """Return a course by name or file.
+
+        Raises:
+            ValueError: a broken file. FileNotFoundError: no such course.
+        """
+        if self._path is None or self._path[0] != name:
+            self._path = (name, load_course(name))
+        return self._path[1]
+
+    def line(self, plant: Plant, circuit: str, lam: float) -> FollowedLine:
+        """Return a line of a circuit for a vehicle.
+
+        Raises:
+            ValueError: a broken file, or no line between its limits. FileNotFoundError: no such circuit.
+        """
+        known = self._lines.get((circuit, lam))
+        if known is None:
+            same = next((line.track for (name, _), line in self._lines.items() if name == circuit), None)
+            known = FollowedLine(same or track_with_line(circuit, plant.envelope), lam)
+            self._lines[circuit, lam] = known
+        return known
+
+
+def rides_circuit(plant: Plant, course: str) -> bool:
+    """Tell whether a vehicle sees a course as a circuit.
+
+    Shipped circuits and circuit files are circuits for every vehicle. A CSV file may be both: superbikes take a closed
+    line with widths for a circuit, bicycles for a path.
+    """
+    if course == RANDOM_COURSE or (plant.rolling and course.lower().endswith(".csv")):
+        return False
+    return kind_of(course) == CIRCUIT
+
+
+def own_speed(request: ResetRequest, plant: Plant, courses: Courses) -> float:
+    """Return the speed at which a vehicle begins where nothing else is asked for, m/s.
+
+    Bicycles begin at BICYCLE_SPEED, superbikes at START_SPEED or, in a bend, at START_SHARE of what they could ride.
+
+    Raises:
+        ValueError: a course or a place that cannot be. FileNotFoundError: an unknown course.
+    """
+    if plant.rolling or plant.envelope is None:
+        return BICYCLE_SPEED
+    if rides_circuit(plant, request.course):
+        followed = courses.line(plant, request.course, request.line)
+        return start_speed(followed, plant.envelope, request.progress)
+    if request.course == RANDOM_COURSE:
+        return START_SPEED
+    bend = abs(float(courses.path(request.course).curvature[0]))
+    most = math.sqrt(float(plant.envelope.lateral_max.min()) / bend) if bend > 0.0 else math.inf
+    return min(START_SPEED, START_SHARE * most)
+
+
+def begin(request: ResetRequest, plant: Plant, courses: Courses) -> Beginning:
+    """Draw the scene and the first state of an episode.
+
+    Args:
+        request: what is asked for.
+        plant: the vehicle.
+        courses: where courses come from.
+
+    Raises:
+        ValueError: a course that cannot be read, or a start that cannot be. FileNotFoundError: no such course.
+    """
+    if rides_circuit(plant, request.course):
+        return _begin_on_circuit(request, plant, courses)
+    if request.line != IDEAL or request.progress != 0.0:
+        raise ValueError(
+            f"line {request.line!r} and progress {request.progress!r} m are for circuits; course {request.course!r} is "
+            "a path, which is ridden from its beginning"
+        )
+    rng, start = _draw(request, plant)
+    if request.course == RANDOM_COURSE:
+        state = start.state
+        length = request.path_length or random_length(start.speed)
+        pose = (state[st.X], state[st.Y], state[st.YAW] + start.direction)
+        course = random_course(rng, request.path_ranges, length, pose)
+        if not plant.rolling:
+            state = plant.place(start, course, 0.0)
+    else:
+        course = courses.path(request.course)
+        state = plant.place(start, course, 0.0)
+    progress = None
+    if request.initial_state is not None:
+        state = np.array(request.initial_state, dtype=np.float64)
+        progress = course.nearest(*(float(state[k]) for k in (st.X, st.Y, st.YAW)))
+    return Beginning(PathScene(plant, course, plant.preview or request.preview, progress), state)
+
+
+def _draw(request: ResetRequest, plant: Plant) -> tuple[np.random.Generator, Start]:
+    rng = np.random.default_rng(request.seed)
+    speed = float(rng.uniform(*request.speed_range))
+    return rng, plant.draw(rng, speed, request.perturb)
+
+
+def _begin_on_circuit(request: ResetRequest, plant: Plant, courses: Courses) -> Beginning:
+    followed = courses.line(plant, request.course, request.line)
+    s = followed.place(request.progress)
+    if request.initial_state is not None:
+        state = np.array(request.initial_state, dtype=np.float64)
+    else:
+        _, start = _draw(request, plant)
+        state = plant.place(start, followed.line, s)
+    scene = CircuitScene(plant, followed, None if plant.preview else request.preview, request.progress)
+    scene.start(s, state, anywhere=request.initial_state is not None)
+    return Beginning(scene, state)

@@ -1,0 +1,307 @@
+"""What moves: a vehicle with the engine that integrates it, behind one interface for bicycles and superbikes."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_sim.course.course import Course
+from bike_sim.course.projection import curvature_at, point_at
+from bike_sim.physics import state as st
+from bike_sim.physics import superbike_forces as sf
+from bike_sim.physics.engine import Engine, make_engine
+from bike_sim.physics.superbike_engine import TIME_STEP, SuperbikeEngine
+from bike_sim.physics.superbike_statics import steady_lateral, turning_state
+from bike_sim.sim import look as lk
+from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.request import Preview, Start, draw_start
+from bike_sim.sim.snapshot import NO_FALL, NO_SIGNALS, TIPPED
+from bike_sim.theory.envelope import Envelope, envelope
+from bike_sim.vehicles.bicycle import Vehicle
+from bike_sim.vehicles.files import load_vehicle
+from bike_sim.vehicles.superbike import Superbike
+
+FloatArray = NDArray[np.float64]
+
+HORIZON: Final = 6.0
+"""Time that the course points look ahead, s."""
+
+COURSE_POINTS: Final = Preview(by_time=True, interval=HORIZON / (lk.STATIONS - 1), count=lk.STATIONS)
+"""Stations of the course points: the nearest point and then one each interval, at the present speed."""
+
+ROLL_SPREAD: Final = 0.05
+YAW_SPREAD: Final = 0.02
+"""Half widths of a superbike's perturbed start, rad."""
+
+
+class Plant(Protocol):
+    """A vehicle and what integrates it.
+
+    Attributes:
+        vehicle: its parameters.
+        rolling: whether it rolls without slip, so that its motion follows from the minimal state.
+        preview: the preview that this kind of vehicle has of its own; None where a request chooses it.
+    """
+
+    rolling: bool
+    preview: Preview | None
+
+    @property
+    def signal_names(self) -> tuple[str, ...]:
+        """Names of the telemetry; empty where there is none."""
+        ...
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The vehicle's parameters."""
+        ...
+
+    @property
+    def envelope(self) -> Envelope | None:
+        """What the vehicle could do at most, for ideal lines; None where nothing limits but the path."""
+        ...
+
+    def draw(self, rng: np.random.Generator, speed: float, perturb: bool) -> Start:
+        """Draw all of a start that does not depend on the course.
+
+        Args:
+            rng: draws.
+            speed: m/s.
+            perturb: whether anything but upright on the course is drawn.
+        """
+        ...
+
+    def place(self, start: Start, line: Course, s: float) -> st.StateVector:
+        """Return the state of a start on a line.
+
+        Args:
+            start: what was drawn.
+            line: the line.
+            s: arc length on it, m.
+
+        Raises:
+            ValueError: the vehicle cannot be there at this speed.
+        """
+        ...
+
+    def reset(self, state: st.StateVector, grips: tuple[float, float]) -> None:
+        """Set a minimal state exactly; nothing of the earlier ride remains.
+
+        Args:
+            state: minimal state.
+            grips: factors on friction under the rear and the front wheel.
+
+        Raises:
+            ValueError: no such configuration exists.
+        """
+        ...
+
+    def advance(self, steering: float, throttle: float, steps: int, grips: tuple[float, float]) -> None:
+        """Integrate with both commands in [-1, 1] held."""
+        ...
+
+    def state(self) -> st.StateVector:
+        """Return the minimal state as a fresh vector."""
+        ...
+
+    def signals(self) -> FloatArray:
+        """Return the telemetry as a fresh vector, in the order of `signal_names`."""
+        ...
+
+    def move(self, signals: FloatArray, look: FloatArray) -> None:
+        """Write pitch, yaw rate and speed into a look, where they do not follow from the minimal state."""
+        ...
+
+    def steer_torque(self, steering: float, state: st.StateVector, signals: FloatArray) -> float:
+        """Return the torque of drive or rider on the fork, Nm, positive to the left."""
+        ...
+
+    def fall(self, state: st.StateVector) -> str:
+        """Return how the vehicle has fallen, or NO_FALL."""
+        ...
+
+    def close(self) -> None:
+        """Release the engine; a second call does nothing."""
+        ...
+
+
+class BicyclePlant:
+    """A bicycle: steered by a set value, without drive; it rolls without slip."""
+
+    rolling = True
+    preview: Preview | None = None
+    signal_names: tuple[str, ...] = ()
+    envelope: Envelope | None = None
+
+    def __init__(self, vehicle: Vehicle, engine: Engine) -> None:
+        """Take a vehicle and its engine."""
+        self.vehicle = vehicle
+        self.engine = engine
+
+    def draw(self, rng: np.random.Generator, speed: float, perturb: bool) -> Start:
+        """Draw an upright start, or a perturbed one from Table 3; see `Plant`."""
+        return draw_start(rng, speed, self.vehicle.rF, perturb)
+
+    def place(self, start: Start, line: Course, s: float) -> st.StateVector:
+        """Put the start on the line, turned from its direction as far as was drawn; see `Plant`."""
+        state = start.state.copy()
+        if s == 0.0:
+            x, y, heading = float(line.x[0]), float(line.y[0]), float(line.heading[0])
+        else:
+            x, y, along, across = point_at(line.x, line.y, line.heading, line.spacing, line.closed, s)
+            heading = math.atan2(across, along)
+        state[[st.X, st.Y, st.YAW]] = x, y, heading - start.direction
+        return state
+
+    def reset(self, state: st.StateVector, grips: tuple[float, float]) -> None:
+        """Set a state; ideal rolling knows no grip."""
+        self.engine.reset(state)
+
+    def advance(self, steering: float, throttle: float, steps: int, grips: tuple[float, float]) -> None:
+        """Hold the set value of steering; the bicycle has no drive and ignores the throttle."""
+        self.engine.advance(steering * self.vehicle.max_steer, steps)
+
+    def state(self) -> st.StateVector:
+        """Return the minimal state."""
+        return self.engine.state()
+
+    def signals(self) -> FloatArray:
+        """Return no telemetry."""
+        return NO_SIGNALS
+
+    def move(self, signals: FloatArray, look: FloatArray) -> None:
+        """Leave the motion to the minimal state."""
+
+    def steer_torque(self, steering: float, state: st.StateVector, signals: FloatArray) -> float:
+        """Return the torque of the steering drive (Weyrer et al. 2026, Eq. 2)."""
+        error = float(state[st.STEER]) - steering * self.vehicle.max_steer
+        return -self.vehicle.P * error - self.vehicle.D * float(state[st.STEER_RATE])
+
+    def fall(self, state: st.StateVector) -> str:
+        """Return whether the roll is beyond the vehicle's limit.
+
+        The compiled engine lies, and stays as it is, before its roll could reach a limit beyond its own.
+        """
+        lying = getattr(self.engine, "lying", False)
+        return TIPPED if lying or abs(float(state[st.ROLL])) > self.vehicle.fall_roll else NO_FALL
+
+    def close(self) -> None:
+        """Release the engine."""
+        self.engine.close()
+
+
+class SuperbikePlant:
+    """A superbike on tyres: steering asks the virtual rider for a lean, throttle for drive or brakes."""
+
+    rolling = False
+    preview: Preview | None = COURSE_POINTS
+    signal_names = sf.TELEMETRY_NAMES
+
+    def __init__(self, vehicle: Superbike, engine: SuperbikeEngine) -> None:
+        """Take a machine and its engine."""
+        self.vehicle: Superbike = vehicle
+        self.engine = engine
+
+    @cached_property
+    def envelope(self) -> Envelope:
+        """The machine's limits."""
+        return envelope(self.vehicle)
+
+    def draw(self, rng: np.random.Generator, speed: float, perturb: bool) -> Start:
+        """Draw a little roll and yaw beside the steady turn of the start; see `Plant`."""
+        state = st.upright_state(speed, self.vehicle.rF)
+        if not perturb:
+            return Start(state, speed)
+        roll = float(rng.uniform(-ROLL_SPREAD, ROLL_SPREAD))
+        return Start(state, speed, direction=-float(rng.uniform(-YAW_SPREAD, YAW_SPREAD)), roll=roll)
+
+    def place(self, start: Start, line: Course, s: float) -> st.StateVector:
+        """Put the machine on the line in the steady turn that its curvature and the speed ask for; see `Plant`."""
+        x, y, along, across = point_at(line.x, line.y, line.heading, line.spacing, line.closed, s)
+        bend = curvature_at(line.curvature, line.spacing, line.closed, s)
+        speed = start.speed
+        roll = -math.copysign(self._lean(abs(bend) * speed**2, speed, s), bend) + start.roll
+        state = turning_state(self.vehicle, speed, roll, speed * bend)
+        state[[st.X, st.Y, st.YAW]] = x, y, math.atan2(across, along) - start.direction
+        return state
+
+    def _lean(self, lateral: float, speed: float, s: float) -> float:
+        """Return the lean at which a lateral acceleration is steady, rad."""
+        low, high = 0.0, math.radians(self.vehicle.virtual_rider.max_lean_deg)
+        if lateral > steady_lateral(self.vehicle, high, speed):
+            raise ValueError(f"a start at {speed:.1f} m/s is too fast for the curve at {s:.0f} m of the followed line")
+        for _ in range(40):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if steady_lateral(self.vehicle, middle, speed) < lateral else (low, middle)
+        return high if lateral > 0.0 else 0.0
+
+    def reset(self, state: st.StateVector, grips: tuple[float, float]) -> None:
+        """Set a state, with the tyres carrying the standing machine."""
+        before = self.engine.rear_grip, self.engine.front_grip
+        self.engine.rear_grip, self.engine.front_grip = grips
+        try:
+            self.engine.reset(state)
+        except ValueError:
+            self.engine.rear_grip, self.engine.front_grip = before
+            raise
+
+    def advance(self, steering: float, throttle: float, steps: int, grips: tuple[float, float]) -> None:
+        """Hold both commands."""
+        self.engine.rear_grip, self.engine.front_grip = grips
+        self.engine.advance_commands(steering, throttle, steps)
+
+    def state(self) -> st.StateVector:
+        """Return the minimal state."""
+        return self.engine.state()
+
+    def signals(self) -> FloatArray:
+        """Return what was measured at the last integration step."""
+        return self.engine.telemetry()
+
+    def move(self, signals: FloatArray, look: FloatArray) -> None:
+        """Write the motion of the simulated machine."""
+        look[lk.PITCH], look[lk.YAW_RATE], look[lk.SPEED] = (
+            signals[sf.T_PITCH],
+            signals[sf.T_YAW_RATE],
+            signals[sf.T_SPEED],
+        )
+
+    def steer_torque(self, steering: float, state: st.StateVector, signals: FloatArray) -> float:
+        """Return the virtual rider's torque."""
+        return float(signals[sf.T_STEER_TORQUE])
+
+    def fall(self, state: st.StateVector) -> str:
+        """Return the fall that the forces have found."""
+        return self.engine.fall_name
+
+    def close(self) -> None:
+        """Release the engine."""
+        self.engine.close()
+
+
+def make_plant(config: SimulatorConfig) -> Plant:
+    """Return a vehicle with its engine.
+
+    Raises:
+        ValueError: a parameter that is wrong, or an engine that cannot carry the vehicle.
+        FileNotFoundError: an unknown vehicle.
+    """
+    vehicle = load_vehicle(config.vehicle)
+    engine = make_engine(config.engine, vehicle, config.time_step)
+    if isinstance(vehicle, Superbike):
+        assert isinstance(engine, SuperbikeEngine)
+        return SuperbikePlant(vehicle, engine)
+    return BicyclePlant(vehicle, engine)
+
+
+def superbike_config(vehicle: str = "panigale_v4r", time_step: float = TIME_STEP) -> SimulatorConfig:
+    """Return the settings with which a superbike rides: its own control period.
+
+    Raises:
+        ValueError: a vehicle file that is wrong. FileNotFoundError: an unknown vehicle.
+    """
+    return SimulatorConfig(vehicle=vehicle, time_step=time_step, control_period=load_vehicle(vehicle).control_period)

@@ -1,0 +1,120 @@
+"""What a simulator shows at one control instant, in named blocks. In process and behind ROS it is the same record."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_sim.sim import look as lk
+from bike_sim.sim.events import Event
+
+FloatArray = NDArray[np.float64]
+
+NO_FALL: Final = "none"
+"""Value of `Snapshot.fall` while the ride goes on."""
+TIPPED: Final = "tip_over"
+"""A bicycle that lies on its side; superbikes have more ways to fall (`superbike_forces.FALL_NAMES`)."""
+WALL: Final = "wall"
+"""A contact point met a wall."""
+DIVERGED: Final = "diverged"
+"""The integration gave values that are not finite."""
+
+NO_SIGNALS: Final = np.zeros(0)
+"""Signals of a vehicle that has none."""
+NO_SIGNALS.setflags(write=False)
+
+
+@dataclass(frozen=True, slots=True)
+class WallHit:
+    """A collision with a wall.
+
+    Attributes:
+        speed: m/s.
+        angle: between velocity and wall, rad, 0 along it.
+        energy: kinetic energy of the whole motion, J.
+    """
+
+    speed: float
+    angle: float
+    energy: float
+
+
+@dataclass(frozen=True, slots=True)
+class CircuitView:
+    """Where a vehicle is between the limits of a circuit, and the course points ahead.
+
+    Attributes:
+        place: arc length and lateral offset (positive left) of the rear, then of the front contact point relative to
+            the centre line, m, in the order of :mod:`bike_sim.sim.look`.
+        outside: distance beyond the limits of the contact point that is less far out, m; negative on the track.
+        points: the followed line and both limits ahead, x, y, z in base_link, m, shape (3, lk.STATIONS, 3).
+        wall: the collision that ended the ride, or None.
+    """
+
+    place: FloatArray
+    outside: float
+    points: FloatArray
+    wall: WallHit | None
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """Everything seen at one control instant. Units, frames and signs are those of ``bike_msgs/BikeState``.
+
+    Attributes:
+        episode: number of the reset, from 1.
+        step: control steps since the reset.
+        time: s since the reset.
+        state: the ten minimal coordinates.
+        look: derived quantities in the order of :mod:`bike_sim.sim.look`; on a circuit relative to the followed line.
+        signals: telemetry in the order of the plant's `signal_names`; empty for bicycles.
+        steering: applied steering command in [-1, 1]. throttle: the same for throttle and brake.
+        steer_torque: torque of the steering drive or the rider, Nm, positive to the left.
+        preview_x: points of the followed line ahead, m, base_link. preview_y: m, base_link.
+        roll_history: rad, oldest first. steer_history: rad, oldest first.
+        fallen: the ride is over: fallen, stopped by a wall, or diverged.
+        off_course: distance beyond the course's limit; on a circuit both contact points beyond the limits.
+        finished: the end of an open course is reached, or a closed course was ridden once from where the ride began.
+        fall: why the ride is over: NO_FALL while it goes on, else a name of `superbike_forces.FALL_NAMES`, TIPPED, WALL
+            or DIVERGED.
+        circuit: place, limits and course points; None where there is no circuit.
+        events: what happened since the snapshot before, in the order of time.
+    """
+
+    episode: int
+    step: int
+    time: float
+    state: FloatArray
+    look: FloatArray
+    steering: float
+    throttle: float
+    steer_torque: float
+    preview_x: FloatArray
+    preview_y: FloatArray
+    roll_history: tuple[float, ...]
+    steer_history: tuple[float, ...]
+    fallen: bool
+    off_course: bool
+    finished: bool
+    fall: str = NO_FALL
+    signals: FloatArray = field(default_factory=lambda: NO_SIGNALS)
+    circuit: CircuitView | None = None
+    events: tuple[Event, ...] = ()
+
+    @property
+    def distance(self) -> float:
+        """Distance of the rear contact to the followed line, t_0 = d(P, P_P0), m."""
+        return abs(float(self.look[lk.LATERAL_ERROR]))
+
+    @property
+    def speed(self) -> float:
+        """Forward speed, m/s."""
+        return float(self.look[lk.SPEED])
+
+    @property
+    def progress(self) -> float:
+        """Arc length that the vehicle has come to, m: along the centre line of a circuit, else along the course."""
+        return float(self.look[lk.PROGRESS] if self.circuit is None else self.circuit.place[lk.CENTRE_PROGRESS])

@@ -1,0 +1,73 @@
+"""What a task is, for environments and learners that know no vehicle."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_policy.contract.action import ActionLayout
+from bike_policy.contract.observation import Blocks, ObservationLayout
+from bike_sim.sim.request import Preview
+
+FloatArray = NDArray[np.float64]
+
+
+class RideBlocks(Blocks, Protocol):
+    """What a task judges: one snapshot, or a batch with leading dimensions.
+
+    Attributes:
+        fallen: whether the vehicle has fallen.
+    """
+
+    @property
+    def fallen(self) -> bool | NDArray[np.bool_]: ...  # noqa: D102
+
+
+class Task(Protocol):
+    """What is learned: what is seen and answered, what it is worth, and when an episode has failed.
+
+    Attributes:
+        max_steps: steps after which an episode is truncated.
+    """
+
+    @property
+    def max_steps(self) -> int: ...  # noqa: D102
+    @property
+    def layout(self) -> ObservationLayout: ...  # noqa: D102
+    @property
+    def action(self) -> ActionLayout: ...  # noqa: D102
+
+    @property
+    def preview(self) -> Preview:
+        """The preview that shows exactly what the layout needs."""
+        ...
+
+    def reward_terms(self, blocks: RideBlocks) -> dict[str, FloatArray]:
+        """Return the weighted terms of the reward of one or many instants by name; their sum is the reward."""
+        ...
+
+    def failed(self, blocks: RideBlocks) -> NDArray[np.bool_]:
+        """Return where a ride has failed, so that its episode is terminated."""
+        ...
+
+    def error(self, blocks: RideBlocks) -> FloatArray:
+        """Return how far one or many rides are from what is wanted, m."""
+        ...
+
+    def to_card(self) -> dict[str, Any]:
+        """Return plain values for recordings."""
+        ...
+
+
+def sum_of(terms: Mapping[str, FloatArray]) -> FloatArray:
+    """Return the reward that its terms make."""
+    return functools.reduce(np.add, terms.values())
+
+
+def has_failed(task: Task, blocks: RideBlocks) -> bool:
+    """Tell whether one ride has failed."""
+    return bool(task.failed(blocks))
