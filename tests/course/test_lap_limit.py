@@ -8,7 +8,7 @@ import pytest
 
 from bike_sim.course.course import Course
 from bike_sim.course.elements import Line
-from bike_sim.course.track_files import load_track
+from bike_sim.course.files import load_track
 from bike_sim.theory.envelope import Envelope
 from bike_sim.theory.lap_limit import GRAVITY, lap_limit
 from bike_sim.theory.minimum_time import with_fastest_line

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bike_sim.course import racing_line
-from bike_sim.course.track_files import load_track, shipped_tracks
+from bike_sim.course.files import load_track, shipped_tracks
 from bike_sim.theory.lap_limit import lap_limit, limit_tables
 from bike_sim.theory.minimum_time import fastest_offsets, polygon_time, time_gradient, with_fastest_line
 from bike_sim.theory.point_mass import point_mass_envelope

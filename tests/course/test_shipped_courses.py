@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import yaml
 
-from bike_sim.course.files import FORMAT, load_course, shipped_courses
+from bike_sim.course.files import load_course, shipped_courses
+from bike_sim.course.path_reading import FORMAT
 from bike_sim.course.random_paths import CURRICULUM_PATHS
 
 A = 5.0  # m, the length unit of the benchmark path

@@ -7,10 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from bike_sim.course.files import load_course
+from bike_sim.course.files import load_course, load_track, shipped_tracks, track_records
 from bike_sim.course.layout import Piece, close_layout, curvature_profile, trace_layout
 from bike_sim.course.track import Track, find_corners, interpolation_parameter
-from bike_sim.course.track_files import load_track, shipped_tracks, track_records
 
 # Official length, direction, and of each corner the direction, the least radius (m) and the turned angle (deg) as read
 # from public maps of the circuits, independent of the files' tables.

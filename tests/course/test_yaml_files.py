@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 
 from bike_sim.course.course import Course
 from bike_sim.course.csv_line import CourseFileError
-from bike_sim.course.files import load_course, shipped_courses
-from bike_sim.course.track_files import load_track
+from bike_sim.course.files import load_course, load_track, shipped_courses
 
 
 @pytest.fixture
@@ -89,7 +88,7 @@ BROKEN = {
     "text": ("benchmark", "must be a mapping"),
     "binary": (b"\xff\xfe\x00", "is not a UTF-8 text file"),
     "zeros": (b"a: \x00", "is a binary file"),
-    "control character": ("a: \x07", "is not YAML"),
+    "control character": ("a: \x07", "is not valid YAML: unacceptable character #x0007"),
     "broken YAML": ("name: x\nelements: [\n", "row 3: "),
     "tab": ("name: x\n\telements: 3", "row 2: "),
     "deep nesting": ("[" * 5000, "nested too deeply"),

@@ -12,9 +12,9 @@ from rich.console import Console
 from rich.table import Table
 
 from bike_analysis.numbers import lap_text
+from bike_sim.course.files import load_track, shipped_tracks
 from bike_sim.course.track import Track
 from bike_sim.course.track_drawing import track_figure
-from bike_sim.course.track_files import load_track, shipped_tracks
 from bike_sim.theory.lap_limit import LapLimit, lap_limit
 from bike_sim.theory.minimum_time import with_fastest_line
 from bike_sim.theory.point_mass import point_mass_envelope

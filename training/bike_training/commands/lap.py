@@ -17,7 +17,7 @@ from tqdm import tqdm
 from bike_analysis.lap_recording import Theory, load_laps
 from bike_analysis.lap_report import lap_figures, write_lap_report
 from bike_analysis.numbers import lap_text
-from bike_sim.course.track_files import shipped_tracks
+from bike_sim.course.files import shipped_tracks
 from bike_sim.sim.snapshot import WALL, Snapshot
 from bike_sim.theory.envelope import envelope
 from bike_sim.theory.lap_limit import lap_limit

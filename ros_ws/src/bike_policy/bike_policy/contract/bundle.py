@@ -8,20 +8,26 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-import yaml
-from safetensors import SafetensorError
-from safetensors.numpy import load_file, save_file
+from safetensors.numpy import save_file
 
 from bike_policy.contract.action import ActionLayout
 from bike_policy.contract.actor import Actor
+from bike_policy.contract.bundle_files import (
+    ACTOR_FILE,
+    CARD_FILE,
+    FORMAT_VERSION,
+    card_mapping,
+    card_name,
+    card_period,
+    cut,
+    read_card,
+    read_tensors,
+    show,
+    write_card,
+)
 from bike_policy.contract.observation import ObservationLayout
 
-FORMAT_VERSION: Final = 1
 DEFAULT_POLICY: Final = "whipple"
-ACTOR_FILE: Final = "actor.safetensors"
-CARD_FILE: Final = "card.yaml"
-_CARD_ENTRIES: Final = ("format", "name", "vehicle", "control_period_s", "layout", "action", "training", "results")
 
 
 @dataclass(frozen=True)
@@ -91,7 +97,7 @@ class Bundle:
             "training": dict(self.training),
             "results": dict(self.results),
         }
-        (folder / CARD_FILE).write_text(yaml.safe_dump(card, sort_keys=False, width=100), encoding="utf-8")
+        write_card(folder / CARD_FILE, card)
 
 
 def shipped_policies() -> list[str]:
@@ -109,43 +115,22 @@ def load_bundle(name_or_path: str | Path) -> Bundle:
     """
     folder = Path(name_or_path)
     if not folder.is_dir():
-        shipped = Path(str(resources.files("bike_policy") / "policies")) / str(name_or_path)
-        if not shipped.is_dir():
-            raise FileNotFoundError(
-                f"no policy {str(name_or_path)!r}: neither a folder nor one of {shipped_policies()}"
-            )
-        folder = shipped
-    card = _read_card(folder / CARD_FILE)
-    try:
-        tensors = load_file(folder / ACTOR_FILE)
-    except SafetensorError as error:
-        raise ValueError(f"{folder / ACTOR_FILE}: not a safetensors file ({error})") from error
+        shipped = shipped_policies()
+        if str(name_or_path) not in shipped:
+            raise FileNotFoundError(f"no policy {show(str(name_or_path))}: neither a folder nor one of {shipped}")
+        folder = Path(str(resources.files("bike_policy") / "policies")) / str(name_or_path)
+    card = read_card(folder / CARD_FILE)
+    tensors = read_tensors(folder / ACTOR_FILE)
     try:
         return Bundle(
-            name=str(card["name"]),
-            actor=Actor.from_tensors({key: np.asarray(value, dtype=np.float32) for key, value in tensors.items()}),
-            layout=ObservationLayout.from_card(card["layout"]),
-            action=ActionLayout.from_card(card["action"]),
-            vehicle=str(card["vehicle"]),
-            control_period=float(card["control_period_s"]),
-            training=card["training"],
-            results=card["results"],
+            name=card_name(card, "name"),
+            actor=Actor.from_tensors(tensors),
+            layout=ObservationLayout.from_card(card_mapping(card, "layout")),
+            action=ActionLayout.from_card(card_mapping(card, "action")),
+            vehicle=card_name(card, "vehicle"),
+            control_period=card_period(card),
+            training=card_mapping(card, "training"),
+            results=card_mapping(card, "results"),
         )
-    except (ValueError, TypeError) as error:
-        raise ValueError(f"{folder}: {error}") from error
-
-
-def _read_card(path: Path) -> dict[str, Any]:
-    if not path.is_file():
-        raise FileNotFoundError(f"{path.parent} is not a policy bundle: it has no {CARD_FILE}")
-    try:
-        card = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: not a YAML file ({error})") from error
-    if not isinstance(card, dict) or card.get("format") != FORMAT_VERSION:
-        found = card.get("format") if isinstance(card, dict) else type(card).__name__
-        raise ValueError(f"{path}: policy format {found!r}, this software reads format {FORMAT_VERSION}")
-    missing = [entry for entry in _CARD_ENTRIES if entry not in card]
-    if missing:
-        raise ValueError(f"{path}: the card lacks {missing}")
-    return card
+    except (ValueError, TypeError, OverflowError) as error:
+        raise ValueError(f"{folder}: {cut(str(error))}") from error

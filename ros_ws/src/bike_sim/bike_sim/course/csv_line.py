@@ -8,10 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bike_sim.documents import DocumentError
+
 FloatArray = NDArray[np.float64]
 
 COLUMNS = ("x_m", "y_m", "w_tr_right_m", "w_tr_left_m")
 """Columns of a file, in the order used where no header names them; the widths may be left out together."""
+
+MAX_CSV_SIZE = 20_000_000
+"""Largest CSV file, bytes: half a million points, which take about a second to read."""
+
+MAX_COORDINATE = 1e7
+"""Largest coordinate, m: that of any map's grid, and so small that a sample's spacing is not rounded away."""
 
 LEAST_POINTS = 4
 """Fewer points do not make a course. (A repeated first point at the end does not count.)"""
@@ -29,7 +37,7 @@ CLOSING_TURN = math.radians(75.0)
 """The chord that closes a line turns by at most this angle at both ends, rad."""
 
 
-class CourseFileError(ValueError):
+class CourseFileError(DocumentError):
     """A course file is broken. The message says which row or element, and what is wrong."""
 
 
@@ -138,6 +146,8 @@ def _number(cell: str, name: str, line: int) -> float:
     value = float(cell)
     if not math.isfinite(value):
         raise CourseFileError(f"row {line}: {name} is {cell[:40]!r}, a finite number is needed")
+    if abs(value) > MAX_COORDINATE:
+        raise CourseFileError(f"row {line}: {name} is {cell[:40]!r}, beyond {MAX_COORDINATE:g} m; metres?")
     if name.startswith("w_") and value < 0.0:
         raise CourseFileError(f"row {line}: {name} is {value}, a width must not be negative")
     return value

@@ -1,74 +1,19 @@
-"""Reading what people write: text files and YAML documents, with one clear error for what is wrong."""
+"""What the values of a course's document may be, with one clear error for each that may not."""
 
 from __future__ import annotations
 
 import math
-import stat
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
-import yaml
-
-from bike_sim.course.csv_line import CourseFileError
-from bike_sim.unique_keys import UniqueKeys
+from bike_sim.course.csv_line import MAX_COORDINATE, CourseFileError
+from bike_sim.documents import check_name, check_text, show
 
 MAX_LENGTH = 100e3
 """Longest course, m. A longer one is a mistake of units, and would fill the memory with samples."""
 
-MAX_FILE_SIZE = 50_000_000
-"""Largest course file, bytes."""
-
-
-def read_text(path: Path) -> str:
-    """Return the text of a file.
-
-    Raises:
-        FileNotFoundError: there is none.
-        CourseFileError: it cannot be read as text.
-    """
-    try:
-        status = path.stat()
-        if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):
-            raise CourseFileError("is no file but a pipe or a device, which might never end")
-        if status.st_size > MAX_FILE_SIZE:
-            raise CourseFileError(f"is larger than {MAX_FILE_SIZE // 1_000_000} MB, which no course is")
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise FileNotFoundError(f"there is no course file {path}") from None
-    except OSError as error:
-        raise CourseFileError(f"cannot be read: {error.strerror}") from None
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise CourseFileError(f"is not a UTF-8 text file (byte {error.start} is {data[error.start]:#04x})") from None
-    if "\0" in text:
-        raise CourseFileError("is a binary file")
-    if not text.strip():
-        raise CourseFileError("is empty")
-    return text
-
-
-def parse_yaml(text: str, keys: tuple[str, ...]) -> Mapping[str, Any]:
-    """Return a YAML document with all values as strings; ``keys`` are named when it is no mapping at all."""
-    # The base loader leaves every value a string: what a number or a truth value is, is decided here, where a mistake
-    # can be named, and '1e3' is a number as everywhere else.
-    try:
-        document = yaml.load(text, Loader=_UniqueKeyLoader)
-    except yaml.MarkedYAMLError as error:
-        where = f"row {error.problem_mark.line + 1}: " if error.problem_mark else ""
-        raise CourseFileError(f"{where}{error.problem or error.context}") from None
-    except yaml.YAMLError as error:
-        raise CourseFileError(f"is not YAML: {str(error).splitlines()[0]}") from None
-    except RecursionError:
-        raise CourseFileError("is nested too deeply") from None
-    if not isinstance(document, dict):
-        raise CourseFileError(f"must be a mapping with the keys {', '.join(keys)}")
-    return document
-
-
-class _UniqueKeyLoader(UniqueKeys, yaml.BaseLoader):
-    """Base loader that refuses a key given twice."""
+START_KEYS = ("x_m", "y_m", "heading_deg")
+"""Keys of the place and direction in which a course begins."""
 
 
 def values_of(value: Any, where: str, keys: tuple[str, ...]) -> list[Any]:
@@ -89,12 +34,20 @@ def check_keys(where: str, found: Mapping[Any, Any], known: tuple[str, ...]) -> 
             raise CourseFileError(f"{where}unknown key {show(key)}; known are {', '.join(known)}")
 
 
-def text_of(found: Mapping[str, Any], key: str, default: str, where: str = "") -> str:
-    """Return the text of a key, or the default where the key is not there."""
-    value = found.get(key, default)
-    if not isinstance(value, str) or (key in found and not value.strip()):
-        raise CourseFileError(f"{where}{key} must be text, got {show(value)}")
-    return value
+def name_of(found: Mapping[str, Any], key: str, default: str, where: str = "") -> str:
+    """Return the name under a key, or the default where the key is not there.
+
+    Raises:
+        DocumentError: it is no name, or the default, which comes from the file's name, is none.
+    """
+    if key not in found:
+        return default and check_name(default, f"{where}the file's name, which the course takes without '{key}',")
+    return check_name(found[key], f"{where}{key}")
+
+
+def description_of(found: Mapping[str, Any], default: str) -> str:
+    """Return the description, or the default where there is none."""
+    return check_text(found["description"], "description") if "description" in found else default
 
 
 def truth_of(value: Any, name: str) -> bool:
@@ -123,8 +76,13 @@ def length_of(value: Any, name: str) -> float:
     return number
 
 
-def show(value: Any) -> str:
-    """Return a short text of a value from a file; lists and mappings may be huge, so they are only named."""
-    if isinstance(value, str):
-        return repr(value if len(value) <= 60 else value[:57] + "...")
-    return "a list" if isinstance(value, list) else "a mapping"
+def start_of(start: Any) -> tuple[float, float, float]:
+    """Return x, y, heading of a beginning (m, m, rad)."""
+    if not isinstance(start, dict):
+        raise CourseFileError(f"start must be a mapping with the keys {', '.join(START_KEYS)}, got {show(start)}")
+    check_keys("start: ", start, START_KEYS)
+    x, y, heading = (number_of(start.get(key, "0"), f"start: {key}") for key in START_KEYS)
+    for key, value in zip(START_KEYS, (x, y, heading), strict=True):
+        if abs(value) > MAX_COORDINATE:
+            raise CourseFileError(f"start: {key} is {value:g}, beyond {MAX_COORDINATE:g}; metres and degrees?")
+    return x, y, math.radians(heading)

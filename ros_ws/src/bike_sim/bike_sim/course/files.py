@@ -1,209 +1,205 @@
-"""Courses from files: shipped by name, or one's own as YAML (elements) or CSV (points and widths).
+"""Where courses come from: shipped ones by name, random circuits by seed, and files of one's own by path.
 
-The YAML keys are listed in :data:`KEYS`, the CSV columns in :data:`bike_sim.course.csv_line.COLUMNS`; docs/courses.md
-shows both.
+A course is a path (a line to follow) or a circuit (a closed line with limits, walls and corners). Both are found, read
+and refused by the same code; what a file says is turned into one of them by :mod:`bike_sim.course.path_reading` and
+:mod:`bike_sim.course.track_reading`.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from importlib import resources
+from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypeVar
 
-import numpy as np
+from bike_sim.course import path_reading, track_reading
+from bike_sim.course.course import Course
+from bike_sim.course.csv_line import MAX_CSV_SIZE, CentreLine, CourseFileError, parse_csv
+from bike_sim.course.document import number_of
+from bike_sim.course.path_reading import path_from_document, path_from_points
+from bike_sim.course.random_circuits import RANDOM_CIRCUIT, random_circuit, seed_of
+from bike_sim.course.track import Track
+from bike_sim.course.track_reading import track_from_document, track_from_points
+from bike_sim.documents import MAX_YAML_SIZE, DocumentError, check_name, parse_yaml, read_text, shorten, show
 
-from bike_sim.course.course import OFF_COURSE_LIMIT, SAMPLE_SPACING, Course
-from bike_sim.course.csv_line import CentreLine, CourseFileError, parse_csv
-from bike_sim.course.document import (
-    MAX_LENGTH,
-    check_keys,
-    length_of,
-    number_of,
-    parse_yaml,
-    read_text,
-    show,
-    text_of,
-    truth_of,
-    values_of,
-)
-from bike_sim.course.elements import Arc, Element, Line, Quintic
-from bike_sim.course.spline import chord_lengths, smooth_line
-from bike_sim.course.track_files import load_track, shipped_tracks
+Kind = Literal["path", "circuit"]
 
-FORMAT = "bike.course/1"
+_Built = TypeVar("_Built")
 
-KEYS = ("format", "name", "description", "closed", "off_course_limit_m", "start", "elements", "csv")
-"""Keys of a course file; exactly one of ``elements`` and ``csv`` must be there."""
+_FORMATS: Mapping[str, Kind] = {path_reading.FORMAT: "path", track_reading.FORMAT: "circuit"}
+_FOLDERS: Mapping[Kind, str] = {"path": "courses", "circuit": "tracks"}
+_YAML, _CSV = (".yaml", ".yml"), ".csv"
 
-START_KEYS = ("x_m", "y_m", "heading_deg")
+
+@dataclass(frozen=True)
+class _Content:
+    """What a course's file says, before anything is built of it.
+
+    Attributes:
+        path: the file.
+        kind: what it describes.
+        said: a YAML document, or the points of a CSV file.
+    """
+
+    path: Path
+    kind: Kind
+    said: Mapping[str, Any] | CentreLine
 
 
 def shipped_courses() -> tuple[str, ...]:
-    """Return the names of the shipped courses, sorted."""
-    folder = resources.files("bike_sim") / "config" / "courses"
-    return tuple(sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".yaml")))
+    """Return the names of the shipped paths, sorted."""
+    return _shipped("path")
+
+
+def shipped_tracks() -> tuple[str, ...]:
+    """Return the names of the shipped circuits, sorted."""
+    return _shipped("circuit")
+
+
+def kind_of(name_or_path: str | Path) -> Kind:
+    """Tell what a name or a file is, without building it.
+
+    A CSV file is a circuit when its line is closed and has widths; a YAML file is what its format says, a path without.
+
+    Args:
+        name_or_path: as for `load_course`.
+
+    Raises:
+        FileNotFoundError: no such course or file.
+        CourseFileError: the file cannot be read; what only shows when the course is built is not looked for.
+    """
+    if seed_of(name_or_path) is not None:
+        return "circuit"
+    return _read(name_or_path, lambda content: content.kind)
 
 
 def load_course(name_or_path: str | Path) -> Course:
-    """Load a course.
+    """Load the line of a course.
 
     Args:
-        name_or_path: name of a shipped course, or of a shipped circuit for its centre line, or path of a ``.yaml``,
-            ``.yml`` or ``.csv`` file.
+        name_or_path: name of a shipped path; name of a shipped circuit or ``random_circuit:<seed>`` for its centre
+            line; or path of a ``.yaml``, ``.yml`` or ``.csv`` file. The points of a CSV file are taken as they are,
+            where `load_track` smooths them.
 
     Raises:
         FileNotFoundError: no such course or file.
         CourseFileError: the file is broken; the message names the row or element and what is wrong.
     """
-    path = Path(name_or_path)
-    if not path.suffix:
-        if str(name_or_path) in shipped_tracks():
-            return load_track(name_or_path).centre
-        if str(name_or_path) not in shipped_courses():
-            known = ", ".join((*shipped_courses(), *shipped_tracks()))
-            raise FileNotFoundError(
-                f"no shipped course is called {str(name_or_path)[:100]!r} (there are {known}); "
-                "a course of your own is given as the path of a .yaml or .csv file"
-            )
-        with resources.as_file(resources.files("bike_sim") / "config" / "courses" / f"{path}.yaml") as shipped:
-            return _load_file(shipped)
-    if path.suffix.lower() not in (".yaml", ".yml", ".csv"):
-        raise CourseFileError(f"course file {path}: the ending {path.suffix!r} is not known; use .yaml, .yml or .csv")
-    return _load_file(path)
+    seed = seed_of(name_or_path)
+    return random_circuit(seed).centre if seed is not None else _read(name_or_path, _course_of)
 
 
-def _load_file(path: Path) -> Course:
-    try:
-        text = read_text(path)
-        if path.suffix.lower() == ".csv":
-            return _course_from_points(path.stem, parse_csv(text), OFF_COURSE_LIMIT)
-        return _course_from_yaml(parse_yaml(text, KEYS), path)
-    except CourseFileError as error:
-        raise CourseFileError(f"course file {path}: {error}") from None
-    except FileNotFoundError:
-        raise
-    except ValueError as error:
-        raise CourseFileError(f"course file {path}: {error}") from error
+def load_track(name_or_path: str | Path) -> Track:
+    """Load a circuit, without its ideal line.
 
+    Args:
+        name_or_path: name of a shipped circuit, ``random_circuit:<seed>``, or path of a ``.yaml``, ``.yml`` or ``.csv``
+            file.
 
-def _course_from_yaml(document: Mapping[str, Any], path: Path) -> Course:
-    check_keys("", document, KEYS)
-    if "format" in document and document["format"] != FORMAT:
-        raise CourseFileError(f"format is {show(document['format'])}, this version reads {FORMAT!r}")
-    name = text_of(document, "name", path.stem)
-    closed = truth_of(document["closed"], "closed") if "closed" in document else None
-    limit = OFF_COURSE_LIMIT
-    if "off_course_limit_m" in document:
-        limit = number_of(document["off_course_limit_m"], "off_course_limit_m")
-    if ("elements" in document) == ("csv" in document):
-        raise CourseFileError("must have either 'elements' or 'csv'")
-    if "csv" in document:
-        if "start" in document:
-            raise CourseFileError(
-                "'start' belongs to 'elements'; the points of a CSV file are in the map frame already"
-            )
-        csv_path = path.parent / text_of(document, "csv", "")
-        try:
-            line = parse_csv(read_text(csv_path), closed)
-        except CourseFileError as error:
-            raise CourseFileError(f"its CSV file {csv_path} {error}") from None
-        return _course_from_points(name, line, limit)
-    elements, sections = _parse_elements(document["elements"])
-    return Course.from_elements(
-        name,
-        elements,
-        start=_parse_start(document.get("start", {})),
-        closed=bool(closed),
-        off_course_limit=limit,
-        section_names=sections,
-    )
-
-
-def _course_from_points(name: str, line: CentreLine, off_course_limit: float) -> Course:
-    chord = chord_lengths(line.points)
-    if chord[-1] > MAX_LENGTH:
-        raise CourseFileError(
-            f"is {chord[-1] / 1e3:.6g} km long, at most {MAX_LENGTH / 1e3:g} km are possible; metres?"
-        )
-    smooth = smooth_line(line.points, line.closed, SAMPLE_SPACING)
-    # Between points the widths are linear: a spline could overshoot to a width below zero.
-    widths = [None if w is None else np.interp(smooth.chord, chord, w) for w in (line.width_left, line.width_right)]
-    return Course(
-        name,
-        smooth.s,
-        smooth.x,
-        smooth.y,
-        smooth.heading,
-        smooth.curvature,
-        line.closed,
-        off_course_limit,
-        width_left=widths[0],
-        width_right=widths[1],
-    )
-
-
-def _parse_start(start: Any) -> tuple[float, float, float]:
-    if not isinstance(start, dict):
-        raise CourseFileError(f"start must be a mapping with the keys {', '.join(START_KEYS)}, got {show(start)}")
-    check_keys("start: ", start, START_KEYS)
-    x, y, heading = (number_of(start.get(key, "0"), f"start: {key}") for key in START_KEYS)
-    return x, y, math.radians(heading)
-
-
-def _parse_elements(entries: Any) -> tuple[list[Element], list[str] | None]:
-    """Return the elements, and one section name an element or None if no element names one.
-
-    An element without a name belongs to the section of the one before it.
+    Raises:
+        FileNotFoundError: no such circuit or file.
+        CourseFileError: the file is broken, or is a path; the message names the row or element and what is wrong.
     """
-    if not isinstance(entries, list) or not entries:
-        raise CourseFileError("elements must be a list with at least one element")
-    elements: list[Element] = []
-    sections: list[str] = []
-    total = 0.0
-    for number, entry in enumerate(entries, start=1):
-        where = f"element {number}: "
-        element, section = _parse_element(entry, where)
-        elements.append(element)
-        sections.append(section or (sections[-1] if sections else "start"))
-        total += element.length
-        if total > MAX_LENGTH:
-            raise CourseFileError(f"{where}the course grows longer than {MAX_LENGTH / 1e3:g} km; metres and degrees?")
-    named = any("section" in entry for entry in entries)
-    return elements, sections if named else None
+    seed = seed_of(name_or_path)
+    return random_circuit(seed) if seed is not None else _read(name_or_path, _track_of)
 
 
-def _parse_element(entry: Any, where: str) -> tuple[Element, str]:
-    kinds = ", ".join(_ELEMENTS)
-    if not isinstance(entry, dict):
-        raise CourseFileError(f"{where}must be a mapping with one of {kinds}, got {show(entry)}")
-    check_keys(where, entry, (*_ELEMENTS, "section"))
-    found = [kind for kind in _ELEMENTS if kind in entry]
-    if len(found) != 1:
-        raise CourseFileError(f"{where}must have exactly one of {kinds}, has {' and '.join(found) or 'none'}")
-    kind = found[0]
+def track_records(name: str) -> dict[str, float]:
+    """Return the published lap records of a circuit, s, by what they are; none where its file gives none.
+
+    Raises:
+        FileNotFoundError: no such circuit. CourseFileError: a record is no number.
+    """
+
+    def records(content: _Content) -> dict[str, float]:
+        said = content.said if isinstance(content.said, Mapping) else {}
+        entries = said.get("records_s", {})
+        if not isinstance(entries, dict):
+            raise CourseFileError(f"records_s must be a mapping of names and times in s, got {show(entries)}")
+        return {str(key): number_of(value, f"records_s: {show(key)}") for key, value in entries.items()}
+
+    return {} if seed_of(name) is not None else _read(name, records)
+
+
+def _course_of(content: _Content) -> Course:
+    if isinstance(content.said, CentreLine):
+        return path_from_points(_stem(content.path), content.said)
+    if content.kind == "circuit":
+        return track_from_document(content.said, content.path).centre
+    return path_from_document(content.said, content.path)
+
+
+def _track_of(content: _Content) -> Track:
+    if isinstance(content.said, CentreLine):
+        return track_from_points(_stem(content.path), content.said)
+    if content.kind == "path":
+        raise CourseFileError(
+            f"is a path; a circuit has the format {track_reading.FORMAT!r} or is the CSV file of a closed line with "
+            "widths"
+        )
+    return track_from_document(content.said, content.path)
+
+
+def _stem(path: Path) -> str:
+    """Return the name of a course that is called after its file."""
+    return check_name(path.stem, "the file's name, which the course takes,")
+
+
+def _shipped(kind: Kind) -> tuple[str, ...]:
+    folder = resources.files("bike_sim") / "config" / _FOLDERS[kind]
+    return tuple(sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".yaml")))
+
+
+def _read(name_or_path: str | Path, use: Callable[[_Content], _Built]) -> _Built:
+    """Find and read a course, and return what is made of it; every error names the file."""
+    path = Path(name_or_path)
+    if path.suffix:
+        return _use(path, use)
+    with resources.as_file(_shipped_file(str(name_or_path))) as shipped:
+        return _use(shipped, use)
+
+
+def _shipped_file(name: str) -> Traversable:
+    for kind, folder in _FOLDERS.items():
+        if name in _shipped(kind):
+            return resources.files("bike_sim") / "config" / folder / f"{name}.yaml"
+    known = ", ".join((*shipped_courses(), *shipped_tracks(), f"{RANDOM_CIRCUIT}:<seed>"))
+    raise FileNotFoundError(
+        f"no shipped course is called {show(name, 100)} (there are {known}); a course of your own is given as the path "
+        "of a .yaml or .csv file"
+    )
+
+
+def _use(path: Path, use: Callable[[_Content], _Built]) -> _Built:
+    shown = shorten(str(path))
     try:
-        element = _ELEMENTS[kind](entry[kind], f"{where}{kind}")
-    except CourseFileError:
-        raise
+        return use(_content_of(path))
+    except FileNotFoundError as error:
+        # A file that the course's file names has been named already; an error of the system has a number.
+        raise (error if error.errno is None else FileNotFoundError(f"there is no course file {shown}")) from None
     except ValueError as error:
-        raise CourseFileError(f"{where}{error}") from None
-    return element, text_of(entry, "section", "", where)
+        cause = None if isinstance(error, DocumentError) else error
+        raise CourseFileError(f"course file {shown}: {error}") from cause
 
 
-def _line(value: Any, where: str) -> Line:
-    return Line(length_of(value, f"{where} length in m"))
-
-
-def _arc(value: Any, where: str) -> Arc:
-    radius, angle = values_of(value, where, ("radius_m", "angle_deg"))
-    return Arc(length_of(radius, f"{where} radius_m"), math.radians(number_of(angle, f"{where} angle_deg")))
-
-
-def _quintic(value: Any, where: str) -> Quintic:
-    extent, width = values_of(value, where, ("length_m", "width_m"))
-    return Quintic(length_of(extent, f"{where} length_m"), length_of(width, f"{where} width_m"))
-
-
-_ELEMENTS: Mapping[str, Callable[[Any, str], Element]] = {"line": _line, "arc": _arc, "quintic": _quintic}
+def _content_of(path: Path) -> _Content:
+    ending = path.suffix.lower()
+    if ending == _CSV:
+        line = parse_csv(read_text(path, MAX_CSV_SIZE))
+        return _Content(path, "circuit" if line.closed and line.width_left is not None else "path", line)
+    if ending not in _YAML:
+        raise CourseFileError(f"the ending {show(path.suffix)} is not known; use .yaml, .yml or .csv")
+    document = parse_yaml(read_text(path, MAX_YAML_SIZE), as_text=True)
+    if not isinstance(document, dict):
+        raise CourseFileError(
+            f"must be a mapping with the keys {', '.join(path_reading.KEYS)} of a path, or those of a circuit"
+        )
+    form = document.get("format", path_reading.FORMAT)
+    if not isinstance(form, str) or form not in _FORMATS:
+        raise CourseFileError(
+            f"format is {show(form)}, this version reads {path_reading.FORMAT!r} (a path) and "
+            f"{track_reading.FORMAT!r} (a circuit)"
+        )
+    return _Content(path, _FORMATS[form], document)

@@ -134,7 +134,8 @@ def wall_distances(centre: Course, run_off: RunOff) -> tuple[FloatArray, FloatAr
         free = _free_distance(centre, rows, tree, sign, widths[rows], wanted)
         # The minimum over neighbours first, so that smoothing never brings a wall nearer than is free.
         window = 11
-        free = uniform_filter1d(minimum_filter1d(free, window, mode="wrap"), window, mode="wrap")
+        # The running sum of the mean may end a rounding error below zero where no run-off is free.
+        free = np.maximum(uniform_filter1d(minimum_filter1d(free, window, mode="wrap"), window, mode="wrap"), 0.0)
         padded = np.append(rows, len(centre.s) - 1)
         found.append(np.interp(np.arange(len(centre.s)), padded, np.append(free, free[0])))
     return found[0], found[1]

@@ -15,8 +15,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from bike_sim.documents import DocumentError, read_text
+
 ShareResolver = Callable[[str], Path]
 """Maps the name of a ROS package to its share directory, the one that contains ``msg/``."""
+
+MAX_DEFINITION_SIZE: Final = 1_000_000
+"""Largest file of a definition, bytes; those of ROS 2 have at most some 100 kB."""
 
 _PRIMITIVE: Final = re.compile(r"bool|byte|char|float(32|64)|u?int(8|16|32|64)|w?string")
 _FIELD_TYPE: Final = re.compile(r"^[ \t]*([A-Za-z][A-Za-z0-9_/]*)", re.MULTILINE)
@@ -134,7 +139,7 @@ def _collect(name: str, share: ShareResolver, texts: dict[str, str]) -> None:
     path = share(package) / "msg" / f"{kind}.msg"
     if not path.is_file():
         raise FileNotFoundError(f"package {package!r} has no message {kind!r} ({path} does not exist)")
-    texts[name] = path.read_text(encoding="utf-8")
+    texts[name] = _read(path)
     for nested in sorted(_nested_types(texts[name], package)):
         if nested not in texts:
             _collect(nested, share, texts)
@@ -156,5 +161,21 @@ def _type_hash(name: str, share: ShareResolver) -> str:
     path = share(package) / "msg" / f"{kind}.json"
     if not path.is_file():  # a source directory: hashes are made by the build
         return ""
-    hashes = json.loads(path.read_text(encoding="utf-8")).get("type_hashes", [])
-    return next((str(entry["hash_string"]) for entry in hashes if entry["type_name"] == name), "")
+    text = _read(path)
+    try:
+        hashes = json.loads(text)["type_hashes"]
+        return next((str(entry["hash_string"]) for entry in hashes if entry["type_name"] == name), "")
+    except (ValueError, KeyError, TypeError, RecursionError):
+        raise ValueError(f"{path} does not list type hashes as a build of messages does; is it damaged?") from None
+
+
+def _read(path: Path) -> str:
+    """Return the text of a definition.
+
+    Raises:
+        ValueError: the file cannot be read, or is no text.
+    """
+    try:
+        return read_text(path, MAX_DEFINITION_SIZE)
+    except DocumentError as error:
+        raise ValueError(f"message definition {path} {error}") from None

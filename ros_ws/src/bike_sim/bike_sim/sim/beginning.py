@@ -8,9 +8,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from bike_sim.course.course import Course
-from bike_sim.course.files import load_course
+from bike_sim.course.files import kind_of, load_course
 from bike_sim.course.random_paths import random_course
-from bike_sim.course.registry import CIRCUIT, kind_of
 from bike_sim.physics import state as st
 from bike_sim.sim.circuit_scene import START_SHARE, START_SPEED, CircuitScene, FollowedLine, start_speed
 from bike_sim.sim.plant import Plant
@@ -39,7 +38,23 @@ class Courses:
 
     def __init__(self) -> None:
         self._path: tuple[str, Course] | None = None
+        self._circuits: dict[str, bool] = {}
         self._lines: dict[tuple[str, float], FollowedLine] = {}
+
+    def is_circuit(self, plant: Plant, name: str) -> bool:
+        """Tell whether a vehicle sees a course as a circuit.
+
+        Shipped circuits, random circuits and circuit files are circuits for every vehicle. A CSV file may be both:
+        superbikes take a closed line with widths for a circuit, bicycles for a path.
+
+        Raises:
+            ValueError: a broken file. FileNotFoundError: no such course.
+        """
+        if name == RANDOM_COURSE or (plant.rolling and name.lower().endswith(".csv")):
+            return False
+        if name not in self._circuits:
+            self._circuits[name] = kind_of(name) == "circuit"
+        return self._circuits[name]
 
     def path(self, name: str) -> Course:
         """Return a course by name or file.
@@ -65,17 +80,6 @@ class Courses:
         return known
 
 
-def rides_circuit(plant: Plant, course: str) -> bool:
-    """Tell whether a vehicle sees a course as a circuit.
-
-    Shipped circuits and circuit files are circuits for every vehicle. A CSV file may be both: superbikes take a closed
-    line with widths for a circuit, bicycles for a path.
-    """
-    if course == RANDOM_COURSE or (plant.rolling and course.lower().endswith(".csv")):
-        return False
-    return kind_of(course) == CIRCUIT
-
-
 def own_speed(request: ResetRequest, plant: Plant, courses: Courses) -> float:
     """Return the speed at which a vehicle begins where nothing else is asked for, m/s.
 
@@ -86,7 +90,7 @@ def own_speed(request: ResetRequest, plant: Plant, courses: Courses) -> float:
     """
     if plant.rolling or plant.envelope is None:
         return BICYCLE_SPEED
-    if rides_circuit(plant, request.course):
+    if courses.is_circuit(plant, request.course):
         followed = courses.line(plant, request.course, request.line)
         return start_speed(followed, plant.envelope, request.progress)
     if request.course == RANDOM_COURSE:
@@ -107,7 +111,7 @@ def begin(request: ResetRequest, plant: Plant, courses: Courses) -> Beginning:
     Raises:
         ValueError: a course that cannot be read, or a start that cannot be. FileNotFoundError: no such course.
     """
-    if rides_circuit(plant, request.course):
+    if courses.is_circuit(plant, request.course):
         return _begin_on_circuit(request, plant, courses)
     if request.line != IDEAL or request.progress != 0.0:
         raise ValueError(

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_sim.course import racing_line
+from bike_sim.course.files import load_track
 from bike_sim.course.track import Track
-from bike_sim.course.track_files import load_track
 from bike_sim.theory import lap_limit, minimum_time
 from bike_sim.theory.envelope import Envelope
 from bike_sim.theory.minimum_time import with_fastest_line

@@ -6,9 +6,17 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Final
 
-import yaml
-
-from bike_sim.unique_keys import UniqueKeys
+from bike_sim.documents import (
+    MAX_MESSAGE,
+    MAX_YAML_SIZE,
+    DocumentError,
+    check_name,
+    check_text,
+    parse_yaml,
+    read_text,
+    shorten,
+    show,
+)
 from bike_sim.vehicles.bicycle import Vehicle, VehicleError, bicycle_from_document
 from bike_sim.vehicles.superbike import superbike_from_document
 
@@ -34,35 +42,25 @@ def load_vehicle(name_or_path: str | Path) -> Vehicle:
     """
     text = str(name_or_path)
     if isinstance(name_or_path, Path) or text.endswith((".yaml", ".yml")) or "/" in text:
-        path = Path(name_or_path)
-        if not path.is_file():
-            raise FileNotFoundError(f"vehicle file '{path}' does not exist")
-        content = _read(path)
-    elif text in shipped_vehicles():
-        content = (SHIPPED / f"{text}.yaml").read_text(encoding="utf-8")
-    else:
+        return _load_file(Path(name_or_path), text)
+    if text not in shipped_vehicles():
         known = ", ".join(shipped_vehicles())
-        raise FileNotFoundError(f"no vehicle '{text}'; shipped are: {known}; a file of your own must end in .yaml")
+        raise FileNotFoundError(
+            f"no vehicle '{shorten(text)}'; shipped are: {known}; a file of your own must end in .yaml"
+        )
+    with resources.as_file(SHIPPED / f"{text}.yaml") as path:
+        return _load_file(path, text)
+
+
+def _load_file(path: Path, origin: str) -> Vehicle:
+    origin = shorten(origin)
     try:
-        document = yaml.load(content, Loader=_UniqueKeyLoader)
-    except (yaml.YAMLError, ValueError) as error:  # a date or a number that cannot be is a ValueError
-        raise VehicleError(f"vehicle '{text}' is not valid YAML: {' '.join(str(error).split())}") from None
-    except RecursionError:
-        raise VehicleError(f"vehicle '{text}' is nested too deeply") from None
-    return vehicle_from_document(document, text)
-
-
-class _UniqueKeyLoader(UniqueKeys, yaml.SafeLoader):
-    """Safe loader that refuses a key given twice."""
-
-
-def _read(path: Path) -> str:
-    """Return the text of a file."""
-    try:
-        return path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        wrong = error.object[error.start]
-        raise VehicleError(f"vehicle '{path}' is not a UTF-8 text file (byte {error.start} is {wrong:#04x})") from None
+        document = parse_yaml(read_text(path, MAX_YAML_SIZE))
+    except FileNotFoundError:
+        raise FileNotFoundError(f"vehicle file '{origin}' does not exist") from None
+    except DocumentError as error:
+        raise VehicleError(f"vehicle '{origin}' {error}") from None
+    return vehicle_from_document(document, origin)
 
 
 def vehicle_from_document(document: Any, origin: str) -> Vehicle:
@@ -78,8 +76,18 @@ def vehicle_from_document(document: Any, origin: str) -> Vehicle:
         VehicleError: a key is missing or unknown, or a value cannot be.
     """
     kind = document.get("type") if isinstance(document, dict) else None
-    if kind == "superbike":
-        return superbike_from_document(document, origin)
-    if kind is not None:
-        raise VehicleError(f"vehicle '{origin}': unknown type '{kind}'; there is 'superbike', and a bicycle has none")
-    return bicycle_from_document(document, origin)
+    if kind is not None and kind != "superbike":
+        raise VehicleError(
+            f"vehicle '{origin}': unknown type {show(kind)}; there is 'superbike', and a bicycle has none"
+        )
+    try:
+        vehicle = (superbike_from_document if kind else bicycle_from_document)(document, origin)
+        # Of the document: the vehicle has them as text already.
+        check_name(document["name"], "name")
+        check_text(document["description"], "description")
+    except VehicleError as error:
+        # It may repeat any value of the file, whatever its length.
+        raise VehicleError(shorten(str(error), MAX_MESSAGE)) from None
+    except DocumentError as error:
+        raise VehicleError(f"vehicle '{origin}': {error}") from None
+    return vehicle

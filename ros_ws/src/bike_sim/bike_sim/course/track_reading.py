@@ -1,4 +1,4 @@
-"""Circuits from files: shipped by name, or one's own as YAML (table of corners) or CSV (centre line and widths).
+"""Circuits from what a file says: a YAML table of corners, or the centre line and widths of a CSV file.
 
 The YAML keys are listed in :data:`KEYS`, the CSV columns in :data:`bike_sim.course.csv_line.COLUMNS`; docs/circuits.md
 shows both.
@@ -9,7 +9,6 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -18,16 +17,15 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from bike_sim.course.course import SAMPLE_SPACING, Course
-from bike_sim.course.csv_line import CentreLine, CourseFileError, parse_csv
+from bike_sim.course.csv_line import CentreLine, CourseFileError
 from bike_sim.course.document import (
     MAX_LENGTH,
     check_keys,
+    description_of,
     length_of,
+    name_of,
     number_of,
-    parse_yaml,
-    read_text,
-    show,
-    text_of,
+    start_of,
     values_of,
 )
 from bike_sim.course.layout import Piece, close_layout, curvature_profile, trace_layout
@@ -35,6 +33,7 @@ from bike_sim.course.limits import RunOff, check_limits, wall_distances
 from bike_sim.course.smoothing import TOLERANCE, WIDTH_SHARE, smooth_closed
 from bike_sim.course.spline import chord_lengths, smooth_line
 from bike_sim.course.track import Corner, Track, find_corners
+from bike_sim.documents import DocumentError, show
 
 FloatArray = NDArray[np.float64]
 
@@ -57,7 +56,6 @@ KEYS = (
 )
 """Keys of a circuit file; ``format``, ``length_m``, ``width_m`` and ``elements`` must be there."""
 
-START_KEYS = ("x_m", "y_m", "heading_deg")
 RUN_OFF_KEYS = ("straight", "inside", "outside")
 
 TRANSITION = 40.0
@@ -71,55 +69,6 @@ LEAST_WIDTH = 0.5
 
 SECTORS = 3
 """Sectors of a circuit whose file names none: equal parts."""
-
-
-def shipped_tracks() -> tuple[str, ...]:
-    """Return the names of the shipped circuits, sorted."""
-    folder = resources.files("bike_sim") / "config" / "tracks"
-    return tuple(sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".yaml")))
-
-
-def load_track(name_or_path: str | Path) -> Track:
-    """Load a circuit, without its ideal line.
-
-    Args:
-        name_or_path: name of a shipped circuit, or path of a ``.yaml``, ``.yml`` or ``.csv`` file.
-
-    Raises:
-        FileNotFoundError: no such circuit or file.
-        CourseFileError: the file is broken; the message names the row or element and what is wrong.
-    """
-    path = Path(name_or_path)
-    if not path.suffix:
-        if str(name_or_path) not in shipped_tracks():
-            raise FileNotFoundError(
-                f"no shipped circuit is called {str(name_or_path)[:100]!r} (there are {', '.join(shipped_tracks())}); "
-                "a circuit of your own is given as the path of a .yaml or .csv file"
-            )
-        with resources.as_file(resources.files("bike_sim") / "config" / "tracks" / f"{path}.yaml") as shipped:
-            return _load_file(shipped)
-    if path.suffix.lower() not in (".yaml", ".yml", ".csv"):
-        raise CourseFileError(f"circuit file {path}: the ending {path.suffix!r} is not known; use .yaml, .yml or .csv")
-    return _load_file(path)
-
-
-def track_records(name: str) -> dict[str, float]:
-    """Return the published lap records of a shipped circuit, s, by what they are."""
-    path = resources.files("bike_sim") / "config" / "tracks" / f"{name}.yaml"
-    entries = parse_yaml(path.read_text(encoding="utf-8"), KEYS).get("records_s", {})
-    return {str(key): number_of(value, "records_s") for key, value in entries.items()}
-
-
-def _load_file(path: Path) -> Track:
-    try:
-        text = read_text(path)
-        if path.suffix.lower() == ".csv":
-            return track_from_points(path.stem, parse_csv(text))
-        return _track_from_yaml(parse_yaml(text, KEYS), path)
-    except FileNotFoundError:
-        raise
-    except ValueError as error:
-        raise CourseFileError(f"circuit file {path}: {error}") from None
 
 
 def track_from_points(name: str, line: CentreLine) -> Track:
@@ -172,14 +121,21 @@ def track_from_points(name: str, line: CentreLine) -> Track:
     )
 
 
-def _track_from_yaml(document: Mapping[str, Any], path: Path) -> Track:
+def track_from_document(document: Mapping[str, Any], path: Path) -> Track:
+    """Make a circuit of a YAML document whose values are all strings.
+
+    Args:
+        document: what the file says.
+        path: the file, after which a circuit without a name is called.
+
+    Raises:
+        ValueError: naming the key or element and what is wrong.
+    """
     check_keys("", document, KEYS)
-    if document.get("format") != FORMAT:
-        raise CourseFileError(f"format is {show(document.get('format', 'missing'))}, this version reads {FORMAT!r}")
     for key in ("length_m", "width_m", "elements"):
         if key not in document:
             raise CourseFileError(f"{key} is missing")
-    name = text_of(document, "name", path.stem)
+    name = name_of(document, "name", path.stem)
     length = length_of(document["length_m"], "length_m")
     transition = length_of(document.get("transition_m", str(TRANSITION)), "transition_m")
     width = length_of(document["width_m"], "width_m")
@@ -187,7 +143,7 @@ def _track_from_yaml(document: Mapping[str, Any], path: Path) -> Track:
         raise CourseFileError(f"width_m is {width}, a road is at least {LEAST_WIDTH} m wide")
     pieces = close_layout(_pieces(document["elements"]), length, transition)
     profile = curvature_profile(pieces, transition)
-    s, x, y, heading, curvature = trace_layout(profile, SAMPLE_SPACING, _start(document.get("start", {})))
+    s, x, y, heading, curvature = trace_layout(profile, SAMPLE_SPACING, start_of(document.get("start", {})))
     corners = _corners(pieces, profile.begins)
     centre = Course(
         name,
@@ -205,15 +161,7 @@ def _track_from_yaml(document: Mapping[str, Any], path: Path) -> Track:
     check_limits(centre)
     run_off_left, run_off_right = wall_distances(centre, _run_off(document.get("run_off_m")))
     elevation = _elevation(document.get("elevation_m"), s)
-    return Track(centre, elevation, run_off_left, run_off_right, corners, None, text_of(document, "description", name))
-
-
-def _start(start: Any) -> tuple[float, float, float]:
-    if not isinstance(start, dict):
-        raise CourseFileError(f"start must be a mapping with the keys {', '.join(START_KEYS)}, got {show(start)}")
-    check_keys("start: ", start, START_KEYS)
-    x, y, heading = (number_of(start.get(key, "0"), f"start: {key}") for key in START_KEYS)
-    return x, y, math.radians(heading)
+    return Track(centre, elevation, run_off_left, run_off_right, corners, None, description_of(document, name))
 
 
 def _pieces(entries: Any) -> list[Piece]:
@@ -233,8 +181,8 @@ def _pieces(entries: Any) -> list[Piece]:
             turned = math.radians(number_of(angle, f"{where}angle_deg"))
             if turned == 0.0:
                 raise CourseFileError(f"{where}angle_deg of an arc must not be 0")
-            pieces.append(Piece(length_of(length, f"{where}length_m"), turned, text_of(entry, "corner", "", where)))
-        except CourseFileError:
+            pieces.append(Piece(length_of(length, f"{where}length_m"), turned, name_of(entry, "corner", "", where)))
+        except DocumentError:
             raise
         except ValueError as error:
             raise CourseFileError(f"{where}{error}") from None
