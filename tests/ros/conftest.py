@@ -36,7 +36,7 @@ from bike_sim.physics import state as st
 from bike_sim.physics.engine import make_engine
 from bike_sim.ros import node_tools, sim_node
 from bike_sim.ros.command_gate import Command
-from bike_sim.ros.isolation import DomainLease, prepare_discovery
+from bike_sim.ros.isolation import DISCOVERY_VARIABLE, PROFILES_VARIABLE, DomainLease, prepare_discovery
 from bike_sim.ros.messages import command_to_message, reset_to_message
 from bike_sim.ros.node_settings import SPECS, NodeSettings
 from bike_sim.sim.request import ResetRequest
@@ -54,7 +54,8 @@ class Program:
         for name, value in parameters.items():
             command += ["-p", f"{name}:={json.dumps(value)}"]
         environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
-        environment.pop("ROS_AUTOMATIC_DISCOVERY_RANGE", None)  # the default is what is tested
+        for variable in (DISCOVERY_VARIABLE, PROFILES_VARIABLE):
+            environment.pop(variable, None)  # the defaults are what is tested
         self._words = words
         with words.open("w") as file:
             self.process = subprocess.Popen(command, env=environment, stdout=file, stderr=subprocess.STDOUT)

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import itertools
 import math
-import multiprocessing
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from bike_sim.course.files import load_course
-from bike_sim.ros import isolation
 from bike_sim.ros.command_gate import Command, CommandGate, Verdict
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
@@ -23,8 +20,6 @@ from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import Snapshot
 
 NUMBERS = st.floats(allow_nan=True, allow_infinity=True)
-PATIENCE = 90.0
-"""Longest wait for another process, s: what a busy machine may need."""
 COMMANDS = st.builds(Command, st.integers(0, 4), st.integers(0, 6), NUMBERS, NUMBERS)
 
 
@@ -116,47 +111,3 @@ def test_a_fall_and_leaving_the_course_are_told_once() -> None:
     ridden = snapshots("line", [0.0, 0.2, 0.4], **flags)
     watch = EventWatch(load_course("line"), ridden[0])
     assert [[e.kind for e in watch.look(s)] for s in ridden[1:]] == [[EventKind.FALL], [EventKind.OFF_COURSE]]
-
-
-def _lease(folder: Path, ready: multiprocessing.Queue, end: multiprocessing.Event) -> None:
-    with isolation.DomainLease(folder) as lease:
-        ready.put(lease.domain_id)
-        end.wait(PATIENCE)
-
-
-def test_processes_get_domains_of_their_own_and_give_them_back(tmp_path: Path) -> None:
-    context = multiprocessing.get_context("fork")
-    ready, end = context.Queue(), context.Event()
-    workers = [context.Process(target=_lease, args=(tmp_path, ready, end)) for _ in range(4)]
-    for worker in workers:
-        worker.start()
-    domains = {ready.get(timeout=PATIENCE) for _ in workers}
-    with isolation.DomainLease(tmp_path) as lease:
-        domains.add(lease.domain_id)
-        assert len(domains) == 5
-        assert all(isolation.FIRST_DOMAIN <= d <= isolation.LAST_DOMAIN for d in domains)
-    end.set()
-    for worker in workers:
-        worker.join(PATIENCE)
-    leases = [isolation.DomainLease(tmp_path) for _ in range(isolation.LAST_DOMAIN - isolation.FIRST_DOMAIN + 1)]
-    with pytest.raises(OSError, match="all ROS domains"):
-        isolation.DomainLease(tmp_path)
-    for taken in leases:
-        taken.close()
-
-
-def test_discovery_is_local_and_fast_unless_the_user_says_otherwise(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    empty: dict[str, str] = {}
-    isolation.prepare_discovery(empty)
-    chosen = {isolation.DISCOVERY_VARIABLE: "SUBNET", isolation.PROFILES_VARIABLE: "own.xml"}
-    isolation.prepare_discovery(chosen)
-    (tmp_path / isolation.LOCAL_PROFILES).touch()
-    beside: dict[str, str] = {}
-    isolation.prepare_discovery(beside)
-    assert isolation.PROFILES.is_file()
-    assert empty == {isolation.DISCOVERY_VARIABLE: "LOCALHOST", isolation.PROFILES_VARIABLE: str(isolation.PROFILES)}
-    assert chosen == {isolation.DISCOVERY_VARIABLE: "SUBNET", isolation.PROFILES_VARIABLE: "own.xml"}
-    assert beside == {isolation.DISCOVERY_VARIABLE: "LOCALHOST"}

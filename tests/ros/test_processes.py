@@ -18,6 +18,7 @@ from bike_msgs.srv import Reset
 from mcap.reader import make_reader
 from rclpy.serialization import deserialize_message
 
+from bike_sim.ros.isolation import DISCOVERY_VARIABLE, PROFILES_VARIABLE
 from bike_sim.ros.node_settings import SPECS, NodeSettings
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
@@ -185,9 +186,10 @@ print(sys.argv[1], "heard", node.count_publishers("/bike/state"), flush=True)
 def test_other_machines_see_nothing_unless_they_shall(discovery: str | None, heard: int, patience: float) -> None:
     environment = {**os.environ, "PYTHON": sys.executable, "LISTENER": LISTENER}
     environment |= {"PATIENCE": str(PATIENCE), "FAR_PATIENCE": str(patience)}
-    environment.pop("ROS_AUTOMATIC_DISCOVERY_RANGE", None)
+    for variable in (DISCOVERY_VARIABLE, PROFILES_VARIABLE):
+        environment.pop(variable, None)
     if discovery:
-        environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = discovery
+        environment[DISCOVERY_VARIABLE] = discovery
     command = ["unshare", "-n", "-m", "sh", "-c", TWO_MACHINES]
     try:
         result = subprocess.run(

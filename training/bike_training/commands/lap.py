@@ -18,6 +18,7 @@ from bike_analysis.lap_recording import Theory, load_laps
 from bike_analysis.lap_report import lap_figures, write_lap_report
 from bike_analysis.numbers import lap_text
 from bike_sim.course.files import shipped_tracks
+from bike_sim.recording.in_use import claim_folder
 from bike_sim.sim.snapshot import WALL, Snapshot
 from bike_sim.theory.envelope import envelope
 from bike_sim.theory.lap_limit import lap_limit
@@ -70,7 +71,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if args.nodes:
         if args.all:
             raise ValueError("--nodes rides one machine on one circuit; leave --all out")
-        return _through_nodes(args)
+        make_folder("--out", args.out)
+        with claim_folder(args.out):
+            return _through_nodes(args)
     pairs = [(args.vehicle, args.course)]
     if args.all:
         pairs = list(itertools.product(shipped_superbikes(), shipped_tracks()))
@@ -89,7 +92,6 @@ def _through_nodes(args: argparse.Namespace) -> dict[str, Any]:
     """Ride through the nodes, write the report, print the times unless `args.json`, and return the figures."""
     from bike_training.nodes.node_laps import ride_through_nodes  # only rides through nodes need ROS
 
-    make_folder("--out", args.out)
     recording = args.out / "lap.mcap"
     machine = load_vehicle(args.vehicle)
     if not isinstance(machine, Superbike):

@@ -10,6 +10,7 @@ from bike_analysis.commands.analyze import text_of
 from bike_analysis.report import analyze
 from bike_policy.contract.bundle import DEFAULT_POLICY, load_bundle
 from bike_sim.course.files import load_course
+from bike_sim.recording.in_use import claim_folder
 from bike_sim.ros.isolation import DomainLease
 from bike_sim.sim.config import SimulatorConfig
 from bike_training.arguments import check_positive, check_whole, make_folder
@@ -52,12 +53,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     longest = time_for(course, args.speed)
     make_folder("--out", args.out)
     recording = args.out / "ride.mcap"
-    if args.domain is None:
-        with DomainLease() as lease:
-            wall = _ride(args, lease.domain_id, recording, course.length, longest)
-    else:
-        wall = _ride(args, args.domain, recording, course.length, longest)
-    figures = analyze(recording, args.out) | {"wall_s": round(wall, 2), "policy": bundle.name}
+    with claim_folder(args.out):
+        if args.domain is None:
+            with DomainLease() as lease:
+                wall = _ride(args, lease.domain_id, recording, course.length, longest)
+        else:
+            wall = _ride(args, args.domain, recording, course.length, longest)
+        figures = analyze(recording, args.out) | {"wall_s": round(wall, 2), "policy": bundle.name}
     if not args.json:
         print(text_of(figures))
         print(f"recording: {recording}")

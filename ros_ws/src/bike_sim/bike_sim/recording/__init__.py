@@ -18,6 +18,7 @@ from bike_sim.recording.definitions import (
     message_type,
     source_share,
 )
+from bike_sim.recording.in_use import Claim, claim_folder
 from bike_sim.recording.metadata import LATCHED, NOTES_RECORD, Qos
 from bike_sim.recording.recorder import CHUNK_BYTES, FLUSH_PERIOD_S, RideRecorder, Split
 
@@ -26,12 +27,14 @@ __all__ = [
     "FLUSH_PERIOD_S",
     "LATCHED",
     "NOTES_RECORD",
+    "Claim",
     "MessageType",
     "Qos",
     "RideRecorder",
     "ShareResolver",
     "Split",
     "ament_share",
+    "claim_folder",
     "first_share",
     "message_type",
     "source_share",

@@ -14,6 +14,7 @@ from types import TracebackType
 from typing import Any, Final, Self
 
 from bike_sim.recording.definitions import MessageType, ShareResolver, ament_share, message_type
+from bike_sim.recording.in_use import Claim
 from bike_sim.recording.mcap_file import COMPRESSIONS, McapFile
 from bike_sim.recording.metadata import (
     METADATA_FILE,
@@ -118,7 +119,7 @@ class RideRecorder:
         Raises:
             FileExistsError: If the recording exists and `overwrite` is false.
             ValueError: If a setting is out of range.
-            OSError: If the file cannot be created.
+            OSError: If the file cannot be created, or another process records to it.
         """
         if compression not in COMPRESSIONS:
             raise ValueError(f"compression must be one of {', '.join(COMPRESSIONS)}, not {compression!r}")
@@ -131,7 +132,7 @@ class RideRecorder:
         self._split = split or Split()
         if self._split and not self._directory:
             raise ValueError(f"recording {target} cannot be split: give a directory, a path without .mcap")
-        self._make_room(target, overwrite)
+        self._claim = self._claimed(target, overwrite)
         self.message_count = 0
         self._share = share
         self._compression = compression
@@ -144,8 +145,14 @@ class RideRecorder:
         self._finished_bytes = 0
         self._longest_lag_s = 0.0
         self.path = self._name_of_file(0) if self._directory else target
-        with self._stopping_on_error():
-            self._open_next()
+        self._file: McapFile | None = None
+        try:
+            self._make_room(target, overwrite)
+            with self._stopping_on_error():
+                self._open_next()
+        except BaseException:
+            self._claim.close()
+            raise
 
     def __enter__(self) -> Self:
         """Return the open recorder."""
@@ -265,27 +272,43 @@ class RideRecorder:
         with self._stopping_on_error():
             self._finish_file()
             self._write_metadata_file()
+        self._claim.close()
 
     # ----------------------------------------------------------------------------------------------------------- files
 
-    def _make_room(self, target: Path, overwrite: bool) -> None:
-        """Make the directory; see that nothing is in the way, nor a ``metadata.yaml`` of what is replaced.
+    def _claimed(self, target: Path, overwrite: bool) -> Claim:
+        """Claim the file, or the directory, before anything in it is touched; make it where it is missing.
 
         Raises:
-            FileExistsError: If the recording exists and may not be replaced.
+            FileExistsError: If the file exists and may not be replaced.
+            OSError: If another process records to it.
         """
-        own = re.compile(re.escape(target.name) + (r"_\d+\.mcap" if self._directory else ""))
-        there = [target] if target.exists() else []
-        if self._directory:
-            there = [file for file in sorted(target.glob("*.mcap")) if own.fullmatch(file.name)]
-        if there and not overwrite:
-            raise FileExistsError(f"recording {there[0]} exists already; choose another name or allow overwriting")
         folder = self._directory or target.parent
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise OSError(error.errno, f"directory {folder} cannot be made: {error.strerror}") from error
-        stale = there if self._directory else []
+        if self._directory is None:
+            try:
+                os.close(os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666))
+            except FileExistsError:
+                if not overwrite:
+                    raise _exists(target) from None
+        return Claim(target, "recording")
+
+    def _make_room(self, target: Path, overwrite: bool) -> None:
+        """See that nothing is in the way, nor a ``metadata.yaml`` of what is replaced.
+
+        Raises:
+            FileExistsError: If a file of the directory exists and may not be replaced.
+        """
+        own = re.compile(re.escape(target.name) + (r"_\d+\.mcap" if self._directory else ""))
+        stale = []
+        if self._directory:
+            stale = [file for file in sorted(target.glob("*.mcap")) if own.fullmatch(file.name)]
+        if stale and not overwrite:
+            raise _exists(stale[0])
+        folder = self._directory or target.parent
         described = described_files(folder)
         if stale or (described and all(own.fullmatch(name) for name in described)):
             stale.append(folder / METADATA_FILE)  # a kill would leave it beside files that it does not describe
@@ -298,7 +321,7 @@ class RideRecorder:
 
     def _open_next(self) -> McapFile:
         """Open a file and announce all topics in it."""
-        self._file: McapFile | None = None
+        self._file = None
         self._file = file = McapFile(self.path, self._chunk_bytes, self._compression)
         self._schemas: dict[str, int] = {}
         self._begun_at: int | None = None
@@ -401,6 +424,7 @@ class RideRecorder:
             self._keep_books(file)
             with suppress(OSError):
                 self._write_metadata_file()
+        self._claim.close()
         raise OSError(error.errno, f"recording {self.path} stopped: {error.strerror or error}") from error
 
     # -------------------------------------------------------------------------------------------------------- metadata
@@ -416,3 +440,7 @@ class RideRecorder:
     def _information(self, files: Sequence[FileSummary]) -> dict[str, Any]:
         topics = {name: (topic.type, topic.offered) for name, topic in self._topics.items()}
         return bag_information(topics, files, self._notes)
+
+
+def _exists(path: Path) -> FileExistsError:
+    return FileExistsError(f"recording {path} exists already; choose another name or allow overwriting")

@@ -1,74 +1,103 @@
-"""How nodes find each other: on this machine only, soon, and not those of another simulator. Imports no ROS."""
+"""How nodes find each other: on this machine only, soon, and not those of another simulator. Imports no ROS.
+
+    python -m bike_sim.ros.isolation
+
+prints what a shell must export so that programs started from it, such as `ros2`, find the nodes.
+"""
 
 from __future__ import annotations
 
-import fcntl
 import os
-import tempfile
-from collections.abc import MutableMapping
+import shlex
+import socket
+from collections.abc import Iterator, MutableMapping
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Final, Self
+from typing import Final, Self
 
 DISCOVERY_VARIABLE: Final = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 DOMAIN_VARIABLE: Final = "ROS_DOMAIN_ID"
+MIDDLEWARE_VARIABLE: Final = "RMW_IMPLEMENTATION"
 PROFILES_VARIABLE: Final = "FASTRTPS_DEFAULT_PROFILES_FILE"
 """Names the settings of Fast DDS; other middleware takes no notice."""
-PROFILES: Final = Path(__file__).parents[1] / "config" / "middleware" / "fastdds.xml"
+THIS_MACHINE: Final = Path(__file__).parents[1] / "config" / "middleware" / "this_machine.xml"
+NETWORK: Final = THIS_MACHINE.with_name("network.xml")
 LOCAL_PROFILES: Final = "DEFAULT_FASTRTPS_PROFILES.xml"
 """Settings of a user in the working directory, which Fast DDS reads by itself."""
+
+LOCALHOST: Final = "LOCALHOST"
+AS_PROFILES_SAY: Final = "SYSTEM_DEFAULT"
+"""Discovery range that leaves all to the settings of the middleware."""
 
 FIRST_DOMAIN: Final = 1
 LAST_DOMAIN: Final = 101
 """Domains that are lent out. 0 is everyone's default; above 101 ports collide with those that the kernel hands out."""
+FIRST_PORT: Final = 7400
+PORTS_PER_DOMAIN: Final = 250
+"""UDP ports of domain d begin at FIRST_PORT + d PORTS_PER_DOMAIN (OMG DDSI-RTPS 2.5, 9.6.2.3)."""
 
 
 def prepare_discovery(environment: MutableMapping[str, str] = os.environ) -> None:
     """Let nodes be found on this machine only, and soon, unless the user says otherwise.
 
+    LOCALHOST by itself is not enough: with it, Fast DDS listens on every interface. Its settings in `THIS_MACHINE` keep
+    to 127.0.0.1, and need a range that leaves it to them. Other middleware, and settings of the user's own, get
+    LOCALHOST.
+
     Args:
         environment: of the process that will have the nodes; it must not have had one yet.
     """
-    environment.setdefault(DISCOVERY_VARIABLE, "LOCALHOST")
-    if not Path(LOCAL_PROFILES).exists():
-        environment.setdefault(PROFILES_VARIABLE, str(PROFILES))
+    fast_dds = (environment.get(MIDDLEWARE_VARIABLE) or "rmw_fastrtps_cpp").startswith("rmw_fastrtps")
+    profiles = environment.get(PROFILES_VARIABLE)
+    own_settings = profiles not in (None, str(THIS_MACHINE), str(NETWORK)) or Path(LOCAL_PROFILES).exists()
+    if own_settings or not fast_dds:
+        environment.setdefault(DISCOVERY_VARIABLE, LOCALHOST)
+    elif environment.get(DISCOVERY_VARIABLE, LOCALHOST) in (LOCALHOST, AS_PROFILES_SAY, ""):
+        environment[DISCOVERY_VARIABLE] = AS_PROFILES_SAY
+        environment[PROFILES_VARIABLE] = str(THIS_MACHINE)
+    else:
+        environment[PROFILES_VARIABLE] = str(NETWORK)
 
 
 class DomainLease:
     """A ROS domain that no other lease on this machine has, held until `close` or the end of the process.
 
+    A lease is the name of a socket that nobody connects to. The kernel gives each name once, whoever asks, and takes
+    it back when the process is gone. Unlike a file in a shared folder it cannot be prepared by another user, and it
+    leaves nothing behind. Names, as ports, are those of the network namespace.
+
     Attributes:
         domain_id: the domain.
     """
 
-    def __init__(self, folder: Path | None = None) -> None:
-        """Take the first free domain, beginning at one that depends on the process.
+    def __init__(self, family: str = "bike_ros_domain") -> None:
+        """Take a free domain, beginning at one that depends on the process; rather one without anybody's nodes.
 
         Args:
-            folder: where the lock files lie; by default a folder for this user among the temporary files.
+            family: which leases exclude each other.
 
         Raises:
-            OSError: every domain is taken, or the folder cannot be written.
+            OSError: every domain is taken.
         """
-        folder = folder or Path(tempfile.gettempdir()) / f"bike_domains_{os.getuid()}"
-        folder.mkdir(parents=True, exist_ok=True)
         count = LAST_DOMAIN - FIRST_DOMAIN + 1
-        for k in range(count):
-            domain_id = FIRST_DOMAIN + (os.getpid() + k) % count
-            file = open(folder / f"{domain_id}.lock", "w")  # noqa: SIM115 - held open: the lock lives as long as the file
+        domains = [FIRST_DOMAIN + (os.getpid() + k) % count for k in range(count)]
+        inhabited = _inhabited_domains()
+        for domain_id in sorted(domains, key=lambda domain: domain in inhabited):
+            name = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
             try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                file.close()
+                name.bind(f"\0{family}_{domain_id}")
+            except OSError:
+                name.close()
                 continue
-            self._file: IO[str] = file
+            self._name = name
             self.domain_id = domain_id
             return
-        raise OSError(f"all ROS domains from {FIRST_DOMAIN} to {LAST_DOMAIN} are taken (locks in {folder})")
+        raise OSError(f"all ROS domains from {FIRST_DOMAIN} to {LAST_DOMAIN} are taken by running rides and trainings")
 
     def close(self) -> None:
         """Give the domain back."""
-        self._file.close()
+        self._name.close()
 
     def __enter__(self) -> Self:
         """Return the lease."""
@@ -79,3 +108,27 @@ class DomainLease:
     ) -> None:
         """Give the domain back."""
         self.close()
+
+
+def _inhabited_domains() -> set[int]:
+    """Return the domains in which somebody listens already, such as nodes that were started by hand."""
+    return {(port - FIRST_PORT) // PORTS_PER_DOMAIN for port in _udp_ports()}
+
+
+def _udp_ports() -> Iterator[int]:
+    with suppress(OSError):
+        lines = Path("/proc/self/net/udp").read_text().splitlines()[1:]
+        for line in lines:
+            yield int(line.split()[1].rpartition(":")[2], 16)
+
+
+def _print_exports() -> None:
+    environment = dict(os.environ)
+    prepare_discovery(environment)
+    for variable in (DISCOVERY_VARIABLE, PROFILES_VARIABLE):
+        if variable in environment:
+            print(f"export {variable}={shlex.quote(environment[variable])}")
+
+
+if __name__ == "__main__":
+    _print_exports()

@@ -28,6 +28,7 @@ from rclpy.timer import Timer
 
 from bike_sim.ros.isolation import prepare_discovery
 from bike_sim.ros.parent import PARENT_PERIOD, parent_is_gone
+from bike_sim.ros.shared_memory import remove_leftovers
 from bike_sim.ros.stamps import time_to_message
 
 NAMESPACE: Final = "bike"
@@ -80,16 +81,16 @@ def run_node(
         Exit code: 0 after a signal, 2 after bad input with one line on standard error.
     """
     prepare_discovery()
-    stop, ended = threading.Event(), threading.Event()
-    wake: list[Callable[[], None]] = []
-    _watch_signals(stop, ended, wake)
+    remove_leftovers()
+    stop, ended, bell = threading.Event(), threading.Event(), _Bell()
+    _watch_signals(stop, ended, bell)
     node = executor = None
     code = 0
     try:
         _start_middleware(arguments)
         node = make_node()
         # A guard condition of the node itself, because waking an idle executor does not end its wait.
-        wake.append(node.create_guard_condition(lambda: None).trigger)
+        bell.hang(node.create_guard_condition(lambda: None).trigger)
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         while not stop.is_set():
@@ -101,6 +102,7 @@ def run_node(
     except (CannotGoOn, ValueError, OSError, ParameterException) as error:
         code = _complain(name, error)
     finally:
+        bell.take_down()
         if node is not None:
             try:
                 getattr(node, "finish", lambda: None)()
@@ -146,7 +148,35 @@ def _start_middleware(arguments: Sequence[str] | None) -> None:
         raise CannotGoOn(error) from error
 
 
-def _watch_signals(stop: threading.Event, ended: threading.Event, wake: Sequence[Callable[[], None]]) -> None:
+class _Bell:
+    """Wakes the main thread out of its wait, as long as its node is there.
+
+    A signal may come at any time, also while the node is taken apart for another reason. What is rung then is gone, and
+    the error of the ringing thread would stand, as a torn traceback, where the reason of the end should be.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._ring: Callable[[], None] | None = None
+
+    def hang(self, ring: Callable[[], None]) -> None:
+        """Begin to ring with a function."""
+        with self._lock:
+            self._ring = ring
+
+    def take_down(self) -> None:
+        """Ring no more. Returns when nobody rings."""
+        with self._lock:
+            self._ring = None
+
+    def ring(self) -> None:
+        """Wake the main thread, if there is a node."""
+        with self._lock:
+            if self._ring is not None:
+                self._ring()
+
+
+def _watch_signals(stop: threading.Event, ended: threading.Event, bell: _Bell) -> None:
     """End the node on SIGINT and SIGTERM, and with its parent, also where the main thread is inside a library.
 
     Python runs its handlers only in the main thread, which may be waiting for messages; but the number of a signal is
@@ -167,8 +197,7 @@ def _watch_signals(stop: threading.Event, ended: threading.Event, wake: Sequence
             elif parent_is_gone():
                 number = signal.SIGTERM
         stop.set()
-        for trigger in wake:
-            trigger()
+        bell.ring()
         if not ended.wait(LONGEST_FAREWELL):
             os._exit(128 + number)
 

@@ -1,0 +1,289 @@
+"""Who sees whom: domains of one's own, sockets of this machine only, and nothing left in shared memory."""
+
+from __future__ import annotations
+
+import fcntl
+import multiprocessing
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import uuid
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bike_sim.ros import isolation
+from bike_sim.ros.shared_memory import SHARED_MEMORY, remove_leftovers
+
+PATIENCE = 90.0
+"""Longest wait for anything, s."""
+DOMAIN_COUNT = isolation.LAST_DOMAIN - isolation.FIRST_DOMAIN + 1
+
+
+@pytest.fixture
+def family() -> str:
+    """Leases of the test's own, which take nobody's domains."""
+    return f"test_{uuid.uuid4().hex}"
+
+
+# ------------------------------------------------------------------------------------------------------------- domains
+
+
+def _lease(family: str, ready: multiprocessing.Queue, end: multiprocessing.Event) -> None:
+    with isolation.DomainLease(family) as lease:
+        ready.put(lease.domain_id)
+        end.wait(PATIENCE)
+
+
+def test_processes_get_domains_of_their_own_and_give_them_back(family: str) -> None:
+    context = multiprocessing.get_context("fork")
+    ready, end = context.Queue(), context.Event()
+    workers = [context.Process(target=_lease, args=(family, ready, end)) for _ in range(4)]
+    for worker in workers:
+        worker.start()
+    domains = {ready.get(timeout=PATIENCE) for _ in workers}
+    with isolation.DomainLease(family) as lease:
+        domains.add(lease.domain_id)
+        assert len(domains) == 5
+        assert all(isolation.FIRST_DOMAIN <= d <= isolation.LAST_DOMAIN for d in domains)
+    end.set()
+    for worker in workers:
+        worker.join(PATIENCE)
+    leases = [isolation.DomainLease(family) for _ in range(DOMAIN_COUNT)]
+    with pytest.raises(OSError, match="all ROS domains"):
+        isolation.DomainLease(family)
+    for taken in leases:
+        taken.close()
+
+
+NOBODY = 65534
+"""A user and a group without rights."""
+
+
+def _lease_twice_as_nobody(family: str, drawn: multiprocessing.Queue) -> None:
+    os.setgroups([])
+    os.setgid(NOBODY)
+    os.setuid(NOBODY)
+    leases = []
+    for _ in range(2):
+        try:
+            leases.append(isolation.DomainLease(family))
+            drawn.put(leases[-1].domain_id)
+        except OSError as error:
+            drawn.put(str(error))
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can become another user")
+def test_two_users_never_draw_the_same_domain(family: str) -> None:
+    """Another user's lease counts as well as one's own."""
+    leases = [isolation.DomainLease(family) for _ in range(DOMAIN_COUNT)]
+    leases[17].close()
+    context = multiprocessing.get_context("fork")
+    drawn = context.Queue()
+    other = context.Process(target=_lease_twice_as_nobody, args=(family, drawn))
+    other.start()
+    first, second = drawn.get(timeout=PATIENCE), drawn.get(timeout=PATIENCE)
+    other.join(PATIENCE)
+    assert first == leases[17].domain_id
+    assert "all ROS domains from 1 to 101 are taken" in second
+    for lease in leases:
+        lease.close()
+
+
+def test_a_lease_writes_no_file(family: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """So another user cannot prepare one, as a link to a file that would then be emptied."""
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    precious = tmp_path / "precious"
+    precious.write_text("stays")
+    prepared = tmp_path / f"bike_domains_{os.getuid()}"
+    prepared.mkdir()
+    for domain in range(isolation.FIRST_DOMAIN, isolation.LAST_DOMAIN + 1):
+        (prepared / f"{domain}.lock").symlink_to(precious)
+    with isolation.DomainLease(family):
+        assert precious.read_text() == "stays"
+    assert sorted(tmp_path.iterdir()) == [prepared, precious]
+
+
+def test_a_domain_with_nodes_that_nobody_leased_is_avoided(family: str) -> None:
+    """As nodes that were started by hand."""
+    with isolation.DomainLease(family) as lease:
+        drawn = lease.domain_id
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as node:
+        node.bind(("127.0.0.1", isolation.FIRST_PORT + isolation.PORTS_PER_DOMAIN * drawn + 10))
+        with isolation.DomainLease(family) as lease:
+            assert lease.domain_id != drawn
+        leases = [isolation.DomainLease(family) for _ in range(DOMAIN_COUNT)]  # rather that one than none
+        for taken in leases:
+            taken.close()
+
+
+# ----------------------------------------------------------------------------------------------------------- discovery
+
+
+def prepared(**environment: str) -> dict[str, str]:
+    isolation.prepare_discovery(environment)
+    return environment
+
+
+def test_discovery_is_local_and_fast_unless_the_user_says_otherwise(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    discovery, profiles = isolation.DISCOVERY_VARIABLE, isolation.PROFILES_VARIABLE
+    closed = {discovery: "SYSTEM_DEFAULT", profiles: str(isolation.THIS_MACHINE)}
+    opened = {discovery: "SUBNET", profiles: str(isolation.NETWORK)}
+    assert prepared() == closed
+    assert prepared(**{discovery: "LOCALHOST"}) == closed
+    assert prepared(**{discovery: "SUBNET"}) == opened
+    # Inherited from a program of this project, with and without a change by the user.
+    assert prepared(**closed) == closed
+    assert prepared(**closed | {discovery: "SUBNET"}) == opened
+    assert prepared(**{discovery: "SUBNET", profiles: "own.xml"}) == {discovery: "SUBNET", profiles: "own.xml"}
+    assert prepared(**{profiles: "own.xml"}) == {discovery: "LOCALHOST", profiles: "own.xml"}
+    for middleware in ("rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp"):
+        assert prepared(RMW_IMPLEMENTATION=middleware) == closed | {"RMW_IMPLEMENTATION": middleware}
+    # Others do not read the settings, and would take SYSTEM_DEFAULT for the whole network.
+    other = {"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}
+    assert prepared(**other) == other | {discovery: "LOCALHOST"}
+    (tmp_path / isolation.LOCAL_PROFILES).touch()
+    assert prepared() == {discovery: "LOCALHOST"}
+    assert isolation.THIS_MACHINE.is_file()
+    assert isolation.NETWORK.is_file()
+
+
+def udp_addresses(process: int) -> set[str]:
+    """Return the addresses at which a process has UDP sockets."""
+    folder = Path("/proc") / str(process)
+    links = [os.readlink(link) for link in (folder / "fd").iterdir() if link.is_symlink()]
+    inodes = {found[1] for link in links if (found := re.fullmatch(r"socket:\[(\d+)\]", link))}
+    addresses = set()
+    for name in ("udp", "udp6"):
+        table = folder / "net" / name
+        for line in table.read_text().splitlines()[1:] if table.exists() else ():
+            fields = line.split()
+            if fields[9] in inodes:
+                number = bytes.fromhex(fields[1].partition(":")[0])
+                addresses.add(socket.inet_ntoa(number[::-1]) if len(number) == 4 else number.hex())
+    return addresses
+
+
+@pytest.mark.ros
+def test_nodes_listen_at_this_machine_only(stage: Any, policy: str, tmp_path: Path) -> None:
+    simulator = stage.simulator()
+    programs = [
+        simulator,
+        stage.start("bike_policy.drive", policy=policy),
+        stage.start("bike_sim.ros.record", path=str(tmp_path / "ride.mcap")),
+    ]
+    ears = stage.ears()
+    ears.until(lambda: ears.records("state", "command"))
+    for program in programs:
+        assert udp_addresses(program.process.pid) == {"127.0.0.1"}
+    assert udp_addresses(os.getpid()) <= {"127.0.0.1"}
+
+
+FINDS = """
+import sys, time, rclpy
+rclpy.init()
+node = rclpy.create_node("finder")
+end = time.monotonic() + float(sys.argv[1])
+wanted = {"/bike/state", "/bike/course", "/bike/events", "/clock"}
+while time.monotonic() < end and not wanted <= dict(node.get_topic_names_and_types()).keys():
+    time.sleep(0.02)
+print(" ".join(sorted(wanted & dict(node.get_topic_names_and_types()).keys())))
+"""
+
+SHELL_SPIN_TIME = 10.0
+"""What docs/ros.md says to give `ros2` with --spin-time, s, and twice as much again for a busy machine."""
+
+
+@pytest.mark.ros
+def test_a_shell_with_the_documented_variables_finds_the_topics_each_time(stage: Any) -> None:
+    stage.simulator()
+    stage.ears()
+    clean = {name: value for name, value in os.environ.items() if not re.match(r"ROS_|FASTRTPS|FASTDDS|RMW_", name)}
+    exports = subprocess.run(
+        [sys.executable, "-m", "bike_sim.ros.isolation"], env=clean, capture_output=True, text=True, check=True
+    ).stdout
+    assert exports.count("export ") == 2
+    shell = f'{exports}\nexport ROS_DOMAIN_ID={stage.domain}\nexec "$PYTHON" -c "$FINDS" {SHELL_SPIN_TIME}'
+    environment = clean | {"PYTHON": sys.executable, "FINDS": FINDS}
+    for _ in range(10):
+        found = subprocess.run(["sh", "-c", shell], env=environment, capture_output=True, text=True, check=True).stdout
+        assert found.split() == ["/bike/course", "/bike/events", "/bike/state", "/clock"]
+
+
+# ------------------------------------------------------------------------------------------------------- shared memory
+
+
+@pytest.fixture
+def leftovers(tmp_path: Path) -> Iterator[Path]:
+    """A folder as /dev/shm with what two dead and one living participant have left."""
+    for name in ("fastrtps_00000000000000aa", "fastrtps_00000000000000bb", "fastrtps_port17410", "fastrtps_port9660"):
+        (tmp_path / name).write_text("x")
+        (tmp_path / f"{name}_el").touch()
+    for name in ("sem.fastrtps_port17410_mutex", "sem.fastrtps_port9660_mutex", "fastrtps_port9661", "else"):
+        (tmp_path / name).write_text("x")
+    (tmp_path / "fastrtps_port9661_el").touch()
+    with (tmp_path / "fastrtps_00000000000000bb_el").open() as one, (tmp_path / "fastrtps_port9661_el").open() as two:
+        fcntl.flock(one, fcntl.LOCK_EX)
+        fcntl.flock(two, fcntl.LOCK_EX)
+        yield tmp_path
+
+
+def test_what_the_dead_have_left_is_removed_and_nothing_else(leftovers: Path) -> None:
+    before = {path.name for path in leftovers.iterdir()}
+    assert remove_leftovers(leftovers, settled=60.0) == 0  # too young to be known as dead
+    assert {path.name for path in leftovers.iterdir()} == before
+    assert remove_leftovers(leftovers, settled=0.0) == 2
+    gone = {"fastrtps_00000000000000aa", "fastrtps_port17410", "sem.fastrtps_port17410_mutex"}
+    gone |= {f"{name}_el" for name in gone if not name.startswith("sem.")}
+    assert {path.name for path in leftovers.iterdir()} == before - gone  # 9660 has a living neighbour in its domain
+    assert remove_leftovers(leftovers, settled=0.0) == 0
+    assert remove_leftovers(leftovers / "nowhere") == 0
+
+
+def test_files_of_others_and_links_are_left_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    precious = tmp_path / "precious"
+    precious.write_text("stays")
+    (tmp_path / "fastrtps_00000000000000aa").write_text("x")
+    (tmp_path / "fastrtps_00000000000000aa_el").symlink_to(precious)
+    os.mkfifo(tmp_path / "fastrtps_00000000000000bb_el")
+    (tmp_path / "fastrtps_00000000000000cc_el").touch()
+    before = {path.name for path in tmp_path.iterdir()}
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "geteuid", lambda: os.getuid() + 1)
+        assert remove_leftovers(tmp_path, settled=0.0) == 0
+    assert {path.name for path in tmp_path.iterdir()} == before
+    assert remove_leftovers(tmp_path, settled=0.0) == 1
+    assert {path.name for path in tmp_path.iterdir()} == before - {"fastrtps_00000000000000cc_el"}
+    assert precious.read_text() == "stays"
+
+
+def segments_of(process: int) -> set[str]:
+    """Return the segments of a process in shared memory, without those of a port, which others share."""
+    links = [os.readlink(link) for link in (Path("/proc") / str(process) / "fd").iterdir() if link.is_symlink()]
+    found = (re.fullmatch(rf"{SHARED_MEMORY}/(fastrtps_[0-9a-f]{{16}})_el", link) for link in links)
+    return {match[1] for match in found if match}
+
+
+@pytest.mark.ros
+def test_the_next_start_removes_what_a_kill_left(stage: Any) -> None:
+    first = stage.simulator()
+    ears = stage.ears()
+    segments = segments_of(first.process.pid)
+    assert segments
+    ears.during(2.5)  # longer than SETTLED
+    first.end(signal.SIGKILL)
+    there = {path.name for path in SHARED_MEMORY.iterdir()}
+    assert segments <= there
+    stage.simulator()
+    count = len(ears.states)
+    ears.until(lambda: len(ears.states) > count)
+    assert not segments & {path.name for path in SHARED_MEMORY.iterdir()}
+    assert segments_of(os.getpid()) <= {path.name for path in SHARED_MEMORY.iterdir()}
