@@ -11,15 +11,16 @@ from typing import Any, Final
 
 import matplotlib as mpl
 
-from bike_analysis.api import RecordedLap, RecordedRide, RideRecording, comparable, compare, open_ride
-from bike_analysis.compare import Comparison, CourseError
-from bike_analysis.container import METADATA_FILE, RecordingError, find_files
-from bike_analysis.export import aligned_table, write_csv, write_parquet
-from bike_analysis.metrics import RideFigures
-from bike_analysis.page import write_page
-from bike_analysis.plots import overview_figure
-from bike_analysis.results import Analysis, RideEntry, comparison_figures, distance_by_speed, recording_figures
-from bike_analysis.style import RC
+from bike_analysis.api import comparable, compare, open_ride
+from bike_analysis.figures.compare import Comparison, CourseError
+from bike_analysis.figures.export import aligned_table, write_csv, write_parquet
+from bike_analysis.figures.metrics import RideFigures
+from bike_analysis.figures.recorded import RecordedLap, RecordedRide, RideRecording
+from bike_analysis.figures.results import Analysis, RideEntry, comparison_figures, distance_by_speed, recording_figures
+from bike_analysis.page.plots import overview_figure
+from bike_analysis.page.ride_page import write_page
+from bike_analysis.page.style import RC
+from bike_analysis.read.container import METADATA_FILE, RecordingError, find_files
 
 PAGE_NAME: Final = "ride.html"
 PICTURE_NAME: Final = "ride.png"
@@ -49,8 +50,8 @@ def analyze(
         station_m: Distance of the stations of the aligned table, m; by default about 2500 along the course.
 
     Returns:
-        Figures ready for JSON, see `bike_analysis.results.Analysis`. A recording that cannot be read becomes a warning
-        where others can.
+        Figures ready for JSON, see `bike_analysis.figures.results.Analysis`. A recording that cannot be read becomes a
+        warning where others can.
 
     Raises:
         FileNotFoundError: If there is no such recording.

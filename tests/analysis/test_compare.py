@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from bike_analysis import compare, open_ride
 from bike_analysis.api import folder_prefixes
-from bike_analysis.compare import Comparison, CourseError
-from bike_analysis.export import aligned_table, write_csv, write_parquet
+from bike_analysis.figures.compare import Comparison, CourseError
+from bike_analysis.figures.export import aligned_table, write_csv, write_parquet
 from bike_analysis.report import analyze
 
 LENGTH = 20.0 * np.pi

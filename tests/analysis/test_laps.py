@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bike_analysis import compare, open_ride
-from bike_analysis.lap_recording import Theory, load_laps
-from bike_analysis.lap_report import lap_figures, render_lap_page
-from bike_analysis.lap_view import lap_view
-from bike_analysis.numbers import lap_text
-from bike_analysis.track_limits import time_outside
+from bike_analysis.figures.lap_recording import Theory, load_laps
+from bike_analysis.figures.numbers import lap_text
+from bike_analysis.figures.track_limits import time_outside
+from bike_analysis.page.lap_report import lap_figures, render_lap_page
+from bike_analysis.page.lap_view import lap_view
 from bike_sim.course.course import Course
 from bike_sim.course.elements import Arc
 from bike_sim.course.track import Track

@@ -27,10 +27,10 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import WebDriverWait
 
 from bike_analysis import compare, open_ride
-from bike_analysis.embed import MISSING, embed
-from bike_analysis.page import page_shell, write_page
-from bike_analysis.ride_view import panels_for, ride_view
-from bike_analysis.view import KMH, Cloud, MapLine, Section, Series, View, growing, view_html
+from bike_analysis.page.embed import MISSING, embed
+from bike_analysis.page.ride_page import page_shell, write_page
+from bike_analysis.page.ride_view import panels_for, ride_view
+from bike_analysis.page.view import KMH, Cloud, MapLine, Section, Series, View, growing, view_html
 
 FLAGS = (
     *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--hide-scrollbars"),

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from bike_analysis.numbers import lap_text
+from bike_analysis.figures.numbers import lap_text
+from bike_analysis.figures.results import SCHEMA
 from bike_analysis.report import analyze
-from bike_analysis.results import SCHEMA
 
 EPILOG = """examples:
   bike analyze ride.mcap                    print the figures, write ride.html and ride.png beside the recording

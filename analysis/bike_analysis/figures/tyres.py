@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bike_analysis.numbers import over, rms_of
-from bike_analysis.reading import TELEMETRY_COLUMNS, Floats
-from bike_analysis.rides import Ride
+from bike_analysis.figures.numbers import over, rms_of
+from bike_analysis.read.reading import TELEMETRY_COLUMNS, Floats
+from bike_analysis.read.rides import Ride
 
 
 @dataclass(frozen=True)

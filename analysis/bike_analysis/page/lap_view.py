@@ -7,12 +7,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from bike_analysis.compare_view import comparison_panels
-from bike_analysis.lap_recording import LapRecording, Theory
-from bike_analysis.numbers import lap_text
-from bike_analysis.reading import Floats
-from bike_analysis.ride_view import GRAVITY, off_track, ride_columns
-from bike_analysis.view import KMH, Cloud, Line, MapLine, Panel, Section, Series, View, growing, series_colour
+from bike_analysis.figures.lap_recording import LapRecording, Theory
+from bike_analysis.figures.numbers import lap_text
+from bike_analysis.page.compare_view import comparison_panels
+from bike_analysis.page.ride_view import GRAVITY, off_track, ride_columns
+from bike_analysis.page.view import KMH, Cloud, Line, MapLine, Panel, Section, Series, View, growing, series_colour
+from bike_analysis.read.reading import Floats
 from bike_sim.course.lap_timing import Lap
 
 DELTA: Final = Panel(

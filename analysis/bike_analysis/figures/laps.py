@@ -15,8 +15,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_analysis.reading import Event, Floats, States
-from bike_analysis.rides import Ride
+from bike_analysis.read.reading import Event, Floats, States
+from bike_analysis.read.rides import Ride
 
 SHORTEST_COURSE: Final = 1.0
 """A course shorter than a bicycle is no course but damage, m."""

@@ -13,12 +13,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_analysis.delays import command_ages
-from bike_analysis.laps import lap_range
-from bike_analysis.reading import Course, Floats
-from bike_analysis.rides import Ride
-from bike_analysis.track_limits import beyond_limits, has_limits
-from bike_analysis.view import KMH, Channel, Line, MapLine, Mark, Panel, Section, Series, View, growing
+from bike_analysis.figures.delays import command_ages
+from bike_analysis.figures.laps import lap_range
+from bike_analysis.figures.track_limits import beyond_limits, has_limits
+from bike_analysis.page.view import KMH, Channel, Line, MapLine, Mark, Panel, Section, Series, View, growing
+from bike_analysis.read.reading import Course, Floats
+from bike_analysis.read.rides import Ride
 
 GRAVITY: Final = 9.81
 """m/s^2, as in the benchmark of Meijaard et al. (2007)."""
@@ -110,7 +110,7 @@ def ride_columns(ride: Ride, rows: slice, begin_m: float = 0.0, begin_s: float |
         begin_s: Time since the ride's first state that counts as 0, s; that of the stretch's first row if None.
 
     Returns:
-        Columns by name (see `bike_analysis.view.CHANNELS`); what was not recorded is missing.
+        Columns by name (see `bike_analysis.page.view.CHANNELS`); what was not recorded is missing.
     """
     states = ride.states.take(rows)
     time = ride.time[rows]

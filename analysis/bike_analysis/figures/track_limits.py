@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bike_analysis.reading import Course, Floats, States
+from bike_analysis.read.reading import Course, Floats, States
 
 
 def has_limits(course: Course | None) -> bool:

@@ -13,8 +13,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_analysis.embed import embed
-from bike_analysis.reading import Floats
+from bike_analysis.page.embed import embed
+from bike_analysis.read.reading import Floats
 
 SERIES_COLOURS: Final = ("blue", "orange", "green", "violet", "gold", "rose")
 """Names of the colours of several series, in order; repeated if there are more."""

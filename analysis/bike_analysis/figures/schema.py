@@ -1,6 +1,6 @@
 """The JSON Schema of ``bike analyze --json``, made of the records in `results` and of what their docstrings say.
 
-The package carries it as ``analyze.schema.json``; ``python -m bike_analysis.schema`` prints it anew.
+The package carries it as ``analyze.schema.json``; ``python -m bike_analysis.figures.schema`` prints it anew.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from dataclasses import fields, is_dataclass
 from importlib.resources import files
 from typing import Any, Final, Union, get_args, get_origin, get_type_hints
 
-from bike_analysis.metrics import RideFigures
-from bike_analysis.results import SCHEMA, WRITTEN, Analysis
+from bike_analysis.figures.metrics import RideFigures
+from bike_analysis.figures.results import SCHEMA, WRITTEN, Analysis
 
 FILE_NAME: Final = "analyze.schema.json"
 
@@ -24,7 +24,7 @@ _ATTRIBUTE: Final = re.compile(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", re.MULTILINE)
 
 def shipped_schema() -> dict[str, Any]:
     """The schema that comes with the package."""
-    return json.loads((files("bike_analysis") / FILE_NAME).read_text(encoding="utf-8"))
+    return json.loads((files("bike_analysis.figures") / FILE_NAME).read_text(encoding="utf-8"))
 
 
 def make_schema() -> dict[str, Any]:

@@ -9,9 +9,8 @@ from typing import Final
 
 import numpy as np
 
-from bike_analysis.compare import Comparison
-from bike_analysis.reading import Floats
-from bike_analysis.ride_view import (
+from bike_analysis.figures.compare import Comparison
+from bike_analysis.page.ride_view import (
     course_sections,
     is_fast,
     map_lines,
@@ -20,7 +19,8 @@ from bike_analysis.ride_view import (
     section_labels,
     speed_channels,
 )
-from bike_analysis.view import Line, Panel, Series, View, series_colour
+from bike_analysis.page.view import Line, Panel, Series, View, series_colour
+from bike_analysis.read.reading import Floats
 
 DELTA: Final = Panel(
     *("delta", "Time lost on the reference", "time lost", "s", (Line("delta", "time lost", "orange"),)),

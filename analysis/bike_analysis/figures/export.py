@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from bike_analysis.compare import Comparison
+from bike_analysis.figures.compare import Comparison
 
 
 def aligned_table(comparisons: Sequence[Comparison]) -> pd.DataFrame:

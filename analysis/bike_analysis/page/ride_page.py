@@ -15,14 +15,14 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Final
 
-from bike_analysis.api import RecordedRide, RideRecording, folder_prefixes
-from bike_analysis.compare import Comparison
-from bike_analysis.compare_view import comparison_view, comparison_words, sector_table
-from bike_analysis.metrics import RideFigures
-from bike_analysis.ride_view import ride_view
-from bike_analysis.rides import Ride
-from bike_analysis.style import style_variables
-from bike_analysis.view import View, view_html
+from bike_analysis.figures.compare import Comparison
+from bike_analysis.figures.metrics import RideFigures
+from bike_analysis.figures.recorded import RecordedRide, RideRecording, folder_prefixes
+from bike_analysis.page.compare_view import comparison_view, comparison_words, sector_table
+from bike_analysis.page.ride_view import ride_view
+from bike_analysis.page.style import style_variables
+from bike_analysis.page.view import View, view_html
+from bike_analysis.read.rides import Ride
 
 DRAWN_RIDES: Final = 6
 """Rides that are drawn; the table has all of them."""
@@ -111,7 +111,7 @@ def page_shell(title: str, below: str, parts: Iterable[str], views: Sequence[Vie
     Args:
         title: Headline.
         below: HTML under it.
-        parts: HTML of the page, with the frames of the views (`bike_analysis.view.view_html`) in their order.
+        parts: HTML of the page, with the frames of the views (`bike_analysis.page.view.view_html`) in their order.
         views: What the script draws into them.
 
     Returns:
@@ -149,7 +149,7 @@ def _plotly() -> str:
 @cache
 def page_script() -> str:
     """Return the page's own script."""
-    here = files("bike_analysis")
+    here = files("bike_analysis.page")
     parts = "\n".join((here / name).read_text(encoding="utf-8") for name in _SCRIPTS)
     return f'(() => {{\n"use strict";\n{parts}}})();'
 
@@ -157,7 +157,7 @@ def page_script() -> str:
 @cache
 def page_style() -> str:
     """Return the style sheet of report pages."""
-    text = (files("bike_analysis") / "page.css").read_text(encoding="utf-8")
+    text = (files("bike_analysis.page") / "page.css").read_text(encoding="utf-8")
     return text.replace("@LIGHT@", style_variables(dark=False)).replace("@DARKER@", style_variables(dark=True))
 
 

@@ -32,7 +32,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Footer, Header, Metadata, Schema
 from numpy.typing import NDArray
 
-from bike_analysis.records import MESSAGE_BYTES, RECORD_BYTES, scan
+from bike_analysis.read.records import MESSAGE_BYTES, RECORD_BYTES, scan
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 BLOCK_BYTES: Final = 8 * 1024 * 1024

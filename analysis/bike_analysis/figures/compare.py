@@ -1,8 +1,8 @@
 """Several rides or laps side by side, aligned by the way along the course.
 
 Each run is put on the same stations: places along the course, a fixed way apart. There the time since the run's begin,
-and every column of `bike_analysis.table`, are interpolated between the two recorded states around it. So the difference
-of two times at a station is what one run has lost on the other up to there.
+and every column of `bike_analysis.figures.table`, are interpolated between the two recorded states around it. So the
+difference of two times at a station is what one run has lost on the other up to there.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from bike_analysis.laps import ON_THE_LINE, Lap, farther_than_before, known_length, reset_time, sector_starts
-from bike_analysis.reading import Flags, Floats
-from bike_analysis.rides import Ride
-from bike_analysis.table import motion_columns, station
+from bike_analysis.figures.laps import ON_THE_LINE, Lap, farther_than_before, known_length, reset_time, sector_starts
+from bike_analysis.figures.table import motion_columns, station
+from bike_analysis.read.reading import Flags, Floats
+from bike_analysis.read.rides import Ride
 
 STATIONS: Final = 2500
 """About so many stations are wanted along a course."""
@@ -161,7 +161,7 @@ class Comparison:
         """One aligned column.
 
         Args:
-            name: ``time_s``, ``delta_s`` or a numeric column of `bike_analysis.table`.
+            name: ``time_s``, ``delta_s`` or a numeric column of `bike_analysis.figures.table`.
 
         Returns:
             Shape (runs, stations); NaN where a run was not.

@@ -9,11 +9,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from bike_analysis.lap_recording import LapRecording, Theory, timing_agrees
-from bike_analysis.lap_view import lap_view
-from bike_analysis.numbers import lap_text
-from bike_analysis.page import key_html, page_shell, table_html
-from bike_analysis.view import view_html
+from bike_analysis.figures.lap_recording import LapRecording, Theory, timing_agrees
+from bike_analysis.figures.numbers import lap_text
+from bike_analysis.page.lap_view import lap_view
+from bike_analysis.page.ride_page import key_html, page_shell, table_html
+from bike_analysis.page.view import view_html
 
 PAGE_NAME: Final = "lap.html"
 

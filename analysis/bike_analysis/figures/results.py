@@ -9,9 +9,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from bike_analysis.api import RideRecording
-from bike_analysis.compare import Comparison
-from bike_analysis.metrics import RideFigures, latency_figures
+from bike_analysis.figures.compare import Comparison
+from bike_analysis.figures.metrics import RideFigures, latency_figures
+from bike_analysis.figures.recorded import RideRecording
 
 SCHEMA: Final = "bike.analyze/2"
 SPEED_STEP: Final = 0.25

@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_analysis.clock import ride_bounds
-from bike_analysis.reading import Commands, Course, Event, Floats, Integers, Latency, Recording, States, Telemetry
+from bike_analysis.read.clock import ride_bounds
+from bike_analysis.read.reading import Commands, Course, Event, Floats, Integers, Latency, Recording, States, Telemetry
 
 _NEVER: Final = int(np.iinfo(np.int64).max)
 

@@ -12,13 +12,13 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from bike_analysis.delays import command_ages
-from bike_analysis.laps import Lap, course_length, find_laps, lap_of_states
-from bike_analysis.numbers import rate
-from bike_analysis.reading import Floats
-from bike_analysis.rides import Ride
-from bike_analysis.track_limits import beyond_limits
-from bike_analysis.tyres import telemetry_columns
+from bike_analysis.figures.delays import command_ages
+from bike_analysis.figures.laps import Lap, course_length, find_laps, lap_of_states
+from bike_analysis.figures.numbers import rate
+from bike_analysis.figures.track_limits import beyond_limits
+from bike_analysis.figures.tyres import telemetry_columns
+from bike_analysis.read.reading import Floats
+from bike_analysis.read.rides import Ride
 
 STATE_COLUMNS: Final = {
     "progress_m": "progress",

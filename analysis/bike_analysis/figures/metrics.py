@@ -16,13 +16,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_analysis.delays import CommandDelay, command_delay
-from bike_analysis.laps import Lap, course_length, find_laps
-from bike_analysis.numbers import over, rate, rms_of
-from bike_analysis.reading import Floats, Latency, States
-from bike_analysis.rides import Ride
-from bike_analysis.track_limits import beyond_limits, time_outside
-from bike_analysis.tyres import TyreFigures, tyre_figures
+from bike_analysis.figures.delays import CommandDelay, command_delay
+from bike_analysis.figures.laps import Lap, course_length, find_laps
+from bike_analysis.figures.numbers import over, rate, rms_of
+from bike_analysis.figures.track_limits import beyond_limits, time_outside
+from bike_analysis.figures.tyres import TyreFigures, tyre_figures
+from bike_analysis.read.reading import Floats, Latency, States
+from bike_analysis.read.rides import Ride
 
 IDEAL_LINE: Final = "(ideal)"
 """How the name of a followed line ends that is the circuit's ideal line."""

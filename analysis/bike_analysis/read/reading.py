@@ -2,7 +2,8 @@
 
 What a message means is said in ``bike_msgs``; here its fields keep their names and units. A recording may lack topics
 and fields: what is not there becomes NaN or an empty list, and a warning says so. Where nobody recorded our states, the
-motion is worked out from standard messages (`bike_analysis.motion`). Only a recording without any motion is refused.
+motion is worked out from standard messages (`bike_analysis.read.motion`). Only a recording without any motion is
+refused.
 """
 
 from __future__ import annotations
@@ -17,10 +18,10 @@ from typing import Any, Final, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_analysis.clock import forward_time
-from bike_analysis.columns import ColumnReader, MessageSchema, SchemaError
-from bike_analysis.container import Block, Container, RecordingError, RecordingFiles, examine_files
-from bike_analysis.motion import MOTION_FIELDS, MOTION_TYPES, Motion, states_of_motion
+from bike_analysis.read.clock import forward_time
+from bike_analysis.read.columns import ColumnReader, MessageSchema, SchemaError
+from bike_analysis.read.container import Block, Container, RecordingError, RecordingFiles, examine_files
+from bike_analysis.read.motion import MOTION_FIELDS, MOTION_TYPES, Motion, states_of_motion
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
