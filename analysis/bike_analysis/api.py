@@ -85,5 +85,5 @@ def _runs(items: Iterable[RecordedRide | RecordedLap]) -> list[Run]:
         labels = chain([name], (f"{name} ({n})" for n in count(2)))
         label = next(label for label in labels if label not in runs)
         lap = item.data if isinstance(item, RecordedLap) else None
-        runs[label] = Run(label, ride.recording.path.name, ride.data, lap, ride.recording.policy)
+        runs[label] = Run(label, ride.recording.path.name, ride.judged, lap, ride.recording.policy)
     return list(runs.values())

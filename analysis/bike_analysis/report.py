@@ -175,7 +175,7 @@ def write_report(
     rides = [ride for recording in recordings for ride in recording.rides]
     longest = max(rides, key=lambda ride: ride.figures.distance_m)
     with mpl.rc_context(RC):
-        overview_figure(longest.data, _headline(longest.figures)).savefig(picture, dpi=160)
+        overview_figure(longest.judged, _headline(longest.figures)).savefig(picture, dpi=160)
     return page, picture
 
 

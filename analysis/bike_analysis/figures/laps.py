@@ -81,7 +81,8 @@ def find_laps(ride: Ride) -> tuple[Lap, ...]:
     laps = []
     for number, k in enumerate(begins, start=1):
         lap = _lap(ride, number, k, crossed, starts, length)
-        laps.append(_as_recorded(ride, lap))
+        if lap.first < lap.last:  # else no state of it was recorded, and its times are those of a gap
+            laps.append(_as_recorded(ride, lap))
     return tuple(laps)
 
 

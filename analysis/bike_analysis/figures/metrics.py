@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_analysis.figures.delays import CommandDelay, command_delay
+from bike_analysis.figures.judged import judged_ride
 from bike_analysis.figures.laps import Lap, course_length, find_laps
 from bike_analysis.figures.numbers import over, rate, rms_of
 from bike_analysis.figures.track_limits import beyond_limits, time_outside
@@ -121,8 +122,8 @@ class RideFigures:
         completed: Whether the end of the course, or a full lap of a closed one, was reached without fault.
         falls: Falls in this ride.
         off_course: Times that it left the course.
-        duration_s: Simulated time from the first to the last state.
-        distance_m: Way of the rear contact point.
+        duration_s: Simulated time from the first to the last state, or to the finish of an open course.
+        distance_m: Way of the rear contact point up to there.
         laps: Full laps of a closed course.
         speed_min_m_s: Lowest speed.
         speed_mean_m_s: Mean speed.
@@ -230,25 +231,28 @@ def ride_figures(ride: Ride) -> RideFigures:
     """Compute the figures of a ride.
 
     Args:
-        ride: A ride.
+        ride: A ride as recorded. Its motion is judged up to the finish of an open course (`judged_ride`); falls,
+            collisions, gaps and delays are those of the whole recording.
 
     Returns:
         Its figures.
     """
+    whole, ride = ride, judged_ride(ride)
     states = ride.states
     error = np.abs(states.lateral_error)
     mean, largest, rms = error_figures(error)
     laps = find_laps(ride)
     outside = beyond_limits(states, ride.course)
     median, p99 = latency_figures(ride.latencies)
+    left = sum(e.kind == "off_course" and (ride is whole or e.step < states.step[-1]) for e in ride.events)
     return RideFigures(
         ride=ride.index,
         episode=ride.episode,
         course=ride.course.name if ride.course else None,
         ended_by=ride.ended_by,
         completed=ride.ended_by == "finished",
-        falls=_times(states.fallen, sum(e.kind == "fall" for e in ride.events)),
-        off_course=_times(states.off_course, sum(e.kind == "off_course" for e in ride.events)),
+        falls=_times(whole.states.fallen, sum(e.kind == "fall" for e in ride.events)),
+        off_course=_times(states.off_course, left),
         duration_s=float(ride.time[-1]),
         distance_m=float(ride.distance[-1]),
         laps=_laps(ride),
@@ -257,12 +261,12 @@ def ride_figures(ride: Ride) -> RideFigures:
         rms_error_m=rms,
         max_error_at_m=_at_maximum(error, states.progress),
         **motion_figures(states),
-        steps=len(states),
-        lost_steps=int(states.step[-1] - states.step[0] + 1 - len(states)),
-        lost_commands=_lost_commands(ride),
+        steps=len(whole.states),
+        lost_steps=_lost_steps(whole.states),
+        lost_commands=_lost_commands(whole),
         repeated_states=ride.repeated_states,
-        unanswered_states=_unanswered(ride),
-        **delay_figures(command_delay(ride)),
+        unanswered_states=_unanswered(whole),
+        **delay_figures(command_delay(whole)),
         latency_median_s=median,
         latency_p99_s=p99,
         **ideal_figures(ride, slice(None)),
@@ -352,7 +356,7 @@ def lap_figures(ride: Ride, lap: Lap, outside: Floats) -> LapFigures:
         **ideal_figures(ride, lap.rows),
         **{name: motion[name] for name in wanted},
         falls=int(states.fallen.any()),
-        lost_steps=int(states.step[-1] - states.step[0] + 1 - len(states)) if len(states) else 0,
+        lost_steps=_lost_steps(states) if len(states) else 0,
     )
 
 
@@ -429,6 +433,10 @@ def _times(flags: NDArray[np.bool_], events: int) -> int:
 def _laps(ride: Ride) -> int | None:
     length, progress = course_length(ride), ride.states.progress[np.isfinite(ride.states.progress)]
     return None if length is None or not len(progress) else int((progress[-1] - progress[0]) // length)
+
+
+def _lost_steps(states: States) -> int:
+    return int(states.step[-1] - states.step[0] + 1 - len(states))
 
 
 def _unanswered(ride: Ride) -> int | None:

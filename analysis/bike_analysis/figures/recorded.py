@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from bike_analysis.figures.judged import judged_ride
 from bike_analysis.figures.laps import Lap, find_laps
 from bike_analysis.figures.metrics import RideFigures, ride_figures
 from bike_analysis.figures.table import ride_table
@@ -52,6 +53,11 @@ class RecordedRide:
     def events(self) -> tuple[Event, ...]:
         """Falls, walls, laps, sectors and so on, in order."""
         return self.data.events
+
+    @cached_property
+    def judged(self) -> Ride:
+        """The ride up to the finish of an open course: what figures, pages and comparisons are about."""
+        return judged_ride(self.data)
 
     @cached_property
     def figures(self) -> RideFigures:

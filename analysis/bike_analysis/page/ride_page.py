@@ -99,7 +99,7 @@ def render_page(recordings: Sequence[RideRecording], comparison: Comparison | No
     if len(rides) > 1:
         parts.append(_overview(rides, names, drawn))
     for index in drawn:
-        view = ride_view(rides[index].data, f"ride-{index + 1}", f"{labels[index]} on {_course(rides[index])}")
+        view = ride_view(rides[index].judged, f"ride-{index + 1}", f"{labels[index]} on {_course(rides[index])}")
         views.append(view)
         parts.append(_ride(rides[index], names[index], view))
     return page_shell(title, "".join(map(_subtitle, recordings, sources)), parts, views)
