@@ -137,11 +137,13 @@ def _laps(ride: dict[str, Any]) -> list[str]:
         return []
     sectors = max(len(lap["sectors_s"]) for lap in laps)
     head = ("lap", "time", *(f"sector {k + 1}" for k in range(sectors)), "off track s", "mean m", "max m", "max m/s")
+    flying = not all(lap["out_lap"] for lap in laps)
     rows = []
     for lap in laps:
-        times = [_number(t, 3) for t in lap["sectors_s"]] or ["-"] * sectors
+        number = f"{lap['lap']} (out)" if flying and lap["out_lap"] else str(lap["lap"])
+        times = [_lap_time(t) for t in lap["sectors_s"]] or ["-"] * sectors
         figures = (_number(lap[n], 2) for n in ("off_track_s", "mean_error_m", "max_error_m", "speed_max_m_s"))
-        rows.append((str(lap["lap"]), _lap_time(lap["lap_s"]), *times, *figures))
+        rows.append((number, _lap_time(lap["lap_s"]), *times, *figures))
     name = f"{Path(ride['recording']).stem}, ride {ride['ride']}"
     best = f"{name}: best lap {_lap_time(ride['best_lap_s'])}"
     if ride["theoretical_lap_s"] is not None:
@@ -154,11 +156,11 @@ def _comparison(comparison: dict[str, Any]) -> list[str]:
     head = ("side by side", "time", "lost s", *(f"sector {k + 1}" for k in range(len(sectors))))
     rows = []
     for index, run in enumerate(runs):
-        times = (_number(sector["times_s"][index], 3) for sector in sectors)
+        times = (_lap_time(sector["times_s"][index]) for sector in sectors)
         time = _lap_time(run["duration_s"]) if run["complete"] else "-"
         rows.append((run["run"], time, _number(run["delta_s"], 3), *times))
     if comparison["theoretical_lap_s"] is not None:
-        best = (_number(sector["best_s"], 3) for sector in sectors)
+        best = (_lap_time(sector["best_s"]) for sector in sectors)
         rows.append(("best sectors", _lap_time(comparison["theoretical_lap_s"]), "", *best))
     return _table(head, rows)
 

@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 
 from bike_analysis.figures.laps import ON_THE_LINE, Lap, farther_than_before, known_length, reset_time, sector_starts
+from bike_analysis.figures.numbers import best_sectors_together
 from bike_analysis.figures.table import motion_columns, station
 from bike_analysis.read.reading import Flags, Floats
 from bike_analysis.read.rides import Ride
@@ -80,7 +81,7 @@ class SectorComparison:
         start_m: Where it begins, m.
         end_m: Where it ends, m.
         times_s: Time of each run of the comparison, s; None where a run did not ride it whole.
-        best_s: The best of these times, s; None if nobody rode it whole.
+        best_s: The best of these times, out-laps not counted where there are others, s; None if nobody rode it whole.
         best: Index of the run with the best time, or None.
     """
 
@@ -258,8 +259,7 @@ class Comparison:
     @property
     def best_sectors_s(self) -> float | None:
         """The theoretical best lap: the sum of the best sectors, s; None unless every sector has one."""
-        best = [sector.best_s for sector in self.sectors]
-        return float(sum(t for t in best if t is not None)) if best and None not in best else None
+        return best_sectors_together([[sector.best_s for sector in self.sectors]])
 
 
 def compare_runs(runs: Sequence[Run], station_m: float | None = None) -> Comparison:
@@ -302,8 +302,15 @@ def _lengths_text(runs: Sequence[Run], lengths: Sequence[float | None]) -> str:
     return ", ".join(f"{label}: {length:.0f} m" for length, label in (min(known), max(known)))
 
 
+def _counted(runs: Sequence[Run]) -> list[int]:
+    """Indices of the runs that may be the best: without out-laps, unless there are no others."""
+    flying = [index for index, run in enumerate(runs) if run.lap is None or not run.lap.out_lap]
+    return flying or list(range(len(runs)))
+
+
 def _reference(runs: Sequence[Run]) -> int:
-    complete = [index for index, run in enumerate(runs) if run.complete]
+    complete = [index for index in _counted(runs) if runs[index].complete]
+    complete = complete or [index for index, run in enumerate(runs) if run.complete]
     if complete:
         return min(complete, key=lambda index: runs[index].duration_s)
     return max(range(len(runs)), key=lambda index: float(runs[index].ride.distance[-1]))
@@ -343,9 +350,10 @@ def _sectors(runs: Sequence[Run]) -> tuple[SectorComparison, ...]:
     ends = np.append(starts[1:], course.length)
     names = _sector_names(course.section_names, course.section_starts, starts)
     times = [_sector_times(run, starts, ends) for run in runs]
+    counted = _counted(runs)
     found = []
     for name, start, end, row in zip(names, starts, ends, zip(*times, strict=True), strict=True):
-        known = {k: t for k, t in enumerate(row) if t is not None}
+        known = {k: t for k, t in enumerate(row) if t is not None and k in counted}
         best = min(known, key=lambda k: known[k], default=None)
         found.append(SectorComparison(name, float(start), float(end), row, None if best is None else known[best], best))
     return tuple(found)

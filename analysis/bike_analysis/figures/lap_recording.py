@@ -72,8 +72,8 @@ class LapRecording:
 
     @property
     def flying(self) -> tuple[Lap, ...]:
-        """Laps without the first, which begins rolling."""
-        return self.timing.laps[1:]
+        """Laps without the out-lap, which begins with the ride itself, from a rolling start."""
+        return tuple(lap for lap in self.timing.laps if lap.began > self.time[0])
 
     @property
     def time(self) -> Floats:

@@ -41,6 +41,7 @@ class Lap:
         first: First row of the ride's states inside the lap.
         last: Row after the last one inside.
         from_events: Whether the lap time is that of the recorded event.
+        out_lap: Whether it began with the ride itself, as from a rolling start, and not by riding over the line.
     """
 
     number: int
@@ -51,6 +52,7 @@ class Lap:
     first: int
     last: int
     from_events: bool
+    out_lap: bool
 
     @property
     def rows(self) -> slice:
@@ -159,7 +161,13 @@ def _lap(ride: Ride, number: int, k: int, crossed: dict[tuple[int, int], float],
     if len(starts) > 1 and all(mark is not None for mark in marks):
         sectors = tuple(float(t) for t in np.diff(np.array(marks, dtype=np.float64)))
     first, last = np.searchsorted(ride.time, [begin, end])
-    return Lap(number, begin, end - begin, k * length, sectors, int(first), int(last), from_events=False)
+    out_lap = begin <= float(ride.time[0])
+    return Lap(number, begin, end - begin, k * length, sectors, int(first), int(last), False, out_lap)
+
+
+def counted_laps(laps: Sequence[Lap]) -> list[Lap]:
+    """Laps that count for the best lap and the best sectors: without out-laps, unless there are no others."""
+    return [lap for lap in laps if not lap.out_lap] or list(laps)
 
 
 def _as_recorded(ride: Ride, lap: Lap) -> Lap:

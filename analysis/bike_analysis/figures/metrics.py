@@ -9,7 +9,6 @@ units; what cannot be computed from the recording is None.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any, Final
 
@@ -18,8 +17,8 @@ from numpy.typing import NDArray
 
 from bike_analysis.figures.delays import CommandDelay, command_delay
 from bike_analysis.figures.judged import judged_ride
-from bike_analysis.figures.laps import Lap, course_length, find_laps
-from bike_analysis.figures.numbers import over, rate, rms_of
+from bike_analysis.figures.laps import Lap, counted_laps, course_length, find_laps
+from bike_analysis.figures.numbers import best_sectors_together, over, rate, rms_of
 from bike_analysis.figures.track_limits import beyond_limits, time_outside
 from bike_analysis.figures.tyres import TyreFigures, tyre_figures
 from bike_analysis.read.reading import Floats, Latency, States
@@ -82,6 +81,7 @@ class LapFigures:
         valid: Whether at least one contact point was inside the limits all the time; None where they are not known.
         from_events: Whether the times are those of the recorded events; else they were found from the states.
         begin_s: When the lap began, since the ride's first state.
+        out_lap: Whether it began with the ride itself, as from a rolling start, and not by riding over the line.
     """
 
     lap: int
@@ -90,6 +90,7 @@ class LapFigures:
     valid: bool | None
     from_events: bool
     begin_s: float
+    out_lap: bool
     off_track_s: float | None
     mean_error_m: float | None
     max_error_m: float | None
@@ -161,9 +162,8 @@ class RideFigures:
         ideal_distance_max_m: Largest distance to it.
         off_track_s: Time with both contact points outside the limits; None where the limits were not recorded.
         collisions: Walls that were met.
-        best_lap_s: The fastest complete lap; None without one.
-        theoretical_lap_s: Sum of the best sectors over all complete laps, an out-lap from line to line among them; None
-            where sectors are not known.
+        best_lap_s: The fastest complete lap, out-laps not counted where there are others; None without one.
+        theoretical_lap_s: Sum of the best sectors over the same laps; None where sectors are not known.
         tyres: What tyres and rider aids did; None where no telemetry was recorded.
         complete_laps: Complete laps from start line to start line.
         sections: The distance to the path by section of the course.
@@ -272,8 +272,8 @@ def ride_figures(ride: Ride) -> RideFigures:
         **ideal_figures(ride, slice(None)),
         off_track_s=time_outside(ride.time, outside),
         collisions=collisions(ride),
-        best_lap_s=min((lap.duration_s for lap in laps), default=None),
-        theoretical_lap_s=theoretical_lap(laps),
+        best_lap_s=min((lap.duration_s for lap in counted_laps(laps)), default=None),
+        theoretical_lap_s=best_sectors_together(lap.sectors_s for lap in counted_laps(laps) if lap.sectors_s),
         tyres=tyre_figures(ride),
         complete_laps=tuple(lap_figures(ride, lap, outside) for lap in laps),
         sections=section_figures(ride),
@@ -349,6 +349,7 @@ def lap_figures(ride: Ride, lap: Lap, outside: Floats) -> LapFigures:
         valid=None if off_track is None else off_track == 0.0,
         from_events=lap.from_events,
         begin_s=lap.begin_s,
+        out_lap=lap.out_lap,
         off_track_s=off_track,
         mean_error_m=mean,
         max_error_m=largest,
@@ -358,12 +359,6 @@ def lap_figures(ride: Ride, lap: Lap, outside: Floats) -> LapFigures:
         falls=int(states.fallen.any()),
         lost_steps=_lost_steps(states) if len(states) else 0,
     )
-
-
-def theoretical_lap(laps: Sequence[Lap]) -> float | None:
-    """Sum of the best time of each sector over laps, s; None where no lap tells its sectors."""
-    known = [lap.sectors_s for lap in laps if lap.sectors_s]
-    return float(sum(min(times) for times in zip(*known, strict=True))) if known else None
 
 
 def collisions(ride: Ride) -> tuple[Collision, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,32 @@ def rate(values: Floats, time_s: Floats) -> Floats:
         found = np.asarray(np.gradient(values, time_s), dtype=np.float64)
     found[~np.isfinite(found)] = np.nan
     return found
+
+
+def best_times(laps: Iterable[Sequence[float | None]]) -> tuple[float | None, ...]:
+    """The best time of each sector, s.
+
+    Args:
+        laps: Times of the sectors, one row a lap; None where a sector was not ridden whole. Rows are of equal length.
+
+    Returns:
+        One entry a sector; None where nobody rode it whole.
+    """
+    return tuple(min((t for t in times if t is not None), default=None) for times in zip(*laps, strict=True))
+
+
+def best_sectors_together(laps: Iterable[Sequence[float | None]]) -> float | None:
+    """The sum of the best time of each sector, s: the best lap that could be put together.
+
+    Args:
+        laps: As in `best_times`.
+
+    Returns:
+        The sum of the times as they are, none of them rounded; None unless every sector has a time.
+    """
+    best = best_times(laps)
+    known = [time for time in best if time is not None]
+    return float(sum(known)) if known and len(known) == len(best) else None
 
 
 def lap_text(seconds: float) -> str:

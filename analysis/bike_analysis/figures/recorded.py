@@ -11,7 +11,7 @@ from pathlib import Path
 import pandas as pd
 
 from bike_analysis.figures.judged import judged_ride
-from bike_analysis.figures.laps import Lap, find_laps
+from bike_analysis.figures.laps import Lap, counted_laps, find_laps
 from bike_analysis.figures.metrics import RideFigures, ride_figures
 from bike_analysis.figures.table import ride_table
 from bike_analysis.read.reading import Course, Event, Recording
@@ -71,8 +71,9 @@ class RecordedRide:
 
     @property
     def best_lap(self) -> RecordedLap | None:
-        """The fastest complete lap, or None."""
-        return min(self.laps, key=lambda lap: lap.duration_s, default=None)
+        """The fastest complete lap, out-laps not counted where there are others; None without one."""
+        counted = counted_laps([lap.data for lap in self.laps])
+        return min((lap for lap in self.laps if lap.data in counted), key=lambda lap: lap.duration_s, default=None)
 
     def table(self) -> pd.DataFrame:
         """The ride as a table, one row a recorded state.

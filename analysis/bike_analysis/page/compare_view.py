@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from bike_analysis.figures.compare import Comparison
+from bike_analysis.figures.numbers import lap_text
 from bike_analysis.page.ride_view import (
     course_sections,
     is_fast,
@@ -108,29 +109,26 @@ def sector_table(comparison: Comparison) -> str:
     """The times of the runs and of their sectors, as HTML: a column a run, and one of the best."""
     runs = comparison.runs
     reference = runs[comparison.reference]
-    head = "".join(f"<th>{escape(name)}</th>" for name in ("time in s", *(run.label for run in runs), "best"))
+    head = "".join(f"<th>{escape(name)}</th>" for name in ("time", *(run.label for run in runs), "best"))
     durations = [run.duration_s if run.complete else None for run in runs]
-    rows = [_row("whole", durations)]
+    rows = [_row("whole", durations, reference.duration_s if reference.complete else None)]
     lost = [None if d is None else d - reference.duration_s for d in durations]
     cells = "".join(f"<td>{'–' if d is None else f'{d:+.3f}'.replace('-', '−')}</td>" for d in lost)
     rows.append(f"<tr><td>lost on the reference</td>{cells}<td></td></tr>")
     for number, sector in enumerate(comparison.sectors, start=1):
-        rows.append(_row(f"{number}\u2002{sector.name}", sector.times_s))
-    best = [sector.best_s for sector in comparison.sectors if sector.best_s is not None]
-    if best and len(best) == len(comparison.sectors):
-        rows.append(f"<tr><td>best sectors together</td>{'<td></td>' * len(runs)}<td>{sum(best):.3f}</td></tr>")
+        rows.append(_row(f"{number}\u2002{sector.name}", sector.times_s, sector.best_s))
+    together = comparison.best_sectors_s
+    if together is not None:
+        rows.append(f"<tr><td>best sectors together</td>{'<td></td>' * len(runs)}<td>{lap_text(together)}</td></tr>")
     return f"<div class=scroll><table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table></div>"
 
 
-def _row(name: str, times: Sequence[float | None]) -> str:
+def _row(name: str, times: Sequence[float | None], best: float | None) -> str:
     """One line of the table: a time for each run, the best one marked and repeated at the end."""
-    best = min((time for time in times if time is not None), default=None)
-    cells = [
-        f'<td class="best">{time:.3f}</td>' if time is not None and time == best else f"<td>{_seconds(time)}</td>"
-        for time in times
-    ]
-    return f"<tr><td>{escape(name)}</td>{''.join(cells)}<td>{_seconds(best)}</td></tr>"
+    mark = ' class="best"'
+    cells = [f"<td{mark if time is not None and time == best else ''}>{_time(time)}</td>" for time in times]
+    return f"<tr><td>{escape(name)}</td>{''.join(cells)}<td>{_time(best)}</td></tr>"
 
 
-def _seconds(time: float | None) -> str:
-    return "–" if time is None else f"{time:.3f}"
+def _time(seconds: float | None) -> str:
+    return "–" if seconds is None else lap_text(seconds)

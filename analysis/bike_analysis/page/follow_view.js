@@ -163,8 +163,7 @@ function followDrawing(canvas, ride, { title, lapTime, edges, line, step }) {
     }
     panel(16, 16, 400, 64);
     text(title, 30, 42, 16, "#dfe6ee");
-    const t = at(ride.time, k), minutes = Math.floor(t / 60);
-    text(`${minutes}:${(t - 60 * minutes).toFixed(2).padStart(5, "0")}`, 30, 68, 20, "#fff", "left", 700);
+    text(timeText(at(ride.time, k)), 30, 68, 20, "#fff", "left", 700);
     if (lapTime) text(`lap ${lapTime}`, 400, 68, 15, "#b8c2cf", "right");
   }
 

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from bike_analysis.figures.lap_recording import LapRecording, Theory, timing_agrees
-from bike_analysis.figures.numbers import lap_text
+from bike_analysis.figures.numbers import best_sectors_together, best_times, lap_text
 from bike_analysis.page.lap_view import lap_view
 from bike_analysis.page.ride_page import key_html, page_shell, table_html
 from bike_analysis.page.view import view_html
@@ -82,24 +82,26 @@ def _time_table(laps: LapRecording, theory: Theory) -> str:
     """Lap and sector times by the number in the events; the best flying ones are marked, and what they add up to."""
     names = [name for name, _ in laps.track.sectors]
     head = "".join(f"<th>{escape(name)}</th>" for name in ("lap", "time", *names, "off track"))
-    best = [min(column) for column in zip(*((lap.duration, *lap.sectors) for lap in laps.flying), strict=True)]
+    flying = [lap.sectors for lap in laps.flying]
+    best = [min((lap.duration for lap in laps.flying), default=None), *best_times(flying)]
     rows = []
     for lap in laps.timing.laps:
         name = str(lap.number) if lap in laps.flying else f"{lap.number} (out)"
         rows.append(
             _time_row(name, (lap.duration, *lap.sectors), best, f"{lap.off_track:.2f} s" if lap.off_track else "")
         )
-    if len(laps.flying) > 1:
-        rows.append(_time_row("best sectors", (sum(best[1:]), *best[1:]), [], ""))
+    together = best_sectors_together(flying)
+    if len(flying) > 1 and together is not None:
+        rows.append(_time_row("best sectors", (together, *best[1:]), [], ""))
     rows.append(_time_row("theoretical", (theory.lap_time, *theory.sector_times), [], ""))
     return table_html(head, rows)
 
 
-def _time_row(name: str, times: Sequence[float], best: Sequence[float], last: str) -> str:
+def _time_row(name: str, times: Sequence[float | None], best: Sequence[float | None], last: str) -> str:
     cells = []
     for column, time in enumerate(times):
         mark = ' class="best"' if column < len(best) and time == best[column] else ""
-        cells.append(f"<td{mark}>{lap_text(time)}</td>")
+        cells.append(f"<td{mark}>{'–' if time is None else lap_text(time)}</td>")
     return f"<tr><td>{escape(name)}</td>{''.join(cells)}<td>{last}</td></tr>"
 
 

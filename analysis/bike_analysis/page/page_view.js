@@ -14,10 +14,13 @@ const element = (name, properties = {}, ...children) => {
 // Text that is written again as it stands would have the page laid out for nothing.
 const write = (node, text) => { if (node.textContent !== text) node.textContent = text; };
 const numberText = (value, digits) => value === value && value !== undefined ? value.toFixed(digits).replace("-", "−") : "–";
-const clockText = seconds => {
-  const minutes = Math.floor(seconds / 60);
-  return minutes ? `${minutes}:${(seconds - 60 * minutes).toFixed(2).padStart(5, "0")} min` : `${seconds.toFixed(2)} s`;
+// As lap_text of the tables, to hundredths; rounded first, so that it never says 60 seconds.
+const timeText = seconds => {
+  const hundredths = Math.round(100 * seconds), minutes = Math.floor(hundredths / 6000);
+  const rest = ((hundredths - 6000 * minutes) / 100).toFixed(2);
+  return minutes ? `${minutes}:${rest.padStart(5, "0")}` : rest;
 };
+const clockText = seconds => `${timeText(seconds)} ${seconds < 59.995 ? "s" : "min"}`;
 
 class View {
   constructor(root, spec) {
