@@ -21,9 +21,12 @@ from bike_analysis.page.plots import overview_figure
 from bike_analysis.page.ride_page import write_page
 from bike_analysis.page.style import RC
 from bike_analysis.read.container import METADATA_FILE, RecordingError, find_files
+from bike_analysis.read.text import shown
 
 PAGE_NAME: Final = "ride.html"
 PICTURE_NAME: Final = "ride.png"
+LONGEST_HEADLINE_NAME: Final = 60
+"""Characters of the course's name that fit above the picture."""
 DRAWN_RUNS: Final = 8
 """Rides or laps that are drawn side by side: the fastest ones. Figures and tables have all of them."""
 
@@ -180,7 +183,7 @@ def write_report(
 
 
 def _headline(f: RideFigures) -> str:
-    parts = [f.course or "ride"]
+    parts = [shown(f.course or "ride", LONGEST_HEADLINE_NAME)]
     if f.speed_mean_m_s is not None:
         parts.append(f"{f.speed_mean_m_s:.2f} m/s")
     if f.mean_error_m is not None and f.max_error_m is not None:

@@ -35,7 +35,7 @@ def write_csv(table: pd.DataFrame, path: str | os.PathLike[str]) -> Path:
         OSError: If the file cannot be written.
     """
     target = _target(path)
-    table.to_csv(target, index=False, float_format="%.10g")
+    table.to_csv(target, index=False, float_format="%.10g", errors="backslashreplace")
     return target
 
 

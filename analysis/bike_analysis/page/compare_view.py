@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from html import escape
 from typing import Final
 
 import numpy as np
 
 from bike_analysis.figures.compare import Comparison
 from bike_analysis.figures.numbers import lap_text
+from bike_analysis.page.html import html_text
 from bike_analysis.page.ride_view import (
     course_sections,
     is_fast,
@@ -98,10 +98,10 @@ def _columns(comparison: Comparison, index: int) -> dict[str, Floats]:
 
 def comparison_words(comparison: Comparison) -> str:
     """A sentence that tells what is compared, as HTML."""
-    course = f" on {escape(comparison.course)}" if comparison.course else ""
+    course = f" on {html_text(comparison.course)}" if comparison.course else ""
     return (
         f'<p class="soft">{len(comparison.runs)} rides or laps{course}, at the same places along the course. The '
-        f"reference is {escape(comparison.runs[comparison.reference].label)}.</p>"
+        f"reference is {html_text(comparison.runs[comparison.reference].label)}.</p>"
     )
 
 
@@ -109,7 +109,7 @@ def sector_table(comparison: Comparison) -> str:
     """The times of the runs and of their sectors, as HTML: a column a run, and one of the best."""
     runs = comparison.runs
     reference = runs[comparison.reference]
-    head = "".join(f"<th>{escape(name)}</th>" for name in ("time", *(run.label for run in runs), "best"))
+    head = "".join(f"<th>{html_text(name)}</th>" for name in ("time", *(run.label for run in runs), "best"))
     durations = [run.duration_s if run.complete else None for run in runs]
     rows = [_row("whole", durations, reference.duration_s if reference.complete else None)]
     lost = [None if d is None else d - reference.duration_s for d in durations]
@@ -127,7 +127,7 @@ def _row(name: str, times: Sequence[float | None], best: float | None) -> str:
     """One line of the table: a time for each run, the best one marked and repeated at the end."""
     mark = ' class="best"'
     cells = [f"<td{mark if time is not None and time == best else ''}>{_time(time)}</td>" for time in times]
-    return f"<tr><td>{escape(name)}</td>{''.join(cells)}<td>{_time(best)}</td></tr>"
+    return f"<tr><td>{html_text(name)}</td>{''.join(cells)}<td>{_time(best)}</td></tr>"
 
 
 def _time(seconds: float | None) -> str:

@@ -13,6 +13,7 @@ from bike_analysis.page.compare_view import comparison_panels
 from bike_analysis.page.ride_view import GRAVITY, off_track, ride_columns
 from bike_analysis.page.view import KMH, Cloud, Line, MapLine, Panel, Section, Series, View, growing, series_colour
 from bike_analysis.read.reading import Floats
+from bike_analysis.read.text import shown
 from bike_sim.course.lap_timing import Lap
 
 DELTA: Final = Panel(
@@ -177,7 +178,7 @@ def follow_data(laps: LapRecording, lap: Lap | None) -> dict[str, Any]:
         points = track.points(progress, sign * track.at(width, progress))
         edges += [_rounded(points[:, 0]), _rounded(points[:, 1])]
     return {
-        "title": f"{laps.recording.vehicle}, {track.name}",
+        "title": shown(f"{laps.recording.vehicle}, {track.name}"),
         "lapTime": "" if lap is None else lap_text(lap.duration),
         "step": track.length / count,
         "edges": edges,

@@ -28,6 +28,9 @@ function axisStyle(extra) {
   };
 }
 
+// Plotly takes tags and entities out of text; names are shown as they are.
+const plain = text => text.replaceAll("&", "&amp;").replaceAll("<", "&lt;").replaceAll(">", "&gt;");
+
 function layoutOf(asFile, title, extra) {
   const font = { family: colour("font"), color: colour("ink"), size: 12 };
   const top = pixels => 1 - pixels / extra.height, left = { x: 0.012, xanchor: "left", yanchor: "top" };
@@ -35,7 +38,7 @@ function layoutOf(asFile, title, extra) {
     font, paper_bgcolor: asFile ? colour("card") : "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", hovermode: false,
     margin: marginsOf(asFile), separators: ".\u202f", showlegend: asFile,
     legend: { ...left, orientation: "h", xref: "container", yref: "container", y: top(44), font: { size: 12 } },
-    ...(asFile ? { title: { ...left, text: title, y: top(16), font: { size: 16 } } } : {}), ...extra,
+    ...(asFile ? { title: { ...left, text: plain(title), y: top(16), font: { size: 16 } } } : {}), ...extra,
   };
 }
 
@@ -78,7 +81,7 @@ function traceOf(found, panel) {
   const ink = colour(found.colour), { line, x, y } = found;
   const dots = found.whole && found.end - found.first < 120;
   return {
-    type: "scatter", mode: dots && !line.fill ? "lines+markers" : "lines", x, y, name: found.name, connectgaps: false,
+    type: "scatter", mode: dots && !line.fill ? "lines+markers" : "lines", x, y, name: plain(found.name), connectgaps: false,
     line: { color: ink, width: line.fill === "band" ? 0 : found.series.theory ? 1.3 : 1.6, shape: line.step ? "vh" : "linear",
       dash: found.series.theory || line.dash ? "3px,2px" : "solid", simplify: false },
     marker: { size: 4, color: ink }, hoverinfo: "skip",
@@ -106,7 +109,7 @@ function sectionMarks(view, width) {
     const middle = (left + right) / 2 * scale;
     if ((right - left) * scale > (section.shaded ? 5 : 14) && middle - labelled > room) {
       labelled = middle;
-      annotations.push({ x: (left + right) / 2, xref: "x", y: 1, yref: "paper", yanchor: "bottom", text: section.label,
+      annotations.push({ x: (left + right) / 2, xref: "x", y: 1, yref: "paper", yanchor: "bottom", text: plain(section.label),
         showarrow: false, font: { size: 10.5, color: colour("muted") }, yshift: -1 });
     }
   }
@@ -152,7 +155,7 @@ function pathRows(x, y, first, end, gap, box) {
 }
 
 function lineTrace(x, y, rows, line, name, showlegend = false) {
-  return { type: "scatter", mode: "lines", hoverinfo: "skip", name, showlegend, line: { ...line, simplify: false },
+  return { type: "scatter", mode: "lines", hoverinfo: "skip", name: plain(name), showlegend, line: { ...line, simplify: false },
     x: rows.map(i => i < 0 ? null : x[i]), y: rows.map(i => i < 0 ? null : y[i]) };
 }
 
@@ -171,7 +174,7 @@ function colouredTraces(x, y, values, rows, [low, high], name, worst) {
     to.x.push(x[j]); to.y.push(y[j]);
     last = level;
   }
-  return levels.map(({ x, y }, level) => ({ type: "scatter", mode: "lines", hoverinfo: "skip", x, y, name, showlegend: false,
+  return levels.map(({ x, y }, level) => ({ type: "scatter", mode: "lines", hoverinfo: "skip", x, y, name: plain(name), showlegend: false,
     line: { color: colour(`e${level}`), width: 3, simplify: false } })).filter(trace => trace.x.length);
 }
 
@@ -214,7 +217,7 @@ function mapTraces(view, box, width, asFile) {
 
 function mapFigure(view, box, width, height, asFile = false) {
   const data = mapTraces(view, box, width, asFile), bare = { showgrid: false, zeroline: false, showticklabels: false };
-  const labels = view.map.labels.map(({ x, y, text }) => ({ x, y, text, showarrow: false, font: { size: 11, color: colour("muted") } }));
+  const labels = view.map.labels.map(({ x, y, text }) => ({ x, y, text: plain(text), showarrow: false, font: { size: 11, color: colour("muted") } }));
   if (asFile && view.map.chosen) data.push(colourBar(view));
   return {
     data,
@@ -242,7 +245,7 @@ function cloudFigure(view, cloud, width, height, asFile = false) {
     const x = series.columns[cloud.x], y = series.columns[cloud.y];
     if (!x || !y) continue;
     const every = Math.ceil(x.length / 1500), pick = column => Array.from({ length: Math.ceil(x.length / every) }, (_, k) => column[k * every]);
-    data.push({ type: "scatter", mode: "markers", x: pick(x), y: pick(y), name: series.name, hoverinfo: "skip",
+    data.push({ type: "scatter", mode: "markers", x: pick(x), y: pick(y), name: plain(series.name), hoverinfo: "skip",
       marker: { size: 3.2, color: colour(series.colour), opacity: series.theory ? 0.9 : 0.5 } });
   }
   const margin = asFile ? marginsOf(true) : { ...marginsOf(false), b: 38 };

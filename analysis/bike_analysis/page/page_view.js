@@ -441,4 +441,4 @@ async function save(view, part, format) {
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 30000);
 }
-const fileName = words => words.toLowerCase().replace(/[^a-z0-9]+/g, "-").replace(/^-|-$/g, "");
+const fileName = words => words.toLowerCase().replace(/[^a-z0-9]+/g, "-").replace(/^-|-$/g, "").slice(-100);

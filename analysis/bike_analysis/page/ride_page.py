@@ -1,17 +1,9 @@
-"""The report page: one HTML file that needs no network, with interactive plots, in light and dark, for desk and phone.
-
-`write_page` makes it from recordings and, where several are compared, from their comparison. `page_shell` is the frame
-that all pages share: style, script, Plotly and the policy that keeps the browser from asking anybody for anything.
-"""
+"""The report page of rides: one HTML file, made from recordings and, where several are compared, their comparison."""
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Iterable, Sequence
-from functools import cache
-from html import escape
-from importlib.resources import files
 from pathlib import Path
 from typing import Final
 
@@ -19,36 +11,17 @@ from bike_analysis.figures.compare import Comparison
 from bike_analysis.figures.metrics import RideFigures
 from bike_analysis.figures.recorded import RecordedRide, RideRecording, folder_prefixes
 from bike_analysis.page.compare_view import comparison_view, comparison_words, sector_table
+from bike_analysis.page.html import html_text, key_html, table_html
 from bike_analysis.page.ride_view import ride_view
-from bike_analysis.page.style import style_variables
+from bike_analysis.page.shell import page_shell
 from bike_analysis.page.view import View, view_html
 from bike_analysis.read.rides import Ride
+from bike_analysis.read.text import LONGEST_SENTENCE
 
 DRAWN_RIDES: Final = 6
 """Rides that are drawn; the table has all of them."""
 
-_SCRIPTS: Final = (
-    "page_data.js",
-    "page_input.js",
-    "page_plots.js",
-    "page_sketch.js",
-    "page_view.js",
-    "page_bar.js",
-    "follow_view.js",
-    "page_main.js",
-)
-_POLICY: Final = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
 _ENDS: Final = {"finished": "finished", "fell": "fell", "off_course": "left the course", "stopped": "stopped"}
-_KEYS: Final = (
-    ("← →", "move the cursor; with shift ten times as far"),
-    ("Home End", "to the beginning, to the end (with the focus on a plot)"),
-    ("+ −", "zoom about the cursor"),
-    ("0", "the whole ride"),
-    ("p", "play, pause"),
-    ("t", "light or dark"),
-    ("mouse", "drag a stretch to zoom into it, double-click for all; shift-drag pans; control and wheel zoom"),
-    ("fingers", "one moves the cursor, two zoom and pan"),
-)
 
 
 def write_page(
@@ -105,66 +78,6 @@ def render_page(recordings: Sequence[RideRecording], comparison: Comparison | No
     return page_shell(title, "".join(map(_subtitle, recordings, sources)), parts, views)
 
 
-def page_shell(title: str, below: str, parts: Iterable[str], views: Sequence[View]) -> str:
-    """Put a page together.
-
-    Args:
-        title: Headline.
-        below: HTML under it.
-        parts: HTML of the page, with the frames of the views (`bike_analysis.page.view.view_html`) in their order.
-        views: What the script draws into them.
-
-    Returns:
-        The whole page.
-    """
-    data = json.dumps([view.data() for view in views], separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
-    keys = "".join(f"<dt>{_kbd(key)}</dt><dd>{escape(text)}</dd>" for key, text in _KEYS)
-    return "\n".join(
-        [
-            "<!DOCTYPE html>",
-            '<html lang="en"><head><meta charset="utf-8">',
-            f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">',
-            '<meta name="viewport" content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">',
-            f"<title>{escape(title)}</title><style>{page_style()}</style></head><body><main>",
-            f'<header><h1>{escape(title)}</h1><button id="theme" type="button" aria-label="Dark colours">Dark</button>',
-            f"{below}</header>",
-            f"<details><summary>Keys and gestures</summary><dl class=keys>{keys}</dl></details>",
-            '<noscript><p class="warning">The plots need JavaScript; the tables do not.</p></noscript>',
-            *parts,
-            "</main>",
-            f'<script type="application/json" id="page-data">{data}</script>',
-            f"<script>{_plotly()}</script>",
-            f"<script>{page_script()}</script>",
-            "</body></html>",
-        ]
-    )
-
-
-@cache
-def _plotly() -> str:
-    """Plotly's script as its Python package carries it."""
-    return (files("plotly") / "package_data" / "plotly.min.js").read_text(encoding="utf-8")
-
-
-@cache
-def page_script() -> str:
-    """Return the page's own script."""
-    here = files("bike_analysis.page")
-    parts = "\n".join((here / name).read_text(encoding="utf-8") for name in _SCRIPTS)
-    return f'(() => {{\n"use strict";\n{parts}}})();'
-
-
-@cache
-def page_style() -> str:
-    """Return the style sheet of report pages."""
-    text = (files("bike_analysis.page") / "page.css").read_text(encoding="utf-8")
-    return text.replace("@LIGHT@", style_variables(dark=False)).replace("@DARKER@", style_variables(dark=True))
-
-
-def _kbd(keys: str) -> str:
-    return " ".join(f"<kbd>{escape(key)}</kbd>" for key in keys.split())
-
-
 def _course(ride: RecordedRide) -> str:
     return ride.course.name if ride.course else "an unknown course"
 
@@ -188,14 +101,14 @@ def _subtitle(recording: RideRecording, file: str) -> str:
     if recording.vehicle:
         words.append(f"vehicle {recording.vehicle}")
     words += [f"{name} {value}" for name, value in recording.data.notes.items() if name != "vehicle"]
-    return f'<p class="soft">{escape(" · ".join(words))}</p>'
+    return f'<p class="soft">{html_text(" · ".join(words), LONGEST_SENTENCE)}</p>'
 
 
 def _warnings(recording: RideRecording, file: str) -> str:
     if not recording.warnings:
         return ""
     name = f"{file}: " if file else ""
-    lines = "".join(f"<p>{escape(name + w[:1].upper() + w[1:])}.</p>" for w in recording.warnings)
+    lines = "".join(f"<p>{html_text(name + w[:1].upper() + w[1:], LONGEST_SENTENCE)}.</p>" for w in recording.warnings)
     return f'<div class="warning" role="status">{lines}</div>'
 
 
@@ -204,11 +117,11 @@ def _overview(rides: Sequence[RecordedRide], names: Sequence[str], drawn: Sequen
     head += "<th>mean error<br>m</th><th>RMS error<br>m</th><th>max error<br>m</th><th class=text>end</th>"
     rows = []
     for index, ride in enumerate(rides):
-        f, name = ride.figures, escape(names[index])
+        f, name = ride.figures, html_text(names[index])
         if index in drawn:
             name = f'<a href="#ride-{index + 1}">{name}</a>'
         cells = [
-            f"<td>{name}</td><td class=text>{escape(f.course or '–')}</td>",
+            f"<td>{name}</td><td class=text>{html_text(f.course or '–')}</td>",
             *(_cell(f.speed_mean_m_s, 2), _cell(f.distance_m, 0), _cell(f.duration_s, 1)),
             *(_cell(f.mean_error_m, 3), _cell(f.rms_error_m, 3), _cell(f.max_error_m, 3)),
             f'<td class="text {f.ended_by}">{_ENDS[f.ended_by]}</td>',
@@ -220,17 +133,12 @@ def _overview(rides: Sequence[RecordedRide], names: Sequence[str], drawn: Sequen
     return f"<h2>All rides</h2>{note}{table_html(head, rows)}"
 
 
-def table_html(head: str, rows: Sequence[str]) -> str:
-    """Return a table that scrolls by itself where the screen is narrow."""
-    return f"<div class=scroll><table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table></div>"
-
-
 def _ride(ride: RecordedRide, name: str, view: View) -> str:
     figures = ride.figures
-    course = f" on {escape(figures.course)}" if figures.course else ""
+    course = f" on {html_text(figures.course)}" if figures.course else ""
     speed = f" at {figures.speed_mean_m_s:.2f} m/s" if figures.speed_mean_m_s is not None else ""
     parts = [
-        f'<section id="{view.key}"><h2>{escape(name)}{course}{speed}</h2>',
+        f'<section id="{view.key}"><h2>{html_text(name)}{course}{speed}</h2>',
         _outcome(ride.data, figures),
         key_html(_key_figures(figures)),
         view_html(view),
@@ -253,13 +161,7 @@ def _outcome(ride: Ride, figures: RideFigures) -> str:
     }
     said = [event.text for event in ride.events if event.text and event.kind in ("fall", "off_course", "wall")]
     text = said[0] if said and not figures.completed else words[figures.ended_by]
-    return f'<p class="{figures.ended_by}">{escape(text)}</p>'
-
-
-def key_html(entries: Iterable[tuple[str, str, str]]) -> str:
-    """Return the most important figures, each with name, value and unit."""
-    items = (f"<div><dt>{escape(k)}</dt><dd>{v} <small>{escape(unit)}</small></dd></div>" for k, v, unit in entries)
-    return f'<dl class="key">{"".join(items)}</dl>'
+    return f'<p class="{figures.ended_by}">{html_text(text)}</p>'
 
 
 def _key_figures(f: RideFigures) -> list[tuple[str, str, str]]:
@@ -283,7 +185,7 @@ def _section_table(f: RideFigures) -> str:
     for number, s in enumerate(f.sections, start=1):
         share = 100.0 * (s.max_error_m or 0.0) / top
         bar = f'<td class=bar><i style="width:{share:.1f}%"></i></td>'
-        cells = f"<td>{number}&ensp;{escape(s.name)}</td>{_cell(s.start_m, 1)}{_cell(s.mean_error_m, 3)}"
+        cells = f"<td>{number}&ensp;{html_text(s.name)}</td>{_cell(s.start_m, 1)}{_cell(s.mean_error_m, 3)}"
         rows.append(f"<tr>{cells}{_cell(s.rms_error_m, 3)}{_cell(s.max_error_m, 3)}{bar}</tr>")
     head = "<th>section</th><th>from<br>m</th><th>mean<br>m</th><th>RMS<br>m</th><th>max<br>m</th><th class=bar></th>"
     return f"<h3>Distance to the path by section</h3>{table_html(head, rows)}"
@@ -314,7 +216,7 @@ def _figure_table(f: RideFigures) -> str:
         ("policy's answers since its start, median (wall clock)", f"{_scaled(f.latency_median_s, 1e3, 3)} ms"),
         ("the same, 99th percentile", f"{_scaled(f.latency_p99_s, 1e3, 3)} ms"),
     ]
-    rows = "".join(f"<tr><td>{escape(name)}</td><td>{escape(value)}</td></tr>" for name, value in entries)
+    rows = "".join(f"<tr><td>{html_text(name)}</td><td>{html_text(value)}</td></tr>" for name, value in entries)
     return f'<div class="columns"><table><tbody>{rows}</tbody></table></div>'
 
 

@@ -85,6 +85,7 @@ RC: Final[dict[str, Any]] = {
     "xtick.major.width": 0.7,
     "ytick.major.width": 0.7,
     "text.color": INK,
+    "text.parse_math": False,  # a name with dollar signs is no formula
     "lines.solid_joinstyle": "round",
     "legend.frameon": False,
     "legend.fontsize": 8.5,

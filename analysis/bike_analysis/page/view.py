@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from bike_analysis.page.embed import embed
 from bike_analysis.read.reading import Floats
+from bike_analysis.read.text import shown
 
 SERIES_COLOURS: Final = ("blue", "orange", "green", "violet", "gold", "rose")
 """Names of the colours of several series, in order; repeated if there are more."""
@@ -216,7 +217,7 @@ class View:
         names = {name for series in self.series for name in series.columns}
         cloud = self.cloud
         return {
-            "title": self.title,
+            "title": shown(self.title),
             "axes": ["distance", "time"],
             "channels": {name: asdict(self.channel(name)) for name in sorted(names | {"time", "distance"})},
             "series": [self._packed(series) for series in self.series],
@@ -224,10 +225,13 @@ class View:
             "map": {
                 "lines": [_packed_line(line) for line in self.lines],
                 "marks": [_packed_mark(mark) for mark in self.marks],
-                "labels": list(self.labels),
+                "labels": [label | {"text": shown(label["text"])} for label in self.labels],
                 "colours": list(self.colours),
             },
-            "sections": [asdict(section) for section in self.sections],
+            "sections": [
+                asdict(section) | {"label": shown(section.label), "name": shown(section.name)}
+                for section in self.sections
+            ],
             "cloud": None
             if cloud is None
             else {
@@ -239,7 +243,7 @@ class View:
 
     def _packed(self, series: Series) -> dict[str, Any]:
         columns = {name: embed(column, self._quantum(name)) for name, column in series.columns.items()}
-        return {"name": series.name, "colour": series.colour, "theory": series.theory, "columns": columns}
+        return {"name": shown(series.name), "colour": series.colour, "theory": series.theory, "columns": columns}
 
     def _quantum(self, name: str) -> float:
         return MAP_QUANTUM if name in ("x", "y") else 10.0 ** -(self.channel(name).digits + 2)
@@ -254,7 +258,7 @@ def _packed_line(line: MapLine) -> dict[str, Any]:
     every = max(1, -(-len(line.x) // LINE_POINTS))
     rows = np.unique(np.append(np.arange(0, len(line.x), every), len(line.x) - 1)) if len(line.x) else np.arange(0)
     packed = {"x": embed(line.x[rows], MAP_QUANTUM), "y": embed(line.y[rows], MAP_QUANTUM)}
-    return {"name": line.name, "role": line.role, **packed}
+    return {"name": shown(line.name), "role": line.role, **packed}
 
 
 def growing(values: NDArray[Any]) -> Floats:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import io
 import os
 import re
+import stat
 import struct
 import zlib
 from collections.abc import Iterator, Sequence
@@ -41,6 +42,8 @@ LARGEST_RECORD: Final = 256 * 1024 * 1024
 """A record or a chunk's contents beyond this size are not read, bytes. Recorders make chunks of a few megabytes."""
 
 METADATA_FILE: Final = "metadata.yaml"
+LARGEST_METADATA: Final = 4 * 1024 * 1024
+"""Beyond this size `METADATA_FILE` is not parsed, bytes. That of a thousand files has a tenth of it."""
 
 _NUMBERED: Final = re.compile(r"(.+)_(\d+)\.mcap")
 _ZSTD: Final = zstandard.ZstdDecompressor()
@@ -182,8 +185,8 @@ class Container:
 
     def _pieces(self) -> Iterator[bytes]:
         """Contents of the chunks, and message records that stand outside of chunks."""
-        size = self.path.stat().st_size
-        with self.path.open("rb", buffering=1024 * 1024) as file:
+        with open_regular(self.path, buffering=1024 * 1024) as file:
+            size = os.fstat(file.fileno()).st_size
             _check_magic(self.path, file.read(len(MAGIC)))
             self.bytes_read = len(MAGIC)
             while True:
@@ -252,8 +255,8 @@ class Container:
 
     def _read_summary(self) -> None:
         """Note the schemas and channels of the summary section, where there is a whole one; a torn file has none."""
-        with suppress(*_DAMAGE), self.path.open("rb") as file:
-            for opcode, content in _summary_records(file, self.path.stat().st_size):
+        with suppress(*_DAMAGE), open_regular(self.path) as file:
+            for opcode, content in _summary_records(file, os.fstat(file.fileno()).st_size):
                 if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                     self._note(opcode, content)
 
@@ -294,6 +297,20 @@ class Container:
         for name, count in zip(*np.unique(channel, return_counts=True), strict=True):
             self.counts[int(name)] = self.counts.get(int(name), 0) + int(count)
         return Block(contents, channel, log_time, begins, ends, first)
+
+
+def open_regular(path: Path, buffering: int = -1) -> IO[bytes]:
+    """Open a regular file for reading; a pipe would wait for a writer, and a device may never end.
+
+    Raises:
+        RecordingError: If it is something else.
+        OSError: If it cannot be opened.
+    """
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
+        raise RecordingError(f"{path} is not a regular file")
+    return os.fdopen(descriptor, "rb", buffering)
 
 
 class RecordingFiles(NamedTuple):
@@ -355,10 +372,14 @@ def examine_files(path: str | os.PathLike[str]) -> RecordingFiles:
 def _listed_files(directory: Path) -> list[Path]:
     """Files that the directory's metadata.yaml lists; they may be missing."""
     try:
-        content = yaml.safe_load((directory / METADATA_FILE).read_text(encoding="utf-8"))
+        with open_regular(directory / METADATA_FILE) as file:
+            text = file.read(LARGEST_METADATA + 1)
+        if len(text) > LARGEST_METADATA:
+            return []
+        content = yaml.safe_load(text.decode("utf-8"))
         names = content["rosbag2_bagfile_information"]["relative_file_paths"]
-        return [directory / str(name) for name in names]
-    except (OSError, ValueError, KeyError, TypeError, yaml.YAMLError):
+        return [directory / name for name in names if isinstance(name, str)]
+    except (OSError, ValueError, KeyError, TypeError, RecursionError, yaml.YAMLError):
         return []
 
 

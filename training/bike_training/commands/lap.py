@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from bike_analysis.figures.lap_recording import Theory, load_laps
 from bike_analysis.figures.numbers import lap_text
-from bike_analysis.page.lap_report import lap_figures, write_lap_report
+from bike_analysis.page.lap_page import lap_figures, write_lap_report
 from bike_sim.course.track_files import shipped_tracks
 from bike_sim.sim import circuit_look as track_look
 from bike_sim.sim.track_ride import WALL, TrackSnapshot

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from html import escape
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,8 +10,9 @@ import numpy as np
 
 from bike_analysis.figures.lap_recording import LapRecording, Theory, timing_agrees
 from bike_analysis.figures.numbers import best_sectors_together, best_times, lap_text
+from bike_analysis.page.html import html_text, key_html, table_html
 from bike_analysis.page.lap_view import lap_view
-from bike_analysis.page.ride_page import key_html, page_shell, table_html
+from bike_analysis.page.shell import page_shell
 from bike_analysis.page.view import view_html
 
 PAGE_NAME: Final = "lap.html"
@@ -59,7 +59,7 @@ def render_lap_page(laps: LapRecording, theory: Theory) -> str:
     figures = lap_figures(laps, theory)
     title = f"{laps.recording.vehicle} on {laps.track.name}"
     view = lap_view(laps, theory, "laps", title)
-    below = f'<p class="soft">{escape(laps.recording.path.name)} · {laps.recording.message_count:,} messages</p>'
+    below = f'<p class="soft">{html_text(laps.recording.path.name)} · {laps.recording.message_count:,} messages</p>'
     parts = [_key(figures), view_html(view), "<h2>Lap and sector times</h2>", _time_table(laps, theory)]
     return page_shell(title, below, [*parts, _agreement(figures)], [view])
 
@@ -81,7 +81,7 @@ def _key(figures: dict[str, Any]) -> str:
 def _time_table(laps: LapRecording, theory: Theory) -> str:
     """Lap and sector times by the number in the events; the best flying ones are marked, and what they add up to."""
     names = [name for name, _ in laps.track.sectors]
-    head = "".join(f"<th>{escape(name)}</th>" for name in ("lap", "time", *names, "off track"))
+    head = "".join(f"<th>{html_text(name)}</th>" for name in ("lap", "time", *names, "off track"))
     flying = [lap.sectors for lap in laps.flying]
     best = [min((lap.duration for lap in laps.flying), default=None), *best_times(flying)]
     rows = []
@@ -102,7 +102,7 @@ def _time_row(name: str, times: Sequence[float | None], best: Sequence[float | N
     for column, time in enumerate(times):
         mark = ' class="best"' if column < len(best) and time == best[column] else ""
         cells.append(f"<td{mark}>{'–' if time is None else lap_text(time)}</td>")
-    return f"<tr><td>{escape(name)}</td>{''.join(cells)}<td>{last}</td></tr>"
+    return f"<tr><td>{html_text(name)}</td>{''.join(cells)}<td>{last}</td></tr>"
 
 
 def _agreement(figures: dict[str, Any]) -> str:
