@@ -29,8 +29,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosgraph_msgs.msg import Clock
 from tqdm import tqdm
 
-from bike_analysis.columns import MessageSchema
-from bike_analysis.reading import read_recording
+from bike_analysis.read.columns import MessageSchema
+from bike_analysis.read.reading import read_recording
 from bike_policy.riders.classical import ClassicalRider
 from bike_sim.physics.superbike_engine import TIME_STEP
 from bike_sim.recording import LATCHED, MessageType, Qos, RideRecorder, message_type

@@ -17,8 +17,8 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from bike_analysis.columns import MessageSchema
-from bike_analysis.container import Container
+from bike_analysis.read.columns import MessageSchema
+from bike_analysis.read.container import Container
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt

@@ -2,21 +2,23 @@
 
     from bike_analysis import compare, open_ride
 
+
     recording = open_ride("ride.mcap")
     print(recording.rides[0].figures.mean_error_m)
     table = recording.rides[0].table()          # pandas
     both = compare(["a.mcap", "b.mcap"])        # aligned by the way along the course
 
-From the raw file upwards: `container` (MCAP), `columns` (CDR), `reading` (typed columns), `rides`, `laps`, `metrics`,
-`table`, `compare`, `api`, then plots, pages and `report`; each imports only those before it.
+Rooms: `read` (files to typed columns), `figures` (columns to numbers), `page` (numbers to pages and pictures); each
+imports only those before it. `api` is what programs call, `report` what ``bike analyze`` writes.
 """
 
-from bike_analysis.api import RecordedLap, RecordedRide, RideRecording, compare, open_ride
-from bike_analysis.compare import Comparison
-from bike_analysis.container import RecordingError
-from bike_analysis.metrics import RideFigures, ride_figures
-from bike_analysis.reading import Recording, read_recording
-from bike_analysis.rides import Ride, find_rides
+from bike_analysis.api import compare, open_ride
+from bike_analysis.figures.compare import Comparison
+from bike_analysis.figures.metrics import RideFigures, ride_figures
+from bike_analysis.figures.recorded import RecordedLap, RecordedRide, RideRecording
+from bike_analysis.read.container import RecordingError
+from bike_analysis.read.reading import Recording, read_recording
+from bike_analysis.read.rides import Ride, find_rides
 
 __all__ = [
     "Comparison",

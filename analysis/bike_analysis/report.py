@@ -11,18 +11,22 @@ from typing import Any, Final
 
 import matplotlib as mpl
 
-from bike_analysis.api import RecordedLap, RecordedRide, RideRecording, comparable, compare, open_ride
-from bike_analysis.compare import Comparison, CourseError
-from bike_analysis.container import METADATA_FILE, RecordingError, find_files
-from bike_analysis.export import aligned_table, write_csv, write_parquet
-from bike_analysis.metrics import RideFigures
-from bike_analysis.page import write_page
-from bike_analysis.plots import overview_figure
-from bike_analysis.results import Analysis, RideEntry, comparison_figures, distance_by_speed, recording_figures
-from bike_analysis.style import RC
+from bike_analysis.api import comparable, compare, open_ride
+from bike_analysis.figures.compare import Comparison, CourseError
+from bike_analysis.figures.export import aligned_table, write_csv, write_parquet
+from bike_analysis.figures.metrics import RideFigures
+from bike_analysis.figures.recorded import RecordedLap, RecordedRide, RideRecording
+from bike_analysis.figures.results import Analysis, RideEntry, comparison_figures, distance_by_speed, recording_figures
+from bike_analysis.page.plots import overview_figure
+from bike_analysis.page.ride_page import write_page
+from bike_analysis.page.style import RC
+from bike_analysis.read.container import METADATA_FILE, RecordingError, find_files
+from bike_analysis.read.text import shown
 
 PAGE_NAME: Final = "ride.html"
 PICTURE_NAME: Final = "ride.png"
+LONGEST_HEADLINE_NAME: Final = 60
+"""Characters of the course's name that fit above the picture."""
 DRAWN_RUNS: Final = 8
 """Rides or laps that are drawn side by side: the fastest ones. Figures and tables have all of them."""
 
@@ -49,8 +53,8 @@ def analyze(
         station_m: Distance of the stations of the aligned table, m; by default about 2500 along the course.
 
     Returns:
-        Figures ready for JSON, see `bike_analysis.results.Analysis`. A recording that cannot be read becomes a warning
-        where others can.
+        Figures ready for JSON, see `bike_analysis.figures.results.Analysis`. A recording that cannot be read becomes a
+        warning where others can.
 
     Raises:
         FileNotFoundError: If there is no such recording.
@@ -174,12 +178,12 @@ def write_report(
     rides = [ride for recording in recordings for ride in recording.rides]
     longest = max(rides, key=lambda ride: ride.figures.distance_m)
     with mpl.rc_context(RC):
-        overview_figure(longest.data, _headline(longest.figures)).savefig(picture, dpi=160)
+        overview_figure(longest.judged, _headline(longest.figures)).savefig(picture, dpi=160)
     return page, picture
 
 
 def _headline(f: RideFigures) -> str:
-    parts = [f.course or "ride"]
+    parts = [shown(f.course or "ride", LONGEST_HEADLINE_NAME)]
     if f.speed_mean_m_s is not None:
         parts.append(f"{f.speed_mean_m_s:.2f} m/s")
     if f.mean_error_m is not None and f.max_error_m is not None:

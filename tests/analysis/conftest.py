@@ -24,6 +24,20 @@ TYPES = {
     "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
 }
 PERIOD = 0.05  # s
+EVIL_NAMES = (
+    "<!--<script>",
+    "</script><script>alert(1)</script>",
+    "--><img src=x onerror=alert(1)>",
+    "\x1b[2J\x1b[31mred\x07",
+    "one\ntwo\r\u2028three\u2029",
+    "\u202eesrever",
+    "$\\frac{1}{$",
+    "&lt;b&gt; <b>&amp;</b>",
+    "円周路",
+    "\"'` onclick=alert(1)",
+    "n" * 5000,
+)
+"""Names that a page, a terminal or a picture might take for something else."""
 
 
 class Messages:
@@ -188,6 +202,11 @@ def writer(messages: Messages) -> EpisodeWriter:
 @pytest.fixture(scope="session")
 def circle() -> Callable[..., SyntheticRide]:
     return circle_ride
+
+
+@pytest.fixture(scope="session")
+def evil_names() -> tuple[str, ...]:
+    return EVIL_NAMES
 
 
 @pytest.fixture(scope="session")

@@ -14,10 +14,10 @@ import pandas as pd
 import pytest
 
 from bike_analysis import open_ride
-from bike_analysis.metrics import LapFigures, RideFigures
-from bike_analysis.reading import TELEMETRY_COLUMNS
-from bike_analysis.results import Analysis, RecordingFigures, SpeedFigures
-from bike_analysis.schema import make_schema, shipped_schema
+from bike_analysis.figures.metrics import LapFigures, RideFigures
+from bike_analysis.figures.results import Analysis, RecordingFigures, SpeedFigures
+from bike_analysis.figures.schema import make_schema, shipped_schema
+from bike_analysis.read.reading import TELEMETRY_COLUMNS
 from bike_sim.recording import RideRecorder
 from bike_training.cli import main
 
@@ -111,7 +111,7 @@ def test_its_figures_are_those_of_the_json() -> None:
 
 
 def test_the_schema_is_that_of_the_records() -> None:
-    assert shipped_schema() == make_schema(), "run python -m bike_analysis.schema > analyze.schema.json"
+    assert shipped_schema() == make_schema(), "run python -m bike_analysis.figures.schema > analyze.schema.json"
     jsonschema.Draft202012Validator.check_schema(shipped_schema())
     ride = shipped_schema()["$defs"]["Ride"]["properties"]
     assert [name for name, entry in ride.items() if not entry.get("description")] == []

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from bike_analysis import compare, open_ride
 from bike_analysis.api import folder_prefixes
-from bike_analysis.compare import Comparison, CourseError
-from bike_analysis.export import aligned_table, write_csv, write_parquet
+from bike_analysis.figures.compare import Comparison, CourseError
+from bike_analysis.figures.export import aligned_table, write_csv, write_parquet
 from bike_analysis.report import analyze
 
 LENGTH = 20.0 * np.pi
@@ -125,18 +125,20 @@ def test_a_ride_recorded_late_wins_nothing(writer, circle, tmp_path: Path, late:
     paths = []
     for name, missed in (("late", range(late)), ("whole", range(0))):
         ride = circle(steps=320, skip_steps=frozenset(missed))
-        ride.states |= {"course_closed": np.full(320, False), "finished": np.arange(320) >= 318}
-        ride.course["closed"] = False
+        ride.states |= {"course_closed": np.full(320, False), "finished": np.arange(320) >= 315}
+        s = np.linspace(0.0, LENGTH, 629)
+        x, y = 10.0 * np.sin(s / 10.0), 10.0 * (1.0 - np.cos(s / 10.0))
+        ride.course |= {"closed": False, "s": s, "x": x, "y": y, "curvature": np.full(629, 0.1)}
         paths.append(writer.write(tmp_path / f"{name}.mcap", [ride], metadata_file=False))
     both = compare(paths)
     assert [run.complete for run in both.runs] == [late == 0, True]
-    assert [run.duration_s for run in both.runs] == pytest.approx([319 * 0.05] * 2)
+    assert [run.duration_s for run in both.runs] == pytest.approx([LENGTH / 4.0] * 2, abs=0.01)
     assert both.runs[both.reference].label == ("whole" if late else "late")
     lost = both.column("delta_s")
     known = np.isfinite(lost)
     np.testing.assert_allclose(lost[known], 0.0, atol=1e-9)
     assert known[0, -1]
-    assert known[0].sum() == pytest.approx(known[1].sum() * (1 - late / 319), rel=0.01)
+    assert known[0].sum() == pytest.approx(known[1].sum() * (1 - late / 314), rel=0.01)
     ghosts = both.ghosts(period_s=0.05)
     mine = ghosts[ghosts.run == "late"]
     assert mine.time_s.min() == pytest.approx(0.05 * late)

@@ -10,11 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bike_analysis import compare, open_ride
-from bike_analysis.lap_recording import Theory, load_laps
-from bike_analysis.lap_report import lap_figures, render_lap_page
-from bike_analysis.lap_view import lap_view
-from bike_analysis.numbers import lap_text
-from bike_analysis.track_limits import time_outside
+from bike_analysis.commands.analyze import text_of
+from bike_analysis.figures.lap_recording import Theory, load_laps
+from bike_analysis.figures.numbers import best_sectors_together, lap_text
+from bike_analysis.figures.track_limits import time_outside
+from bike_analysis.page.compare_view import sector_table
+from bike_analysis.page.lap_page import lap_figures, render_lap_page
+from bike_analysis.page.lap_view import lap_view
+from bike_analysis.report import analyze
 from bike_sim.course.course import Course
 from bike_sim.course.elements import Arc
 from bike_sim.course.track import Track
@@ -122,6 +125,35 @@ def test_lap_times_of_a_whole_minute() -> None:
     assert [lap_text(t) for t in (59.9994, 59.9996, 119.9996, 0.0)] == ["59.999", "1:00.000", "2:00.000", "0.000"]
 
 
+@given(st.lists(st.tuples(*[st.floats(1.0, 200.0)] * 3), min_size=1, max_size=6))
+def test_the_best_sectors_are_added_as_they_are(laps: list[tuple[float, float, float]]) -> None:
+    """Rounding each sector first would differ by up to a millisecond and a half."""
+    together = best_sectors_together(laps)
+    assert together == sum(min(column) for column in zip(*laps, strict=True))
+    assert together <= min(map(sum, laps)) * (1.0 + 1e-12)
+    assert best_sectors_together([*laps, (None, None, None)]) == together
+    assert best_sectors_together([(None, 1.0, 1.0)]) is None
+    assert best_sectors_together([]) is None
+
+
+def test_one_time_is_written_in_one_way(writer, circle, tmp_path: Path) -> None:
+    """Laps of more than a minute: the table of the page, that of the terminal and the function say the same."""
+    paths = [
+        writer.write(tmp_path / f"{name}.mcap", [circle(steps=2200, speed=speed)], metadata_file=False)
+        for name, speed in (("slow", 0.61), ("fast", 0.6543))
+    ]
+    figures = analyze(paths)
+    (comparison,) = figures["comparisons"]
+    page, text = sector_table(compare(paths)), text_of(figures)
+    times = [run["duration_s"] for run in comparison["runs"]]
+    times += [time for sector in comparison["sectors"] for time in sector["times_s"]]
+    assert len(times) == 6
+    assert min(times[:2]) > 60.0
+    for time in (*times, comparison["theoretical_lap_s"]):
+        assert f">{lap_text(time)}</td>" in page
+        assert f" {lap_text(time)}" in text
+
+
 @pytest.fixture
 def ring() -> Track:
     """The circle of the rides, 3 m wide to both sides."""
@@ -153,8 +185,13 @@ def test_laps_have_the_numbers_of_the_events_in_all_reports(writer, circle, ring
     assert lap_figures(laps, theory)["lap_s"] == pytest.approx(LENGTH / 4.0, abs=1e-2)
     rows = [row.split("</td>") for row in render_lap_page(laps, theory).split("<tr><td>")[1:]]
     assert [row[0] for row in rows] == ["1 (out)", "2", "3", "4", "best sectors", "theoretical"]
-    together = float(rows[4][1].removeprefix("<td>"))
-    assert together == pytest.approx(LENGTH / 4.0, abs=1e-2)
+    together = rows[4][1].removeprefix("<td>")
+    assert float(together) == pytest.approx(LENGTH / 4.0, abs=1e-2)
+    assert together == lap_text(best_sectors_together(lap.sectors for lap in laps.flying))
+    figures = open_ride(path).rides[0].figures
+    assert [lap.out_lap for lap in figures.complete_laps] == [True, False, False, False]
+    assert figures.theoretical_lap_s == pytest.approx(float(together), abs=1e-3)
+    assert figures.best_lap_s == pytest.approx(LENGTH / 4.0, abs=1e-2)
 
 
 def test_laps_through_the_nodes_note_who_rode(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -12,11 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bike_analysis import find_rides, read_recording, ride_figures
-from bike_analysis.delays import command_delay
-from bike_analysis.metrics import RideFigures, latency_figures
-from bike_analysis.numbers import rate
-from bike_analysis.reading import Latency
-from bike_analysis.rides import Ride
+from bike_analysis.figures.delays import command_delay
+from bike_analysis.figures.metrics import RideFigures, latency_figures
+from bike_analysis.figures.numbers import rate
+from bike_analysis.read.reading import Latency
+from bike_analysis.read.rides import Ride
 
 
 @pytest.fixture

@@ -27,10 +27,12 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import WebDriverWait
 
 from bike_analysis import compare, open_ride
-from bike_analysis.embed import MISSING, embed
-from bike_analysis.page import page_shell, write_page
-from bike_analysis.ride_view import panels_for, ride_view
-from bike_analysis.view import KMH, Cloud, MapLine, Section, Series, View, growing, view_html
+from bike_analysis.page.embed import MISSING, embed
+from bike_analysis.page.ride_page import write_page
+from bike_analysis.page.ride_view import panels_for, ride_view
+from bike_analysis.page.shell import page_shell
+from bike_analysis.page.view import KMH, Cloud, MapLine, Section, Series, View, growing, view_html
+from bike_analysis.read.text import shown
 
 FLAGS = (
     *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--hide-scrollbars"),
@@ -503,6 +505,46 @@ def test_print_is_light(opened: Opener, ride_page: Path) -> None:
     settled(browser)
     shown = browser.find_element(By.CSS_SELECTOR, '[data-plot="age"] path.js-line').value_of_css_property("stroke")
     assert shown != light
+
+
+def test_names_do_not_break_the_page(
+    opened: Opener, writer: Any, circle: Any, tmp_path: Path, evil_names: tuple[str, ...]
+) -> None:
+    """Names that would end the script, begin another or be taken for tags, of everything that has a name."""
+    elements = """return [document.querySelectorAll(".view").length, document.scripts.length,
+      document.querySelectorAll("main img, main script, main h2 b, main td b, [onclick], [onerror]").length]"""
+    paths = []
+    for names in (evil_names[:1], evil_names[1:7], evil_names[7:]):  # the first by itself: others would mend it
+        rides = []
+        for number, evil in enumerate(names):
+            ride = circle(steps=340, episode=number, events=[{"step": 330, "kind": 2, "text": evil}])
+            ride.course |= {"name": evil, "section_names": [evil, f"{evil} again"]}
+            ride.states["vehicle"] = np.full(340, evil)
+            rides.append(ride)
+        paths.append(writer.write(tmp_path / f"<b>&{len(paths)}.mcap", rides, metadata_file=False))
+        browser = opened(write_page([open_ride(paths[-1])], tmp_path / "page.html"), (1200, 1000))
+        assert browser.execute_script(elements) == [len(names), 3, 0]
+        assert "<b>&" in browser.find_element(By.TAG_NAME, "h1").text
+        cells = [cell.get_attribute("textContent") for cell in browser.find_elements(By.TAG_NAME, "td")]
+        assert {f"1\u2002{shown(evil)}" for evil in names} <= set(cells)
+    recordings = [open_ride(path) for path in paths]
+    both = [recording.rides[0] for recording in recordings]
+    browser = opened(write_page(recordings, tmp_path / "page.html", compare(both)), (1200, 1000))
+    assert browser.execute_script(elements)[1:] == [3, 0]
+
+
+def test_names_are_no_tags_in_saved_pictures(opened: Opener, writer: Any, circle: Any, tmp_path: Path) -> None:
+    name = "&lt;a <b>bold</b> <a href='#'>link</a>"
+    ride = circle(steps=200)
+    ride.course["name"] = name
+    page = write_page([open_ride(writer.write(tmp_path / "ride.mcap", [ride]))], tmp_path / "page.html")
+    browser = opened(page)
+    browser.execute_cdp_cmd("Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(tmp_path)})
+    browser.find_element(By.CSS_SELECTOR, '[data-plot="map"] [data-save="svg"]').click()
+    WebDriverWait(browser, 30).until(lambda _: list(tmp_path.glob("*-map.svg")))
+    WebDriverWait(browser, 30).until(lambda _: next(tmp_path.glob("*-map.svg")).read_text().endswith("</svg>"))
+    root = ElementTree.parse(next(tmp_path.glob("*-map.svg"))).getroot()
+    assert f"ride on {name}" in {"".join(element.itertext()) for element in root.iter() if element.tag.endswith("text")}
 
 
 def test_poor_rides_are_drawn_as_far_as_they_go(opened: Opener, writer: Any, circle: Any, tmp_path: Path) -> None:

@@ -20,10 +20,10 @@ from mcap.writer import Writer
 from rosbags.highlevel import AnyReader
 
 from bike_analysis import open_ride
-from bike_analysis.clock import forward_time
-from bike_analysis.columns import ColumnReader, MessageSchema, SchemaError
-from bike_analysis.container import MAGIC, Container, find_files
-from bike_analysis.reading import RecordingError, States, read_recording
+from bike_analysis.read.clock import forward_time
+from bike_analysis.read.columns import ColumnReader, MessageSchema, SchemaError
+from bike_analysis.read.container import MAGIC, Container, find_files
+from bike_analysis.read.reading import RecordingError, States, read_recording
 from bike_sim.recording import MessageType, RideRecorder, Split, message_type
 from bike_training.replay.recorded_rides import read_rides
 

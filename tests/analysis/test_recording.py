@@ -413,7 +413,7 @@ for number in range(1000):
 
 
 def test_a_killed_recorder_loses_no_more_than_the_flush_period(tmp_path: Path) -> None:
-    from bike_analysis.container import Container
+    from bike_analysis.read.container import Container
 
     file = tmp_path / "ride.mcap"
     script = KILLED.format(path=sys.path, file=str(file))

@@ -19,11 +19,12 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from PIL import Image
 
-from bike_analysis import RecordingError, find_rides, page, read_recording
+from bike_analysis import RecordingError, find_rides, read_recording
 from bike_analysis.commands import analyze as command
-from bike_analysis.plots import overview_figure, thin
+from bike_analysis.page import ride_page
+from bike_analysis.page.plots import overview_figure, thin
+from bike_analysis.page.ride_view import ride_view
 from bike_analysis.report import analyze
-from bike_analysis.ride_view import ride_view
 
 
 @pytest.fixture(scope="module")
@@ -176,7 +177,7 @@ def test_rides_without_course_commands_and_optional_fields_are_drawn(writer, cir
 
 
 def test_many_rides_are_listed_and_the_worst_drawn(writer, circle, tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr(page, "DRAWN_RIDES", 2)
+    monkeypatch.setattr(ride_page, "DRAWN_RIDES", 2)
     rides = [circle(steps=20, episode=n, start_s=5.0 * n, offset=0.01 * n) for n in range(1, 10)]
     rides[0].states["fallen"] = np.arange(20) >= 19
     result = analyze(writer.write(tmp_path / "ride.mcap", rides), tmp_path / "out")

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
-from bike_analysis.columns import MessageSchema
-from bike_analysis.container import Container
+from bike_analysis.read.columns import MessageSchema
+from bike_analysis.read.container import Container
 from bike_analysis.report import analyze
 from bike_policy.contract.actor import Actor
 from bike_policy.contract.observation import ObservationLayout

@@ -14,8 +14,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from bike_analysis.columns import MessageSchema
-from bike_analysis.container import Container
+from bike_analysis.read.columns import MessageSchema
+from bike_analysis.read.container import Container
 from bike_policy.contract.actor import Actor
 from bike_sim.course.random_paths import PathRanges
 from bike_sim.recording import RideRecorder, message_type

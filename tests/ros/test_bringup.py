@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 import yaml
 
-from bike_analysis.columns import MessageSchema
-from bike_analysis.container import Container
+from bike_analysis.read.columns import MessageSchema
+from bike_analysis.read.container import Container
 from bike_sim.ros import record
 from bike_sim.ros.node_settings import SPECS, NodeSettings
 from bike_sim.ros.node_tools import ParameterSpec

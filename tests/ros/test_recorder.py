@@ -26,7 +26,7 @@ from rosgraph_msgs.msg import Clock
 from shape_msgs.msg import Plane
 from std_msgs.msg import Float64, String
 
-from bike_analysis.container import Container
+from bike_analysis.read.container import Container
 from bike_policy.contract.bundle import DEFAULT_POLICY
 from bike_sim.ros import node_tools
 from bike_sim.ros.isolation import DOMAIN_VARIABLE

@@ -13,8 +13,8 @@ import pytest
 from bike_msgs.msg import Telemetry
 from bike_msgs.srv import Reset
 
-from bike_analysis.lap_recording import Theory, load_laps
-from bike_analysis.lap_report import lap_figures, render_lap_page
+from bike_analysis.figures.lap_recording import Theory, load_laps
+from bike_analysis.page.lap_page import lap_figures, render_lap_page
 from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics.state import upright_state
 from bike_sim.ros.messages import Episode as MessageEpisode

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import argparse
 import sys
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
-from bike_analysis.numbers import lap_text
+from bike_analysis.figures.numbers import lap_text
+from bike_analysis.figures.results import SCHEMA
+from bike_analysis.read.text import LONGEST_SENTENCE, shown
 from bike_analysis.report import analyze
-from bike_analysis.results import SCHEMA
+
+LONGEST_LINE: Final = 10_000
+"""Characters of a printed line; a table of many sectors is wide."""
 
 EPILOG = """examples:
   bike analyze ride.mcap                    print the figures, write ride.html and ride.png beside the recording
@@ -62,11 +67,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     out, first = args.out, args.recordings[0]
     if out is None and not as_json:
         out = first if first.is_dir() else first.parent
-    figures = analyze(
-        args.recordings, out, namespace=args.vehicle, csv=args.csv, parquet=args.parquet, station_m=args.station
-    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of NumPy about damaged numbers, of Matplotlib about letters without a glyph
+        figures = analyze(
+            args.recordings, out, namespace=args.vehicle, csv=args.csv, parquet=args.parquet, station_m=args.station
+        )
     for warning in figures["warnings"]:
-        print(f"warning: {warning}", file=sys.stderr)
+        print(f"warning: {shown(warning, LONGEST_SENTENCE)}", file=sys.stderr)
     if not as_json:
         print(text_of(figures))
     return {"schema": SCHEMA, "ok": len(figures["recordings"]) == len(args.recordings), "figures": figures}
@@ -99,7 +106,7 @@ def text_of(figures: dict[str, Any]) -> str:
         if recording["dropped_messages"]:
             lines.append(f"{name}the recorder dropped {recording['dropped_messages']} messages")
     lines += [f"{name}: {figures[name]}" for name in ("page", "picture", "csv", "parquet") if name in figures]
-    return "\n".join(lines)
+    return "\n".join(shown(line, LONGEST_LINE) for line in lines)
 
 
 def _ride_table(rides: Sequence[dict[str, Any]], several: bool) -> list[str]:
@@ -137,11 +144,13 @@ def _laps(ride: dict[str, Any]) -> list[str]:
         return []
     sectors = max(len(lap["sectors_s"]) for lap in laps)
     head = ("lap", "time", *(f"sector {k + 1}" for k in range(sectors)), "off track s", "mean m", "max m", "max m/s")
+    flying = not all(lap["out_lap"] for lap in laps)
     rows = []
     for lap in laps:
-        times = [_number(t, 3) for t in lap["sectors_s"]] or ["-"] * sectors
+        number = f"{lap['lap']} (out)" if flying and lap["out_lap"] else str(lap["lap"])
+        times = [_lap_time(t) for t in lap["sectors_s"]] or ["-"] * sectors
         figures = (_number(lap[n], 2) for n in ("off_track_s", "mean_error_m", "max_error_m", "speed_max_m_s"))
-        rows.append((str(lap["lap"]), _lap_time(lap["lap_s"]), *times, *figures))
+        rows.append((number, _lap_time(lap["lap_s"]), *times, *figures))
     name = f"{Path(ride['recording']).stem}, ride {ride['ride']}"
     best = f"{name}: best lap {_lap_time(ride['best_lap_s'])}"
     if ride["theoretical_lap_s"] is not None:
@@ -154,11 +163,11 @@ def _comparison(comparison: dict[str, Any]) -> list[str]:
     head = ("side by side", "time", "lost s", *(f"sector {k + 1}" for k in range(len(sectors))))
     rows = []
     for index, run in enumerate(runs):
-        times = (_number(sector["times_s"][index], 3) for sector in sectors)
+        times = (_lap_time(sector["times_s"][index]) for sector in sectors)
         time = _lap_time(run["duration_s"]) if run["complete"] else "-"
         rows.append((run["run"], time, _number(run["delta_s"], 3), *times))
     if comparison["theoretical_lap_s"] is not None:
-        best = (_number(sector["best_s"], 3) for sector in sectors)
+        best = (_lap_time(sector["best_s"]) for sector in sectors)
         rows.append(("best sectors", _lap_time(comparison["theoretical_lap_s"]), "", *best))
     return _table(head, rows)
 
@@ -182,7 +191,7 @@ def _speeds(speeds: Sequence[dict[str, Any]]) -> list[str]:
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     """Lines of a table, the first column to the left and the others to the right."""
-    whole = [head, *rows]
+    whole = [[shown(cell) for cell in row] for row in (head, *rows)]
     widths = [max(len(row[i]) for row in whole) for i in range(len(head))]
     return [
         "  ".join(

@@ -11,7 +11,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from bike_analysis.numbers import lap_text
+from bike_analysis.figures.numbers import lap_text
 from bike_sim.course.files import load_track, shipped_tracks
 from bike_sim.course.track import Track
 from bike_sim.course.track_drawing import track_figure

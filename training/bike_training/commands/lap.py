@@ -14,9 +14,9 @@ from rich.console import Console
 from rich.table import Table
 from tqdm import tqdm
 
-from bike_analysis.lap_recording import Theory, load_laps
-from bike_analysis.lap_report import lap_figures, write_lap_report
-from bike_analysis.numbers import lap_text
+from bike_analysis.figures.lap_recording import Theory, load_laps
+from bike_analysis.figures.numbers import lap_text
+from bike_analysis.page.lap_page import lap_figures, write_lap_report
 from bike_sim.course.files import shipped_tracks
 from bike_sim.recording.in_use import claim_folder
 from bike_sim.sim.snapshot import WALL, Snapshot

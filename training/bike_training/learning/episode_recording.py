@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from rclpy.serialization import serialize_message
 from stable_baselines3.common.vec_env import VecEnv
 
-from bike_analysis.columns import MessageSchema
+from bike_analysis.read.columns import MessageSchema
 from bike_policy.contract.actor import Actor
 from bike_sim.course.random_paths import PathRanges
 from bike_sim.recording import LATCHED, Qos, RideRecorder, message_type

@@ -11,10 +11,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_analysis.columns import ColumnReader, MessageSchema, SchemaError
-from bike_analysis.container import Block, Container, RecordingError, find_files
-from bike_analysis.reading import Recording, read_recording
-from bike_analysis.rides import Ride, find_rides
+from bike_analysis.read.columns import ColumnReader, MessageSchema, SchemaError
+from bike_analysis.read.container import Block, Container, RecordingError, find_files
+from bike_analysis.read.reading import Recording, read_recording
+from bike_analysis.read.rides import Ride, find_rides
 from bike_sim.course.random_paths import PathRanges
 from bike_sim.physics import state as st
 from bike_sim.sim import look as lk

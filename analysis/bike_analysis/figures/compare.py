@@ -1,0 +1,379 @@
+"""Several rides or laps side by side, aligned by the way along the course.
+
+Each run is put on the same stations: places along the course, a fixed way apart. There the time since the run's begin,
+and every column of `bike_analysis.figures.table`, are interpolated between the two recorded states around it. So the
+difference of two times at a station is what one run has lost on the other up to there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+
+from bike_analysis.figures.laps import ON_THE_LINE, Lap, farther_than_before, known_length, reset_time, sector_starts
+from bike_analysis.figures.numbers import best_sectors_together
+from bike_analysis.figures.table import motion_columns, station
+from bike_analysis.read.reading import Flags, Floats
+from bike_analysis.read.rides import Ride
+
+STATIONS: Final = 2500
+"""About so many stations are wanted along a course."""
+MOST_ROWS: Final = 2_000_000
+"""Stations or times of one run that are worked out at most."""
+SAME_LENGTH: Final = 0.03
+"""Courses whose lengths differ by more than this part are not the same."""
+
+
+class CourseError(ValueError):
+    """Rides on different courses were to be compared."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """What is compared: a ride, or one lap of it.
+
+    Attributes:
+        label: Name for people, unique within a comparison.
+        source: The recording's file name.
+        ride: The ride.
+        lap: The lap, or None for the whole ride.
+        policy: Who rode, from the recording's notes; empty where unknown.
+    """
+
+    label: str
+    source: str
+    ride: Ride
+    lap: Lap | None = None
+    policy: str = ""
+
+    @property
+    def begin_s(self) -> float:
+        """When the lap or the ride (its reset) began, s since the ride's first recorded state."""
+        return self.lap.begin_s if self.lap is not None else -reset_time(self.ride)
+
+    @property
+    def begin_m(self) -> float:
+        """Progress at which it began, m."""
+        return self.lap.begin_m if self.lap is not None else 0.0
+
+    @property
+    def duration_s(self) -> float:
+        """Lap time, or the time of the whole ride since its reset, s."""
+        return self.lap.duration_s if self.lap is not None else float(self.ride.time[-1]) - self.begin_s
+
+    @property
+    def complete(self) -> bool:
+        """Whether it is a lap, or a ride recorded from its reset that reached the end of its course."""
+        return self.lap is not None or (self.ride.ended_by == "finished" and int(self.ride.states.step[0]) == 0)
+
+
+@dataclass(frozen=True)
+class SectorComparison:
+    """One sector over all complete laps (or one section of an open course over all runs).
+
+    Attributes:
+        name: Of the sector.
+        start_m: Where it begins, m.
+        end_m: Where it ends, m.
+        times_s: Time of each run of the comparison, s; None where a run did not ride it whole.
+        best_s: The best of these times, out-laps not counted where there are others, s; None if nobody rode it whole.
+        best: Index of the run with the best time, or None.
+    """
+
+    name: str
+    start_m: float
+    end_m: float
+    times_s: tuple[float | None, ...]
+    best_s: float | None
+    best: int | None
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Runs on the same course, aligned. Columns are put on the stations when they are first asked for.
+
+    Attributes:
+        course: Name of the course; empty where none was recorded.
+        runs: What is compared, in the order given.
+        reference: Index of the run that the others are measured against: the fastest complete one, else the one that
+            came farthest.
+        station_m: Stations along the course, m, shape (stations,).
+        scales: By how much the way of each run is stretched to that of the reference; 1 where a length is unknown.
+        sectors: Times of the sectors; empty where the course has no sections.
+    """
+
+    course: str
+    runs: tuple[Run, ...]
+    reference: int
+    station_m: Floats
+    scales: tuple[float, ...]
+    sectors: tuple[SectorComparison, ...]
+
+    def __repr__(self) -> str:
+        return f"<Comparison of {', '.join(run.label for run in self.runs)} at {len(self.station_m)} stations>"
+
+    @cached_property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the aligned columns."""
+        return tuple(self.values)
+
+    @cached_property
+    def values(self) -> dict[str, Floats]:
+        """Aligned values by column, shape (runs, stations); NaN where a run was not."""
+        aligned = [self._aligned(k, motion_columns(run.ride, _rows(run))) for k, run in enumerate(self.runs)]
+        nothing = np.full(len(self.station_m), np.nan)
+        names = dict.fromkeys(name for part in aligned for name in part)
+        motion = {name: np.stack([part.pop(name, nothing) for part in aligned]) for name in names}
+        for run, place in zip(self.runs, motion["distance_m"], strict=True):
+            if run.lap is not None:
+                place -= place[0]
+        times = np.stack([self.times(k) for k in range(len(self.runs))])
+        return {"time_s": times, "delta_s": times - self._reference_times, **motion}
+
+    def times(self, index: int) -> Floats:
+        """When one run was at each station, s since its begin; NaN where it was not."""
+        run = self.runs[index]
+        return self._aligned(index, {"time_s": run.ride.time[_rows(run)] - run.begin_s})["time_s"]
+
+    def lost(self, index: int) -> Floats:
+        """What one run had lost on the reference at each station, s; NaN where one of them was not."""
+        return self.times(index) - self._reference_times
+
+    @cached_property
+    def _reference_times(self) -> Floats:
+        return self.times(self.reference)
+
+    def _aligned(self, index: int, columns: dict[str, Any]) -> dict[str, Floats]:
+        """Columns of one run's rows, put on the stations."""
+        run = self.runs[index]
+        fresh, ways = _ways(run, self.scales[index])
+        found = {}
+        for name, column in columns.items():
+            values = np.asarray(column, dtype=np.float64)[fresh]
+            found[name] = np.interp(self.station_m, ways, values, left=np.nan, right=np.nan)
+        return found
+
+    def column(self, name: str) -> Floats:
+        """One aligned column.
+
+        Args:
+            name: ``time_s``, ``delta_s`` or a numeric column of `bike_analysis.figures.table`.
+
+        Returns:
+            Shape (runs, stations); NaN where a run was not.
+
+        Raises:
+            KeyError: If there is no such column.
+        """
+        if name not in self.values:
+            raise KeyError(f"no aligned column {name!r}; there are {', '.join(self.columns)}")
+        return self.values[name]
+
+    @cached_property
+    def table(self) -> pd.DataFrame:
+        """All runs below each other: ``run``, ``source``, ``ride``, ``lap``, ``station_m``, then the aligned columns.
+
+        One row a run and station; stations at which a run was not are left out.
+        """
+        parts = [self._part(index) for index in range(len(self.runs))]
+        table = pd.concat(parts, ignore_index=True)
+        for name in ("run", "source"):
+            table[name] = table[name].astype("category")
+        return table
+
+    def _part(self, index: int) -> pd.DataFrame:
+        run = self.runs[index]
+        known = np.isfinite(self.values["time_s"][index])
+        names: dict[str, Any] = {
+            "run": run.label,
+            "source": run.source,
+            "ride": run.ride.index,
+            "lap": 0 if run.lap is None else run.lap.number,
+            "station_m": self.station_m[known],
+        }
+        return pd.DataFrame(names | {name: self.values[name][index][known] for name in self.columns})
+
+    def ghosts(self, period_s: float = 0.1) -> pd.DataFrame:
+        """Where each run was at the same time since its begin.
+
+        Args:
+            period_s: Time between two positions, s.
+
+        Returns:
+            One row a time and run: ``time_s``, ``run``, ``station_m``, ``x_m``, ``y_m``, ``gap_m`` (way ahead of the
+            reference, negative behind), ``speed_m_s``. A run has rows from its first station to its end.
+
+        Raises:
+            ValueError: If the period is not positive.
+        """
+        if not period_s > 0.0:
+            raise ValueError(f"the period of ghosts must be positive, got {period_s!r}")
+        if float(np.nanmax(self.values["time_s"], initial=0.0)) / period_s > MOST_ROWS:
+            raise ValueError(f"ghosts every {period_s:g} s would be more than {MOST_ROWS}")
+        reference = self._over_time(self.reference, "station_m", None)
+        parts = []
+        for index, run in enumerate(self.runs):
+            known = self.values["time_s"][index][np.isfinite(self.values["time_s"][index])]
+            if not len(known):
+                continue
+            time = np.arange(0.0, known[-1] + 1e-9, period_s)
+            time = time[time > known[0] - period_s]  # a recorder may have come late
+            places = {n: self._over_time(index, n, time)[1] for n in ("station_m", "x_m", "y_m", "speed_m_s")}
+            ahead = places["station_m"] - np.interp(time, *reference, left=np.nan, right=np.nan)
+            parts.append(pd.DataFrame({"time_s": time, "run": run.label, **places, "gap_m": ahead}))
+        return pd.concat(parts, ignore_index=True).sort_values(["time_s", "run"], kind="stable", ignore_index=True)
+
+    def _over_time(self, index: int, name: str, time: Floats | None) -> tuple[Floats, Floats]:
+        """A column of a run over time: at its stations, or interpolated at given times."""
+        clock = self.values["time_s"][index]
+        known = np.isfinite(clock)
+        values = self.station_m[known] if name == "station_m" else self.values[name][index][known]
+        if time is None:
+            return clock[known], values
+        return time, np.interp(time, clock[known], values)
+
+    def fastest(self, count: int) -> Comparison:
+        """The same with the fastest runs only, the reference among them.
+
+        Args:
+            count: How many to keep; complete runs come first.
+
+        Returns:
+            A comparison at the same stations.
+        """
+        if len(self.runs) <= count:
+            return self
+        others = [i for i in range(len(self.runs)) if i != self.reference]
+        others.sort(key=lambda i: (not self.runs[i].complete, self.runs[i].duration_s))
+        kept = sorted([self.reference, *others[: count - 1]])
+        runs = tuple(self.runs[i] for i in kept)
+        scales = tuple(self.scales[i] for i in kept)
+        reference = kept.index(self.reference)
+        return replace(self, runs=runs, reference=reference, scales=scales, sectors=_sectors(runs))
+
+    @property
+    def best_sectors_s(self) -> float | None:
+        """The theoretical best lap: the sum of the best sectors, s; None unless every sector has one."""
+        return best_sectors_together([[sector.best_s for sector in self.sectors]])
+
+
+def compare_runs(runs: Sequence[Run], station_m: float | None = None) -> Comparison:
+    """Align runs on the same course.
+
+    Args:
+        runs: At least one.
+        station_m: Distance of stations, m; by default a round number that gives about `STATIONS` of them.
+
+    Returns:
+        The comparison.
+
+    Raises:
+        CourseError: If the courses differ in length.
+        ValueError: If there is no run, or the distance of stations is not positive.
+    """
+    if not runs:
+        raise ValueError("nothing to compare: no ride or lap was given")
+    lengths = [known_length(run.ride.states) for run in runs]
+    told = [length for length in lengths if length is not None]
+    if told and max(told) > (1.0 + SAME_LENGTH) * min(told):
+        raise CourseError(f"rides on different courses cannot be aligned ({_lengths_text(runs, lengths)})")
+    reference = _reference(runs)
+    whole = lengths[reference] or max(float(np.nanmax(station(runs[reference].ride), initial=0.0)), 1e-6)
+    spacing = _round_spacing(whole / STATIONS) if station_m is None else float(station_m)
+    if not (spacing > 0.0 and np.isfinite(spacing)):
+        raise ValueError(f"the distance of stations must be positive, got {station_m!r} m")
+    if whole / spacing > MOST_ROWS:
+        raise ValueError(f"stations {spacing:g} m apart on {whole:.0f} m would be more than {MOST_ROWS}")
+    stations = np.arange(0.0, whole + 1e-9 * whole, spacing)
+    known = lengths[reference]
+    scales = tuple(1.0 if known is None or length is None else known / length for length in lengths)
+    course = min((run.ride.course.name for run in runs if run.ride.course is not None), default="")
+    return Comparison(course, tuple(runs), reference, stations, scales, _sectors(runs))
+
+
+def _lengths_text(runs: Sequence[Run], lengths: Sequence[float | None]) -> str:
+    """The shortest and the longest course, with the run of each."""
+    known = [(length, run.label) for run, length in zip(runs, lengths, strict=True) if length is not None]
+    return ", ".join(f"{label}: {length:.0f} m" for length, label in (min(known), max(known)))
+
+
+def _counted(runs: Sequence[Run]) -> list[int]:
+    """Indices of the runs that may be the best: without out-laps, unless there are no others."""
+    flying = [index for index, run in enumerate(runs) if run.lap is None or not run.lap.out_lap]
+    return flying or list(range(len(runs)))
+
+
+def _reference(runs: Sequence[Run]) -> int:
+    complete = [index for index in _counted(runs) if runs[index].complete]
+    complete = complete or [index for index, run in enumerate(runs) if run.complete]
+    if complete:
+        return min(complete, key=lambda index: runs[index].duration_s)
+    return max(range(len(runs)), key=lambda index: float(runs[index].ride.distance[-1]))
+
+
+def _round_spacing(wanted: float) -> float:
+    """The next smaller of 1, 2 and 5 times a power of ten."""
+    power = 10.0 ** np.floor(np.log10(wanted))
+    return float(max(f * power for f in (1.0, 2.0, 5.0) if f * power <= wanted * (1.0 + 1e-9)))
+
+
+def _rows(run: Run) -> slice:
+    """Rows of the ride's states that tell of a run: of a lap with the states around both crossings."""
+    if run.lap is None:
+        return slice(0, len(run.ride.states))
+    return slice(max(run.lap.first - 1, 0), run.lap.last + 1)
+
+
+def _ways(run: Run, scale: float) -> tuple[Flags, Floats]:
+    """Which of a run's rows are farther than all before, and the ways there, m, stretched by `scale`."""
+    progress = run.ride.states.progress
+    if not np.isfinite(progress).any():
+        progress = run.ride.distance
+    way = (progress[_rows(run)] - run.begin_m) * scale
+    farthest = np.maximum.accumulate(np.where(np.isfinite(way), way, -np.inf))
+    fresh = farthest > np.concatenate([[-np.inf], farthest[:-1]])
+    return fresh, way[fresh]
+
+
+def _sectors(runs: Sequence[Run]) -> tuple[SectorComparison, ...]:
+    """Times of the sectors. Laps tell their own; of a whole ride it is the time between their ends."""
+    course = next((run.ride.course for run in runs if run.ride.course is not None), None)
+    if course is None or not course.section_names:
+        return ()
+    closed = any(run.lap is not None for run in runs)
+    starts = sector_starts(runs[0].ride) if closed else np.unique(course.section_starts)
+    ends = np.append(starts[1:], course.length)
+    names = _sector_names(course.section_names, course.section_starts, starts)
+    times = [_sector_times(run, starts, ends) for run in runs]
+    counted = _counted(runs)
+    found = []
+    for name, start, end, row in zip(names, starts, ends, zip(*times, strict=True), strict=True):
+        known = {k: t for k, t in enumerate(row) if t is not None and k in counted}
+        best = min(known, key=lambda k: known[k], default=None)
+        found.append(SectorComparison(name, float(start), float(end), row, None if best is None else known[best], best))
+    return tuple(found)
+
+
+def _sector_names(names: Sequence[str], given: Floats, starts: Floats) -> list[str]:
+    """Name of the section that each start belongs to."""
+    index = np.searchsorted(np.asarray(given), starts + 1e-6, side="right") - 1
+    return [names[i] if 0 <= i < len(names) else f"sector {k + 1}" for k, i in enumerate(index.tolist())]
+
+
+def _sector_times(run: Run, starts: Floats, ends: Floats) -> list[float | None]:
+    """Time of a run in each sector; None for one that it did not ride whole."""
+    if run.lap is not None:
+        told: list[float | None] = list(run.lap.sectors_s)
+        return told if len(told) == len(starts) else [None] * len(starts)
+    progress, time = farther_than_before(run.ride.states.progress, run.ride.time)
+    if not len(progress):
+        return [None] * len(starts)
+    first, last = progress[0] - ON_THE_LINE, progress[-1] + ON_THE_LINE
+    spans = np.interp(ends, progress, time) - np.interp(starts, progress, time)
+    whole = (starts >= first) & (ends <= last)
+    return [float(span) if ridden else None for span, ridden in zip(spans, whole, strict=True)]

@@ -1,0 +1,135 @@
+"""A recording of laps on a circuit, timed anew, and the theoretical lap beside it.
+
+Everything about the ride comes from the recording; the circuit and the theoretical lap are given beside it. Lap timing
+is computed again from the recorded contact points and compared with the recorded events.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from bike_analysis.read.reading import Floats, Recording, read_recording
+from bike_analysis.read.rides import Ride, find_rides
+from bike_sim.course.lap_timing import Lap, Timing, TimingEvent, TimingKind, time_laps
+from bike_sim.course.placing import EXACT, samples_of
+from bike_sim.course.track import Track
+
+_KINDS: Final = {
+    TimingKind.LAP: "lap",
+    TimingKind.SECTOR: "sector",
+    TimingKind.LEFT_TRACK: "off_course",
+    TimingKind.BACK_ON_TRACK: "back_on_course",
+}
+
+
+@dataclass(frozen=True)
+class Theory:
+    """A theoretical lap on the followed line.
+
+    Attributes:
+        s: Arc length of the line, m, from 0 to its length.
+        speed: m/s.
+        lateral: Lateral acceleration, m/s^2, positive to the left.
+        longitudinal: m/s^2.
+        lap_time: s.
+        sector_times: s.
+    """
+
+    s: Floats
+    speed: Floats
+    lateral: Floats
+    longitudinal: Floats
+    lap_time: float
+    sector_times: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class LapRecording:
+    """A recorded ride on a circuit with its timing.
+
+    Attributes:
+        recording: What was read.
+        ride: Its ride.
+        track: The circuit.
+        timing: Laps, computed again from the recording.
+        events: Timing events, computed again.
+        progress: Along the centre line, m, one value a state.
+        outside: How far the contact point less far out lay outside the limits, m; negative on the track.
+    """
+
+    recording: Recording
+    ride: Ride
+    track: Track
+    timing: Timing
+    events: tuple[TimingEvent, ...]
+    progress: Floats
+    outside: Floats
+
+    @property
+    def flying(self) -> tuple[Lap, ...]:
+        """Laps without the out-lap, which begins with the ride itself, from a rolling start."""
+        return tuple(lap for lap in self.timing.laps if lap.began > self.time[0])
+
+    @property
+    def time(self) -> Floats:
+        """Time since the reset, s, one value a state."""
+        return self.ride.states.step * self.ride.states.control_period
+
+    def rows(self, lap: Lap) -> slice:
+        """States of a lap."""
+        first, last = np.searchsorted(self.time, [lap.began, lap.began + lap.duration])
+        return slice(int(first), int(last))
+
+
+def load_laps(path: str | os.PathLike[str], track: Track) -> LapRecording:
+    """Read a recording and time its laps anew.
+
+    Args:
+        path: The recording; its first ride counts.
+        track: The circuit that was ridden.
+
+    Raises:
+        FileNotFoundError: If there is no such recording.
+        RecordingError: If it is none.
+        ValueError: If its states do not lie on the circuit.
+    """
+    recording = read_recording(path)
+    ride = find_rides(recording)[0]
+    states = ride.states
+    time = states.step * states.control_period
+    rear, front = np.stack([states.x, states.y], axis=1), np.stack([states.front_x, states.front_y], axis=1)
+    begun = next((event for event in ride.events if event.kind == "reset"), None)
+    # A recorder that came after the reset has missed its event; rides begin on the start line or somewhere else.
+    begin = begun.progress_m if begun is not None else float(states.progress[0])
+    begin = 0.0 if abs(begin) < EXACT else begin
+    samples = list(samples_of(track, time, rear, front, begin, begin + math.dist(rear[0], front[0])))
+    timing, events = time_laps(track, samples)
+    progress = np.array([sample.progress for sample in samples])
+    outside = np.minimum(
+        track.outside(progress, np.array([sample.offset for sample in samples])),
+        track.outside(
+            np.array([sample.front_progress for sample in samples]),
+            np.array([sample.front_offset for sample in samples]),
+        ),
+    )
+    if np.abs([sample.offset for sample in samples]).max() > 500.0:
+        raise ValueError(f"the recording {recording.path} was not ridden on circuit {track.name!r}")
+    return LapRecording(recording, ride, track, timing, events, progress, outside)
+
+
+def timing_agrees(laps: LapRecording) -> bool:
+    """Whether the timing computed from the recording equals the recorded events, time by time and bit for bit.
+
+    Left out are the values of the event of leaving the track (a distance there, none here).
+    """
+    again = [(_KINDS[event.kind], event.time, event.progress) for event in laps.events]
+    wanted = set(_KINDS.values())
+    recorded = [(event.kind, event.time_s, event.progress_m) for event in laps.ride.events if event.kind in wanted]
+    again_values = [event.value for event in laps.events if event.kind is not TimingKind.LEFT_TRACK]
+    recorded_values = [e.value for e in laps.ride.events if e.kind in wanted and e.kind != "off_course"]
+    return bool(again) and again == recorded and again_values == recorded_values

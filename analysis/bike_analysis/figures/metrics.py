@@ -1,0 +1,445 @@
+"""Figures of a ride. All of them come from every recorded state; nothing is thinned out.
+
+Distances to the path are those of the rear contact point, t_0 = d(P, P_P0) in the bicycle paper, which evaluates their
+mean and maximum along a ride (Weyrer et al. 2026, Sect. 5.3 and Eq. 15). Distance to the ideal line, time off the
+track, falls and collisions are what the superbike paper tells of a deployed policy (its Table I). Names end in their
+units; what cannot be computed from the recording is None.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import asdict, dataclass, fields
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_analysis.figures.delays import CommandDelay, command_delay
+from bike_analysis.figures.judged import judged_ride
+from bike_analysis.figures.laps import Lap, counted_laps, course_length, find_laps
+from bike_analysis.figures.numbers import best_sectors_together, over, rate, rms_of
+from bike_analysis.figures.track_limits import beyond_limits, time_outside
+from bike_analysis.figures.tyres import TyreFigures, tyre_figures
+from bike_analysis.read.reading import Floats, Latency, States
+from bike_analysis.read.rides import Ride
+
+IDEAL_LINE: Final = "(ideal)"
+"""How the name of a followed line ends that is the circuit's ideal line."""
+
+_ENERGY: Final = re.compile(r"([0-9.]+) kJ")
+
+
+@dataclass(frozen=True)
+class SectionFigures:
+    """Distance to the path within one section of the course, over all laps.
+
+    Attributes:
+        name: The section's name.
+        start_m: Where it begins, as arc length.
+        samples: States in it.
+        mean_error_m: Mean distance.
+        max_error_m: Maximum distance.
+        rms_error_m: Root of the mean squared distance.
+    """
+
+    name: str
+    start_m: float
+    samples: int
+    mean_error_m: float | None
+    max_error_m: float | None
+    rms_error_m: float | None
+
+
+@dataclass(frozen=True)
+class Collision:
+    """A wall that was met (event WALL).
+
+    Attributes:
+        time_s: Time since the reset.
+        progress_m: Where, as arc length.
+        speed_m_s: Speed.
+        energy_j: Energy of the whole motion, to the kilojoule; None where the event does not tell.
+        text: The event's sentence.
+    """
+
+    time_s: float
+    progress_m: float
+    speed_m_s: float
+    energy_j: float | None
+    text: str
+
+
+@dataclass(frozen=True)
+class LapFigures:
+    """Figures of one complete lap. What is not explained here is as in `RideFigures`, over this lap.
+
+    Attributes:
+        lap: Number in the ride, from 1.
+        lap_s: Lap time.
+        sectors_s: Times of the sectors, in order; empty where the course has none.
+        valid: Whether at least one contact point was inside the limits all the time; None where they are not known.
+        from_events: Whether the times are those of the recorded events; else they were found from the states.
+        begin_s: When the lap began, since the ride's first state.
+        out_lap: Whether it began with the ride itself, as from a rolling start, and not by riding over the line.
+    """
+
+    lap: int
+    lap_s: float
+    sectors_s: list[float]
+    valid: bool | None
+    from_events: bool
+    begin_s: float
+    out_lap: bool
+    off_track_s: float | None
+    mean_error_m: float | None
+    max_error_m: float | None
+    rms_error_m: float | None
+    ideal_distance_mean_m: float | None
+    ideal_distance_max_m: float | None
+    speed_min_m_s: float | None
+    speed_mean_m_s: float | None
+    speed_max_m_s: float | None
+    roll_min_deg: float | None
+    roll_max_deg: float | None
+    roll_rate_rms_deg_s: float | None
+    steer_rate_rms_deg_s: float | None
+    acceleration_max_m_s2: float | None
+    braking_max_m_s2: float | None
+    lateral_acceleration_max_m_s2: float | None
+    falls: int
+    lost_steps: int
+
+
+@dataclass(frozen=True)
+class RideFigures:
+    """Figures of one ride.
+
+    Attributes:
+        ride: Number in the recording, from 1.
+        episode: The simulator's number.
+        course: Name of the course, or None where it was not recorded.
+        ended_by: ``finished``, ``fell``, ``off_course`` or ``stopped``.
+        completed: Whether the end of the course, or a full lap of a closed one, was reached without fault.
+        falls: Falls in this ride.
+        off_course: Times that it left the course.
+        duration_s: Simulated time from the first to the last state, or to the finish of an open course.
+        distance_m: Way of the rear contact point up to there.
+        laps: Full laps of a closed course.
+        speed_min_m_s: Lowest speed.
+        speed_mean_m_s: Mean speed.
+        speed_max_m_s: Highest speed.
+        mean_error_m: Mean distance of the rear contact to the path.
+        max_error_m: Maximum distance.
+        rms_error_m: Root of the mean squared distance.
+        max_error_at_m: Progress at which the maximum was met.
+        roll_min_deg: Farthest lean to the left (negative).
+        roll_max_deg: Farthest lean to the right.
+        steer_min_deg: Farthest steer to the right (negative).
+        steer_max_deg: Farthest steer to the left.
+        roll_rate_rms_deg_s: Root mean square of the roll rate.
+        steer_rate_rms_deg_s: Root mean square of the steer rate: the steering activity.
+        steer_torque_rms_nm: Root mean square of the steering drive's torque.
+        roll_rate_max_deg_s: Largest roll rate to either side: how fast it was leaned.
+        steer_rate_max_deg_s: Largest steer rate to either side.
+        command_change_mean: Mean absolute change of the steering command from step to step, of [-1, 1].
+        throttle_change_mean: The same of throttle and brake.
+        acceleration_max_m_s2: Largest change of the speed, by central differences over two steps.
+        braking_max_m_s2: Largest change of the speed downwards, positive.
+        lateral_acceleration_max_m_s2: Largest speed times yaw rate to either side.
+        steps: Recorded steps.
+        lost_steps: Steps missing between the first and the last.
+        lost_commands: Steps between the first and the last command for which none was recorded; None without commands.
+        repeated_states: States recorded more than once.
+        unanswered_states: States without a command, the last state not counted; None if commands were not recorded.
+        command_delay_mean_steps: Mean age of the applied command, see `command_delay`.
+        command_delay_max_steps: Largest age.
+        command_delay_mean_s: Mean age in simulated time.
+        command_delay_max_s: Largest age in simulated time.
+        latency_median_s: Median wall-clock time of the policy's answers since its start, by the ride's last report.
+        latency_p99_s: 99th percentile of the same.
+        ideal_distance_mean_m: Mean distance to the ideal line, over time; None unless that is the followed line.
+        ideal_distance_max_m: Largest distance to it.
+        off_track_s: Time with both contact points outside the limits; None where the limits were not recorded.
+        collisions: Walls that were met.
+        best_lap_s: The fastest complete lap, out-laps not counted where there are others; None without one.
+        theoretical_lap_s: Sum of the best sectors over the same laps; None where sectors are not known.
+        tyres: What tyres and rider aids did; None where no telemetry was recorded.
+        complete_laps: Complete laps from start line to start line.
+        sections: The distance to the path by section of the course.
+    """
+
+    ride: int
+    episode: int
+    course: str | None
+    ended_by: str
+    completed: bool
+    falls: int
+    off_course: int
+    duration_s: float
+    distance_m: float
+    laps: int | None
+    speed_min_m_s: float | None
+    speed_mean_m_s: float | None
+    speed_max_m_s: float | None
+    mean_error_m: float | None
+    max_error_m: float | None
+    rms_error_m: float | None
+    max_error_at_m: float | None
+    roll_min_deg: float | None
+    roll_max_deg: float | None
+    steer_min_deg: float | None
+    steer_max_deg: float | None
+    roll_rate_rms_deg_s: float | None
+    steer_rate_rms_deg_s: float | None
+    steer_torque_rms_nm: float | None
+    roll_rate_max_deg_s: float | None
+    steer_rate_max_deg_s: float | None
+    command_change_mean: float | None
+    throttle_change_mean: float | None
+    acceleration_max_m_s2: float | None
+    braking_max_m_s2: float | None
+    lateral_acceleration_max_m_s2: float | None
+    steps: int
+    lost_steps: int
+    lost_commands: int | None
+    repeated_states: int
+    unanswered_states: int | None
+    command_delay_mean_steps: float | None
+    command_delay_max_steps: int | None
+    command_delay_mean_s: float | None
+    command_delay_max_s: float | None
+    latency_median_s: float | None
+    latency_p99_s: float | None
+    ideal_distance_mean_m: float | None
+    ideal_distance_max_m: float | None
+    off_track_s: float | None
+    collisions: tuple[Collision, ...]
+    best_lap_s: float | None
+    theoretical_lap_s: float | None
+    tyres: TyreFigures | None
+    complete_laps: tuple[LapFigures, ...]
+    sections: tuple[SectionFigures, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """The figures as plain types, ready for JSON."""
+        lists = {name: list(map(asdict, getattr(self, name))) for name in ("collisions", "complete_laps", "sections")}
+        return {**asdict(self), **lists}
+
+
+def ride_figures(ride: Ride) -> RideFigures:
+    """Compute the figures of a ride.
+
+    Args:
+        ride: A ride as recorded. Its motion is judged up to the finish of an open course (`judged_ride`); falls,
+            collisions, gaps and delays are those of the whole recording.
+
+    Returns:
+        Its figures.
+    """
+    whole, ride = ride, judged_ride(ride)
+    states = ride.states
+    error = np.abs(states.lateral_error)
+    mean, largest, rms = error_figures(error)
+    laps = find_laps(ride)
+    outside = beyond_limits(states, ride.course)
+    median, p99 = latency_figures(ride.latencies)
+    left = sum(e.kind == "off_course" and (ride is whole or e.step < states.step[-1]) for e in ride.events)
+    return RideFigures(
+        ride=ride.index,
+        episode=ride.episode,
+        course=ride.course.name if ride.course else None,
+        ended_by=ride.ended_by,
+        completed=ride.ended_by == "finished",
+        falls=_times(whole.states.fallen, sum(e.kind == "fall" for e in ride.events)),
+        off_course=_times(states.off_course, left),
+        duration_s=float(ride.time[-1]),
+        distance_m=float(ride.distance[-1]),
+        laps=_laps(ride),
+        mean_error_m=mean,
+        max_error_m=largest,
+        rms_error_m=rms,
+        max_error_at_m=_at_maximum(error, states.progress),
+        **motion_figures(states),
+        steps=len(whole.states),
+        lost_steps=_lost_steps(whole.states),
+        lost_commands=_lost_commands(whole),
+        repeated_states=ride.repeated_states,
+        unanswered_states=_unanswered(whole),
+        **delay_figures(command_delay(whole)),
+        latency_median_s=median,
+        latency_p99_s=p99,
+        **ideal_figures(ride, slice(None)),
+        off_track_s=time_outside(ride.time, outside),
+        collisions=collisions(ride),
+        best_lap_s=min((lap.duration_s for lap in counted_laps(laps)), default=None),
+        theoretical_lap_s=best_sectors_together(lap.sectors_s for lap in counted_laps(laps) if lap.sectors_s),
+        tyres=tyre_figures(ride),
+        complete_laps=tuple(lap_figures(ride, lap, outside) for lap in laps),
+        sections=section_figures(ride),
+    )
+
+
+def motion_figures(states: States) -> dict[str, Any]:
+    """Speed, lean, steering and accelerations over some states, by name as in `RideFigures`."""
+    roll, steer = np.degrees(states.roll), np.degrees(states.steer)
+    roll_rate, steer_rate = np.degrees(states.roll_rate), np.degrees(states.steer_rate)
+    change = rate(states.speed, states.time_s)
+    return {
+        "speed_min_m_s": over(np.min, states.speed),
+        "speed_mean_m_s": over(np.mean, states.speed),
+        "speed_max_m_s": over(np.max, states.speed),
+        "roll_min_deg": over(np.min, roll),
+        "roll_max_deg": over(np.max, roll),
+        "steer_min_deg": over(np.min, steer),
+        "steer_max_deg": over(np.max, steer),
+        "roll_rate_rms_deg_s": over(rms_of, roll_rate),
+        "steer_rate_rms_deg_s": over(rms_of, steer_rate),
+        "steer_torque_rms_nm": over(rms_of, states.steer_torque),
+        "roll_rate_max_deg_s": over(np.max, np.abs(roll_rate)),
+        "steer_rate_max_deg_s": over(np.max, np.abs(steer_rate)),
+        "command_change_mean": over(np.mean, np.abs(np.diff(states.steering_command[1:]))),
+        "throttle_change_mean": over(np.mean, np.abs(np.diff(states.throttle_command[1:]))),
+        "acceleration_max_m_s2": over(np.max, change),
+        "braking_max_m_s2": over(np.max, -change),
+        "lateral_acceleration_max_m_s2": over(np.max, np.abs(states.speed * states.yaw_rate)),
+    }
+
+
+def delay_figures(delay: CommandDelay) -> dict[str, Any]:
+    """Ages of the applied commands, by name as in `RideFigures`."""
+    return {
+        "command_delay_mean_steps": over(np.mean, delay.steps),
+        "command_delay_max_steps": int(delay.steps.max()) if len(delay.steps) else None,
+        "command_delay_mean_s": over(np.mean, delay.time_s),
+        "command_delay_max_s": over(np.max, delay.time_s),
+    }
+
+
+def ideal_figures(ride: Ride, rows: slice) -> dict[str, Any]:
+    """Mean over time of the distance to the ideal line, and the largest, m; None unless it is the followed line."""
+    if ride.course is None or not ride.course.name.endswith(IDEAL_LINE):
+        return {"ideal_distance_mean_m": None, "ideal_distance_max_m": None}
+    distance, time = np.abs(ride.states.lateral_error[rows]), ride.time[rows]
+    span = float(time[-1] - time[0]) if len(time) > 1 else 0.0
+    mean = float(np.trapezoid(distance, time)) / span if span > 0.0 else over(np.mean, distance)
+    return {"ideal_distance_mean_m": mean, "ideal_distance_max_m": over(np.max, distance)}
+
+
+def lap_figures(ride: Ride, lap: Lap, outside: Floats) -> LapFigures:
+    """Compute the figures of a lap.
+
+    Args:
+        ride: A ride.
+        lap: One of its laps.
+        outside: What `beyond_limits` says of the ride's states.
+
+    Returns:
+        Its figures.
+    """
+    states = ride.states.take(lap.rows)
+    mean, largest, rms = error_figures(np.abs(states.lateral_error))
+    off_track = time_outside(ride.time, outside, lap.begin_s, lap.end_s)
+    motion = motion_figures(states)
+    wanted = [f.name for f in fields(LapFigures) if f.name in motion]
+    return LapFigures(
+        lap=lap.number,
+        lap_s=lap.duration_s,
+        sectors_s=list(lap.sectors_s),
+        valid=None if off_track is None else off_track == 0.0,
+        from_events=lap.from_events,
+        begin_s=lap.begin_s,
+        out_lap=lap.out_lap,
+        off_track_s=off_track,
+        mean_error_m=mean,
+        max_error_m=largest,
+        rms_error_m=rms,
+        **ideal_figures(ride, lap.rows),
+        **{name: motion[name] for name in wanted},
+        falls=int(states.fallen.any()),
+        lost_steps=_lost_steps(states) if len(states) else 0,
+    )
+
+
+def collisions(ride: Ride) -> tuple[Collision, ...]:
+    """Walls that were met, with the energy as the simulator's sentence tells it."""
+    found = []
+    for event in ride.events:
+        if event.kind == "wall":
+            told = _ENERGY.search(event.text)
+            energy = 1e3 * float(told[1]) if told else None
+            found.append(Collision(event.time_s, event.progress_m, event.value, energy, event.text))
+    return tuple(found)
+
+
+def section_figures(ride: Ride) -> tuple[SectionFigures, ...]:
+    """Compute the distance to the path for each section of the course.
+
+    Args:
+        ride: A ride.
+
+    Returns:
+        One entry a section, in order, over all laps; empty if the course or its sections were not recorded.
+    """
+    course = ride.course
+    section = ride.section_of()
+    if course is None or not len(section):
+        return ()
+    error = np.abs(ride.states.lateral_error)
+    figures = []
+    for index, (name, start) in enumerate(zip(course.section_names, course.section_starts, strict=False)):
+        inside = error[section == index]
+        figures.append(SectionFigures(name, float(start), len(inside), *error_figures(inside)))
+    return tuple(figures)
+
+
+def latency_figures(latencies: tuple[Latency, ...]) -> tuple[float | None, float | None]:
+    """Median and 99th percentile of the policy's latency, s, by the last report; None where none tells it.
+
+    Each report is over all answers since the policy's start (the last 100,000), so the last one tells of the most. The
+    first ones are over few answers, of which the very first is slow: their 99th percentile would be that one answer.
+
+    Args:
+        latencies: Reports, in order.
+    """
+    median = [x.median_s for x in latencies if np.isfinite(x.median_s)]
+    p99 = [x.p99_s for x in latencies if np.isfinite(x.p99_s)]
+    return median[-1] if median else None, p99[-1] if p99 else None
+
+
+def error_figures(error: Floats) -> tuple[float | None, float | None, float | None]:
+    """Mean, maximum and root mean square of distances, m."""
+    return over(np.mean, error), over(np.max, error), over(rms_of, error)
+
+
+def _at_maximum(values: Floats, places: Floats) -> float | None:
+    if not np.isfinite(values).any():
+        return None
+    place = float(places[int(np.nanargmax(values))])
+    return place if np.isfinite(place) else None
+
+
+def _times(flags: NDArray[np.bool_], events: int) -> int:
+    """How often something happened: rises of its flag, or events where the flag was not recorded in time."""
+    rises = int(flags[0]) + int(np.sum(flags[1:] & ~flags[:-1]))
+    return max(rises, events)
+
+
+def _laps(ride: Ride) -> int | None:
+    length, progress = course_length(ride), ride.states.progress[np.isfinite(ride.states.progress)]
+    return None if length is None or not len(progress) else int((progress[-1] - progress[0]) // length)
+
+
+def _lost_steps(states: States) -> int:
+    return int(states.step[-1] - states.step[0] + 1 - len(states))
+
+
+def _unanswered(ride: Ride) -> int | None:
+    if not len(ride.commands):
+        return None
+    return int(np.sum(~np.isin(ride.states.step[:-1], ride.commands.step)))
+
+
+def _lost_commands(ride: Ride) -> int | None:
+    steps = np.unique(ride.commands.step)
+    return int(steps[-1] - steps[0] + 1 - len(steps)) if len(steps) else None

@@ -1,0 +1,69 @@
+"""Small things about numbers: columns of them that may be unknown (NaN), and lap times as people write them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+def rms_of(values: NDArray[Any]) -> float:
+    """Root of the mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def over(function: Any, values: NDArray[Any]) -> float | None:
+    """Apply a function to the finite values; None if there are none (the field was not recorded)."""
+    finite = values[np.isfinite(values)]
+    return float(function(finite)) if len(finite) else None
+
+
+def rate(values: Floats, time_s: Floats) -> Floats:
+    """Change over time by central differences; NaN where there are fewer than two values or time stands still.
+
+    They reach over two steps, from the state before to the one behind: what is told beside a state is the change there.
+    The difference to the state before alone would be that of half a step earlier, with twice the noise.
+    """
+    if len(values) < 2:
+        return np.full(len(values), np.nan)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = np.asarray(np.gradient(values, time_s), dtype=np.float64)
+    found[~np.isfinite(found)] = np.nan
+    return found
+
+
+def best_times(laps: Iterable[Sequence[float | None]]) -> tuple[float | None, ...]:
+    """The best time of each sector, s.
+
+    Args:
+        laps: Times of the sectors, one row a lap; None where a sector was not ridden whole. Rows are of equal length.
+
+    Returns:
+        One entry a sector; None where nobody rode it whole.
+    """
+    return tuple(min((t for t in times if t is not None), default=None) for times in zip(*laps, strict=True))
+
+
+def best_sectors_together(laps: Iterable[Sequence[float | None]]) -> float | None:
+    """The sum of the best time of each sector, s: the best lap that could be put together.
+
+    Args:
+        laps: As in `best_times`.
+
+    Returns:
+        The sum of the times as they are, none of them rounded; None unless every sector has a time.
+    """
+    best = best_times(laps)
+    known = [time for time in best if time is not None]
+    return float(sum(known)) if known and len(known) == len(best) else None
+
+
+def lap_text(seconds: float) -> str:
+    """Return a lap time as people write it: to the millisecond, with minutes where there are any."""
+    minutes, milliseconds = divmod(round(1e3 * seconds), 60_000)  # rounded first: 59.9996 s are a minute
+    rest = 1e-3 * milliseconds
+    return f"{minutes}:{rest:06.3f}" if minutes else f"{rest:.3f}"

@@ -1,0 +1,199 @@
+"""A recording, its rides and its laps, with figures and tables that are worked out when they are first asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence, Set
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import count
+from pathlib import Path
+
+import pandas as pd
+
+from bike_analysis.figures.judged import judged_ride
+from bike_analysis.figures.laps import Lap, counted_laps, find_laps
+from bike_analysis.figures.metrics import RideFigures, ride_figures
+from bike_analysis.figures.table import ride_table
+from bike_analysis.read.reading import Course, Event, Recording
+from bike_analysis.read.rides import Ride, find_rides
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedRide:
+    """One ride of a recording, from a reset to the next.
+
+    Attributes:
+        recording: The recording that it is in.
+        data: Its typed columns, commands, events and latencies (`bike_analysis.read.rides.Ride`).
+    """
+
+    recording: RideRecording
+    data: Ride
+
+    def __repr__(self) -> str:
+        return f"<RecordedRide {self.label}: {len(self.data.states)} states, {len(self.laps)} laps>"
+
+    @property
+    def number(self) -> int:
+        """Number in the recording, from 1."""
+        return self.data.index
+
+    @property
+    def label(self) -> str:
+        """Name for people: the file's, and the ride's number where the file has several."""
+        name = self.recording.path.stem
+        return name if len(self.recording.rides) == 1 else f"{name}, ride {self.number}"
+
+    @property
+    def course(self) -> Course | None:
+        """The followed line with its sections and limits, or None where it was not recorded."""
+        return self.data.course
+
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """Falls, walls, laps, sectors and so on, in order."""
+        return self.data.events
+
+    @cached_property
+    def judged(self) -> Ride:
+        """The ride up to the finish of an open course: what figures, pages and comparisons are about."""
+        return judged_ride(self.data)
+
+    @cached_property
+    def figures(self) -> RideFigures:
+        """Figures of the whole ride and of its laps."""
+        return ride_figures(self.data)
+
+    @cached_property
+    def laps(self) -> tuple[RecordedLap, ...]:
+        """Complete laps on a closed course, in order."""
+        return tuple(RecordedLap(self, lap) for lap in find_laps(self.data))
+
+    @property
+    def best_lap(self) -> RecordedLap | None:
+        """The fastest complete lap, out-laps not counted where there are others; None without one."""
+        counted = counted_laps([lap.data for lap in self.laps])
+        return min((lap for lap in self.laps if lap.data in counted), key=lambda lap: lap.duration_s, default=None)
+
+    def table(self) -> pd.DataFrame:
+        """The ride as a table, one row a recorded state.
+
+        Returns:
+            Columns with units in their names, as `bike_analysis.figures.table` says.
+        """
+        return ride_table(self.data)
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedLap:
+    """One complete lap of a ride.
+
+    Attributes:
+        ride: The ride that it is in.
+        data: When it began and ended, its sectors and its rows (`bike_analysis.figures.laps.Lap`).
+    """
+
+    ride: RecordedRide
+    data: Lap
+
+    def __repr__(self) -> str:
+        return f"<RecordedLap {self.label}: {self.duration_s:.3f} s>"
+
+    @property
+    def number(self) -> int:
+        """Number in the ride, from 1."""
+        return self.data.number
+
+    @property
+    def label(self) -> str:
+        """Name for people."""
+        return f"{self.ride.label}, lap {self.number}"
+
+    @property
+    def duration_s(self) -> float:
+        """Lap time, s."""
+        return self.data.duration_s
+
+    @property
+    def sectors_s(self) -> tuple[float, ...]:
+        """Times of the sectors, s; empty where the course has none."""
+        return self.data.sectors_s
+
+    def table(self) -> pd.DataFrame:
+        """The rows of `RecordedRide.table` inside the lap, with ``time_s`` counted from the start line."""
+        table = self.ride.table().iloc[self.data.rows].reset_index(drop=True)
+        table["time_s"] -= self.data.begin_s
+        return table
+
+
+@dataclass(frozen=True, eq=False)
+class RideRecording:
+    """An opened recording.
+
+    Attributes:
+        data: All that was read (`bike_analysis.read.reading.Recording`).
+    """
+
+    data: Recording
+
+    def __repr__(self) -> str:
+        return f"<RideRecording {self.path.name}: {len(self.rides)} rides, {len(self.laps)} laps>"
+
+    @property
+    def path(self) -> Path:
+        """The file."""
+        return self.data.path
+
+    @property
+    def vehicle(self) -> str:
+        """Name of the vehicle; empty where it was not recorded."""
+        return self.data.vehicle
+
+    @property
+    def policy(self) -> str:
+        """Who rode, from the recorder's note ``policy``; empty where unknown."""
+        return self.data.notes.get("policy", "")
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was missing or wrong, a sentence each."""
+        return self.data.warnings
+
+    @cached_property
+    def rides(self) -> tuple[RecordedRide, ...]:
+        """The rides, in order; at least one."""
+        return tuple(RecordedRide(self, ride) for ride in find_rides(self.data))
+
+    @property
+    def laps(self) -> tuple[RecordedLap, ...]:
+        """Complete laps of all rides, in order."""
+        return tuple(lap for ride in self.rides for lap in ride.laps)
+
+
+def folder_prefixes(paths: Sequence[Path]) -> list[str]:
+    """Say what to put before the names of files so that those of one name can be told apart.
+
+    Args:
+        paths: Files, in any order; one may come several times.
+
+    Returns:
+        For each "", or as few of the last folders as differ between files of its name, with a slash behind.
+    """
+    whole = {path: path.resolve() for path in dict.fromkeys(paths)}
+    folders: dict[str, set[Path]] = {}
+    for path in whole.values():
+        folders.setdefault(path.stem, set()).add(path.parent)
+    depths = {name: _depth(those) for name, those in folders.items()}
+    return [
+        "".join(f"{part.strip('/')}/" for part in _last(path.parent, depths[path.stem]))
+        for path in map(whole.__getitem__, paths)
+    ]
+
+
+def _depth(folders: Set[Path]) -> int:
+    """How many of the last parts tell folders apart."""
+    return next(n for n in count() if len({_last(folder, n) for folder in folders}) == len(folders))
+
+
+def _last(folder: Path, parts: int) -> tuple[str, ...]:
+    return folder.parts[-parts:] if parts else ()

@@ -1,0 +1,104 @@
+"""A ride as a pandas table: one row a recorded state, SI units, names that end in their unit.
+
+Suffixes: ``_s`` seconds, ``_m`` metres, ``_m_s`` metres a second, ``_m_s2``, ``_rad``, ``_rad_s``, ``_nm`` newton
+metres, ``_1_m`` one over metres; columns without a suffix are counts, flags, shares in [-1, 1] or names. What was not
+recorded is NaN. Nothing is thinned out.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+
+from bike_analysis.figures.delays import command_ages
+from bike_analysis.figures.laps import Lap, course_length, find_laps, lap_of_states
+from bike_analysis.figures.numbers import rate
+from bike_analysis.figures.track_limits import beyond_limits
+from bike_analysis.figures.tyres import telemetry_columns
+from bike_analysis.read.reading import Floats
+from bike_analysis.read.rides import Ride
+
+STATE_COLUMNS: Final = {
+    "progress_m": "progress",
+    "x_m": "x",
+    "y_m": "y",
+    "yaw_rad": "yaw",
+    "roll_rad": "roll",
+    "pitch_rad": "pitch",
+    "steer_rad": "steer",
+    "rear_wheel_angle_rad": "rear_wheel_angle",
+    "front_wheel_angle_rad": "front_wheel_angle",
+    "roll_rate_rad_s": "roll_rate",
+    "steer_rate_rad_s": "steer_rate",
+    "yaw_rate_rad_s": "yaw_rate",
+    "front_wheel_rate_rad_s": "front_wheel_rate",
+    "speed_m_s": "speed",
+    "front_x_m": "front_x",
+    "front_y_m": "front_y",
+    "lateral_error_m": "lateral_error",
+    "front_lateral_error_m": "front_lateral_error",
+    "heading_error_rad": "heading_error",
+    "curvature_1_m": "curvature",
+    "steering_command": "steering_command",
+    "throttle_command": "throttle_command",
+    "steer_torque_nm": "steer_torque",
+    "fallen": "fallen",
+    "off_course": "off_course",
+    "finished": "finished",
+}
+"""Columns that are fields of the recorded state, by name of the column."""
+
+
+def ride_table(ride: Ride, laps: tuple[Lap, ...] | None = None) -> pd.DataFrame:
+    """Make the table of a ride.
+
+    Args:
+        ride: A ride.
+        laps: Its laps, where they are known already.
+
+    Returns:
+        One row a state; see `docs/analysis.md` for each column.
+    """
+    states = ride.states
+    columns: dict[str, Any] = {
+        "time_s": ride.time,
+        "stamp_s": states.time_s,
+        "step": states.step,
+        "lap": lap_of_states(ride, find_laps(ride) if laps is None else laps),
+        "station_m": station(ride),
+    }
+    steps, seconds = command_ages(ride)
+    columns |= motion_columns(ride, slice(None))
+    columns |= {"command_age_steps": steps, "command_age_s": seconds, "section": _section_names(ride)}
+    return pd.DataFrame(columns)
+
+
+def motion_columns(ride: Ride, rows: slice) -> dict[str, Any]:
+    """Columns of numbers and flags that tell the motion at some of a ride's states, by name."""
+    states = ride.states.take(rows)
+    columns: dict[str, Any] = {"distance_m": ride.distance[rows]}
+    columns |= {name: getattr(states, field) for name, field in STATE_COLUMNS.items()}
+    columns["acceleration_m_s2"] = rate(states.speed, states.time_s)
+    columns["lateral_acceleration_m_s2"] = states.speed * states.yaw_rate
+    columns["outside_m"] = beyond_limits(states, ride.course)
+    return columns | telemetry_columns(ride, rows)
+
+
+def station(ride: Ride) -> Floats:
+    """Where on the course each state is, m: progress, within the lap on a closed course; else the way driven."""
+    states = ride.states
+    if not np.isfinite(states.progress).any():
+        return ride.distance
+    length = course_length(ride)
+    return states.progress if length is None else np.mod(states.progress, length)
+
+
+def _section_names(ride: Ride) -> Any:
+    course, index = ride.course, ride.section_of()
+    names: list[str] = [] if course is None or not len(index) else list(dict.fromkeys(course.section_names))
+    codes = np.full(len(ride.states), -1, dtype=np.int64)
+    if course is not None and len(index):
+        codes = np.array([names.index(name) for name in course.section_names] + [-1], dtype=np.int64)[index]
+    return pd.Categorical.from_codes(codes, pd.Index(names, dtype=object))

@@ -1,0 +1,1 @@
+"""From numbers to what people look at: the report pages with their script and style, and the picture."""

@@ -1,0 +1,246 @@
+"""The view of one ride: its map, and error, lean, speed and command over distance or time.
+
+Signs are those of the recording: roll positive leaning right, steer and lateral error positive to the left.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_analysis.figures.delays import command_ages
+from bike_analysis.figures.laps import lap_range
+from bike_analysis.figures.track_limits import beyond_limits, has_limits
+from bike_analysis.page.view import KMH, Channel, Line, MapLine, Mark, Panel, Section, Series, View, growing
+from bike_analysis.read.reading import Course, Floats
+from bike_analysis.read.rides import Ride
+
+GRAVITY: Final = 9.81
+"""m/s^2, as in the benchmark of Meijaard et al. (2007)."""
+FAST: Final = 15.0
+"""Beyond this speed km/h are shown, m/s."""
+OFF_TRACK_POINTS: Final = 400
+"""Marks of places off the track, at most."""
+_KMH: Final = 3.6
+
+ERROR: Final = Panel(
+    *("error", "Distance to the path", "to the left", "m", (Line("error", "distance", "blue", fill="area"),)),
+    caption="Signed distance of the rear contact point, positive to the left.",
+    least=0.02,
+)
+LEAN: Final = Panel(
+    *("lean", "Lean and steer", "angle", "°"),
+    (
+        Line("balance", "balanced turn", "band", fill="band"),
+        Line("steer", "steer δ", "orange"),
+        Line("roll", "roll φ", "blue"),
+    ),
+    caption="Roll is positive leaning right, steer positive to the left. The band is the lean that balances the path's "
+    "curvature κ at this speed, −atan(v²κ/g). A short steer to the other side before a turn is counter-steering.",
+)
+SPEED: Final = Panel("speed", "Speed", "speed", "m/s", (Line("speed", "speed", "green"),), zero=False, least=0.2)
+THROTTLE: Final = Panel(
+    *("throttle", "Throttle and brake", "throttle", "%", (Line("throttle", "throttle", "green", "area", step=True),)),
+    caption="Below zero it brakes.",
+)
+COMMAND: Final = Panel(
+    *("command", "Steering command", "command", ""),
+    (Line("reached", "steer reached", "muted", dash=True), Line("command", "applied", "blue", step=True)),
+    caption="Set value in [−1, 1], positive to the left, and the steering angle on the same scale.",
+)
+AGE: Final = Panel(
+    *("age", "Delay of the command", "age", "steps", (Line("age", "age", "violet", "area", step=True),)),
+    caption="Control steps between the state that a command answers and the state from which it was applied; 0 means "
+    "that the very next step used it.",
+    least=1.2,
+)
+
+
+def ride_view(ride: Ride, key: str, title: str) -> View:
+    """Say what is drawn of a ride.
+
+    Args:
+        ride: A ride.
+        key: Unique name on the page.
+        title: For exported pictures.
+
+    Returns:
+        Its view. What was not recorded is left out.
+    """
+    columns = ride_columns(ride, slice(0, len(ride.states)))
+    fast = is_fast(ride)
+    return View(
+        key,
+        title,
+        (Series(ride.course.name if ride.course else "ride", columns),),
+        panels_for(columns, fast),
+        map_lines(ride),
+        ride_marks(ride),
+        section_labels(ride.course),
+        course_sections(ride, columns["distance"]),
+        tuple(name for name in ("error", "speed", "roll", "steer", "throttle") if name in columns),
+        "The path driven over the path wanted; the dot is the rear contact point at the cursor.",
+        speed_channels(fast),
+    )
+
+
+def is_fast(ride: Ride) -> bool:
+    """Whether the ride is one of a motorcycle, by its speed."""
+    speed = ride.states.speed
+    return bool(np.isfinite(speed).any()) and float(np.nanmax(speed)) > FAST
+
+
+def speed_channels(fast: bool) -> dict[str, Channel]:
+    """The channel of the speed, where it is not the usual one."""
+    return {"speed": KMH} if fast else {}
+
+
+def ride_columns(ride: Ride, rows: slice, begin_m: float = 0.0, begin_s: float | None = None) -> dict[str, Floats]:
+    """Columns of a stretch of a ride, as the page shows them.
+
+    Args:
+        ride: A ride.
+        rows: The stretch.
+        begin_m: Progress that counts as distance 0, m.
+        begin_s: Time since the ride's first state that counts as 0, s; that of the stretch's first row if None.
+
+    Returns:
+        Columns by name (see `bike_analysis.page.view.CHANNELS`); what was not recorded is missing.
+    """
+    states = ride.states.take(rows)
+    time = ride.time[rows]
+    known = np.isfinite(states.progress).any()
+    way = states.progress - begin_m if known else ride.distance[rows] - ride.distance[rows][0]
+    speed = states.speed
+    limit = np.where(states.steering_limit > 0.0, states.steering_limit, np.nan)
+    columns: dict[str, NDArray[Any]] = {
+        "distance": growing(way),
+        "time": growing(time - (time[0] if begin_s is None else begin_s)),
+        "x": states.x,
+        "y": states.y,
+        "yaw": states.yaw,
+        "error": states.lateral_error,
+        "roll": np.degrees(states.roll),
+        "steer": np.degrees(states.steer),
+        "balance": -np.degrees(np.arctan(speed**2 * states.curvature / GRAVITY)),
+        "speed": speed * (_KMH if is_fast(ride) else 1.0),
+        "throttle": 100.0 * states.throttle_command,
+        "command": states.steering_command,
+        "reached": states.steer / limit,
+        "age": command_ages(ride)[0][rows],
+    }
+    if not np.any(np.nan_to_num(states.throttle_command)):
+        del columns["throttle"]  # a vehicle without a drive
+    return {name: column for name, column in columns.items() if np.isfinite(column).any()}
+
+
+def panels_for(columns: dict[str, Floats], fast: bool) -> tuple[Panel, ...]:
+    """The panels of which there is something to draw."""
+    speed = replace(SPEED, unit=KMH.unit) if fast else SPEED
+    order = (ERROR, LEAN, speed, THROTTLE, COMMAND, AGE)
+    kept = []
+    for panel in order:
+        lines = tuple(line for line in panel.lines if line.column in columns)
+        if lines:
+            kept.append(replace(panel, lines=lines))
+    return tuple(kept)
+
+
+def map_lines(ride: Ride) -> tuple[MapLine, ...]:
+    """The path wanted and, where they were recorded, the limits."""
+    x, y = ride.reference_line()
+    lines = [MapLine("path wanted", "wanted", x, y)]
+    course = ride.course
+    if course is not None and has_limits(course):
+        heading = np.arctan2(np.gradient(course.y), np.gradient(course.x))
+        for name, side in (("left limit", course.width_left), ("right limit", -course.width_right)):
+            limit_x, limit_y = course.x - side * np.sin(heading), course.y + side * np.cos(heading)
+            if course.closed:
+                limit_x, limit_y = np.append(limit_x, limit_x[0]), np.append(limit_y, limit_y[0])
+            lines.append(MapLine(name, "limit", limit_x, limit_y))
+    return tuple(lines)
+
+
+def ride_marks(ride: Ride) -> tuple[Mark, ...]:
+    """Where it began and ended, where something went wrong, and where both wheels were beyond the limits."""
+    states = ride.states
+    marks = [marked("start", "triangle-up", "ink", ride, [0])]
+    flags = {"fall": states.fallen, "off_course": states.off_course}
+    for kind, name in (("fall", "fall"), ("off_course", "off course"), ("wall", "wall")):
+        steps = [event.step for event in ride.events if event.kind == kind]
+        rows = np.clip(np.searchsorted(states.step, steps), 0, len(states) - 1).tolist()
+        if not rows and kind in flags and flags[kind].any():
+            rows = [int(np.argmax(flags[kind]))]
+        if rows:
+            marks.append(marked(name, "x-thin", "orange", ride, rows))
+    if len(marks) == 1:
+        marks.append(marked("end", "square", "ink", ride, [len(states) - 1]))
+    off = off_track(ride, beyond_limits(states, ride.course))
+    return tuple(marks if off is None else [*marks, off])
+
+
+def off_track(ride: Ride, outside: Floats) -> Mark | None:
+    """Mark the places beyond the limits, where `outside` (m, one value a state) is positive; None without any."""
+    rows = np.flatnonzero(outside > 0.0)
+    if not len(rows):
+        return None
+    return marked("off the track", "circle-open", "orange", ride, rows[:: -(-len(rows) // OFF_TRACK_POINTS)].tolist())
+
+
+def marked(name: str, symbol: str, colour: str, ride: Ride, rows: list[int]) -> Mark:
+    """Mark the places of some states."""
+    return Mark(name, symbol, colour, ride.states.x[rows].tolist(), ride.states.y[rows].tolist())
+
+
+def section_labels(course: Course | None) -> tuple[dict[str, Any], ...]:
+    """Number of each section, to the left of its middle."""
+    labels = []
+    for number, place, left in section_middles(course):
+        assert course is not None
+        beside = 0.025 * max(float(np.ptp(course.x)), float(np.ptp(course.y)))
+        x, y = place + beside * left
+        labels.append({"x": round(float(x), 3), "y": round(float(y), 3), "text": str(number)})
+    return tuple(labels)
+
+
+def section_middles(course: Course | None) -> Iterator[tuple[int, Floats, Floats]]:
+    """Number of each section with the place of its middle, m, and the direction to the left there."""
+    if course is None or len(course.x) < 3 or not course.section_names:
+        return
+    bounds = np.append(course.section_starts, course.length)
+    for number, middle in enumerate(0.5 * (bounds[:-1] + bounds[1:]), start=1):
+        at = int(np.clip(np.searchsorted(course.s, middle), 1, len(course.s) - 2))
+        dx, dy = course.x[at + 1] - course.x[at - 1], course.y[at + 1] - course.y[at - 1]
+        left = np.array([-dy, dx]) / max(float(np.hypot(dx, dy)), 1e-9)
+        yield number, np.array([course.x[at], course.y[at]]), left
+
+
+def course_sections(ride: Ride, distance: Floats, lap_begin: float = 0.0) -> tuple[Section, ...]:
+    """Sections of the course as rows of the ride; a closed course repeats them every lap.
+
+    Args:
+        ride: A ride.
+        distance: Its distance as the view has it, m.
+        lap_begin: Progress at the distance 0, m.
+
+    Returns:
+        The sections, in order; those that were not come by are missing.
+    """
+    course = ride.course
+    if course is None or not course.section_names or not len(distance):
+        return ()
+    first, last = float(distance[0]) + lap_begin, float(distance[-1]) + lap_begin
+    laps = lap_range(first, last, course.length) if course.closed else range(1)
+    found = []
+    for lap in laps:
+        bounds = np.append(course.section_starts, course.length) + lap * course.length - lap_begin
+        for number, (begin, end) in enumerate(pairwise(np.searchsorted(distance, bounds)), start=1):
+            stop = int(min(end, len(distance) - 1))
+            if begin < stop:
+                found.append(Section(str(number), course.section_names[number - 1], int(begin), stop))
+    return tuple(found)

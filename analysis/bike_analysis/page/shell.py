@@ -1,0 +1,98 @@
+"""The frame that all pages share: one HTML file that needs no network, in light and dark, for desk and phone.
+
+It holds style, script, Plotly and the policy that keeps the browser from asking anybody for anything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from functools import cache
+from html import escape
+from importlib.resources import files
+from typing import Final
+
+from bike_analysis.page.html import html_text, script_json
+from bike_analysis.page.style import style_variables
+from bike_analysis.page.view import View
+
+_SCRIPTS: Final = (
+    "page_data.js",
+    "page_input.js",
+    "page_plots.js",
+    "page_sketch.js",
+    "page_view.js",
+    "page_bar.js",
+    "follow_view.js",
+    "page_main.js",
+)
+_POLICY: Final = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
+_KEYS: Final = (
+    ("← →", "move the cursor; with shift ten times as far"),
+    ("Home End", "to the beginning, to the end (with the focus on a plot)"),
+    ("+ −", "zoom about the cursor"),
+    ("0", "the whole ride"),
+    ("p", "play, pause"),
+    ("t", "light or dark"),
+    ("mouse", "drag a stretch to zoom into it, double-click for all; shift-drag pans; control and wheel zoom"),
+    ("fingers", "one moves the cursor, two zoom and pan"),
+)
+
+
+def page_shell(title: str, below: str, parts: Iterable[str], views: Sequence[View]) -> str:
+    """Put a page together.
+
+    Args:
+        title: Headline.
+        below: HTML under it.
+        parts: HTML of the page, with the frames of the views (`bike_analysis.page.view.view_html`) in their order.
+        views: What the script draws into them.
+
+    Returns:
+        The whole page.
+    """
+    data = script_json([view.data() for view in views])
+    keys = "".join(f"<dt>{_kbd(key)}</dt><dd>{escape(text)}</dd>" for key, text in _KEYS)
+    return "\n".join(
+        [
+            "<!DOCTYPE html>",
+            '<html lang="en"><head><meta charset="utf-8">',
+            f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">',
+            '<meta name="viewport" content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">',
+            f"<title>{html_text(title)}</title><style>{page_style()}</style></head><body><main>",
+            f"<header><h1>{html_text(title)}</h1>",
+            f'<button id="theme" type="button" aria-label="Dark colours">Dark</button>{below}</header>',
+            f"<details><summary>Keys and gestures</summary><dl class=keys>{keys}</dl></details>",
+            '<noscript><p class="warning">The plots need JavaScript; the tables do not.</p></noscript>',
+            *parts,
+            "</main>",
+            f'<script type="application/json" id="page-data">{data}</script>',
+            f"<script>{_plotly()}</script>",
+            f"<script>{page_script()}</script>",
+            "</body></html>",
+        ]
+    )
+
+
+@cache
+def _plotly() -> str:
+    """Plotly's script as its Python package carries it."""
+    return (files("plotly") / "package_data" / "plotly.min.js").read_text(encoding="utf-8")
+
+
+@cache
+def page_script() -> str:
+    """Return the page's own script."""
+    here = files("bike_analysis.page")
+    parts = "\n".join((here / name).read_text(encoding="utf-8") for name in _SCRIPTS)
+    return f'(() => {{\n"use strict";\n{parts}}})();'
+
+
+@cache
+def page_style() -> str:
+    """Return the style sheet of report pages."""
+    text = (files("bike_analysis.page") / "page.css").read_text(encoding="utf-8")
+    return text.replace("@LIGHT@", style_variables(dark=False)).replace("@DARKER@", style_variables(dark=True))
+
+
+def _kbd(keys: str) -> str:
+    return " ".join(f"<kbd>{escape(key)}</kbd>" for key in keys.split())

@@ -1,0 +1,354 @@
+"""What an interactive view of the page consists of, and how it becomes HTML and data.
+
+A view has one cursor and one shown stretch for all that it draws: panels over distance or time, a map, a cloud of
+points, the ride seen from behind. ``page_view.js`` draws it; here is only said what there is to draw.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from html import escape
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_analysis.page.embed import embed
+from bike_analysis.read.reading import Floats
+from bike_analysis.read.text import shown
+
+SERIES_COLOURS: Final = ("blue", "orange", "green", "violet", "gold", "rose")
+"""Names of the colours of several series, in order; repeated if there are more."""
+MAP_QUANTUM: Final = 1e-3
+"""Places are kept to this, m."""
+LINE_POINTS: Final = 6000
+"""Points of a line behind the map, at most."""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A quantity.
+
+    Attributes:
+        label: What it is, for people.
+        unit: As it is shown; empty without one.
+        digits: Decimals that are shown; two more are kept.
+        absolute: Whether the map is coloured by its size alone.
+    """
+
+    label: str
+    unit: str
+    digits: int
+    absolute: bool = False
+
+
+CHANNELS: Final = {
+    "distance": Channel("Distance", "m", 1),
+    "time": Channel("Time", "s", 2),
+    "x": Channel("x", "m", 1),
+    "y": Channel("y", "m", 1),
+    "yaw": Channel("yaw", "rad", 2),
+    "error": Channel("Distance to the path", "m", 3, absolute=True),
+    "roll": Channel("Roll", "°", 1, absolute=True),
+    "steer": Channel("Steer", "°", 1, absolute=True),
+    "balance": Channel("Lean that balances the turn", "°", 1, absolute=True),
+    "speed": Channel("Speed", "m/s", 2),
+    "command": Channel("Steering command", "", 3, absolute=True),
+    "reached": Channel("Steer reached", "", 3, absolute=True),
+    "throttle": Channel("Throttle and brake", "%", 0),
+    "age": Channel("Age of the command", "steps", 0),
+    "delta": Channel("Time lost", "s", 3),
+    "lateral": Channel("Lateral acceleration", "g", 2, absolute=True),
+    "along": Channel("Longitudinal acceleration", "g", 2),
+}
+"""Quantities that views show, by the name of their column."""
+KMH: Final = Channel("Speed", "km/h", 1)
+"""Speed of a machine that rides on roads and circuits."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of a panel.
+
+    Attributes:
+        column: What it shows.
+        name: In the legend.
+        colour: Name of a colour of the page; with several series theirs are taken.
+        fill: Empty, ``area`` (filled to zero) or ``band`` (filled without a line).
+        step: Whether a value holds from the row before on.
+        dash: Whether it is dashed.
+    """
+
+    column: str
+    name: str
+    colour: str
+    fill: str = ""
+    step: bool = False
+    dash: bool = False
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A plot over distance or time.
+
+    Attributes:
+        key: Name within its view.
+        title: Above it.
+        label: Of its vertical axis.
+        unit: Of its vertical axis.
+        lines: What it shows.
+        caption: Below it.
+        zero: Whether zero is always in sight.
+        least: Smallest height of the shown range, in units of the axis.
+    """
+
+    key: str
+    title: str
+    label: str
+    unit: str
+    lines: tuple[Line, ...]
+    caption: str = ""
+    zero: bool = True
+    least: float = 0.0
+
+
+@dataclass(frozen=True)
+class Series:
+    """A ride, a lap or a theory: columns of equal length, ``distance`` and ``time`` among them, neither falling.
+
+    Attributes:
+        name: For people.
+        columns: By name.
+        colour: Name of a colour.
+        theory: Whether it was computed and not ridden.
+    """
+
+    name: str
+    columns: dict[str, Floats]
+    colour: str = "blue"
+    theory: bool = False
+
+
+@dataclass(frozen=True)
+class MapLine:
+    """A line behind the path driven: ``wanted`` or ``limit`` in `role`; places in m."""
+
+    name: str
+    role: str
+    x: Floats
+    y: Floats
+
+
+@dataclass(frozen=True)
+class Mark:
+    """Places marked on the map, with a symbol of Plotly's."""
+
+    name: str
+    symbol: str
+    colour: str
+    x: list[float]
+    y: list[float]
+
+
+@dataclass(frozen=True)
+class Section:
+    """A stretch of the first series, rows `first` to `last` (exclusive); `shaded` for one that stands alone."""
+
+    label: str
+    name: str
+    first: int
+    last: int
+    shaded: bool = False
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """Points of one column over another with the same scale on both axes."""
+
+    title: str
+    x: str
+    y: str
+    x_label: str
+    y_label: str
+    box: tuple[float, float, float, float]
+    caption: str
+
+
+@dataclass(frozen=True)
+class View:
+    """All that one view draws.
+
+    Attributes:
+        key: Unique name on the page.
+        title: Of exported pictures.
+        series: The first one carries the cursor.
+        panels: From top to bottom.
+        lines: Behind the map.
+        marks: On the map.
+        labels: On the map, ``x``, ``y`` and ``text``.
+        sections: Stretches of the first series.
+        colours: Columns by which the path may be coloured; the first is chosen.
+        map_caption: Below the map.
+        channels: Differing from `CHANNELS`.
+        cloud: Or None.
+        follow: What the ride seen from behind needs beside the columns, or None.
+    """
+
+    key: str
+    title: str
+    series: tuple[Series, ...]
+    panels: tuple[Panel, ...]
+    lines: tuple[MapLine, ...] = ()
+    marks: tuple[Mark, ...] = ()
+    labels: tuple[dict[str, Any], ...] = ()
+    sections: tuple[Section, ...] = ()
+    colours: tuple[str, ...] = ()
+    map_caption: str = ""
+    channels: dict[str, Channel] = field(default_factory=dict)
+    cloud: Cloud | None = None
+    follow: dict[str, Any] | None = None
+
+    def channel(self, name: str) -> Channel:
+        """The quantity of a column."""
+        return self.channels.get(name, CHANNELS[name])
+
+    def data(self) -> dict[str, Any]:
+        """What the script needs, ready for JSON."""
+        names = {name for series in self.series for name in series.columns}
+        cloud = self.cloud
+        return {
+            "title": shown(self.title),
+            "axes": ["distance", "time"],
+            "channels": {name: asdict(self.channel(name)) for name in sorted(names | {"time", "distance"})},
+            "series": [self._packed(series) for series in self.series],
+            "panels": [asdict(panel) for panel in self.panels],
+            "map": {
+                "lines": [_packed_line(line) for line in self.lines],
+                "marks": [_packed_mark(mark) for mark in self.marks],
+                "labels": [label | {"text": shown(label["text"])} for label in self.labels],
+                "colours": list(self.colours),
+            },
+            "sections": [
+                asdict(section) | {"label": shown(section.label), "name": shown(section.name)}
+                for section in self.sections
+            ],
+            "cloud": None
+            if cloud is None
+            else {
+                **{"title": cloud.title, "x": cloud.x, "y": cloud.y, "box": list(cloud.box)},
+                **{"xLabel": cloud.x_label, "yLabel": cloud.y_label},
+            },
+            "follow": self.follow,
+        }
+
+    def _packed(self, series: Series) -> dict[str, Any]:
+        columns = {name: embed(column, self._quantum(name)) for name, column in series.columns.items()}
+        return {"name": shown(series.name), "colour": series.colour, "theory": series.theory, "columns": columns}
+
+    def _quantum(self, name: str) -> float:
+        return MAP_QUANTUM if name in ("x", "y") else 10.0 ** -(self.channel(name).digits + 2)
+
+
+def _packed_mark(mark: Mark) -> dict[str, Any]:
+    places = [(x, y) for x, y in zip(mark.x, mark.y, strict=True) if np.isfinite(x) and np.isfinite(y)]
+    return asdict(mark) | {"x": [x for x, _ in places], "y": [y for _, y in places]}
+
+
+def _packed_line(line: MapLine) -> dict[str, Any]:
+    every = max(1, -(-len(line.x) // LINE_POINTS))
+    rows = np.unique(np.append(np.arange(0, len(line.x), every), len(line.x) - 1)) if len(line.x) else np.arange(0)
+    packed = {"x": embed(line.x[rows], MAP_QUANTUM), "y": embed(line.y[rows], MAP_QUANTUM)}
+    return {"name": shown(line.name), "role": line.role, **packed}
+
+
+def growing(values: NDArray[Any]) -> Floats:
+    """The same column without falls: each value at least the largest before it; what is missing takes that one."""
+    filled = np.where(np.isfinite(values), values, -np.inf)
+    highest = np.maximum.accumulate(filled) if len(filled) else filled
+    return np.where(np.isfinite(highest), highest, values[np.isfinite(values)][0] if np.isfinite(values).any() else 0.0)
+
+
+def series_colour(index: int) -> str:
+    """Colour of the series with this index."""
+    return SERIES_COLOURS[index % len(SERIES_COLOURS)]
+
+
+# ---- as HTML --------------------------------------------------------------------------------------------------------
+
+_EXPORT: Final = (
+    '<span class="export"><button type="button" data-save="svg" aria-label="Save “@” as SVG">SVG</button>'
+    '<button type="button" data-save="png" aria-label="Save “@” as PNG">PNG</button></span>'
+)
+
+
+def view_html(view: View) -> str:
+    """Return the frame of a view: its figures with titles, captions and buttons, into which the script draws."""
+    side = _follow_html(view) + (_map_html(view) if "x" in view.series[0].columns else "")
+    panels = [_figure(panel.key, panel.title, panel.caption, "panel") for panel in view.panels]
+    if view.cloud is not None:
+        panels.append(_figure("cloud", view.cloud.title, view.cloud.caption, "cloud"))
+    return "\n".join(
+        [
+            f'<div class="view" id="{escape(view.key)}-view">',
+            _tools_html(view),
+            f'<div class="bench"><div class="side">{side}</div>',
+            f'<div class="traces">{"".join(panels)}</div></div></div>',
+        ]
+    )
+
+
+def _figure(key: str, title: str, caption: str, kind: str, head: str = "", foot: str = "") -> str:
+    name = escape(title, quote=True)
+    words = f"<figcaption>{escape(caption)}</figcaption>" if caption else ""
+    return (
+        f'<figure class="card {kind}" data-plot="{key}"><header><h4>{name}</h4>{head}<div class="legend"></div>'
+        f'{_EXPORT.replace("@", name)}</header><div class="plot"></div>{foot}{words}</figure>'
+    )
+
+
+def _map_html(view: View) -> str:
+    several = len(view.series) > 1
+    options = [f'<option value="{name}">{escape(view.channel(name).label)}</option>' for name in view.colours]
+    if several:
+        options.append('<option value="">which ride or lap</option>')
+    choice = ""
+    if len(options) > 1:
+        choice = '<label class="choice"><span>coloured by </span><select aria-label="The path is coloured by">'
+        choice += f"{''.join(options)}</select></label>"
+    return _figure("map", "Map", view.map_caption, "map", choice, '<div class="scale"></div>')
+
+
+def _follow_html(view: View) -> str:
+    if view.follow is None:
+        return ""
+    return (
+        '<figure class="follow" data-plot="follow"><canvas width="960" height="540" role="img" '
+        'aria-label="The ride seen from behind, at the cursor"></canvas></figure>'
+    )
+
+
+def _tools_html(view: View) -> str:
+    axis = "".join(
+        f'<label><input type="radio" name="{escape(view.key)}-axis" value="{name}"{checked}>{name}</label>'
+        for name, checked in (("distance", " checked"), ("time", ""))
+    )
+    rates = "".join(
+        f'<option value="{rate}"{" selected" if rate == "1" else ""}>{rate} ×</option>'
+        for rate in ("0.25", "1", "4", "16", "64")
+    )
+    buttons = (
+        ("in", "+", "Zoom in"),
+        ("out", "−", "Zoom out"),
+        ("whole", "Whole ride", "Show the whole ride"),
+        ("play", "Play", "Play or pause"),
+    )
+    shown = "".join(
+        f'<button type="button" data-do="{key}" aria-label="{name}" title="{name}">{text}</button>'
+        for key, text, name in buttons
+    )
+    series = '<div class="series" role="group" aria-label="Shown"></div>' if len(view.series) > 1 else ""
+    return (
+        f'<div class="tools"><fieldset class="switch"><legend>over</legend>{axis}</fieldset>'
+        f'<div class="buttons">{shown}<select class="rate" aria-label="Pace of playing">{rates}</select></div>'
+        f'<p class="now"><span></span><span></span><span></span></p>{series}</div>'
+    )

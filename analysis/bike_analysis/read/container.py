@@ -1,0 +1,514 @@
+"""The container: raw messages out of an MCAP file, also out of one that was torn off or damaged at any byte.
+
+The index at the end of an MCAP file is what a killed recorder never wrote, so it is not needed: the records are read in
+order from the beginning, chunk by chunk, until the footer or until a record is not whole. Chunks are checked against
+their CRC, and one that is damaged is left out. Only chunks are decompressed; what the file declares about its lengths
+is believed only where it fits the file, so that a damaged length cannot eat memory.
+
+Format: the MCAP specification, https://mcap.dev/spec. The `mcap` library decodes the small records.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+import stat
+import struct
+import zlib
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+from typing import IO, Any, Final, NamedTuple
+
+import lz4.frame  # type: ignore[import-untyped]
+import numpy as np
+import yaml
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Footer, Header, Metadata, Schema
+from numpy.typing import NDArray
+
+from bike_analysis.read.records import MESSAGE_BYTES, RECORD_BYTES, scan
+
+MAGIC: Final = b"\x89MCAP0\r\n"
+BLOCK_BYTES: Final = 8 * 1024 * 1024
+"""Contents of chunks that are looked at together."""
+LARGEST_RECORD: Final = 256 * 1024 * 1024
+"""A record or a chunk's contents beyond this size are not read, bytes. Recorders make chunks of a few megabytes."""
+
+METADATA_FILE: Final = "metadata.yaml"
+LARGEST_METADATA: Final = 4 * 1024 * 1024
+"""Beyond this size `METADATA_FILE` is not parsed, bytes. That of a thousand files has a tenth of it."""
+
+_NUMBERED: Final = re.compile(r"(.+)_(\d+)\.mcap")
+_ZSTD: Final = zstandard.ZstdDecompressor()
+_RECORD: Final = struct.Struct("<BQ")
+_CHUNK: Final = struct.Struct("<QQQII")
+_LENGTH: Final = struct.Struct("<Q")
+_KINDS: Final[dict[int, Any]] = {
+    Opcode.HEADER: Header,
+    Opcode.SCHEMA: Schema,
+    Opcode.CHANNEL: Channel,
+    Opcode.METADATA: Metadata,
+}
+_DAMAGE: Final = (McapError, EOFError, struct.error, UnicodeDecodeError, OverflowError, MemoryError, ValueError)
+
+
+class RecordingError(ValueError):
+    """The file is not a recording of a ride, or nothing of it can be read."""
+
+
+class RawMessage(NamedTuple):
+    """One message as recorded.
+
+    Attributes:
+        channel: Id of its channel in `Container.channels`.
+        log_time_ns: Time at which it was recorded, ns.
+        data: Its CDR bytes.
+    """
+
+    channel: int
+    log_time_ns: int
+    data: bytes
+
+
+@dataclass(frozen=True)
+class Block:
+    """Messages of some chunks, in the order of recording.
+
+    Attributes:
+        contents: Bytes that they lie in.
+        channel: Channel of each message.
+        log_time_ns: Log time of each message, ns.
+        begin: Where the CDR bytes of each message begin in `contents`.
+        end: Where they end.
+        first: Place of the first message in the recording, counted from 1 over all topics.
+    """
+
+    contents: NDArray[np.uint8]
+    channel: NDArray[np.int64]
+    log_time_ns: NDArray[np.int64]
+    begin: NDArray[np.int64]
+    end: NDArray[np.int64]
+    first: int
+
+    def __len__(self) -> int:
+        return len(self.channel)
+
+    def data(self, index: int) -> bytes:
+        """CDR bytes of one message."""
+        return self.contents[self.begin[index] : self.end[index]].tobytes()
+
+
+@dataclass
+class Container:
+    """An MCAP file. Reading `blocks` or `messages` fills the other attributes.
+
+    Attributes:
+        path: The file.
+        channels: Channels met so far, by id.
+        schemas: Schemas met so far, by id.
+        metadata: Metadata records met so far, by name.
+        counts: Messages met so far, by channel.
+        truncated: Whether reading ended before the file's own end.
+        bytes_read: Length of the part that was whole, bytes.
+        reason: Why reading ended early, in words; empty for a whole file.
+        damaged_chunks: Chunks that were left out.
+        damage: What was wrong with the first of them, in words.
+    """
+
+    path: Path
+    channels: dict[int, Channel] = field(default_factory=dict)
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    counts: dict[int, int] = field(default_factory=dict)
+    truncated: bool = False
+    bytes_read: int = 0
+    reason: str = ""
+    damaged_chunks: int = 0
+    damage: str = ""
+    _only_summary_left: bool = field(default=False, repr=False)
+
+    def messages(self) -> Iterator[RawMessage]:
+        """Yield all messages in the order in which they were recorded.
+
+        Yields:
+            Messages of whole chunks (and of whole message records, where the file has no chunks).
+
+        Raises:
+            RecordingError: If the file is not MCAP at all.
+            OSError: If the file cannot be read.
+        """
+        for block in self.blocks():
+            for index in range(len(block)):
+                yield RawMessage(int(block.channel[index]), int(block.log_time_ns[index]), block.data(index))
+
+    def blocks(self) -> Iterator[Block]:
+        """Yield all messages, many at a time; the same and in the same order as `messages`.
+
+        Raises:
+            RecordingError: If the file is not MCAP at all.
+            OSError: If the file cannot be read.
+        """
+        self.counts.clear()
+        self.truncated, self._only_summary_left, self.damaged_chunks = False, False, 0
+        pieces: list[bytes] = []
+        size, count = 0, 0
+        for piece in self._pieces():
+            pieces.append(piece)
+            size += len(piece)
+            if size >= BLOCK_BYTES:
+                block = self._block(pieces, count + 1)
+                count += len(block)
+                yield block
+                pieces, size = [], 0
+        if pieces:
+            yield self._block(pieces, count + 1)
+        self._read_summary()  # topics without messages are described there only
+
+    def check(self) -> None:
+        """Look whether the file can be read at all; what is wrong after its first chunk is not seen.
+
+        Raises:
+            RecordingError, OSError: What `blocks` would raise.
+        """
+        next(self._pieces(), None)
+
+    def topics(self) -> dict[str, str]:
+        """Topics met so far with their type names."""
+        return {c.topic: self.schemas[c.schema_id].name for c in self.channels.values() if c.schema_id in self.schemas}
+
+    def _pieces(self) -> Iterator[bytes]:
+        """Contents of the chunks, and message records that stand outside of chunks."""
+        with open_regular(self.path, buffering=1024 * 1024) as file:
+            size = os.fstat(file.fileno()).st_size
+            _check_magic(self.path, file.read(len(MAGIC)))
+            self.bytes_read = len(MAGIC)
+            while True:
+                try:
+                    opcode, length = self._next_record(file, size)
+                    if opcode == Opcode.DATA_END:
+                        self._only_summary_left = True
+                    if opcode == Opcode.FOOTER:
+                        _check_end(file, length)
+                        self.bytes_read = file.tell()
+                        return
+                    piece = self._content(file, opcode, length)
+                except _DAMAGE as error:
+                    if isinstance(error, RecordingError):
+                        raise
+                    self.truncated = True
+                    self.reason = f"{self.bytes_read} of {size} bytes are whole ({_said(error)})"
+                    return
+                self.bytes_read += RECORD_BYTES + length
+                if piece:
+                    yield piece
+
+    def _next_record(self, file: IO[bytes], size: int) -> tuple[int, int]:
+        """Opcode and length of the next record.
+
+        Raises:
+            ValueError: If it does not fit the file.
+        """
+        head = file.read(RECORD_BYTES)
+        if len(head) < RECORD_BYTES:
+            raise ValueError("the file ends without its footer")
+        opcode, length = _RECORD.unpack(head)
+        if opcode == 0:
+            raise ValueError("a record has no type")
+        if length > size - self.bytes_read - RECORD_BYTES:
+            raise ValueError("a record is not whole")
+        return opcode, length
+
+    def _content(self, file: IO[bytes], opcode: int, length: int) -> bytes:
+        """Records of a chunk, or a message with its record header; of anything else nothing, but it is noted."""
+        if opcode not in (Opcode.CHUNK, Opcode.MESSAGE, *_KINDS) or self._only_summary_left:
+            if opcode == Opcode.MESSAGE_INDEX and (length < 6 or (length - 6) % 16):
+                raise ValueError("a message index is damaged")
+            file.seek(length, io.SEEK_CUR)
+            return b""
+        if length > LARGEST_RECORD:
+            raise ValueError(f"a record of {length} bytes is larger than the {LARGEST_RECORD} that are read")
+        content = file.read(length)
+        if opcode == Opcode.MESSAGE:
+            return _RECORD.pack(opcode, length) + content
+        if opcode != Opcode.CHUNK:
+            self._note(opcode, content)
+            return b""
+        try:
+            return _chunk_contents(content)
+        except _DAMAGE as error:
+            self._leave_out(_said(error))
+            return b""
+
+    def _leave_out(self, damage: str) -> None:
+        """Count a damaged chunk. It may have described topics; the file's summary describes them once more."""
+        self.damaged_chunks += 1
+        self.damage = self.damage or damage
+        if self.damaged_chunks == 1:
+            self._read_summary()
+
+    def _read_summary(self) -> None:
+        """Note the schemas and channels of the summary section, where there is a whole one; a torn file has none."""
+        with suppress(*_DAMAGE), open_regular(self.path) as file:
+            for opcode, content in _summary_records(file, os.fstat(file.fileno()).st_size):
+                if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                    self._note(opcode, content)
+
+    def _note(self, opcode: int, content: bytes) -> None:
+        """Keep a schema, channel or metadata record; the first of a name counts.
+
+        Raises:
+            RecordingError: If the header is that of another kind of recording.
+        """
+        record = _KINDS[opcode].read(ReadDataStream(BytesIO(content)))
+        if isinstance(record, Channel):
+            self.channels.setdefault(record.id, record)
+        elif isinstance(record, Schema):
+            self.schemas.setdefault(record.id, record)
+        elif isinstance(record, Metadata):
+            self.metadata[record.name] = dict(record.metadata)
+        elif isinstance(record, Header) and record.profile not in ("ros2", ""):
+            raise RecordingError(f"{self.path} is an MCAP file of profile {record.profile!r}, not of ROS 2")
+
+    def _block(self, pieces: list[bytes], first: int) -> Block:
+        """Find the messages in the contents of chunks; schemas and channels are noted."""
+        contents = np.frombuffer(b"".join(pieces), np.uint8)
+        bounds = np.concatenate([[0], np.cumsum([len(piece) for piece in pieces])]).astype(np.int64)
+        most = len(contents) // RECORD_BYTES + 1
+        messages = np.empty((len(contents) // (RECORD_BYTES + MESSAGE_BYTES) + 1, 4), np.int64)
+        others = np.empty((most, 3), np.int64)
+        found, rest, broken = scan(contents, bounds, messages, others)
+        if broken:
+            self.damaged_chunks += broken
+            self.damage = self.damage or "a record reaches beyond its chunk"
+        for opcode, begin, end in others[:rest].tolist():
+            if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                try:
+                    self._note(opcode, contents[begin:end].tobytes())
+                except _DAMAGE as error:
+                    self.damage = self.damage or _said(error)
+        channel, log_time, begins, ends = np.ascontiguousarray(messages[:found].T)
+        for name, count in zip(*np.unique(channel, return_counts=True), strict=True):
+            self.counts[int(name)] = self.counts.get(int(name), 0) + int(count)
+        return Block(contents, channel, log_time, begins, ends, first)
+
+
+def open_regular(path: Path, buffering: int = -1) -> IO[bytes]:
+    """Open a regular file for reading; a pipe would wait for a writer, and a device may never end.
+
+    Raises:
+        RecordingError: If it is something else.
+        OSError: If it cannot be opened.
+    """
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
+        raise RecordingError(f"{path} is not a regular file")
+    return os.fdopen(descriptor, "rb", buffering)
+
+
+class RecordingFiles(NamedTuple):
+    """Files of a recording.
+
+    Attributes:
+        files: Those that can be read, in order, at least one.
+        warnings: What is missing or cannot be read, a sentence each.
+    """
+
+    files: tuple[Path, ...]
+    warnings: tuple[str, ...]
+
+
+def find_files(path: str | os.PathLike[str]) -> tuple[Path, ...]:
+    """Files of a recording as `examine_files` finds them, without its warnings."""
+    return examine_files(path).files
+
+
+def examine_files(path: str | os.PathLike[str]) -> RecordingFiles:
+    """Find the MCAP files of a recording.
+
+    Args:
+        path: An MCAP file, or a rosbag2 directory. One that was split while recording has several files, which its
+            ``metadata.yaml`` lists, but for the last one of a killed recorder: it is found by its number.
+
+    Returns:
+        The files, and what is wrong with others.
+
+    Raises:
+        FileNotFoundError: If there is none.
+        RecordingError: If the directory has several files and nothing says that they belong together, or if none of
+            several can be read.
+        OSError: If none of several can be opened.
+    """
+    target = Path(path)
+    if not target.exists():
+        raise FileNotFoundError(f"recording {target} does not exist")
+    if target.is_file():
+        return RecordingFiles((target,), ())
+    if not target.is_dir():
+        raise RecordingError(f"{target} is neither a file nor a directory")
+    listed = _listed_files(target)
+    there = [file for file in listed if file.is_file()]
+    missing = tuple(f"{file.name} is missing: {METADATA_FILE} lists it" for file in listed if file not in there)
+    files = [*there, *_numbered_after(listed[-1])] if listed else []
+    if files:
+        readable, unreadable = _readable(files)
+        return RecordingFiles(readable, missing + unreadable)
+    files = sorted(target.glob("*.mcap"))
+    if not files:
+        raise FileNotFoundError(f"directory {target} holds no .mcap file")
+    if len(files) > 1:
+        names = ", ".join(f.name for f in files[:5])
+        raise RecordingError(f"directory {target} holds {len(files)} recordings ({names}); name one of them")
+    return RecordingFiles(tuple(files), missing)
+
+
+def _listed_files(directory: Path) -> list[Path]:
+    """Files that the directory's metadata.yaml lists; they may be missing."""
+    try:
+        with open_regular(directory / METADATA_FILE) as file:
+            text = file.read(LARGEST_METADATA + 1)
+        if len(text) > LARGEST_METADATA:
+            return []
+        content = yaml.safe_load(text.decode("utf-8"))
+        names = content["rosbag2_bagfile_information"]["relative_file_paths"]
+        return [directory / name for name in names if isinstance(name, str)]
+    except (OSError, ValueError, KeyError, TypeError, RecursionError, yaml.YAMLError):
+        return []
+
+
+def _numbered_after(last: Path) -> list[Path]:
+    """Files that follow the last listed one by their numbers: a killed recorder lists only those that it finished."""
+    match = _NUMBERED.fullmatch(last.name)
+    if match is None:
+        return []
+    found = [(_NUMBERED.fullmatch(file.name), file) for file in last.parent.glob("*.mcap")]
+    numbers = {int(m[2]): file for m, file in found if m is not None and m[1] == match[1] and file.is_file()}
+    return [numbers[number] for number in sorted(numbers) if number > int(match[2])]
+
+
+def _readable(files: Sequence[Path]) -> tuple[tuple[Path, ...], tuple[str, ...]]:
+    """Leave out what no message can be read of, such as an empty file.
+
+    Raises:
+        RecordingError, OSError: That of the first file, if this is true of all.
+    """
+    readable, errors = [], []
+    for file in files:
+        try:
+            Container(file).check()
+        except (RecordingError, OSError) as error:
+            errors.append(error)
+        else:
+            readable.append(file)
+    if not readable:
+        raise errors[0]
+    return tuple(readable), tuple(f"left out: {error}" for error in errors)
+
+
+def _check_magic(path: Path, start: bytes) -> None:
+    if start == MAGIC:
+        return
+    if not start:
+        raise RecordingError(f"{path} is empty; was its recorder killed at once?")
+    if MAGIC.startswith(start):
+        raise RecordingError(f"{path} ends within its first {len(MAGIC)} bytes; was its recorder killed at once?")
+    hint = ""
+    if start.startswith(b"SQLite"):
+        hint = "; it is a SQLite file: convert it with `ros2 bag convert` or `rosbags-convert`"
+    elif start.startswith(b"#ROSBAG"):
+        hint = "; it is a ROS 1 bag: convert it with `rosbags-convert`"
+    raise RecordingError(f"{path} is not an MCAP recording (it begins with {start!r}){hint}")
+
+
+def _summary_records(file: IO[bytes], size: int) -> Iterator[tuple[int, bytes]]:
+    """Opcode and content of the records of the summary section.
+
+    Raises:
+        ValueError: If it is not whole.
+    """
+    footer_bytes = RECORD_BYTES + 20
+    footer_begin = size - len(MAGIC) - footer_bytes
+    file.seek(max(footer_begin, 0))
+    footer = Footer.read(ReadDataStream(BytesIO(file.read(footer_bytes)[RECORD_BYTES:])))
+    begin, end = footer.summary_start, size - len(MAGIC) - 4  # without the checksum itself
+    if begin == 0:
+        return
+    if begin > footer_begin or end - begin > LARGEST_RECORD:
+        raise ValueError("the summary does not fit the file")
+    file.seek(begin)
+    summary = file.read(end - begin)
+    if footer.summary_crc and zlib.crc32(summary) != footer.summary_crc:
+        raise ValueError("the summary's checksum is wrong")
+    position = 0
+    while position + RECORD_BYTES <= len(summary):
+        opcode, length = _RECORD.unpack_from(summary, position)
+        position += RECORD_BYTES + length
+        yield opcode, summary[position - length : position]
+
+
+def _check_end(file: IO[bytes], length: int) -> None:
+    """Read the footer and the closing magic.
+
+    Raises:
+        ValueError: If they are not whole.
+    """
+    if length != 20 or len(file.read(length)) != length or file.read(len(MAGIC)) != MAGIC:
+        raise ValueError("the file's end is damaged")
+
+
+def _chunk_contents(record: bytes) -> bytes:
+    """Decompress a chunk and check it.
+
+    Raises:
+        ValueError: If the chunk is damaged, or compressed in a way that MCAP does not know.
+    """
+    _, _, size, crc, name_length = _CHUNK.unpack_from(record)
+    position = _CHUNK.size + name_length
+    if name_length > 16 or position + _LENGTH.size > len(record):
+        raise ValueError("a chunk's header is damaged")
+    compression = record[_CHUNK.size : position].decode()
+    (length,) = _LENGTH.unpack_from(record, position)
+    position += _LENGTH.size
+    if length != len(record) - position:
+        raise ValueError("a chunk's length is wrong")
+    if size > LARGEST_RECORD:
+        raise ValueError(f"a chunk declares {size} bytes, more than the {LARGEST_RECORD} that are read")
+    contents = _decompressed(compression, memoryview(record)[position:], size)
+    if len(contents) != size:
+        raise ValueError(f"a chunk holds {len(contents)} bytes and declares {size}")
+    if crc and zlib.crc32(contents) != crc:
+        raise ValueError("a chunk's checksum is wrong")
+    return contents
+
+
+def _decompressed(compression: str, data: memoryview, size: int) -> bytes:
+    """Contents of a chunk, `size` bytes if it is whole; never many more.
+
+    Raises:
+        ValueError: If it cannot be decompressed.
+    """
+    try:
+        if compression == "zstd":
+            declared = zstandard.frame_content_size(data)
+            if declared not in (-1, size):  # -1: the frame does not tell
+                raise ValueError(f"a chunk's frame declares {declared} bytes instead of {size}")
+            return _ZSTD.decompress(data, max_output_size=size)
+        if compression == "lz4":
+            return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1))
+    except (zstandard.ZstdError, RuntimeError) as error:
+        raise ValueError(f"a chunk cannot be decompressed: {error}") from error
+    if compression == "":
+        return bytes(data)
+    raise ValueError(f"a chunk has the unknown compression {compression!r}")
+
+
+def _said(error: BaseException) -> str:
+    """What an error says, for people."""
+    return str(error) or "a record is not whole"

@@ -1,0 +1,186 @@
+"""Rides found in a recording: one a reset, each with its own commands, course, events and latencies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_analysis.read.clock import ride_bounds
+from bike_analysis.read.reading import Commands, Course, Event, Floats, Integers, Latency, Recording, States, Telemetry
+
+_NEVER: Final = int(np.iinfo(np.int64).max)
+
+
+@dataclass(frozen=True)
+class Ride:
+    """One ride, from a reset to the next or to the recording's end.
+
+    Attributes:
+        index: Number in the recording, from 1.
+        episode: The simulator's number of the episode; it begins again at 1 when the simulator is started anew.
+        states: States, each step once, never empty.
+        repeated_states: States left out because their step had been recorded already.
+        commands: Commands that answer states of this ride.
+        course: The course, or None where it was not recorded.
+        events: Events of this ride.
+        latencies: Reports of the policy's latency during this ride.
+        telemetry: What tyres and engine did in this ride, or None where it was not recorded.
+    """
+
+    index: int
+    episode: int
+    states: States
+    repeated_states: int
+    commands: Commands
+    course: Course | None
+    events: tuple[Event, ...]
+    latencies: tuple[Latency, ...]
+    telemetry: Telemetry | None = None
+
+    @property
+    def distance(self) -> Floats:
+        """Distance driven by the rear contact since the ride's first state, m, one value a state.
+
+        Where places were not recorded it is the speed over time; where neither was, it stays 0.
+        """
+        states = self.states
+        steps = np.hypot(np.diff(states.x), np.diff(states.y))
+        by_speed = 0.5 * (states.speed[1:] + states.speed[:-1]) * np.diff(states.time_s)
+        steps = np.where(np.isfinite(steps), steps, np.nan_to_num(by_speed))
+        return np.concatenate([[0.0], np.cumsum(steps)])
+
+    @property
+    def time(self) -> Floats:
+        """Simulated time since the ride's first state, s, one value a state."""
+        return self.states.time_s - self.states.time_s[0]
+
+    @property
+    def ended_by(self) -> str:
+        """What came first: ``finished``, ``fell`` or ``off_course``; ``stopped`` where none of these was recorded."""
+        states = self.states
+        flags = {"fell": states.fallen, "off_course": states.off_course, "finished": states.finished | self._lapped()}
+        first = {name: int(np.argmax(rows)) for name, rows in flags.items() if rows.any()}
+        if first:
+            return min(first, key=lambda name: first[name])
+        words = {"fall": "fell", "off_course": "off_course", "finish": "finished"}
+        return next((words[event.kind] for event in self.events if event.kind in words), "stopped")
+
+    def _lapped(self) -> NDArray[np.bool_]:
+        """Whether a closed course has been ridden once around, one flag a state."""
+        states = self.states
+        return states.course_closed & (states.progress - states.progress[0] >= states.course_length)
+
+    def reference_line(self) -> tuple[Floats, Floats]:
+        """Followed line for drawing.
+
+        Returns:
+            x and y in map, m: the recorded course, or else the points of it that the ride came by, worked out from the
+            lateral and heading errors. A closed course ends with its first point.
+        """
+        course = self.course
+        if course is not None and len(course.x):
+            if course.closed:
+                return np.append(course.x, course.x[0]), np.append(course.y, course.y[0])
+            return course.x, course.y
+        heading = self.states.yaw - self.states.heading_error
+        return (
+            self.states.x + self.states.lateral_error * np.sin(heading),
+            self.states.y - self.states.lateral_error * np.cos(heading),
+        )
+
+    def section_of(self) -> Integers:
+        """Section of the course in which each state lies.
+
+        Returns:
+            Index into the course's section names, one a state; -1 before the first section. Empty without sections.
+        """
+        course = self.course
+        if course is None or not course.section_names:
+            return np.empty(0, dtype=np.int64)
+        progress = self.states.progress
+        if course.closed and course.length > 0.0:
+            progress = np.mod(progress, course.length)
+        return np.searchsorted(course.section_starts, progress, side="right").astype(np.int64) - 1
+
+
+def find_rides(recording: Recording) -> tuple[Ride, ...]:
+    """Split a recording into rides.
+
+    A ride begins where the episode changes or the step goes back (a simulator that was started anew counts its episodes
+    from 1 again). A step that was recorded twice counts once.
+
+    Args:
+        recording: What was read.
+
+    Returns:
+        The rides, in order; at least one.
+    """
+    states = recording.states
+    rides = []
+    for index, (first, last) in enumerate(pairwise(ride_bounds(states.episode, states.step)), start=1):
+        whole = states.take(slice(first, last))
+        fresh = np.append(True, np.diff(whole.step) > 0)
+        window = _window(states, first, last)
+        once = whole if fresh.all() else whole.take(fresh)
+        rides.append(_ride(recording, index, once, int((~fresh).sum()), window))
+    return tuple(rides)
+
+
+@dataclass(frozen=True)
+class _Window:
+    """Places in the recording between which messages of an episode number belong to one ride.
+
+    Topics are recorded side by side, and a course or command may stand before its ride's first state. So only another
+    ride of the same episode number, from a simulator that was started anew, limits the window. Between the two, what
+    belongs to a reset (a course, an event of step 0) is the later ride's, all else is the earlier one's.
+    """
+
+    reset_after: int
+    reset_until: int
+    after: int
+    until: int
+
+    def holds(self, order: int, step: int = 0) -> bool:
+        """Whether a message at this place about this step belongs to the ride; step 0 is the reset."""
+        after, until = (self.reset_after, self.reset_until) if step == 0 else (self.after, self.until)
+        return after < order <= until
+
+
+def _window(states: States, first: int, last: int) -> _Window:
+    """Find the window of the ride in rows `first` to `last` (exclusive)."""
+    same = states.episode == states.episode[first]
+    window = {"reset_after": -1, "reset_until": _NEVER, "after": -1, "until": _NEVER}
+    if same[:first].any():
+        window |= {"reset_after": int(states.order[first - 1]), "after": int(states.order[first]) - 1}
+    if same[last:].any():
+        later = last + int(np.argmax(same[last:]))
+        window |= {"reset_until": int(states.order[later - 1]), "until": int(states.order[later]) - 1}
+    return _Window(**window)
+
+
+def _ride(recording: Recording, index: int, states: States, repeated: int, window: _Window) -> Ride:
+    episode = int(states.episode[0])
+    commands, telemetry = recording.commands, recording.telemetry
+    courses = [c for c in recording.courses if c.episode == episode and window.holds(c.order)]
+    first, last = states.order[0], states.order[-1]
+    return Ride(
+        index=index,
+        episode=episode,
+        states=states,
+        repeated_states=repeated,
+        commands=commands.take(_mine(commands, episode, window)),
+        course=courses[-1] if courses else None,
+        events=tuple(e for e in recording.events if e.episode == episode and window.holds(e.order, e.step)),
+        latencies=tuple(x for x in recording.latencies if first <= x.order <= last),
+        telemetry=None if telemetry is None else telemetry.take(_mine(telemetry, episode, window)),
+    )
+
+
+def _mine(table: Commands | Telemetry, episode: int, window: _Window) -> NDArray[np.bool_] | slice:
+    """Rows of a table that belong to a ride; a slice where they are all of them, which costs no copy."""
+    mine: NDArray[np.bool_] = (table.episode == episode) & (table.order > window.after) & (table.order <= window.until)
+    return slice(None) if mine.all() else mine
