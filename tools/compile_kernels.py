@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Compiles what simulates ahead of time, by using it for one step: each vehicle on each engine, a lap's plan, a reader.
+"""Compiles what simulates ahead of time, by using it for one step: each vehicle and engine, a lap's plan, a reader.
 
-Numba compiles a function when it is first called with arguments of a type, and keeps the result beside the source, where
-nodes and commands find it. Without this, the first ride would compile while nodes wait for each other.
+Numba compiles a function when it is first called with arguments of a type, and keeps the result beside the source,
+where nodes and commands find it. Without this, the first ride would compile while nodes wait for each other.
 
     .venv/bin/python tools/compile_kernels.py
 """

@@ -144,7 +144,7 @@ class Progress:
             self.doing = line.split(":")[0].removesuffix(" ...").lower()
         elif line.startswith("Installing collected packages:"):
             self._end_download()
-            self.to_install = [normal(name) for name in line.partition(":")[2].split(",")]
+            self.to_install = [normal(name.strip()) for name in line.partition(":")[2].split(",")]
             self.doing = ""
         elif "Retrying (Retry(" in line:
             self.doing = "no answer from the package index, trying again"
@@ -204,9 +204,9 @@ class Progress:
         """
         if self.to_install:
             weights = {name: self.sizes.get(name, 0.0) for name in self.to_install}
-            done = weights.keys() & installed
-            left = _left(install_seconds, sum(weights[name] for name in done), sum(weights.values()))
-            return f"unpacking: {len(done)} of {len(weights)} packages{left}"
+            in_place = weights.keys() & installed
+            left = _left(install_seconds, sum(weights[name] for name in in_place), sum(weights.values()))
+            return f"unpacking: {len(in_place)} of {len(weights)} packages{left}"
         if self.doing:
             return self.doing
         done = self._current_part + sum(self.sizes.get(name, 0.0) for name in self.fetched)

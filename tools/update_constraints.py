@@ -26,8 +26,8 @@ STAGES = ("runtime", "build", "ros", "training", "dev")
 """Requirement files in the order in which they are installed."""
 
 HEAD = """\
-# Versions of everything that the pinned packages pull in, as tested together, each with the requirement file that brings
-# it and the size of its wheel. Refresh: tools/update-constraints
+# Versions of everything that the pinned packages pull in, as tested together, each with the requirement file that
+# brings it and the size of its wheel. Refresh: tools/update-constraints
 """
 _ELSEWHERE = re.compile(r"(torch$|nvidia|triton|cuda|pip$)")
 
