@@ -1,16 +1,25 @@
 # Every target sets up first what it needs; a set-up that is current costs a fraction of a second.
 .DEFAULT_GOAL := help
-.PHONY: help setup build ride lap test check format bench clean distclean
+.PHONY: help setup setup-training setup-all setup-checks build ride lap test test-long check format bench clean distclean
 
 BIN := .venv/bin
 SHELL_SCRIPTS := tools/setup tools/update-constraints .ci/run
 YAML_FOLDERS := ros_ws/src docker
 
 help: ## Show this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-14s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
-setup: ## System packages, .venv with pinned wheels, colcon workspace
+setup: ## What riding, recording and analysis need: system packages, .venv, colcon workspace, compiled kernels
 	@tools/setup
+
+setup-training: ## The learning packages as well: PyTorch, JAX and what stands on them
+	@tools/setup training
+
+setup-all: ## All of it, and what tests, checks and benchmarks need
+	@tools/setup all
+
+setup-checks:
+	@tools/setup checks
 
 build: setup ## Build the colcon workspace, also when it is current
 	@tools/setup build
@@ -21,11 +30,15 @@ ride: setup ## Ride the benchmark path with the shipped actor and write ride.mca
 lap: setup ## Three laps of Barcelona on a superbike through the nodes: out/lap/lap.mcap and its report
 	@$(BIN)/bike lap --nodes
 
-test: setup ## Run the tests, quick ones first; Chromium is installed for those of the report page
+test: setup-all ## Run the tests, quick ones first; Chromium is installed for those of the report page
 	@tools/setup browser
 	$(BIN)/python -m pytest
 
-check: setup ## Style, types, import rules, shell scripts, Dockerfiles, YAML
+test-long: setup-all ## The tests that take minutes, or download: not part of `make test`
+	@tools/setup browser
+	$(BIN)/python -m pytest -m long
+
+check: setup-checks ## Style, types, import rules, shell scripts, Dockerfiles, YAML
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
@@ -35,11 +48,11 @@ check: setup ## Style, types, import rules, shell scripts, Dockerfiles, YAML
 	$(BIN)/hadolint docker/Dockerfile docker/Dockerfile.jazzy
 	$(BIN)/yamllint --strict $(YAML_FOLDERS)
 
-format: setup ## Apply the formatter and the fixes that are safe
+format: setup-checks ## Apply the formatter and the fixes that are safe
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-bench: setup ## Measure speeds and compare them
+bench: setup-all ## Measure speeds and compare them
 	@$(BIN)/bike bench
 
 clean: ## Remove caches and what a plain `colcon build` left; .venv stays

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import Final
 
+from bike_training import learning_packages
 from bike_training.interruption import SHELL_BASE, interrupt, leave_at_once, signals_handled, signals_noted
 from bike_training.nodes.node_process import NodeLost
 
@@ -73,6 +74,11 @@ def _run(words: Sequence[str]) -> int:
                 command = importlib.import_module(COMMANDS[args.command][0])
             with signals_handled(interrupt):
                 result = command.run(args)
+        except ModuleNotFoundError as error:
+            package = learning_packages.missing_package(error)
+            if package is None:
+                raise
+            return learning_packages.offer(str(chosen), package)
         except (KeyboardInterrupt, ValueError, OSError, NodeLost) as error:
             interrupted = isinstance(error, KeyboardInterrupt) and SHELL_BASE + signal.SIGINT
             # Nodes that a signal ended may be missed before the interruption comes.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 
 import pandas as pd
@@ -43,8 +44,11 @@ def write_parquet(table: pd.DataFrame, path: str | os.PathLike[str]) -> Path:
     """Write a table as Parquet, every number as it is.
 
     Raises:
+        ModuleNotFoundError: If pyarrow is not installed.
         OSError: If the file cannot be written.
     """
+    if find_spec("pyarrow") is None:
+        raise ModuleNotFoundError("Parquet files need pyarrow: pip install pyarrow", name="pyarrow")
     target = _target(path)
     table.to_parquet(target, index=False, compression="zstd")
     return target
