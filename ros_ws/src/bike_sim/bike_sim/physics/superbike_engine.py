@@ -31,6 +31,8 @@ from bike_sim.physics.pybullet_tree import (
     set_free,
 )
 from bike_sim.physics.state import StateVector
+from bike_sim.physics.superbike.poses import read_state, settle
+from bike_sim.physics.superbike.records import MEMORY, constants_of
 from bike_sim.vehicles.superbike import Superbike
 
 TIME_STEP: Final = 0.002
@@ -98,8 +100,7 @@ class SuperbikeEngine:
         self._disconnect = weakref.finalize(self, bullet.disconnect, self.client)
         bare = without_rider(vehicle)
         self._principal, _ = principal_axes(mapping.inertia_tensors(bare)[mapping.REAR_FRAME])
-        self._geometry = sf.bare_geometry(vehicle, bare)
-        self._arguments = (vehicle.machine, self._geometry, vehicle.wheel_torque, vehicle.tyres)
+        self._constants = constants_of(vehicle, bare)
         self._chunk = max(1, int(_READ_INTERVAL / self.time_step))
         bullet.setTimeStep(self.time_step, self.client)
         bullet.setGravity(0.0, 0.0, -vehicle.g, self.client)
@@ -108,7 +109,8 @@ class SuperbikeEngine:
         self.body = build_tree(self.client, bare, [-1, -1], slider)
         set_free(self.client, self.body)
         self.memory = np.zeros(len(sf.MEMORY_NAMES))
-        self._telemetry = np.zeros(len(sf.TELEMETRY_NAMES))
+        self._memory = self.memory.view(MEMORY)  # the same numbers, by name
+        self._telemetry = np.zeros(1, dtype=sf.TELEMETRY)
         self._state = np.zeros(st.STATE_SIZE)
         self.reset(st.upright_state(0.0, vehicle.rF))
 
@@ -123,9 +125,8 @@ class SuperbikeEngine:
         """
         state = mapping.checked_state(state)
         vehicle, client, body = self.vehicle, self.client, self.body
-        machine, geometry, _, tyre = self._arguments
         roll, steer = state[st.ROLL], state[st.STEER]
-        pitch, height = sf.settle(roll, steer, machine, geometry, tyre)
+        pitch, height = settle(roll, steer, self._constants)
         if not math.isfinite(pitch):
             raise ValueError(
                 f"no configuration with both wheels on the ground at roll {math.degrees(roll):.1f} deg and "
@@ -144,7 +145,7 @@ class SuperbikeEngine:
         frame = mapping.multiply(lean, mapping.axis_angle(np.array([0.0, 1.0, 0.0]), pitch))
         orientation = mapping.multiply(frame, self._principal)
         # Where the rear contact comes to lie with the frame at the origin says where the frame must be
-        x, y, *_ = sf.read_state((0.0, 0.0, height), tuple(orientation), (0.0, 0.0, 0.0), machine, geometry, tyre)
+        x, y, *_ = read_state((0.0, 0.0, height), tuple(orientation), (0.0, 0.0, 0.0), self._constants)
         position = np.array([state[st.X] - x, state[st.Y] - y, height])
         heading = np.array([math.cos(state[st.YAW]), math.sin(state[st.YAW]), 0.0])
         omega = state[st.ROLL_RATE] * heading + pitch_rate * mapping.rotate(frame, np.array([0.0, 1.0, 0.0]))
@@ -165,9 +166,9 @@ class SuperbikeEngine:
         ):
             bullet.resetJointState(body, link, value, rate, client)
         self.memory[:] = 0.0
-        self.memory[sf.M_LEAN] = roll
-        self.memory[sf.M_FRONT_LOAD] = geometry[sf.G_FRONT_STATIC] * vehicle.front_tyre.stiffness
-        self.memory[sf.M_SLIDE_AGE] = _FRESH
+        self._memory["lean_reference"] = roll
+        self._memory["front_load"] = self._constants["geometry"]["front_static"] * vehicle.front_tyre.stiffness
+        self._memory["slide_age"] = _FRESH
         self._state = state.copy()
         self._read()
         self._look()
@@ -206,12 +207,12 @@ class SuperbikeEngine:
 
     def telemetry(self) -> NDArray[np.float64]:
         """Return what was measured at the last step, in the order of `superbike_forces.TELEMETRY_NAMES`."""
-        return self._telemetry.copy()
+        return self._telemetry.view(np.float64).copy()
 
     @property
     def fall(self) -> int:
         """How the machine fell, an index of `superbike_forces.FALL_NAMES`; 0 while it rides."""
-        return int(self.memory[sf.M_FALL])
+        return int(self._memory["fall"][0])
 
     @property
     def fall_name(self) -> str:
@@ -224,26 +225,24 @@ class SuperbikeEngine:
 
     def _step(self, steering: float, throttle: float, steps: int) -> None:
         """Step the world with all forces. All time is spent here, hence the bound names and bare positions."""
-        body, client, dt = self.body, self.client, self.time_step
-        rear_grip, front_grip = self.rear_grip, self.front_grip
-        memory, telemetry = self.memory, self._telemetry
-        machine, geometry, wheel_torque, tyre = self._arguments
+        body, client = self.body, self.client
+        memory, telemetry, constants = self._memory, self._telemetry, self._constants
+        command = (steering, throttle, self.rear_grip, self.front_grip, self.time_step)
         pose, twist, joints = bullet.getBasePositionAndOrientation, bullet.getBaseVelocity, bullet.getJointStates
         push, turn, joint, go = (
             bullet.applyExternalForce, bullet.applyExternalTorque, bullet.setJointMotorControl2, bullet.stepSimulation
         )  # fmt: skip
         world, mode, compute = bullet.WORLD_FRAME, bullet.TORQUE_CONTROL, sf.step
         for _ in range(steps):
-            position, orientation = pose(body, client)
-            velocity, omega = twist(body, client)
+            posed = pose(body, client)
             rear, fork, front, rider = joints(body, _JOINTS, client)
             force, torque, rear_moment, steer_moment, front_moment, rider_force, fall = compute(
-                position, orientation, velocity, omega, rear[1], fork[0], fork[1], front[1], rider[0], rider[1],
-                steering, throttle, rear_grip, front_grip, dt, memory, telemetry, machine, geometry, wheel_torque, tyre,
+                posed, twist(body, client), (rear[1], fork[0], fork[1], front[1], rider[0], rider[1]), command,
+                memory, telemetry, constants,
             )  # fmt: skip
             if fall:
                 return
-            push(body, -1, force, position, world, client)
+            push(body, -1, force, posed[0], world, client)
             turn(body, -1, torque, world, client)
             # Positions and gains (the zeros and ones) mean nothing in this mode; keywords would cost 0.2 us a step.
             joint(body, REAR_WHEEL, mode, 0.0, 0.0, rear_moment, 0.0, 0.0, -1.0, client)
@@ -254,22 +253,21 @@ class SuperbikeEngine:
 
     def _look(self) -> None:
         """Fill the telemetry without moving anything: the memory is put back."""
-        body, client, memory = self.body, self.client, self.memory.copy()
-        position, orientation = bullet.getBasePositionAndOrientation(body, client)
-        velocity, omega = bullet.getBaseVelocity(body, client)
+        body, client = self.body, self.client
         rear, fork, front, rider = bullet.getJointStates(body, _JOINTS, client)
         sf.step(
-            position, orientation, velocity, omega, rear[1], fork[0], fork[1], front[1], rider[0], rider[1],
-            0.0, 0.0, self.rear_grip, self.front_grip, self.time_step, memory, self._telemetry, *self._arguments,
+            bullet.getBasePositionAndOrientation(body, client), bullet.getBaseVelocity(body, client),
+            (rear[1], fork[0], fork[1], front[1], rider[0], rider[1]),
+            (0.0, 0.0, self.rear_grip, self.front_grip, self.time_step),
+            self._memory.copy(), self._telemetry, self._constants,
         )  # fmt: skip
 
     def _read(self) -> None:
         """Read the minimal state out of Bullet, counting turns of yaw on from the last reading."""
         body, client, last = self.body, self.client, self._state
-        machine, geometry, _, tyre = self._arguments
         position, orientation = bullet.getBasePositionAndOrientation(body, client)
         _, omega = bullet.getBaseVelocity(body, client)
         rear, fork, front, _rider = bullet.getJointStates(body, _JOINTS, client)
-        x, y, yaw, roll, roll_rate = sf.read_state(position, orientation, omega, machine, geometry, tyre)
+        x, y, yaw, roll, roll_rate = read_state(position, orientation, omega, self._constants)
         yaw = mapping.nearest_turn(yaw, last[st.YAW])
         self._state = np.array((x, y, yaw, roll, fork[0], rear[0], front[0], roll_rate, fork[1], front[1]))
