@@ -13,7 +13,8 @@ import yaml
 from bike_sim.physics import linear, mapping
 from bike_sim.physics import superbike_statics as statics
 from bike_sim.physics.engine import make_engine
-from bike_sim.physics.superbike_engine import SuperbikeEngine, without_rider
+from bike_sim.physics.superbike.start import without_rider
+from bike_sim.physics.superbike_engine import SuperbikeEngine
 from bike_sim.theory.envelope import Envelope, envelope
 from bike_sim.vehicles.bicycle import Vehicle, VehicleError
 from bike_sim.vehicles.files import load_vehicle, shipped_vehicles

@@ -15,7 +15,8 @@ from bike_sim.physics import superbike_statics as statics
 from bike_sim.physics.engine import make_engine
 from bike_sim.physics.superbike.falls import Upset, fall_of
 from bike_sim.physics.superbike.records import MEMORY, constants_of
-from bike_sim.physics.superbike_engine import SuperbikeEngine, without_rider
+from bike_sim.physics.superbike.start import without_rider
+from bike_sim.physics.superbike_engine import SuperbikeEngine
 from bike_sim.validation.superbike import (
     Validation,
     at_speed,

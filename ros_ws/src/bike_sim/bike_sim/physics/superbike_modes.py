@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 from bike_sim.physics import mapping
 from bike_sim.physics import state as st
 from bike_sim.physics import superbike_statics as statics
-from bike_sim.physics.pybullet_tree import FORK, SLIDER, bullet
+from bike_sim.physics.pybullet_tree import bullet
 from bike_sim.physics.superbike.records import MEMORY_NAMES
 from bike_sim.physics.superbike_engine import SuperbikeEngine
+from bike_sim.physics.tree import FORK, SLIDER
 from bike_sim.vehicles.superbike import Superbike
 
 FloatArray = NDArray[np.float64]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_sim.physics import mapping
-from bike_sim.physics.pybullet_tree import principal_axes
+from bike_sim.physics.tree import principal_axes
 from bike_sim.physics.vectors import Vec
 from bike_sim.vehicles.superbike import MACHINE, TORQUE_SAMPLES, TYRE, Superbike
 
