@@ -11,7 +11,7 @@ from hypothesis import strategies as some
 
 from bike_sim.physics import mapping
 from bike_sim.physics import state as st
-from bike_sim.physics.engine import ENGINE_KINDS, Engine, make_engine
+from bike_sim.physics.engine import BICYCLE_ENGINES, Engine, make_engine
 from bike_sim.physics.pybullet_engine import PyBulletEngine
 from bike_sim.validation.bicycle import coast, free_of_drive, violent_start
 from bike_sim.vehicles.files import load_vehicle
@@ -94,7 +94,7 @@ def test_a_hard_start_stays_close_for_two_seconds() -> None:
     assert np.degrees(np.abs(rides[0] - rides[1])[:, [st.YAW, st.ROLL, st.STEER]]).max() < 0.3
 
 
-@pytest.mark.parametrize("kind", ENGINE_KINDS)
+@pytest.mark.parametrize("kind", BICYCLE_ENGINES)
 def test_a_ride_and_its_mirror_image(kind: str) -> None:
     engine = make_engine(kind, VEHICLE, 0.005)
     start = st.upright_state(4.0, VEHICLE.rF)
@@ -112,7 +112,7 @@ def test_a_ride_and_its_mirror_image(kind: str) -> None:
     engine.close()
 
 
-@pytest.mark.parametrize("kind", ENGINE_KINDS)
+@pytest.mark.parametrize("kind", BICYCLE_ENGINES)
 def test_a_ride_does_not_depend_on_where_and_where_to_it_goes(kind: str) -> None:
     engine = make_engine(kind, VEHICLE, 0.005)
     start = st.upright_state(4.0, VEHICLE.rF)

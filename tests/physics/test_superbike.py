@@ -2,7 +2,7 @@
 
 import math
 import re
-from dataclasses import FrozenInstanceError, fields, replace
+from dataclasses import FrozenInstanceError, asdict, fields, replace
 from importlib import resources
 from pathlib import Path
 
@@ -13,11 +13,12 @@ import yaml
 from bike_sim.physics import linear, mapping
 from bike_sim.physics import superbike_statics as statics
 from bike_sim.physics.engine import make_engine
-from bike_sim.physics.superbike_engine import SuperbikeEngine, without_rider
+from bike_sim.physics.superbike.start import without_rider
+from bike_sim.physics.superbike_engine import SuperbikeEngine
 from bike_sim.theory.envelope import Envelope, envelope
 from bike_sim.vehicles.bicycle import Vehicle, VehicleError
 from bike_sim.vehicles.files import load_vehicle, shipped_vehicles
-from bike_sim.vehicles.superbike import MACHINE_NAMES, Superbike
+from bike_sim.vehicles.superbike import Superbike
 
 NAMES = ("panigale_v4r", "zx10rr", "cbr1000rr_r", "r1", "m1000rr")
 FOLDER = resources.files("bike_sim") / "config" / "vehicles"
@@ -117,14 +118,19 @@ def test_machines_differ_in_handling_not_only_in_power() -> None:
     assert MACHINES["panigale_v4r"].motor.crank_momentum < 0.0 < MACHINES["r1"].motor.crank_momentum
 
 
-def test_vectors_for_compiled_code_carry_every_number_once() -> None:
-    assert len(set(MACHINE_NAMES)) == len(MACHINE_NAMES) == DUCATI.machine.size
-    lookup = dict(zip(MACHINE_NAMES, DUCATI.machine, strict=True))
-    assert lookup["mass"] == DUCATI.mass
-    assert lookup["virtual_rider.lean_gain"] == DUCATI.virtual_rider.lean_gain
-    for array in (DUCATI.machine, DUCATI.tyres, DUCATI.wheel_torque):
+def test_records_for_compiled_code_carry_every_number_by_its_name() -> None:
+    machine = DUCATI.machine
+    assert machine["mass"] == DUCATI.mass
+    for name in ("rider", "air", "motor", "brakes", "steering", "virtual_rider", "electronics"):
+        section = getattr(DUCATI, name)
+        assert {field.name: machine[name][field.name] for field in fields(section)} == asdict(section)
+    for record, tyre in zip(DUCATI.tyres, (DUCATI.rear_tyre, DUCATI.front_tyre), strict=True):
+        assert {name: record[name] for name in record.dtype.names} == asdict(tyre)
+    for array in (DUCATI.tyres, DUCATI.wheel_torque):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0
+    with pytest.raises(ValueError, match="read-only"):
+        machine["mass"] = 1.0
     with pytest.raises(FrozenInstanceError):
         DUCATI.air.drag_area = 0.0  # type: ignore[misc]
 

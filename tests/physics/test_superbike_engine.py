@@ -13,6 +13,9 @@ from bike_sim.physics import state as st
 from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics import superbike_statics as statics
 from bike_sim.physics.engine import make_engine
+from bike_sim.physics.superbike.falls import Upset, fall_of
+from bike_sim.physics.superbike.records import MEMORY, constants_of
+from bike_sim.physics.superbike.start import without_rider
 from bike_sim.physics.superbike_engine import SuperbikeEngine
 from bike_sim.validation.superbike import (
     Validation,
@@ -220,6 +223,49 @@ def test_a_finer_step_changes_little() -> None:
     assert fine < coarse < 0.5
 
 
+# --- records ---
+
+
+def backwards(kind: np.dtype) -> np.dtype:
+    """Return the same record with its fields in the opposite order, sections included."""
+    return np.dtype([(name, backwards(kind[name]) if kind[name].names else kind[name]) for name in kind.names[::-1]])
+
+
+def by_name(source: np.ndarray) -> np.ndarray:
+    """Return a record with the opposite order of fields and the same numbers."""
+
+    def fill(target: np.void, origin: np.void) -> None:
+        for name in origin.dtype.names:
+            if origin.dtype[name].names:
+                fill(target[name], origin[name])
+            else:
+                target[name] = origin[name]
+
+    shuffled = np.zeros(1, dtype=backwards(source.dtype))
+    fill(shuffled[0], source[0])
+    return shuffled
+
+
+def test_the_order_of_fields_in_a_definition_means_nothing() -> None:
+    """Whoever sorts a dataclass or a list of names changes no force, no memory and no telemetry."""
+    rng = np.random.default_rng(5)
+    constants = constants_of(DUCATI, without_rider(DUCATI))
+    memory, telemetry = np.zeros(1, dtype=MEMORY), np.zeros(1, dtype=sf.TELEMETRY)
+    for name in ("drive", "lean_reference", "integral", "rear_slip", "front_drift"):
+        memory[name] = rng.uniform(0.0, 0.1)
+    pose = (0.0, 0.0, 0.55), tuple(np.array([0.25, 0.02, 0.1, 0.96]) / np.linalg.norm([0.25, 0.02, 0.1, 0.96]))
+    twist = (30.0, 1.0, 0.1), (0.3, 0.1, 0.5)
+    joints, command = (94.0, 0.03, 0.2, 100.0, -0.1, 0.05), (-0.4, 0.6, 0.9, 1.0, 0.002)
+    records = [(memory, telemetry, constants), tuple(by_name(part) for part in (memory, telemetry, constants))]
+    forces = [sf.step(pose, twist, joints, command, *parts) for parts in records]
+    assert forces[0] == forces[1]
+    assert abs(forces[0][0][1]) > 100.0  # the pose is one in which tyres work
+    for before, after in zip(records[0][:2], records[1][:2], strict=True):
+        assert {name: before[name][0] for name in before.dtype.names} == {
+            name: after[name][0] for name in after.dtype.names
+        }
+
+
 # --- falls ---
 
 
@@ -275,11 +321,12 @@ def name_of(
     sliding: bool = False,
     sideways: bool = False,
 ) -> str:
-    vector = np.zeros(len(sf.MEMORY_NAMES))
-    vector[sf.M_SLIDE_AGE] = 1e3
+    record = np.zeros(1, dtype=MEMORY)
+    record["slide_age"] = 1e3
     for key, value in memory.items():
-        vector[sf.MEMORY_NAMES.index(key)] = value
-    code = sf._fall(vector, roll, roll_rate, nose_up, rear, front, sliding, sideways, 0.002, math.radians(75.0))
+        record[key] = value
+    upset = Upset(roll, roll_rate, nose_up, rear, front, sliding, sideways)
+    code = fall_of(upset, 0.002, math.radians(75.0), record[0])
     return sf.FALL_NAMES[code]
 
 

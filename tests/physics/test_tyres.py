@@ -1,7 +1,7 @@
 """The motorcycle tyre: numbers by hand, symmetry, the friction ellipse, relaxation."""
 
 import math
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from hypothesis import strategies as some
 
 from bike_sim.physics import tyres
 from bike_sim.vehicles.files import load_vehicle
-from bike_sim.vehicles.superbike import Superbike, Tyre
+from bike_sim.vehicles.superbike import TYRE, Superbike, Tyre
 
 VEHICLE = load_vehicle("panigale_v4r")
 assert isinstance(VEHICLE, Superbike)
@@ -22,8 +22,8 @@ PLAIN = Tyre(
 )  # fmt: skip
 
 
-def row(tyre: Tyre) -> np.ndarray:
-    return np.array([getattr(tyre, name) for name in tyres.TYRE_NAMES])
+def row(tyre: Tyre) -> np.void:
+    return np.array([astuple(tyre)], dtype=TYRE)[0]
 
 
 PLAIN_ROW = row(PLAIN)
@@ -82,7 +82,7 @@ def test_friction_ellipse_is_never_left(slip: float, drift: float, camber: float
     for tyre in (PLAIN_ROW, *VEHICLE.tyres):
         fx, fy, _, _ = tyres.forces(slip, drift, camber, load, grip, tyre)
         mu = tyres.friction(camber, tyre) * grip * load
-        assert math.hypot(fx / (mu * tyre[tyres.FRICTION_RATIO]), fy / mu) <= 1.0 + 1e-12
+        assert math.hypot(fx / (mu * tyre["friction_ratio"]), fy / mu) <= 1.0 + 1e-12
 
 
 @given(slips, slips, cambers)

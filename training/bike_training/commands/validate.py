@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bike_sim.physics import linear, modes
-from bike_sim.physics.engine import ENGINE_KINDS, Engine, make_engine
+from bike_sim.physics.engine import BICYCLE_ENGINES, Engine, make_engine
 from bike_sim.physics.superbike_engine import TIME_STEP
 from bike_sim.validation import bicycle as validation
 from bike_sim.vehicles.bicycle import Vehicle
@@ -48,7 +48,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default="whipple",
         help=f"bicycle: shipped vehicle or YAML file (default: whipple); {SUPERBIKES}: all five machines",
     )
-    parser.add_argument("--engine", choices=ENGINE_KINDS, default="pybullet", help="default: pybullet")
+    parser.add_argument("--engine", choices=BICYCLE_ENGINES, default="pybullet", help="default: pybullet")
     parser.add_argument(
         "--time-step", type=float, metavar="S", help="integration step, s (default: 0.001; superbike 0.002)"
     )

@@ -16,18 +16,9 @@ import numpy as np
 
 from bike_sim.physics import kinematics, mapping
 from bike_sim.physics import state as st
-from bike_sim.physics.pybullet_tree import (
-    AXLE_TO_Z,
-    FORK,
-    FRONT_WHEEL,
-    LINKS,
-    REAR_WHEEL,
-    build_tree,
-    bullet,
-    principal_axes,
-    set_free,
-)
+from bike_sim.physics.pybullet_tree import AXLE_TO_Z, build_tree, bullet, set_free
 from bike_sim.physics.state import StateVector
+from bike_sim.physics.tree import FORK, FRONT_WHEEL, LINKS, REAR_WHEEL, principal_axes, vehicle_tree
 from bike_sim.vehicles.bicycle import Vehicle
 
 _MARGIN: Final = 1e-7
@@ -223,7 +214,7 @@ class PyBulletEngine:
         ground = bullet.createMultiBody(0.0, plane, physicsClientId=client)
         bullet.changeDynamics(ground, -1, lateralFriction=_FRICTION, physicsClientId=client)
         wheels = [self._wheel_shape(radius) for radius in (self.vehicle.rR, self.vehicle.rF)]
-        body = build_tree(client, self.vehicle, wheels)
+        body = build_tree(client, vehicle_tree(self.vehicle), dict(zip((REAR_WHEEL, FRONT_WHEEL), wheels, strict=True)))
         set_free(client, body, _FRICTION)
         return body
 

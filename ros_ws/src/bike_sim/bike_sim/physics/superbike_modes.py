@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from bike_sim.physics import mapping
 from bike_sim.physics import state as st
-from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics import superbike_statics as statics
-from bike_sim.physics.pybullet_tree import FORK, SLIDER, bullet
+from bike_sim.physics.pybullet_tree import bullet
+from bike_sim.physics.superbike.records import MEMORY_NAMES
 from bike_sim.physics.superbike_engine import SuperbikeEngine
+from bike_sim.physics.tree import FORK, SLIDER
 from bike_sim.vehicles.superbike import Superbike
 
 FloatArray = NDArray[np.float64]
@@ -125,7 +126,7 @@ class _Snapshot:
             omega[0] += push * (name == "roll_rate")
             omega[2] += push * (name == "yaw_rate")
         elif name in ("rear_drift", "front_drift"):
-            self.engine.memory[sf.M_REAR_DRIFT if name == "rear_drift" else sf.M_FRONT_DRIFT] += push
+            self.engine.memory[MEMORY_NAMES.index(name)] += push
         else:
             joints[FORK if name.startswith("steer") else SLIDER][name.endswith("rate")] += push
         body, client = self.engine.body, self.engine.client
@@ -146,6 +147,6 @@ class _Snapshot:
         return np.array(
             [
                 state[st.ROLL], state[st.STEER], slide[0], side, state[st.ROLL_RATE], omega[2], state[st.STEER_RATE],
-                slide[1], memory[sf.M_REAR_DRIFT], memory[sf.M_FRONT_DRIFT],
+                slide[1], *(memory[MEMORY_NAMES.index(name)] for name in ("rear_drift", "front_drift")),
             ]
         )  # fmt: skip

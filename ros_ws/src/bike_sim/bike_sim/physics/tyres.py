@@ -1,6 +1,6 @@
 """A motorcycle tyre: Magic Formula with camber thrust, combined slip, relaxation and a toroidal crown.
 
-All functions are compiled (numba, nopython) and take one row of `Superbike.tyres` as ``t``. Signs are the project's:
+All functions are compiled (numba, nopython) and take one record of `Superbike.tyres` as ``t``. Signs are the project's:
 x along the wheel's heading on the ground, y to the left, z up; camber and lean are positive to the right.
 
 Steady state follows the similarity method with the Magic Formula of
@@ -23,45 +23,36 @@ from __future__ import annotations
 import math
 from typing import Final
 
-import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from bike_sim.vehicles.superbike import TYRE_NAMES
-
-FloatArray = NDArray[np.float64]
-
-(
-    CROWN, STIFFNESS, DAMPING, NOMINAL_LOAD, CORNERING, CORNERING_SLOPE, CAMBER, FRICTION, FRICTION_RATIO,
-    CAMBER_FADE, SHAPE, SLIP_STIFFNESS, RELAXATION, SLIP_RELAXATION, TRAIL, ROLLING,
-) = range(len(TYRE_NAMES))  # fmt: skip
+from bike_sim.vehicles.superbike import Record
 
 _LEAST_CORNERING: Final = 0.3
 """Part of the nominal cornering coefficient that stays at any load."""
 
 
 @njit(cache=True)
-def cornering_coefficient(load: float, t: FloatArray) -> float:
+def cornering_coefficient(load: float, t: Record) -> float:
     """Return cornering stiffness by load, 1/rad: value and slope of Pacejka's at the nominal load, linear elsewhere."""
-    k = t[CORNERING] - (t[CORNERING] - t[CORNERING_SLOPE]) * (load / t[NOMINAL_LOAD] - 1.0)
-    return max(k, _LEAST_CORNERING * t[CORNERING])
+    k = t.cornering - (t.cornering - t.cornering_slope) * (load / t.nominal_load - 1.0)
+    return max(k, _LEAST_CORNERING * t.cornering)
 
 
 @njit(cache=True)
-def friction(camber: float, t: FloatArray) -> float:
+def friction(camber: float, t: Record) -> float:
     """Return the largest lateral force by load at a camber, rad."""
-    return t[FRICTION] / (1.0 + t[CAMBER_FADE] * camber * camber)
+    return t.friction / (1.0 + t.camber_fade * camber * camber)
 
 
 @njit(cache=True)
-def peak_slip(t: FloatArray) -> float:
+def peak_slip(t: Record) -> float:
     """Return the normalised slip at which the force is largest: ``C tan(pi / 2 C)``."""
-    return t[SHAPE] * math.tan(0.5 * math.pi / t[SHAPE])
+    return t.shape * math.tan(0.5 * math.pi / t.shape)
 
 
 @njit(cache=True)
 def forces(
-    slip: float, drift: float, camber: float, load: float, grip: float, t: FloatArray
+    slip: float, drift: float, camber: float, load: float, grip: float, t: Record
 ) -> tuple[float, float, float, float]:
     """Return ``(Fx, Fy, Mz, s)``: forces in N, aligning moment in N m about the vertical, and the normalised slip.
 
@@ -77,15 +68,15 @@ def forces(
     if load <= 0.0:
         return 0.0, 0.0, 0.0, 0.0
     mu_y = friction(camber, t) * grip
-    mu_x = mu_y * t[FRICTION_RATIO]
-    sx = t[SLIP_STIFFNESS] * slip / mu_x
+    mu_x = mu_y * t.friction_ratio
+    sx = t.slip_stiffness * slip / mu_x
     # Both the side slip and the lean push to the right, where they are positive
-    sy = -(cornering_coefficient(load, t) * drift + t[CAMBER] * camber) / mu_y
+    sy = -(cornering_coefficient(load, t) * drift + t.camber * camber) / mu_y
     s = math.hypot(sx, sy)
-    scale = math.sin(t[SHAPE] * math.atan(s / t[SHAPE])) / s if s > 1e-9 else 1.0
+    scale = math.sin(t.shape * math.atan(s / t.shape)) / s if s > 1e-9 else 1.0
     fy = mu_y * load * scale * sy
     # The side slip's part acts behind the middle of the contact; the trail vanishes where all of it slides.
-    trail = t[TRAIL] * max(0.0, 1.0 - s / peak_slip(t))
+    trail = t.trail * max(0.0, 1.0 - s / peak_slip(t))
     return mu_x * load * scale * sx, fy, -trail * fy, s
 
 
@@ -107,7 +98,7 @@ def relax(value: float, slip_velocity: float, speed: float, length: float, step:
 
 
 @njit(cache=True)
-def normal_load(height: float, height_rate: float, t: FloatArray) -> float:
+def normal_load(height: float, height_rate: float, t: Record) -> float:
     """Return the load of a spring and damper that cannot pull, N.
 
     Args:
@@ -117,7 +108,7 @@ def normal_load(height: float, height_rate: float, t: FloatArray) -> float:
     """
     if height >= 0.0:
         return 0.0
-    return max(0.0, -t[STIFFNESS] * height - t[DAMPING] * height_rate)
+    return max(0.0, -t.stiffness * height - t.damping * height_rate)
 
 
 @njit(cache=True)

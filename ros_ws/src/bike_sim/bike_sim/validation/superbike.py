@@ -10,7 +10,7 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from bike_sim.physics import state as st
 from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics import superbike_statics as statics
+from bike_sim.physics.compiled_superbike_engine import CompiledSuperbikeEngine
+from bike_sim.physics.superbike.base import SuperbikeBase
 from bike_sim.physics.superbike_engine import TIME_STEP, SuperbikeEngine
 from bike_sim.physics.superbike_modes import SuperbikeModes, holding_throttle, measure_modes
 from bike_sim.theory.envelope import envelope
@@ -102,7 +104,7 @@ class Validation:
         return all(check.passed for check in self.checks)
 
 
-def ride(engine: SuperbikeEngine, duration: float, command: Command) -> Ride:
+def ride(engine: SuperbikeBase, duration: float, command: Command) -> Ride:
     """Ride on from where the engine is and record each control period; a fall ends it."""
     steps = round(_PERIOD / engine.time_step)
     times, telemetry, states = [], [], []
@@ -151,7 +153,10 @@ def _weaving(side: float) -> Command:
     return lambda now, telemetry: (side * 0.7 * math.sin(2.0 * now), 0.5 * math.sin(now))
 
 
-def at_speed(engine: SuperbikeEngine, speed: float, lean: float = 0.0, settle: float = 1.0) -> SuperbikeEngine:
+_Engine = TypeVar("_Engine", bound=SuperbikeBase)
+
+
+def at_speed(engine: _Engine, speed: float, lean: float = 0.0, settle: float = 1.0) -> _Engine:
     """Bring an engine to steady riding at a speed (m/s) and a lean (deg), for `settle` seconds."""
     engine.reset(st.upright_state(speed, engine.vehicle.rF))
     ride(engine, settle, holding(engine.vehicle, speed, lambda now: lean))
@@ -184,6 +189,7 @@ def validate(time_step: float = TIME_STEP, report: Callable[[str], None] = lambd
         ("limits of wheelie and stoppie", check_pitch_limits),
         ("mirror symmetry", check_mirror),
         ("convergence", check_convergence),
+        ("compiled against Bullet", check_compiled),
         ("speed of computing", check_real_time),
         ("five machines: launch and stop", check_machines),
         ("five machines: modes", check_modes),
@@ -362,6 +368,23 @@ def check_convergence(result: Validation, vehicle: Superbike) -> Iterator[Check]
     yield Check(
         "step_lean_error_deg", "error of lean by the step over 5 s of brake, turn and drive, deg", at_step, 0.0, 0.5
     )
+
+
+def check_compiled(result: Validation, vehicle: Superbike) -> Iterator[Check]:
+    """The same 60 s of slalom in Bullet and in the compiled engine, which share no dynamics."""
+    rides = []
+    for kind in (SuperbikeEngine, CompiledSuperbikeEngine):
+        engine = kind(vehicle, result.time_step)
+        at_speed(engine, 35.0, settle=0.2)
+        slalom = holding(vehicle, 35.0, lambda now: 45.0 * math.sin(0.5 * math.pi * now))
+        rides.append(ride(engine, 60.0, slalom))
+        engine.close()
+    same = rides[0].states.shape == rides[1].states.shape and rides[0].fall == rides[1].fall == "none"
+    difference = np.abs(rides[0].states - rides[1].states) if same else np.full((1, st.STATE_SIZE), math.inf)
+    yield Check(
+        "compiled_place_m", "compiled engine against Bullet over 60 s: place, m", difference[:, :2].max(), 0.0, 1e-6
+    )
+    yield Check("compiled_lean_deg", "and lean, deg", math.degrees(difference[:, st.ROLL].max()), 0.0, 1e-6)
 
 
 def check_real_time(result: Validation, vehicle: Superbike) -> Iterator[Check]:

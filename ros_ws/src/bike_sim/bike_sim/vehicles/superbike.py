@@ -21,6 +21,8 @@ from numpy.typing import NDArray
 from bike_sim.vehicles.bicycle import FORMAT, Vehicle, VehicleError, require_finite, require_keys
 
 FloatArray = NDArray[np.float64]
+Record = Any
+"""A NumPy record in compiled code: numba finds its fields by their names when it compiles."""
 
 GRAVITY: Final = 9.81
 HIGHEST_SPEED: Final = 200.0
@@ -405,24 +407,21 @@ class Superbike(Vehicle):
         return 1.05 * self.motor.top_gear_speed / self.rR / (TORQUE_SAMPLES - 1)
 
     @cached_property
-    def tyres(self) -> FloatArray:
-        """Both tyres for compiled code: rear first, columns in the order of `TYRE_NAMES`, shape (2, n)."""
-        rows = [[getattr(tyre, name) for name in TYRE_NAMES] for tyre in (self.rear_tyre, self.front_tyre)]
-        table = np.array(rows, dtype=np.float64)
+    def tyres(self) -> NDArray[np.void]:
+        """Both tyres for compiled code, rear first: records of `TYRE`, shape (2,)."""
+        table = np.empty(2, dtype=TYRE)
+        for i, tyre in enumerate((self.rear_tyre, self.front_tyre)):
+            _fill(table[i], tyre)
         table.setflags(write=False)
         return table
 
     @cached_property
-    def machine(self) -> FloatArray:
-        """All else for compiled code, in the order of `MACHINE_NAMES`."""
-        sections = self.sections
-        values = []
-        for name in MACHINE_NAMES:
-            section, _, key = name.partition(".")
-            values.append(getattr(sections[section], key) if key else getattr(self, name))
-        vector = np.array(values, dtype=np.float64)
-        vector.setflags(write=False)
-        return vector
+    def machine(self) -> Record:
+        """All else for compiled code: a record of `MACHINE`."""
+        table = np.empty(1, dtype=MACHINE)
+        _fill(table[0], self)
+        table.setflags(write=False)
+        return table[0]
 
     def _refuse(self, text: str) -> None:
         raise VehicleError(f"vehicle '{self.name}': {text}")
@@ -446,8 +445,6 @@ _POSITIVE: Final = frozenset(
 )  # fmt: skip
 """Values that must not be zero either, in any section."""
 
-TYRE_NAMES: Final = tuple(field.name for field in fields(Tyre))
-
 _SECTION_TYPES: Final[dict[str, type]] = {
     "rider": Rider,
     "air": Air,
@@ -459,11 +456,34 @@ _SECTION_TYPES: Final[dict[str, type]] = {
 }
 """Sections that stand in the file as they stand in the dataclass."""
 
-MACHINE_NAMES: Final = (
-    "w", "c", "lam", "g", "rR", "rF", "IRyy", "IFyy", "fall_roll", "max_steer", "mass", "com_x", "com_height",
-    *(f"{section}.{field.name}" for section, kind in _SECTION_TYPES.items() for field in fields(kind)),
-)  # fmt: skip
-"""Order of `Superbike.machine`."""
+
+def record_of(kind: type) -> np.dtype[np.void]:
+    """Return the record that carries a dataclass of numbers into compiled code: its fields by their names."""
+    return np.dtype([(field.name, np.float64) for field in fields(kind)])
+
+
+TYRE: Final = record_of(Tyre)
+"""Record of a tyre."""
+
+MACHINE: Final = np.dtype(
+    [
+        *((name, np.float64) for name in ("w", "c", "lam", "g", "rR", "rF", "IRyy", "IFyy", "fall_roll", "max_steer")),
+        *((name, np.float64) for name in ("mass", "com_x", "com_height")),
+        *((name, record_of(kind)) for name, kind in _SECTION_TYPES.items()),
+    ]
+)
+"""Record of a machine: numbers of `Superbike` and its sections. Compiled code reads them by name, never by place."""
+
+
+def _fill(record: Record, source: Any) -> None:
+    """Copy the attributes of an object into a record whose fields have their names, sections into theirs."""
+    for name in record.dtype.names:
+        value = getattr(source, name)
+        if record.dtype[name].names is None:
+            record[name] = value
+        else:
+            _fill(record[name], value)
+
 
 _TOP_LEVEL: Final = (
     "format", "type", "name", "description", "sources", "geometry", "bodies", "front_tyre", "rear_tyre",

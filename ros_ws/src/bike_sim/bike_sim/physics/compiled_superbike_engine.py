@@ -1,0 +1,59 @@
+"""The superbike without PyBullet: the same bodies and the same forces, integrated by compiled code alone."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bike_sim.physics import articulated
+from bike_sim.physics import state as st
+from bike_sim.physics.superbike.base import SuperbikeBase
+from bike_sim.physics.superbike.compiled import advance_one, look_one
+from bike_sim.physics.superbike.start import Start
+from bike_sim.vehicles.superbike import Superbike
+
+
+class CompiledSuperbikeEngine(SuperbikeBase):
+    """A superbike whose bodies are integrated by `bike_sim.physics.articulated`.
+
+    It shares the forces with the engine in Bullet, but not a line of the dynamics, so each checks the other: their
+    rides come together as the step shrinks. One step is a single compiled call, and batches step rows of many machines
+    with the same code (`bike_sim.physics.superbike.compiled.advance_rows`).
+
+    Attributes:
+        motion: of the bodies, a record of `articulated.motion_record`, shape (1,).
+    """
+
+    def __init__(self, vehicle: Superbike, time_step: float) -> None:
+        """Put the machine upright at rest.
+
+        Args:
+            vehicle: the machine to simulate.
+            time_step: integration step, s.
+
+        Raises:
+            ValueError: the vehicle is no superbike, or the time step is not positive and finite.
+        """
+        super().__init__(vehicle, time_step)
+        self.motion = np.zeros(1, dtype=articulated.motion_record(len(self.tree)))
+        self._tree = articulated.tree_record(self.tree, vehicle.g)
+        self._work = articulated.workspace(len(self.tree))
+        self.reset(st.upright_state(0.0, vehicle.rF))
+
+    def close(self) -> None:
+        """Do nothing: there is nothing to release."""
+
+    def _place(self, start: Start) -> None:
+        """Set the motion of the bodies, and fill minimal state and telemetry from it."""
+        for name, values in start._asdict().items():
+            self.motion[name] = values
+        look_one(self._state, self.motion, self._memory.copy(), self._telemetry, self._constants, self._command())
+
+    def _run(self, steering: float, throttle: float, steps: int) -> None:
+        """Step until a fall or to the end, and fill the minimal state."""
+        advance_one(
+            self._state, self.motion, self._memory, self._telemetry, self._constants, self._tree, self._work,
+            self._command(steering, throttle), steps,
+        )  # fmt: skip
+
+    def _command(self, steering: float = 0.0, throttle: float = 0.0) -> tuple[float, float, float, float, float]:
+        return steering, throttle, float(self.rear_grip), float(self.front_grip), self.time_step

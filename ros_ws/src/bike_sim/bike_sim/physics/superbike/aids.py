@@ -1,0 +1,137 @@
+"""The electronics of a superbike: how much drive and brake they allow, ahead by statics and after the fact by a cut."""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+from numba import njit
+
+from bike_sim.physics import tyres
+from bike_sim.vehicles.superbike import Record
+
+_THROW_RATE: Final = 1.0  # rad/s of roll at which the electronics keep the front wheel as loaded as lying flat
+
+
+class AidLimits(NamedTuple):
+    """What each of the electronics allows, N; infinite without it.
+
+    Attributes:
+        traction: drive by traction control. wheelie: drive by wheelie control.
+        braking: front brake by brake control. stoppie: front brake by stoppie control.
+    """
+
+    traction: float
+    wheelie: float
+    braking: float
+    stoppie: float
+
+
+class AidCuts(NamedTuple):
+    """What is left of drive and brakes after each of the electronics has answered slips and loads: 1 is all, 0 none.
+
+    Attributes:
+        traction: of the drive. wheelie: of the drive.
+        front: of the front brake by its slip. rear: of the rear brake. stoppie: of the front brake by the rear load.
+    """
+
+    traction: float
+    wheelie: float
+    front: float
+    rear: float
+    stoppie: float
+
+
+@njit(cache=True)
+def between(value: float, low: float, high: float) -> float:
+    """Return 0 at and below `low`, 1 at and above `high`, linear between."""
+    return min(max((value - low) / (high - low), 0.0), 1.0)
+
+
+@njit(cache=True)
+def force_limits(
+    roll: float, roll_rate: float, squared_speed: float, machine: Record, tyre: Record
+) -> tuple[float, float]:
+    """Return what the electronics together allow: drive and front brake force, N.
+
+    Args:
+        roll: rad.
+        roll_rate: rad/s.
+        squared_speed: m2/s2.
+        machine: `Superbike.machine`.
+        tyre: `Superbike.tyres`.
+    """
+    limits = aid_limits(roll, roll_rate, squared_speed, machine, tyre[0], tyre[1])
+    return min(limits.wheelie, limits.traction), min(limits.stoppie, limits.braking)
+
+
+@njit(cache=True)
+def aid_limits(
+    roll: float, roll_rate: float, squared_speed: float, machine: Record, rear_tyre: Record, front_tyre: Record
+) -> AidLimits:
+    """Return what each of the electronics allows at this lean and roll rate.
+
+    Statics of the machine as a mass on two wheels, with its centre of mass lowered by the lean, drag and downforce;
+    the turn takes its part of the friction ellipse, and `traction_share` of the rest is free.
+    """
+    air, aids = machine.air, machine.electronics
+    sin_lean, cos_lean = abs(math.sin(roll)), max(math.cos(roll), 0.2)
+    pressure = 0.5 * air.density * squared_speed
+    drag, down = pressure * air.drag_area, pressure * air.down_area * cos_lean
+    height, air_height = machine.com_height * cos_lean, air.height * cos_lean
+    weight = machine.mass * machine.g
+    # With thrust T the machine accelerates by (T - drag) / mass, and the front load is front - T height / w
+    front = (weight * machine.com_x + down * air.x - drag * (air_height - height)) / machine.w
+    rear = weight + down - front
+    traction, wheelie, braking, stoppie = math.inf, math.inf, math.inf, math.inf
+    if aids.wheelie_control > 0.0:
+        # a front wheel must also steer, most of all when the machine is thrown over
+        keep = aids.wheelie_load + aids.wheelie_load_lean * min(1.0, sin_lean + abs(roll_rate) / _THROW_RATE)
+        wheelie = max(0.0, (front - keep) * machine.w / height)
+    if aids.stoppie_control > 0.0:
+        stoppie = max(0.0, (rear - aids.stoppie_load) * machine.w / height)
+    turn = sin_lean / cos_lean
+    if aids.traction_control > 0.0:
+        traction = _grip_limit(roll, turn, aids.traction_share, rear, height, machine.w, rear_tyre)
+    if aids.brake_control > 0.0:
+        braking = _grip_limit(roll, turn, aids.brake_share, front, height, machine.w, front_tyre)
+    return AidLimits(traction, wheelie, braking, stoppie)
+
+
+@njit(cache=True)
+def _grip_limit(
+    roll: float, turn: float, share: float, load: float, height: float, wheelbase: float, tyre: Record
+) -> float:
+    """Return the force that a share of the friction left by a turn allows, N; the force itself loads the wheel."""
+    mu = tyres.friction(roll, tyre)
+    left = share * mu * tyre.friction_ratio * math.sqrt(max(0.0, 1.0 - (turn / mu) ** 2))
+    # no more than all of the weight can come to the wheel
+    transfer = left * height / wheelbase
+    return left * load / (1.0 - transfer) if transfer < 1.0 else math.inf
+
+
+@njit(cache=True)
+def aid_cuts(
+    rear_slip: float, rear_use: float, rear_load: float, front_use: float, front_load: float, aids: Record
+) -> AidCuts:
+    """Return what the electronics leave after the fact.
+
+    Args:
+        rear_slip: longitudinal slip of the rear tyre.
+        rear_use: its normalised slip.
+        rear_load: N.
+        front_use: normalised slip of the front tyre.
+        front_load: N.
+        aids: the machine's electronics.
+    """
+    traction = wheelie = front = rear = stoppie = 1.0
+    if aids.traction_control > 0.0 and rear_slip > 0.0:
+        traction = 1.0 - between(rear_use, aids.traction_slip_on, aids.traction_slip_off)
+    if aids.wheelie_control > 0.0:
+        wheelie = between(front_load, aids.wheelie_load_off, aids.wheelie_load_on)
+    if aids.brake_control > 0.0:
+        front = 1.0 - between(front_use, aids.brake_slip_on, aids.brake_slip_off)
+        rear = 1.0 - between(rear_use, aids.brake_slip_on, aids.brake_slip_off)
+    if aids.stoppie_control > 0.0:
+        stoppie = between(rear_load, aids.stoppie_load_off, aids.stoppie_load_on)
+    return AidCuts(traction, wheelie, front, rear, stoppie)

@@ -1,0 +1,188 @@
+"""Where the wheels of a superbike are, where they touch the ground and how fast, and what their tyres do there.
+
+Vectors are in map axes (z up). A contact's `heading` is the wheel's on the ground, `left` is left of it. Geometry of
+the toroidal tyre: the lowest point lies one crown radius straight below the lowest point of the ring through the
+middles of its cross-sections, and it has the velocity of the wheel carrier's material there plus that of the wheel's
+rotation about its axle, ``-R_e spin`` along the heading, with ``R_e = R - crown (1 - cos camber)``.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from numba import njit
+
+from bike_sim.physics import tyres
+from bike_sim.physics.superbike.records import Motion, Quaternion
+from bike_sim.physics.vectors import Vec, add, cross, dot, mix, scale
+from bike_sim.vehicles.superbike import Record
+
+
+class Axes(NamedTuple):
+    """The bodies' axes and the arms from the frame's centre of mass, in map axes.
+
+    Attributes:
+        ex: of the frame, forward. ey: left, the rear axle. ez: up.
+        axle: the front axle, to the left. steering: the steering axis, upward.
+        rear_arm: to the rear axle, m. head_arm: to the head. hub_arm: from the head to the front axle.
+        fork_omega: angular velocity of the fork, rad/s.
+    """
+
+    ex: Vec
+    ey: Vec
+    ez: Vec
+    axle: Vec
+    steering: Vec
+    rear_arm: Vec
+    head_arm: Vec
+    hub_arm: Vec
+    fork_omega: Vec
+
+
+class Contact(NamedTuple):
+    """A wheel at the ground.
+
+    Attributes:
+        point: lowest of the undeformed tyre, m; its height is the gap, negative when pressed in.
+        heading: unit vector. left: unit vector.
+        radius: rolling radius R_e, m.
+    """
+
+    point: Vec
+    heading: Vec
+    left: Vec
+    radius: float
+
+
+class Rolling(NamedTuple):
+    """How a wheel moves.
+
+    Attributes:
+        velocity: of the carrier's material at the lowest point, m/s. carrier: its angular velocity, rad/s.
+        axle: unit vector to the left. rate: of the wheel relative to its carrier, rad/s.
+    """
+
+    velocity: Vec
+    carrier: Vec
+    axle: Vec
+    rate: float
+
+
+class TyreForce(NamedTuple):
+    """What a tyre does to its wheel.
+
+    Attributes:
+        fx: along the heading, N. fy: to the left. fz: up, the load. mz: aligning moment about the vertical, N m.
+        use: normalised slip, 1 is linear saturation.
+        slip: longitudinal transient slip. drift: lateral transient slip.
+    """
+
+    fx: float
+    fy: float
+    fz: float
+    mz: float
+    use: float
+    slip: float
+    drift: float
+
+
+@njit(cache=True)
+def frame_axes(q: Quaternion, geometry: Record) -> tuple[Vec, Vec, Vec]:
+    """Return the rear frame's x, y and z axes in the map, from the orientation of its principal axes."""
+    x, y, z, w = q
+    px = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)
+    ey = 2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)
+    pz = 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)
+    c, s = geometry.cos_principal, geometry.sin_principal
+    return mix(c, px, s, pz), ey, mix(-s, px, c, pz)
+
+
+@njit(cache=True)
+def fork_axes(ex: Vec, ey: Vec, ez: Vec, steer: float, geometry: Record) -> tuple[Vec, Vec, Vec]:
+    """Return the fork's axes: across the steering axis forward, the front axle, and the steering axis upward."""
+    c, s = geometry.cos_tilt, geometry.sin_tilt
+    axis = mix(-s, ex, c, ez)
+    ahead = mix(c, ex, s, ez)
+    cs, ss = math.cos(steer), math.sin(steer)
+    return mix(cs, ahead, ss, ey), mix(cs, ey, -ss, ahead), axis
+
+
+@njit(cache=True)
+def axes_of(motion: Motion, geometry: Record) -> Axes:
+    """Return axes and arms of the bodies."""
+    ex, ey, ez = frame_axes(motion.orientation, geometry)
+    ahead, axle, steering = fork_axes(ex, ey, ez, motion.steer, geometry)
+    return Axes(
+        ex,
+        ey,
+        ez,
+        axle,
+        steering,
+        mix(geometry.axle_x, ex, geometry.axle_z, ez),
+        mix(geometry.head_x, ex, geometry.head_z, ez),
+        scale(geometry.hub, ahead),
+        mix(1.0, motion.omega, motion.steer_rate, steering),
+    )
+
+
+@njit(cache=True)
+def wheel_contact(centre: Vec, axle: Vec, radius: float, crown: float) -> Contact:
+    """Return where a torus meets flat ground.
+
+    Args:
+        centre: of the wheel, m.
+        axle: unit vector to the left.
+        radius: of the wheel with tyre, m.
+        crown: radius of the tyre's cross-section, m.
+    """
+    k = math.sqrt(max(1e-12, axle[0] * axle[0] + axle[1] * axle[1]))
+    ring = radius - crown
+    # down in the wheel's plane: -(z - axle_z axle) / k
+    down = axle[2] * axle[0] / k, axle[2] * axle[1] / k, -k
+    point = centre[0] + ring * down[0], centre[1] + ring * down[1], centre[2] + ring * down[2] - crown
+    heading = axle[1] / k, -axle[0] / k, 0.0
+    left = axle[0] / k, axle[1] / k, 0.0
+    return Contact(point, heading, left, ring + crown * k)
+
+
+@njit(cache=True)
+def rolling_wheels(motion: Motion, axes: Axes, rear: Contact, front: Contact) -> tuple[Rolling, Rolling]:
+    """Return how the rear and the front wheel move at their contacts."""
+    omega = motion.omega
+    rear_velocity = add(motion.velocity, cross(omega, mix(1.0, rear.point, -1.0, motion.position)))
+    head_velocity = add(motion.velocity, cross(omega, axes.head_arm))
+    head = add(motion.position, axes.head_arm)
+    front_velocity = add(head_velocity, cross(axes.fork_omega, mix(1.0, front.point, -1.0, head)))
+    return (
+        Rolling(rear_velocity, omega, axes.ey, motion.rear_rate),
+        Rolling(front_velocity, axes.fork_omega, axes.axle, motion.front_rate),
+    )
+
+
+@njit(cache=True)
+def tyre_force(
+    slip: float, drift: float, contact: Contact, wheel: Rolling, grip: float, dt: float, tyre: Record
+) -> TyreForce:
+    """Return what a tyre does, with its transient slips after the step.
+
+    Args:
+        slip: longitudinal transient slip before the step.
+        drift: lateral transient slip before the step.
+        contact: where the wheel stands.
+        wheel: how it moves.
+        grip: factor on friction.
+        dt: time step, s.
+        tyre: its parameters.
+    """
+    load = tyres.normal_load(contact.point[2], wheel.velocity[2], tyre)
+    along = dot(wheel.velocity, contact.heading)
+    # the contact wanders along the ground with the wheel's centre, whatever the pitch rate of its carrier
+    speed = abs(along + dot(wheel.carrier, wheel.axle) * contact.radius)
+    slip = tyres.relax(slip, wheel.rate * contact.radius - along, speed, tyre.slip_relaxation, dt)
+    drift = tyres.relax(drift, dot(wheel.velocity, contact.left), speed, tyre.relaxation, dt)
+    if load <= 0.0:
+        slip = drift = 0.0  # a tyre in the air forgets
+    camber = math.asin(min(max(wheel.axle[2], -1.0), 1.0))
+    fx, fy, mz, use = tyres.forces(slip, drift, camber, load, grip, tyre)
+    return TyreForce(fx, fy, load, mz, use, slip, drift)

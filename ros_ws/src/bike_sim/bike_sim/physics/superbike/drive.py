@@ -1,0 +1,109 @@
+"""Engine, brakes and rolling resistance: torques on the wheels of a superbike."""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+from numba import njit
+
+from bike_sim.physics.superbike.aids import AidCuts, AidLimits, aid_cuts, aid_limits
+from bike_sim.physics.superbike.contact import TyreForce
+from bike_sim.physics.superbike.records import Attitude
+from bike_sim.vehicles.superbike import Record
+
+_ASKS: Final = 0.01  # part of full throttle or full brake below which an aid has nothing to hold back
+
+
+class Spinning(NamedTuple):
+    """A wheel as engine and brakes see it.
+
+    Attributes:
+        spin: about its axle, rad/s.
+        radius: rolling radius, m.
+        tyre: what the tyre does.
+    """
+
+    spin: float
+    radius: float
+    tyre: TyreForce
+
+
+@njit(cache=True)
+def _lookup(table: Record, position: float) -> float:
+    """Return a table at a fractional index, 0 beyond its end."""
+    if position <= 0.0:
+        return table[0]
+    i = int(position)
+    if i >= table.size - 1:
+        return 0.0
+    return table[i] + (position - i) * (table[i + 1] - table[i])
+
+
+@njit(cache=True)
+def _brake_torque(limit: float, spin: float, inertia: float, tyre_torque: float, dt: float) -> float:
+    """Return the torque of a brake that can hold up to `limit`, N m: it stops a wheel but never turns it back."""
+    return min(max(-(inertia * spin / dt + tyre_torque), -limit), limit)
+
+
+@njit(cache=True)
+def drive_and_brake(
+    throttle: float, attitude: Attitude, rear: Spinning, front: Spinning, dt: float, memory: Record, telemetry: Record,
+    constants: Record,
+) -> tuple[float, float]:  # fmt: skip
+    """Return the torques of engine and brakes on the rear and the front wheel, N m, and write down what they did.
+
+    Args:
+        throttle: command, drive above 0, brakes below.
+        attitude: of the machine.
+        rear: rear wheel.
+        front: front wheel.
+        dt: time step, s.
+        memory: its lags are advanced.
+        telemetry: written.
+        constants: of the machine.
+    """
+    machine = constants.machine
+    motor, brakes = machine.motor, machine.brakes
+    memory.drive += (max(throttle, 0.0) - memory.drive) * -math.expm1(-dt / motor.lag)
+    memory.brake += (max(-throttle, 0.0) - memory.brake) * -math.expm1(-dt / brakes.lag)
+    drive, brake = memory.drive, memory.brake
+    limits = aid_limits(
+        attitude.roll, attitude.roll_rate, attitude.squared_speed, machine, constants.rear_tyre, constants.front_tyre
+    )
+    cuts = aid_cuts(rear.tyre.slip, rear.tyre.use, rear.tyre.fz, front.tyre.use, front.tyre.fz, machine.electronics)
+
+    available = drive * _lookup(constants.wheel_torque, rear.spin / constants.geometry.torque_spacing)
+    drive_torque = cuts.traction * cuts.wheelie * min(available, min(limits.wheelie, limits.traction) * rear.radius)
+    rear_brake = (1.0 - brakes.front_share) * brake * cuts.rear * brakes.force * machine.rR
+    asked = brakes.front_share * brake * brakes.force
+    front_brake = cuts.front * cuts.stoppie * min(asked, min(limits.stoppie, limits.braking)) * machine.rF
+    # closed throttle drags like a brake, and is eased like one where the rear tyre slips; so does rolling resistance
+    engine_brake = cuts.rear * (1.0 - drive) * motor.engine_brake * machine.rR
+    rear_hold = rear_brake + engine_brake + constants.rear_tyre.rolling * rear.tyre.fz * rear.radius
+    front_hold = front_brake + constants.front_tyre.rolling * front.tyre.fz * front.radius
+    rear_torque = drive_torque + _brake_torque(
+        rear_hold, rear.spin, machine.IRyy, drive_torque - rear.tyre.fx * rear.radius, dt
+    )
+    front_torque = _brake_torque(front_hold, front.spin, machine.IFyy, -front.tyre.fx * front.radius, dt)
+
+    telemetry.drive_torque_nm = drive_torque
+    telemetry.engine_power_w = drive_torque * rear.spin / motor.efficiency
+    telemetry.front_brake_nm, telemetry.rear_brake_nm = front_brake, rear_brake
+    _tell_aids(drive, brake, available, asked, rear.radius, limits, cuts, telemetry)
+    return rear_torque, front_torque
+
+
+@njit(cache=True)
+def _tell_aids(
+    drive: float, brake: float, available: float, asked: float, rear_radius: float, limits: AidLimits, cuts: AidCuts,
+    telemetry: Record,
+) -> None:  # fmt: skip
+    """Write down what the electronics hold back of drive and brakes."""
+    telemetry.traction_cut, telemetry.wheelie_cut = cuts.traction, cuts.wheelie
+    telemetry.front_brake_cut, telemetry.rear_brake_cut = cuts.front * cuts.stoppie, cuts.rear
+    drives, brakes = drive > _ASKS, brake > _ASKS
+    telemetry.traction_active = drives and (cuts.traction < 1.0 or available > limits.traction * rear_radius)
+    telemetry.wheelie_active = drives and (cuts.wheelie < 1.0 or available > limits.wheelie * rear_radius)
+    telemetry.brake_active = brakes and (min(cuts.front, cuts.rear) < 1.0 or asked > limits.braking)
+    telemetry.stoppie_active = brakes and (cuts.stoppie < 1.0 or asked > limits.stoppie)

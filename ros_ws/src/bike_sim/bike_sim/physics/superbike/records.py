@@ -1,0 +1,155 @@
+"""What the compiled forces of a superbike read and write: records whose fields have names.
+
+Compiled code reads ``memory.drive`` and ``constants.machine.brakes.force``: numba looks the names up when it compiles,
+so nothing depends on the order of fields, and a name that does not exist is an error. From outside, memory and
+telemetry are also plain vectors of floats in the order of their names.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_sim.physics import mapping
+from bike_sim.physics.tree import principal_axes
+from bike_sim.physics.vectors import Vec
+from bike_sim.vehicles.superbike import MACHINE, TORQUE_SAMPLES, TYRE, Superbike
+
+Quaternion = tuple[float, float, float, float]
+
+MEMORY_NAMES: Final = (
+    "rear_slip", "rear_drift", "front_slip", "front_drift", "lean_reference", "lean_reference_rate", "integral",
+    "drive", "brake", "front_load", "slide_side", "slide_age", "fall",
+)  # fmt: skip
+"""What the forces remember from step to step; `fall` is an index of `falls.FALL_NAMES`."""
+
+MEMORY: Final = np.dtype([(name, np.float64) for name in MEMORY_NAMES])
+
+GEOMETRY: Final = np.dtype(
+    [
+        (name, np.float64)
+        for name in (
+            "cos_principal", "sin_principal", "axle_x", "axle_z", "head_x", "head_z", "hub", "cos_tilt", "sin_tilt",
+            "air_x", "air_z", "rear_static", "front_static", "torque_spacing",
+        )
+    ]
+)  # fmt: skip
+"""Where things are, in the rear frame's principal axes from its centre of mass, m: the rear axle, the head (see
+`mapping.Layout`) and the centre of pressure; `hub` is the front axle's distance ahead of the steering axis. The angle
+is from the frame's axes to the principal ones, the tilt the steering axis'; static are the tyres' deflections of the
+standing machine, m, and the spacing is that of the table of wheel torque, rad/s."""
+
+CONSTANTS: Final = np.dtype(
+    [
+        ("machine", MACHINE),
+        ("geometry", GEOMETRY),
+        ("rear_tyre", TYRE),
+        ("front_tyre", TYRE),
+        ("wheel_torque", np.float64, (TORQUE_SAMPLES,)),
+    ]
+)
+"""All that the forces know of a machine."""
+
+
+class Motion(NamedTuple):
+    """Motion of the frame without rider and of the joints.
+
+    Attributes:
+        position: of the frame's centre of mass, m. orientation: of its principal axes, quaternion (x, y, z, w).
+        velocity: m/s. omega: angular velocity in map axes, rad/s.
+        rear_rate: of the rear wheel relative to the frame, rad/s.
+        steer: rad. steer_rate: rad/s.
+        front_rate: of the front wheel relative to the fork, rad/s.
+        slide: of the rider, m to the left. slide_rate: m/s.
+    """
+
+    position: Vec
+    orientation: Quaternion
+    velocity: Vec
+    omega: Vec
+    rear_rate: float
+    steer: float
+    steer_rate: float
+    front_rate: float
+    slide: float
+    slide_rate: float
+
+
+class Command(NamedTuple):
+    """What is held during a step.
+
+    Attributes:
+        steering: in [-1, 1], positive to the left. throttle: drive above 0, brakes below.
+        rear_grip: factor on friction under the rear wheel. front_grip: under the front wheel.
+        dt: time step, s.
+    """
+
+    steering: float
+    throttle: float
+    rear_grip: float
+    front_grip: float
+    dt: float
+
+
+class Attitude(NamedTuple):
+    """What rider and electronics feel of the motion.
+
+    Attributes:
+        roll: rad, positive to the right. roll_rate: rad/s.
+        cos_yaw: of the heading. sin_yaw: of the heading.
+        speed: forward, m/s. squared_speed: of the whole velocity, m2/s2.
+    """
+
+    roll: float
+    roll_rate: float
+    cos_yaw: float
+    sin_yaw: float
+    speed: float
+    squared_speed: float
+
+
+def constants_of(vehicle: Superbike, bare: Superbike) -> NDArray[np.void]:
+    """Return the constants of a machine, one record of `CONSTANTS`, shape (1,).
+
+    Args:
+        vehicle: the machine.
+        bare: the same whose rear body is the frame without rider; its centre of mass is the origin of the geometry.
+    """
+    reference = mapping.layout(bare)
+    origin = reference.centres[mapping.REAR_FRAME]
+    axle, head = reference.centres[mapping.REAR_WHEEL] - origin, reference.head - origin
+    hub = reference.centres[mapping.FRONT_WHEEL] - reference.head
+    cos_tilt, sin_tilt = math.cos(vehicle.lam), math.sin(vehicle.lam)
+    quaternion, _ = principal_axes(mapping.inertia_tensors(bare)[mapping.REAR_FRAME])
+    angle = 2.0 * math.atan2(quaternion[1], quaternion[3])
+    x, _ = vehicle.centre_of_mass
+    weight = vehicle.mass * vehicle.g
+    front = weight * x / vehicle.w
+    geometry = {
+        "cos_principal": math.cos(angle),
+        "sin_principal": math.sin(angle),
+        "axle_x": axle[0],
+        "axle_z": axle[2],
+        "head_x": head[0],
+        "head_z": head[2],
+        "hub": hub[0] * cos_tilt + hub[2] * sin_tilt,
+        "cos_tilt": cos_tilt,
+        "sin_tilt": sin_tilt,
+        "air_x": vehicle.air.x - origin[0],
+        "air_z": vehicle.air.height - origin[2],
+        "rear_static": (weight - front) / vehicle.rear_tyre.stiffness,
+        "front_static": front / vehicle.front_tyre.stiffness,
+        "torque_spacing": vehicle.wheel_torque_spacing,
+    }
+    constants = np.zeros(1, dtype=CONSTANTS)
+    record = constants[0]
+    record["machine"] = vehicle.machine
+    record["rear_tyre"], record["front_tyre"] = vehicle.tyres
+    record["wheel_torque"] = vehicle.wheel_torque
+    for name, value in geometry.items():
+        record["geometry"][name] = value
+    constants.setflags(write=False)
+    return constants
