@@ -1,6 +1,6 @@
-"""Packages that learning, exporting, explaining and Parquet files need, and riding does not: a second set-up brings them.
+"""Packages that learning, exporting, explaining and Parquet files need, and riding does not.
 
-The set-up for riding leaves them out because they are several times as large as all else.
+The set-up for riding leaves them out because they are several times as large as all else; a second one brings them.
 """
 
 from __future__ import annotations

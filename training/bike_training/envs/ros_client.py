@@ -24,7 +24,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 
 from bike_sim.course.course import Course
-from bike_sim.ros import messages, node_tools
+from bike_sim.ros import messages, node_tools, wire
 from bike_sim.ros.command_gate import Command
 from bike_sim.ros.isolation import DOMAIN_VARIABLE, DomainLease, prepare_discovery
 from bike_sim.sim.config import SimulatorConfig
@@ -120,10 +120,10 @@ class RosClient:
         # Before the subscriptions: a simulator that is heard knows where its answers go to, and sooner it drops them.
         self._reset_service = self._node.create_client(Reset, "reset")
         # States that an executor took while it waited for something else.
-        self._heard: deque[BikeState] = deque(maxlen=HEARD)
+        self._heard: deque[bytes] = deque(maxlen=HEARD)
         self._course_message: CourseMessage | None = None
         self._node.create_subscription(CourseMessage, "course", self._on_course, node_tools.LATCHED_QOS)
-        states = self._node.create_subscription(BikeState, "state", self._on_state, node_tools.SENDER_QOS)
+        states = self._node.create_subscription(BikeState, "state", self._on_state, node_tools.SENDER_QOS, raw=True)
         self._fast = _FastReceiver(states, context) if self._ros.wait_set else None
         self._last: Snapshot | None = None
         self._wait_until(self._connected, START_TIMEOUT, "did not appear")
@@ -192,15 +192,12 @@ class RosClient:
             raise RuntimeError(f"episode {last.episode} ended with a fall in step {last.step}; call reset")
         if not -1.0 <= steering <= 1.0 or not -1.0 <= throttle <= 1.0:
             raise ValueError(f"commands must lie in [-1, 1], got steering {steering!r} and throttle {throttle!r}")
-        command = messages.command_to_message(Command(last.episode, last.step, steering, throttle))
-        state = self._exchange(command, last.episode, last.step + 1)
-        self._last = messages.snapshot_from_message(state)
+        command = wire.encode_command(Command(last.episode, last.step, steering, throttle))
+        self._last = self._exchange(command, last.episode, last.step + 1)
         return self._last
 
-    def listen(self, timeout: float) -> BikeState | None:
+    def listen(self, timeout: float) -> Snapshot | None:
         """Return the next state that another's commands bring about, or None after a wall-clock time, s.
-
-        It comes as a message: who listens to a ride at full speed converts it later.
 
         Raises:
             NodeLost: the simulator ended.
@@ -226,7 +223,7 @@ class RosClient:
 
     # --------------------------------------------------------------------------------------------------------- waiting
 
-    def _exchange(self, command: BikeCommand, episode: int, step: int) -> BikeState:
+    def _exchange(self, command: bytes, episode: int, step: int) -> Snapshot:
         """Send a command, again and again if need be, until the state of the given step comes."""
         given_up = time.monotonic() + self._ros.timeout
         while True:
@@ -240,15 +237,19 @@ class RosClient:
             if time.monotonic() > given_up:
                 raise self._lost(f"has not answered step {step} of episode {episode} within {self._ros.timeout:g} s")
 
-    def _receive(self, timeout: float) -> BikeState | None:
+    def _receive(self, timeout: float) -> Snapshot | None:
         """Return the next state, or None after the time-out."""
+        data = None
         if not self._heard:
             if self._fast is not None:
-                return self._fast.take(timeout)
-            self._executor.spin_once(timeout_sec=timeout)
-        return self._heard.popleft() if self._heard else None
+                data = self._fast.take(timeout)
+            else:
+                self._executor.spin_once(timeout_sec=timeout)
+        if data is None and self._heard:
+            data = self._heard.popleft()
+        return None if data is None else wire.decode_state(data).snapshot
 
-    def _on_state(self, message: BikeState) -> None:
+    def _on_state(self, message: bytes) -> None:
         self._heard.append(message)
 
     def _on_course(self, message: CourseMessage) -> None:
@@ -290,12 +291,12 @@ class _FastReceiver:
             self._wait_set = _rclpy.WaitSet(1, 0, 0, 0, 0, 0, context.handle)
 
     def take(self, timeout: float) -> Any:
-        """Return the next message, or None after the time-out (s)."""
+        """Return the bytes of the next message, or None after the time-out (s)."""
         with self._handle:
-            taken = self._handle.take_message(self._type, False)
+            taken = self._handle.take_message(self._type, True)
             if taken is None:
                 self._wait_set.clear_entities()
                 self._wait_set.add_subscription(self._handle)
                 self._wait_set.wait(max(int(timeout * messages.NANOSECONDS), 0))
-                taken = self._handle.take_message(self._type, False)
+                taken = self._handle.take_message(self._type, True)
         return None if taken is None else taken[0]

@@ -25,7 +25,7 @@ from bike_analysis.read.columns import MessageSchema
 from bike_policy.contract.actor import Actor
 from bike_sim.course.random_paths import PathRanges
 from bike_sim.recording import LATCHED, Qos, RideRecorder, message_type
-from bike_sim.ros import messages
+from bike_sim.ros import messages, wire
 from bike_sim.ros.command_gate import Command
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
@@ -110,14 +110,14 @@ class EpisodeWriter:
         self.failed = False
         assert simulator.course is not None
         config = simulator.config
-        self._facts = messages.Episode(simulator.vehicle, simulator.course, request.preview, config.control_period)
+        self._facts = messages.Episode.of(simulator.vehicle, simulator.course, request.preview, config.control_period)
         self._open(path, {"rider": rider, "layout": task.layout.name, "task": task_note(task)})
         number, stamp = self.snapshot.episode, self._stamp
         names = simulator.plant.signal_names
         self._write("episode", messages.episode_start_to_message(request, config, names, number, stamp))
         self._write("course", messages.course_to_message(simulator.course, number, stamp))
         self._write_events()
-        self._write("state", messages.state_to_message(self.snapshot, self._facts, stamp))
+        self._write_bytes("state", wire.encode_state(self.snapshot, self._facts, stamp), stamp)
 
     def _open(self, path: Path, notes: dict[str, str]) -> None:
         self._recorder = RideRecorder(path, overwrite=True, notes=notes, metadata_file=False)
@@ -146,7 +146,7 @@ class EpisodeWriter:
         """
         before, stamp = self.snapshot, self._stamp
         given = Command(before.episode, before.step, *command)
-        self._write("command", messages.command_to_message(given, messages.time_to_message(stamp)))
+        self._write_bytes("command", wire.encode_command(given, stamp), self._stamp)
         self.snapshot = snapshot = self._simulator.step(*command)
         self.failed = has_failed(self._task, snapshot)
         learned = _standing_message(standing)
@@ -159,7 +159,7 @@ class EpisodeWriter:
         learned.steer_set = float(action[0]) * self._task.action.columns[0].scale
         self._judge(learned)
         self._write("learning/step", learned, stamp)
-        self._write("state", messages.state_to_message(snapshot, self._facts, self._stamp))
+        self._write_bytes("state", wire.encode_state(snapshot, self._facts, self._stamp), self._stamp)
         self._write_events()
         return snapshot
 
@@ -192,7 +192,10 @@ class EpisodeWriter:
     def _write(self, name: str, message: Any, stamp: int | None = None) -> None:
         # rclpy leaves excess bytes behind messages with empty arrays, which strict readers refuse.
         data = self._schemas[name].trim(serialize_message(message))
-        self._recorder.write(f"/bike/{name}", data, self._stamp if stamp is None else stamp)
+        self._write_bytes(name, data, self._stamp if stamp is None else stamp)
+
+    def _write_bytes(self, name: str, data: bytes, stamp: int) -> None:
+        self._recorder.write(f"/bike/{name}", data, stamp)
 
 
 def _standing_message(standing: Standing) -> LearningStep:

@@ -7,14 +7,11 @@ from dataclasses import replace
 from types import TracebackType
 from typing import Final, Self
 
-from bike_msgs.msg import BikeState
-
-from bike_sim.ros.messages import snapshot_from_message
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_training.envs.ros_client import RosClient
 from bike_training.nodes.node_process import NodeLost, NodeProcess
-from bike_training.rollout.riding import RideResult, is_completed
+from bike_training.rollout.riding import RideResult, is_completed, is_over
 
 SILENCE: Final = 15.0
 """Wall-clock time without a state after which a ride counts as stuck, s."""
@@ -63,22 +60,16 @@ class NodeRides:
             NodeLost: a node ended, or no state came for long.
         """
         first = self._client.reset(replace(request, preview=Preview()))
-        states: list[BikeState] = []
+        snapshots = [first]
         heard, step = time.monotonic(), first.step
-        while not states or not _is_over(states[-1], longest):
+        while len(snapshots) == 1 or not is_over(snapshots[-1], longest):
             state = self._client.listen(0.2)
             if state is None or state.episode != first.episode or state.step <= step:
                 self._drive.check()
                 if time.monotonic() - heard > SILENCE:
                     raise NodeLost(f"no new state for {SILENCE:g} s; the ride is stuck at step {step}")
                 continue
-            states.append(state)
+            snapshots.append(state)
             heard, step = time.monotonic(), state.step
-        snapshots = [first, *(snapshot_from_message(state) for state in states)]
-        lost = step - first.step - len(states)
+        lost = step - first.step - (len(snapshots) - 1)
         return replace(RideResult.from_snapshots(snapshots, is_completed(snapshots[-1], request)), lost_states=lost)
-
-
-def _is_over(state: BikeState, longest: float) -> bool:
-    time_is_up = state.step * state.control_period > longest - 1e-9
-    return bool(state.fallen or state.off_course or state.finished or time_is_up)

@@ -21,9 +21,9 @@ from bike_policy.contract.bundle import DEFAULT_POLICY
 from bike_policy.riders.rider import Rider, make_rider
 from bike_sim.ros import node_tools
 from bike_sim.ros.command_gate import Command
-from bike_sim.ros.messages import command_to_message, course_from_message, snapshot_from_message, time_from_message
+from bike_sim.ros.messages import course_from_message
 from bike_sim.ros.node_tools import CannotGoOn, ParameterSpec
-from bike_sim.sim.request import Preview
+from bike_sim.ros.wire import StateMessage, decode_state, encode_command
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.files import load_vehicle
 
@@ -55,7 +55,7 @@ class StateCounts:
 
     Attributes:
         answered: answered with a command. repeated: came again. stale: older than one that had come before.
-        refused: not finite, so that no action exists. over: the vehicle has fallen, there is nothing to steer.
+        refused: unreadable or not finite, so that no action exists. over: the vehicle has fallen, there is nothing to steer.
     """
 
     answered: int = 0
@@ -80,7 +80,7 @@ class Drive(rclpy.node.Node):
         self._told = load_vehicle(values["vehicle"]) if values["vehicle"] else None
         self._course: Course | None = None
         self._accept(values)
-        self._last: BikeState | None = None
+        self._last: StateMessage | None = None
         self._answered_at = self._heard_at = time.monotonic()
         self._counts, self._reported = StateCounts(), StateCounts()
         self._latencies: deque[float] = deque(maxlen=LATENCY_WINDOW)
@@ -90,7 +90,7 @@ class Drive(rclpy.node.Node):
         self._started_at = time.monotonic()
         self._diagnostics = node_tools.Diagnostics(self)
         self.create_subscription(Course, "course", self._on_course, node_tools.LATCHED_QOS)
-        self.create_subscription(BikeState, "state", self._on_state, node_tools.STREAM_QOS)
+        self.create_subscription(BikeState, "state", self._on_state, node_tools.STREAM_QOS, raw=True)
         node_tools.on_change(self, SPECS, self._accept)
         node_tools.wall_timer(self, REPORT_PERIOD, self._report)
         self.get_logger().info(f"policy {self._rider.name!r} is waiting for states")
@@ -107,8 +107,15 @@ class Drive(rclpy.node.Node):
 
     # ---------------------------------------------------------------------------------------------------------- states
 
-    def _on_state(self, message: BikeState) -> None:
+    def _on_state(self, data: bytes) -> None:
         began = time.monotonic()
+        try:
+            message = decode_state(data)
+        except ValueError as error:
+            self._counts.refused += 1
+            self.get_logger().error(f"a state cannot be read: {error}", once=True)
+            return
+        snapshot = message.snapshot
         if self._is_stale(message, began):
             self._counts.stale += 1
             return
@@ -123,16 +130,14 @@ class Drive(rclpy.node.Node):
         if self._is_new_ride(message) and not self._fits(message):
             return
         self._last = message
-        if message.fallen:
+        if snapshot.fallen:
             self._counts.over += 1
             return
-        answer = self._rider.command(snapshot_from_message(message))
+        answer = self._rider.command(snapshot)
         if answer is None:
             self._counts.refused += 1
             return
-        self._commands.publish(
-            command_to_message(Command(message.episode, message.step, *answer), message.header.stamp)
-        )
+        self._commands.publish(encode_command(Command(snapshot.episode, snapshot.step, *answer), message.stamp))
         self._answered_at = time.monotonic()
         if not repeated:
             self._counts.answered += 1
@@ -146,51 +151,53 @@ class Drive(rclpy.node.Node):
         missing = self._commands.get_subscription_count() < self.count_subscribers("command")
         return age < SETTLING_TIME or (missing and age < LONGEST_SETTLING)
 
-    def _is_stale(self, message: BikeState, now: float) -> bool:
+    def _is_stale(self, message: StateMessage, now: float) -> bool:
         """Whether a state is older than one that has come.
 
         Time runs backwards also where a simulator was started anew. That one begins with a step 0, or after a silence.
         """
         last = self._last
-        if last is None or message.step == 0 or now - self._heard_at > self._stale_after:
+        if last is None or message.snapshot.step == 0 or now - self._heard_at > self._stale_after:
             return False
-        return time_from_message(message.header.stamp) < time_from_message(last.header.stamp)
+        return message.stamp < last.stamp
 
-    def _is_new_ride(self, message: BikeState) -> bool:
+    def _is_new_ride(self, message: StateMessage) -> bool:
         """Whether the episode, or the simulator itself, is another one than before."""
-        last = self._last
-        return last is None or message.episode != last.episode or message.step < last.step
+        if self._last is None:
+            return True
+        now, last = message.snapshot, self._last.snapshot
+        return now.episode != last.episode or now.step < last.step
 
-    def _fits(self, message: BikeState) -> bool:
+    def _fits(self, message: StateMessage) -> bool:
         """Prepare the rider for an episode; false while it still waits for the course.
 
         Raises:
             CannotGoOn: naming the difference.
         """
-        if self._course is None or self._course.episode != message.episode:
+        if self._course is None or self._course.episode != message.snapshot.episode:
             return False
-        preview = Preview(message.preview_by_time, message.preview_interval, len(message.preview_y))
+        episode = message.episode
         try:
-            vehicle = self._vehicle(message)
-            self._rider.begin(vehicle, course_from_message(self._course), message.control_period, preview)
+            vehicle = self._vehicle(episode.vehicle)
+            self._rider.begin(vehicle, course_from_message(self._course), episode.control_period, episode.preview)
         except (ValueError, FileNotFoundError) as error:
             self.get_logger().error(f"the policy does not fit the simulator: {error}")
             raise CannotGoOn(f"the policy does not fit the simulator: {error}") from error
-        self.get_logger().info(f"driving episode {message.episode} from step {message.step}")
+        self.get_logger().info(f"driving episode {message.snapshot.episode} from step {message.snapshot.step}")
         return True
 
     def _on_course(self, message: Course) -> None:
         self._course = message
 
-    def _vehicle(self, message: BikeState) -> Vehicle:
+    def _vehicle(self, name: str) -> Vehicle:
         """Return the vehicle that the simulator rides: the one given as parameter, or the shipped one of its name.
 
         Raises:
             ValueError: another one was given. FileNotFoundError: it is neither given nor shipped.
         """
-        if self._told is not None and self._told.name != message.vehicle:
-            raise ValueError(f"the simulator rides {message.vehicle!r}, parameter vehicle is {self._told.name!r}")
-        return self._told or load_vehicle(message.vehicle)
+        if self._told is not None and self._told.name != name:
+            raise ValueError(f"the simulator rides {name!r}, parameter vehicle is {self._told.name!r}")
+        return self._told or load_vehicle(name)
 
     # ---------------------------------------------------------------------------------------------------- diagnostics
 
@@ -201,12 +208,12 @@ class Drive(rclpy.node.Node):
         stale = self._counts.stale - self._reported.stale
         refused = self._counts.refused - self._reported.refused
         if stale or refused:
-            level, text = self._diagnostics.WARN, f"states in the last second: {stale} stale, {refused} not finite"
+            level, text = self._diagnostics.WARN, f"states in the last second: {stale} stale, {refused} not usable"
         elif self._last is None:
             text = "waiting for the first state"
         elif silence > self._stale_after:
             level, text = self._diagnostics.WARN, f"no state for {silence:.1f} s, waiting for the simulator"
-        elif self._last.fallen:
+        elif self._last.snapshot.fallen:
             text = "the vehicle has fallen, waiting for a reset"
         if level == self._diagnostics.WARN:
             self.get_logger().warning(text)
@@ -215,7 +222,7 @@ class Drive(rclpy.node.Node):
             median, p99 = np.percentile(self._latencies, [50.0, 99.0])
             figures |= {"latency_median_ms": median * 1e3, "latency_p99_ms": p99 * 1e3}
         figures["policy"] = self._rider.name
-        stamp = 0 if self._last is None else time_from_message(self._last.header.stamp)
+        stamp = 0 if self._last is None else self._last.stamp
         self._diagnostics.report(level, text, figures, stamp)
         self._reported = replace(self._counts)
 
@@ -226,16 +233,10 @@ class Drive(rclpy.node.Node):
         return f"latency median {median:.3f} ms, 99th percentile {p99:.3f} ms"
 
 
-def _same(a: BikeState, b: BikeState) -> bool:
+def _same(a: StateMessage, b: StateMessage) -> bool:
     """Whether two messages are copies of one state; a simulator that was started anew counts the same numbers again."""
-    return (a.episode, a.step, a.header.stamp, a.x, a.y, a.roll) == (
-        b.episode,
-        b.step,
-        b.header.stamp,
-        b.x,
-        b.y,
-        b.roll,
-    )
+    same_place = (a.snapshot.episode, a.snapshot.step, a.stamp) == (b.snapshot.episode, b.snapshot.step, b.stamp)
+    return same_place and np.array_equal(a.snapshot.state, b.snapshot.state)
 
 
 def main() -> NoReturn:

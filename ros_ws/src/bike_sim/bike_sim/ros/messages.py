@@ -1,4 +1,4 @@
-"""The one place that converts between core types and ``bike_msgs``.
+"""Core types as messages of ``bike_msgs`` and back; states and commands travel by `bike_sim.ros.wire`.
 
 Floating-point numbers cross unchanged, so a ride is the same bit for bit on both sides. Arrays travel as
 ``array.array``, which the generated classes take without looking at each element.
@@ -8,38 +8,37 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from typing import Final
 
 import numpy as np
-from bike_msgs.msg import BikeCommand, BikeState, CoursePoints, EpisodeStart, LeanHistory, RideEvent, Telemetry
+from bike_msgs.msg import BikeState, CoursePoints, EpisodeStart, LeanHistory, RideEvent, Telemetry
 from bike_msgs.msg import Course as CourseMessage
 from bike_msgs.srv import Reset
-from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point
 from numpy.typing import NDArray
+from rclpy.serialization import deserialize_message, serialize_message
 
 from bike_sim.course import projection
 from bike_sim.course.course import Course
 from bike_sim.course.random_paths import PathRanges
 from bike_sim.physics import state as st
 from bike_sim.physics import superbike_forces as sf
-from bike_sim.ros.command_gate import Command
 from bike_sim.ros.stamps import NANOSECONDS as NANOSECONDS
 from bike_sim.ros.stamps import time_from_message as time_from_message
 from bike_sim.ros.stamps import time_to_message as time_to_message
+from bike_sim.ros.wire import BASE_FRAME as BASE_FRAME
+from bike_sim.ros.wire import MAP_FRAME as MAP_FRAME
+from bike_sim.ros.wire import Episode as Episode
+from bike_sim.ros.wire import decode_state, encode_state
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.events import Event, EventKind
 from bike_sim.sim.request import Preview, ResetRequest
-from bike_sim.sim.snapshot import CircuitView, Snapshot, WallHit
-from bike_sim.vehicles.bicycle import Vehicle
+from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.superbike import Superbike
 
 FloatArray = NDArray[np.float64]
-
-MAP_FRAME: Final = "map"
-BASE_FRAME: Final = "base_link"
 
 _TELEMETRY_FIELDS: Final = (
     ("acceleration_longitudinal", sf.T_ALONG),
@@ -85,141 +84,23 @@ _RANGE_FIELDS: Final = (
 )
 
 
-@dataclass(frozen=True)
-class Episode:
-    """What stays the same over the states of an episode.
-
-    Attributes:
-        vehicle: the vehicle that rides.
-        course: the course that it follows.
-        preview: which points of the line ahead it sees.
-        control_period: s.
-    """
-
-    vehicle: Vehicle
-    course: Course
-    preview: Preview
-    control_period: float
-
-
 # ------------------------------------------------------------------------------------------------------------ state
 
 
 def state_to_message(snapshot: Snapshot, episode: Episode, stamp: int) -> BikeState:
-    """Return the message of a snapshot.
+    """Return the message of a snapshot; see `bike_sim.ros.wire.encode_state`, which makes its bytes.
 
     Args:
         snapshot: what is seen.
         episode: what it belongs to.
         stamp: simulated time, ns.
     """
-    message = BikeState()
-    message.header.stamp = time_to_message(stamp)
-    message.header.frame_id = MAP_FRAME
-    message.episode = snapshot.episode
-    message.step = snapshot.step
-    message.control_period = episode.control_period
-    message.vehicle = episode.vehicle.name
-    message.steering_limit = episode.vehicle.max_steer
-    for name, value in zip(st.FIELDS, snapshot.state.tolist(), strict=True):
-        setattr(message, name, value)
-    for name, value in zip(lk.FIELDS, snapshot.look.tolist(), strict=True):
-        setattr(message, name, value)
-    message.steering_command = float(snapshot.steering)
-    message.throttle_command = float(snapshot.throttle)
-    message.steer_torque = float(snapshot.steer_torque)
-    message.course_length = episode.course.length
-    message.course_closed = episode.course.closed
-    message.preview_by_time = episode.preview.by_time
-    message.preview_interval = float(episode.preview.interval)
-    message.preview_x = _floats(snapshot.preview_x)
-    message.preview_y = _floats(snapshot.preview_y)
-    message.roll_history = array("d", snapshot.roll_history)
-    message.steer_history = array("d", snapshot.steer_history)
-    message.fallen = snapshot.fallen
-    message.off_course = snapshot.off_course
-    message.finished = snapshot.finished
-    message.fall = snapshot.fall
-    message.signals = _floats(snapshot.signals)
-    if snapshot.circuit is not None:
-        _fill_circuit(message, snapshot.circuit)
-    if snapshot.events:
-        message.events = [event_to_message(event, snapshot, stamp) for event in snapshot.events]
-    return message
-
-
-def _fill_circuit(message: BikeState, view: CircuitView) -> None:
-    message.centre_place = _floats(view.place)
-    message.outside = view.outside
-    message.course_points = _floats(view.points.ravel())
-    if view.wall is not None:
-        message.wall_hit = array("d", (view.wall.speed, view.wall.angle, view.wall.energy))
+    return deserialize_message(encode_state(snapshot, episode, stamp), BikeState)
 
 
 def snapshot_from_message(message: BikeState) -> Snapshot:
     """Return the snapshot that a message was made of, bit for bit."""
-    return Snapshot(
-        episode=message.episode,
-        step=message.step,
-        time=message.step * message.control_period,
-        state=minimal_state(message),
-        look=np.array([getattr(message, name) for name in lk.FIELDS]),
-        steering=message.steering_command,
-        throttle=message.throttle_command,
-        steer_torque=message.steer_torque,
-        preview_x=np.array(message.preview_x),
-        preview_y=np.array(message.preview_y),
-        roll_history=tuple(message.roll_history),
-        steer_history=tuple(message.steer_history),
-        fallen=message.fallen,
-        off_course=message.off_course,
-        finished=message.finished,
-        fall=message.fall,
-        signals=np.array(message.signals),
-        circuit=_circuit_view(message),
-        events=tuple(event_from_message(event) for event in message.events),
-    )
-
-
-def _circuit_view(message: BikeState) -> CircuitView | None:
-    if not message.centre_place:
-        return None
-    return CircuitView(
-        place=np.array(message.centre_place),
-        outside=message.outside,
-        points=np.array(message.course_points).reshape(3, -1, 3),
-        wall=WallHit(*message.wall_hit) if message.wall_hit else None,
-    )
-
-
-def minimal_state(message: BikeState) -> st.StateVector:
-    """Return the ten minimal coordinates of a state message."""
-    return np.array([getattr(message, name) for name in st.FIELDS])
-
-
-# ---------------------------------------------------------------------------------------------------------- command
-
-
-def command_to_message(command: Command, state_stamp: Time | None = None) -> BikeCommand:
-    """Return the message of a command.
-
-    Args:
-        command: the command.
-        state_stamp: stamp of the state that it answers.
-    """
-    message = BikeCommand()
-    if state_stamp is not None:
-        message.header.stamp = state_stamp
-    message.episode = command.episode
-    message.step = command.step
-    message.steering = float(command.steering)
-    message.throttle = float(command.throttle)
-    return message
-
-
-def command_from_message(message: BikeCommand) -> Command:
-    """Return the command of a message."""
-    return Command(message.episode, message.step, message.steering, message.throttle)
+    return decode_state(serialize_message(message)).snapshot
 
 
 # ------------------------------------------------------------------------------------------------------------ reset

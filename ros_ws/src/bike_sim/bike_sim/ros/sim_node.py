@@ -26,6 +26,7 @@ from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import Marker, MarkerArray
@@ -36,18 +37,17 @@ from bike_sim.ros.command_gate import Command, CommandCounts, CommandGate, Verdi
 from bike_sim.ros.messages import (
     NANOSECONDS,
     Episode,
-    command_from_message,
     course_points_to_message,
     course_to_message,
     episode_start_to_message,
     event_to_message,
     lean_history_to_message,
     reset_from_message,
-    state_to_message,
     telemetry_to_message,
     time_to_message,
 )
 from bike_sim.ros.node_settings import END, FALL, LOCKSTEP, SPECS, NodeSettings
+from bike_sim.ros.wire import decode_command, encode_state
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import DIVERGED, Snapshot
@@ -98,7 +98,7 @@ class SimNode(rclpy.node.Node):
         self._seeds = np.random.default_rng()
         self._open_topics()
         self._begin(self._own_request())
-        self.create_subscription(BikeCommand, "command", self._on_command, node_tools.COMMAND_QOS)
+        self.create_subscription(BikeCommand, "command", self._on_command, node_tools.COMMAND_QOS, raw=True)
         self.create_service(Reset, "reset", self._on_reset)
         self.create_service(Pause, "pause", self._on_pause)
         node_tools.on_change(self, SPECS, self._on_parameters)
@@ -149,13 +149,15 @@ class SimNode(rclpy.node.Node):
 
     @property
     def _course(self) -> Course:
-        return self._episode.course
+        course = self._simulator.course
+        assert course is not None, "the first episode has begun"
+        return course
 
     def _show(self, snapshot: Snapshot) -> None:
         """Publish a state and all that goes with it."""
         self._snapshot = snapshot
         self._stamp = self._begin_stamp + snapshot.step * self._period
-        self._state = state_to_message(snapshot, self._episode, self._stamp)
+        self._state = encode_state(snapshot, self._episode, self._stamp)
         # The state first: the partner computes its answer while the rest is made.
         self._publish_state()
         for topic, make in self._extras:
@@ -189,7 +191,7 @@ class SimNode(rclpy.node.Node):
         snapshot = self._simulator.reset(request)
         config, course = self._simulator.config, self._simulator.course
         assert course is not None
-        self._episode = Episode(self._simulator.vehicle, course, self._simulator.preview, config.control_period)
+        self._episode = Episode.of(self._simulator.vehicle, course, self._simulator.preview, config.control_period)
         self._begin_stamp = self._stamp + self._period
         self._hold: Command | None = None
         self._held_since = 0
@@ -225,10 +227,15 @@ class SimNode(rclpy.node.Node):
 
     # ------------------------------------------------------------------------------------------------------ commands
 
-    def _on_command(self, message: BikeCommand) -> None:
+    def _on_command(self, message: bytes) -> None:
         snapshot, timeout = self._snapshot, self._settings.command_timeout
         oldest = oldest_step(snapshot.step, timeout, self._simulator.config.control_period)
-        command = command_from_message(message)
+        try:
+            command = decode_command(message)
+        except ValueError as error:
+            self._gate.counts.refused += 1
+            self.get_logger().error(f"a command cannot be read: {error}", once=True)
+            return
         verdict, command = self._gate.judge(command, snapshot.episode, snapshot.step, oldest)
         if verdict is Verdict.REPEATED:
             self._publish_state()
@@ -281,12 +288,12 @@ class SimNode(rclpy.node.Node):
             self._begin(reset_from_message(request, self._request))
         except (ValueError, OSError) as error:
             response.message = " ".join(str(error).split())
-            response.state = self._state
+            response.state = deserialize_message(self._state, BikeState)
             self.get_logger().warning(f"reset refused: {response.message}")
             return response
         response.success = True
         response.seed = request.seed
-        response.state = self._state
+        response.state = deserialize_message(self._state, BikeState)
         return response
 
     def _on_pause(self, request: Pause.Request, response: Pause.Response) -> Pause.Response:

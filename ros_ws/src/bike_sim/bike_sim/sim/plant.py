@@ -14,7 +14,8 @@ from bike_sim.course.projection import curvature_at, point_at
 from bike_sim.physics import state as st
 from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics.engine import Engine, make_engine
-from bike_sim.physics.superbike_engine import TIME_STEP, SuperbikeEngine
+from bike_sim.physics.superbike.base import SuperbikeBase
+from bike_sim.physics.superbike_engine import TIME_STEP
 from bike_sim.physics.superbike_statics import steady_lateral, turning_state
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
@@ -201,7 +202,7 @@ class SuperbikePlant:
     preview: Preview | None = COURSE_POINTS
     signal_names = sf.TELEMETRY_NAMES
 
-    def __init__(self, vehicle: Superbike, engine: SuperbikeEngine) -> None:
+    def __init__(self, vehicle: Superbike, engine: SuperbikeBase) -> None:
         """Take a machine and its engine."""
         self.vehicle: Superbike = vehicle
         self.engine = engine
@@ -293,7 +294,7 @@ def make_plant(config: SimulatorConfig) -> Plant:
     vehicle = load_vehicle(config.vehicle)
     engine = make_engine(config.engine, vehicle, config.time_step)
     if isinstance(vehicle, Superbike):
-        assert isinstance(engine, SuperbikeEngine)
+        assert isinstance(engine, SuperbikeBase)
         return SuperbikePlant(vehicle, engine)
     return BicyclePlant(vehicle, engine)
 
