@@ -26,7 +26,7 @@ from mcap.writer import Writer
 from bench.traffic import messages_of_a_period
 from bike_sim.recording import CHUNK_BYTES, RideRecorder, message_type
 from bike_sim.ros.isolation import DOMAIN_VARIABLE, DomainLease, prepare_discovery
-from bike_training.nodes.node_process import NodeProcess
+from bike_training.envs.node_process import NodeProcess
 
 BIKES: Final = 10
 CONTROL_RATE: Final = 100.0

@@ -34,7 +34,7 @@ from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.envs.clients import Client
 from bike_training.envs.ros_client import RosClient
-from bike_training.nodes.node_process import NodeLost, NodeProcess
+from bike_training.envs.node_process import NodeLost, NodeProcess
 
 EPISODE_STEPS: Final = 30
 """Steps before the bicycle is set upright again: it rides without a hand on the handlebar."""

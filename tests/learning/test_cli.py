@@ -14,7 +14,7 @@ from bike_sim.sim.simulator import Simulator
 from bike_training.cli import COMMANDS, main
 from bike_training.commands import export, train
 from bike_training.learning.presets import PRESETS
-from bike_training.nodes.node_process import NodeLost
+from bike_training.envs.node_process import NodeLost
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ import pytest
 from bike_sim.ros.isolation import DomainLease
 from bike_sim.ros.parent import PARENT_PERIOD
 from bike_training.commands.bench import _load as load_bench
-from bike_training.nodes.node_process import NodeLost, NodeProcess, tell_all_to_end
+from bike_training.envs.node_process import NodeLost, NodeProcess, tell_all_to_end
 
 PATIENCE = 90.0
 """Longest wait for anything, s."""
@@ -75,7 +75,7 @@ def test_all_nodes_are_told_to_end_at_once(start) -> None:
 
 STARTS_A_RECORDER = """
 import sys, threading, time
-from bike_training.nodes.node_process import NodeProcess
+from bike_training.envs.node_process import NodeProcess
 
 started = []
 start = lambda: started.append(NodeProcess("bike_sim.ros.record", {"path": sys.argv[1]}, int(sys.argv[2])))

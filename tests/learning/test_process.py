@@ -20,7 +20,7 @@ from bike_training.learning.presets import FAST, PAPER
 from bike_training.learning.process import LearningProcess, _Callback
 from bike_training.learning.run_settings import RunSettings
 from bike_training.learning.validation_rides import draw_requests
-from bike_training.nodes.node_process import NodeLost
+from bike_training.envs.node_process import NodeLost
 from bike_training.tasks.path import TASKS
 
 TINY = {

@@ -33,7 +33,7 @@ from bike_sim.ros.isolation import DOMAIN_VARIABLE
 from bike_sim.ros.node_tools import time_to_message
 from bike_sim.ros.record import SPECS, RecordSettings
 from bike_sim.ros.stamps import NANOSECONDS
-from bike_training.nodes.node_process import NodeLost, NodeProcess
+from bike_training.envs.node_process import NodeLost, NodeProcess
 from bike_training.nodes.ride_monitor import START_TIMEOUT, RideMonitor, ride_recorded
 
 pytestmark = pytest.mark.ros

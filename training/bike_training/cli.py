@@ -13,8 +13,8 @@ from contextlib import suppress
 from typing import Final
 
 from bike_training import learning_packages
+from bike_training.envs.node_process import NodeLost
 from bike_training.interruption import SHELL_BASE, interrupt, leave_at_once, signals_handled, signals_noted
-from bike_training.nodes.node_process import NodeLost
 
 COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "ride": ("bike_training.commands.ride", "ride a course through the nodes, record it and report"),

@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import Final, NoReturn
 
-from bike_training.nodes.node_process import tell_all_to_end
+from bike_training.envs.node_process import tell_all_to_end
 
 ENDING: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """Signals that end a program."""

@@ -12,11 +12,11 @@ from typing import Any, Final
 from tqdm import tqdm
 
 from bike_training.envs.clients import CLIENT_KINDS
+from bike_training.envs.node_process import NodeLost
 from bike_training.learning.checkpoint import find_checkpoint, write_whole
 from bike_training.learning.presets import PRESETS
 from bike_training.learning.process import LearningProcess
 from bike_training.learning.run_settings import COMPILED_TIME_STEP, RunSettings
-from bike_training.nodes.node_process import NodeLost
 
 SETTINGS_FILE: Final = "settings.json"
 DEFAULT_PRESET: Final = "fast"

@@ -32,7 +32,7 @@ from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.files import load_vehicle
-from bike_training.nodes.node_process import NodeLost, NodeProcess
+from bike_training.envs.node_process import NodeLost, NodeProcess
 
 START_TIMEOUT: Final = 120.0
 """Longest wait for a simulator to appear, s. The first start on a machine compiles the physics."""

@@ -26,6 +26,7 @@ from bike_sim.sim.simulator import Simulator
 from bike_training.curricula.base import Episodes
 from bike_training.curricula.parts import PartsCurriculum, RideRanges
 from bike_training.envs.env import BikeEnv
+from bike_training.envs.node_process import NodeLost
 from bike_training.envs.vec_env import BatchVecEnv, SimulatorVecEnv
 from bike_training.interruption import signals_handled
 from bike_training.learning.checkpoint import (
@@ -45,7 +46,6 @@ from bike_training.learning.validation_rides import (
     validate_batch,
     validate_simulator,
 )
-from bike_training.nodes.node_process import NodeLost
 from bike_training.tasks.base import Task
 from bike_training.tasks.path import DISTANCE_THRESHOLD
 

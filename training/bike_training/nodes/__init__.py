@@ -1,1 +1,1 @@
-"""Nodes as processes, and rides through them."""
+"""Rides through simulator, policy and recorder nodes."""

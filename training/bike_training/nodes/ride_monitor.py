@@ -18,7 +18,7 @@ from tqdm import tqdm
 
 from bike_sim.ros import node_tools
 from bike_sim.ros.isolation import prepare_discovery
-from bike_training.nodes.node_process import NodeLost, NodeProcess
+from bike_training.envs.node_process import NodeLost, NodeProcess
 
 SILENCE: Final = 15.0
 """Wall-clock time without a new state after which a ride counts as stuck, s."""

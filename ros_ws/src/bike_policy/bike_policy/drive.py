@@ -55,7 +55,7 @@ class StateCounts:
 
     Attributes:
         answered: answered with a command. repeated: came again. stale: older than one that had come before.
-        refused: unreadable or not finite, so that no action exists. over: the vehicle has fallen, there is nothing to steer.
+        refused: unreadable or not finite, so that no action exists. over: the vehicle has fallen.
     """
 
     answered: int = 0
