@@ -13,13 +13,14 @@ from rich.console import Console
 from rich.table import Table
 from tqdm import tqdm
 
-from bike_policy.contract.bundle import DEFAULT_POLICY, Bundle, load_bundle
+from bike_policy.contract.bundle import DEFAULT_POLICY
 from bike_policy.riders.learned import LearnedRider
+from bike_policy.riders.rider import Rider, make_rider
 from bike_sim.course.files import load_course
 from bike_sim.sim.config import SimulatorConfig
 from bike_training.arguments import check_positive, check_whole, make_folder
 from bike_training.envs.clients import CLIENT_KINDS, make_client
-from bike_training.rollout.evaluation import PAPER_MAX, PAPER_MEAN, SPEEDS, Rider, draw, evaluate
+from bike_training.rollout.evaluation import PAPER_MAX, PAPER_MEAN, SPEEDS, Ride, draw, evaluate
 from bike_training.rollout.riding import ride_through
 
 NODES = "nodes"
@@ -57,35 +58,36 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         check_positive("--speeds", speed, "m/s")
     check_whole("--random-rides", args.random_rides, 0)
     check_whole("--seed", args.seed, 0)
-    bundle = load_bundle(args.policy)
+    rider = make_rider(args.policy)
     config = SimulatorConfig(engine=args.engine, time_step=args.time_step)
-    bundle.check_fit(config.vehicle, config.control_period)
+    if isinstance(rider, LearnedRider):
+        rider.bundle.check_fit(config.vehicle, config.control_period)
     load_course(args.course)  # before the nodes start
     make_folder("--out", args.out)
     total = len(args.speeds) * (1 + args.random_rides)
-    with _rider(args, bundle, config) as rider, tqdm(total=total, unit="ride", desc=bundle.name) as bar:
+    with _rides(args, rider, config) as ride, tqdm(total=total, unit="ride", desc=rider.name) as bar:
 
         def tick() -> None:
             bar.update()
 
-        figures = evaluate(rider, args.course, args.speeds, args.random_rides, args.seed, tick)
+        figures = evaluate(ride, args.course, args.speeds, args.random_rides, args.seed, tick)
     figures = {
-        "policy": bundle.name,
+        "policy": rider.name,
         "client": args.client,
         "engine": args.engine,
         "time_step_s": args.time_step,
         **figures,
     }
     (args.out / "evaluation.json").write_text(json.dumps(figures, indent=1), encoding="utf-8")
-    draw(figures, bundle, args.out / "evaluation.png")
+    draw(figures, rider.name, args.out / "evaluation.png")
     if not args.json:
-        _print(figures, bundle, args.out)
+        _print(figures, rider.name, args.out)
     ok = all(ride["completed"] for ride in figures["rides"] + figures["random"])
     return {"schema": "bike.evaluate/1", "ok": ok, "figures": figures}
 
 
 @contextmanager
-def _rider(args: argparse.Namespace, bundle: Bundle, config: SimulatorConfig) -> Iterator[Rider]:
+def _rides(args: argparse.Namespace, rider: Rider, config: SimulatorConfig) -> Iterator[Ride]:
     """Open what rides, and close it."""
     if args.client == NODES:
         from bike_training.nodes.node_rides import NodeRides  # only rides through nodes need ROS
@@ -93,15 +95,15 @@ def _rider(args: argparse.Namespace, bundle: Bundle, config: SimulatorConfig) ->
         with NodeRides(args.policy, config) as nodes:
             yield nodes.ride
         return
-    client, rider = make_client(args.client, config), LearnedRider(bundle)
+    client = make_client(args.client, config)
     try:
         yield lambda request, longest: ride_through(client, rider, request, longest)
     finally:
         client.close()
 
 
-def _print(figures: dict[str, Any], bundle: Bundle, out: Path) -> None:
-    table = Table(title=f"{bundle.name}: {figures['course']} and random paths, {figures['engine']}")
+def _print(figures: dict[str, Any], name: str, out: Path) -> None:
+    table = Table(title=f"{name}: {figures['course']} and random paths, {figures['engine']}")
     for heading in ("speed m/s", "ridden", "mean m", "max m", "max roll °", "worst section", "random mean m", "max m"):
         table.add_column(heading, justify="right")
     randoms = figures["random"]

@@ -8,7 +8,8 @@ from typing import Any, Final
 
 from bike_analysis.commands.analyze import text_of
 from bike_analysis.report import analyze
-from bike_policy.contract.bundle import DEFAULT_POLICY, load_bundle
+from bike_policy.contract.bundle import DEFAULT_POLICY
+from bike_policy.riders.rider import make_rider
 from bike_sim.course.files import load_course
 from bike_sim.recording.in_use import claim_folder
 from bike_sim.ros.isolation import DomainLease
@@ -48,7 +49,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if args.domain is not None:
         check_whole("--domain", args.domain, 0, LARGEST_DOMAIN)
     SimulatorConfig(engine=args.engine, time_step=args.time_step)  # refuses a step that cannot be
-    bundle = load_bundle(args.policy)
+    rider = make_rider(args.policy)
     course = load_course(args.course)
     longest = time_for(course, args.speed)
     make_folder("--out", args.out)
@@ -59,7 +60,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
                 wall = _ride(args, lease.domain_id, recording, course.length, longest)
         else:
             wall = _ride(args, args.domain, recording, course.length, longest)
-        figures = analyze(recording, args.out) | {"wall_s": round(wall, 2), "policy": bundle.name}
+        figures = analyze(recording, args.out) | {"wall_s": round(wall, 2), "policy": rider.name}
     if not args.json:
         print(text_of(figures))
         print(f"recording: {recording}")

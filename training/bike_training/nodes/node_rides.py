@@ -71,5 +71,9 @@ class NodeRides:
                 continue
             snapshots.append(state)
             heard, step = time.monotonic(), state.step
+        course = self._client.course
+        assert course is not None, "an episode was begun"
         lost = step - first.step - (len(snapshots) - 1)
-        return replace(RideResult.from_snapshots(snapshots, is_completed(snapshots[-1], request)), lost_states=lost)
+        return replace(
+            RideResult.from_snapshots(snapshots, course, is_completed(snapshots[-1], request)), lost_states=lost
+        )

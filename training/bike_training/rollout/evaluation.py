@@ -12,7 +12,6 @@ from typing import Any, Final
 import matplotlib as mpl
 import numpy as np
 
-from bike_policy.contract.bundle import Bundle
 from bike_sim.course.files import load_course
 from bike_sim.sim.request import RANDOM_COURSE, ResetRequest
 from bike_training.rollout.riding import RideResult, time_for
@@ -27,12 +26,12 @@ PAPER_MEAN: Final = 0.09
 PAPER_MAX: Final = 0.69
 """Largest mean and largest maximum distance of the paper's best controller with the proposed settings, m (Table 6)."""
 
-Rider = Callable[[ResetRequest, float], RideResult]
+Ride = Callable[[ResetRequest, float], RideResult]
 """Rides a request for at most a time, s."""
 
 
 def evaluate(
-    rider: Rider,
+    ride: Ride,
     course_name: str = "benchmark",
     speeds: Sequence[float] = SPEEDS,
     random_rides: int = 1,
@@ -42,7 +41,7 @@ def evaluate(
     """Ride all speeds and return the figures.
 
     Args:
-        rider: how to ride.
+        ride: how to ride.
         course_name: the fixed course.
         speeds: m/s.
         random_rides: rides on random paths at each speed.
@@ -53,7 +52,7 @@ def evaluate(
     rides = []
     for speed in speeds:
         request = ResetRequest(course=course_name, speed_range=(speed, speed))
-        rides.append(rider(request, time_for(course, speed)).figures(course.sections))
+        rides.append(ride(request, time_for(course, speed)).figures(course.sections))
         tick()
     randoms = []
     for number in range(random_rides):
@@ -64,7 +63,7 @@ def evaluate(
                 speed_range=(speed, speed),
                 path_length=1.2 * RANDOM_DURATION * speed + 20.0,
             )
-            randoms.append(rider(request, RANDOM_DURATION).figures())
+            randoms.append(ride(request, RANDOM_DURATION).figures())
             tick()
     return {
         "course": course_name,
@@ -87,12 +86,12 @@ def _summary(prefix: str, rides: Sequence[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def draw(figures: dict[str, Any], bundle: Bundle, path: Path) -> None:
+def draw(figures: dict[str, Any], name: str, path: Path) -> None:
     """Draw distances over speed as in Fig. 10, and the error of each section of the course.
 
     Args:
         figures: what :func:`evaluate` returned.
-        bundle: policy, for the title.
+        name: of the rider, for the title.
         path: PNG file.
     """
     mpl.use("Agg")
@@ -107,7 +106,7 @@ def draw(figures: dict[str, Any], bundle: Bundle, path: Path) -> None:
         PAPER_MEAN, color="0.5", lw=1, ls=":", label=f"paper's best controller: mean {PAPER_MEAN} m, max {PAPER_MAX} m"
     )
     top.axhline(PAPER_MAX, color="0.5", lw=1, ls=":")
-    top.set(title=f"{bundle.name} on {figures['course']}", ylabel="distance / m", ylim=(0, None))
+    top.set(title=f"{name} on {figures['course']}", ylabel="distance / m", ylim=(0, None))
     top.legend()
     if randoms:
         _draw_distances(middle, randoms, "mean_m", "o", "mean of a 30 s ride")

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from bike_policy.riders.rider import Rider
 from bike_sim.course.course import Course
-from bike_sim.physics.state import ROLL, STEER
+from bike_sim.course.finish import Finish, up_to_finish
+from bike_sim.physics.state import ROLL, STEER, X, Y
 from bike_sim.sim import look as lk
 from bike_sim.sim.request import RANDOM_COURSE, ResetRequest
 from bike_sim.sim.snapshot import Snapshot
@@ -26,7 +27,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class RideResult:
-    """One ride from its first to its last state.
+    """One ride from its first state to its last, or to the finish of an open course.
 
     Attributes:
         speed: forward speed at the start, m/s.
@@ -50,21 +51,20 @@ class RideResult:
     lost_states: int = 0
 
     @classmethod
-    def from_snapshots(cls, snapshots: Sequence[Snapshot], completed: bool) -> RideResult:
-        """Take what matters out of the snapshots."""
+    def from_snapshots(cls, snapshots: Sequence[Snapshot], course: Course, completed: bool) -> RideResult:
+        """Take what matters out of the snapshots; a ride is judged up to the finish of an open course."""
         looks = np.array([snapshot.look for snapshot in snapshots])
         states = np.array([snapshot.state for snapshot in snapshots])
-        return cls(
-            speed=float(looks[0, lk.SPEED]),
-            completed=completed,
-            progress=looks[:, lk.PROGRESS],
-            error=looks[:, lk.LATERAL_ERROR],
-            roll=states[:, ROLL],
-            steer=states[:, STEER],
-            command=np.array([snapshot.steering for snapshot in snapshots]),
-            x=states[:, 0],
-            y=states[:, 1],
+        commands = np.array([snapshot.steering for snapshot in snapshots])
+        progress, error, x, y, roll, steer, command = up_to_finish(
+            Finish.of(course),
+            looks[:, lk.PROGRESS],
+            looks[:, lk.LATERAL_ERROR],
+            *(states[:, place] for place in (X, Y, ROLL, STEER)),
+            commands,
         )
+        speed = float(looks[0, lk.SPEED])
+        return cls(speed, completed, progress, error, roll, steer, command, x, y)
 
     def figures(self, sections: Iterable[tuple[str, float]] = ()) -> dict[str, Any]:
         """Return mean, maximum and RMS distance, also for each section (name, first arc length in m)."""
@@ -106,7 +106,8 @@ def ride_through(client: Client, rider: Rider, request: ResetRequest, longest: f
         snapshots.append(snapshot)
         if is_over(snapshot, longest):
             break
-    return RideResult.from_snapshots(snapshots, is_completed(snapshots[-1], request))
+    assert client.course is not None
+    return RideResult.from_snapshots(snapshots, client.course, is_completed(snapshots[-1], request))
 
 
 def is_over(snapshot: Snapshot, longest: float) -> bool:

@@ -8,6 +8,7 @@ from typing import Final, Protocol
 from bike_policy.contract.bundle import load_bundle
 from bike_policy.riders.classical import CLASSICAL, ClassicalRider
 from bike_policy.riders.learned import LearnedRider
+from bike_policy.riders.lqr import LQR, LqrRider
 from bike_sim.course.course import Course
 from bike_sim.sim.request import Preview
 from bike_sim.sim.snapshot import Snapshot
@@ -44,7 +45,7 @@ class Rider(Protocol):
         ...
 
 
-RIDERS: Final[Mapping[str, Callable[[], Rider]]] = {CLASSICAL: ClassicalRider}
+RIDERS: Final[Mapping[str, Callable[[], Rider]]] = {CLASSICAL: ClassicalRider, LQR: LqrRider}
 """Riders that are not learned, by name."""
 
 

@@ -1,0 +1,213 @@
+"""A linear-quadratic rider of bicycles with preview: what an engineer would write first, and what a policy must beat.
+
+Model: the linearised bicycle of Meijaard et al. (2007) at the present speed with its steering drive, and rolling
+without slip along the path. With e the lateral error of the rear contact, h the heading error, delta the steer, lambda
+the tilt of the steering axis, c the trail and w the wheelbase,
+
+    e' = v h,   h' = (v delta + c delta') cos(lambda) / w - v kappa,   (roll, steer)'' from the linear equations.
+
+The curvature kappa of the path ahead, sampled at the control periods, is the preview: with it the optimal answer is
+``u = -K x - sum_k G_k kappa_k`` (Sharp and Valtetsiotis 2001, Optimal preview car steering control, Vehicle System
+Dynamics 35). The cost is on errors and on the torque of the drive, ``u - delta``, not on the set value itself, so that
+a steady turn costs next to nothing and is ridden without an offset.
+
+A command that acts late is known to the rider: the last answers are states of the model, one for each period of delay.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm, solve_discrete_are
+
+from bike_sim.course.course import Course
+from bike_sim.physics import state as st
+from bike_sim.physics.linear import state_matrix
+from bike_sim.sim import look as lk
+from bike_sim.sim.request import Preview
+from bike_sim.sim.snapshot import Snapshot
+from bike_sim.vehicles.bicycle import Vehicle
+from bike_sim.vehicles.superbike import Superbike
+
+FloatArray = NDArray[np.float64]
+
+LQR: Final = "lqr"
+"""Name of this rider."""
+
+SPEED_STEP: Final = 0.05
+"""Gains are computed at multiples of this speed, m/s."""
+SLOWEST: Final = 0.5
+"""Below this speed the gains are those of this one, m/s."""
+
+
+@dataclass(frozen=True)
+class LqrSettings:
+    """Weights of the cost, tuned on random training paths only.
+
+    Attributes:
+        lateral: of the squared lateral error, 1/m^2.
+        heading: of the squared heading error, 1/rad^2.
+        roll_rate: of the squared roll rate, s^2/rad^2.
+        steer_rate: of the squared steer rate, s^2/rad^2.
+        drive: of the squared difference of set value and steering angle, 1/rad^2.
+        horizon: of the preview, s.
+        delay: control periods by which a command acts late.
+    """
+
+    lateral: float = 1.0
+    heading: float = 0.3
+    roll_rate: float = 0.01
+    steer_rate: float = 0.01
+    drive: float = 0.05
+    horizon: float = 3.0
+    delay: int = 0
+
+
+class Gains(NamedTuple):
+    """The optimal answer at one speed: ``u = -state @ x - preview @ kappa``.
+
+    Attributes:
+        state: of lateral error, heading error, roll, steer, roll rate, steer rate, and the answers on their way.
+        preview: of the curvatures of the control periods ahead.
+    """
+
+    state: FloatArray
+    preview: FloatArray
+
+
+def lateral_model(vehicle: Vehicle, speed: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return A, B and E of ``x' = A x + B u + E kappa`` with x = (e, h, roll, steer, roll rate, steer rate).
+
+    Args:
+        vehicle: bicycle with its steering drive.
+        speed: m/s.
+    """
+    a, b, e = np.zeros((6, 6)), np.zeros(6), np.zeros(6)
+    a[2:, 2:] = state_matrix(vehicle, speed)
+    # The drive turns the fork as far from its set value as from zero: what P adds for steer it adds for -u.
+    b[2:] = -(state_matrix(vehicle, speed)[:, 1] - state_matrix(replace(vehicle, P=0.0), speed)[:, 1])
+    a[0, 1] = speed
+    a[1, 3] = speed * math.cos(vehicle.lam) / vehicle.w
+    a[1, 5] = vehicle.c * math.cos(vehicle.lam) / vehicle.w
+    e[1] = -speed
+    return a, b, e
+
+
+def design(vehicle: Vehicle, speed: float, period: float, settings: LqrSettings) -> Gains:
+    """Return the gains at a speed.
+
+    Args:
+        vehicle: bicycle.
+        speed: m/s.
+        period: control period, s.
+        settings: weights.
+    """
+    a, b, e = lateral_model(vehicle, speed)
+    held = np.zeros((8, 8))
+    held[:6, :6], held[:6, 6], held[:6, 7] = a, b, e
+    held = expm(held * period)  # command and curvature are held for a period
+    ad, bd, ed = held[:6, :6], held[:6, 6], held[:6, 7]
+    delay, size = settings.delay, 6 + settings.delay
+    big, late, drift = np.zeros((size, size)), np.zeros((size, 1)), np.zeros(size)
+    big[:6, :6], drift[:6] = ad, ed
+    if delay:
+        big[:6, 6] = bd
+        big[6 : size - 1, 7:] = np.eye(delay - 1)
+        late[-1] = 1.0
+    else:
+        late[:6, 0] = bd
+    cost = np.zeros((size, size))
+    weights = (settings.lateral, settings.heading, 0.0, 0.0, settings.roll_rate, settings.steer_rate)
+    np.fill_diagonal(cost[:6, :6], weights)
+    # (acting command - steer)^2; the acting command is the oldest on its way, or the answer itself.
+    control, cross = np.array([[1e-6]]), np.zeros((size, 1))
+    cost[3, 3] += settings.drive
+    if delay:
+        cost[6, 6] += settings.drive
+        cost[3, 6] -= settings.drive
+        cost[6, 3] -= settings.drive
+    else:
+        control[0, 0] += settings.drive
+        cross[3, 0] = -settings.drive
+    p = solve_discrete_are(big, late, cost, control, s=cross)
+    inverse = 1.0 / (control + late.T @ p @ late).item()
+    gain = inverse * (late.T @ p @ big + cross.T)
+    closed = (big - late @ gain).T
+    preview, weighted = [], p @ drift
+    for _ in range(round(settings.horizon / period)):
+        preview.append(inverse * (late.T @ weighted).item())
+        weighted = closed @ weighted
+    return Gains(gain[0], np.array(preview))
+
+
+class LqrRider:
+    """Rides a bicycle along any line; implements `bike_policy.riders.rider.Rider`."""
+
+    name = LQR
+    preview: Preview | None = None
+
+    def __init__(self, settings: LqrSettings | None = None) -> None:
+        """Take the weights."""
+        self._settings = settings or LqrSettings()
+        self._gains: dict[int, Gains] = {}
+        self._machine: tuple[Vehicle, float] | None = None
+
+    def begin(self, vehicle: Vehicle, course: Course, period: float, preview: Preview) -> None:
+        """Take the line; see `Rider`.
+
+        Raises:
+            ValueError: a superbike, whose rider asks for leans and not for steering angles.
+        """
+        if isinstance(vehicle, Superbike):
+            raise ValueError(f"rider {self.name!r} steers bicycles by set value, and {vehicle.name!r} is a superbike")
+        if self._machine != (vehicle, period):
+            self._gains.clear()
+        self._machine = (vehicle, period)
+        self._vehicle, self._course, self._period = vehicle, course, period
+        self._sent: deque[float] = deque([0.0] * self._settings.delay, maxlen=self._settings.delay or 1)
+        self._answered: tuple[int, float] | None = None
+
+    def command(self, snapshot: Snapshot) -> tuple[float, float] | None:
+        """Return the answer; the same again for a snapshot that is shown again."""
+        if self._answered is not None and self._answered[0] == snapshot.step:
+            return self._answered[1], 0.0
+        look, state = snapshot.look, snapshot.state
+        if not math.isfinite(look.sum() + state.sum()):
+            return None
+        gains = self._gains_at(snapshot.speed)
+        roll, level = float(state[st.ROLL]), math.cos(float(state[st.ROLL]))
+        # Leaning, the machine turns as an upright one with a larger steering angle, and needs the tangent of the lean.
+        x = [
+            look[lk.LATERAL_ERROR],
+            math.sin(look[lk.HEADING_ERROR]),
+            math.tan(roll),
+            math.tan(float(state[st.STEER])) / level,
+            float(state[st.ROLL_RATE]) / level**2,
+            float(state[st.STEER_RATE]) / level,
+            *(self._sent if self._settings.delay else ()),
+        ]
+        ahead = look[lk.PROGRESS] + snapshot.speed * self._period * (np.arange(len(gains.preview)) + 0.5)
+        turn = -float(gains.state @ x) - float(gains.preview @ self._curvature(ahead))
+        steering = min(max(math.atan(turn * level) / self._vehicle.max_steer, -1.0), 1.0)
+        self._sent.append(turn)
+        self._answered = (snapshot.step, steering)
+        return steering, 0.0
+
+    def _gains_at(self, speed: float) -> Gains:
+        """Return the gains at the nearest multiple of SPEED_STEP."""
+        step = round(max(speed, SLOWEST) / SPEED_STEP)
+        if step not in self._gains:
+            self._gains[step] = design(self._vehicle, step * SPEED_STEP, self._period, self._settings)
+        return self._gains[step]
+
+    def _curvature(self, s: FloatArray) -> FloatArray:
+        """Return the curvature of the line at arc lengths (m); an open line goes on straight."""
+        course = self._course
+        if course.closed:
+            return np.interp(s % course.length, course.s, course.curvature)
+        return np.interp(s, course.s, course.curvature, right=0.0)
