@@ -1,4 +1,8 @@
+import dataclasses
 import math
+import os
+import socket
+import time
 
 import numpy as np
 import pytest
@@ -6,6 +10,7 @@ import torch
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from safetensors.numpy import save_file
 
 from bike_policy.contract.action import ActionLayout
 from bike_policy.contract.actor import Actor
@@ -123,3 +128,101 @@ def test_shipped_policies_load(name):
     bundle = load_bundle(name)
     assert bundle.training["commit"] != "unknown"
     assert bundle.results
+
+
+def check_refused(folder, message):
+    begin = time.monotonic()
+    with pytest.raises((ValueError, FileNotFoundError), match=message) as caught:
+        load_bundle(folder)
+    assert time.monotonic() - begin < 5.0
+    assert str(caught.value).isprintable()
+    assert len(str(caught.value)) < 800
+
+
+@pytest.mark.timeout(30)
+@pytest.mark.parametrize("name", ["actor.safetensors", "card.yaml"])
+@pytest.mark.parametrize("kind", ["pipe", "socket", "device", "folder", "missing", "huge"])
+def test_files_that_are_no_regular_ones_are_refused_at_once(bundle, tmp_path, monkeypatch, name, kind):
+    bundle.save(tmp_path)
+    monkeypatch.chdir(tmp_path)  # the path of a socket is short
+    os.unlink(name)
+    message = f"{name}: is no regular file"
+    if kind == "pipe":
+        os.mkfifo(name)
+    elif kind == "socket":
+        socket.socket(socket.AF_UNIX).bind(name)
+    elif kind == "device":
+        os.symlink("/dev/zero", name)
+    elif kind == "folder":
+        os.mkdir(name)
+    elif kind == "missing":
+        message = f"not a policy bundle: it has no {name}"
+    else:
+        with open(name, "wb") as stream:
+            stream.truncate(2**33)
+        message = f"{name}: is larger than"
+    check_refused(tmp_path, message)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("format: 1\nformat: 1", "key 'format' is given twice"),
+        ("a: &a [1]\nb: *a", "alias \\*a is not read in a card"),
+        ("[" * 200_000, "nested too deeply"),
+        ("format: " + "9" * 5000, "card.yaml: Exceeds the limit"),
+        ("format: 2024-13-45", "month must be in 1..12"),
+        ("format: [" + "1," * 1000 + "]", "policy format a list"),
+        ("format: " + "x" * 9000, "policy format 'xxx"),
+        ("\n".join(f"k{i}: 1" for i in range(8000)), "policy format None"),
+    ],
+)
+def test_evil_cards_are_refused_in_one_short_line(bundle, tmp_path, text, message):
+    bundle.save(tmp_path)
+    (tmp_path / "card.yaml").write_text(text)
+    check_refused(tmp_path, message)
+
+
+@pytest.mark.parametrize(
+    ("entry", "value", "message"),
+    [
+        ("name", "a\x1b[2J", "name of the card has characters that cannot be shown"),
+        ("name", "x" * 201, "name of the card must be text of at most 200"),
+        ("vehicle", ["whipple"], "vehicle of the card must be text .* got a list"),
+        ("control_period_s", -0.05, "above 0 and at most 10 s, got -0.05"),
+        ("control_period_s", math.nan, "control_period_s"),
+        ("control_period_s", 10**400, "control_period_s"),
+        ("control_period_s", "0.05", "control_period_s of the card must be a number"),
+        ("training", 3, "training of the card must be a mapping, got 3"),
+        ("results", [1], "results of the card must be a mapping, got a list"),
+        ("layout", 5, "layout of the card must be a mapping, got 5"),
+        ("layout", {"x" * 9000: 1}, "unknown entries"),
+        ("action", {"max_steer": 10**400, "meaning": "steering_set_value"}, "too large"),
+    ],
+)
+def test_evil_entries_of_a_card_are_named(bundle, tmp_path, entry, value, message):
+    bundle.save(tmp_path)
+    card = yaml.safe_load((tmp_path / "card.yaml").read_text())
+    (tmp_path / "card.yaml").write_text(yaml.safe_dump({**card, entry: value}))
+    check_refused(tmp_path, message)
+
+
+@pytest.mark.filterwarnings("error")
+def test_numbers_beyond_single_precision_are_refused_without_a_warning(bundle, tmp_path):
+    bundle.save(tmp_path)
+    tensors = {name: value.astype("f8") for name, value in bundle.actor.tensors().items()}
+    tensors["layers.0.bias"][0] = 1e300
+    save_file(tensors, tmp_path / "actor.safetensors")
+    check_refused(tmp_path, "layer 0 holds values that are not finite")
+
+
+def test_a_card_that_names_a_thing_twice_is_written_without_aliases(bundle, tmp_path):
+    shared = [1, 2, 3]
+    twice = dataclasses.replace(bundle, training={"a": shared, "b": shared})
+    twice.save(tmp_path)
+    assert load_bundle(tmp_path).training == {"a": shared, "b": shared}
+
+
+@pytest.mark.parametrize("name", ["../policies/whipple", "x" * 100_000, "a\x1b[2Jb", "no\nsuch"])
+def test_evil_names_of_policies_are_shown_tame(name):
+    check_refused(name, "neither a folder nor one of")

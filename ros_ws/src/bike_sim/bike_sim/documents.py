@@ -118,7 +118,8 @@ def parse_yaml(text: str, as_text: bool = False) -> Any:
         raise DocumentError(str(error)) from None
     except yaml.MarkedYAMLError as error:
         where = f"row {error.problem_mark.line + 1}: " if error.problem_mark else ""
-        raise DocumentError(f"is not valid YAML: {where}{shorten(error.problem or error.context or '')}") from None
+        what = " ".join(part for part in (error.problem, error.context and f"({error.context})") if part)
+        raise DocumentError(f"is not valid YAML: {where}{shorten(what)}") from None
     except (yaml.YAMLError, ValueError) as error:  # a date or a number that cannot be is a ValueError
         raise DocumentError(f"is not valid YAML: {shorten(str(error))}") from None
     except RecursionError:

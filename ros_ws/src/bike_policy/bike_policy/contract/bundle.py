@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import resources
@@ -114,7 +115,7 @@ def load_bundle(name_or_path: str | Path) -> Bundle:
         ValueError: a file that is not one of this project's, or a version that this software does not speak.
     """
     folder = Path(name_or_path)
-    if not folder.is_dir():
+    if not os.path.isdir(folder):  # unlike Path.is_dir it answers for a name that is too long as well
         shipped = shipped_policies()
         if str(name_or_path) not in shipped:
             raise FileNotFoundError(f"no policy {show(str(name_or_path))}: neither a folder nor one of {shipped}")

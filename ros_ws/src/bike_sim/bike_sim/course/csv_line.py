@@ -15,8 +15,8 @@ FloatArray = NDArray[np.float64]
 COLUMNS = ("x_m", "y_m", "w_tr_right_m", "w_tr_left_m")
 """Columns of a file, in the order used where no header names them; the widths may be left out together."""
 
-MAX_CSV_SIZE = 20_000_000
-"""Largest CSV file, bytes: half a million points, which take about a second to read."""
+MAX_CSV_SIZE = 8_000_000
+"""Largest CSV file, bytes: some 200,000 points, which take a few seconds to read."""
 
 MAX_COORDINATE = 1e7
 """Largest coordinate, m: that of any map's grid, and so small that a sample's spacing is not rounded away."""
@@ -36,6 +36,22 @@ CLOSING_GAP = 1.5
 CLOSING_TURN = math.radians(75.0)
 """The chord that closes a line turns by at most this angle at both ends, rad."""
 
+HOLE = 10.0
+"""Neighbours of a line with widths that are farther apart than this many times the median have a hole between them."""
+
+BENT_HOLE, HOLE_TURN = 4.0, math.radians(30.0)
+"""So have neighbours of any line that are this many medians apart, where the line goes on in a direction that differs
+by so much (rad): the corner between them is not known."""
+
+LARGEST_GAP = 250.0
+"""Points of a circuit are nowhere farther apart, m: a file of a few points is no measurement."""
+
+LEAST_STEPS = 8
+"""Of fewer steps the median says nothing."""
+
+ZIG_ZAG, ZIG_ZAG_TURN = 4, math.radians(30.0)
+"""So many turns one after the other, each to the other side and by so much (rad), are no road."""
+
 
 class CourseFileError(DocumentError):
     """A course file is broken. The message says which row or element, and what is wrong."""
@@ -50,12 +66,14 @@ class CentreLine:
         closed: whether the line is closed.
         width_left: distance to the left limit at the points, m, or None.
         width_right: distance to the right limit at the points, m, or None.
+        rows: row of the file of each point, counted from 1 as by an editor.
     """
 
     points: FloatArray
     closed: bool
     width_left: FloatArray | None
     width_right: FloatArray | None
+    rows: tuple[int, ...]
 
 
 def parse_csv(text: str, closed: bool | None = None) -> CentreLine:
@@ -85,10 +103,13 @@ def parse_csv(text: str, closed: bool | None = None) -> CentreLine:
         closed = repeated or _looks_closed(rows[:, :2])
     if closed:
         rows, lines = np.vstack([rows, rows[:1]]), [*lines, lines[0]]
-    _check_line(rows[:, :2], lines, closed)
+    points = rows[:, :2]
+    _check_repeated(points, lines, with_widths)
+    _check_order(points, lines, closed, with_widths)
+    _check_gaps(points, lines, closed, with_widths)
     if not with_widths:
-        return CentreLine(rows, closed, None, None)
-    return CentreLine(rows[:, :2], closed, width_left=rows[:, 3], width_right=rows[:, 2])
+        return CentreLine(rows, closed, None, None, tuple(lines))
+    return CentreLine(points, closed, width_left=rows[:, 3], width_right=rows[:, 2], rows=tuple(lines))
 
 
 def _parse_rows(text: str) -> tuple[FloatArray, list[int], bool]:
@@ -197,17 +218,76 @@ def _turn(a: FloatArray, b: FloatArray) -> float:
     return abs(math.atan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1]))
 
 
-def _check_line(points: FloatArray, lines: list[int], closed: bool) -> None:
-    """Refuse repeated points, and points that are out of order."""
-    steps = np.diff(points, axis=0)
-    for i in np.flatnonzero(np.hypot(*steps.T) < SAME_POINT)[:1]:
+def _check_repeated(points: FloatArray, lines: list[int], measured: bool) -> None:
+    """Refuse neighbours that are the same point and, on a measured line, a stretch that is there twice."""
+    steps = np.hypot(*np.diff(points, axis=0).T)
+    for i in np.flatnonzero(steps < SAME_POINT)[:1]:
         raise CourseFileError(f"rows {lines[i]} and {lines[i + 1]} are the same point ({points[i, 0]}, {points[i, 1]})")
+    if not measured:
+        return
+    # The row before each that holds the same point. One point may be met twice, at a crossing, but not two in a row.
+    _, same = np.unique(points[:-1], axis=0, return_inverse=True)
+    order = np.argsort(same.ravel(), kind="stable")
+    earlier = np.full(len(same), -2)
+    earlier[order[1:]] = np.where(np.diff(same.ravel()[order]) == 0, order[:-1], -2)
+    repeats = np.flatnonzero((earlier[1:] == earlier[:-1] + 1) & (earlier[1:] > 0))
+    # A whole second lap is refused later, as a road that lies on another.
+    if len(repeats) and 2 * len(repeats) < len(points) - 4:
+        first = int(repeats[0])
+        last = first + 1
+        while last + 1 < len(earlier) and earlier[last + 1] == earlier[last] + 1:
+            last += 1
+        raise CourseFileError(
+            f"rows {lines[first]} to {lines[last]} repeat rows {lines[earlier[first]]} to {lines[earlier[last]]}; is a "
+            "part of the file there twice?"
+        )
+
+
+def _check_order(points: FloatArray, lines: list[int], closed: bool, measured: bool) -> None:
+    """Refuse lines that turn back and, where they are measured, that zig-zag."""
+    steps = np.diff(points, axis=0)
     following = np.roll(steps, -1, axis=0)
     cross = steps[:, 0] * following[:, 1] - steps[:, 1] * following[:, 0]
-    turns = np.abs(np.arctan2(cross, np.sum(steps * following, axis=1)))
+    turns = np.arctan2(cross, np.sum(steps * following, axis=1))
     if not closed:
         turns[-1] = 0.0
-    for i in np.flatnonzero(turns > REVERSAL)[:1]:
+    for i in np.flatnonzero(np.abs(turns) > REVERSAL)[:1]:
         raise CourseFileError(
-            f"row {lines[i + 1]}: the line turns back by {math.degrees(turns[i]):.0f} deg here; are the rows in order?"
+            f"row {lines[i + 1]}: the line turns back by {math.degrees(abs(turns[i])):.0f} deg here; are the rows in "
+            "order?"
         )
+    if not measured:
+        return
+    sharp = np.abs(turns) > ZIG_ZAG_TURN
+    other_side = sharp[1:] & sharp[:-1] & (turns[1:] * turns[:-1] < 0.0)
+    runs = np.convolve(other_side, np.ones(ZIG_ZAG - 1, dtype=np.int64), mode="valid")
+    for i in np.flatnonzero(runs == ZIG_ZAG - 1)[:1]:
+        raise CourseFileError(
+            f"rows {lines[i]} to {lines[min(i + ZIG_ZAG + 1, len(lines) - 1)]} zig-zag by "
+            f"{math.degrees(np.abs(turns[i : i + ZIG_ZAG]).min()):.0f} deg and more at each point; are they in order?"
+        )
+
+
+def _check_gaps(points: FloatArray, lines: list[int], closed: bool, measured: bool) -> None:
+    """Refuse a line with a hole, the gap that closes it included."""
+    steps = np.diff(points, axis=0)
+    lengths = np.hypot(*steps.T)
+    typical = float(np.median(lengths))
+    before, after = np.roll(steps, 1, axis=0), np.roll(steps, -1, axis=0)
+    bends = np.abs(np.arctan2(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0], np.sum(before * after, axis=1)))
+    if not closed:
+        bends[[0, -1]] = 0.0
+    hole = (lengths > BENT_HOLE * typical) & (bends > HOLE_TURN)
+    if measured:
+        hole |= lengths > HOLE * typical
+    hole &= len(lengths) >= LEAST_STEPS
+    if measured and closed:
+        hole |= lengths > LARGEST_GAP
+    if not np.any(hole):
+        return
+    i = int(np.argmax(np.where(hole, lengths, 0.0)))
+    closing = ", where the line closes," if closed and i == len(lengths) - 1 else ""
+    raise CourseFileError(
+        f"rows {lines[i]} and {lines[i + 1]}{closing} are {lengths[i]:.4g} m apart, where neighbours are "
+        f"{typical:.3g} m apart; is a part missing? A long straight needs points too"
+    )

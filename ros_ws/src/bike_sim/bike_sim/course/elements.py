@@ -20,6 +20,9 @@ _FINE_POINTS_PER_METRE = 10
 """Points at which a quintic's arc length is tabulated. Both the table and its reading are of fourth order: for every
 transfer of the training families and for the hard lane change they are exact to 1e-8 m."""
 
+MAX_QUINTIC_RATIO = 100.0
+"""Largest width of a quintic transfer, in extents: beyond, its ends are steps that no sampling shows."""
+
 
 @dataclass(frozen=True)
 class Line:
@@ -86,10 +89,15 @@ class Quintic:
     width: float
 
     def __post_init__(self) -> None:
-        """Refuse an extent that is not positive and a width that is not finite."""
+        """Refuse an extent that is not positive, and a width that is not finite or makes a jump of the transfer."""
         _require_positive("quintic extent", self.extent)
         if not math.isfinite(self.width):
             raise ValueError(f"quintic width must be finite, got {self.width!r}")
+        if abs(self.width) > MAX_QUINTIC_RATIO * self.extent:
+            raise ValueError(
+                f"quintic width must be at most {MAX_QUINTIC_RATIO:g} times its extent of {self.extent!r} m, "
+                f"got {self.width!r} m"
+            )
 
     @cached_property
     def _fine(self) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -21,6 +21,8 @@ _NEIGHBOURHOOD = 30.0
 _SAME_WAY = math.radians(20.0)
 # How far aside another part of the road is looked for, m, where the road is wider than twice that.
 _BESIDE = 10.0
+# Stations within that reach of a station, on average, of which a road by itself has about ten.
+_CROWDED = 200
 # A limit or wall stays this far (as a fraction of the radius) from the centre of a curve.
 _RADIUS_SHARE = 0.9
 # What is wide behind a corner begins this long before it and ends after it, m: where a straight line would lead.
@@ -94,7 +96,11 @@ def _check_once(centre: Course, rows: NDArray[np.int64], middle: FloatArray) -> 
     half = 0.5 * (centre.width_left + centre.width_right)[rows]
     s, heading = centre.s[rows], centre.heading[rows]
     step = float(np.diff(s, append=centre.length).max())
-    pairs = cKDTree(middle).query_pairs(math.hypot(min(float(half.max()), _BESIDE), step), output_type="ndarray")
+    reach = math.hypot(min(float(half.max()), _BESIDE), step)
+    tree = cKDTree(middle)
+    if tree.count_neighbors(tree, reach) > _CROWDED * len(rows):  # so many pairs would fill the memory
+        raise ValueError("the road lies on itself all along; does the file hold many laps?")
+    pairs = tree.query_pairs(reach, output_type="ndarray")
     i, j = pairs.T
     along = np.abs(s[i] - s[j])
     along = np.minimum(along, centre.length - along)

@@ -61,6 +61,9 @@ RUN_OFF_KEYS = ("straight", "inside", "outside")
 TRANSITION = 40.0
 """Length of curvature ramps where a file does not say, m (own estimate from public outlines)."""
 
+MAX_PIECES = 300
+"""Most straights and arcs of a table: what closes them takes a time that grows with their square."""
+
 LEAST_POINTS = 8
 """A circuit given by fewer points is no circuit."""
 
@@ -80,17 +83,18 @@ def track_from_points(name: str, line: CentreLine) -> Track:
     if not line.closed:
         gap = math.dist(line.points[0], line.points[-1])
         raise CourseFileError(
-            f"is not closed: its ends are {gap:.3g} m apart, farther than neighbours are; is a part of the lap missing?"
+            f"is not closed: its ends at rows {line.rows[0]} and {line.rows[-1]} are {gap:.4g} m apart, farther than "
+            "neighbours are; is a part of the lap missing?"
         )
     if line.width_left is None or line.width_right is None:
         raise CourseFileError("has no widths; a circuit needs the columns w_tr_right_m and w_tr_left_m")
     if len(line.points) - 1 < LEAST_POINTS:
         raise CourseFileError(f"has {len(line.points) - 1} points, a circuit needs at least {LEAST_POINTS}")
-    least = float(np.min(line.width_left + line.width_right))
+    width = line.width_left + line.width_right
+    least = float(np.min(width))
     if least < LEAST_WIDTH:
         raise CourseFileError(
-            f"is {least:.2f} m wide at row {int(np.argmin(line.width_left + line.width_right)) + 1} of its points; "
-            f"a road is at least {LEAST_WIDTH} m wide"
+            f"is {least:.2f} m wide at row {line.rows[int(np.argmin(width))]}; a road is at least {LEAST_WIDTH} m wide"
         )
     given = chord_lengths(line.points)
     if given[-1] > MAX_LENGTH:
@@ -167,6 +171,10 @@ def track_from_document(document: Mapping[str, Any], path: Path) -> Track:
 def _pieces(entries: Any) -> list[Piece]:
     if not isinstance(entries, list) or not entries:
         raise CourseFileError("elements must be a list with at least one element")
+    if len(entries) > MAX_PIECES:
+        raise CourseFileError(
+            f"elements has {len(entries)} entries, at most {MAX_PIECES} are possible; give points as CSV"
+        )
     pieces = []
     for number, entry in enumerate(entries, start=1):
         where = f"element {number}: "
