@@ -80,12 +80,18 @@ def recording() -> None:
         assert sum(len(block) for block in Container(path).blocks()) == 1
 
 
+def fonts() -> None:
+    """Have Matplotlib list the fonts, which it does once and speaks of."""
+    import matplotlib.font_manager  # noqa: F401
+
+
 KERNELS: dict[str, Callable[[], None]] = {
     "bicycle, compiled engine": lambda: bicycle("whipple"),
     "bicycle, PyBullet": lambda: bicycle("pybullet"),
     "bicycles side by side": bicycles_side_by_side,
     "superbike": superbike,
     "reading of recordings": recording,
+    "list of fonts": fonts,
 }
 """What is compiled, by name."""
 

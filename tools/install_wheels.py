@@ -240,6 +240,7 @@ def reason(lines: Sequence[str]) -> str:
     """Return in one line why pip failed, read off what it said."""
     text = "\n".join(lines)
     errors = [line.strip().removeprefix("ERROR: ") for line in lines if line.strip().startswith("ERROR:")]
+    errors = [error for error in errors if error != "Exception:"]  # a traceback's head; its last line tells more
     if "No space left on device" in text:
         return "the disk is full (No space left on device)"
     if any(sign in text for sign in _CERTIFICATE):
@@ -370,7 +371,8 @@ def main(arguments: Sequence[str]) -> int:
     """Install what the arguments name."""
     log, rest = Path(arguments[0]), list(arguments[1:])
     stages = [Path(word).stem for word in rest if word.endswith(".txt")]
-    installed = {normal(package.name): package.version for package in distributions()}
+    # A package whose files are partly gone has neither name nor version.
+    installed = {normal(package.name): package.version for package in distributions() if package.metadata["Name"]}
     sizes = expected(read_pins(CONSTRAINTS.read_text(encoding="utf-8")), stages, installed)
     return install(rest, sizes, log)
 
