@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_analysis.page.embed import embed
-from bike_analysis.read.reading import Floats
+from bike_analysis.read.tables import Floats
 from bike_analysis.read.text import shown
 
 SERIES_COLOURS: Final = ("blue", "orange", "green", "violet", "gold", "rose")
@@ -67,7 +67,7 @@ KMH: Final = Channel("Speed", "km/h", 1)
 
 
 @dataclass(frozen=True)
-class Line:
+class PanelLine:
     """A line of a panel.
 
     Attributes:
@@ -106,7 +106,7 @@ class Panel:
     title: str
     label: str
     unit: str
-    lines: tuple[Line, ...]
+    lines: tuple[PanelLine, ...]
     caption: str = ""
     zero: bool = True
     least: float = 0.0
