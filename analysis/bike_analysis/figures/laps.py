@@ -3,7 +3,8 @@
 The start line lies where the course's arc length is 0 and the sectors begin where its sections do. A line counts once,
 when it is first crossed forward, and the time of crossing is interpolated in progress between two states, as
 `bike_sim.course.lap_timing` does while riding. Where the recording has the simulator's own LAP and SECTOR events, their
-times are taken, so that every page and program tells the same lap time.
+times are taken, so that every page and program tells the same lap time. That timer itself needs a circuit with its
+limits and every contact point; here laps are found also where only the progress was recorded, with gaps.
 """
 
 from __future__ import annotations
