@@ -20,7 +20,8 @@ from bike_analysis.figures.results import Analysis, RideEntry, comparison_figure
 from bike_analysis.page.plots import overview_figure
 from bike_analysis.page.ride_page import write_page
 from bike_analysis.page.style import RC
-from bike_analysis.read.container import METADATA_FILE, RecordingError, find_files
+from bike_analysis.read.container import RecordingError
+from bike_analysis.read.files import METADATA_FILE, find_files
 from bike_analysis.read.text import shown
 
 PAGE_NAME: Final = "ride.html"

@@ -17,7 +17,7 @@ from bike_analysis import open_ride
 from bike_analysis.figures.metrics import LapFigures, RideFigures
 from bike_analysis.figures.results import Analysis, RecordingFigures, SpeedFigures
 from bike_analysis.figures.schema import make_schema, shipped_schema
-from bike_analysis.read.reading import TELEMETRY_COLUMNS
+from bike_analysis.read.tables import TELEMETRY_COLUMNS
 from bike_sim.recording import RideRecorder
 from bike_training.cli import main
 

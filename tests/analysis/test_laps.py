@@ -183,6 +183,9 @@ def test_laps_have_the_numbers_of_the_events_in_all_reports(writer, circle, ring
     assert [series.name for series in lap_view(laps, theory, "laps", "").series][-1] == "theoretical"
     assert {series.name for series in lap_view(laps, theory, "laps", "").series[:-1]} == {"lap 2", "lap 3", "lap 4"}
     assert lap_figures(laps, theory)["lap_s"] == pytest.approx(LENGTH / 4.0, abs=1e-2)
+    words = render_lap_page(laps, theory).split("<noscript>")[0].split("</style>")[1]
+    assert "circuit circle, 63 m" in words
+    assert "two-wheeler-lab" in words
     rows = [row.split("</td>") for row in render_lap_page(laps, theory).split("<tr><td>")[1:]]
     assert [row[0] for row in rows] == ["1 (out)", "2", "3", "4", "best sectors", "theoretical"]
     together = rows[4][1].removeprefix("<td>")

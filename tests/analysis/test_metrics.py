@@ -15,7 +15,7 @@ from bike_analysis import find_rides, read_recording, ride_figures
 from bike_analysis.figures.delays import command_delay
 from bike_analysis.figures.metrics import RideFigures, latency_figures
 from bike_analysis.figures.numbers import rate
-from bike_analysis.read.reading import Latency
+from bike_analysis.read.messages import Latency
 from bike_analysis.read.rides import Ride
 
 

@@ -22,8 +22,10 @@ from rosbags.highlevel import AnyReader
 from bike_analysis import open_ride
 from bike_analysis.read.clock import forward_time
 from bike_analysis.read.columns import ColumnReader, MessageSchema, SchemaError
-from bike_analysis.read.container import MAGIC, Container, find_files
-from bike_analysis.read.reading import RecordingError, States, read_recording
+from bike_analysis.read.container import MAGIC, Container, RecordingError
+from bike_analysis.read.files import find_files
+from bike_analysis.read.reading import read_recording
+from bike_analysis.read.tables import States
 from bike_sim.recording import MessageType, RideRecorder, Split, message_type
 from bike_training.replay.recorded_rides import read_rides
 

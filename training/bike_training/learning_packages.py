@@ -1,4 +1,4 @@
-"""Packages that learning, explaining and Parquet files need and riding does not; a second set-up brings them.
+"""Packages that learning, explaining and Parquet files need and riding does not.
 
 The set-up for riding leaves them out because they are several times as large as all else; a second one brings them.
 """

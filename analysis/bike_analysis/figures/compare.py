@@ -15,11 +15,18 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from bike_analysis.figures.laps import ON_THE_LINE, Lap, farther_than_before, known_length, reset_time, sector_starts
+from bike_analysis.figures.laps import (
+    ON_THE_LINE,
+    CompleteLap,
+    farther_than_before,
+    known_length,
+    reset_time,
+    sector_starts,
+)
 from bike_analysis.figures.numbers import best_sectors_together
 from bike_analysis.figures.table import motion_columns, station
-from bike_analysis.read.reading import Flags, Floats
 from bike_analysis.read.rides import Ride
+from bike_analysis.read.tables import Flags, Floats
 
 STATIONS: Final = 2500
 """About so many stations are wanted along a course."""
@@ -48,7 +55,7 @@ class Run:
     label: str
     source: str
     ride: Ride
-    lap: Lap | None = None
+    lap: CompleteLap | None = None
     policy: str = ""
 
     @property

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bike_analysis.read.reading import Floats, Integers
 from bike_analysis.read.rides import Ride
+from bike_analysis.read.tables import Floats, Integers
 
 
 @dataclass(frozen=True)

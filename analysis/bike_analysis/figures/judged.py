@@ -9,8 +9,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_analysis.read.reading import Course, States
+from bike_analysis.read.messages import RecordedCourse
 from bike_analysis.read.rides import Ride
+from bike_analysis.read.tables import States
 from bike_sim.course.finish import Finish, FinishCut, find_finish
 
 _HELD: Final = (
@@ -43,7 +44,7 @@ def judged_ride(ride: Ride) -> Ride:
     return ride if cut is None else _until(ride, _cut_states(states, cut))
 
 
-def course_finish(course: Course | None) -> Finish | None:
+def course_finish(course: RecordedCourse | None) -> Finish | None:
     """The finish of a recorded course; None where it is closed or has no line."""
     if course is None or course.closed or len(course.s) < 2:
         return None

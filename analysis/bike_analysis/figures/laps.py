@@ -3,7 +3,8 @@
 The start line lies where the course's arc length is 0 and the sectors begin where its sections do. A line counts once,
 when it is first crossed forward, and the time of crossing is interpolated in progress between two states, as
 `bike_sim.course.lap_timing` does while riding. Where the recording has the simulator's own LAP and SECTOR events, their
-times are taken, so that every page and program tells the same lap time.
+times are taken, so that every page and program tells the same lap time. That timer itself needs a circuit with its
+limits and every contact point; here laps are found also where only the progress was recorded, with gaps.
 """
 
 from __future__ import annotations
@@ -15,8 +16,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_analysis.read.reading import Event, Floats, States
+from bike_analysis.read.messages import RecordedEvent
 from bike_analysis.read.rides import Ride
+from bike_analysis.read.tables import Floats, States
 
 SHORTEST_COURSE: Final = 1.0
 """A course shorter than a bicycle is no course but damage, m."""
@@ -29,7 +31,7 @@ SAME_CROSSING: Final = 0.25
 
 
 @dataclass(frozen=True)
-class Lap:
+class CompleteLap:
     """A complete lap.
 
     Attributes:
@@ -65,7 +67,7 @@ class Lap:
         return self.begin_s + self.duration_s
 
 
-def find_laps(ride: Ride) -> tuple[Lap, ...]:
+def find_laps(ride: Ride) -> tuple[CompleteLap, ...]:
     """Find the complete laps of a ride.
 
     Args:
@@ -153,7 +155,9 @@ def farther_than_before(progress: Floats, time: Floats) -> tuple[Floats, Floats]
     return progress[fresh], time[fresh]
 
 
-def _lap(ride: Ride, number: int, k: int, crossed: dict[tuple[int, int], float], starts: Floats, length: float) -> Lap:
+def _lap(
+    ride: Ride, number: int, k: int, crossed: dict[tuple[int, int], float], starts: Floats, length: float
+) -> CompleteLap:
     """The lap between two crossings of the start line."""
     begin, end = crossed[k, 0], crossed[k + 1, 0]
     marks = [crossed.get((k, mark)) for mark in range(len(starts))] + [end]
@@ -162,15 +166,15 @@ def _lap(ride: Ride, number: int, k: int, crossed: dict[tuple[int, int], float],
         sectors = tuple(float(t) for t in np.diff(np.array(marks, dtype=np.float64)))
     first, last = np.searchsorted(ride.time, [begin, end])
     out_lap = begin <= float(ride.time[0])
-    return Lap(number, begin, end - begin, k * length, sectors, int(first), int(last), False, out_lap)
+    return CompleteLap(number, begin, end - begin, k * length, sectors, int(first), int(last), False, out_lap)
 
 
-def counted_laps(laps: Sequence[Lap]) -> list[Lap]:
+def counted_laps(laps: Sequence[CompleteLap]) -> list[CompleteLap]:
     """Laps that count for the best lap and the best sectors: without out-laps, unless there are no others."""
     return [lap for lap in laps if not lap.out_lap] or list(laps)
 
 
-def _as_recorded(ride: Ride, lap: Lap) -> Lap:
+def _as_recorded(ride: Ride, lap: CompleteLap) -> CompleteLap:
     """The same lap with the times of the recorded events, where they tell of it."""
     zero = reset_time(ride)
     end = _nearest([e for e in ride.events if e.kind == "lap"], lap.end_s + zero)
@@ -200,13 +204,13 @@ def reset_time(ride: Ride) -> float:
     return float(ride.states.step[0] * period[0]) if len(period) else 0.0
 
 
-def _nearest(events: Sequence[Event], time_s: float) -> Event | None:
+def _nearest(events: Sequence[RecordedEvent], time_s: float) -> RecordedEvent | None:
     """The event nearest to a time since the reset, if it is the same crossing."""
     near = min(events, key=lambda event: abs(event.time_s - time_s), default=None)
     return near if near is not None and abs(near.time_s - time_s) < SAME_CROSSING else None
 
 
-def lap_of_states(ride: Ride, laps: Sequence[Lap]) -> NDArray[np.int64]:
+def lap_of_states(ride: Ride, laps: Sequence[CompleteLap]) -> NDArray[np.int64]:
     """Number of the complete lap in which each state lies; 0 outside."""
     number = np.zeros(len(ride.states), dtype=np.int64)
     for lap in laps:

@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 
 from bike_analysis.figures.delays import CommandDelay, command_delay
 from bike_analysis.figures.judged import judged_ride
-from bike_analysis.figures.laps import Lap, counted_laps, course_length, find_laps
+from bike_analysis.figures.laps import CompleteLap, counted_laps, course_length, find_laps
 from bike_analysis.figures.numbers import best_sectors_together, over, rate, rms_of
 from bike_analysis.figures.track_limits import beyond_limits, time_outside
 from bike_analysis.figures.tyres import TyreFigures, tyre_figures
-from bike_analysis.read.reading import Floats, Latency, States
+from bike_analysis.read.messages import Latency
 from bike_analysis.read.rides import Ride
+from bike_analysis.read.tables import Floats, States
 
 IDEAL_LINE: Final = "(ideal)"
 """How the name of a followed line ends that is the circuit's ideal line."""
@@ -326,7 +327,7 @@ def ideal_figures(ride: Ride, rows: slice) -> dict[str, Any]:
     return {"ideal_distance_mean_m": mean, "ideal_distance_max_m": over(np.max, distance)}
 
 
-def lap_figures(ride: Ride, lap: Lap, outside: Floats) -> LapFigures:
+def lap_figures(ride: Ride, lap: CompleteLap, outside: Floats) -> LapFigures:
     """Compute the figures of a lap.
 
     Args:

@@ -11,10 +11,11 @@ from pathlib import Path
 import pandas as pd
 
 from bike_analysis.figures.judged import judged_ride
-from bike_analysis.figures.laps import Lap, counted_laps, find_laps
+from bike_analysis.figures.laps import CompleteLap, counted_laps, find_laps
 from bike_analysis.figures.metrics import RideFigures, ride_figures
 from bike_analysis.figures.table import ride_table
-from bike_analysis.read.reading import Course, Event, Recording
+from bike_analysis.read.messages import RecordedCourse, RecordedEvent
+from bike_analysis.read.reading import Recording
 from bike_analysis.read.rides import Ride, find_rides
 
 
@@ -45,12 +46,12 @@ class RecordedRide:
         return name if len(self.recording.rides) == 1 else f"{name}, ride {self.number}"
 
     @property
-    def course(self) -> Course | None:
+    def course(self) -> RecordedCourse | None:
         """The followed line with its sections and limits, or None where it was not recorded."""
         return self.data.course
 
     @property
-    def events(self) -> tuple[Event, ...]:
+    def events(self) -> tuple[RecordedEvent, ...]:
         """Falls, walls, laps, sectors and so on, in order."""
         return self.data.events
 
@@ -94,7 +95,7 @@ class RecordedLap:
     """
 
     ride: RecordedRide
-    data: Lap
+    data: CompleteLap
 
     def __repr__(self) -> str:
         return f"<RecordedLap {self.label}: {self.duration_s:.3f} s>"

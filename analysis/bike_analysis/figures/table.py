@@ -13,12 +13,12 @@ import numpy as np
 import pandas as pd
 
 from bike_analysis.figures.delays import command_ages
-from bike_analysis.figures.laps import Lap, course_length, find_laps, lap_of_states
+from bike_analysis.figures.laps import CompleteLap, course_length, find_laps, lap_of_states
 from bike_analysis.figures.numbers import rate
 from bike_analysis.figures.track_limits import beyond_limits
 from bike_analysis.figures.tyres import telemetry_columns
-from bike_analysis.read.reading import Floats
 from bike_analysis.read.rides import Ride
+from bike_analysis.read.tables import Floats
 
 STATE_COLUMNS: Final = {
     "progress_m": "progress",
@@ -51,7 +51,7 @@ STATE_COLUMNS: Final = {
 """Columns that are fields of the recorded state, by name of the column."""
 
 
-def ride_table(ride: Ride, laps: tuple[Lap, ...] | None = None) -> pd.DataFrame:
+def ride_table(ride: Ride, laps: tuple[CompleteLap, ...] | None = None) -> pd.DataFrame:
     """Make the table of a ride.
 
     Args:

@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from bike_analysis.read.reading import Course, Floats, States
+from bike_analysis.read.messages import RecordedCourse
+from bike_analysis.read.tables import Floats, States
 
 
-def has_limits(course: Course | None) -> bool:
+def has_limits(course: RecordedCourse | None) -> bool:
     """Whether a course was recorded with both limits."""
     return course is not None and 0 < len(course.s) == len(course.width_left) == len(course.width_right)
 
 
-def beyond_limits(states: States, course: Course | None) -> Floats:
+def beyond_limits(states: States, course: RecordedCourse | None) -> Floats:
     """How far the contact point that is less far out lies outside the limits, m.
 
     Args:
@@ -33,7 +34,7 @@ def beyond_limits(states: States, course: Course | None) -> Floats:
     return np.fmin(rear, front)
 
 
-def _outside(course: Course, progress: Floats, offset: Floats) -> Floats:
+def _outside(course: RecordedCourse, progress: Floats, offset: Floats) -> Floats:
     station = np.mod(progress, course.length) if course.closed and course.length > 0.0 else progress
     left = np.interp(station, course.s, course.width_left)
     right = np.interp(station, course.s, course.width_right)

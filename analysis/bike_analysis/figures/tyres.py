@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from bike_analysis.figures.numbers import over, rms_of
-from bike_analysis.read.reading import TELEMETRY_COLUMNS, Floats
 from bike_analysis.read.rides import Ride
+from bike_analysis.read.tables import TELEMETRY_COLUMNS, Floats
 
 
 @dataclass(frozen=True)

@@ -20,11 +20,11 @@ from bike_analysis.page.ride_view import (
     section_labels,
     speed_channels,
 )
-from bike_analysis.page.view import Line, Panel, Series, View, series_colour
-from bike_analysis.read.reading import Floats
+from bike_analysis.page.view import Panel, PanelLine, Series, View, series_colour
+from bike_analysis.read.tables import Floats
 
 DELTA: Final = Panel(
-    *("delta", "Time lost on the reference", "time lost", "s", (Line("delta", "time lost", "orange"),)),
+    *("delta", "Time lost on the reference", "time lost", "s", (PanelLine("delta", "time lost", "orange"),)),
     caption="Difference of the times at the same place along the course; where it rises, time is lost.",
     least=0.05,
 )
@@ -76,7 +76,7 @@ def comparison_panels(columns: dict[str, Floats], fast: bool) -> tuple[Panel, ..
         if panel.key not in _OWN_PANELS:
             continue
         wanted = _MAIN_COLUMN.get(panel.key, panel.key)
-        lines = tuple(Line(line.column, line.name, line.colour) for line in panel.lines if line.column == wanted)
+        lines = tuple(PanelLine(line.column, line.name, line.colour) for line in panel.lines if line.column == wanted)
         if lines:
             found.append(replace(panel, title=_OWN_PANELS[panel.key], lines=lines, caption=""))
     return tuple(found)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,8 +15,11 @@ from bike_analysis.page.html import html_text, key_html, table_html
 from bike_analysis.page.lap_view import lap_view
 from bike_analysis.page.shell import page_shell
 from bike_analysis.page.view import view_html
+from bike_analysis.read.text import LONGEST_SENTENCE
 
 PAGE_NAME: Final = "lap.html"
+
+_PROGRAM: Final = "two-wheeler-lab"
 
 
 def lap_figures(laps: LapRecording, theory: Theory) -> dict[str, Any]:
@@ -59,21 +63,37 @@ def render_lap_page(laps: LapRecording, theory: Theory) -> str:
     figures = lap_figures(laps, theory)
     title = f"{laps.recording.vehicle} on {laps.track.name}"
     view = lap_view(laps, theory, "laps", title)
-    below = f'<p class="soft">{html_text(laps.recording.path.name)} · {laps.recording.message_count:,} messages</p>'
+    below = f'<p class="soft">{html_text(" · ".join(_header(laps)), LONGEST_SENTENCE)}</p>'
     parts = [_key(figures), view_html(view), "<h2>Lap and sector times</h2>", _time_table(laps, theory)]
     return page_shell(title, below, [*parts, _agreement(figures)], [view])
 
 
+def _header(laps: LapRecording) -> list[str]:
+    """What was ridden, by whom, and where the numbers come from. Of an out-lap the tiles tell nothing."""
+    recording, track = laps.recording, laps.track
+    words = [f"machine {recording.vehicle}", f"circuit {track.name}, {track.length:.0f} m"]
+    words += [f"{name} {value}" for name, value in recording.notes.items() if name not in ("vehicle", "circuit")]
+    return [*words, recording.path.name, f"{recording.message_count:,} messages", program_version()]
+
+
+def program_version() -> str:
+    """Name and version of the program that makes the page, as installed."""
+    try:
+        return f"{_PROGRAM} {version(_PROGRAM)}"
+    except PackageNotFoundError:
+        return _PROGRAM
+
+
 def _key(figures: dict[str, Any]) -> str:
     excess = figures["excess"]
-    off = f"{figures['off_track_s']:.2f}"
     entries = [
-        ("best flying lap", "–" if figures["lap_s"] is None else lap_text(figures["lap_s"]), ""),
+        ("best lap", "–" if figures["lap_s"] is None else lap_text(figures["lap_s"]), ""),
         ("theoretical lap", lap_text(figures["limit_s"]), ""),
-        ("slowest flying lap over it", "–" if excess is None else f"{100 * excess:+.1f}", "%"),
-        ("flying laps, valid", f"{len(figures['laps_s'])}, {figures['valid_laps']}", ""),
-        ("off the track", off, "s"),
-        ("falls, walls", f"{figures['falls']}, {figures['walls']}", ""),
+        ("slowest lap over theoretical", "–" if excess is None else f"{100 * excess:+.1f}", "%"),
+        ("laps within the limits", f"{figures['valid_laps']} of {len(figures['laps_s'])}", ""),
+        ("time off the track", f"{figures['off_track_s']:.2f}", "s"),
+        ("falls", str(figures["falls"]), ""),
+        ("wall contacts", str(figures["walls"]), ""),
     ]
     return key_html(entries)
 

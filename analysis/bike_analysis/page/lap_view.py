@@ -11,13 +11,13 @@ from bike_analysis.figures.lap_recording import LapRecording, Theory
 from bike_analysis.figures.numbers import lap_text
 from bike_analysis.page.compare_view import comparison_panels
 from bike_analysis.page.ride_view import GRAVITY, off_track, ride_columns
-from bike_analysis.page.view import KMH, Cloud, Line, MapLine, Panel, Section, Series, View, growing, series_colour
-from bike_analysis.read.reading import Floats
+from bike_analysis.page.view import KMH, Cloud, MapLine, Panel, PanelLine, Section, Series, View, growing, series_colour
+from bike_analysis.read.tables import Floats
 from bike_analysis.read.text import shown
 from bike_sim.course.lap_timing import Lap
 
 DELTA: Final = Panel(
-    *("delta", "Time lost on the theoretical lap", "time lost", "s", (Line("delta", "time lost", "orange"),)),
+    *("delta", "Time lost on the theoretical lap", "time lost", "s", (PanelLine("delta", "time lost", "orange"),)),
     caption="Difference of the times at the same place; where it rises, time is lost.",
     least=0.05,
 )

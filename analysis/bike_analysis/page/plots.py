@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from bike_analysis.figures.laps import lap_range
 from bike_analysis.page.ride_view import map_lines, section_middles
 from bike_analysis.page.style import BAND, BLUE, ERROR_MAP, INK, MUTED, ORANGE, RC
-from bike_analysis.read.reading import Floats
 from bike_analysis.read.rides import Ride
+from bike_analysis.read.tables import Floats
 
 WIDTH: Final = 9.2
 """Width of the picture, inches."""

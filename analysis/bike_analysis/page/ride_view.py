@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from bike_analysis.figures.delays import command_ages
 from bike_analysis.figures.laps import lap_range
 from bike_analysis.figures.track_limits import beyond_limits, has_limits
-from bike_analysis.page.view import KMH, Channel, Line, MapLine, Mark, Panel, Section, Series, View, growing
-from bike_analysis.read.reading import Course, Floats
+from bike_analysis.page.view import KMH, Channel, MapLine, Mark, Panel, PanelLine, Section, Series, View, growing
+from bike_analysis.read.messages import RecordedCourse
 from bike_analysis.read.rides import Ride
+from bike_analysis.read.tables import Floats
 
 GRAVITY: Final = 9.81
 """m/s^2, as in the benchmark of Meijaard et al. (2007)."""
@@ -29,32 +30,38 @@ OFF_TRACK_POINTS: Final = 400
 _KMH: Final = 3.6
 
 ERROR: Final = Panel(
-    *("error", "Distance to the path", "to the left", "m", (Line("error", "distance", "blue", fill="area"),)),
+    *("error", "Distance to the path", "to the left", "m", (PanelLine("error", "distance", "blue", fill="area"),)),
     caption="Signed distance of the rear contact point, positive to the left.",
     least=0.02,
 )
 LEAN: Final = Panel(
     *("lean", "Lean and steer", "angle", "°"),
     (
-        Line("balance", "balanced turn", "band", fill="band"),
-        Line("steer", "steer δ", "orange"),
-        Line("roll", "roll φ", "blue"),
+        PanelLine("balance", "balanced turn", "band", fill="band"),
+        PanelLine("steer", "steer δ", "orange"),
+        PanelLine("roll", "roll φ", "blue"),
     ),
     caption="Roll is positive leaning right, steer positive to the left. The band is the lean that balances the path's "
     "curvature κ at this speed, −atan(v²κ/g). A short steer to the other side before a turn is counter-steering.",
 )
-SPEED: Final = Panel("speed", "Speed", "speed", "m/s", (Line("speed", "speed", "green"),), zero=False, least=0.2)
+SPEED: Final = Panel("speed", "Speed", "speed", "m/s", (PanelLine("speed", "speed", "green"),), zero=False, least=0.2)
 THROTTLE: Final = Panel(
-    *("throttle", "Throttle and brake", "throttle", "%", (Line("throttle", "throttle", "green", "area", step=True),)),
+    *(
+        "throttle",
+        "Throttle and brake",
+        "throttle",
+        "%",
+        (PanelLine("throttle", "throttle", "green", "area", step=True),),
+    ),
     caption="Below zero it brakes.",
 )
 COMMAND: Final = Panel(
     *("command", "Steering command", "command", ""),
-    (Line("reached", "steer reached", "muted", dash=True), Line("command", "applied", "blue", step=True)),
+    (PanelLine("reached", "steer reached", "muted", dash=True), PanelLine("command", "applied", "blue", step=True)),
     caption="Set value in [−1, 1], positive to the left, and the steering angle on the same scale.",
 )
 AGE: Final = Panel(
-    *("age", "Delay of the command", "age", "steps", (Line("age", "age", "violet", "area", step=True),)),
+    *("age", "Delay of the command", "age", "steps", (PanelLine("age", "age", "violet", "area", step=True),)),
     caption="Control steps between the state that a command answers and the state from which it was applied; 0 means "
     "that the very next step used it.",
     least=1.2,
@@ -197,7 +204,7 @@ def marked(name: str, symbol: str, colour: str, ride: Ride, rows: list[int]) -> 
     return Mark(name, symbol, colour, ride.states.x[rows].tolist(), ride.states.y[rows].tolist())
 
 
-def section_labels(course: Course | None) -> tuple[dict[str, Any], ...]:
+def section_labels(course: RecordedCourse | None) -> tuple[dict[str, Any], ...]:
     """Number of each section, to the left of its middle."""
     labels = []
     for number, place, left in section_middles(course):
@@ -208,7 +215,7 @@ def section_labels(course: Course | None) -> tuple[dict[str, Any], ...]:
     return tuple(labels)
 
 
-def section_middles(course: Course | None) -> Iterator[tuple[int, Floats, Floats]]:
+def section_middles(course: RecordedCourse | None) -> Iterator[tuple[int, Floats, Floats]]:
     """Number of each section with the place of its middle, m, and the direction to the left there."""
     if course is None or len(course.x) < 3 or not course.section_names:
         return

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_analysis.page.embed import embed
-from bike_analysis.read.reading import Floats
+from bike_analysis.read.tables import Floats
 from bike_analysis.read.text import shown
 
 SERIES_COLOURS: Final = ("blue", "orange", "green", "violet", "gold", "rose")
@@ -67,7 +67,7 @@ KMH: Final = Channel("Speed", "km/h", 1)
 
 
 @dataclass(frozen=True)
-class Line:
+class PanelLine:
     """A line of a panel.
 
     Attributes:
@@ -106,7 +106,7 @@ class Panel:
     title: str
     label: str
     unit: str
-    lines: tuple[Line, ...]
+    lines: tuple[PanelLine, ...]
     caption: str = ""
     zero: bool = True
     least: float = 0.0
@@ -284,7 +284,7 @@ _EXPORT: Final = (
 def view_html(view: View) -> str:
     """Return the frame of a view: its figures with titles, captions and buttons, into which the script draws."""
     side = _follow_html(view) + (_map_html(view) if "x" in view.series[0].columns else "")
-    panels = [_figure(panel.key, panel.title, panel.caption, "panel") for panel in view.panels]
+    panels = [_figure(panel.key, panel.title, panel.caption, "panel", _unit_html(panel)) for panel in view.panels]
     if view.cloud is not None:
         panels.append(_figure("cloud", view.cloud.title, view.cloud.caption, "cloud"))
     return "\n".join(
@@ -304,6 +304,11 @@ def _figure(key: str, title: str, caption: str, kind: str, head: str = "", foot:
         f'<figure class="card {kind}" data-plot="{key}"><header><h4>{name}</h4>{head}<div class="legend"></div>'
         f'{_EXPORT.replace("@", name)}</header><div class="plot"></div>{foot}{words}</figure>'
     )
+
+
+def _unit_html(panel: Panel) -> str:
+    """The unit of the vertical axis, beside the title: there is no room for it at the ticks."""
+    return f'<span class="soft">in {escape(panel.unit)}</span>' if panel.unit else ""
 
 
 def _map_html(view: View) -> str:

@@ -82,7 +82,7 @@ def states_of_motion(motions: Sequence[Motion]) -> tuple[dict[str, NDArray[Any]]
             satellite fixes, or else inertial data; the others are interpolated in time.
 
     Returns:
-        Columns by field of `bike_analysis.read.reading.States`, with ``order`` and ``time_s``; and a sentence that says
+        Columns by field of `bike_analysis.read.tables.States`, with ``order`` and ``time_s``; and a sentence that says
         what they were worked out from.
     """
     chosen = {}

@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_analysis.read.clock import ride_bounds
-from bike_analysis.read.reading import Commands, Course, Event, Floats, Integers, Latency, Recording, States, Telemetry
+from bike_analysis.read.messages import Latency, RecordedCourse, RecordedEvent
+from bike_analysis.read.reading import Recording
+from bike_analysis.read.tables import Commands, Floats, Integers, States, Telemetry
 
 _NEVER: Final = int(np.iinfo(np.int64).max)
 
@@ -36,8 +38,8 @@ class Ride:
     states: States
     repeated_states: int
     commands: Commands
-    course: Course | None
-    events: tuple[Event, ...]
+    course: RecordedCourse | None
+    events: tuple[RecordedEvent, ...]
     latencies: tuple[Latency, ...]
     telemetry: Telemetry | None = None
 
