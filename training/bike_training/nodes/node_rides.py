@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 from types import TracebackType
 from typing import Final, Self
@@ -14,10 +13,11 @@ from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.sim.simulator import SimulatorConfig
 from bike_training.envs.ros_client import RosClient
 from bike_training.nodes.node_process import NodeLost, NodeProcess
+from bike_training.nodes.patience import Patience
 from bike_training.rollout.riding import Ride, is_completed
 
 SILENCE: Final = 15.0
-"""Wall-clock time without a state after which a ride counts as stuck, s."""
+"""Wall-clock time without a state, and without a node at work, after which a ride counts as stuck, s."""
 
 
 class NodeRides:
@@ -64,16 +64,17 @@ class NodeRides:
         """
         first = self._client.reset(replace(request, preview=Preview()))
         states: list[BikeState] = []
-        heard, step = time.monotonic(), first.step
+        patience, step = Patience(SILENCE, [self._drive]), first.step
         while not states or not _is_over(states[-1], longest):
             state = self._client.listen(0.2)
             if state is None or state.episode != first.episode or state.step <= step:
                 self._drive.check()
-                if time.monotonic() - heard > SILENCE:
+                if patience.is_out():
                     raise NodeLost(f"no new state for {SILENCE:g} s; the ride is stuck at step {step}")
                 continue
             states.append(state)
-            heard, step = time.monotonic(), state.step
+            patience.heard()
+            step = state.step
         snapshots = [first, *(snapshot_from_message(state) for state in states)]
         lost = step - first.step - len(states)
         return replace(Ride.from_snapshots(snapshots, is_completed(snapshots[-1], request)), lost_states=lost)
