@@ -1,7 +1,8 @@
 """Speed of the road over ROS 2: control steps a second in lockstep, and the policy's answer.
 
-Client, simulator and policy are separate processes that talk over DDS. The rides in process and over ROS take turns in
-short rounds and the best round of each counts, so their ratio is of one run and means something on a busy machine.
+Client, simulator and policy are separate processes that talk over DDS. The rides in process and over ROS, and two plain
+rclpy processes that only pass the same messages, take turns in short rounds and the best round of each counts, so their
+ratios are of one run and mean something on a busy machine.
 
     python -m bench.ros_speed
 """
@@ -21,6 +22,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 
+from bench.ros_peer import Peer
 from bike_policy.contract.action import ActionLayout
 from bike_policy.contract.actor import Actor
 from bike_policy.contract.bundle import DEFAULT_POLICY, Bundle, shipped_policies
@@ -44,7 +46,7 @@ START: Final = ResetRequest(course="line", speed_range=(5.0, 5.0))
 
 
 def lockstep_speed(time_step: float = 0.005, rounds: int = 5, steps: int = 300) -> dict[str, float]:
-    """Return control steps a second in process and over ROS, with the same engine in the same run.
+    """Return control steps a second in process and over ROS, and of messages alone, with the same engine in one run.
 
     Args:
         time_step: integration step of PyBullet, s.
@@ -53,14 +55,15 @@ def lockstep_speed(time_step: float = 0.005, rounds: int = 5, steps: int = 300) 
     """
     config = SimulatorConfig(engine="pybullet", time_step=time_step)
     local = Simulator(config)
-    times: dict[str, list[float]] = {"local": [], "ros": []}
+    times: dict[str, list[float]] = {"local": [], "ros": [], "peer": []}
     single: list[float] = []
-    with RosClient(config) as remote:
+    with RosClient(config) as remote, Peer() as peer:
         for _ in range(rounds):
             for name, client in (("local", local), ("ros", remote)):
                 took = _ride(client, steps)
                 times[name].append(float(np.sum(took)))
                 single += took if name == "ros" else []
+            times["peer"].append(peer.pass_messages(steps))
     local.close()
     best = {name: steps / min(taken) for name, taken in times.items()}
     median, p99 = np.percentile(single, [50.0, 99.0])
@@ -68,6 +71,8 @@ def lockstep_speed(time_step: float = 0.005, rounds: int = 5, steps: int = 300) 
         "local_control_steps_per_s": best["local"],
         "ros_control_steps_per_s": best["ros"],
         "ros_to_local_ratio": best["ros"] / best["local"],
+        "empty_rclpy_round_trips_per_s": best["peer"],
+        "ros_to_empty_rclpy_ratio": best["ros"] / best["peer"],
         "ros_step_median_ms": 1e3 * float(median),
         "ros_step_p99_ms": 1e3 * float(p99),
     }

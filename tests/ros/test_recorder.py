@@ -34,6 +34,7 @@ from bike_sim.ros.node_tools import time_to_message
 from bike_sim.ros.record import SPECS, RecordSettings
 from bike_sim.ros.stamps import NANOSECONDS
 from bike_training.envs.node_process import NodeLost, NodeProcess
+from bike_training.nodes import ride_monitor
 from bike_training.nodes.ride_monitor import START_TIMEOUT, RideMonitor, ride_recorded
 
 pytestmark = pytest.mark.ros
@@ -302,6 +303,30 @@ def test_a_recorded_ride_has_its_first_state_and_command(stage: Any, tmp_path: P
     assert states == set(range(len(states)))
     assert len(states) > 40
     assert commands >= states - {max(states)}
+
+
+SLOW_SIMULATOR = """
+import time
+end = time.monotonic() + 7.0
+while time.monotonic() < end:
+    pass
+from bike_sim.ros.sim_node import main
+main()
+"""
+
+
+def test_a_start_that_works_for_long_is_waited_for_and_explained(
+    stage: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """As the first one on a machine, which compiles: limits count silence."""
+    (tmp_path / "slow_simulator.py").write_text(SLOW_SIMULATOR)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    parameters = {"course": "circle", "engine": "whipple", "time_step": 0.01}
+    with RideMonitor(stage.domain) as monitor, NodeProcess("slow_simulator", parameters, stage.domain) as simulator:
+        began = time.monotonic()
+        monitor.pause(True, 5.0, [simulator])
+        assert time.monotonic() - began > 7.0
+    assert capfd.readouterr().err == f"{ride_monitor.EXPLANATION}\n"
 
 
 def test_a_ride_waits_for_its_recorder(stage: Any, tmp_path: Path) -> None:

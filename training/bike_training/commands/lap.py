@@ -12,7 +12,6 @@ from typing import Any, Final
 from rich import box
 from rich.console import Console
 from rich.table import Table
-from tqdm import tqdm
 
 from bike_analysis.figures.lap_recording import Theory, load_laps
 from bike_analysis.figures.numbers import lap_text
@@ -26,6 +25,7 @@ from bike_sim.theory.line_cache import track_with_line
 from bike_sim.vehicles.files import load_vehicle, shipped_vehicles
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.arguments import check_whole, make_folder
+from bike_training.progress import way_bar
 from bike_training.rollout.laps import LapRide, ride_laps
 
 SCHEMA: Final = "bike.lap/1"
@@ -124,7 +124,7 @@ def shipped_superbikes() -> tuple[str, ...]:
 
 def _ride(vehicle: str, circuit: str, laps: int, quiet: bool) -> dict[str, Any]:
     began = time.monotonic()
-    with tqdm(desc=f"{vehicle}, {circuit}", unit="m", disable=quiet, leave=False) as bar:
+    with way_bar(f"{vehicle}, {circuit}", quiet=quiet, leave=False) as bar:
 
         def tell(snapshot: Snapshot, length: float) -> None:
             if snapshot.step % 50:

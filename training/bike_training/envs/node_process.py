@@ -9,6 +9,7 @@ import sys
 import tempfile
 import weakref
 from collections.abc import Mapping
+from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Final, Self
 
@@ -92,6 +93,14 @@ class NodeProcess:
         """
         if self.process.poll() is not None:
             raise self._lost()
+
+    def is_working(self) -> bool:
+        """Tell whether its main thread runs, waits for a processor or waits for a disk."""
+        try:
+            status = Path(f"/proc/{self.process.pid}/stat").read_text()
+        except OSError:  # it has ended, which `check` tells
+            return False
+        return status.rpartition(")")[2].split()[0] in ("R", "D")
 
     def finish(self) -> None:
         """End the process and check that it could finish its work, as a recorder cannot on a full or very slow disk.

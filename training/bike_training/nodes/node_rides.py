@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 from types import TracebackType
 from typing import Final, Self
@@ -11,10 +10,11 @@ from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_training.envs.node_process import NodeLost, NodeProcess
 from bike_training.envs.ros_client import RosClient
+from bike_training.envs.patience import Patience
 from bike_training.rollout.riding import RideResult, is_completed, is_over
 
 SILENCE: Final = 15.0
-"""Wall-clock time without a state after which a ride counts as stuck, s."""
+"""Wall-clock time without a state, and without a node at work, after which a ride counts as stuck, s."""
 
 
 class NodeRides:
@@ -61,16 +61,17 @@ class NodeRides:
         """
         first = self._client.reset(replace(request, preview=Preview()))
         snapshots = [first]
-        heard, step = time.monotonic(), first.step
+        patience, step = Patience(SILENCE, [self._drive]), first.step
         while len(snapshots) == 1 or not is_over(snapshots[-1], longest):
             state = self._client.listen(0.2)
             if state is None or state.episode != first.episode or state.step <= step:
                 self._drive.check()
-                if time.monotonic() - heard > SILENCE:
+                if patience.is_out():
                     raise NodeLost(f"no new state for {SILENCE:g} s; the ride is stuck at step {step}")
                 continue
             snapshots.append(state)
-            heard, step = time.monotonic(), state.step
+            patience.heard()
+            step = state.step
         course = self._client.course
         assert course is not None, "an episode was begun"
         lost = step - first.step - (len(snapshots) - 1)

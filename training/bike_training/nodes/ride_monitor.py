@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import os
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
@@ -14,17 +16,25 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from tqdm import tqdm
 
 from bike_sim.ros import node_tools
 from bike_sim.ros.isolation import prepare_discovery
 from bike_training.envs.node_process import NodeLost, NodeProcess
+from bike_training.envs.patience import Patience
+from bike_training.progress import way_bar
 
 SILENCE: Final = 15.0
-"""Wall-clock time without a new state after which a ride counts as stuck, s."""
+"""Wall-clock time without a new state, and without a node at work, after which a ride counts as stuck, s."""
 
-START_TIMEOUT: Final = 120.0
-"""Wall-clock time that the nodes get to find each other, s; the first line of a machine takes some seconds."""
+START_TIMEOUT: Final = 60.0
+"""Wall-clock time without a node at work that the nodes get to find each other, s."""
+
+LONG_START: Final = 5.0
+"""Wall-clock time after which a start that goes on is explained, s."""
+
+EXPLANATION: Final = (
+    "the simulator is starting; its first start on a machine compiles the physics, which may take minutes"
+)
 
 NEEDED_TOPICS: Final = ("state", "command", "episode", "course")
 """What a recorder must have written before a ride goes on: nodes find each other pair by pair, some only after seconds,
@@ -73,7 +83,7 @@ def ride_recorded(
                 monitor.wait_for_recorder(START_TIMEOUT, [sim, recorder, policy])
                 begun = time.monotonic()
                 monitor.pause(False, START_TIMEOUT, [sim, recorder, policy])
-                with tqdm(total=round(way), unit="m", desc=title) as bar:
+                with way_bar(title, way) as bar:
                     monitor.watch(bar, longest, [sim, recorder, policy], is_over)
                 wall = time.monotonic() - begun
         recorder.finish()
@@ -131,15 +141,16 @@ class RideMonitor:
 
         Args:
             paused: whether it shall hold the command that comes.
-            timeout: wall-clock time to wait, s.
+            timeout: wall-clock time to wait while none of the processes works, s.
             needed: processes that must not end meanwhile.
 
         Raises:
             NodeLost: a process ended, or the time is up.
         """
-        end = time.monotonic() + timeout
-        found = self._spin_until(lambda: self._state is not None and self._pause.service_is_ready(), end, needed)
-        if not (found and self._spin_until(self._pause.call_async(Pause.Request(paused=paused)).done, end, needed)):
+        found = self._spin_until(lambda: self._state is not None and self._pause.service_is_ready(), timeout, needed)
+        if found:
+            found = self._spin_until(self._pause.call_async(Pause.Request(paused=paused)).done, timeout, needed)
+        if not found:
             raise NodeLost(f"the simulator did not answer within {timeout:g} s")
 
     def wait_for_recorder(
@@ -148,7 +159,7 @@ class RideMonitor:
         """Wait until the simulator is heard here, and until the recorder has messages of some topics.
 
         Args:
-            timeout: wall-clock time to wait, s.
+            timeout: wall-clock time to wait while none of the processes works, s.
             needed: processes that must not end meanwhile.
             topics: names in the namespace.
 
@@ -156,19 +167,23 @@ class RideMonitor:
             NodeLost: a process ended, or the time is up.
         """
         names = {self._node.resolve_topic_name(name) for name in topics}
-        end = time.monotonic() + timeout
-        if not self._spin_until(lambda: self._state is not None and names <= self._recorded, end, needed):
+        if not self._spin_until(lambda: self._state is not None and names <= self._recorded, timeout, needed):
             missing = ", ".join(sorted(names - self._recorded)) or "all"
             raise NodeLost(f"simulator and recorder did not find each other within {timeout:g} s; missing: {missing}")
 
-    def _spin_until(self, condition: Callable[[], bool], end: float, needed: Sequence[NodeProcess]) -> bool:
+    def _spin_until(self, condition: Callable[[], bool], timeout: float, needed: Sequence[NodeProcess]) -> bool:
         """Return whether a condition came to hold in time."""
+        patience = Patience(timeout, needed)
+        explain_at = time.monotonic() + LONG_START
         while not condition():
             self._executor.spin_once(0.05)
             for process in needed:
                 process.check()
-            if time.monotonic() > end:
+            if patience.is_out():
                 return False
+            if self._state is None and time.monotonic() > explain_at:
+                explain_at = math.inf
+                print(EXPLANATION, file=sys.stderr, flush=True)
         return True
 
     def watch(
@@ -187,16 +202,16 @@ class RideMonitor:
             is_over: whether a state ends the ride.
 
         Raises:
-            NodeLost: a process ended, or no new state came for SILENCE seconds.
+            NodeLost: a process ended, or no new state came for SILENCE seconds in which none of them worked.
         """
-        heard = time.monotonic()
+        patience = Patience(SILENCE, needed)
         step = -1
         while True:
             self._executor.spin_once(0.05)
-            now = time.monotonic()
             state = self._state
             if state is not None and state.step != step:
-                step, heard = state.step, now
+                step = state.step
+                patience.heard()
                 bar.set_postfix_str(
                     f"{state.speed:.2f} m/s, error {state.lateral_error:+.3f} m, roll {state.roll * 57.29578:+.1f}°",
                     refresh=False,
@@ -204,7 +219,7 @@ class RideMonitor:
                 bar.update(min(round(state.progress), bar.total) - bar.n)
                 if is_over(state) or state.step * state.control_period > longest:
                     return
-            elif now - heard > SILENCE:
+            elif patience.is_out():
                 raise NodeLost(f"no new state for {SILENCE:g} s; the ride is stuck at step {step}")
             if step % 20 == 0:
                 for process in needed:

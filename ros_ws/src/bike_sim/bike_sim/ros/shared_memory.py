@@ -1,8 +1,8 @@
 """What nodes that were killed have left in shared memory is removed. Imports no ROS.
 
-Fast DDS keeps two segments of half a megabyte for a participant, and a port for each of its addresses. One that is
-killed leaves them, 1.3 MB a time, until the machine is started anew or the memory is full. Each has a lock file beside
-it that is locked as long as its owner lives, which is how ``fastdds shm clean`` tells as well.
+Fast DDS keeps a segment of half a megabyte for a participant, and a port for each of its addresses. One that is killed
+leaves them until the machine is started anew or the memory is full. Each has a lock file beside it that is locked as
+long as its owner lives, which is how ``fastdds shm clean`` tells as well.
 """
 
 from __future__ import annotations
