@@ -35,8 +35,8 @@ from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.envs.clients import Client
-from bike_training.envs.ros_client import RosClient
 from bike_training.envs.node_process import NodeLost, NodeProcess
+from bike_training.envs.ros_client import RosClient
 
 EPISODE_STEPS: Final = 30
 """Steps before the bicycle is set upright again: it rides without a hand on the handlebar."""

@@ -33,9 +33,11 @@ from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.envs.node_process import NodeLost, NodeProcess
+from bike_training.envs.patience import Patience
 
-START_TIMEOUT: Final = 120.0
-"""Longest wait for a simulator to appear, s. The first start on a machine compiles the physics."""
+START_TIMEOUT: Final = 60.0
+"""Longest wait for a simulator to appear in which it is not at work either, s. The first start on a machine compiles the
+physics, which may take minutes."""
 
 RESEND_AFTER: Final = 0.5
 """Time without an answer after which a command is sent again, s."""
@@ -53,7 +55,7 @@ class RosClientConfig:
         join: False starts a simulator node of one's own, True uses one that runs.
         namespace: namespace of the simulator's topics.
         domain_id: ROS domain; None takes a free one for a simulator of one's own, and this process's when joining.
-        timeout: wall-clock time without an answer after which the simulator counts as lost, s.
+        timeout: silence after which the simulator counts as lost, s.
         wait_set: wait for answers with a wait set of one's own instead of an executor: fewer microseconds a step,
             but built on parts of rclpy that are not its public interface.
     """
@@ -225,7 +227,7 @@ class RosClient:
 
     def _exchange(self, command: bytes, episode: int, step: int) -> Snapshot:
         """Send a command, again and again if need be, until the state of the given step comes."""
-        given_up = time.monotonic() + self._ros.timeout
+        patience = self._patience(self._ros.timeout)
         while True:
             self._commands.publish(command)
             resend_at = time.monotonic() + RESEND_AFTER
@@ -234,7 +236,7 @@ class RosClient:
                 if state is not None and state.episode == episode and state.step == step:
                     return state
             self._check_alive()
-            if time.monotonic() > given_up:
+            if patience.is_out():
                 raise self._lost(f"has not answered step {step} of episode {episode} within {self._ros.timeout:g} s")
 
     def _receive(self, timeout: float) -> Snapshot | None:
@@ -261,12 +263,16 @@ class RosClient:
         return bool(seen) and self._reset_service.service_is_ready()
 
     def _wait_until(self, condition: Callable[[], bool], timeout: float, complaint: str) -> None:
-        given_up = time.monotonic() + timeout
+        patience = self._patience(timeout)
         while not condition():
             self._executor.spin_once(timeout_sec=0.02)
             self._check_alive()
-            if time.monotonic() > given_up:
+            if patience.is_out():
                 raise self._lost(f"{complaint} within {timeout:g} s")
+
+    def _patience(self, limit: float) -> Patience:
+        """Return how long a silence is borne, s; of a simulator of one's own, work is no silence."""
+        return Patience(limit, [self._process] if self._process is not None else [])
 
     def _check_alive(self) -> None:
         if self._process is not None:

@@ -9,8 +9,8 @@ from typing import Final, Self
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_training.envs.node_process import NodeLost, NodeProcess
-from bike_training.envs.ros_client import RosClient
 from bike_training.envs.patience import Patience
+from bike_training.envs.ros_client import RosClient
 from bike_training.rollout.riding import RideResult, is_completed, is_over
 
 SILENCE: Final = 15.0
