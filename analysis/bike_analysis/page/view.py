@@ -308,7 +308,7 @@ def _figure(key: str, title: str, caption: str, kind: str, head: str = "", foot:
 
 def _unit_html(panel: Panel) -> str:
     """The unit of the vertical axis, beside the title: there is no room for it at the ticks."""
-    return f'<span class="soft">in {escape(panel.unit)}</span>' if panel.unit else ""
+    return f'<small class="soft">in {escape(panel.unit)}</small>' if panel.unit else ""
 
 
 def _map_html(view: View) -> str:
