@@ -36,8 +36,7 @@ from bike_training.envs.node_process import NodeLost, NodeProcess
 from bike_training.envs.patience import Patience
 
 START_TIMEOUT: Final = 60.0
-"""Longest wait for a simulator to appear in which it is not at work either, s. The first start on a machine compiles the
-physics, which may take minutes."""
+"""Longest wait for a simulator that is not at work either, s. Its first start on a machine compiles the physics."""
 
 RESEND_AFTER: Final = 0.5
 """Time without an answer after which a command is sent again, s."""
