@@ -1,6 +1,7 @@
 """Pictures of courses: the line from above with its sections and limits, and its curvature.
 
-``python -m bike_sim.course.drawing FOLDER`` draws the pictures of docs/courses.md.
+``python -m bike_sim.course.drawing FOLDER`` draws the pictures of docs/courses.md, and the random circuits of
+docs/circuits.md.
 """
 
 from __future__ import annotations
@@ -18,7 +19,9 @@ from matplotlib.figure import Figure
 from bike_sim.course.course import Course
 from bike_sim.course.files import load_course, shipped_courses
 from bike_sim.course.projection import point_at
+from bike_sim.course.random_circuits import random_circuit
 from bike_sim.course.random_paths import CURRICULUM_PATHS, random_course
+from bike_sim.course.track_drawing import draw_track
 
 _INK = "#222222"
 _STRAIGHT = "#8a8a8a"
@@ -159,6 +162,23 @@ def random_paths_figure(count: int = 8, length: float = 120.0, seed: int = 0) ->
     return figure
 
 
+def random_circuits_figure(count: int = 12, columns: int = 4) -> Figure:
+    """Return a figure of the random circuits of the first seeds, each on its own scale."""
+    rows = -(-count // columns)
+    figure = Figure(figsize=(3.0 * columns, 2.8 * rows), layout="constrained")
+    for seed, axes in enumerate(figure.subplots(rows, columns, squeeze=False).flat[:count]):
+        track = random_circuit(seed)
+        draw_track(axes, track, labels=False)
+        axes.set_axis_off()
+        sharpest = min(corner.radius for corner in track.corners)
+        axes.set_title(
+            f"seed {seed}: {track.length:.0f} m, {len(track.corners)} corners\n"
+            f"radii from {sharpest:.0f} m, {np.ptp(track.elevation):.0f} m of height",
+            fontsize=9,
+        )
+    return figure
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Draw the shipped courses and random paths as PNG files."""
     parser = argparse.ArgumentParser(prog="python -m bike_sim.course.drawing", description=main.__doc__)
@@ -168,9 +188,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options.folder.mkdir(parents=True, exist_ok=True)
     for name in options.course or shipped_courses():
         course = load_course(name)
-        course_figure(course).savefig(options.folder / f"course_{Path(name).stem}.png", dpi=110)
+        course_figure(course).savefig(options.folder / f"course_{Path(name).stem.replace(':', '_')}.png", dpi=110)
     if not options.course:
         random_paths_figure().savefig(options.folder / "random_paths.png", dpi=110)
+        random_circuits_figure().savefig(options.folder / "random_circuits.png", dpi=90)
 
 
 if __name__ == "__main__":
