@@ -2,6 +2,7 @@
 """Runs `pip install` and tells how far it is: packages and megabytes done of all, and the time left.
 
     install_wheels.py LOG [pip arguments ...]
+    install_wheels.py --reason LOG
 
 pip itself says either everything or nothing, and through a pipe nothing at all while it unpacks. Here its words go to a
 file, and what people need is read off them: one line that changes in a terminal, else a line every few seconds. What
@@ -331,8 +332,9 @@ def install(arguments: Sequence[str], sizes: dict[str, float], log: Path, stream
     with log.with_name("downloaded").open("a", encoding="utf-8") as file:
         print(round(progress.downloaded, 1), file=file)
     took = round(time.monotonic() - began)
+    count = len(progress.to_install)
     teller.end(
-        f"{len(progress.to_install)} packages installed, {progress.downloaded:.0f} MB downloaded, "
+        f"{count} package{'' if count == 1 else 's'} installed, {progress.downloaded:.0f} MB downloaded, "
         f"in {took // 60}:{took % 60:02d}"
     )
     return 0
@@ -368,7 +370,10 @@ def _watch(process: subprocess.Popen[str], progress: Progress, teller: Teller) -
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Install what the arguments name."""
+    """Install what the arguments name, or say why an installation failed that left a log."""
+    if arguments[0] == "--reason":
+        print(reason(Path(arguments[1]).read_text(encoding="utf-8", errors="replace").splitlines()))
+        return 0
     log, rest = Path(arguments[0]), list(arguments[1:])
     stages = [Path(word).stem for word in rest if word.endswith(".txt")]
     # A package whose files are partly gone has neither name nor version.
