@@ -147,3 +147,15 @@ def test_a_ride_in_a_folder_in_use_ends_with_one_line(
     line = f"bike {words[0]}: folder {tmp_path} is in use by process {other.pid}; choose another with --out\n"
     assert capfd.readouterr().err == line
     assert not list(tmp_path.iterdir())
+
+
+def test_metadata_is_not_written_through_a_link(tmp_path: Path) -> None:
+    """Somebody else may have put one where the file is prepared."""
+    folder, precious = tmp_path / "ride", tmp_path / "precious"
+    folder.mkdir()
+    precious.write_text("stays")
+    (folder / "metadata.yaml.tmp").symlink_to(precious)
+    RideRecorder(folder).close()
+    assert precious.read_text() == "stays"
+    assert "rosbag2_bagfile_information" in (folder / "metadata.yaml").read_text()
+    assert not (folder / "metadata.yaml").is_symlink()

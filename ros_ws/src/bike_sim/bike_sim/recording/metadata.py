@@ -154,7 +154,9 @@ def write_metadata_file(directory: Path, information: Mapping[str, Any]) -> None
     """
     temporary = directory / f"{METADATA_FILE}.tmp"
     try:
-        temporary.write_text(to_yaml({"rosbag2_bagfile_information": dict(information)}), encoding="utf-8")
+        temporary.unlink(missing_ok=True)
+        with temporary.open("x", encoding="utf-8") as file:  # never through a link that somebody has put there
+            file.write(to_yaml({"rosbag2_bagfile_information": dict(information)}))
         temporary.replace(directory / METADATA_FILE)
     except OSError:
         temporary.unlink(missing_ok=True)
