@@ -37,14 +37,11 @@ from bike_sim.recording import LATCHED, MessageType, Qos, RideRecorder, message_
 from bike_sim.ros import messages, standard_messages
 from bike_sim.ros.command_gate import Command
 from bike_sim.ros.messages import NANOSECONDS
-from bike_sim.sim import look as lk
-from bike_sim.sim.circuit_scene import start_speed
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.superbike import Superbike
-from bike_training.rollout.laps import seen_from
 
 VEHICLE: Final = "panigale_v4r"
 CIRCUIT: Final = "barcelona"
@@ -144,17 +141,19 @@ def ride_lap() -> tuple[list[_LapTopic], int, float]:
     """
     machine = Simulator(SimulatorConfig(vehicle=VEHICLE, time_step=TIME_STEP, control_period=PERIOD))
     try:
-        speed = start_speed(CIRCUIT, machine.envelope)
-        request = ResetRequest(course=CIRCUIT, speed_range=(speed, speed))
+        request = machine.at_own_speed(ResetRequest(course=CIRCUIT))
         snapshot = machine.reset(request)
         assert machine.course is not None
         assert machine.track is not None
-        rider = ClassicalRider(machine.vehicle, machine.course, PERIOD, None, machine.envelope)
+        rider = ClassicalRider()
+        rider.begin(machine.vehicle, machine.course, PERIOD, machine.preview)
         writer = _LapWriter(machine, request, snapshot)
         with tqdm(total=round(2.0 * machine.track.length), desc="riding", unit="m", leave=False) as bar:
-            while (progress := float(snapshot.circuit.place[lk.CENTRE_PROGRESS])) < 2.0 * machine.track.length:
+            while (progress := snapshot.progress) < 2.0 * machine.track.length:
                 bar.update(round(progress) - bar.n)
-                steering, throttle = rider.command(seen_from(snapshot))
+                command = rider.command(snapshot)
+                assert command is not None
+                steering, throttle = command
                 if progress >= machine.track.length:
                     writer.write(snapshot, steering, throttle)
                 snapshot = machine.step(steering, throttle)
@@ -173,25 +172,22 @@ class _LapWriter:
         assert machine.track is not None
         assert isinstance(machine.vehicle, Superbike)
         self._machine, self._vehicle = machine, machine.vehicle
-        self._episode = messages.Episode(machine.vehicle, machine.course, PREVIEW, PERIOD)
-        self._watch = TrackWatch(machine.track.name, first)
+        self._episode = messages.Episode(machine.vehicle, machine.course, machine.preview, PERIOD)
         self._topics: dict[str, _LapTopic] = {}
         self._transforms = get_typestore(Stores.EMPTY)
         self._transforms.register(get_types_from_msg(_TRANSFORMS.definition, _TRANSFORMS.name))
         self._steps = 0
         stamp = NANOSECONDS
-        once = messages.episode_start_to_message(request, machine.config, 1, stamp)
+        once = messages.episode_start_to_message(request, machine.config, machine.plant.signal_names, 1, stamp)
         self._add("/bike/episode", once, LATCHED)
         self._add("/bike/course", messages.course_to_message(machine.course, 1, stamp), LATCHED)
         self._add("/bike/course_marker", standard_messages.course_marker(machine.course, stamp), LATCHED)
-        self._add("/bike/events", messages.event_to_message(self._watch.begun(), first, stamp))
+        self._add("/bike/events", messages.event_to_message(first.events[0], first, stamp))
 
     def write(self, snapshot: Snapshot, steering: float, throttle: float) -> None:
         """Serialize one step."""
         stamp = NANOSECONDS + self._steps * round(PERIOD * NANOSECONDS)
         course = self._episode.course
-        # The lap that ends where this one begins is not repeated with it.
-        events = [event for event in self._watch.look(snapshot) if self._steps]
         seen = _as_step(snapshot, self._steps)
         self._add("/clock", Clock(clock=messages.time_to_message(stamp)))
         self._add("/bike/state", messages.state_to_message(seen, self._episode, stamp))
@@ -202,8 +198,7 @@ class _LapWriter:
         self._add("/bike/joint_states", standard_messages.joint_state(seen, stamp))
         self._add("/bike/markers", standard_messages.vehicle_markers(seen, self._vehicle, stamp))
         self._add_transform(seen, stamp)
-        for event in events:
-            event = replace(event, time=event.time - (snapshot.time - seen.time))
+        for event in seen.events:
             self._add("/bike/events", messages.event_to_message(event, seen, stamp))
         command = Command(seen.episode, seen.step, steering, throttle)
         self._add("/bike/command", messages.command_to_message(command, messages.time_to_message(stamp)))
@@ -258,7 +253,11 @@ def _report(node: str, figures: dict[str, Any], stamp: int) -> DiagnosticArray:
 
 
 def _as_step(snapshot: Snapshot, step: int) -> Snapshot:
-    return replace(snapshot, episode=1, step=step, time=step * PERIOD)
+    """Return a snapshot as one of the first lap; the lap that ends where this one begins is not repeated with it."""
+    later = snapshot.time - step * PERIOD
+    # In the laps after, the events within states keep their times: nothing reads them there, but their bytes.
+    events = tuple(replace(event, time=event.time - later) for event in snapshot.events if step)
+    return replace(snapshot, episode=1, step=step, time=step * PERIOD, events=events)
 
 
 def write_recording(path: Path, duration: float, lap: tuple[list[_LapTopic], int, float]) -> int:

@@ -8,14 +8,19 @@ fall is not the speed of riding.
 
 from __future__ import annotations
 
+import math
 import time
 from typing import Any, Final
 
 import numpy as np
 
+from bike_policy.riders.classical import ClassicalRider
 from bike_sim.course.random_paths import CURRICULUM_PATHS
 from bike_sim.physics.state import ROLL, ROLL_RATE
 from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.plant import superbike_config
+from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.simulator import Simulator
 from bike_training.curricula.parts import RideRanges
 from bike_training.envs.env import BikeEnv
 from bike_training.envs.vec_env import BatchVecEnv
@@ -25,6 +30,9 @@ SPEED: Final = 5.0
 """m/s; the bicycle balances itself there, so that a ride lasts without a policy."""
 
 ROUNDS: Final = 5
+
+SUPERBIKE: Final = "panigale_v4r"
+CIRCUIT: Final = "barcelona"
 
 
 def gymnasium_speed(time_step: float, engine: str = "pybullet", steps: int = 400) -> float:
@@ -63,14 +71,15 @@ def vector_speed(count: int = 64, steps: int = 100) -> float:
         steps: steps of a round.
     """
     ranges = RideRanges((SPEED, SPEED), CURRICULUM_PATHS[0])
+    config = SimulatorConfig(engine="whipple", time_step=0.01)
     best = 0.0
     for seed in range(ROUNDS):
-        env = BatchVecEnv(count, TASKS["prop"], ranges, seed)
+        env = BatchVecEnv(count, TASKS["prop"], ranges, config, seed)
         env.reset()
         env.step(np.zeros((count, 1), dtype=np.float32))
         begun, falls = time.process_time(), 0
         for _ in range(steps):
-            states = env.batch.states
+            states = env.batch.state
             actions = np.clip(-0.4 * states[:, ROLL] - 0.1 * states[:, ROLL_RATE], -1.0, 1.0).astype(np.float32)[
                 :, None
             ]
@@ -81,12 +90,39 @@ def vector_speed(count: int = 64, steps: int = 100) -> float:
     return best
 
 
+def superbike_speed(steps: int = 2000) -> float:
+    """Return the time of a control step of a superbike on a circuit, with all that it sees, us, the best of rounds.
+
+    Args:
+        steps: steps of a round, ridden by the classical rider from the start line on.
+    """
+    machine = Simulator(superbike_config(SUPERBIKE))
+    rider, request = ClassicalRider(), machine.at_own_speed(ResetRequest(course=CIRCUIT))
+    best = math.inf
+    for _ in range(ROUNDS):
+        snapshot = machine.reset(request)
+        assert machine.course is not None
+        rider.begin(machine.vehicle, machine.course, machine.config.control_period, machine.preview)
+        spent = 0.0
+        for _ in range(steps):
+            command = rider.command(snapshot)
+            assert command is not None
+            begun = time.process_time()
+            snapshot = machine.step(*command)
+            spent += time.process_time() - begun
+        assert not snapshot.fallen, "the rider must stay on the track"
+        best = min(best, 1e6 * spent / steps)
+    machine.close()
+    return best
+
+
 def environment_speed() -> dict[str, Any]:
     """Return all figures of this module."""
     return {
         "gymnasium_pybullet_5ms_steps_per_s": gymnasium_speed(0.005),
         "gymnasium_pybullet_1ms_steps_per_s": gymnasium_speed(0.001),
         "vector_of_64_compiled_steps_per_s": vector_speed(64),
+        "superbike_step_us": superbike_speed(),
     }
 
 

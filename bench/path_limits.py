@@ -142,8 +142,8 @@ def policy_ride(bundle: Bundle, course_name: str, speed: float) -> list[Snapshot
     simulator = Simulator(SimulatorConfig(engine="whipple", time_step=TIME_STEP))
     snapshots = [simulator.reset(ResetRequest(course=course_name, speed_range=(speed, speed), preview=preview))]
     while not (snapshots[-1].finished or snapshots[-1].fallen or snapshots[-1].off_course):
-        action = bundle.actor.act(layout.observe(snapshots[-1].state, snapshots[-1].preview_y))
-        snapshots.append(simulator.step(bundle.action.to_command(action, simulator.vehicle.max_steer)))
+        action = bundle.actor.act(layout.observe(snapshots[-1]))
+        snapshots.append(simulator.step(*bundle.action.to_command(action, simulator.vehicle.max_steer)))
     return snapshots
 
 

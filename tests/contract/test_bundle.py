@@ -43,9 +43,10 @@ def test_actor_is_the_torch_network():
         layers += [linear, torch.nn.ReLU()]
     network = torch.nn.Sequential(*layers[:-1], torch.nn.Tanh())
     observations = np.random.default_rng(2).normal(size=(20, actor.inputs)).astype("f4")
-    expected = network(torch.as_tensor(observations)).detach().numpy()[:, 0]
+    expected = network(torch.as_tensor(observations)).detach().numpy()
     np.testing.assert_allclose(actor.act_batch(observations), expected, rtol=1e-5, atol=1e-6)
     assert actor.act(observations[3]) == pytest.approx(expected[3], rel=1e-5, abs=1e-6)
+    assert actor.act(observations[3]).shape == (actor.outputs,)
 
 
 def test_round_trip(bundle, tmp_path):
@@ -105,22 +106,22 @@ def test_wrong_sizes_and_values_are_refused(bundle):
 @given(action=st.floats(-1, 1), max_steer=st.floats(0.01, 3.0))
 def test_command_stays_in_range_and_mirrors(action, max_steer):
     scale = ActionLayout.steering(max_steer)
-    command = scale.to_command(action, 1.2)
+    command, throttle = scale.to_command([action], 1.2)
     assert -1.0 <= command <= 1.0
-    assert scale.to_command(-action, 1.2) == -command
+    assert throttle == 0.0
+    assert scale.to_command([-action], 1.2) == (-command, 0.0)
     if abs(command) < 1.0:
         assert command * 1.2 == pytest.approx(action * max_steer)
 
 
 def test_many_actions_become_the_commands_that_each_of_them_would():
-    actions = np.random.default_rng(0).uniform(-1.0, 1.0, 1000).astype("f4")
+    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (1000, 1)).astype("f4")
     for max_steer in (0.3, math.radians(70.0), 2.0):
         scale = ActionLayout.steering(max_steer)
-        single = [scale.to_command(float(action), math.radians(70.0)) for action in actions]
+        single = [scale.to_command(action, math.radians(70.0)) for action in actions]
         np.testing.assert_array_equal(scale.to_commands(actions, math.radians(70.0)), single)
-    np.testing.assert_array_equal(
-        ActionLayout.steering(math.radians(70.0)).to_commands(actions, math.radians(70.0)), actions
-    )
+    full = ActionLayout.steering(math.radians(70.0)).to_commands(actions, math.radians(70.0))
+    np.testing.assert_array_equal(full, np.hstack([actions, np.zeros((1000, 1))]))
 
 
 @pytest.mark.parametrize("name", shipped_policies())

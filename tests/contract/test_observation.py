@@ -7,18 +7,24 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from bike_policy.contract.observation import LAYOUT_VERSION, LEAN_LAYOUT, PROP_LAYOUT, ObservationLayout
+from bike_policy.contract.observation import LAYOUT_VERSION, LEAN_LAYOUT, PROP_LAYOUT, ObservationLayout, SeenBlocks
 from bike_sim.physics.state import MIRROR_SIGNS, STATE_SIZE
+from bike_sim.sim import look as lk
 from bike_training.tasks.path import TASKS
 
 LAYOUTS = [task.layout for task in TASKS.values()]
 finite = st.floats(-20.0, 20.0)
 
 
+def blocks(state, preview_y):
+    """Return what is seen where a layout takes nothing but state and preview."""
+    return SeenBlocks(state, np.full((*state.shape[:-1], lk.LOOK_SIZE), np.nan), preview_y)
+
+
 def test_prop_is_the_papers_q_prime_and_preview():
     state = np.arange(1.0, 11.0) / 10.0
     preview = np.array([0.1, 0.2, 0.4, 0.8, 1.6])
-    observation = PROP_LAYOUT.observe(state, preview)
+    observation = PROP_LAYOUT.observe(blocks(state, preview))
     x, y, yaw, *rest = state
     expected = [x, y, math.cos(yaw), math.sin(yaw), *rest, *preview]
     np.testing.assert_allclose(observation, expected, rtol=1e-6)
@@ -31,7 +37,7 @@ def test_lean_preview_of_a_circle_is_the_steady_lean():
     speed, radius = 5.0, 40.0
     arc = speed * LEAN_LAYOUT.preview_interval * np.arange(LEAN_LAYOUT.preview_count)
     y = radius * (1.0 - np.cos(arc / radius))
-    observation = LEAN_LAYOUT.observe(np.zeros(STATE_SIZE), y)
+    observation = LEAN_LAYOUT.observe(blocks(np.zeros(STATE_SIZE), y))
     lean = observation[len(LEAN_LAYOUT.features) + 2 :]
     # The first of them is seen from the tangent point; the later ones turn away by the angle of the arc.
     angles = arc[1:-1] / radius
@@ -42,7 +48,7 @@ def test_lean_preview_loses_nothing():
     """The preview points can be found again from their lean form."""
     rng = np.random.default_rng(0)
     y = rng.normal(size=LEAN_LAYOUT.preview_count)
-    form = LEAN_LAYOUT.observe(np.zeros(STATE_SIZE), y)[len(LEAN_LAYOUT.features) :].astype(float)
+    form = LEAN_LAYOUT.observe(blocks(np.zeros(STATE_SIZE), y))[len(LEAN_LAYOUT.features) :].astype(float)
     t = LEAN_LAYOUT.preview_interval
     back = [form[0], form[0] + form[1] * t]
     for second in form[2:]:
@@ -55,8 +61,8 @@ def test_lean_preview_loses_nothing():
 def test_mirrored_state_gives_mirrored_observation(layout, data):
     state = data.draw(arrays(np.float64, STATE_SIZE, elements=finite))
     preview = data.draw(arrays(np.float64, layout.preview_count, elements=finite))
-    observation = layout.observe(state, preview)
-    mirrored = layout.observe(state * MIRROR_SIGNS, -preview)
+    observation = layout.observe(blocks(state, preview))
+    mirrored = layout.observe(blocks(state * MIRROR_SIGNS, -preview))
     np.testing.assert_array_equal(mirrored, observation * layout.mirror_signs)
 
 
@@ -64,9 +70,9 @@ def test_mirrored_state_gives_mirrored_observation(layout, data):
 def test_batch_is_the_same_as_one_by_one(layout):
     rng = np.random.default_rng(1)
     states, previews = rng.normal(size=(7, STATE_SIZE)), rng.normal(size=(7, layout.preview_count))
-    batch = layout.observe(states, previews)
+    batch = layout.observe(blocks(states, previews))
     for row, state, preview in zip(batch, states, previews, strict=True):
-        np.testing.assert_array_equal(row, layout.observe(state, preview))
+        np.testing.assert_array_equal(row, layout.observe(blocks(state, preview)))
     assert batch.shape == (7, layout.size) == (7, len(layout.names))
 
 

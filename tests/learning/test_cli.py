@@ -1,6 +1,5 @@
 """The `bike` command from outside."""
 
-import argparse
 import json
 
 import numpy as np
@@ -12,9 +11,10 @@ from bike_policy.contract.bundle import Bundle
 from bike_policy.contract.observation import LEAN_LAYOUT
 from bike_sim.sim.simulator import Simulator
 from bike_training.cli import COMMANDS, main
-from bike_training.commands import export, train
+from bike_training.commands import train
 from bike_training.learning.presets import PRESETS
 from bike_training.envs.node_process import NodeLost
+from bike_training.learning.run_settings import RunSettings
 
 
 @pytest.fixture
@@ -58,7 +58,8 @@ def test_help_of_every_command_shows_how_to_use_it(command, capsys):
         (["train", "whipple", "--out", "{tmp}", "--set", "gamma=high"], "high"),
         (["train", "whipple", "--out", "{tmp}", "--set", "task=foo"], "task='foo'"),
         (["train", "whipple", "--out", "{tmp}", "--set", "learner=foo"], "learner='foo'"),
-        (["train", "whipple", "--out", "{tmp}", "--set", "reward=foo"], "'foo'"),
+        (["train", "whipple", "--out", "{tmp}", "--set", "weights=foo:1"], "'foo'"),
+        (["train", "whipple", "--out", "{tmp}", "--set", "weights=upright:much"], "weights='upright:much'"),
         (["train", "whipple", "--out", "{tmp}", "--set", "environments=0"], "environments=0"),
         (["train", "whipple", "--out", "{tmp}", "--set", "gamma=nan"], "gamma=nan"),
         (["train", "whipple", "--out", "{tmp}", "--set", "averaging=2"], "averaging=2.0"),
@@ -96,6 +97,9 @@ def test_train_export_and_evaluate(tmp_path, capsys):
     sizes = ["--set", "layers=16,16", "--set", "learner=sb3", "--set", "environments=8", "--set", "updates=1"]
     code, result = run_json(capsys, "train", "whipple", "--out", run, "--steps", "2400", "--record-every", "0", *sizes)
     assert (code, result["schema"], result["figures"]["steps"]) == (0, "bike.train/1", 2400)
+    (tmp_path / "list.json").write_text("[]")
+    assert main(["export", run, "--which", "last", "--evaluation", str(tmp_path / "list.json")]) == 2
+    assert "one JSON object" in capsys.readouterr().err
     code, result = run_json(capsys, "export", run, "--which", "last", "--name", "mine")
     assert code == 0
     words = ["evaluate", run + "/policy", "--speeds", "4", "--engine", "whipple", "--time-step", "0.01"]
@@ -164,15 +168,20 @@ def test_a_resume_takes_what_may_change_and_keeps_the_rest(tmp_path, capsys):
     assert settings_of(run) == third | {"preset": third["preset"] | {"steps": 69}}
 
 
-def test_simulators_are_as_many_as_asked_for():
+def test_simulators_are_as_many_as_asked_for(monkeypatch):
     """Also where the preset rides one bicycle; the updates for each step stay the preset's."""
 
+    asked = []
+
+    def refuse(settings: RunSettings, *args: object, **options: object) -> None:
+        asked.append(settings.preset)
+        raise ValueError("nothing is learned here")
+
+    monkeypatch.setattr(train, "LearningProcess", refuse)
+
     def chosen(*words):
-        parser = argparse.ArgumentParser()
-        train.configure(parser)
-        args = parser.parse_args(["whipple", "--out", "x", *words])
-        preset = train._with_simulator(train._new_settings(args), args).preset
-        return preset.environments, preset.updates
+        assert main(["train", "whipple", "--out", "x", *words]) == 2
+        return asked[-1].environments, asked[-1].updates
 
     assert chosen("--preset", "paper", "--client", "ros", "--simulators", "4") == (4, 4)
     assert chosen("--preset", "paper", "--client", "ros") == (1, 1)
@@ -207,7 +216,6 @@ def test_damaged_settings_are_named(name, text, message, tmp_path, capsys):
 def test_export_and_curves_name_what_they_cannot_read(tmp_path, capsys):
     run = tmp_path / "run"
     run_json(capsys, "train", "whipple", "--out", str(run), "--steps", "40", *SMALL_WORDS)
-    (tmp_path / "list.json").write_text("[]")
 
     def told(*words):
         assert main([*words]) == 2
@@ -229,8 +237,6 @@ def test_export_and_curves_name_what_they_cannot_read(tmp_path, capsys):
     assert (tmp_path / "pictures" / "learning_curves.png").is_file()
     (run / "run.json").write_text("[]")
     assert "run.json must hold" in told("curves", str(run))
-    with pytest.raises(ValueError, match="one JSON object"):
-        export._results(tmp_path / "list.json")
 
 
 def test_a_lost_simulator_says_how_to_go_on(tmp_path, capsys, monkeypatch):

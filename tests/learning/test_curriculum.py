@@ -5,7 +5,7 @@ import pytest
 
 from bike_sim.course.random_paths import CURRICULUM_PATHS
 from bike_sim.sim.request import Preview
-from bike_training.curricula.parts import FAST_AND_SHARP, REFINEMENT, TRANSITION_STEPS
+from bike_training.curricula.parts import FAST_AND_SHARP, REFINEMENT, TRANSITION_STEPS, PartsCurriculum
 
 GOOD = [0.05] * 10
 BAD = [0.05] * 9 + [0.06]  # eta_e is 0.2 / 3.5 = 0.0571
@@ -20,15 +20,15 @@ def test_table_4():
 
 def test_only_a_fully_successful_validation_passes_a_part():
     curriculum = PartsCurriculum()
-    assert not curriculum.report(1000, BAD)
+    assert not curriculum.validated(1000, BAD)
     assert curriculum.part == 1
-    assert curriculum.report(2000, GOOD)
+    assert curriculum.validated(2000, GOOD)
     assert curriculum.part == 2
 
 
 def test_ranges_grow_linearly_after_a_part_began():
     curriculum = PartsCurriculum()
-    curriculum.report(5000, GOOD)
+    curriculum.validated(5000, GOOD)
     start, half, full = (curriculum.episodes(5000 + n) for n in (0, TRANSITION_STEPS // 2, TRANSITION_STEPS))
     assert start.speed == (4.0, 4.0)
     assert half.speed == pytest.approx((3.0, 5.5))
@@ -36,26 +36,26 @@ def test_ranges_grow_linearly_after_a_part_began():
     assert start.paths.radius_min == 14
     assert half.paths.radius_min == 13
     assert full.paths == CURRICULUM_PATHS[1]
-    assert curriculum.may_validate(5000 + TRANSITION_STEPS - 1)
-    assert not curriculum.may_validate(5000 + TRANSITION_STEPS)
+    assert not curriculum.may_validate(5000 + TRANSITION_STEPS - 1)
+    assert curriculum.may_validate(5000 + TRANSITION_STEPS)
 
 
 def test_the_last_part_finishes_the_curriculum_once():
     curriculum = PartsCurriculum()
     for step in (1, 20_000, 40_000, 60_000):
         assert not curriculum.finished
-        assert curriculum.report(step, GOOD)
+        assert curriculum.validated(step, GOOD)
     assert curriculum.finished_at == 60_000
-    assert not curriculum.report(80_000, GOOD)
+    assert not curriculum.validated(80_000, GOOD)
     assert curriculum.finished_at == 60_000
     assert curriculum.episodes(90_000).paths == CURRICULUM_PATHS[3]
-    assert not curriculum.may_validate(60_001)
+    assert curriculum.may_validate(60_001)
 
 
 def test_refinement_grows_out_of_the_last_part_and_is_not_validated():
     curriculum = PartsCurriculum(refine=True)
     for step in (1, 20_000, 40_000, 60_000):
-        curriculum.report(step, GOOD)
+        curriculum.validated(step, GOOD)
     start, end = (curriculum.episodes(60_000 + n) for n in (0, TRANSITION_STEPS))
     assert (start.speed, start.paths) == ((2.0, 7.0), CURRICULUM_PATHS[3])
     assert end == REFINEMENT

@@ -7,17 +7,18 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from bike_policy.contract.actor import Actor
-from bike_sim.physics.state import MIRROR_SIGNS, ROLL
+from bike_sim.physics.state import MIRROR_SIGNS, ROLL, STATE_SIZE
 from bike_sim.sim.batch import CompiledBatch
 from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.events import EventKind
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
-from bike_sim.sim.snapshot import Snapshot
-from bike_sim.vehicles.files import load_vehicle
+from bike_sim.sim.snapshot import DIVERGED
 from bike_training.curricula.parts import PartsCurriculum, RideRanges
 from bike_training.envs.env import BikeEnv
 from bike_training.envs.vec_env import BatchVecEnv, SimulatorVecEnv
 from bike_training.learning.validation_rides import validate_batch, validate_simulator
+from bike_training.tasks.base import sum_of
 from bike_training.tasks.path import TASKS
 
 RANGES = PartsCurriculum(part=4, entered_at=-10_000).episodes(0)
@@ -40,23 +41,23 @@ def test_batch_rides_as_the_simulator_does():
         ResetRequest(seed=seed, speed_range=RANGES.speed, path_ranges=RANGES.paths, perturb=True, preview=task.preview)
         for seed in range(5)
     ]
-    batch = CompiledBatch(5, load_vehicle("whipple"), task.preview, time_step=0.01)
-    commands = np.random.default_rng(0).uniform(-0.2, 0.2, (30, 5))
+    batch = CompiledBatch(5, COMPILED, task.preview)
+    commands = np.random.default_rng(0).uniform(-0.2, 0.2, (30, 5, 2))
     for index, request in enumerate(requests):
         batch.reset(index, request)
-    history = [(batch.states.copy(), batch.seen.copy(), batch.preview_y.copy())]
+    history = [(batch.state.copy(), batch.look.copy(), batch.preview_y.copy())]
     for row in commands:
         batch.step(row)
-        history.append((batch.states.copy(), batch.seen.copy(), batch.preview_y.copy()))
+        history.append((batch.state.copy(), batch.look.copy(), batch.preview_y.copy()))
     for index, request in enumerate(requests):
         simulator = Simulator(COMPILED)
         snapshot = simulator.reset(request)
-        for step, (states, seen, preview) in enumerate(history):
+        for step, (states, looks, preview) in enumerate(history):
             np.testing.assert_array_equal(snapshot.state, states[index])
-            np.testing.assert_array_equal(snapshot.look, seen[index])
+            np.testing.assert_array_equal(snapshot.look, looks[index])
             np.testing.assert_array_equal(snapshot.preview_y, preview[index])
             if step < len(commands):
-                snapshot = simulator.step(commands[step, index])
+                snapshot = simulator.step(*commands[step, index])
 
 
 def test_episode_goes_on_once_after_its_full_length_and_then_begins_anew():
@@ -79,7 +80,7 @@ def test_episode_goes_on_once_after_its_full_length_and_then_begins_anew():
 
 def test_compiled_environment_keeps_the_same_rules():
     task = replace(TASKS["prop"], max_steps=3)
-    env = BatchVecEnv(2, task, RideRanges((5.0, 5.0), RANGES.paths), seed=1, time_step=0.01)
+    env = BatchVecEnv(2, task, RideRanges((5.0, 5.0), RANGES.paths), COMPILED, seed=1)
     env.reset()
     actions = np.zeros((2, 1), dtype=np.float32)
     for episode in range(2):
@@ -92,7 +93,7 @@ def test_compiled_environment_keeps_the_same_rules():
 
 
 def test_a_fall_terminates_and_is_not_a_time_limit():
-    env = BatchVecEnv(1, TASKS["prop"], RANGES, seed=1, time_step=0.01)
+    env = BatchVecEnv(1, TASKS["prop"], RANGES, COMPILED, seed=1)
     env.reset()
     for _ in range(200):
         _, _, dones, infos = env.step(np.ones((1, 1), dtype=np.float32))
@@ -105,71 +106,62 @@ def test_a_fall_terminates_and_is_not_a_time_limit():
 def test_mirrored_ride_gets_the_same_rewards():
     """Mirroring state, path and actions mirrors the ride."""
     task = TASKS["lean"]
-    vehicle = load_vehicle("whipple")
-    left, right = (CompiledBatch(1, vehicle, task.preview, time_step=0.01) for _ in range(2))
+    left, right = (CompiledBatch(1, COMPILED, task.preview) for _ in range(2))
     request = ResetRequest(seed=4, course="line", speed_range=(4.0, 4.0), preview=task.preview)
     left.reset(0, request)
     right.reset(0, request)
-    left.states[0, ROLL] = 0.02
-    right.states[0] = left.states[0] * MIRROR_SIGNS
+    left.state[0, ROLL] = 0.02
+    right.state[0] = left.state[0] * MIRROR_SIGNS
     commands = np.random.default_rng(2).uniform(-0.1, 0.1, 40)
     for command in commands:
-        left.step(np.array([command]))
-        right.step(np.array([-command]))
-        np.testing.assert_array_equal(right.states[0], left.states[0] * MIRROR_SIGNS)
-        mine = task.layout.observe(left.states, left.preview_y)
-        other = task.layout.observe(right.states, right.preview_y)
+        left.step(np.array([[command, 0.0]]))
+        right.step(np.array([[-command, 0.0]]))
+        np.testing.assert_array_equal(right.state[0], left.state[0] * MIRROR_SIGNS)
+        mine = task.layout.observe(left)
+        other = task.layout.observe(right)
         np.testing.assert_allclose(other, mine * task.layout.mirror_signs, atol=1e-6)
+        terms = [task.reward_terms(batch) for batch in (left, right)]
+        np.testing.assert_allclose(sum_of(terms[1]), sum_of(terms[0]), atol=1e-12)
 
 
-class Diverging(Simulator):
-    """A simulator whose physics diverges in its third step."""
+def diverge_from(simulator: Simulator, monkeypatch: pytest.MonkeyPatch, step: int) -> None:
+    """Give states that are not numbers from a control step on."""
+    state, asked = simulator.plant.state, []
 
-    def step(self, steering: float, throttle: float = 0.0) -> Snapshot:
-        snapshot = super().step(steering, throttle)
-        if snapshot.step < 3:
-            return snapshot
-        return replace(snapshot, state=np.full_like(snapshot.state, np.nan), seen=np.full_like(snapshot.look, np.nan))
+    def diverging() -> np.ndarray:
+        asked.append(None)
+        return state() if len(asked) <= step else np.full(STATE_SIZE, np.nan)
 
-
-class DivergingNode(Diverging):
-    """The same as the simulator node shows it: the last state that is one, as a fall."""
-
-    def reset(self, request: ResetRequest) -> Snapshot:
-        self.shown = super().reset(request)
-        return self.shown
-
-    def step(self, steering: float, throttle: float = 0.0) -> Snapshot:
-        snapshot = super().step(steering, throttle)
-        if np.isnan(snapshot.state).any():
-            snapshot = replace(self.shown, step=snapshot.step, time=snapshot.time, fallen=True)
-        self.shown = snapshot
-        return snapshot
+    monkeypatch.setattr(simulator.plant, "state", diverging)
 
 
-def test_physics_that_diverges_ends_the_episode_with_numbers():
-    """The same in this process as through the node."""
-    told = []
-    for kind in (Diverging, DivergingNode):
-        env = BikeEnv(kind(COMPILED), "prop")
-        env.reset(seed=1)
-        steps = [env.step(np.zeros(1, dtype=np.float32)) for _ in range(3)]
-        assert [terminated for _, _, terminated, _, _ in steps] == [False, False, True]
-        told.append(steps[-1])
-        assert env.snapshot is not None
-        assert env.snapshot.fallen
-    np.testing.assert_array_equal(told[0][0], told[1][0])
-    assert np.isfinite(told[0][0]).all()
-    assert told[0][1:] == told[1][1:]
-    assert np.isfinite([told[0][1], *told[0][4].values()]).all()
+@pytest.mark.parametrize("config", [COMPILED, SimulatorConfig(time_step=0.005)], ids=lambda config: config.engine)
+def test_physics_that_diverges_ends_the_episode_with_numbers(config, monkeypatch):
+    """The last state that is one is shown again, as a fall."""
+    client = Simulator(config)
+    diverge_from(client, monkeypatch, 3)
+    env = BikeEnv(client, "prop")
+    env.reset(seed=1)
+    steps = [env.step(np.zeros(1, dtype=np.float32)) for _ in range(3)]
+    assert [terminated for _, _, terminated, _, _ in steps] == [False, False, True]
+    last, snapshot = steps[-1], env.snapshot
+    assert snapshot is not None
+    assert (snapshot.step, snapshot.time, snapshot.fallen, snapshot.fall) == (3, 3 * 0.05, True, DIVERGED)
+    assert [event.kind for event in snapshot.events] == [EventKind.FALL]
+    np.testing.assert_array_equal(last[0], steps[-2][0])
+    assert np.isfinite(last[0]).all()
+    assert np.isfinite([last[1], *(value for name, value in last[4].items() if name != "context")]).all()
+    again = client.step(0.0)
+    assert (again.step, again.fallen, again.events) == (4, True, ())  # a fall is told once
+    env.close()
 
 
 def test_a_bicycle_that_lies_on_the_ground_ends_its_episode():
     """Below the threshold of roll too: it would lie there for the rest of the episode."""
-    env = BatchVecEnv(2, TASKS["prop"], RANGES, seed=1, time_step=0.01)
+    env = BatchVecEnv(2, TASKS["prop"], RANGES, COMPILED, seed=1)
     env.reset()
     env.batch.lying[1] = True
-    before = env.batch.states[1].copy()
+    before = env.batch.state[1].copy()
     _, _, dones, infos = env.step(np.zeros((2, 1), dtype=np.float32))
     assert list(dones) == [False, True]
     assert infos[1]["TimeLimit.truncated"] is False
@@ -178,7 +170,7 @@ def test_a_bicycle_that_lies_on_the_ground_ends_its_episode():
 
 
 def test_random_rides_stay_in_the_declared_space():
-    env = BatchVecEnv(16, TASKS["prop"], RANGES, seed=1, time_step=0.01)
+    env = BatchVecEnv(16, TASKS["prop"], RANGES, COMPILED, seed=1)
     env.reset()
     rng = np.random.default_rng(0)
     for _ in range(300):
@@ -188,7 +180,7 @@ def test_random_rides_stay_in_the_declared_space():
 
 
 def test_seed_decides_the_rides_after_the_next_reset():
-    env = BatchVecEnv(2, TASKS["prop"], RANGES, seed=1, time_step=0.01)
+    env = BatchVecEnv(2, TASKS["prop"], RANGES, COMPILED, seed=1)
     fresh = env.reset()
     later = env.reset()
     env.seed(1)
@@ -208,7 +200,7 @@ def test_simulators_of_neighbouring_seeds_begin_other_rides():
 
 
 def test_a_method_answers_for_each_bicycle_that_is_asked():
-    env = BatchVecEnv(3, TASKS["prop"], RANGES, seed=1)
+    env = BatchVecEnv(3, TASKS["prop"], RANGES, COMPILED, seed=1)
     assert env.env_method("set_episodes", RANGES) == [None] * 3
     assert env.env_method("set_episodes", RANGES, indices=[0, 2]) == [None] * 2
 
@@ -217,7 +209,7 @@ def test_actions_mean_the_same_in_every_environment():
     """Also where the action is not the vehicle's own set value, in batches as one by one."""
     task = replace(TASKS["prop"], max_steer=0.3)
     single = BikeEnv("local", task, RANGES, COMPILED)
-    batch = BatchVecEnv(1, task, RANGES, seed=0, time_step=0.01)
+    batch = BatchVecEnv(1, task, RANGES, COMPILED, seed=0)
     single.reset(seed=3)
     request = single.client.request
     batch.reset()
@@ -225,7 +217,7 @@ def test_actions_mean_the_same_in_every_environment():
     for action in np.random.default_rng(0).uniform(-1.0, 1.0, (10, 1)).astype(np.float32):
         single.step(action)
         batch.step(action[None, :])
-        np.testing.assert_array_equal(single.snapshot.state, batch.batch.states[0])
+        np.testing.assert_array_equal(single.snapshot.state, batch.batch.state[0])
     actor = Actor([np.full((1, task.layout.size), 0.01, dtype=np.float32)], [np.zeros(1, dtype=np.float32)])
-    errors = validate_batch(actor, task, load_vehicle("whipple"), [request])
+    errors = validate_batch(actor, task, COMPILED, [request])
     assert errors == validate_simulator(actor, task, Simulator(COMPILED), [request])

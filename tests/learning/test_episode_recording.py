@@ -15,25 +15,27 @@ from bike_analysis.read.columns import MessageSchema
 from bike_analysis.read.container import Container
 from bike_analysis.report import analyze
 from bike_policy.contract.actor import Actor
-from bike_policy.contract.observation import ObservationLayout
+from bike_policy.contract.observation import ObservationLayout, SeenBlocks
 from bike_sim.physics.state import FIELDS
+from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
-from bike_training.curricula.parts import REFINEMENT
+from bike_training.curricula.parts import REFINEMENT, PartsCurriculum
 from bike_training.envs.env import BikeEnv
 from bike_training.envs.vec_env import BatchVecEnv
 from bike_training.learning.learner import actor_tensors
 from bike_training.learning.presets import FAST
 from bike_training.learning.process import LearningProcess
 from bike_training.learning.run_settings import RunSettings
-from bike_training.tasks.path import TASKS, Task
+from bike_training.tasks.path import TASKS, PathTask
 
 pytest.importorskip("rclpy")
 
 COMPILED = SimulatorConfig(engine="whipple", time_step=0.01)
 PYBULLET = SimulatorConfig(engine="pybullet", time_step=0.005)
-SHORT = replace(TASKS["lean"], reward="sharp", path_weight=0.8, max_steps=12)
+SHARP_AND_UPRIGHT = {"path_linear": 0.4, "path_peak": 0.4, "upright": 0.2}
+SHORT = replace(TASKS["lean"], weights=SHARP_AND_UPRIGHT, max_steps=12)
 RANGES = PartsCurriculum().episodes(0)
 
 
@@ -47,6 +49,12 @@ def messages(path: Path, topic: str) -> list:
             schema = box.schemas[channel.schema_id]
             found.append(MessageSchema(schema.name, schema.data.decode()).decode(message.data))
     return found
+
+
+def blocks_of(state) -> SeenBlocks:
+    """Return what a recorded state shows."""
+    blocks = (np.array([getattr(state, name) for name in names]) for names in (FIELDS, lk.FIELDS))
+    return SeenBlocks(*blocks, np.array(state.preview_y))
 
 
 def notes(path: Path) -> dict:
@@ -92,25 +100,24 @@ def test_what_the_policy_saw_is_made_of_the_recorded_states(validation):
     layout = ObservationLayout.from_card(task["layout"])
     states, steps = messages(validation, "/bike/state"), messages(validation, "/bike/learning/step")
     for state, step in zip(states, steps, strict=False):
-        seen = layout.observe(np.array([getattr(state, name) for name in FIELDS]), state.preview_y)
+        seen = layout.observe(blocks_of(state))
         assert (state.episode, state.step) == (step.episode, step.step)
         assert tuple(step.feature_names) == layout.names
         np.testing.assert_array_equal(seen, step.observation)
 
 
 def test_rewards_are_those_of_the_next_state_and_the_sum_of_their_terms(validation):
-    note = json.loads(notes(validation)["task"])
-    task = Task(**{**note, "layout": ObservationLayout.from_card(note["layout"])})
+    task = PathTask.from_card(json.loads(notes(validation)["task"]))
     states, steps = messages(validation, "/bike/state"), messages(validation, "/bike/learning/step")
     for state, step in zip(states[1:], steps, strict=True):
-        terms = task.reward_terms(np.float64(abs(state.lateral_error)), np.float64(state.roll))
+        terms = task.reward_terms(blocks_of(state))
         assert dict(zip(step.reward_names, step.reward_terms, strict=True)) == terms
         assert step.reward == sum(step.reward_terms)
         assert (state.steering_command, 0.0) == (step.steering, step.action)
 
 
 def compiled() -> VecEnv:
-    return BatchVecEnv(2, SHORT, RANGES, seed=3, time_step=0.01)
+    return BatchVecEnv(2, SHORT, RANGES, COMPILED, seed=3)
 
 
 def bullets() -> VecEnv:
@@ -206,7 +213,7 @@ def test_a_full_disk_ends_the_recording_and_not_the_learning(size, tmp_path):
     from bike_training.learning.episode_recording import Standing, TrainingRecorder
 
     task = replace(SHORT, max_steps=400)
-    env, path = BatchVecEnv(2, task, RANGES, seed=3, time_step=0.01), tmp_path / "training.mcap"
+    env, path = BatchVecEnv(2, task, RANGES, COMPILED, seed=3), tmp_path / "training.mcap"
     recorder = TrainingRecorder(env, task, COMPILED, lambda: Standing(0, 1, RANGES))
     env.reset()
 

@@ -26,11 +26,11 @@ from bike_training.cli import main
 from bike_training.curricula.parts import PartsCurriculum
 from bike_training.replay.recorded_rides import COMMANDS, EXACT, FLAGS, RecordedRide, Start, read_rides
 from bike_training.replay.replaying import Replay, ride_again
-from bike_training.tasks.path import TASKS
+from bike_training.tasks.path import SHARP, TASKS
 
 rclpy_serialization = pytest.importorskip("rclpy.serialization")
 
-TASK = replace(TASKS["lean"], reward="sharp")
+TASK = replace(TASKS["lean"], weights=SHARP)
 RANGES = PartsCurriculum().episodes(0)
 COMPILED = SimulatorConfig(engine="whipple", time_step=0.01)
 PYBULLET = SimulatorConfig(engine="pybullet", time_step=0.005)
@@ -305,7 +305,7 @@ def test_a_start_survives_as_a_message_whatever_is_in_it():
         for spec in fields(value):
             default = spec.default_factory() if spec.default_factory is not MISSING else spec.default
             assert getattr(value, spec.name) != default, f"{spec.name} has its default here"
-    message = episode_start_to_message(request, config, 3, 10**9)
+    message = episode_start_to_message(request, config, ("wheel_load_n",), 3, 10**9)
     name = "bike_msgs/msg/EpisodeStart"
     schema = MessageSchema(name, message_type(name).definition)
     decoded = schema.decode(schema.trim(rclpy_serialization.serialize_message(message)))

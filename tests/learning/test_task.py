@@ -1,12 +1,39 @@
+import json
 import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bike_training.tasks.path import PROP, TASKS, failed, validation_error
+from bike_sim.physics.state import ROLL, STATE_SIZE
+from bike_sim.sim import look as lk
+from bike_training.tasks.base import sum_of
+from bike_training.tasks.path import LINEAR, PROP, REWARD_TERMS, SHARP, TASKS, PathTask, validation_error
+
+
+class Blocks(NamedTuple):
+    """What a task judges, made up."""
+
+    state: np.ndarray
+    look: np.ndarray
+    preview_y: np.ndarray
+    fallen: bool | np.ndarray = False
+
+
+def at(distance, roll, fallen=False):
+    """Return instants at a distance to the path, of both contact points, and a roll angle."""
+    distance, roll = np.broadcast_arrays(np.asarray(distance, dtype=float), np.asarray(roll, dtype=float))
+    state, look = np.zeros((*roll.shape, STATE_SIZE)), np.zeros((*roll.shape, lk.LOOK_SIZE))
+    state[..., ROLL] = roll
+    look[..., lk.LATERAL_ERROR] = look[..., lk.FRONT_LATERAL_ERROR] = distance
+    return Blocks(state, look, np.zeros((*roll.shape, 5)), fallen)
+
+
+def reward(task, distance, roll):
+    return sum_of(task.reward_terms(at(distance, roll)))
 
 
 @pytest.mark.parametrize(
@@ -21,40 +48,53 @@ from bike_training.tasks.path import PROP, TASKS, failed, validation_error
     ],
 )
 def test_rewards_by_hand(task, distance, roll, expected):
-    assert TASKS[task].rewards(np.float64(distance), np.float64(roll)) == pytest.approx(expected)
+    assert reward(TASKS[task], distance, roll) == pytest.approx(expected)
 
 
 def test_sharp_reward_by_hand():
-    task = replace(PROP, reward="sharp", sharpness=0.2)
-    assert task.rewards(np.float64(0.2), np.float64(0.0)) == pytest.approx(0.5 * (3.3 / 3.5 + math.exp(-1.0)))
+    task = replace(PROP, weights=SHARP, sharpness=0.2)
+    assert reward(task, 0.2, 0.0) == pytest.approx(0.5 * (3.3 / 3.5 + math.exp(-1.0)))
 
 
 @pytest.mark.parametrize("task", TASKS.values(), ids=TASKS)
 @given(distance=st.floats(0, 10), roll=st.floats(-1.5, 1.5), farther=st.floats(0, 1))
 def test_rewards_lie_in_0_1_fall_with_distance_and_are_symmetric(task, distance, roll, farther):
-    reward = task.rewards(np.float64(distance), np.float64(roll))
-    assert 0.0 <= reward <= 1.0
-    assert task.rewards(np.float64(distance + farther), np.float64(roll)) <= reward
-    assert task.rewards(np.float64(distance), np.float64(-roll)) == reward
+    worth = reward(task, distance, roll)
+    assert 0.0 <= worth <= 1.0
+    assert reward(task, distance + farther, roll) <= worth
+    assert reward(task, distance, -roll) == worth
+    assert reward(task, -distance, roll) == worth
 
 
-@pytest.mark.parametrize("reward", ["linear", "exponential", "sharp"])
-@given(distance=st.floats(0, 10), roll=st.floats(-1.5, 1.5), weight=st.floats(0, 1))
-def test_reward_terms_add_up_to_the_reward(reward, distance, roll, weight):
-    task = replace(PROP, reward=reward, path_weight=weight)
-    terms = task.reward_terms(np.float64(distance), np.float64(roll))
-    assert all(term >= 0.0 for term in terms.values())
-    assert sum(terms.values()) == pytest.approx(task.rewards(np.float64(distance), np.float64(roll)), abs=1e-15)
-    assert ("upright" in terms) == (weight < 1.0)
-    assert sum(task.reward_terms(np.float64(0.0), np.float64(0.0)).values()) == pytest.approx(1.0)
+@pytest.mark.parametrize("path", [LINEAR, {"path_exponential": 1.0}, SHARP])
+@given(distance=st.floats(0, 10), roll=st.floats(-1.5, 1.5), share=st.floats(0, 1))
+def test_reward_terms_have_their_weights_and_add_up_to_the_reward(path, distance, roll, share):
+    weights = {name: share * weight for name, weight in path.items()} | {"upright": 1.0 - share}
+    terms = replace(PROP, weights=weights).reward_terms(at(distance, roll))
+    assert list(terms) == list(weights)
+    for name, term in terms.items():
+        assert 0.0 <= term <= weights[name]
+        alone = replace(PROP, weights={name: 1.0}).reward_terms(at(distance, roll))
+        assert term == weights[name] * alone[name]
+    assert sum(replace(PROP, weights=weights).reward_terms(at(0.0, 0.0)).values()) == pytest.approx(1.0)
+
+
+def test_error_is_that_of_the_contact_point_that_is_held_to_the_path():
+    blocks = at(np.array([0.3, -0.4]), 0.0)
+    blocks.look[:, lk.FRONT_LATERAL_ERROR] = [-0.1, 0.2]
+    np.testing.assert_array_equal(PROP.error(blocks), [0.3, 0.4])
+    np.testing.assert_array_equal(TASKS["alt3"].error(blocks), [0.1, 0.2])
 
 
 def test_thresholds():
-    assert not failed(np.float64(3.5), np.float64(math.radians(45)), False)
-    assert failed(np.float64(3.51), np.float64(0), False)
-    assert failed(np.float64(0), np.float64(-math.radians(45.1)), False)
-    assert failed(np.float64(0), np.float64(0), True)
-    assert failed(np.array([np.nan, 0.0]), np.array([0.0, np.nan]), False).all()
+    assert not PROP.failed(at(3.5, math.radians(45)))
+    assert PROP.failed(at(3.51, 0.0))
+    assert PROP.failed(at(-3.51, 0.0))
+    assert PROP.failed(at(0.0, -math.radians(45.1)))
+    assert PROP.failed(at(0.0, 0.0, fallen=True))
+    assert PROP.failed(at(np.array([np.nan, 0.0]), np.array([0.0, np.nan]))).all()
+    many = at(np.array([0.0, 9.0, 0.0]), 0.0, fallen=np.array([False, False, True]))
+    assert PROP.failed(many).tolist() == [False, True, True]
 
 
 def test_validation_error_leaves_out_the_first_fifth():
@@ -68,18 +108,54 @@ def test_table_5():
     prop = TASKS["prop"]
     assert prop.layout.size == 16
     assert (prop.layout.preview_by_time, prop.layout.preview_interval, prop.layout.preview_count) == (True, 0.4, 5)
-    assert (prop.reward, prop.path_weight, prop.contact) == ("linear", 1.0, "rear")
+    assert (prop.weights, prop.contact) == ({"path_linear": 1.0}, "rear")
     assert TASKS["alt1"].layout.features[:3] == ("x", "y", "yaw")
     assert TASKS["alt1"].layout.size == 15
     assert (TASKS["alt2"].layout.preview_by_time, TASKS["alt2"].layout.preview_interval) == (False, 2.0)
     assert TASKS["alt3"].contact == "front"
-    assert TASKS["alt4"].reward == "exponential"
-    assert TASKS["alt5"].path_weight == 0.5
+    assert TASKS["alt4"].weights == {"path_exponential": 1.0}
+    assert TASKS["alt5"].weights == {"path_linear": 0.5, "upright": 0.5}
 
 
 @pytest.mark.parametrize(
-    "change", [{"reward": "praise"}, {"contact": "saddle"}, {"path_weight": 1.5}, {"max_steps": 0}, {"sharpness": 0.0}]
+    ("change", "message"),
+    [
+        ({"weights": {"praise": 1.0}}, "praise.*path_linear"),
+        ({"weights": {}}, "unknown terms"),
+        ({"weights": {"upright": math.nan}}, "weight of the reward term upright must be finite, got nan"),
+        ({"contact": "saddle"}, "contact must be rear or front, got 'saddle'"),
+        ({"max_steps": 0}, "max_steps must be positive, got 0"),
+        ({"sharpness": 0.0}, "sharpness must be positive, got 0.0"),
+        ({"max_steer": -1.0}, "max_steer must be positive, got -1.0"),
+    ],
 )
-def test_wrong_settings_are_refused(change):
-    with pytest.raises(ValueError, match=r"."):
+def test_wrong_settings_are_refused(change, message):
+    with pytest.raises(ValueError, match=message):
         replace(PROP, **change)
+
+
+@pytest.mark.parametrize("task", TASKS.values(), ids=TASKS)
+def test_card_round_trip(task):
+    card = json.loads(json.dumps(task.to_card()))
+    assert PathTask.from_card(card) == task
+
+
+@pytest.mark.parametrize(
+    ("kind", "share", "weights"),
+    [
+        ("linear", 1.0, {"path_linear": 1.0}),
+        ("exponential", 0.75, {"path_exponential": 0.75, "upright": 0.25}),
+        ("sharp", 0.5, {"path_linear": 0.25, "path_peak": 0.25, "upright": 0.5}),
+    ],
+)
+def test_cards_with_a_kind_of_reward_are_read_as_weights(kind, share, weights):
+    """Recordings made before the terms had names hold a kind of reward and the weight of the path."""
+    card = PROP.to_card()
+    del card["weights"]
+    assert PathTask.from_card({**card, "reward": kind, "path_weight": share}).weights == weights
+    assert set(weights) <= set(REWARD_TERMS)
+
+
+def test_a_foreign_card_is_refused_by_name():
+    with pytest.raises(ValueError, match="colour"):
+        PathTask.from_card({**PROP.to_card(), "colour": "red"})

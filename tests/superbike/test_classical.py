@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bike_policy.riders.classical import ClassicalRider, Seen
+from bike_policy.riders.classical import LineController, Seen
 from bike_policy.riders.lap_plan import RiderSettings, reserved
 from bike_sim.course.course import Course
 from bike_sim.physics import state as st
@@ -61,7 +61,7 @@ def circle(radius: float, spacing: float = 0.1) -> Course:
 
 def test_plan_keeps_its_reserve(machine: Superbike, limits: Envelope) -> None:
     line = circle(80.0)
-    rider = ClassicalRider(machine, line, 0.02, limits=limits)
+    rider = LineController(machine, line, 0.02, limits=limits)
     limit = lap_limit(limits, line)
     lateral = rider.profile.lateral.max() / limit.lateral.max()
     assert lateral == pytest.approx(RiderSettings().lateral, abs=0.02)
@@ -75,8 +75,8 @@ def test_plan_asks_for_no_more_rolling_and_drive_than_there_is(
 ) -> None:
     line = track_with_line(circuit, limits).line(1.0)
     settings = RiderSettings(roll_rate=0.4)
-    rider = ClassicalRider(machine, line, 0.02, settings, limits)
-    profile, easy = rider.profile, ClassicalRider(machine, line, 0.02, limits=limits).profile
+    rider = LineController(machine, line, 0.02, settings, limits)
+    profile, easy = rider.profile, LineController(machine, line, 0.02, limits=limits).profile
     lean = rider.leans.of(profile.lateral, profile.speed)
     half = 0.5 * settings.roll_span
 
@@ -110,7 +110,7 @@ def test_engine_braking_never_locks_the_rear_wheel(machine: Superbike) -> None:
 
 
 def test_steady_on_the_line_asks_for_the_lean_of_the_turn(machine: Superbike, limits: Envelope) -> None:
-    rider = ClassicalRider(machine, circle(80.0), 0.02, limits=limits)
+    rider = LineController(machine, circle(80.0), 0.02, limits=limits)
     speed = 25.0
     lean = float(rider.leans.of(np.array([speed**2 / 80.0]), np.array([speed]))[0])
     rider.profile = replace(rider.profile, speed=np.full_like(rider.profile.speed, speed))
@@ -120,7 +120,7 @@ def test_steady_on_the_line_asks_for_the_lean_of_the_turn(machine: Superbike, li
 
 def test_turns_back_to_the_line_and_mirrors(machine: Superbike, limits: Envelope) -> None:
     line = circle(5000.0)
-    rider = ClassicalRider(machine, line, 0.02, limits=limits)
+    rider = LineController(machine, line, 0.02, limits=limits)
     speed = 40.0
 
     def steering(error: float, heading: float) -> float:
@@ -135,7 +135,7 @@ def test_turns_back_to_the_line_and_mirrors(machine: Superbike, limits: Envelope
 
 
 def test_brakes_when_too_fast_and_drives_when_too_slow(machine: Superbike, limits: Envelope) -> None:
-    rider = ClassicalRider(machine, circle(80.0), 0.02, limits=limits)
+    rider = LineController(machine, circle(80.0), 0.02, limits=limits)
     wanted = float(rider.profile.speed_at(10.0))
     _, brake = rider.command(Seen(wanted + 8.0, -0.5, 10.0, 0.0, 0.0))
     _, drive = rider.command(Seen(wanted - 8.0, -0.5, 10.0, 0.0, 0.0))
@@ -144,14 +144,14 @@ def test_brakes_when_too_fast_and_drives_when_too_slow(machine: Superbike, limit
 
 
 def test_same_state_again_gets_the_same_answer(machine: Superbike, limits: Envelope) -> None:
-    rider = ClassicalRider(machine, circle(80.0), 0.02, limits=limits)
+    rider = LineController(machine, circle(80.0), 0.02, limits=limits)
     rider.command(Seen(25.0, -0.6, 40.0, 0.3, 0.01))
     seen = Seen(25.0, -0.6, 40.5, 0.32, 0.01)
     assert rider.command(seen) == rider.command(seen)
 
 
 def test_lost_states_do_not_steepen_the_rate_of_the_error(machine: Superbike, limits: Envelope) -> None:
-    rider = ClassicalRider(machine, circle(80.0), 0.01, limits=limits)
+    rider = LineController(machine, circle(80.0), 0.01, limits=limits)
 
     def last_answer(every: int) -> float:
         rider.reset()
@@ -166,7 +166,7 @@ def test_front_does_not_shake_at_full_drive_whatever_the_control_period(period: 
     machine = load_vehicle("r1")  # the machine with the lightest front wheel
     assert isinstance(machine, Superbike)
     radius, speed = 5000.0, 40.0
-    rider = ClassicalRider(machine, circle(radius, 1.0), period)
+    rider = LineController(machine, circle(radius, 1.0), period)
     engine = SuperbikeEngine(machine, TIME_STEP)
     state = upright_state(speed, machine.rF)
     state[st.Y], state[st.ROLL] = 1.0, -math.atan(speed**2 / radius / machine.g)  # one metre inside the line

@@ -210,7 +210,7 @@ class Drive(rclpy.node.Node):
         if stale or refused:
             level, text = self._diagnostics.WARN, f"states in the last second: {stale} stale, {refused} not usable"
         elif self._last is None:
-            text = "waiting for the first state"
+            text = "waiting for the first state and its course"
         elif silence > self._stale_after:
             level, text = self._diagnostics.WARN, f"no state for {silence:.1f} s, waiting for the simulator"
         elif self._last.snapshot.fallen:

@@ -5,7 +5,7 @@ Courses are shared by index: a row refers to a course, and rows on the same cour
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numba import njit
@@ -166,6 +166,15 @@ class CompiledBatch:
     def vehicle(self) -> Vehicle:
         """Their vehicle."""
         return self._plant.vehicle
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Write the typed list as a plain one: checkpoints hold batches, and numba's list cannot be pickled."""
+        return {**self.__dict__, "_tables": list(self._tables)}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Make the typed list again."""
+        self.__dict__.update(state)
+        self._tables = List(state["_tables"])
 
     @property
     def preview_y(self) -> FloatArray:

@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bike_sim.course.lap_timing import time_laps
+from bike_sim.course.lap_timing import Timing, time_laps
 from bike_sim.course.placing import EXACT, samples_of
 from bike_sim.physics import state as st
 from bike_sim.physics.superbike_statics import turning_state
 from bike_sim.sim import look as lk
-from bike_sim.sim.circuit_scene import OFF_TRACK_GRIP, start_speed
+from bike_sim.sim.circuit_scene import OFF_TRACK_GRIP, CircuitScene, FollowedLine, start_speed
 from bike_sim.sim.config import SimulatorConfig
-from bike_sim.sim.events import EventKind
-from bike_sim.sim.plant import HORIZON, superbike_config
+from bike_sim.sim.events import EventKind, timing_event
+from bike_sim.sim.plant import HORIZON, BicyclePlant, SuperbikePlant, superbike_config
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import Snapshot
@@ -33,6 +33,11 @@ def machine() -> Iterator[Simulator]:
 
 def request(circuit: Path, **changes: object) -> ResetRequest:
     return ResetRequest(**({"course": str(circuit), "speed_range": (30.0, 30.0)} | changes))  # type: ignore[arg-type]
+
+
+def timing_of(machine: Simulator) -> Timing:
+    assert isinstance(machine.scene, CircuitScene)
+    return machine.scene.timing()
 
 
 def until_the_end(machine: Simulator, snapshot: Snapshot, steering: float, throttle: float) -> list[Snapshot]:
@@ -90,9 +95,8 @@ def test_course_points_have_the_height_of_the_road() -> None:
 
 def test_going_straight_on_leaves_the_track_and_meets_the_wall(machine: Simulator, circuit: Path) -> None:
     snapshot = machine.reset(request(circuit))
-    watch = TrackWatch("kidney", snapshot)
     seen = until_the_end(machine, snapshot, 0.0, 0.3)
-    events = [event for snapshot in seen[1:] for event in watch.look(snapshot)]
+    events = [event for snapshot in seen[1:] for event in snapshot.events]
     assert [event.kind for event in events][-1] is EventKind.WALL
     assert EventKind.OFF_COURSE in [event.kind for event in events]
     hit = seen[-1].circuit.wall
@@ -102,9 +106,10 @@ def test_going_straight_on_leaves_the_track_and_meets_the_wall(machine: Simulato
     after = machine.step(0.0, 1.0)
     assert after.speed == 0.0
     assert after.state[:3] == pytest.approx(seen[-1].state[:3])
+    assert after.events == ()  # a ride ends once
     off = next(snapshot for snapshot in seen if snapshot.circuit.outside > 0.0)
     assert off.off_course
-    assert machine.engine.rear_grip == machine.engine.front_grip == OFF_TRACK_GRIP
+    assert machine.plant.engine.rear_grip == machine.plant.engine.front_grip == OFF_TRACK_GRIP
 
 
 @pytest.mark.parametrize(
@@ -116,12 +121,11 @@ def test_going_straight_on_leaves_the_track_and_meets_the_wall(machine: Simulato
 )
 def test_falls_have_names(machine: Simulator, circuit: Path, speed: float, fall: str, off_track: bool) -> None:
     snapshot = machine.reset(request(circuit, speed_range=(speed, speed)))
-    watch = TrackWatch("kidney", snapshot)
     seen = until_the_end(machine, snapshot, 1.0, 0.0)
     assert [snapshot.fall for snapshot in seen[:-1]] == ["none"] * (len(seen) - 1)
     assert (seen[-1].fall, seen[-1].circuit.wall) == (fall, None)
     assert (seen[-2].circuit.outside > 0.0) == off_track
-    events = [event for snapshot in seen[1:] for event in watch.look(snapshot)]
+    events = [event for snapshot in seen[1:] for event in snapshot.events]
     assert events[-1].kind is EventKind.FALL
     assert fall.replace("_", " ") in events[-1].text
 
@@ -147,28 +151,31 @@ def test_timing_from_recorded_points_is_that_of_the_ride(machine: Simulator, cir
         machine.vehicle.w,
     )
     timing, events = time_laps(track, again)
-    assert timing == machine.timing()
-    assert events == tuple(event for snapshot in seen for event in snapshot.timing)
+    assert timing == timing_of(machine)
+    kinds = {EventKind.SECTOR, EventKind.LAP, EventKind.OFF_COURSE, EventKind.BACK_ON_COURSE}
+    told = [(event, snapshot.circuit.outside) for snapshot in seen for event in snapshot.events if event.kind in kinds]
+    assert EventKind.OFF_COURSE in [event.kind for event, _ in told]
+    assert [event for event, _ in told] == [
+        timing_event(event, outside) for event, (_, outside) in zip(events, told, strict=True)
+    ]
 
 
 def test_lines_are_kept_by_what_they_depend_on(machine: Simulator, circuit: Path, own_cache: Path) -> None:
-    track = track_with_line(circuit, machine.envelope)
-    kept = own_cache / f"{content_key(track, machine.envelope)}.npy"
+    track = track_with_line(circuit, machine.plant.envelope)
+    kept = own_cache / f"{content_key(track, machine.plant.envelope)}.npy"
     assert kept.exists()
     kept.write_bytes(b"torn")
-    again = track_with_line(circuit, machine.envelope)
+    again = track_with_line(circuit, machine.plant.envelope)
     assert np.array_equal(again.ideal, track.ideal)  # type: ignore[arg-type]
 
 
-def test_vehicle_decides_what_rides_it() -> None:
-    bicycle = Simulator(SimulatorConfig())
-    assert isinstance(bicycle, Simulator)
-    bicycle.close()
-    superbike = Simulator(superbike_config("r1"))
-    assert isinstance(superbike, Simulator)
-    superbike.close()
-    with pytest.raises(ValueError, match="no superbike"):
-        Simulator(SimulatorConfig())
+def test_vehicle_decides_what_moves() -> None:
+    for config, plant in ((SimulatorConfig(), BicyclePlant), (superbike_config("r1"), SuperbikePlant)):
+        simulator = Simulator(config)
+        assert isinstance(simulator.plant, plant)
+        simulator.close()
+    with pytest.raises(ValueError, match=r"whipple.*superbike"):
+        Simulator(SimulatorConfig(vehicle="r1", engine="whipple"))
 
 
 def test_places_that_cannot_be_are_refused_with_their_value(machine: Simulator, circuit: Path) -> None:
@@ -189,20 +196,25 @@ def test_places_that_cannot_be_are_refused_with_their_value(machine: Simulator, 
     assert machine.step(0.0).episode == first.episode  # the episode before goes on
 
 
-def test_bicycles_have_no_line_to_choose() -> None:
+def test_paths_have_no_line_to_choose(machine: Simulator) -> None:
     bicycle = Simulator(SimulatorConfig(engine="whipple"))
-    for changes in ({"line": 0.5}, {"progress": 20.0}):
-        with pytest.raises(ValueError, match="are for superbikes"):
-            bicycle.reset(ResetRequest(course="line", **changes))
+    for simulator in (bicycle, machine):
+        for changes in ({"line": 0.5}, {"progress": 20.0}):
+            for course in ("line", "random"):
+                with pytest.raises(ValueError, match=f"are for circuits; course '{course}' is a path"):
+                    simulator.reset(ResetRequest(course=course, **changes))
     bicycle.close()
 
 
 def test_start_speed_is_for_the_place_and_the_line(machine: Simulator, circuit: Path) -> None:
     places = np.linspace(0.0, 1200.0, 13)
-    speeds = {lam: [start_speed(circuit, machine.envelope, lam, float(s)) for s in places] for lam in (0.0, 1.0)}
+    track = track_with_line(circuit, machine.plant.envelope)
+    lines = {lam: FollowedLine(track, lam) for lam in (0.0, 1.0)}
+    speeds = {lam: [start_speed(line, machine.plant.envelope, float(s)) for s in places] for lam, line in lines.items()}
     assert max(speeds[1.0]) > min(speeds[1.0]) + 1.0
     assert speeds[0.0] != speeds[1.0]
     for s, speed in zip(places, speeds[1.0], strict=True):
+        assert machine.at_own_speed(request(circuit, progress=float(s))).speed_range == (speed, speed)
         snapshot = machine.reset(request(circuit, progress=float(s), speed_range=(speed, speed)))
         assert snapshot.speed == pytest.approx(speed, rel=0.01)  # of the frame, which leans inwards
 
@@ -248,27 +260,27 @@ def test_grip_of_the_ride_before_is_forgotten(machine: Simulator, circuit: Path)
     asked = request(circuit, progress=300.0)
     first = machine.reset(asked)
     until_the_end(machine, first, 0.0, 0.3)
-    assert machine.engine.rear_grip == OFF_TRACK_GRIP
+    assert machine.plant.engine.rear_grip == OFF_TRACK_GRIP
     assert np.array_equal(machine.reset(asked).signals, first.signals)
     state = first.state.copy()
     state[[st.X, st.Y]] += 12.0 * np.array([-math.sin(state[st.YAW]), math.cos(state[st.YAW])])
     outside = machine.reset(request(circuit, initial_state=tuple(state)))
     assert outside.circuit.outside > 0.0
-    assert machine.engine.rear_grip == machine.engine.front_grip == OFF_TRACK_GRIP
+    assert machine.plant.engine.rear_grip == machine.plant.engine.front_grip == OFF_TRACK_GRIP
 
 
 def test_a_refused_reset_leaves_the_ride_alone(machine: Simulator, circuit: Path) -> None:
     before = machine.reset(request(circuit))
     machine.step(0.1, 0.1)
-    state, timing = machine.engine.state(), machine.timing()
+    state, timing = machine.plant.engine.state(), timing_of(machine)
     lying = before.state.copy()
     lying[st.ROLL] = 0.5 * math.pi
     for wrong, message in (((1e300, *before.state[1:]), "x_m is 1e[+]300"), (tuple(lying), "roll 90 deg")):
         with pytest.raises(ValueError, match=message):
             machine.reset(request(circuit, initial_state=wrong))
     assert machine.episode == before.episode
-    assert np.array_equal(machine.engine.state(), state)
-    assert machine.timing() == timing
+    assert np.array_equal(machine.plant.engine.state(), state)
+    assert timing_of(machine) == timing
     assert machine.step(0.1, 0.1).step == 2
 
 
@@ -282,9 +294,9 @@ def test_a_long_control_period_sees_the_same_places(machine: Simulator, circuit:
         for _ in range(10):
             seen = machine.step(0.0, 0.1)
         assert np.array_equal(at_once.state, seen.state)
-        assert at_once.circuit.place == pytest.approx(seen.place, abs=1e-6)
+        assert at_once.circuit.place == pytest.approx(seen.circuit.place, abs=1e-6)
         all_at_once.append(at_once)
-    assert seen.place[lk.CENTRE_PROGRESS] > 450.0
+    assert seen.circuit.place[lk.CENTRE_PROGRESS] > 450.0
     assert coarse.track is not None
     again = samples_of(
         coarse.track,
@@ -314,4 +326,4 @@ def test_lines_are_computed_where_no_cache_can_be(
 ) -> None:
     (tmp_path / "file").write_text("in the way")
     monkeypatch.setenv("BIKE_CACHE", str(tmp_path / "file" / "lines"))
-    assert track_with_line(circuit, machine.envelope).ideal is not None
+    assert track_with_line(circuit, machine.plant.envelope).ideal is not None

@@ -1,0 +1,68 @@
+"""What the columns of an action mean: commands, scales and the mirrored ride."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bike_policy.contract.action import DRIVE, LEAN_REQUEST, MEANINGS, STEERING_SET_VALUE, ActionColumn, ActionLayout
+
+SUPERBIKE = ActionLayout((ActionColumn(LEAN_REQUEST), ActionColumn(DRIVE, 0.8)))
+LAYOUTS = (ActionLayout.steering(math.radians(70.0)), SUPERBIKE, ActionLayout(SUPERBIKE.columns[::-1]))
+finite = st.floats(-1.0, 1.0)
+
+
+def test_columns_drive_the_commands_that_they_name():
+    assert SUPERBIKE.to_command([0.5, -0.5], 1.2) == (0.5, -0.4)
+    assert ActionLayout(SUPERBIKE.columns[::-1]).to_command([-0.5, 0.5], 1.2) == (0.5, -0.4)
+    assert ActionLayout((ActionColumn(DRIVE),)).to_command([0.3], 1.2) == (0.0, 0.3)
+    assert ActionLayout.steering(0.6).to_command([0.5], 1.2) == (0.25, 0.0)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: "+".join(layout.names))
+@given(data=st.data())
+def test_the_mirrored_action_steers_the_other_way_and_drives_the_same(layout, data):
+    action = np.array(data.draw(st.lists(finite, min_size=layout.size, max_size=layout.size)))
+    steering, throttle = layout.to_command(action, 1.2)
+    assert layout.to_command(action * layout.mirror_signs, 1.2) == (-steering, throttle)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: "+".join(layout.names))
+def test_many_actions_become_the_commands_that_each_of_them_would(layout):
+    actions = np.random.default_rng(0).uniform(-1.5, 1.5, (500, layout.size)).astype("f4")
+    commands = layout.to_commands(actions, 1.2)
+    np.testing.assert_array_equal(commands, [layout.to_command(action, 1.2) for action in actions])
+    assert np.abs(commands).max() == 1.0
+
+
+@pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: "+".join(layout.names))
+def test_card_round_trip(layout):
+    assert ActionLayout.from_card(layout.to_card()) == layout
+
+
+@pytest.mark.parametrize(
+    ("card", "message"),
+    [
+        ({}, "must hold max_steer and meaning, or columns"),
+        ({"columns": "steering"}, "must hold max_steer and meaning, or columns"),
+        ({"columns": [{"meaning": DRIVE}]}, "must hold meaning and scale"),
+        ({"columns": [{"meaning": "levitate", "scale": 1.0}]}, "unknown action meaning 'levitate'"),
+        ({"columns": [{"meaning": DRIVE, "scale": math.nan}]}, "must be positive and finite, got nan"),
+        ({"columns": []}, "one column for each command"),
+        (
+            {"columns": [{"meaning": name, "scale": 1.0} for name in (STEERING_SET_VALUE, LEAN_REQUEST)]},
+            "one column for each command",
+        ),
+    ],
+)
+def test_foreign_cards_are_refused_by_name(card, message):
+    with pytest.raises(ValueError, match=message):
+        ActionLayout.from_card(card)
+
+
+def test_every_meaning_has_a_command_and_a_sign():
+    assert {command for command, _ in MEANINGS.values()} == {"steering", "throttle"}
+    assert {name: sign for name, (command, sign) in MEANINGS.items() if command == "throttle"} == {DRIVE: 1.0}
+    assert {sign for command, sign in MEANINGS.values() if command == "steering"} == {-1.0}
