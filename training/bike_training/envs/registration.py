@@ -11,7 +11,7 @@ IDS: Final = {"bike_training/Whipple-v0": "bike_training.envs.env:BikeEnv"}
 
 
 def register() -> None:
-    """Register the ids, unless they are: Gymnasium calls this through its group of entry points."""
+    """Register the ids, unless they are. Gymnasium 1 looks for no plug-ins, so an import has to do it."""
     for name, place in IDS.items():
         if name not in gym.registry:
             gym.register(name, entry_point=place)
