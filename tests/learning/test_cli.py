@@ -12,8 +12,8 @@ from bike_policy.contract.observation import LEAN_LAYOUT
 from bike_sim.sim.simulator import Simulator
 from bike_training.cli import COMMANDS, main
 from bike_training.commands import train
-from bike_training.learning.presets import PRESETS
 from bike_training.envs.node_process import NodeLost
+from bike_training.learning.presets import PRESETS
 from bike_training.learning.run_settings import RunSettings
 
 

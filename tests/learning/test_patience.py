@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from bike_training.nodes.node_process import NodeProcess
+from bike_training.envs.node_process import NodeProcess
 from bike_training.envs.patience import Patience
 from bike_training.progress import way_bar
 

@@ -10,17 +10,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bike_sim.sim.request import begin
+from bike_sim.sim.batch import COMPILED_ENGINE
+from bike_sim.sim.beginning import begin
+from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.simulator import Simulator
-from bike_training.curricula.parts import TRANSITION_STEPS
+from bike_training.curricula.parts import TRANSITION_STEPS, PartsCurriculum
 from bike_training.envs.env import BikeEnv
+from bike_training.envs.node_process import NodeLost
 from bike_training.envs.vec_env import BatchVecEnv
+from bike_training.learning.callback import LearningCallback
 from bike_training.learning.learner import AveragedActor, actor_tensors, build_model
 from bike_training.learning.presets import FAST, PAPER
-from bike_training.learning.process import LearningProcess, _Callback
+from bike_training.learning.process import LearningProcess
 from bike_training.learning.run_settings import RunSettings
-from bike_training.learning.validation_rides import draw_requests
-from bike_training.envs.node_process import NodeLost
 from bike_training.tasks.path import TASKS
 
 TINY = {
@@ -31,12 +33,14 @@ TINY = {
     "updates": 2,
     "buffer_size": 5000,
 }
+COMPILED = SimulatorConfig(engine=COMPILED_ENGINE, time_step=0.01)
 STEPS = 1600
+CHECKPOINT_FILES = ["state.json", "tensors.safetensors", "replay.npz"]
 COMPILED_LEARNER = pytest.param("sbx", marks=pytest.mark.slow)
 
 
 def learner_settings(learner: str) -> RunSettings:
-    preset = replace(FAST, learner=learner, validate_every=400, **TINY)
+    preset = replace(FAST, learner=learner, curriculum=replace(FAST.curriculum, validate_every=400), **TINY)
     return RunSettings(preset, seed=3, checkpoint_every=10_000)
 
 
@@ -74,7 +78,6 @@ def open_files(folder: Path) -> list[str]:
     return [path for path in held if path.startswith(str(folder.resolve()))]
 
 
-@pytest.mark.slow
 @pytest.mark.slow
 def test_same_seed_same_run_and_other_seed_another(tmp_path):
     settings = learner_settings("sbx")
@@ -197,7 +200,8 @@ def test_neighbouring_seeds_share_no_ride(engine, tmp_path, monkeypatch):
     drawn = []
     for seed in (0, 1):
         process = tiny_process(tmp_path / str(seed), seed=seed, engine=engine)
-        requests = draw_requests(process.task, process._ranges(0), process.progress.rng)
+        progress = process.progress
+        requests = progress.curriculum.validation_requests(process.task.preview, progress.rng)
         drawn.append([request.seed for request in requests])
         drawn.append(drawn_seeds(process, monkeypatch, 100))
         assert len(drawn[-1]) > 2
@@ -231,32 +235,32 @@ def test_a_stored_actor_stays_as_it_was():
 
 def tiny_model():
     task = TASKS["lean"]
-    env = BatchVecEnv(1, task, PartsCurriculum().episodes(0), seed=0)
+    env = BatchVecEnv(1, task, PartsCurriculum().episodes(0), COMPILED, seed=0)
     return build_model(replace(FAST, learner="sb3", layers=(4,), buffer_size=10), task, env, seed=0)
 
 
 def test_a_full_episode_asks_for_a_validation_only_when_one_is_allowed(tmp_path):
     """After the wait and outside of a transition; one that came sooner is not remembered (Sects. 4.2 and 4.3)."""
     process = tiny_process(tmp_path)
-    callback = _Callback(process, None)
+    callback = LearningCallback(process, None)
     callback.init_callback(process.model)
-    every = process.settings.preset.validate_every
+    every = process.settings.preset.curriculum.validate_every
 
     def due_after_full_episode(step: int) -> bool:
         process.model.num_timesteps = step
         callback.locals = {"infos": [{}, {"TimeLimit.truncated": True}]}
         callback.on_step()
-        return callback._validation_is_due()
+        return callback.validation_is_due()
 
     def due_without(step: int) -> bool:
         callback.num_timesteps = step
-        return callback._validation_is_due()
+        return callback.validation_is_due()
 
     assert not due_after_full_episode(every - 2)
     assert not due_without(every + 2)
     assert due_after_full_episode(every + 4)
     assert not due_without(every + 6)
-    process.progress.curriculum.report(every + 4, [0.0])
+    process.progress.curriculum.validated(every + 4, [0.0])
     assert process.progress.curriculum.may_validate(3 * every)
     assert not due_after_full_episode(3 * every)
     assert not due_without(every + 4 + TRANSITION_STEPS)
@@ -266,7 +270,7 @@ def test_a_full_episode_asks_for_a_validation_only_when_one_is_allowed(tmp_path)
 
 def test_each_session_logs_episodes_in_a_table_of_its_own(tmp_path, monkeypatch):
     """With mean length and return of the episodes, on either engine; a resume keeps the table of the first session."""
-    monkeypatch.setattr("bike_training.learning.process.LOG_EVERY", 200)
+    monkeypatch.setattr("bike_training.learning.callback.LOG_EVERY", 200)
     for engine in ("whipple", "pybullet"):
         folder = tmp_path / engine
         process = tiny_process(folder, engine=engine)
@@ -322,7 +326,7 @@ def test_a_kill_between_the_renames_of_a_checkpoint_costs_nothing(survivor, tmp_
     assert sorted(path.name for path in tmp_path.glob("checkpoint*")) == ["checkpoint"]
 
 
-@pytest.mark.parametrize("name", ["state.pkl", "replay.npz", "model.zip"])
+@pytest.mark.parametrize("name", CHECKPOINT_FILES)
 def test_a_damaged_checkpoint_is_named(name, tmp_path):
     process = tiny_process(tmp_path)
     process.steps = 40
@@ -392,7 +396,6 @@ def test_all_is_closed_when_the_last_checkpoint_cannot_be_written(broken, tmp_pa
     with pytest.raises(OSError, match="cannot close" if broken else "No space"):
         process.run(lambda p: p.validate() if p.model.num_timesteps == 10 else None)
     assert closed.count == 2
-    assert process._simulator is None
     assert not open_files(tmp_path)
 
 

@@ -22,8 +22,8 @@ from bike_sim.ros.isolation import DISCOVERY_VARIABLE, PROFILES_VARIABLE
 from bike_sim.ros.node_settings import SPECS, NodeSettings
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
-from bike_training.envs.ros_client import RosClient
 from bike_training.envs.node_process import NodeLost
+from bike_training.envs.ros_client import RosClient
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("compiled")]
 

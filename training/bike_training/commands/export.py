@@ -5,16 +5,16 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from bike_policy.contract.actor import Actor
 from bike_policy.contract.bundle import Bundle
 from bike_sim.vehicles.files import load_vehicle
-from bike_training.learning.checkpoint import load_process_state
+from bike_training.learning.checkpoint import Checkpoint
 from bike_training.learning.presets import Preset
-from bike_training.learning.progress import Progress
+from bike_training.learning.progress import stored_actor
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -22,55 +22,58 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.epilog = "example:\n  bike export runs/a --name mine && bike evaluate runs/a/policy"
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("run", type=Path, help="folder of a run of bike train")
-    parser.add_argument("--name", default="whipple", help="name of the policy (default: %(default)s)")
+    parser.add_argument("--name", help="name of the policy (default: that of the vehicle)")
     parser.add_argument("--out", type=Path, help="folder of the bundle (default: RUN/policy)")
     parser.add_argument(
         "--which",
         choices=["best", "success", "last"],
         default="best",
-        help="the best on the rides that actors are compared on, the most recent one that passed every ride of a "
-        "validation (as the paper does), or the last one (default: %(default)s)",
+        help="the best on the rides that actors are compared on (success where none was compared yet), the most recent "
+        "one that passed every ride of a validation (as the paper does), or the last one (default: %(default)s)",
     )
     parser.add_argument("--evaluation", type=Path, help="evaluation.json whose summary goes into the card")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Write the bundle."""
-    progress: Progress = load_process_state(args.run)["progress"]
-    summary = _read_table(args.run / "run.json", ("preset", "steps"))
-    actor = _choose(progress, args.which)
+    checkpoint = Checkpoint(args.run)
+    summary = _read_table(args.run / "run.json", ("vehicle", "preset", "steps"))
+    with checkpoint.reading():
+        actor, which, step = _choose(checkpoint.run["progress"], args.which, summary["steps"])
     if actor is None:
         advice = "" if args.which == "last" else ", or export --which last"
         raise ValueError(f"{args.run}: there is no {args.which!r} actor yet; train longer{advice}")
-    vehicle = load_vehicle("whipple")
-    task = Preset.from_card(summary["preset"]).make_task()
+    vehicle = load_vehicle(summary["vehicle"])
+    task = Preset.from_card(summary["preset"]).task.make()
+    name = args.name or vehicle.name
     bundle = Bundle(
-        name=args.name,
+        name=name,
         actor=actor,
         layout=task.layout,
         action=task.action,
         vehicle=vehicle.name,
         control_period=vehicle.control_period,
-        training={**summary, "actor": args.which, "exported": time.strftime("%Y-%m-%d")},
+        training={**summary, "actor": which, "actor_step": step, "exported": time.strftime("%Y-%m-%d")},
         results=_results(args.evaluation),
     )
     out = args.out or args.run / "policy"
     bundle.save(out)
     if not args.json:
-        print(f"policy {args.name} written to {out}")
+        print(f"policy {name} written to {out}: the {which!r} actor, of step {step}")
     return {
         "schema": "bike.export/1",
         "ok": True,
-        "figures": {"out": str(out), "name": args.name, "steps": summary["steps"]},
+        "figures": {"out": str(out), "name": name, "steps": summary["steps"], "actor": which, "actor_step": step},
     }
 
 
-def _choose(progress: Progress, which: str) -> Actor | None:
-    if which == "best":
-        return progress.best or progress.latest_success
-    if which == "success":
-        return progress.latest_success
-    return progress.averaged.actor() if progress.averaged.count else None  # none before learning began
+def _choose(progress: Mapping[str, Any], which: str, steps: int) -> tuple[Actor | None, str, int]:
+    """Return an actor of a stored progress, which one it is, and the learning step that it is of."""
+    if which == "best" and progress["best"] is not None:
+        return stored_actor(progress, "best"), "best", progress["best_step"]
+    if which in ("best", "success"):
+        return stored_actor(progress, "latest_success"), "success", progress["success_step"]
+    return stored_actor(progress, "averaged"), "last", steps  # none before learning began
 
 
 def _results(path: Path | None) -> dict[str, Any]:

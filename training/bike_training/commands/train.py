@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 import argparse
-import json
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
 from tqdm import tqdm
 
+from bike_sim.physics.engine import ENGINE_KINDS
+from bike_sim.sim.batch import COMPILED_ENGINE
 from bike_training.envs.clients import CLIENT_KINDS
-from bike_training.envs.node_process import NodeLost
-from bike_training.learning.checkpoint import find_checkpoint, write_whole
+from bike_training.learning import run as learning
 from bike_training.learning.presets import PRESETS
 from bike_training.learning.process import LearningProcess
 from bike_training.learning.run_settings import COMPILED_TIME_STEP, RunSettings
 
-SETTINGS_FILE: Final = "settings.json"
 DEFAULT_PRESET: Final = "fast"
 DEFAULT_SIMULATORS: Final = 2
 RECORD_EVERY: Final = 10
-ENGINES: Final = {"local": "whipple", "ros": "pybullet"}
+ENGINES: Final = {"local": COMPILED_ENGINE, "ros": "pybullet"}
 """Engine behind a client where none is asked for."""
 
 EXAMPLES = """examples:
@@ -39,7 +37,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.epilog = EXAMPLES
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("vehicle", choices=["whipple"], help="what to train")
+    parser.add_argument("vehicle", help="what to train: name of a shipped bicycle, or path of a vehicle's file")
     parser.add_argument("--out", type=Path, required=True, help="folder of the run")
     parser.add_argument("--preset", choices=sorted(PRESETS), help=f"settings (default: {DEFAULT_PRESET})")
     parser.add_argument(
@@ -47,7 +45,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--client", choices=CLIENT_KINDS, help="where the simulator is (default: local)")
     parser.add_argument(
-        "--engine", choices=["whipple", "pybullet"], help="default: whipple locally, pybullet through ROS"
+        "--engine",
+        choices=ENGINE_KINDS,
+        help=f"default: {ENGINES['local']} locally, {ENGINES['ros']} through ROS",
     )
     parser.add_argument(
         "--time-step",
@@ -82,34 +82,17 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Learn and return what came of it; not ok when interrupted."""
     settings = _with_simulator(_resumed_settings(args) if args.resume else _new_settings(args), args)
-    steps = settings.preset.steps
-    try:
-        with closing(LearningProcess(settings, args.out, steps, resume=args.resume)) as process:
-            _store(settings, args.out)  # only now: nothing stays of a run that cannot be
-            interrupted = _learn(process, steps)
-    except NodeLost as error:
-        if find_checkpoint(args.out) is None:
-            raise
-        raise NodeLost(f"{error}; go on from the checkpoint in {args.out} with --resume") from error
-    figures = process.summary() | {"interrupted": interrupted, "out": str(args.out)}
+    with tqdm(total=settings.preset.steps, unit="step", smoothing=0.05) as bar:
+        summary = learning.run(settings, args.out, lambda process: _show(bar, process), args.resume)
+    figures = summary | {"out": str(args.out)}
     if not args.json:
         _print(figures)
-    return {"schema": "bike.train/1", "ok": not interrupted, "figures": figures}
-
-
-def _learn(process: LearningProcess, steps: int) -> bool:
-    """Learn until the end and return whether that was an interruption."""
-    with tqdm(total=steps, initial=process.model.num_timesteps, unit="step", smoothing=0.05) as bar:
-        try:
-            process.run(lambda p: _show(bar, p))
-        except KeyboardInterrupt:
-            return True
-    return False
+    return {"schema": "bike.train/1", "ok": not summary["interrupted"], "figures": figures}
 
 
 def _new_settings(args: argparse.Namespace) -> RunSettings:
     preset = PRESETS[args.preset or DEFAULT_PRESET].override(dict(_split(pair) for pair in args.set))
-    settings = RunSettings(preset=preset, seed=args.seed or 0, record_every=RECORD_EVERY)
+    settings = RunSettings(preset, args.vehicle, args.seed or 0, record_every=RECORD_EVERY)
     return _with_choices(settings, args)
 
 
@@ -119,15 +102,9 @@ def _resumed_settings(args: argparse.Namespace) -> RunSettings:
     given = [option for option, value in fixed.items() if value is not None]
     if given:
         raise ValueError(f"a resumed run keeps what it began with: leave out {', '.join(given)}, or begin another run")
-    path = args.out / SETTINGS_FILE
-    if not path.is_file():
-        raise FileNotFoundError(f"{args.out} holds no run to resume ({path.name} is missing)")
-    try:
-        settings = RunSettings.from_json(json.loads(path.read_text(encoding="utf-8")))
-    except ValueError as error:
-        raise ValueError(
-            f"{path} cannot be read ({error}); it is damaged, or another version of this software wrote it"
-        ) from error
+    settings = learning.stored_settings(args.out)
+    if args.vehicle != settings.vehicle:
+        raise ValueError(f"{args.out} holds a run of vehicle {settings.vehicle!r}, not of {args.vehicle!r}")
     return _with_choices(settings, args)
 
 
@@ -138,10 +115,6 @@ def _with_choices(settings: RunSettings, args: argparse.Namespace) -> RunSetting
     names = ("checkpoint_every", "record_every", "until_finished")
     given = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
     return replace(settings, **given)
-
-
-def _store(settings: RunSettings, out: Path) -> None:
-    write_whole(out / SETTINGS_FILE, json.dumps(settings.to_json(), indent=1))
 
 
 def _with_simulator(settings: RunSettings, args: argparse.Namespace) -> RunSettings:
@@ -180,8 +153,10 @@ def _split(pair: str) -> tuple[str, str]:
 
 def _show(bar: tqdm[Any], process: LearningProcess) -> None:
     progress = process.progress
+    if not bar.n:  # steps of earlier sessions were not made in this one's time
+        bar.initial = bar.n = bar.last_print_n = process.model.num_timesteps
     bar.set_postfix_str(
-        f"part {min(progress.curriculum.part, 4)}{' done' if progress.curriculum.finished else ''}, "
+        f"{'curriculum done' if progress.curriculum.finished else f'part {progress.curriculum.part}'}, "
         f"validation {progress.recent_error_m:.3f} m",
         refresh=False,
     )

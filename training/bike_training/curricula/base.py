@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -27,6 +27,16 @@ class Curriculum(Protocol):
     """Decides which episodes are drawn as learning goes on."""
 
     @property
+    def part(self) -> int:
+        """Number of the present part, from 1; always 1 where there are none."""
+        ...
+
+    @property
+    def finished_at(self) -> int | None:
+        """Learning step at which all was passed that it has to teach, or None."""
+        ...
+
+    @property
     def finished(self) -> bool:
         """Whether all that it has to teach has been passed."""
         ...
@@ -39,8 +49,21 @@ class Curriculum(Protocol):
         """Tell whether a validation means something at a learning step."""
         ...
 
-    def validation(self) -> Episodes:
-        """Return where the rides of a validation are drawn from."""
+    def validation_requests(self, preview: Preview, rng: np.random.Generator) -> list[ResetRequest]:
+        """Draw the rides of one validation.
+
+        Args:
+            preview: what the task needs to see of the course.
+            rng: draws.
+        """
+        ...
+
+    def selection_requests(self, preview: Preview) -> list[ResetRequest]:
+        """Return the rides that actors are compared on: always the same, and none that a validation draws."""
+        ...
+
+    def passes(self, errors: Sequence[float]) -> bool:
+        """Tell whether a validation with these errors was fully successful."""
         ...
 
     def ended(self, context: Sequence[float], total: float, steps: int) -> None:
@@ -55,4 +78,12 @@ class Curriculum(Protocol):
 
     def validated(self, step: int, errors: Sequence[float]) -> bool:
         """Take the errors of a validation; return whether a part was passed with it."""
+        ...
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return where it stands, as plain values and arrays."""
+        ...
+
+    def restore(self, stored: dict[str, Any]) -> None:
+        """Go on from where :meth:`state_dict` was taken."""
         ...

@@ -6,14 +6,14 @@ Source: Weyrer et al. (2026), Sects. 4.2 and 4.3, Table 4, Fig. 7.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from typing import Final
+from dataclasses import dataclass, fields, replace
+from typing import Any, Final
 
 import numpy as np
 
 from bike_sim.course.random_paths import CURRICULUM_PATHS, PathRanges
 from bike_sim.sim.request import Preview, ResetRequest
-from bike_training.tasks.path import DISTANCE_THRESHOLD, VALIDATION_THRESHOLD
+from bike_training.tasks.path import DISTANCE_THRESHOLD, VALIDATION_DURATION, VALIDATION_THRESHOLD
 
 SPEED_RANGES: Final = ((4.0, 4.0), (2.0, 7.0), (2.0, 7.0), (2.0, 7.0))
 """Forward speed of the four parts, m/s (Table 4)."""
@@ -22,10 +22,13 @@ TRANSITION_STEPS: Final = 10_000
 """n_dec: learning steps over which the intervals grow into those of the next part."""
 
 VALIDATION_RIDES: Final = 10
-VALIDATION_DURATION: Final = 30.0
-"""Rides of a validation and their duration, s (Sect. 4.2)."""
+"""Rides of a validation (Sect. 4.2)."""
 
 PARTS: Final = 4
+
+SELECTION_RIDES_PER_SPEED: Final = 5
+SELECTION_SEED: Final = 2**32
+"""Rides at each of 21 speeds that actors are compared on, and the seed of the first; training draws below 2**31."""
 
 
 @dataclass(frozen=True)
@@ -114,12 +117,44 @@ class PartsCurriculum:
         part = min(self.part, PARTS)
         return RideRanges(SPEED_RANGES[part - 1], CURRICULUM_PATHS[part - 1])
 
-    def validated(self, step: int, errors: Sequence[float]) -> bool:
-        """Take the errors e_i of a validation and return whether a part was passed.
+    def validation_requests(self, preview: Preview, rng: np.random.Generator) -> list[ResetRequest]:
+        """Draw the ten rides of a validation, on paths that are long enough for all of a ride."""
+        episodes = self.validation()
+        drawn = [episodes.draw(rng, preview) for _ in range(VALIDATION_RIDES)]
+        return [replace(request, path_length=1.2 * VALIDATION_DURATION * request.speed_range[1]) for request in drawn]
 
-        A validation is fully successful when every ride's error is at most eta_e (Eq. 13).
+    def selection_requests(self, preview: Preview) -> list[ResetRequest]:
+        """Return the rides that actors are compared on: always the same, on random paths of the last part.
+
+        They are drawn from seeds that no training run reaches by counting, and the benchmark path is not among them.
         """
-        if self.finished or max(errors) > VALIDATION_THRESHOLD / DISTANCE_THRESHOLD:
+        speeds = np.tile(np.linspace(*SPEED_RANGES[-1], 21), SELECTION_RIDES_PER_SPEED).tolist()
+        return [
+            ResetRequest(
+                seed=SELECTION_SEED + number,
+                speed_range=(speed, speed),
+                path_ranges=CURRICULUM_PATHS[-1],
+                path_length=1.2 * VALIDATION_DURATION * speed + 20.0,
+                preview=preview,
+            )
+            for number, speed in enumerate(speeds)
+        ]
+
+    def passes(self, errors: Sequence[float]) -> bool:
+        """Tell whether a validation was fully successful: every ride's error e_i is at most eta_e (Eq. 13)."""
+        return max(errors) <= VALIDATION_THRESHOLD / DISTANCE_THRESHOLD
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return where it stands as plain values."""
+        return {"part": self.part, "entered_at": self.entered_at, "finished_at": self.finished_at}
+
+    def restore(self, stored: dict[str, Any]) -> None:
+        """Go on from where :meth:`state_dict` was taken."""
+        self.part, self.entered_at, self.finished_at = stored["part"], stored["entered_at"], stored["finished_at"]
+
+    def validated(self, step: int, errors: Sequence[float]) -> bool:
+        """Take the errors e_i of a validation and return whether a part was passed."""
+        if self.finished or not self.passes(errors):
             return False
         self.part += 1
         self.entered_at = step

@@ -97,9 +97,33 @@ class BatchVecEnv(VecEnv):
         """Tell somebody of the rides of the first vehicle from now on, or nobody."""
         self.watch = watch
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave the watch out of checkpoints."""
-        return {name: value for name, value in self.__dict__.items() if name != "watch"}
+    def state_dict(self) -> dict[str, Any] | None:
+        """Return all that :meth:`restore` needs, as plain values and arrays; None where rides cannot be taken up."""
+        batch = self.batch.state_dict()
+        if batch is None:
+            return None
+        return {
+            "batch": batch,
+            "rng": self.rng.bit_generator.state,
+            "steps": self.steps.copy(),
+            "full_episodes": self.full_episodes.copy(),
+            "returns": self.returns.copy(),
+            "contexts": [list(context) for context in self._contexts],
+        }
+
+    def restore(self, stored: dict[str, Any]) -> None:
+        """Go on with the episodes that :meth:`state_dict` was taken of, bit for bit; nobody watches them.
+
+        Raises:
+            ValueError: episodes of another number of vehicles, or of rides that cannot be taken up.
+        """
+        self.batch.restore(stored["batch"])
+        self.rng = np.random.default_rng()
+        self.rng.bit_generator.state = stored["rng"]
+        for name in ("steps", "full_episodes", "returns"):
+            getattr(self, name)[...] = stored[name]
+        self._contexts = [tuple(context) for context in stored["contexts"]]
+        self._reset_seeds()
 
     def reset(self) -> NDArray[np.float32]:
         """Begin a new ride of every vehicle and return the observations, shape (n, layout size).

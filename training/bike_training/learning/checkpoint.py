@@ -1,15 +1,13 @@
-"""Checkpoints of a learning process: everything that lets it go on as if it had not stopped.
+"""Checkpoints of a learning run: everything that lets it go on as if it had not stopped.
 
 A checkpoint is written beside the last one and then takes its place, so that a kill costs nothing, whenever it comes.
-It holds pickles and is meant for the machine that made it; policies are shipped as bundles instead.
+It holds numbers only, as JSON, safetensors and NumPy arrays without pickle: reading one runs no code of its maker.
 """
 
 from __future__ import annotations
 
 import csv
 import io
-import pickle
-import random
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,26 +15,29 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import torch
-from stable_baselines3 import SAC
 from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
-from stable_baselines3.common.vec_env import VecEnv
+
+from bike_training.learning.learner_state import learner_state, restore_learner
+from bike_training.learning.stored_tree import read_plain, with_tensors, write_tree
 
 CHECKPOINT: Final = "checkpoint"
+FORMAT: Final = "bike.checkpoint/1"
 _FRESH, _OLD = f"{CHECKPOINT}.new", f"{CHECKPOINT}.old"
-_STATE: Final = "state.pkl"
-"""Written last: where it is, the checkpoint is whole."""
+_STATE, _TENSORS, _REPLAY = "state.json", "tensors.safetensors", "replay.npz"
+"""The state is written last: where it is, the checkpoint is whole."""
+_PICKLED: Final = "state.pkl"
+"""What checkpoints of earlier versions have in its place."""
 _ARRAYS: Final = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 
 
-def save_checkpoint(folder: Path, model: OffPolicyAlgorithm, process_state: dict[str, Any]) -> None:
+def save_checkpoint(folder: Path, model: OffPolicyAlgorithm, run_state: dict[str, Any]) -> None:
     """Write a checkpoint into ``folder/checkpoint``.
 
     Args:
         folder: folder of the run.
         model: the learner.
-        process_state: whatever else the process must remember; it is pickled.
+        run_state: whatever else the run must remember, as plain values and arrays.
     """
     current, fresh, old = (folder / name for name in (CHECKPOINT, _FRESH, _OLD))
     standing = find_checkpoint(folder)
@@ -44,19 +45,9 @@ def save_checkpoint(folder: Path, model: OffPolicyAlgorithm, process_state: dict
         standing.rename(current)  # a kill came between the two renames below
     shutil.rmtree(fresh, ignore_errors=True)
     fresh.mkdir(parents=True)
-    model.save(fresh / "model.zip")
-    _save_replay(fresh / "replay.npz", model.replay_buffer)
-    state = {
-        "process": process_state,
-        "random": random.getstate(),
-        "numpy": np.random.get_state(),
-        "torch": torch.get_rng_state(),
-        "action_space": model.action_space.np_random.bit_generator.state,
-        "jax_key": np.asarray(model.key) if hasattr(model, "key") else None,
-    }
-    unfinished = fresh / f"{_STATE}.part"
-    unfinished.write_bytes(pickle.dumps(state))
-    unfinished.rename(fresh / _STATE)
+    _save_replay(fresh / _REPLAY, model.replay_buffer)
+    state = {"format": FORMAT, "run": run_state, "learner": learner_state(model)}
+    write_tree(state, fresh / _STATE, fresh / _TENSORS)
     shutil.rmtree(old, ignore_errors=True)
     if current.exists():
         current.rename(old)
@@ -72,52 +63,51 @@ def find_checkpoint(folder: Path) -> Path | None:
 
 def holds_run(folder: Path) -> bool:
     """Tell whether a folder holds a run that can go on, or what is left of one that did."""
-    return find_checkpoint(folder) is not None or (folder / "run.json").exists()
+    pickled = (folder / CHECKPOINT / _PICKLED).exists()
+    return pickled or find_checkpoint(folder) is not None or (folder / "run.json").exists()
 
 
-def load_process_state(folder: Path) -> dict[str, Any]:
-    """Return what :func:`save_checkpoint` was given as process state.
+class Checkpoint:
+    """A checkpoint that has been read.
 
-    Raises:
-        FileNotFoundError: there is no checkpoint.
-        ValueError: it is damaged.
+    Attributes:
+        run: what :func:`save_checkpoint` was given as the state of the run.
     """
-    process: dict[str, Any] = _read_state(_present(folder))["process"]
-    return process
 
+    def __init__(self, folder: Path) -> None:
+        """Read the checkpoint of a run.
 
-def load_model(folder: Path, env: VecEnv) -> OffPolicyAlgorithm:
-    """Load the learner of a checkpoint and restore all random generators.
+        Raises:
+            FileNotFoundError: there is none.
+            ValueError: it is damaged, or another version of this software wrote it.
+        """
+        self._folder = _present(folder)
+        with _readable(self._folder / _STATE) as path:
+            plain = read_plain(path)
+            if plain.get("format") != FORMAT:
+                raise ValueError(f"its format is {plain.get('format')!r} and not {FORMAT}")
+        with _readable(self._folder / _TENSORS) as path:
+            state = with_tensors(plain, path)
+        with self.reading():
+            self.run: dict[str, Any] = state["run"]
+            self._learner: dict[str, Any] = state["learner"]
 
-    Args:
-        folder: folder of the run.
-        env: the environment that goes on.
+    def restore(self, model: OffPolicyAlgorithm) -> None:
+        """Let a new learner of the same settings go on from here, random generators of the process included.
 
-    Raises:
-        FileNotFoundError: there is no checkpoint.
-        ValueError: it is damaged, or of another task.
-    """
-    checkpoint = _present(folder)
-    state = _read_state(checkpoint)
-    path = checkpoint / "model.zip"
-    with _readable(path):
-        if state["jax_key"] is None:
-            model: Any = SAC.load(path, env=env, device="cpu", force_reset=False)
-        else:
-            from sbx import SAC as JaxSAC
+        Raises:
+            ValueError: it is damaged, or of another task.
+        """
+        with _readable(self._folder / _REPLAY) as path:
+            _load_replay(path, model.replay_buffer)
+        with self.reading():
+            restore_learner(model, self._learner)
 
-            model = JaxSAC.load(path, env=env, force_reset=False)
-            import jax.numpy as jnp
-
-            model.key = jnp.asarray(state["jax_key"])
-    with _readable(checkpoint / "replay.npz") as replay:
-        _load_replay(replay, model.replay_buffer)
-    random.setstate(state["random"])
-    np.random.set_state(state["numpy"])
-    torch.set_rng_state(state["torch"])
-    model.action_space.np_random.bit_generator.state = state["action_space"]
-    loaded: OffPolicyAlgorithm = model
-    return loaded
+    @contextmanager
+    def reading(self) -> Iterator[None]:
+        """Name this checkpoint in whatever goes wrong while the state of the run is taken over."""
+        with _readable(self._folder):
+            yield
 
 
 def drop_rows_after(path: Path, step: int) -> None:
@@ -146,31 +136,34 @@ def write_whole(path: Path, text: str) -> None:
 
 def _present(folder: Path) -> Path:
     checkpoint = find_checkpoint(folder)
-    if checkpoint is None:
-        raise FileNotFoundError(
-            f"{folder} holds no checkpoint ({folder / CHECKPOINT / _STATE} is missing); "
-            "a run that ended before its first one begins anew, without --resume"
+    if checkpoint is not None:
+        return checkpoint
+    pickled = folder / CHECKPOINT / _PICKLED
+    if pickled.exists():
+        raise ValueError(
+            f"{pickled.parent} was written by an earlier version, as a pickle, which could run code of its maker; it "
+            "is no longer read, so begin the run anew in another folder"
         )
-    return checkpoint
-
-
-def _read_state(checkpoint: Path) -> dict[str, Any]:
-    with _readable(checkpoint / _STATE) as path:
-        state: dict[str, Any] = pickle.loads(path.read_bytes())
-        return state
+    raise FileNotFoundError(
+        f"{folder} holds no checkpoint ({folder / CHECKPOINT / _STATE} is missing); "
+        "a run that ended before its first one begins anew, without --resume"
+    )
 
 
 @contextmanager
 def _readable(path: Path) -> Iterator[Path]:
     """Turn whatever a damaged file of a checkpoint raises while it is read into one clear error."""
+    if not (path.is_file() or path.is_dir()):  # a pipe would be waited for
+        raise ValueError(f"{path} cannot be read (it is missing, or no regular file); the checkpoint is damaged")
     try:
         yield path
     except OSError:
         raise  # names the file
     except Exception as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        reason = f"no entry {reason}" if isinstance(error, KeyError) else reason
         raise ValueError(
-            f"{path} cannot be read ({reason}); it is damaged, or another version of this software wrote it"
+            f"{path} cannot be read ({reason[:200]}); it is damaged, or another version of this software wrote it"
         ) from error
 
 
@@ -183,14 +176,14 @@ def _save_replay(path: Path, buffer: ReplayBuffer | None) -> None:
 
 def _load_replay(path: Path, buffer: ReplayBuffer | None) -> None:
     assert buffer is not None
-    with np.load(path) as stored:
+    with np.load(path, allow_pickle=False) as stored:
         if stored["rewards"].shape[1] == buffer.n_envs:
             for name in _ARRAYS:
                 getattr(buffer, name)[: len(stored[name])] = stored[name]
             buffer.pos = int(stored["pos"])
             buffer.full = bool(stored["full"])
             return
-        # Another number of bicycles: each transition stands for itself, so they may be dealt out anew.
+        # Another number of vehicles: each transition stands for itself, so they may be dealt out anew.
         rows = min(stored["rewards"].size // buffer.n_envs, buffer.buffer_size)
         for name in _ARRAYS:
             target = getattr(buffer, name)

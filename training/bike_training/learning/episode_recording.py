@@ -31,7 +31,7 @@ from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import Snapshot
-from bike_training.curricula.parts import VALIDATION_DURATION, RideRanges
+from bike_training.curricula.parts import RideRanges
 from bike_training.tasks.base import Task, has_failed, sum_of
 
 TOPICS: Final = {
@@ -222,7 +222,7 @@ def record_ride(
         request: how the ride begins.
         standing: where learning stands.
     """
-    steps = round(VALIDATION_DURATION / simulator.config.control_period)
+    steps = round(task.validation_duration / simulator.config.control_period)
     with _warning_of_disk(path):
         writer = EpisodeWriter(path, task, simulator, request, steps, "deterministic actor, in validation")
         with closing(writer):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from stable_baselines3.common.type_aliases import ReplayBufferSamples
 from stable_baselines3.common.vec_env import VecEnv
 
 from bike_policy.contract.actor import Actor
-from bike_training.learning.presets import Preset
+from bike_training.learning.algorithm import Algorithm
 from bike_training.tasks.base import Task
 
 
@@ -43,17 +44,17 @@ class MirrorReplayBuffer(ReplayBuffer):
         )
 
 
-def build_model(preset: Preset, task: Task, env: VecEnv, seed: int) -> OffPolicyAlgorithm:
-    """Make the learner of a preset.
+def build_model(algorithm: Algorithm, task: Task, env: VecEnv, seed: int) -> OffPolicyAlgorithm:
+    """Make a learner.
 
     Args:
-        preset: settings.
+        algorithm: its settings.
         task: what is learned.
         env: vector environment.
         seed: seed of networks and samples.
     """
     buffer: dict[str, Any] = {}
-    if preset.mirror:
+    if algorithm.mirror:
         buffer = {
             "replay_buffer_class": MirrorReplayBuffer,
             "replay_buffer_kwargs": {
@@ -63,36 +64,31 @@ def build_model(preset: Preset, task: Task, env: VecEnv, seed: int) -> OffPolicy
         }
     # One update a step is SB3's own pace; with many bicycles a step counts for all of them.
     common: dict[str, Any] = {
-        "learning_rate": _Schedule(preset.learning_rate, preset.final_learning_rate),
-        "buffer_size": preset.buffer_size,
-        "learning_starts": preset.learning_starts,
-        "batch_size": preset.batch_size,
-        "tau": preset.tau,
-        "gamma": preset.gamma,
+        "learning_rate": _linear(algorithm.learning_rate, algorithm.final_learning_rate),
+        "buffer_size": algorithm.buffer_size,
+        "learning_starts": algorithm.learning_starts,
+        "batch_size": algorithm.batch_size,
+        "tau": algorithm.tau,
+        "gamma": algorithm.gamma,
         "train_freq": 1,
-        "gradient_steps": preset.updates,
-        "target_entropy": preset.target_entropy,
-        "policy_kwargs": {"net_arch": list(preset.layers)},
+        "gradient_steps": algorithm.updates,
+        "target_entropy": algorithm.target_entropy,
+        "policy_kwargs": {"net_arch": list(algorithm.layers)},
         "seed": seed,
         **buffer,
     }
-    if preset.learner == "sb3":
+    if algorithm.learner == "sb3":
         torch.set_num_threads(1)
         return SAC("MlpPolicy", env, device="cpu", **common)
     from sbx import SAC as JaxSAC
 
-    common["policy_kwargs"]["layer_norm"] = preset.layer_norm
+    common["policy_kwargs"]["layer_norm"] = algorithm.layer_norm
     return JaxSAC("MlpPolicy", env, **common)
 
 
-class _Schedule:
-    """Learning rate that goes linearly from one value to another; a class because checkpoints must pickle it."""
-
-    def __init__(self, first: float, last: float) -> None:
-        self.first, self.last = first, last
-
-    def __call__(self, remaining: float) -> float:
-        return self.last + (self.first - self.last) * remaining
+def _linear(first: float, last: float) -> Callable[[float], float]:
+    """Return a learning rate that goes from one value to another as the remaining share goes from 1 to 0."""
+    return lambda remaining: last + (first - last) * remaining
 
 
 def actor_tensors(model: OffPolicyAlgorithm) -> tuple[list[NDArray[np.float32]], list[NDArray[np.float32]]]:
@@ -138,6 +134,17 @@ class AveragedActor:
         for mean, new in zip(self.weights + self.biases, weights + biases, strict=True):
             mean *= keep
             mean += (1.0 - keep) * new
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return all that :meth:`restore` needs, as plain values and arrays."""
+        return {"keep": self.keep, "count": self.count, "weights": self.weights, "biases": self.biases}
+
+    def restore(self, stored: Mapping[str, Any]) -> None:
+        """Go on from where :meth:`state_dict` was taken."""
+        self.keep, self.count = stored["keep"], stored["count"]
+        self.weights, self.biases = (
+            [np.array(part, dtype=np.float32) for part in stored[name]] for name in ("weights", "biases")
+        )
 
     def actor(self) -> Actor:
         """Return the averaged actor as it is now; later updates leave it alone."""

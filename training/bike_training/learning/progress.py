@@ -2,19 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from bike_policy.contract.actor import Actor
-from bike_training.curricula.parts import PartsCurriculum
+from bike_training.curricula.base import Curriculum
 from bike_training.learning.learner import AveragedActor
+
+_PLAIN: Final = (
+    "seconds",
+    "validated_at",
+    "validation_due",
+    "handled_at",
+    "validations",
+    "success_step",
+    "recent_error_m",
+    "best_error_m",
+    "best_step",
+    "selected_at",
+    "finished_after",
+    "stages",
+)
+_ACTORS: Final = ("latest_success", "best")
 
 
 @dataclass
 class Progress:
-    """What a process remembers beside learner and environment.
+    """What a run remembers beside learner and environment.
 
     Attributes:
         curriculum: where it stands.
@@ -26,14 +43,17 @@ class Progress:
         handled_at: learning step that was last averaged and validated, so that a resumed run does not do it twice.
         validations: number of validations.
         latest_success: most recent actor that passed all rides of a validation in the highest part so far.
-        recent_error_m: mean distance of the last validation, m.
+        success_step: learning step at which it did.
+        recent_error_m: mean error of the last validation, m.
         best: actor with the least selection error since the curriculum was finished.
         best_error_m: its selection error, m.
         best_step: learning step at which it was found.
         selected_at: learning step of the last comparison.
+        finished_after: time spent learning when the curriculum was finished, s, or None.
+        stages: where it rode: client, engine and first learning step of each.
     """
 
-    curriculum: PartsCurriculum
+    curriculum: Curriculum
     averaged: AveragedActor
     rng: np.random.Generator
     seconds: float = 0.0
@@ -48,7 +68,8 @@ class Progress:
     best_error_m: float = float("inf")
     best_step: int = 0
     selected_at: int = 0
-    extra: dict[str, Any] = field(default_factory=dict)
+    finished_after: float | None = None
+    stages: list[dict[str, Any]] = field(default_factory=list)
 
     def may_validate(self, step: int, every: int) -> bool:
         """Tell whether an episode that reaches its full length at a learning step asks for a validation.
@@ -61,3 +82,46 @@ class Progress:
             every: least learning steps between two validations.
         """
         return step - self.validated_at >= every and self.curriculum.may_validate(step)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return all that :meth:`restore` needs, as plain values and arrays."""
+        return {
+            **{name: getattr(self, name) for name in _PLAIN},
+            **{name: _tensors(getattr(self, name)) for name in _ACTORS},
+            "curriculum": self.curriculum.state_dict(),
+            "averaged": self.averaged.state_dict(),
+            "rng": self.rng.bit_generator.state,
+        }
+
+    def restore(self, stored: Mapping[str, Any]) -> None:
+        """Go on from where :meth:`state_dict` was taken.
+
+        Raises:
+            KeyError: an entry is missing. ValueError: an actor that is none.
+        """
+        for name in _PLAIN:
+            setattr(self, name, stored[name])
+        for name in _ACTORS:
+            setattr(self, name, stored_actor(stored, name))
+        self.curriculum.restore(stored["curriculum"])
+        self.averaged.restore(stored["averaged"])
+        self.rng.bit_generator.state = stored["rng"]
+
+
+def _tensors(actor: Actor | None) -> dict[str, Any] | None:
+    return None if actor is None else dict(actor.tensors())
+
+
+def stored_actor(stored: Mapping[str, Any], name: str) -> Actor | None:
+    """Return an actor of a stored progress, or None if there was none yet.
+
+    Args:
+        stored: what :meth:`Progress.state_dict` returned.
+        name: ``best``, ``latest_success``, or ``averaged`` for the one that would be deployed without a comparison.
+    """
+    if name == "averaged":
+        averaged = AveragedActor(0.0)
+        averaged.restore(stored["averaged"])
+        return averaged.actor() if averaged.count else None
+    tensors = stored[name]
+    return None if tensors is None else Actor.from_tensors(tensors)

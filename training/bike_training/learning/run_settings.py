@@ -8,9 +8,13 @@ from typing import Any, Final
 
 import numpy as np
 
+from bike_sim.physics.engine import ENGINE_KINDS
+from bike_sim.sim.batch import COMPILED_ENGINE
 from bike_sim.sim.config import SimulatorConfig
 from bike_training.envs.clients import CLIENT_KINDS
-from bike_training.learning.presets import LARGEST_SEED, Preset, check_entries
+from bike_training.learning.algorithm import LARGEST_SEED
+from bike_training.learning.presets import Preset
+from bike_training.learning.setting_records import check_entries
 
 COMPILED_TIME_STEP: Final = 0.01
 """Integration step of the compiled engine in training, s; its error there is below 1e-6 in every state."""
@@ -24,10 +28,11 @@ class RunSettings:
     """What a run is, beside its preset.
 
     Attributes:
-        preset: settings of the learner and the task.
+        preset: settings of the learner, the task and the curriculum.
+        vehicle: name of a shipped vehicle, or path of its file.
         seed: seed of everything.
         client: ``local`` or ``ros``.
-        engine: ``whipple`` or ``pybullet``.
+        engine: a kind of :func:`bike_sim.physics.engine.make_engine`.
         time_step: integration step of a simulator, s; the compiled batch uses COMPILED_TIME_STEP.
         checkpoint_every: learning steps between checkpoints.
         record_every: validations between recorded rides; 0 records none.
@@ -35,9 +40,10 @@ class RunSettings:
     """
 
     preset: Preset
+    vehicle: str = "whipple"
     seed: int = 0
     client: str = "local"
-    engine: str = "whipple"
+    engine: str = COMPILED_ENGINE
     time_step: float = 0.005
     checkpoint_every: int = 50_000
     record_every: int = 0
@@ -53,8 +59,8 @@ class RunSettings:
             raise ValueError(f"seed must be 0 to {LARGEST_SEED}, got {self.seed}")
         if self.client not in CLIENT_KINDS:
             raise ValueError(f"client must be one of {', '.join(CLIENT_KINDS)}, got {self.client!r}")
-        if self.engine not in ("whipple", "pybullet"):
-            raise ValueError(f"engine must be whipple or pybullet, got {self.engine!r}")
+        if self.engine not in ENGINE_KINDS:
+            raise ValueError(f"engine must be one of {', '.join(ENGINE_KINDS)}, got {self.engine!r}")
         if not (math.isfinite(self.time_step) and self.time_step > 0.0):
             raise ValueError(f"time_step must be positive and finite, got {self.time_step!r} s")
         if self.checkpoint_every < 1:
@@ -78,18 +84,18 @@ class RunSettings:
 
     @property
     def compiled(self) -> bool:
-        """Whether all bicycles are stepped by one compiled loop in this process."""
-        return self.client == "local" and self.engine == "whipple"
+        """Whether all vehicles are stepped by one compiled loop in this process."""
+        return self.client == "local" and self.engine == COMPILED_ENGINE
 
     def simulator(self) -> SimulatorConfig:
         """Return the configuration of a simulator that rides as the environments do."""
         if self.compiled:
             return self.compiled_simulator()
-        return SimulatorConfig(engine=self.engine, time_step=self.time_step)
+        return SimulatorConfig(self.vehicle, self.engine, self.time_step)
 
     def compiled_simulator(self) -> SimulatorConfig:
         """Return the configuration of the compiled engine, on which actors are compared wherever they learn."""
-        return SimulatorConfig(engine="whipple", time_step=COMPILED_TIME_STEP)
+        return SimulatorConfig(self.vehicle, COMPILED_ENGINE, COMPILED_TIME_STEP)
 
 
 def draws(seed: int, branch: int, step: int = 0) -> np.random.SeedSequence:

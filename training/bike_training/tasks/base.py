@@ -58,6 +58,25 @@ class Task(Protocol):
         """Return how far one or many rides are from what is wanted, m."""
         ...
 
+    @property
+    def validation_duration(self) -> float:
+        """Duration of a validation ride, s."""
+        ...
+
+    @property
+    def largest_error(self) -> float:
+        """The error that a failed ride counts as, m; errors of validation rides are parts of it."""
+        ...
+
+    def validation_error(self, errors: FloatArray, succeeded: bool) -> float:
+        """Return the error of one validation ride, as a part of :attr:`largest_error`.
+
+        Args:
+            errors: at each step of the ride, m.
+            succeeded: whether it did not fail.
+        """
+        ...
+
     def to_card(self) -> dict[str, Any]:
         """Return plain values for recordings."""
         ...

@@ -26,6 +26,8 @@ ROLL_THRESHOLD: Final = math.radians(45.0)
 """eta_phi, rad."""
 VALIDATION_THRESHOLD: Final = 0.2
 """Mean distance of a successful validation ride, m (eta_e times eta_y, Eq. 13)."""
+VALIDATION_DURATION: Final = 30.0
+"""Duration of a validation ride, s (Sect. 4.2)."""
 
 
 def _path_linear(task: PathTask, distance: FloatArray, roll: FloatArray) -> FloatArray:
@@ -126,6 +128,20 @@ class PathTask:
         """Return where a ride has failed: too far from the path or fallen (Sect. 4). NaN has failed."""
         rear, roll = np.abs(blocks.look[..., lk.LATERAL_ERROR]), np.abs(blocks.state[..., ROLL])
         return ~(np.less_equal(rear, DISTANCE_THRESHOLD) & np.less_equal(roll, ROLL_THRESHOLD)) | blocks.fallen
+
+    @property
+    def validation_duration(self) -> float:
+        """Duration of a validation ride, s."""
+        return VALIDATION_DURATION
+
+    @property
+    def largest_error(self) -> float:
+        """The distance that a failed ride counts as, m."""
+        return DISTANCE_THRESHOLD
+
+    def validation_error(self, errors: FloatArray, succeeded: bool) -> float:
+        """Return e_i; see :func:`validation_error`."""
+        return validation_error(errors, succeeded)
 
     def to_card(self) -> dict[str, Any]:
         """Return plain values for recordings."""

@@ -5,7 +5,7 @@ Courses are shared by index: a row refers to a course, and rows on the same cour
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 import numpy as np
 from numba import njit
@@ -27,6 +27,9 @@ from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.bicycle import Vehicle
 
 FloatArray = NDArray[np.float64]
+
+COMPILED_ENGINE: Final = "whipple"
+"""The engine that steps all vehicles of a batch in one compiled loop."""
 
 
 class Batch(Protocol):
@@ -70,6 +73,18 @@ class Batch(Protocol):
 
     def step(self, commands: FloatArray) -> None:
         """Hold steering and throttle in [-1, 1], shape (n, 2), for a control period."""
+        ...
+
+    def state_dict(self) -> dict[str, Any] | None:
+        """Return all that :meth:`restore` needs, as plain values and arrays; None where rides cannot be taken up."""
+        ...
+
+    def restore(self, stored: dict[str, Any]) -> None:
+        """Go on with the rides that :meth:`state_dict` was taken of, bit for bit.
+
+        Raises:
+            ValueError: rides of another number of vehicles, or of an engine whose rides cannot be taken up.
+        """
         ...
 
     def close(self) -> None:
@@ -138,7 +153,7 @@ class CompiledBatch:
 
         Args:
             count: number of bicycles.
-            config: vehicle and steps; the engine must be ``"whipple"``.
+            config: vehicle and steps; the engine must be COMPILED_ENGINE.
             preview: what they see of the path.
 
         Raises:
@@ -147,7 +162,7 @@ class CompiledBatch:
         self.count, self.preview = count, preview
         self._plant = make_plant(config)
         if not isinstance(getattr(self._plant, "engine", None), WhippleEngine):
-            raise ValueError(f"a compiled batch needs engine 'whipple', got {config.engine!r}")
+            raise ValueError(f"a compiled batch needs a bicycle and engine {COMPILED_ENGINE!r}, got {config!r}")
         self.time_step, self.substeps = config.time_step, config.substeps
         self.state = np.zeros((count, STATE_SIZE))
         self.lying = np.zeros(count, dtype=np.bool_)
@@ -157,6 +172,7 @@ class CompiledBatch:
         self._courses = Courses()
         # One place a row at most: a row on a course of its own takes its own place, shared ones take that of the first.
         self._rows: list[Course | None] = [None] * count
+        self._requests: list[ResetRequest | None] = [None] * count
         self._tables = List([np.zeros((4, 2)) for _ in range(count)])
         self._course_of = np.arange(count)
         self._spacings = np.ones(count)
@@ -196,6 +212,7 @@ class CompiledBatch:
         if not isinstance(scene, PathScene):
             raise ValueError(f"course {request.course!r} is a circuit; a compiled batch of bicycles rides paths")
         place = self._put(index, scene.course)
+        self._requests[index] = request
         self.state[index] = state
         self.lying[index] = False
         self.look[index] = scene.blank_look()
@@ -246,6 +263,27 @@ class CompiledBatch:
             self.look,
             self._points,
         )
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the state of all bicycles; courses are left out, for they follow from the requests. See `Batch`."""
+        return {
+            "requests": [None if request is None else request.to_card() for request in self._requests],
+            "state": self.state.copy(),
+            "lying": self.lying.copy(),
+            "look": self.look.copy(),
+            "points": self._points.copy(),
+        }
+
+    def restore(self, stored: dict[str, Any]) -> None:
+        """Lay the courses again and take the bicycles where they were; see `Batch`."""
+        if len(stored["requests"]) != self.count:
+            raise ValueError(f"a batch of {self.count} bicycles cannot go on with {len(stored['requests'])}")
+        for index, card in enumerate(stored["requests"]):
+            if card is not None:
+                self.reset(index, ResetRequest.from_card(card))
+        for name, array in (("state", self.state), ("lying", self.lying), ("look", self.look)):
+            array[...] = stored[name]
+        self._points[...] = stored["points"]
 
     def close(self) -> None:
         """Release the engine that the starts are drawn with."""
@@ -298,6 +336,13 @@ class SimulatorBatch:
         if snapshot.circuit is not None:
             self.place[index], self.points[index] = snapshot.circuit.place, snapshot.circuit.points
 
+    def state_dict(self) -> None:
+        """Return None: the engines keep contacts and caches to themselves, so their rides cannot be taken up."""
+
+    def restore(self, stored: dict[str, Any]) -> None:
+        """Refuse; see `Batch`."""
+        raise ValueError(f"rides on engine {self.simulators[0].config.engine!r} cannot be taken up in the middle")
+
     def close(self) -> None:
         """Release the engines."""
         for simulator in self.simulators:
@@ -310,5 +355,5 @@ def make_batch(count: int, config: SimulatorConfig, preview: Preview) -> Batch:
     Raises:
         ValueError: a parameter that is wrong. FileNotFoundError: an unknown vehicle.
     """
-    kind = CompiledBatch if config.engine == "whipple" else SimulatorBatch
+    kind = CompiledBatch if config.engine == COMPILED_ENGINE else SimulatorBatch
     return kind(count, config, preview)

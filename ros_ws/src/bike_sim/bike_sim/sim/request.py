@@ -6,8 +6,9 @@ All draws of an episode come from one seed in one order, so a seed means the sam
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -119,6 +120,31 @@ class ResetRequest:
         if not (math.isfinite(self.progress) and self.progress >= 0.0):
             raise ValueError(f"progress must be finite and not negative, got {self.progress!r} m")
         self._check_path_length()
+
+    def to_card(self) -> dict[str, Any]:
+        """Return plain values that :meth:`from_card` reads."""
+        card = asdict(self)
+        if self.initial_state is not None:
+            card["initial_state"] = [float(value) for value in self.initial_state]
+        return card
+
+    @classmethod
+    def from_card(cls, card: Mapping[str, Any]) -> ResetRequest:
+        """Read what :meth:`to_card` wrote, also after a way through JSON.
+
+        Raises:
+            TypeError: an unknown entry. KeyError: a missing one. ValueError: a value that means nothing.
+        """
+        low, high = card["speed_range"]
+        return cls(
+            **{
+                **card,
+                "speed_range": (low, high),
+                "path_ranges": PathRanges(**card["path_ranges"]),
+                "preview": Preview(**card["preview"]),
+                "context": tuple(card["context"]),
+            }
+        )
 
     def _check_path_length(self) -> None:
         """Refuse random paths that would fill time and memory."""

@@ -1,0 +1,241 @@
+"""Checkpoints hold numbers: reading one runs no code, and gives back every bit."""
+
+import io
+import json
+import os
+import pickle
+import shutil
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bike_sim.sim.batch import COMPILED_ENGINE, CompiledBatch
+from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.request import Preview, ResetRequest
+from bike_training.cli import main
+from bike_training.curricula.parts import REFINEMENT, PartsCurriculum
+from bike_training.envs.vec_env import BatchVecEnv
+from bike_training.learning.checkpoint import Checkpoint
+from bike_training.learning.learner import build_model
+from bike_training.learning.learner_state import learner_state, restore_learner
+from bike_training.learning.presets import FAST
+from bike_training.learning.process import LearningProcess
+from bike_training.learning.run import run, stored_settings
+from bike_training.learning.run_settings import RunSettings
+from bike_training.learning.stored_tree import read_plain, with_tensors, write_tree
+from bike_training.tasks.path import TASKS
+
+COMPILED = SimulatorConfig(engine=COMPILED_ENGINE, time_step=0.01)
+FILES = ["state.json", "tensors.safetensors", "replay.npz"]
+PRESET = replace(
+    FAST, learner="sb3", layers=(8,), batch_size=16, buffer_size=400, learning_starts=20, environments=2, updates=1
+)
+
+
+@pytest.fixture(scope="module")
+def finished_run(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("run") / "run"
+    summary = run(RunSettings(replace(PRESET, steps=60), seed=5), folder)
+    assert (summary["steps"], summary["updates"], summary["interrupted"]) == (60, 20, False)
+    return folder
+
+
+class Planted:
+    """A pickle that leaves a mark when it is loaded."""
+
+    def __init__(self, mark: Path) -> None:
+        self.mark = mark
+
+    def __reduce__(self):
+        return os.mkdir, (str(self.mark),)
+
+
+def planted(mark: Path, kind: str) -> bytes:
+    """Return a malicious pickle, bare or in the files that NumPy and PyTorch keep pickles in."""
+    data = io.BytesIO()
+    if kind == "pickle":
+        pickle.dump(Planted(mark), data)
+    elif kind == "npz":
+        np.savez(data, **{name: np.array([Planted(mark)], dtype=object) for name in ("rewards", "pos", "full")})
+    else:
+        with zipfile.ZipFile(data, "w") as archive:
+            archive.writestr("archive/data.pkl", pickle.dumps(Planted(mark)))
+            archive.writestr("data", pickle.dumps(Planted(mark)))
+    return data.getvalue()
+
+
+@pytest.mark.parametrize("kind", ["pickle", "npz", "zip"])
+def test_a_planted_pickle_does_execute_where_it_is_loaded(kind, tmp_path):
+    """Else the next test would prove nothing."""
+    data = io.BytesIO(planted(tmp_path / "mark", kind))
+    if kind == "pickle":
+        pickle.load(data)
+    elif kind == "npz":
+        np.load(data, allow_pickle=True)["pos"]
+    else:
+        pickle.loads(zipfile.ZipFile(data).read("data"))
+    assert (tmp_path / "mark").exists()
+
+
+@pytest.mark.parametrize("kind", ["pickle", "npz", "zip"])
+@pytest.mark.parametrize("name", [*FILES, "../run.json", "../settings.json"])
+def test_no_code_of_a_checkpoint_runs(name, kind, finished_run, tmp_path, capsys):
+    folder = shutil.copytree(finished_run, tmp_path / "run")
+    (folder / "checkpoint" / name).write_bytes(planted(tmp_path / "mark", kind))
+    resume = ["train", "whipple", "--out", str(folder), "--resume", "--steps", "70"]
+    codes = []
+    for words in (["export", str(folder), "--which", "last"], resume):
+        codes.append(main(words))
+        told = capsys.readouterr().err.strip().splitlines()
+        assert not (tmp_path / "mark").exists()
+        if codes[-1]:
+            assert "cannot be read" in told[-1]
+            assert Path(name).name in told[-1]
+    assert 2 in codes  # each file is read by one of them at least
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_resume_refuses_a_planted_file_in_one_line(name, finished_run, tmp_path, capsys):
+    folder = shutil.copytree(finished_run, tmp_path / "run")
+    (folder / "checkpoint" / name).write_bytes(planted(tmp_path / "mark", "pickle"))
+    assert main(["train", "whipple", "--out", str(folder), "--resume", "--steps", "70"]) == 2
+    lines = [line for line in capsys.readouterr().err.splitlines() if "cannot be read" in line]
+    assert len(lines) == 1
+    assert name in lines[0]
+
+
+def test_a_checkpoint_of_earlier_versions_is_refused(finished_run, tmp_path, capsys):
+    folder = shutil.copytree(finished_run, tmp_path / "run")
+    checkpoint = folder / "checkpoint"
+    for name in FILES:
+        (checkpoint / name).unlink()
+    (checkpoint / "state.pkl").write_bytes(planted(tmp_path / "mark", "pickle"))
+    for words in (["train", "whipple", "--out", str(folder), "--resume"], ["export", str(folder)]):
+        assert main(words) == 2
+        assert "earlier version, as a pickle" in capsys.readouterr().err.strip().splitlines()[-1]
+    assert not (tmp_path / "mark").exists()
+
+
+def test_another_format_is_refused(finished_run, tmp_path):
+    folder = shutil.copytree(finished_run, tmp_path / "run")
+    path = folder / "checkpoint" / "state.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"format": "bike.checkpoint/0"}))
+    with pytest.raises(ValueError, match=r"state\.json cannot be read \(its format is 'bike\.checkpoint/0'"):
+        Checkpoint(folder)
+
+
+def test_networks_of_another_size_are_refused(finished_run):
+    settings = stored_settings(finished_run)
+    wider = replace(settings, preset=replace(settings.preset, layers=(16,)))
+    with pytest.raises(ValueError, match="has shape"):
+        LearningProcess(wider, finished_run, 80, resume=True)
+
+
+def test_a_pipe_in_place_of_a_file_is_not_waited_for(finished_run, tmp_path):
+    folder = shutil.copytree(finished_run, tmp_path / "run")
+    path = folder / "checkpoint" / "tensors.safetensors"
+    path.unlink()
+    os.mkfifo(path)
+    with pytest.raises(ValueError, match="no regular file"):
+        Checkpoint(folder)
+
+
+def test_a_tree_comes_back_as_it_was(tmp_path):
+    tree = {
+        "big": 2**127 + 1,
+        "third": 1.0 / 3.0,
+        "none": None,
+        "list": [1, "a", True, {"deep": np.arange(6, dtype=np.float32).reshape(2, 3).T}],
+        "scalar": np.array(7, dtype=np.int64),
+        "flags": np.array([True, False]),
+        "empty": np.zeros((0, 3)),
+    }
+    plain, tensors = tmp_path / "a.json", tmp_path / "a.safetensors"
+    write_tree(tree, plain, tensors)
+    read = with_tensors(read_plain(plain), tensors)
+    assert {key: read[key] for key in ("big", "third", "none")} == {key: tree[key] for key in ("big", "third", "none")}
+    assert read["list"][:3] == [1, "a", True]
+    pairs = [(read["list"][3]["deep"], tree["list"][3]["deep"])]
+    pairs += [(read[key], tree[key]) for key in ("scalar", "flags", "empty")]
+    for mine, other in pairs:
+        assert mine.dtype == other.dtype
+        np.testing.assert_array_equal(mine, other)
+    with pytest.raises(TypeError):
+        write_tree({"object": object()}, plain, tensors)
+
+
+def through_files(tree: dict, folder: Path) -> dict:
+    plain, tensors = folder / "t.json", folder / "t.safetensors"
+    write_tree(tree, plain, tensors)
+    return with_tensors(read_plain(plain), tensors)
+
+
+def test_a_request_comes_back_as_it_was():
+    request = ResetRequest(
+        seed=2**62, speed_range=(1 / 3, 5.0), initial_state=np.linspace(0.1, 1.0, 10), context=(0.1, 2.0), perturb=True
+    )
+    again = ResetRequest.from_card(json.loads(json.dumps(request.to_card())))
+    assert again == replace(request, initial_state=request.initial_state.tolist())
+
+
+def test_a_batch_goes_on_bit_for_bit(tmp_path):
+    """Courses of its own, a shared one and a row that has not begun."""
+    batch, other = (CompiledBatch(5, COMPILED, Preview()) for _ in range(2))
+    for index, course in enumerate(("random", "benchmark", "random", "benchmark")):
+        batch.reset(index, ResetRequest(seed=index, course=course, perturb=True))
+    rng = np.random.default_rng(1)
+    for commands in rng.uniform(-0.1, 0.1, (7, 5, 2)):
+        batch.step(commands)
+    batch.reset(0, ResetRequest(seed=9, perturb=True))
+    other.restore(through_files(batch.state_dict(), tmp_path))
+    for commands in rng.uniform(-0.1, 0.1, (50, 5, 2)):
+        for name in ("state", "look", "preview_y", "fallen"):
+            np.testing.assert_array_equal(getattr(batch, name)[:4], getattr(other, name)[:4])
+        batch.step(commands)
+        other.step(commands)
+    with pytest.raises(ValueError, match="a batch of 2 bicycles"):
+        CompiledBatch(2, COMPILED, Preview()).restore(batch.state_dict())
+
+
+def test_an_environment_goes_on_bit_for_bit(tmp_path):
+    """Also through the draws of new rides, from intervals that are drawn from too."""
+    task = replace(TASKS["lean"], max_steps=9)
+    env, other = (BatchVecEnv(3, task, REFINEMENT, COMPILED, seed) for seed in (1, 2))
+    env.seed(4)
+    env.reset()
+    rng = np.random.default_rng(1)
+    actions = rng.uniform(-1.0, 1.0, (60, 3, 1)).astype(np.float32)
+    for action in actions[:25]:
+        env.step(action)
+    other.restore(through_files(env.state_dict(), tmp_path))
+    for action in actions[25:]:
+        for mine, copied in zip(env.step(action)[:3], other.step(action)[:3], strict=True):
+            np.testing.assert_array_equal(mine, copied)
+
+
+@pytest.mark.parametrize("learner", ["sb3", pytest.param("sbx", marks=pytest.mark.slow)])
+def test_a_learner_goes_on_bit_for_bit(learner, tmp_path):
+    """A new learner that takes the state over is the old one in every number, and draws the same from then on."""
+
+    def made(seed: int):
+        env = BatchVecEnv(2, TASKS["lean"], PartsCurriculum().episodes(0), COMPILED, seed)
+        return build_model(replace(PRESET, learner=learner), TASKS["lean"], env, seed)
+
+    first = made(1)
+    first.learn(60, log_interval=None)
+    stored = through_files(learner_state(first), tmp_path)
+    expected = [np.random.random(), first.action_space.sample().tolist()]
+    second = made(2)
+    restore_learner(second, stored)
+    again = learner_state(second)
+    assert [np.random.random(), second.action_space.sample().tolist()] == expected
+    assert set(again["networks"]) == set(stored["networks"])
+    assert len(again["networks"]) > 20
+    for name, array in stored["networks"].items():
+        assert again["networks"][name].dtype == array.dtype
+        np.testing.assert_array_equal(again["networks"][name], array)
+    assert again["counters"] == stored["counters"]
+    assert again["counters"]["num_timesteps"] == 60

@@ -1,0 +1,82 @@
+"""Validations during learning: ten rides or so with the deterministic actor, and what follows from them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from bike_policy.contract.actor import Actor
+from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.simulator import Simulator
+from bike_training.learning.progress import Progress
+from bike_training.learning.run_settings import RunSettings
+from bike_training.learning.validation_rides import validate_batch, validate_simulator
+from bike_training.tasks.base import Task
+
+
+class Validation(NamedTuple):
+    """What came of a validation.
+
+    Attributes:
+        part: part of the curriculum that it was ridden in.
+        mean_error: of its rides, m. max_error: largest error of a ride, m.
+        succeeded: whether every ride passed.
+    """
+
+    part: int
+    mean_error: float
+    max_error: float
+    succeeded: bool
+
+
+class Validator:
+    """Rides validations as the environments of a run do, with one simulator of its own where it needs one."""
+
+    def __init__(self, settings: RunSettings, task: Task) -> None:
+        """Prepare to validate; nothing is started before the first ride."""
+        self._settings, self._task = settings, task
+        self._simulator: Simulator | None = None
+
+    @property
+    def simulator(self) -> Simulator:
+        """A simulator in this process for every client: the rides are the same bit for bit, and ten times faster."""
+        if self._simulator is None:
+            self._simulator = Simulator(self._settings.simulator())
+        return self._simulator
+
+    def ride(self, actor: Actor, requests: list[ResetRequest]) -> list[float]:
+        """Ride all requests and return their errors, as the task defines them."""
+        if self._settings.compiled:
+            return validate_batch(actor, self._task, self._settings.simulator(), requests)
+        return validate_simulator(actor, self._task, self.simulator, requests)
+
+    def close(self) -> None:
+        """Release the simulator; a later ride starts another one."""
+        simulator, self._simulator = self._simulator, None
+        if simulator is not None:
+            simulator.close()
+
+
+def take_in(progress: Progress, actor: Actor, step: int, errors: Sequence[float], largest_error: float) -> Validation:
+    """Take a validation into the progress of a run, and move the curriculum on if it was fully successful.
+
+    Args:
+        progress: of the run.
+        actor: who rode.
+        step: learning step.
+        errors: of the rides, as parts of the largest error.
+        largest_error: m.
+    """
+    curriculum = progress.curriculum
+    part, succeeded = curriculum.part, curriculum.passes(errors)
+    passed = curriculum.validated(step, errors)
+    progress.recent_error_m = float(np.mean(errors) * largest_error)
+    progress.validated_at, progress.validation_due = step, False
+    progress.validations += 1
+    if succeeded:
+        progress.latest_success, progress.success_step = actor, step
+    if passed and curriculum.finished:
+        progress.finished_after = round(progress.seconds, 1)
+    return Validation(part, progress.recent_error_m, max(errors) * largest_error, succeeded)
