@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import os
 import re
 import subprocess
 import sys
@@ -143,6 +144,21 @@ def test_a_command_that_learns_says_what_to_run() -> None:
     assert ended.stderr.count("\n") == 1
     assert ended.stderr.startswith("bike train: this needs the learning packages (")
     assert ended.stderr.rstrip().endswith("run: make setup-training")
+
+
+def test_at_a_terminal_it_asks_first() -> None:
+    program = f"PACKAGES = {set(PACKAGES)}\n{RIDING}\nfrom bike_training.cli import main\nsys.exit(main(sys.argv[1:]))"
+    terminal, side = os.openpty()
+    process = subprocess.Popen(
+        [sys.executable, "-c", program, "train", "whipple", "--out", "never"], stdin=side, stdout=side, stderr=side
+    )
+    os.close(side)
+    os.write(terminal, b"n\n")
+    assert process.wait(120) == 2
+    words = os.read(terminal, 10_000).decode()
+    os.close(terminal)
+    assert "Install them now? [Y/n]" in words
+    assert "nothing was installed" in words
 
 
 @pytest.fixture(scope="module")
