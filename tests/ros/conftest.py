@@ -34,12 +34,13 @@ from bike_policy.contract.bundle import Bundle
 from bike_policy.contract.observation import ObservationLayout
 from bike_sim.physics import state as st
 from bike_sim.physics.engine import make_engine
-from bike_sim.ros import node_tools, sim_node
+from bike_sim.ros import node_tools
 from bike_sim.ros.command_gate import Command
 from bike_sim.ros.isolation import DISCOVERY_VARIABLE, PROFILES_VARIABLE, DomainLease, prepare_discovery
 from bike_sim.ros.messages import command_to_message, reset_to_message
 from bike_sim.ros.node_settings import SPECS, NodeSettings
 from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.simulator import Simulator
 from bike_sim.vehicles.files import load_vehicle
 
 PATIENCE = 90.0
@@ -286,7 +287,11 @@ def compiled(tmp_path_factory: pytest.TempPathFactory) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("BIKE_CACHE", str(circuit.parent))
         for changes in ({}, {"engine": "whipple"}, {"vehicle": "panigale_v4r", "course": str(circuit)}):
-            sim_node._compile(NodeSettings.from_parameters(defaults | changes))
+            settings = NodeSettings.from_parameters(defaults | changes)
+            simulator = Simulator(settings.simulator)
+            simulator.reset(settings.request(simulator))
+            simulator.step(0.0)
+            simulator.close()
 
 
 def oval(folder: Path) -> Path:

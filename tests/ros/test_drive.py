@@ -10,13 +10,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from bike_msgs.msg import BikeCommand, BikeState
+from bike_msgs.msg import BikeCommand, BikeState, Course
 from builtin_interfaces.msg import Time
 from std_msgs.msg import Header
 
 from bike_policy.contract.bundle import load_bundle
 from bike_policy.drive import REANSWER_AFTER
+from bike_sim.course.files import load_course
 from bike_sim.ros import node_tools
+from bike_sim.ros.messages import course_to_message
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
@@ -60,8 +62,8 @@ def test_the_nodes_ride_as_the_policy_rides_in_process(stage, policy) -> None:
     index = bundle.layout.pick_preview(True, 0.1, 25)
     heard = {s.step: s for s in ears.states}
     while snapshot.step < 300:
-        action = bundle.actor.act(bundle.layout.observe(snapshot.state, snapshot.preview_y[index]))
-        snapshot = simulator.step(bundle.action.to_command(action, simulator.vehicle.max_steer))
+        action = bundle.actor.act(bundle.layout.observe(snapshot, index))
+        snapshot = simulator.step(*bundle.action.to_command(action, simulator.vehicle.max_steer))
         if snapshot.step in heard:
             same = heard[snapshot.step]
             assert (same.x, same.y, same.roll, same.steer) == tuple(snapshot.state[[0, 1, 3, 4]])
@@ -86,6 +88,11 @@ class Asker:
             node_tools.SENDER_QOS,
         )
         self._publisher = ears.create_publisher(BikeState, "state", node_tools.SENDER_QOS)
+        self._courses = ears.create_publisher(Course, "course", node_tools.LATCHED_QOS)
+
+    def show_course(self, state: BikeState) -> None:
+        """Publish the course of a state's episode, without which no rider begins."""
+        self._courses.publish(course_to_message(load_course("line"), state.episode, 0))
 
     def ask(self, state: BikeState, **changes: Any) -> None:
         """Publish a state with changes."""
@@ -122,6 +129,7 @@ def asked(stage, policy) -> tuple[Asker, BikeState, Any]:
     asker, state = Asker(ears), ears.states[-1]
     simulator.end()
     driver = stage.start("bike_policy.drive", policy=policy, stale_after_s=1e6)
+    asker.show_course(state)
     asker.repeat_until_answered(state)  # it answers nothing before all who listen have found it
     return asker, state, driver
 

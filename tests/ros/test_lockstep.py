@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -22,22 +21,17 @@ from bike_sim.ros import messages, node_tools
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
-from bike_sim.sim.snapshot import Snapshot
 from bike_training.envs.ros_client import RosClient, RosClientConfig
+from tests.same import assert_same
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("compiled")]
-
-
-def assert_same(a: Snapshot, b: Snapshot) -> None:
-    for spec in fields(Snapshot):
-        if spec.name != "episode":  # the node begins one of its own when it starts
-            np.testing.assert_array_equal(getattr(a, spec.name), getattr(b, spec.name), err_msg=spec.name)
 
 
 @pytest.mark.parametrize(("engine", "wait_set"), [("pybullet", True), ("whipple", False)])
 def test_the_same_seed_is_the_same_ride_in_process_and_through_ros(engine: str, wait_set: bool) -> None:
     config = SimulatorConfig(engine=engine, time_step=0.005, history=7)
     local = Simulator(config)
+    local.reset(ResetRequest(course="line"))  # the node begins one of its own when it starts
     with RosClient(config, RosClientConfig(wait_set=wait_set)) as client:
         for seed in (11, 12):
             request = ResetRequest(seed=seed, speed_range=(3.0, 6.0), perturb=True)

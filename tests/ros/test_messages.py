@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import fields
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
+from visualization_msgs.msg import Marker
 
 from bike_sim.course.course import Course
 from bike_sim.course.files import load_course
@@ -20,23 +22,18 @@ from bike_sim.ros import messages, standard_messages
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.events import EventKind
+from bike_sim.sim.plant import superbike_config
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import Snapshot
+from bike_sim.vehicles.files import load_vehicle, shipped_vehicles
+from bike_sim.vehicles.superbike import Superbike
+from tests.same import assert_same
+from tests.sim.conftest import STADIUM
 
 
 def over_the_wire(message):
     return deserialize_message(serialize_message(message), type(message))
-
-
-def assert_same(a, b) -> None:
-    """Compare two records field by field, floating-point numbers bit by bit."""
-    for spec in fields(a):
-        left, right = getattr(a, spec.name), getattr(b, spec.name)
-        if isinstance(left, np.ndarray):
-            np.testing.assert_array_equal(left, right, err_msg=spec.name, strict=True)
-        else:
-            assert left == right, spec.name
 
 
 @pytest.fixture(scope="module")
@@ -59,6 +56,88 @@ def test_snapshots_survive_bit_for_bit(ridden: tuple[Simulator, list[Snapshot]])
         assert_same(messages.snapshot_from_message(message), snapshot)
         assert messages.time_from_message(message.header.stamp) == 3_000_000_017
         assert (message.vehicle, message.steering_limit) == ("whipple", simulator.vehicle.max_steer)
+
+
+@pytest.fixture(scope="module")
+def simulators(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Simulator]]:
+    """One simulator of each shipped vehicle, and of a bicycle on PyBullet."""
+    configs = {
+        name: superbike_config(name) if isinstance(load_vehicle(name), Superbike) else SimulatorConfig(name, "whipple")
+        for name in shipped_vehicles()
+    }
+    configs["whipple on pybullet"] = SimulatorConfig(time_step=0.005)
+    made = {name: Simulator(config) for name, config in configs.items()}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("BIKE_CACHE", str(tmp_path_factory.mktemp("lines")))
+        yield made
+    for simulator in made.values():
+        simulator.close()
+
+
+@pytest.fixture(scope="module")
+def circuit_file(tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("circuits") / "stadium.yaml"
+    path.write_text(STADIUM, encoding="utf-8")
+    return str(path)
+
+
+def assert_survives(simulator: Simulator, snapshot: Snapshot) -> None:
+    assert simulator.course is not None
+    period = simulator.config.control_period
+    facts = messages.Episode(simulator.vehicle, simulator.course, simulator.preview, period)
+    message = over_the_wire(messages.state_to_message(snapshot, facts, 3_000_000_017))
+    assert_same(messages.snapshot_from_message(message), snapshot)
+
+
+@settings(max_examples=40)
+@given(data=st.data())
+def test_snapshots_of_all_vehicles_survive_wherever_they_ride(
+    simulators: dict[str, Simulator], circuit_file: str, data: st.DataObject
+) -> None:
+    simulator = simulators[data.draw(st.sampled_from(sorted(simulators)))]
+    circuit = data.draw(st.booleans())
+    course = circuit_file if circuit else data.draw(st.sampled_from(("line", "circle", "benchmark", "random")))
+    place = {}
+    if circuit:
+        place = {"line": data.draw(st.floats(0.0, 1.0)), "progress": data.draw(st.floats(0.0, 1000.0))}
+    speed = data.draw(st.floats(4.0, 11.0) if isinstance(simulator.vehicle, Superbike) else st.floats(2.0, 7.0))
+    request = ResetRequest(
+        seed=data.draw(st.integers(0, 1000)),
+        course=course,
+        speed_range=(speed, speed),
+        perturb=data.draw(st.booleans()),
+        preview=Preview(data.draw(st.booleans()), data.draw(st.floats(0.1, 1.0)), data.draw(st.integers(1, 30))),
+        **place,
+    )
+    assert_survives(simulator, simulator.reset(request))
+    for _ in range(data.draw(st.integers(0, 20))):
+        steering, throttle = data.draw(st.floats(-1.0, 1.0)), data.draw(st.floats(-1.0, 1.0))
+        assert_survives(simulator, simulator.step(steering, throttle))
+
+
+@pytest.mark.parametrize("vehicle", ["whipple", "panigale_v4r"])
+def test_walls_falls_and_crossings_survive(simulators: dict[str, Simulator], circuit_file: str, vehicle: str) -> None:
+    """Straight on over the start line and into a wall; then a fall."""
+    simulator = simulators[vehicle]
+    speed = 6.0 if vehicle == "whipple" else 30.0
+    kinds, falls = set(), set()
+    for course, progress, steered in ((circuit_file, 1000.0, False), ("line", 0.0, True)):
+        snapshot = simulator.reset(ResetRequest(course=course, speed_range=(speed, speed), progress=progress))
+        while True:
+            assert_survives(simulator, snapshot)
+            kinds |= {event.kind for event in snapshot.events}
+            if snapshot.fallen:
+                break
+            roll, rate = snapshot.state[[state_places.ROLL, state_places.ROLL_RATE]]
+            upright = -float(0.4 * roll + 0.1 * rate) if vehicle == "whipple" else 0.0
+            snapshot = simulator.step(1.0 if steered else upright, 0.1)
+            assert snapshot.time < 120.0
+        falls.add(snapshot.fall)
+        after = simulator.step(0.0)
+        assert_survives(simulator, after)
+    assert "wall" in falls
+    assert len(falls) == 2
+    assert {EventKind.RESET, EventKind.OFF_COURSE, EventKind.WALL, EventKind.FALL} <= kinds
 
 
 @given(
@@ -164,15 +243,23 @@ def test_wheels_touch_the_ground_where_the_physics_says(roll: float, steer: floa
     assert kinematics.pitch(roll, steer, vehicle.parameters) == snapshot.look[lk.PITCH]
 
 
-@given(st.lists(st.floats(-3.1, 3.1), min_size=3, max_size=3))
-def test_quaternions_are_the_rotation(angles: list[float]) -> None:
-    turn = (
-        standard_messages._rotation_z(angles[0])
-        @ standard_messages._rotation_y(angles[1])
-        @ standard_messages._rotation_x(angles[2])
-    )
-    q = standard_messages._quaternion(turn)
-    vector, w = np.array([q.x, q.y, q.z]), q.w
-    for point in np.eye(3):
-        turned = point + 2.0 * np.cross(vector, np.cross(vector, point) + w * point)
-        np.testing.assert_allclose(turned, turn @ point, atol=1e-12)
+@given(st.floats(-0.7, 0.7), st.floats(-0.7, 0.7), st.floats(-3.1, 3.1), st.floats(-30.0, 30.0))
+def test_markers_of_the_wheels_turn_as_the_wheels_do(roll: float, steer: float, yaw: float, angle: float) -> None:
+    """A cylinder's axis is its z axis, so each marker is the wheel's rotation after a quarter turn about x."""
+    simulator = Simulator(SimulatorConfig(engine="whipple"))
+    state = state_places.upright_state(4.0, simulator.vehicle.rF)
+    state[[state_places.ROLL, state_places.STEER, state_places.YAW]] = roll, steer, yaw
+    state[[state_places.REAR_WHEEL, state_places.FRONT_WHEEL]] = angle, -angle
+    snapshot = simulator.reset(ResetRequest(course="line", initial_state=tuple(state)))
+    markers = standard_messages.vehicle_markers(snapshot, simulator.vehicle, 0).markers
+    wheels = [marker for marker in markers if marker.type == Marker.CYLINDER]
+    quarter = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    assert len(wheels) == 2
+    for marker, (centre, turn) in zip(wheels, standard_messages.wheel_poses(snapshot, simulator.vehicle), strict=True):
+        q = marker.pose.orientation
+        vector, w = np.array([q.x, q.y, q.z]), q.w
+        place = marker.pose.position
+        np.testing.assert_allclose([place.x, place.y, place.z], centre, atol=1e-12)
+        for point in np.eye(3):
+            turned = point + 2.0 * np.cross(vector, np.cross(vector, point) + w * point)
+            np.testing.assert_allclose(turned, turn @ quarter @ point, atol=1e-12)

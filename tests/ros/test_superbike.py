@@ -15,6 +15,7 @@ from bike_msgs.srv import Reset
 
 from bike_analysis.figures.lap_recording import Theory, load_laps
 from bike_analysis.page.lap_page import lap_figures, render_lap_page
+from bike_policy.riders.classical import ClassicalRider
 from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics.state import upright_state
 from bike_sim.ros.messages import Episode as MessageEpisode
@@ -34,7 +35,7 @@ from bike_sim.theory.line_cache import track_with_line
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.nodes.node_laps import ride_through_nodes
-from bike_training.rollout.laps import seen_from
+from tests.same import assert_same
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("compiled")]
 
@@ -45,9 +46,15 @@ def test_messages_carry_what_the_rider_sees(circuit: Path) -> None:
     for _ in range(20):
         snapshot = machine.step(0.4, 0.2)
     assert machine.course is not None
-    episode = MessageEpisode(machine.vehicle, machine.course, PREVIEW, machine.config.control_period)
-    message = state_to_message(snapshot, episode, 10**9)
-    assert seen_from(snapshot_from_message(message)) == seen_from(snapshot)
+    episode = MessageEpisode(machine.vehicle, machine.course, machine.preview, machine.config.control_period)
+    again = snapshot_from_message(state_to_message(snapshot, episode, 10**9))
+    assert_same(again, snapshot)
+    rider = ClassicalRider()
+    rider.begin(machine.vehicle, machine.course, machine.config.control_period, machine.preview)
+    answer = rider.command(snapshot)
+    rider.begin(machine.vehicle, machine.course, machine.config.control_period, machine.preview)
+    assert answer is not None
+    assert rider.command(again) == answer
     points = course_points_to_message(snapshot, machine.course, 10**9)
     assert [len(points.line), len(points.left), len(points.right)] == [20, 20, 20]
     assert [(p.x, p.y, p.z) for p in points.right] == [tuple(row) for row in snapshot.circuit.points[2]]
@@ -58,11 +65,11 @@ def straight_on(vehicle: str, circuit: Path, throttles: list[float]) -> Iterator
     """Ride upright on the open plane; yield ride, telemetry and fall after each control period."""
     ride = Simulator(superbike_config(vehicle))
     seen = ride.reset(ResetRequest(course=str(circuit), speed_range=(20.0, 20.0)))
-    ride.engine.reset(upright_state(25.0, ride.vehicle.rF))
+    ride.plant.engine.reset(upright_state(25.0, ride.vehicle.rF))
     for throttle in throttles:
-        ride.engine.advance_commands(0.0, throttle, ride.config.substeps)
-        seen = replace(seen, telemetry=ride.engine.telemetry())
-        yield ride, telemetry_to_message(seen, ride.vehicle, 10**9), ride.engine.fall_name
+        ride.plant.engine.advance_commands(0.0, throttle, ride.config.substeps)
+        seen = replace(seen, signals=ride.plant.engine.telemetry())
+        yield ride, telemetry_to_message(seen, ride.vehicle, 10**9), ride.plant.engine.fall_name
     ride.close()
 
 
@@ -76,7 +83,7 @@ def test_telemetry_balances_what_moves_the_machine(circuit: Path) -> None:
         assert message.front_contact_lost == (message.front_load == 0.0)
         at_tyre = message.engine_power * machine.vehicle.motor.efficiency
         # The tread is faster than the machine by the slip.
-        speed = machine.engine.telemetry()[sf.T_SPEED] * (1.0 + message.rear_slip)
+        speed = machine.plant.engine.telemetry()[sf.T_SPEED] * (1.0 + message.rear_slip)
         assert at_tyre == pytest.approx(message.engine_force * speed, rel=0.03, abs=1.0)
         for name in ("traction_control", "anti_wheelie", "brake_control", "anti_stoppie"):
             if getattr(message, name):
@@ -112,19 +119,19 @@ def test_reset_chooses_line_and_place_alike_in_process_and_through_ros(circuit: 
         ours, response = local.reset(request), ears.reset(request)
         assert response.success, response.message
         theirs = snapshot_from_message(response.state)
-        np.testing.assert_array_equal(theirs.state, ours.state)
-        np.testing.assert_array_equal(theirs.seen, ours.seen)
+        assert_same(theirs, replace(ours, episode=theirs.episode), but=("events",))
+        assert_same(theirs.events, tuple(replace(event, text=theirs.events[0].text) for event in ours.events))
         ears.until(lambda number=response.state.episode: ears.states[-1].episode == number)
         state = ears.states[-1]
         for _ in range(5):
             state, ours = ears.answer(state, 0.1), local.step(0.1)
-        np.testing.assert_array_equal(snapshot_from_message(state).state, ours.state)
+        assert_same(snapshot_from_message(state), ours, but=("episode",))
         number = response.state.episode
         ears.until(lambda number=number: told and (told[-1].episode, told[-1].step) == (number, 5))
         expected = telemetry_to_message(ours, local.vehicle, 0)
         expected.header, expected.episode = told[-1].header, number
         assert told[-1] == expected
-    assert ours.seen[lk.PROGRESS] > 300.0
+    assert ours.look[lk.PROGRESS] > 300.0
     # What is left open is the node's own: the ideal line from the start.
     response = ears.reset(Reset.Request(seed=0, course=name))
     assert response.success, response.message
@@ -140,7 +147,7 @@ def test_reset_chooses_line_and_place_alike_in_process_and_through_ros(circuit: 
     local.close()
 
 
-def test_a_changed_parameter_loads_the_circuit_only_where_the_start_is_another(circuit: Path, stage) -> None:
+def test_a_changed_parameter_does_not_load_the_circuit_again(circuit: Path, stage) -> None:
     """Loading it takes most of a second, in which nobody is answered. Here there is nothing to load any more."""
     stage.simulator(vehicle="panigale_v4r", course=str(circuit), time_step=0.002)
     ears = stage.ears()
@@ -152,8 +159,15 @@ def test_a_changed_parameter_loads_the_circuit_only_where_the_start_is_another(c
     assert ears.reset(Reset.Request(seed=1)).state.speed == speed > 0.0
     for name, value in (("line", 0.5), ("progress", 20.0), ("speed", 20.0)):
         result = ears.set_parameter(name, value)
+        assert result.successful, result.reason
+    begun = snapshot_from_message(ears.reset(Reset.Request(seed=1)).state)
+    assert begun.speed == pytest.approx(20.0, rel=0.02)
+    assert begun.progress == pytest.approx(20.0, abs=0.5)
+    gone = str(circuit.with_name("gone.csv"))
+    for name, value, reason in (("progress", 5000.0, "progress 5000.0 m lies beyond"), ("course", gone, gone)):
+        result = ears.set_parameter(name, value)
         assert not result.successful
-        assert str(circuit) in result.reason
+        assert reason in result.reason
 
 
 @pytest.mark.slow

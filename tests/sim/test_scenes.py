@@ -1,0 +1,140 @@
+"""A superbike on a path and a bicycle on a circuit: what both scenes show to the vehicle that is not usual there."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from bike_sim.physics import state as st
+from bike_sim.sim import look as lk
+from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.events import EventKind
+from bike_sim.sim.plant import superbike_config
+from bike_sim.sim.request import Preview, ResetRequest
+from bike_sim.sim.simulator import Simulator
+from bike_sim.sim.snapshot import Snapshot
+from tests.same import assert_same
+
+BICYCLE = SimulatorConfig(engine="whipple", time_step=0.005)
+
+
+def superbike_on_a_path(courses: dict[str, str]) -> tuple[Simulator, ResetRequest, Callable[[Snapshot], float]]:
+    machine = Simulator(superbike_config("panigale_v4r"))
+    request = ResetRequest(seed=3, course=courses["closed path"], speed_range=(10.0, 10.0), perturb=True)
+    lean = math.radians(machine.vehicle.virtual_rider.max_lean_deg)
+
+    def steer(seen: Snapshot) -> float:
+        error, heading, bend = seen.look[[lk.LATERAL_ERROR, lk.HEADING_ERROR, lk.CURVATURE]]
+        return math.atan(seen.speed**2 * (bend - 0.02 * error - 0.2 * heading) / 9.81) / lean
+
+    return machine, request, steer
+
+
+def bicycle_on_a_circuit(courses: dict[str, str]) -> tuple[Simulator, ResetRequest, Callable[[Snapshot], float]]:
+    request = ResetRequest(
+        seed=3,
+        course=courses["circuit file"],
+        speed_range=(5.0, 5.0),
+        perturb=True,
+        line=0.5,
+        progress=120.0,
+        preview=Preview(True, 0.2, 11),
+    )
+    return Simulator(BICYCLE), request, lambda seen: -float(0.4 * seen.state[st.ROLL] + 0.1 * seen.state[st.ROLL_RATE])
+
+
+BOTH = pytest.mark.parametrize("make", [superbike_on_a_path, bicycle_on_a_circuit])
+
+
+def ride(simulator: Simulator, request: ResetRequest, steer: Callable[[Snapshot], float]) -> list[Snapshot]:
+    seen = [simulator.reset(request)]
+    for _ in range(100):
+        seen.append(simulator.step(min(max(steer(seen[-1]), -1.0), 1.0)))
+    return seen
+
+
+@BOTH
+def test_it_rides_along_its_line_and_again_the_same(make: Callable, courses: dict[str, str]) -> None:
+    simulator, request, steer = make(courses)
+    seen = ride(simulator, request, steer)
+    again = ride(simulator, request, steer)
+    for one, other in zip(seen, again, strict=True):
+        assert_same(other, one, but=("episode", "events"))
+        assert [(event.kind, event.time, event.value) for event in other.events] == [
+            (event.kind, event.time, event.value) for event in one.events
+        ]
+    assert not seen[-1].fallen
+    assert [event.kind for event in seen[0].events] == [EventKind.RESET]
+    period = simulator.config.control_period
+    for before, after in itertools.pairwise(seen):
+        assert after.look[lk.PROGRESS] - before.look[lk.PROGRESS] == pytest.approx(
+            period * after.speed * math.cos(after.look[lk.HEADING_ERROR]), rel=0.1
+        )
+        moved = math.dist(before.state[:2], after.state[:2])
+        assert moved == pytest.approx(period * after.speed, rel=0.05)
+    assert max(snapshot.distance for snapshot in seen) < 2.0
+    simulator.close()
+
+
+def test_a_circle_leans_a_superbike_as_its_speed_asks_and_is_told_as_laps(courses: dict[str, str]) -> None:
+    simulator, request, steer = superbike_on_a_path(courses)
+    seen = ride(simulator, request, steer)
+    bend = seen[-1].look[lk.CURVATURE]
+    assert seen[-1].state[st.ROLL] == pytest.approx(-math.atan(seen[-1].speed ** 2 * bend / 9.81), rel=0.25)
+    assert seen[-1].look[lk.YAW_RATE] == pytest.approx(seen[-1].speed * bend, rel=0.15)
+    assert simulator.course is not None
+    events = []
+    while not events:
+        seen.append(simulator.step(steer(seen[-1]), 0.1))
+        assert not seen[-1].fallen
+        events = [event for event in seen[-1].events if event.kind is EventKind.LAP]
+    assert events[0].progress == simulator.course.length
+    assert seen[-1].finished == (seen[-1].progress >= simulator.course.length)
+    assert seen[-2].time <= events[0].time <= seen[-1].time
+    simulator.close()
+
+
+def test_a_bicycle_sees_limits_and_place_of_its_circuit(courses: dict[str, str]) -> None:
+    simulator, request, steer = bicycle_on_a_circuit(courses)
+    seen = ride(simulator, request, steer)
+    assert seen[0].progress == pytest.approx(120.0, abs=0.5)
+    track = simulator.track
+    assert track is not None
+    for snapshot in seen:
+        view = snapshot.circuit
+        assert view is not None
+        assert view.points.shape == (3, lk.STATIONS, 3)
+        across = np.linalg.norm(view.points[lk.LEFT, :, :2] - view.points[lk.RIGHT, :, :2], axis=1)
+        assert across == pytest.approx(np.full(lk.STATIONS, 12.0), abs=1e-6)
+        # The front wheel runs ahead of the rear one, and both lie within the limits.
+        ahead = view.place[lk.FRONT_CENTRE_PROGRESS] - view.place[lk.CENTRE_PROGRESS]
+        assert ahead == pytest.approx(simulator.vehicle.w, rel=0.02)
+        assert -6.0 < view.outside == pytest.approx(min(abs(view.place[[1, 3]])) - 6.0, abs=1e-6)
+        assert len(snapshot.preview_y) == 11
+        assert snapshot.look[lk.PREVIEW_SPACING] == pytest.approx(0.2 * snapshot.speed, rel=0.01)
+    simulator.close()
+
+
+def test_a_bicycle_meets_the_wall_and_stays_there(courses: dict[str, str]) -> None:
+    simulator = Simulator(BICYCLE)
+    snapshot = simulator.reset(ResetRequest(course=courses["circuit file"], speed_range=(6.0, 6.0), progress=190.0))
+    events = []
+    while not snapshot.fallen:
+        snapshot = simulator.step(-float(0.4 * snapshot.state[st.ROLL] + 0.1 * snapshot.state[st.ROLL_RATE]))
+        events += snapshot.events
+        assert snapshot.time < 60.0
+    assert [event.kind for event in events][-2:] == [EventKind.OFF_COURSE, EventKind.WALL]
+    assert snapshot.fall == "wall"
+    assert snapshot.circuit is not None
+    hit = snapshot.circuit.wall
+    assert hit is not None
+    assert hit.energy == pytest.approx(0.5 * simulator.vehicle.mass * hit.speed**2)
+    after = simulator.step(0.5)
+    assert after.speed == after.look[lk.YAW_RATE] == 0.0
+    assert np.array_equal(after.state[:3], snapshot.state[:3])
+    assert after.events == ()
+    simulator.close()

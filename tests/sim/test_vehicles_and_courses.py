@@ -1,0 +1,113 @@
+"""Every vehicle on every kind of course through every client: it rides sensibly, or is refused with a reason."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from bike_sim.course.random_paths import PathRanges
+from bike_sim.physics import state as st
+from bike_sim.sim import look as lk
+from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.plant import superbike_config
+from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.snapshot import NO_FALL, Snapshot
+from bike_sim.vehicles.files import load_vehicle, shipped_vehicles
+from bike_sim.vehicles.superbike import Superbike
+from bike_training.envs.clients import CLIENT_KINDS, Client, make_client
+
+WIDE = PathRanges(150.0, 200.0, 150.0, 200.0, 2.0, 4.0)
+"""Random paths that a superbike can ride at the speed at which it begins."""
+CIRCUITS = ("circuit", "circuit file")
+KINDS = ("path", "closed path", "random path", *CIRCUITS, "CSV of a circuit", "CSV of a path")
+TABLE = [("local", vehicle) for vehicle in shipped_vehicles()] + [("ros", "whipple"), ("ros", "panigale_v4r")]
+STEPS = 40
+COMPUTED = ("whipple", "panigale_v4r")
+
+
+def config_of(vehicle: str) -> SimulatorConfig:
+    if isinstance(load_vehicle(vehicle), Superbike):
+        return superbike_config(vehicle)
+    return SimulatorConfig(vehicle=vehicle, time_step=0.005)
+
+
+@pytest.fixture(scope="module", params=TABLE, ids="-".join)
+def client(request: pytest.FixtureRequest) -> Iterator[Client]:
+    kind, vehicle = request.param
+    if kind == "ros":
+        pytest.importorskip("rclpy")
+    client = make_client(kind, config_of(vehicle))
+    yield client
+    client.close()
+
+
+def test_the_table_has_all_clients() -> None:
+    assert {kind for kind, _ in TABLE} == set(CLIENT_KINDS)
+
+
+def request_for(client: Client, course: str) -> ResetRequest:
+    machine = isinstance(client.vehicle, Superbike)
+    speed = 8.0 if machine and course == "circle" else 20.0 if machine else 4.0
+    paths = {"path_ranges": WIDE} if machine else {}
+    return ResetRequest(seed=1, course=course, speed_range=(speed, speed), **paths)
+
+
+def ride(client: Client, request: ResetRequest, throttle: float) -> list[Snapshot]:
+    """Ride along the course by a plain law of steering: against the errors, and a bicycle into its fall."""
+    seen = [client.reset(request)]
+    machine = isinstance(client.vehicle, Superbike)
+    for _ in range(STEPS):
+        last = seen[-1]
+        error, heading, bend = last.look[[lk.LATERAL_ERROR, lk.HEADING_ERROR, lk.CURVATURE]]
+        if machine:
+            lateral = last.speed**2 * (bend - 0.01 * error - 0.1 * heading)
+            lean = math.atan(lateral / 9.81)
+            steering = lean / math.radians(client.vehicle.virtual_rider.max_lean_deg)  # type: ignore[attr-defined]
+        else:
+            steering = -float(0.4 * last.state[st.ROLL] + 0.1 * last.state[st.ROLL_RATE])
+        seen.append(client.step(float(np.clip(steering, -1.0, 1.0)), throttle))
+    return seen
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_it_rides_sensibly_or_is_refused_with_a_reason(client: Client, courses: dict[str, str], kind: str) -> None:
+    if kind == "circuit" and client.vehicle.name not in COMPUTED:
+        pytest.skip("the line of a whole circuit takes seconds; one vehicle of each kind computes it")
+    request = request_for(client, courses[kind])
+    machine = isinstance(client.vehicle, Superbike)
+    if machine and kind == "CSV of a path":
+        with pytest.raises(ValueError, match=r"open\.csv: is not closed"):
+            client.reset(request)
+        return
+    driven, braked = ride(client, request, 1.0), ride(client, request, -0.3)
+    (speed,) = set(request.speed_range)
+    for seen in (driven, braked):
+        first, last = seen[0], seen[-1]
+        assert [snapshot.step for snapshot in seen] == list(range(STEPS + 1))
+        assert first.speed == pytest.approx(speed, rel=0.02)
+        assert {snapshot.fall for snapshot in seen} == {NO_FALL}
+        assert not any(snapshot.fallen or snapshot.off_course or snapshot.finished for snapshot in seen)
+        assert max(snapshot.distance for snapshot in seen) < 2.0
+        length = client.config.control_period * sum(snapshot.speed for snapshot in seen[1:])
+        assert last.look[lk.PROGRESS] - first.look[lk.PROGRESS] == pytest.approx(length, rel=0.05)
+        on_circuit = kind in CIRCUITS or (machine and kind == "CSV of a circuit")
+        assert all((snapshot.circuit is not None) == on_circuit for snapshot in seen)
+        assert len(last.preview_x) == client.preview.count
+        assert np.all(np.diff(last.preview_x[:3]) > 0.0)
+        assert all(np.isfinite(block).all() for block in (last.state, last.look, last.signals, last.preview_y))
+    if machine:
+        assert driven[-1].speed > speed + 1.0
+        assert braked[-1].speed < speed - 1.0
+    else:  # it has no drive
+        assert np.array_equal(driven[-1].state, braked[-1].state)
+        assert driven[-1].speed == pytest.approx(speed, rel=0.02)
+
+
+def test_a_lap_needs_a_circuit_and_a_path_no_place(client: Client, courses: dict[str, str]) -> None:
+    for kind in ("path", "random path"):
+        for changes in ({"line": 0.0}, {"progress": 5.0}):
+            with pytest.raises(ValueError, match="are for circuits"):
+                client.reset(ResetRequest(course=courses[kind], **changes))  # type: ignore[arg-type]
