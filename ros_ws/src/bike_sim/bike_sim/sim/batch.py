@@ -183,15 +183,6 @@ class CompiledBatch:
         """Their vehicle."""
         return self._plant.vehicle
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Write the typed list as a plain one: checkpoints hold batches, and numba's list cannot be pickled."""
-        return {**self.__dict__, "_tables": list(self._tables)}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Make the typed list again."""
-        self.__dict__.update(state)
-        self._tables = List(state["_tables"])
-
     @property
     def preview_y(self) -> FloatArray:
         """Lateral offsets of the preview points, m, shape (n, preview.count)."""
