@@ -23,8 +23,9 @@ MACHINE = "panigale_v4r"
 
 def bicycle(engine: str) -> None:
     """Ride the bicycle for one step."""
+    from bike_sim.sim.config import SimulatorConfig
     from bike_sim.sim.request import ResetRequest
-    from bike_sim.sim.simulator import Simulator, SimulatorConfig
+    from bike_sim.sim.simulator import Simulator
 
     simulator = Simulator(SimulatorConfig(engine=engine))
     simulator.reset(ResetRequest())
@@ -34,41 +35,40 @@ def bicycle(engine: str) -> None:
 
 def bicycles_side_by_side() -> None:
     """Ride two bicycles as learning does."""
-    from bike_sim.sim.batch import RideBatch
+    from bike_sim.sim.batch import make_batch
+    from bike_sim.sim.config import SimulatorConfig
     from bike_sim.sim.request import Preview, ResetRequest
-    from bike_sim.vehicles.bicycle import Vehicle
-    from bike_sim.vehicles.files import load_vehicle
 
-    vehicle = load_vehicle("whipple")
-    assert isinstance(vehicle, Vehicle)
-    batch = RideBatch(2, vehicle, Preview(by_time=True, interval=0.25, count=4))
+    batch = make_batch(
+        2, SimulatorConfig(engine="whipple", time_step=0.01), Preview(by_time=True, interval=0.2, count=11)
+    )
     for index in range(2):
         batch.reset(index, ResetRequest(course="random", seed=index))
-    batch.step(np.zeros(2))
+    batch.step(np.zeros((2, 2)))
+    batch.close()
 
 
 def superbike() -> None:
-    """Plan a lap and ride its first step, as the classical rider does through the nodes."""
-    from bike_policy.riders.classical import ClassicalRider, Seen
-    from bike_sim.sim import look
+    """Plan a lap and ride its first steps, as the classical rider does through the nodes."""
+    from bike_policy.riders.classical import ClassicalRider
+    from bike_sim.sim.plant import superbike_config
     from bike_sim.sim.request import ResetRequest
-    from bike_sim.sim.track_ride import TrackRide, start_speed, superbike_config
+    from bike_sim.sim.simulator import Simulator
 
-    ride = TrackRide(superbike_config(MACHINE))
-    speed = start_speed(CIRCUIT, ride.envelope)
-    ride.reset(ResetRequest(course=CIRCUIT, speed_range=(speed, speed)))
-    assert ride.course is not None
-    rider = ClassicalRider(ride.vehicle, ride.course, ride.config.control_period, None, ride.envelope)
-    seen = ride.step(0.0, 0.0)
-    places = (look.PROGRESS, look.LATERAL_ERROR, look.HEADING_ERROR)
-    rider.command(Seen(seen.speed, 0.0, *(float(seen.seen[place]) for place in places)))
-    ride.step(0.01, 0.1)
-    ride.close()
+    simulator, rider = Simulator(superbike_config(MACHINE)), ClassicalRider()
+    snapshot = simulator.reset(simulator.at_own_speed(ResetRequest(course=CIRCUIT)))
+    assert simulator.course is not None
+    rider.begin(simulator.vehicle, simulator.course, simulator.config.control_period, simulator.preview)
+    for _ in range(2):
+        command = rider.command(snapshot)
+        assert command is not None
+        snapshot = simulator.step(*command)
+    simulator.close()
 
 
 def recording() -> None:
     """Write and read a file of one message."""
-    from bike_analysis.container import Container
+    from bike_analysis.read.container import Container
     from bike_sim.recording.mcap_file import McapFile
 
     with tempfile.TemporaryDirectory() as folder:

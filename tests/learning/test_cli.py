@@ -177,7 +177,7 @@ def test_simulators_are_as_many_as_asked_for(monkeypatch):
         asked.append(settings.preset)
         raise ValueError("nothing is learned here")
 
-    monkeypatch.setattr(train, "LearningProcess", refuse)
+    monkeypatch.setattr(train.learning, "run", refuse)
 
     def chosen(*words):
         assert main(["train", "whipple", "--out", "x", *words]) == 2

@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     load_course(args.course)  # before the nodes start
     make_folder("--out", args.out)
     total = len(args.speeds) * (1 + args.random_rides)
-    with _rides(args, rider, config) as ride, tqdm(total=total, unit="ride", desc=rider.name) as bar:
+    with _rides(args, rider, config) as ride, tqdm(total=total, unit="ride", desc=rider.name, disable=None) as bar:
 
         def tick() -> None:
             bar.update()

@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _ride(recorded: RecordedRide, args: argparse.Namespace) -> dict[str, Any]:
     began = time.monotonic()
-    with tqdm(desc=f"ride {recorded.ride.index}", unit="step", disable=args.json, leave=False) as bar:
+    with tqdm(desc=f"ride {recorded.ride.index}", unit="step", disable=args.json or None, leave=False) as bar:
 
         def tell(step: int, steps: int) -> None:
             bar.total = steps

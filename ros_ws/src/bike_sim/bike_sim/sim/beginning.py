@@ -83,7 +83,8 @@ class Courses:
 def own_speed(request: ResetRequest, plant: Plant, courses: Courses) -> float:
     """Return the speed at which a vehicle begins where nothing else is asked for, m/s.
 
-    Bicycles begin at BICYCLE_SPEED, superbikes at START_SPEED or, in a bend, at START_SHARE of what they could ride.
+    Bicycles begin at BICYCLE_SPEED, superbikes at START_SPEED or at START_SHARE of what they could ride: on a circuit at
+    this place, on a path in its sharpest bend.
 
     Raises:
         ValueError: a course or a place that cannot be. FileNotFoundError: an unknown course.
@@ -94,8 +95,9 @@ def own_speed(request: ResetRequest, plant: Plant, courses: Courses) -> float:
         followed = courses.line(plant, request.course, request.line)
         return start_speed(followed, plant.envelope, request.progress)
     if request.course == RANDOM_COURSE:
-        return START_SPEED
-    bend = abs(float(courses.path(request.course).curvature[0]))
+        bend = 1.0 / request.path_ranges.radius_min
+    else:
+        bend = float(np.abs(courses.path(request.course).curvature).max())
     most = math.sqrt(float(plant.envelope.lateral_max.min()) / bend) if bend > 0.0 else math.inf
     return min(START_SPEED, START_SHARE * most)
 

@@ -232,13 +232,15 @@ class SuperbikePlant:
 
     def _lean(self, lateral: float, speed: float, s: float) -> float:
         """Return the lean at which a lateral acceleration is steady, rad."""
+        if lateral == 0.0:
+            return 0.0
         low, high = 0.0, math.radians(self.vehicle.virtual_rider.max_lean_deg)
         if lateral > steady_lateral(self.vehicle, high, speed):
             raise ValueError(f"a start at {speed:.1f} m/s is too fast for the curve at {s:.0f} m of the followed line")
         for _ in range(40):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if steady_lateral(self.vehicle, middle, speed) < lateral else (low, middle)
-        return high if lateral > 0.0 else 0.0
+        return high
 
     def reset(self, state: st.StateVector, grips: tuple[float, float]) -> None:
         """Set a state, with the tyres carrying the standing machine."""
