@@ -92,7 +92,7 @@ class Batch(Protocol):
         ...
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _look(
     state: ndarray,
     parameters: ndarray,

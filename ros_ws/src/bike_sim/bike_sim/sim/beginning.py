@@ -83,8 +83,8 @@ class Courses:
 def own_speed(request: ResetRequest, plant: Plant, courses: Courses) -> float:
     """Return the speed at which a vehicle begins where nothing else is asked for, m/s.
 
-    Bicycles begin at BICYCLE_SPEED, superbikes at START_SPEED or at START_SHARE of what they could ride: on a circuit at
-    this place, on a path in its sharpest bend.
+    Bicycles begin at BICYCLE_SPEED, superbikes at START_SPEED or at START_SHARE of what they could ride: on a circuit
+    at this place, on a path in its sharpest bend.
 
     Raises:
         ValueError: a course or a place that cannot be. FileNotFoundError: an unknown course.

@@ -70,7 +70,7 @@ def columns(course: Course) -> Line:
     return course.x, course.y, course.heading, course.curvature
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _move(state: ndarray, parameters: ndarray, rolling: bool, look: ndarray) -> None:
     """Fill the derived motion; see the module's docstring for vehicles that do not roll without slip."""
     if rolling:
@@ -80,7 +80,7 @@ def _move(state: ndarray, parameters: ndarray, rolling: bool, look: ndarray) -> 
     look[FRONT_X], look[FRONT_Y] = kinematics.front_contact(state, parameters)
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _relate(
     state: ndarray, line: Line, spacing: float, closed: bool, behind: float, ahead: float, fresh: bool, look: ndarray
 ) -> None:
@@ -101,7 +101,7 @@ def _relate(
     look[FRONT_LATERAL_ERROR] = distance
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def preview_line(
     state: ndarray,
     parameters: ndarray,
