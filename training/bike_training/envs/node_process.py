@@ -9,15 +9,17 @@ import sys
 import tempfile
 import weakref
 from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
-from types import TracebackType
-from typing import IO, Any, Final, Self
+from typing import IO, Any, Final
 
 from bike_sim.ros.isolation import DOMAIN_VARIABLE, prepare_discovery
 from bike_sim.ros.parent import end_with_this_process
 
 STOP_TIMEOUT: Final = 3.0
 """Time that a node gets to end, s."""
+FINISH_TIMEOUT: Final = 25.0
+"""The same where its work must be finished, as that of a recorder, s."""
 
 
 class NodeLost(RuntimeError):
@@ -33,7 +35,7 @@ def tell_all_to_end() -> None:
         node.tell_to_end()
 
 
-class NodeProcess:
+class NodeProcess(AbstractContextManager["NodeProcess"]):
     """A node started as ``python -m <module>``.
 
     It runs in a session of its own: a Ctrl-C at the terminal is for whoever started it, who ends it in turn. Where that
@@ -71,13 +73,7 @@ class NodeProcess:
         )
         _running.add(self)
 
-    def __enter__(self) -> Self:
-        """Return the running node."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """End the node."""
         self.close()
 
@@ -108,7 +104,7 @@ class NodeProcess:
         Raises:
             NodeLost: it ended with an error of its own, with its last words, or had to be ended by force.
         """
-        self._end()
+        self._end(FINISH_TIMEOUT)
         if self.process.returncode:
             raise self._lost()
 
@@ -123,11 +119,11 @@ class NodeProcess:
         words = f": {lines[-1]}" if lines else ""
         return NodeLost(f"{self.module} ended with exit code {self.process.returncode}{words}")
 
-    def _end(self) -> None:
+    def _end(self, timeout: float = STOP_TIMEOUT) -> None:
         if self.process.poll() is None:
             self.tell_to_end()
             try:
-                self.process.wait(STOP_TIMEOUT)
+                self.process.wait(timeout)
             except subprocess.TimeoutExpired:
                 self.process.kill()
                 self.process.wait()

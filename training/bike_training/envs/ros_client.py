@@ -11,9 +11,9 @@ import os
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
-from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, Final
 
 from bike_msgs.msg import BikeCommand, BikeState
 from bike_msgs.msg import Course as CourseMessage
@@ -66,7 +66,7 @@ class RosClientConfig:
     wait_set: bool = True
 
 
-class RosClient:
+class RosClient(AbstractContextManager["RosClient"]):
     """Rides one simulator node in lockstep.
 
     Attributes:
@@ -212,13 +212,7 @@ class RosClient:
         """End the simulator if it is one's own, and leave the domain. A second call does nothing."""
         self._close.close()
 
-    def __enter__(self) -> Self:
-        """Return the client."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close the client."""
         self.close()
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
 from dataclasses import replace
-from types import TracebackType
-from typing import Final, Self
+from typing import Final
 
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import Preview, ResetRequest
@@ -17,7 +17,7 @@ SILENCE: Final = 15.0
 """Wall-clock time without a state, and without a node at work, after which a ride counts as stuck, s."""
 
 
-class NodeRides:
+class NodeRides(AbstractContextManager["NodeRides"]):
     """A simulator node and a policy node of one's own.
 
     A ride is begun with the reset service. From then on the policy answers the simulator's states; nothing is sent from
@@ -41,13 +41,7 @@ class NodeRides:
             self._client.close()
             raise
 
-    def __enter__(self) -> Self:
-        """Return the nodes."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """End both nodes."""
         self._drive.close()
         self._client.close()

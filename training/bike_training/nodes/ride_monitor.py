@@ -7,8 +7,8 @@ import os
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from types import TracebackType
-from typing import Any, Final, Self
+from contextlib import AbstractContextManager
+from typing import Any, Final
 
 from bike_msgs.msg import BikeState
 from bike_msgs.srv import Pause
@@ -90,7 +90,7 @@ def ride_recorded(
         return wall
 
 
-class RideMonitor:
+class RideMonitor(AbstractContextManager["RideMonitor"]):
     """Listens to the state of a simulator in a ROS domain."""
 
     def __init__(self, domain_id: int, namespace: str = node_tools.NAMESPACE) -> None:
@@ -115,13 +115,7 @@ class RideMonitor:
         self._node.create_subscription(BikeState, "state", self._on_state, node_tools.STREAM_QOS)
         self._node.create_subscription(DiagnosticArray, "/diagnostics", self._on_report, node_tools.EVENT_QOS)
 
-    def __enter__(self) -> Self:
-        """Return the monitor."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Leave the domain."""
         self._executor.shutdown()
         self._node.destroy_node()

@@ -10,16 +10,15 @@ import errno
 import fcntl
 import os
 import stat
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
-from types import TracebackType
-from typing import Final, Self
+from typing import Final
 
 LOCKS: Final = Path("/proc/locks")
 _NO_LOCKS: Final = (errno.EBADF, errno.EINVAL, errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
 
 
-class Claim:
+class Claim(AbstractContextManager["Claim"]):
     """A file or folder that this process alone writes, until `close` or its end."""
 
     def __init__(self, path: Path, what: str, hint: str = "") -> None:
@@ -65,13 +64,7 @@ class Claim:
                 fcntl.flock(file, fcntl.LOCK_UN)
             os.close(file)
 
-    def __enter__(self) -> Self:
-        """Return the claim."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Give it back."""
         self.close()
 

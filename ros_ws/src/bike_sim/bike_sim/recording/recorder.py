@@ -7,11 +7,10 @@ import re
 import time
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, Final
 
 from bike_sim.recording.definitions import MessageType, ShareResolver, ament_share, message_type
 from bike_sim.recording.in_use import Claim
@@ -77,7 +76,7 @@ class _Topic:
     last: deque[tuple[int, bytes]] | None = None
 
 
-class RideRecorder:
+class RideRecorder(AbstractContextManager["RideRecorder"]):
     """Writes one recording. Use it as a context manager, or call `close`.
 
     The process may be killed at any time: whole chunks are on their way to the disk as soon as they are full or
@@ -154,13 +153,7 @@ class RideRecorder:
             self._claim.close()
             raise
 
-    def __enter__(self) -> Self:
-        """Return the open recorder."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close the recording, also after an error: what was written so far is worth keeping."""
         self.close()
 

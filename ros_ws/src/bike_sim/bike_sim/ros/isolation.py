@@ -11,10 +11,9 @@ import os
 import shlex
 import socket
 from collections.abc import Iterator, MutableMapping
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
-from types import TracebackType
-from typing import Final, Self
+from typing import Final
 
 DISCOVERY_VARIABLE: Final = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 DOMAIN_VARIABLE: Final = "ROS_DOMAIN_ID"
@@ -60,7 +59,7 @@ def prepare_discovery(environment: MutableMapping[str, str] = os.environ) -> Non
         environment[PROFILES_VARIABLE] = str(NETWORK)
 
 
-class DomainLease:
+class DomainLease(AbstractContextManager["DomainLease"]):
     """A ROS domain that no other lease on this machine has, held until `close` or the end of the process.
 
     A lease is the name of a socket that nobody connects to. The kernel gives each name once, whoever asks, and takes
@@ -99,13 +98,7 @@ class DomainLease:
         """Give the domain back."""
         self._name.close()
 
-    def __enter__(self) -> Self:
-        """Return the lease."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Give the domain back."""
         self.close()
 

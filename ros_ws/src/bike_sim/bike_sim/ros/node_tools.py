@@ -67,7 +67,11 @@ class CannotGoOn(Exception):
 
 
 def run_node(
-    name: str, make_node: Callable[[], Node], arguments: Sequence[str] | None = None, linger: float = 0.0
+    name: str,
+    make_node: Callable[[], Node],
+    arguments: Sequence[str] | None = None,
+    linger: float = 0.0,
+    farewell: float = LONGEST_FAREWELL,
 ) -> int:
     """Run a node until SIGINT or SIGTERM, until the program is gone that started it for itself, or until it raises.
 
@@ -76,6 +80,7 @@ def run_node(
         make_node: makes the node. A ValueError or OSError from it means bad input.
         arguments: command line; None for this process's own.
         linger: wall-clock time that the node goes on after the signal, for messages that are under way, s.
+        farewell: wall-clock time after the signal at which the process is ended if it is still busy, s.
 
     Returns:
         Exit code: 0 after a signal, 2 after bad input with one line on standard error.
@@ -83,7 +88,7 @@ def run_node(
     prepare_discovery()
     remove_leftovers()
     stop, ended, bell = threading.Event(), threading.Event(), _Bell()
-    _watch_signals(stop, ended, bell)
+    _watch_signals(stop, ended, bell, farewell)
     node = executor = None
     code = 0
     try:
@@ -176,7 +181,7 @@ class _Bell:
                 self._ring()
 
 
-def _watch_signals(stop: threading.Event, ended: threading.Event, bell: _Bell) -> None:
+def _watch_signals(stop: threading.Event, ended: threading.Event, bell: _Bell, farewell: float) -> None:
     """End the node on SIGINT and SIGTERM, and with its parent, also where the main thread is inside a library.
 
     Python runs its handlers only in the main thread, which may be waiting for messages; but the number of a signal is
@@ -198,7 +203,7 @@ def _watch_signals(stop: threading.Event, ended: threading.Event, bell: _Bell) -
                 number = signal.SIGTERM
         stop.set()
         bell.ring()
-        if not ended.wait(LONGEST_FAREWELL):
+        if not ended.wait(farewell):
             os._exit(128 + number)
 
     threading.Thread(target=wait, name="signals", daemon=True).start()

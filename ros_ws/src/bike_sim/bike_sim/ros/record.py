@@ -64,6 +64,9 @@ LOOK_PERIOD: Final = 0.2
 REPORT_PERIOD: Final = 1.0
 MISSING_AFTER: Final = 3.0
 """Wall-clock time after which chosen topics that nobody has are named, s."""
+LONGEST_FINISH: Final = 20.0
+"""Wall-clock time after a signal that the file gets to be finished, s: a busy machine or a slow disk may need it."""
+
 LINGER: Final = 0.3
 """Wall-clock time after a signal in which messages that were sent before it are still written, s."""
 LONGEST_REST: Final = 0.3
@@ -395,7 +398,7 @@ def _stamp(data: bytes) -> int:
 
 def main() -> NoReturn:
     """Run the node until a signal; the exit code is 2 if the file cannot be written."""
-    node_tools.leave(node_tools.run_node("record", Record, linger=LINGER))
+    node_tools.leave(node_tools.run_node("record", Record, linger=LINGER, farewell=LONGEST_FINISH))
 
 
 if __name__ == "__main__":
