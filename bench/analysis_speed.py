@@ -172,7 +172,7 @@ class _LapWriter:
         assert machine.track is not None
         assert isinstance(machine.vehicle, Superbike)
         self._machine, self._vehicle = machine, machine.vehicle
-        self._episode = messages.Episode(machine.vehicle, machine.course, machine.preview, PERIOD)
+        self._episode = messages.Episode.of(machine.vehicle, machine.course, machine.preview, PERIOD)
         self._topics: dict[str, _LapTopic] = {}
         self._transforms = get_typestore(Stores.EMPTY)
         self._transforms.register(get_types_from_msg(_TRANSFORMS.definition, _TRANSFORMS.name))
@@ -201,7 +201,7 @@ class _LapWriter:
         for event in seen.events:
             self._add("/bike/events", messages.event_to_message(event, seen, stamp))
         command = Command(seen.episode, seen.step, steering, throttle)
-        self._add("/bike/command", messages.command_to_message(command, messages.time_to_message(stamp)))
+        self._add("/bike/command", messages.command_to_message(command, stamp))
         if self._steps % round(1.0 / PERIOD) == 0:
             for node, figures in _REPORTS.items():
                 self._add("/diagnostics", _report(node, figures, stamp))

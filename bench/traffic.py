@@ -50,7 +50,7 @@ def messages_of_a_period() -> dict[str, tuple[type, bytes]]:
     assert simulator.course is not None
     period = round(simulator.config.control_period * messages.NANOSECONDS)
     stamp = messages.NANOSECONDS
-    episode = messages.Episode(simulator.vehicle, simulator.course, request.preview, simulator.config.control_period)
+    episode = messages.Episode.of(simulator.vehicle, simulator.course, request.preview, simulator.config.control_period)
     made = {
         "state": messages.state_to_message(snapshot, episode, stamp),
         "command": messages.command_to_message(Command(1, snapshot.step, 0.1)),

@@ -46,7 +46,7 @@ def ridden() -> tuple[Simulator, list[Snapshot]]:
 
 def episode_of(simulator: Simulator) -> messages.Episode:
     assert simulator.course is not None
-    return messages.Episode(simulator.vehicle, simulator.course, simulator.request.preview, 0.05)
+    return messages.Episode.of(simulator.vehicle, simulator.course, simulator.request.preview, 0.05)
 
 
 def test_snapshots_survive_bit_for_bit(ridden: tuple[Simulator, list[Snapshot]]) -> None:
@@ -84,7 +84,7 @@ def circuit_file(tmp_path_factory: pytest.TempPathFactory) -> str:
 def assert_survives(simulator: Simulator, snapshot: Snapshot) -> None:
     assert simulator.course is not None
     period = simulator.config.control_period
-    facts = messages.Episode(simulator.vehicle, simulator.course, simulator.preview, period)
+    facts = messages.Episode.of(simulator.vehicle, simulator.course, simulator.preview, period)
     message = over_the_wire(messages.state_to_message(snapshot, facts, 3_000_000_017))
     assert_same(messages.snapshot_from_message(message), snapshot)
 

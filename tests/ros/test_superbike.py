@@ -46,7 +46,7 @@ def test_messages_carry_what_the_rider_sees(circuit: Path) -> None:
     for _ in range(20):
         snapshot = machine.step(0.4, 0.2)
     assert machine.course is not None
-    episode = MessageEpisode(machine.vehicle, machine.course, machine.preview, machine.config.control_period)
+    episode = MessageEpisode.of(machine.vehicle, machine.course, machine.preview, machine.config.control_period)
     again = snapshot_from_message(state_to_message(snapshot, episode, 10**9))
     assert_same(again, snapshot)
     rider = ClassicalRider()

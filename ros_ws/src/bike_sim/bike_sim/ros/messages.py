@@ -12,7 +12,7 @@ from dataclasses import fields
 from typing import Final
 
 import numpy as np
-from bike_msgs.msg import BikeState, CoursePoints, EpisodeStart, LeanHistory, RideEvent, Telemetry
+from bike_msgs.msg import BikeCommand, BikeState, CoursePoints, EpisodeStart, LeanHistory, RideEvent, Telemetry
 from bike_msgs.msg import Course as CourseMessage
 from bike_msgs.srv import Reset
 from geometry_msgs.msg import Point
@@ -24,13 +24,14 @@ from bike_sim.course.course import Course
 from bike_sim.course.random_paths import PathRanges
 from bike_sim.physics import state as st
 from bike_sim.physics import superbike_forces as sf
+from bike_sim.ros.command_gate import Command
 from bike_sim.ros.stamps import NANOSECONDS as NANOSECONDS
 from bike_sim.ros.stamps import time_from_message as time_from_message
 from bike_sim.ros.stamps import time_to_message as time_to_message
 from bike_sim.ros.wire import BASE_FRAME as BASE_FRAME
 from bike_sim.ros.wire import MAP_FRAME as MAP_FRAME
 from bike_sim.ros.wire import Episode as Episode
-from bike_sim.ros.wire import decode_state, encode_state
+from bike_sim.ros.wire import decode_state, encode_command, encode_state
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.events import Event, EventKind
@@ -101,6 +102,11 @@ def state_to_message(snapshot: Snapshot, episode: Episode, stamp: int) -> BikeSt
 def snapshot_from_message(message: BikeState) -> Snapshot:
     """Return the snapshot that a message was made of, bit for bit."""
     return decode_state(serialize_message(message)).snapshot
+
+
+def command_to_message(command: Command, state_stamp: int = 0) -> BikeCommand:
+    """Return the message of a command, which answers a state with a stamp (ns)."""
+    return deserialize_message(encode_command(command, state_stamp), BikeCommand)
 
 
 # ------------------------------------------------------------------------------------------------------------ reset
