@@ -23,7 +23,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm, solve_discrete_are
 
 from bike_sim.course.course import Course
 from bike_sim.physics import state as st
@@ -107,6 +106,8 @@ def design(vehicle: Vehicle, speed: float, period: float, settings: LqrSettings)
         period: control period, s.
         settings: weights.
     """
+    from scipy.linalg import expm, solve_discrete_are  # late: other riders are spared it
+
     a, b, e = lateral_model(vehicle, speed)
     held = np.zeros((8, 8))
     held[:6, :6], held[:6, 6], held[:6, 7] = a, b, e

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
-from scipy.spatial import cKDTree
 
 from bike_sim.course.course import Course
+
+if TYPE_CHECKING:
+    from scipy import spatial
 
 FloatArray = NDArray[np.float64]
 
@@ -91,13 +93,15 @@ def _check_once(centre: Course, rows: NDArray[np.int64], middle: FloatArray) -> 
     Raises:
         ValueError: naming the two places.
     """
+    from scipy import spatial  # late: a start that needs none is spared it
+
     assert centre.width_left is not None
     assert centre.width_right is not None
     half = 0.5 * (centre.width_left + centre.width_right)[rows]
     s, heading = centre.s[rows], centre.heading[rows]
     step = float(np.diff(s, append=centre.length).max())
     reach = math.hypot(min(float(half.max()), _BESIDE), step)
-    tree = cKDTree(middle)
+    tree = spatial.cKDTree(middle)
     if tree.count_neighbors(tree, reach) > _CROWDED * len(rows):  # so many pairs would fill the memory
         raise ValueError("the road lies on itself all along; does the file hold many laps?")
     pairs = tree.query_pairs(reach, output_type="ndarray")
@@ -123,32 +127,35 @@ def wall_distances(centre: Course, run_off: RunOff) -> tuple[FloatArray, FloatAr
     Outside of corners run-off grows with curvature, and it is wide where a rider who does not turn would arrive. Walls
     stay clear of other parts of the road and of the centre of the curve they stand in.
     """
+    from scipy import ndimage, spatial  # late: a start that needs none is spared it
+
     assert centre.width_left is not None
     assert centre.width_right is not None
     rows = _stations(centre)
     length = round(_TANGENT / _STATION)
     # Fully wide at 100 m radius and less.
     bend = np.clip(centre.curvature[rows] * 100.0, -1.0, 1.0)
-    tree = cKDTree(_offset_points(centre, rows, np.zeros(len(rows))))
+    tree = spatial.cKDTree(_offset_points(centre, rows, np.zeros(len(rows))))
     found = []
     for sign, widths in ((1.0, centre.width_left), (-1.0, centre.width_right)):
-        outside = maximum_filter1d(np.maximum(-sign * bend, 0.0), 2 * length + 1, mode="wrap")
+        outside = ndimage.maximum_filter1d(np.maximum(-sign * bend, 0.0), 2 * length + 1, mode="wrap")
         inside = np.maximum(sign * bend, 0.0)
         wanted = run_off.straight + outside * (run_off.outside - run_off.straight)
         wanted = np.where(inside > outside, run_off.straight + inside * (run_off.inside - run_off.straight), wanted)
-        wanted = uniform_filter1d(wanted, length, mode="wrap")
+        wanted = ndimage.uniform_filter1d(wanted, length, mode="wrap")
         free = _free_distance(centre, rows, tree, sign, widths[rows], wanted)
         # The minimum over neighbours first, so that smoothing never brings a wall nearer than is free.
         window = 11
         # The running sum of the mean may end a rounding error below zero where no run-off is free.
-        free = np.maximum(uniform_filter1d(minimum_filter1d(free, window, mode="wrap"), window, mode="wrap"), 0.0)
+        free = ndimage.minimum_filter1d(free, window, mode="wrap")
+        free = np.maximum(ndimage.uniform_filter1d(free, window, mode="wrap"), 0.0)
         padded = np.append(rows, len(centre.s) - 1)
         found.append(np.interp(np.arange(len(centre.s)), padded, np.append(free, free[0])))
     return found[0], found[1]
 
 
 def _free_distance(
-    centre: Course, rows: NDArray[np.int64], tree: cKDTree, sign: float, widths: FloatArray, wanted: FloatArray
+    centre: Course, rows: NDArray[np.int64], tree: spatial.cKDTree, sign: float, widths: FloatArray, wanted: FloatArray
 ) -> FloatArray:
     """Shorten run-off until every wall is nearer to its own road than to any other part of it."""
     bend = np.maximum(sign * centre.curvature[rows], 0.0)
@@ -182,9 +189,11 @@ def _offset_points(centre: Course, rows: NDArray[np.int64], offset: FloatArray) 
 
 def _crossings(a: FloatArray, b: FloatArray) -> list[tuple[int, int]]:
     """Return the segments in which two closed polygons cross; a polygon with itself is allowed."""
+    from scipy import spatial  # late: a start that needs none is spared it
+
     step_a, step_b = np.roll(a, -1, axis=0) - a, np.roll(b, -1, axis=0) - b
     reach = 0.5 * float(max(np.hypot(*step_a.T).max(), np.hypot(*step_b.T).max()))
-    near = cKDTree(a + 0.5 * step_a).query_ball_tree(cKDTree(b + 0.5 * step_b), 2.0 * reach)
+    near = spatial.cKDTree(a + 0.5 * step_a).query_ball_tree(spatial.cKDTree(b + 0.5 * step_b), 2.0 * reach)
     i = np.repeat(np.arange(len(a)), [len(found) for found in near])
     j = np.array([k for found in near for k in found], dtype=np.int64)
     if a is b:

@@ -19,7 +19,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from bike_sim.course.course import SAMPLE_SPACING, Course
 from bike_sim.course.csv_line import CourseFileError
@@ -210,6 +209,8 @@ def _closed(tables: _Tables, wanted: float) -> _Tables:
 
 def _keeps_apart(angle: FloatArray, radius: FloatArray, straight: FloatArray) -> bool:
     """Tell whether no two places of a table's line that lie far along from each other are close."""
+    from scipy.spatial import cKDTree  # late: a start that needs none is spared it
+
     points: list[NDArray[np.complex128]] = []
     at, heading = 0.0 + 0.0j, 0.0
     for theta, r, ahead in zip(angle.tolist(), radius.tolist(), straight.tolist(), strict=True):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from bike_sim.course.spline import chord_lengths
 
@@ -37,6 +36,8 @@ def smooth_closed(points: FloatArray, tolerance: float) -> tuple[FloatArray, Flo
         Smoothed points on a uniform grid, shape (m, 2), the last repeating the first; the chord length of the given
         line at which they lie, m; and how far they were moved to the left, m.
     """
+    from scipy.interpolate import CubicSpline  # late: a start that needs none is spared it
+
     chord = chord_lengths(points)
     spline = CubicSpline(chord, points, bc_type="periodic")
     count = max(200, round(chord[-1] / GRID))

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 FloatArray = NDArray[np.float64]
 
@@ -50,6 +49,8 @@ def smooth_line(points: FloatArray, closed: bool, spacing: float) -> SmoothLine:
         closed: whether the line is closed.
         spacing: wanted distance of samples, m. It is stretched so that the last sample is the end.
     """
+    from scipy.interpolate import CubicSpline  # late: a start that needs none is spared it
+
     chord = chord_lengths(points)
     spline = CubicSpline(chord, points, bc_type="periodic" if closed else "natural")
     velocity, acceleration = spline.derivative(1), spline.derivative(2)

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from bike_sim.course.course import SAMPLE_SPACING, Course
 from bike_sim.course.csv_line import CentreLine, CourseFileError
@@ -240,6 +239,8 @@ def _run_off(value: Any) -> RunOff:
 
 def _elevation(entries: Any, s: FloatArray) -> FloatArray:
     """Lay a periodic cubic spline through heights."""
+    from scipy.interpolate import CubicSpline  # late: a start that needs none is spared it
+
     if entries is None:
         return np.zeros(len(s))
     if not isinstance(entries, list) or len(entries) < 3:

@@ -82,9 +82,9 @@ class SimNode(rclpy.node.Node):
         """
         super().__init__("sim_node", namespace=node_tools.NAMESPACE)
         self._settings = NodeSettings.from_parameters(node_tools.declare(self, SPECS))
-        _compile(self._settings)
         self._simulator = Simulator(self._settings.simulator)
         self._request = self._settings.request(self._simulator)
+        warm_up(self._simulator, self._request)
         self._period = round(self._settings.simulator.control_period * NANOSECONDS)
         self._gate = CommandGate(lockstep=self._settings.mode == LOCKSTEP)
         self._reported = CommandCounts()
@@ -381,12 +381,11 @@ def oldest_step(step: int, timeout: float, control_period: float) -> int:
     return step - round(min(timeout / control_period, step))
 
 
-def _compile(settings: NodeSettings) -> None:
+def warm_up(simulator: Simulator, request: ResetRequest) -> None:
     """Ride a step that nobody sees: the first on a machine compiles the physics, longer than a partner would wait."""
-    simulator = Simulator(settings.simulator)
-    simulator.reset(settings.request(simulator))
+    simulator.reset(request)
     simulator.step(0.0)
-    simulator.close()
+    simulator.episode = 0
 
 
 def main() -> NoReturn:

@@ -15,12 +15,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_sim.course import racing_line
 from bike_sim.course.files import load_track
 from bike_sim.course.track import Track
-from bike_sim.theory import lap_limit, minimum_time
+from bike_sim.theory import lap_limit
 from bike_sim.theory.envelope import Envelope
-from bike_sim.theory.minimum_time import with_fastest_line
 
 FOLDER_VARIABLE = "BIKE_CACHE"
 """Environment variable that names another folder for computed lines."""
@@ -63,9 +61,14 @@ def track_with_line(
     offset = _read(path, len(track.centre.s))
     if offset is not None:
         return track.with_ideal(offset)
+    # Late: a start that finds its line is spared the solvers.
     if envelope is None:
+        from bike_sim.course import racing_line
+
         track = racing_line.with_ideal_line(track, margin=margin)
     else:
+        from bike_sim.theory.minimum_time import with_fastest_line
+
         track = with_fastest_line(track, envelope, margin=margin, roll_cost=roll_cost)
     assert track.ideal is not None
     _write(path, track.ideal)
@@ -82,6 +85,9 @@ def closest_lap(circuit: str | Path, envelope: Envelope) -> float:
     Raises:
         FileNotFoundError: no such circuit. ValueError: a broken file, or no line between its limits.
     """
+    from bike_sim.course import racing_line
+    from bike_sim.theory import minimum_time
+
     track = track_with_line(circuit, envelope, racing_line.MARGIN, minimum_time.ROLL_COST)
     return lap_limit.lap_limit(envelope, track.line(1.0)).lap_time
 
