@@ -24,7 +24,7 @@ class RecordingFiles(NamedTuple):
 
     Attributes:
         files: Those that can be read, in order, at least one.
-        warnings: What is missing or cannot be read, a sentence each.
+        warnings: What is missing or cannot be read, one sentence each.
     """
 
     files: tuple[Path, ...]

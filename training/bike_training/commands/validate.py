@@ -1,4 +1,4 @@
-"""`bike validate`: what the physics engine does, measured against what is published."""
+"""`bike validate`: the physics engine compared with publications."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Measure, print a table unless `args.json`, and return the result.
 
     Raises:
-        ValueError: a vehicle's file that is wrong, or a step that cannot be. OSError: an unknown vehicle or a folder
+        ValueError: a broken vehicle's file, or an invalid step. OSError: an unknown vehicle or a folder
             that cannot be made.
     """
     superbikes = args.vehicle == SUPERBIKES

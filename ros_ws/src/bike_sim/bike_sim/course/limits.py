@@ -1,4 +1,4 @@
-"""What lies beside a circuit's centre line: checks of its limits, and walls behind its run-off."""
+"""Limits of a circuit: their checks, and the walls behind the run-off."""
 
 from __future__ import annotations
 
@@ -86,10 +86,10 @@ def check_limits(centre: Course) -> None:
 
 
 def _check_once(centre: Course, rows: NDArray[np.int64], middle: FloatArray) -> None:
-    """Refuse a road that lies on another part of itself, led the same way, as in a file of two laps.
+    """Refuse a road that overlaps with itself in the same direction, as in a file of two laps.
 
     Raises:
-        ValueError: naming the two places.
+        ValueError: naming the two positions.
     """
     assert centre.width_left is not None
     assert centre.width_right is not None
@@ -207,7 +207,7 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _near(i: int, j: int, bridge: tuple[int, int], count: int) -> bool:
-    """Tell whether a crossing of limits belongs to a bridge, whose limits cross within some widths of its middle."""
+    """Return whether a crossing of limits belongs to a bridge, whose limits cross within some widths of its middle."""
 
     def apart(p: int, q: int) -> int:
         return min(abs(p - q), count - abs(p - q))

@@ -133,7 +133,7 @@ def random_circuit(seed: int) -> Track:
         for angle, radius, straight in zip(tables.angle, tables.radius, tables.straight, strict=True):
             if not _keeps_apart(angle, radius, straight):
                 continue
-            # What comes after is drawn from a stream of its own, so that no table that fails moves it.
+            # What comes after is drawn from its own stream, so that no table that fails moves it.
             details = np.random.Generator(np.random.PCG64([seed, 1]))
             try:
                 return _track(seed, details, mirror * angle, radius, straight, transition)
@@ -209,7 +209,7 @@ def _closed(tables: _Tables, wanted: float) -> _Tables:
 
 
 def _keeps_apart(angle: FloatArray, radius: FloatArray, straight: FloatArray) -> bool:
-    """Tell whether no two places of a table's line that lie far along from each other are close."""
+    """Return whether no two places of a table's line that lie far along from each other are close."""
     points: list[NDArray[np.complex128]] = []
     at, heading = 0.0 + 0.0j, 0.0
     for theta, r, ahead in zip(angle.tolist(), radius.tolist(), straight.tolist(), strict=True):
