@@ -106,7 +106,7 @@ class Comparison:
 
     Attributes:
         course: Name of the course; empty where none was recorded.
-        runs: What is compared, in the order given.
+        runs: The compared runs, in the order given.
         reference: Index of the run that the others are measured against: the fastest complete one, else the one that
             came farthest.
         station_m: Stations along the course, m, shape (stations,).

@@ -106,7 +106,7 @@ class ComparisonFigures:
         reference: Run that the others are measured against.
         spacing_m: Distance of the stations at which they are compared.
         stations: Number of stations.
-        runs: What is compared.
+        runs: The compared runs.
         sectors: Times of the sectors; empty where the course has none.
         theoretical_lap_s: Sum of the best sectors; null unless every sector has one.
     """
@@ -174,8 +174,8 @@ class Analysis:
     def as_dict(self) -> dict[str, Any]:
         """The figures as plain types, ready for JSON.
 
-        Values that are not finite become None, absent outputs are omitted, and the figures of a ride stand beside its
-        recording, not in a record of their own.
+        Values that are not finite become None, absent outputs are omitted, and the figures of a ride are next to its
+        recording, not in a separate record.
         """
         plain: dict[str, Any] = finite(asdict(self))
         plain["rides"] = [{"recording": ride["recording"], **ride["figures"]} for ride in plain["rides"]]

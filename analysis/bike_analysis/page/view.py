@@ -262,7 +262,7 @@ def _packed_line(line: MapLine) -> dict[str, Any]:
 
 
 def growing(values: NDArray[Any]) -> Floats:
-    """The same column without falls: each value at least the largest before it; what is missing takes that one."""
+    """The running maximum of a column; missing values take the last maximum."""
     filled = np.where(np.isfinite(values), values, -np.inf)
     highest = np.maximum.accumulate(filled) if len(filled) else filled
     return np.where(np.isfinite(highest), highest, values[np.isfinite(values)][0] if np.isfinite(values).any() else 0.0)

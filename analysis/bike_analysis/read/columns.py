@@ -153,7 +153,7 @@ class MessageSchema:
         return data[: self._decode(data)[1]]
 
     def _decode(self, data: bytes) -> tuple[Any, int]:
-        """The decoded message and the length of its own bytes."""
+        """The decoded message and its length in bytes."""
         if len(data) < _HEADER_BYTES or data[0] != 0 or data[1] > 1:
             raise SchemaError(
                 f"a {self.name} begins with {data[:_HEADER_BYTES]!r}, which is not the header of plain CDR"
@@ -169,7 +169,7 @@ class MessageSchema:
         return message, end + _HEADER_BYTES
 
     def fields(self) -> set[str]:
-        """Names of the fields that columns can be made of; nested ones with dots, as ``header.stamp.sec``."""
+        """Names of the fields that can become columns; nested ones with dots, as ``header.stamp.sec``."""
         return {name for name, kind, _ in self._leaves(self.name, "", 0) if kind is not None}
 
     def scalars(self) -> set[str]:

@@ -369,7 +369,7 @@ def _chunk_contents(record: bytes) -> bytes:
     """Decompress a chunk and check it.
 
     Raises:
-        ValueError: If the chunk is damaged, or compressed in a way that MCAP does not know.
+        ValueError: If the chunk is damaged, or with a compression that MCAP does not define.
     """
     _, _, size, crc, name_length = _CHUNK.unpack_from(record)
     position = _CHUNK.size + name_length

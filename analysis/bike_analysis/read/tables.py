@@ -65,7 +65,7 @@ class States(Table):
 
     Attributes:
         control_period: Time between two steps, s.
-        steering_limit: Set value of the steering angle that a steering command of 1 asks for, rad. Of a superbike,
+        steering_limit: Set point of the steering angle for a steering command of 1, rad. Of a superbike,
             whose command requests a lean, the steering stop.
         x: Rear contact point in map, m.
         y: Rear contact point in map, m.

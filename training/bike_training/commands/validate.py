@@ -33,7 +33,7 @@ SUPERBIKES = "superbike"
 
 BICYCLE_PERIOD: Final = 0.05
 SUPERBIKE_PERIOD: Final = 0.02
-"""Control periods, s; a longer integration step is none."""
+"""Control periods, s; integration steps must not be longer."""
 
 _PLOT_SPEEDS = np.arange(0.5, 10.01, 0.5)
 

@@ -77,7 +77,7 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
         Args:
             seed: seed of this and all later draws.
-            options: ``{"request": ResetRequest(...)}`` asks for a certain ride; its preview is replaced by the task's.
+            options: ``{"request": ResetRequest(...)}`` requests a certain ride; its preview is replaced by the task's.
         """
         super().reset(seed=seed)
         goes_on = self._goes_on and seed is None and not options

@@ -38,8 +38,8 @@ def tell_all_to_end() -> None:
 class NodeProcess(AbstractContextManager["NodeProcess"]):
     """A node started as ``python -m <module>``.
 
-    It runs in its own session: a Ctrl-C at the terminal is for whoever started it, who ends it in turn. Where that
-    process is killed, the node notices and ends by itself.
+    It runs in its own session: a Ctrl-C at the terminal reaches its parent process, which ends it in turn. If the parent
+    is killed, the node notices and ends.
     """
 
     def __init__(

@@ -71,7 +71,7 @@ class BatchVecEnv(VecEnv):
 
         Args:
             count: number of vehicles.
-            task: what is learned.
+            task: to be learned.
             episodes: where new episodes are drawn from; :meth:`set_episodes` changes it.
             config: vehicle, engine and steps.
             seed: seed of all rides.

@@ -28,7 +28,7 @@ class RideBlocks(Blocks, Protocol):
 
 
 class Task(Protocol):
-    """What is learned: observation, action, reward, and failure of an episode.
+    """A learning problem: observation, action, reward, and failure of an episode.
 
     Attributes:
         max_steps: steps after which an episode is truncated.

@@ -109,7 +109,7 @@ class ObservationLayout:
         preview_count: preview values, the nearest point included (n_prev + 1 of the paper).
         preview_kind: ``points`` is t_p of Eq. (5), lateral offsets in m. ``lean`` is their linear transform into
             offset (m), lateral velocity (m/s) and, from second differences, the tangent of the lean that a steady
-            turn along the previewed line asks for. It needs a
+            turn along the previewed line requires. It needs a
             preview by time.
         preview_scale: factor of ``points``.
         version: LAYOUT_VERSION of the code that made it.

@@ -2,7 +2,7 @@
 
 Lean. The virtual rider's reference model turns a lean command into lean as a second-order system of frequency w,
 critically damped. So the lateral acceleration that the line will require shortly (when steering has reached the lean)
-is fed forward through the inverse of that system, ``a + 2/w a' + a''/w^2``, and what is left of lateral error e, its
+is fed forward through the inverse of that system, ``a + 2/w a' + a''/w^2``, and the remaining lateral error e, its
 rate and the error of lateral acceleration d is fed back with all four poles at -p:
 
     u = -(k0 e + k1 e' + k2 d + k3 d'),   (s + p)^4 = s^4 + (2w + w^2 k3) s^3 + w^2 (1 + k2) s^2 + w^2 k1 s + w^2 k0
@@ -219,7 +219,7 @@ class ClassicalRider:
         self.controller: LineController | None = None
 
     def begin(self, vehicle: Vehicle, course: Course, period: float, preview: Preview) -> None:
-        """Plan the lap; the same ride again needs no new plan.
+        """Plan the lap; a repeated ride keeps the plan.
 
         Raises:
             ValueError: a vehicle that is no superbike, or an open line.

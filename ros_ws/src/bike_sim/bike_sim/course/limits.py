@@ -15,13 +15,13 @@ from bike_sim.course.course import Course
 FloatArray = NDArray[np.float64]
 
 _STATION = 2.0
-# How far along the road two points may be for one to count as the other's neighbour, beside what their offset asks.
+# Largest distance along the road of two points that count as neighbours, in addition to their lateral offset.
 _NEIGHBOURHOOD = 30.0
 # Roads whose directions differ by less than this (rad) lie on each other where they meet, and by more they cross.
 _SAME_WAY = math.radians(20.0)
 # How far aside another part of the road is looked for, m, where the road is wider than twice that.
 _BESIDE = 10.0
-# Stations within that reach of a station, on average, of which a road by itself has about ten.
+# Stations within that reach of a station, on average, of which a road without others nearby has about ten.
 _CROWDED = 200
 # A limit or wall stays this far (as a fraction of the radius) from the centre of a curve.
 _RADIUS_SHARE = 0.9
@@ -34,7 +34,7 @@ class RunOff:
     """How far behind the limits the walls stand, m.
 
     Attributes:
-        straight: beside straights. inside: inside of corners. outside: outside of sharp corners.
+        straight: along straights. inside: inside of corners. outside: outside of sharp corners.
     """
 
     straight: float = 10.0

@@ -21,8 +21,8 @@ along the line. It is long enough for the step of a control period at 30 m/s and
 :func:`window` makes it longer where a point moves farther from one look to the next.
 """
 MOVED_SHARE = 1.5
-"""The window is at least this many times as long as the way that the point has moved: more than it gains on the line
-by cutting a corner."""
+"""The window is at least this many times the distance that the point has moved: more than it gains on the line by
+cutting a corner."""
 
 
 @njit(cache=True)

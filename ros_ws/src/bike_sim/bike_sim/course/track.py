@@ -250,7 +250,7 @@ class Track:
 
 
 def interpolation_parameter(from_median: float, from_ideal: float, speed_limit: float, highest_speed: float) -> float:
-    """Return lambda, which line of the family a curriculum context asks for (superbike paper, Eq. 3).
+    """Return lambda, the line of the family for a curriculum context (superbike paper, Eq. 3).
 
     The mean of two terms: which of both lines is closer, and how fast the ride may be. The paper's text gives the
     terms in words; this is the form that has the stated ends: 0 for the median and a standstill, 1 for the ideal line
@@ -296,6 +296,6 @@ def _corner_between(centre: Course, name: str, begin: float, end: float) -> Corn
     bend = centre.curvature[samples % count]
     angle = float(np.sum(bend) * centre.spacing)
     sharpest = np.abs(bend).max()
-    # The middle of the stretch that bends as much as the sharpest point does, not its first sample.
+    # The middle of the part with the largest curvature, not its first sample.
     apex = float(np.mean(samples[np.abs(bend) > 0.999 * sharpest]) * centre.spacing) % centre.length
     return Corner(name, begin, apex, end, angle, float(1.0 / sharpest))

@@ -79,7 +79,7 @@ class _Topic:
 class RideRecorder(AbstractContextManager["RideRecorder"]):
     """Writes one recording. Use it as a context manager, or call `close`.
 
-    The process may be killed at any time: complete chunks are on their way to the disk as soon as they are full or
+    The process may be killed at any time: complete chunks are written to disk as soon as they are full or
     `flush_period_s` old, and `bike_analysis` reads a truncated file up to its last complete chunk.
 
     Attributes:

@@ -118,7 +118,7 @@ def run_node(
         if executor is not None:
             executor.shutdown()
         rclpy.try_shutdown()
-        rclpy.get_default_context().destroy()  # tells the others at once that the node is gone
+        rclpy.get_default_context().destroy()  # notifies the others at once that the node is gone
         ended.set()
     return code
 

@@ -1,7 +1,7 @@
 """The simulator as a ROS 2 node: commands in, physics, states out. Nothing here integrates or evaluates a ride.
 
-In lockstep, time stands still until a command answers the last state; the answer to it is the next state. A state that
-nobody answers is published again twice a second, so a policy may join late, be killed and restarted.
+In lockstep, time stands still until a command answers the last state; the next state follows. A state without an
+answer is published again twice a second, so a policy may join late, be killed and restarted.
 
 In free mode, time runs by itself at `real_time_factor` from the first command of an episode on, and the last command
 is held. When commands stop for `command_timeout_s` of simulated time, the set points of steering and throttle go to 0.
@@ -186,7 +186,7 @@ class SimNode(rclpy.node.Node):
         """Begin an episode; simulated time advances by one period.
 
         Raises:
-            ValueError: a request that cannot be met; the episode before continues. FileNotFoundError: no such course.
+            ValueError: a request that cannot be met; the current episode continues. FileNotFoundError: no such course.
         """
         snapshot = self._simulator.reset(request)
         config, course = self._simulator.config, self._simulator.course

@@ -17,7 +17,7 @@ from bike_sim.course.random_paths import CURRICULUM_PATHS, PathRanges
 from bike_sim.physics import state as st
 
 RANDOM_COURSE = "random"
-"""Name that asks for a random path instead of a file."""
+"""Name that requests a random path instead of a file."""
 
 IDEAL = 1.0
 """The ideal line of a circuit; 0 is its median, numbers between them blend the two."""
