@@ -38,7 +38,7 @@ def tell_all_to_end() -> None:
 class NodeProcess(AbstractContextManager["NodeProcess"]):
     """A node started as ``python -m <module>``.
 
-    It runs in its own session: a Ctrl-C at the terminal reaches its parent process, which ends it in turn. If the parent
+    It runs in its own session: a Ctrl-C at the terminal reaches its parent, which ends it in turn. If the parent
     is killed, the node notices and ends.
     """
 
