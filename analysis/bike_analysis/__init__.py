@@ -6,7 +6,7 @@
     recording = open_ride("ride.mcap")
     print(recording.rides[0].figures.mean_error_m)
     table = recording.rides[0].table()          # pandas
-    both = compare(["a.mcap", "b.mcap"])        # aligned by the way along the course
+    both = compare(["a.mcap", "b.mcap"])        # aligned by arc length along the course
 
 Rooms: `read` (files to typed columns), `figures` (columns to numbers), `page` (numbers to pages and pictures); each
 imports only those before it. `api` is what programs call, `report` what ``bike analyze`` writes.

@@ -6,11 +6,11 @@
     recording = open_ride("ride.mcap")
     for ride in recording.rides:
         print(ride.figures.mean_error_m, [lap.duration_s for lap in ride.laps])
-    table = recording.rides[0].table()          # pandas, one row a state, SI units
-    both = compare(["a.mcap", "b.mcap"])        # aligned by the way along the course
+    table = recording.rides[0].table()          # pandas, one row per state, SI units
+    both = compare(["a.mcap", "b.mcap"])        # aligned by arc length along the course
     both.table, both.ghosts(), both.best_sectors_s
 
-All numbers are those of every recorded state; nothing is thinned out here. Whoever draws thins out.
+All numbers are those of every recorded state; nothing is decimated here. Only drawing decimates.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ def open_ride(path: str | os.PathLike[str], namespace: str | None = None) -> Rid
     """Open a recording.
 
     Args:
-        path: An MCAP file, whole or torn, or a rosbag2 directory with one.
+        path: An MCAP file, complete or truncated, or a rosbag2 directory with one.
         namespace: Namespace of the vehicle's topics, where several were recorded.
 
     Returns:
-        The recording. Rides, laps, figures and tables are worked out when they are first asked for.
+        The recording. Rides, laps, figures and tables are computed when they are first needed.
 
     Raises:
         FileNotFoundError: If there is no such recording.

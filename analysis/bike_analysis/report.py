@@ -46,7 +46,7 @@ def analyze(
     """Analyze recordings and, where asked, write their report and tables.
 
     Args:
-        paths: One or more MCAP files, whole or torn, or rosbag2 directories.
+        paths: One or more MCAP files, complete or truncated, or rosbag2 directories.
         out_dir: Where to write ``ride.html`` and ``ride.png``; nothing is written without it. It is created.
         namespace: Namespace of the vehicle's topics, where several were recorded.
         csv: File for the aligned table as CSV.
@@ -100,7 +100,7 @@ def _keep_recordings(recordings: Sequence[str | os.PathLike[str]], written: Sequ
     kept: list[Path] = []
     for recording in map(Path, recordings):
         kept += [recording, recording / METADATA_FILE, *recording.glob("*.mcap")]
-        with suppress(RecordingError, OSError):  # told when it is opened
+        with suppress(RecordingError, OSError):  # reported when it is opened
             kept += find_files(recording)
     for target in written:
         if target.exists() and any(file.exists() and target.samefile(file) for file in kept):
@@ -121,11 +121,11 @@ def _open_all(
         try:
             recording = open_ride(path, namespace)
             for ride in recording.rides:
-                _ = ride.figures  # worked out here, so that what cannot be concerns this file alone
+                _ = ride.figures  # computed here, so that a failure concerns this file alone
             opened.append(recording)
         except (RecordingError, OSError) as error:
             failures.append(error)
-        except ValueError as error:  # numbers that cannot be
+        except ValueError as error:  # impossible numbers
             failures.append(RecordingError(f"{path}: its figures cannot be worked out ({error})"))
     if not opened:
         raise failures[0] if failures else RecordingError("no recording was given")
@@ -138,7 +138,7 @@ def _warnings(recordings: Sequence[RideRecording]) -> list[str]:
 
 
 def _comparisons(recordings: Sequence[RideRecording], station_m: float | None) -> tuple[list[Comparison], list[str]]:
-    """Compare what was ridden on the same course; sentences for what cannot be compared.
+    """Compare rides on the same course; sentences for those that cannot be compared.
 
     Raises:
         ValueError: If `station_m` is not positive.
@@ -167,7 +167,7 @@ def write_report(
         out_dir: Directory, created if need be.
 
     Returns:
-        Paths of the page and of the picture. The picture shows the ride with the longest way.
+        Paths of the page and of the picture. The picture shows the longest ride.
 
     Raises:
         OSError: If a file cannot be written.

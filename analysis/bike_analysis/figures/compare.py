@@ -1,6 +1,6 @@
-"""Several rides or laps side by side, aligned by the way along the course.
+"""Comparison of rides or laps, aligned by arc length along the course.
 
-Each run is put on the same stations: places along the course, a fixed way apart. There the time since the run's begin,
+Each run is interpolated at the same stations, equidistant along the course. There the time since the run's start,
 and every column of `bike_analysis.figures.table`, are interpolated between the two recorded states around it. So the
 difference of two times at a station is what one run has lost on the other up to there.
 """
@@ -31,7 +31,7 @@ from bike_analysis.read.tables import Flags, Floats
 STATIONS: Final = 2500
 """About so many stations are wanted along a course."""
 MOST_ROWS: Final = 2_000_000
-"""Stations or times of one run that are worked out at most."""
+"""Stations or times of one run that are computed at most."""
 SAME_LENGTH: Final = 0.03
 """Courses whose lengths differ by more than this part are not the same."""
 
@@ -42,7 +42,7 @@ class CourseError(ValueError):
 
 @dataclass(frozen=True)
 class Run:
-    """What is compared: a ride, or one lap of it.
+    """One run of a comparison: a ride, or one lap of it.
 
     Attributes:
         label: Name for people, unique within a comparison.
@@ -87,8 +87,8 @@ class SectorComparison:
         name: Of the sector.
         start_m: Where it begins, m.
         end_m: Where it ends, m.
-        times_s: Time of each run of the comparison, s; None where a run did not ride it whole.
-        best_s: The best of these times, out-laps not counted where there are others, s; None if nobody rode it whole.
+        times_s: Time of each run of the comparison, s; None where a run did not complete it.
+        best_s: The best of these times, out-laps not counted where there are others, s; None if no run completed it.
         best: Index of the run with the best time, or None.
     """
 
@@ -102,15 +102,15 @@ class SectorComparison:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Runs on the same course, aligned. Columns are put on the stations when they are first asked for.
+    """Runs on the same course, aligned. Columns are interpolated when they are first needed.
 
     Attributes:
         course: Name of the course; empty where none was recorded.
-        runs: What is compared, in the order given.
+        runs: The compared runs, in the order given.
         reference: Index of the run that the others are measured against: the fastest complete one, else the one that
             came farthest.
         station_m: Stations along the course, m, shape (stations,).
-        scales: By how much the way of each run is stretched to that of the reference; 1 where a length is unknown.
+        scales: Factor that scales the arc length of each run to that of the reference; 1 where a length is unknown.
         sectors: Times of the sectors; empty where the course has no sections.
     """
 
@@ -185,7 +185,7 @@ class Comparison:
     def table(self) -> pd.DataFrame:
         """All runs below each other: ``run``, ``source``, ``ride``, ``lap``, ``station_m``, then the aligned columns.
 
-        One row a run and station; stations at which a run was not are left out.
+        One row per run and station, without stations that a run did not reach.
         """
         parts = [self._part(index) for index in range(len(self.runs))]
         table = pd.concat(parts, ignore_index=True)
@@ -212,8 +212,8 @@ class Comparison:
             period_s: Time between two positions, s.
 
         Returns:
-            One row a time and run: ``time_s``, ``run``, ``station_m``, ``x_m``, ``y_m``, ``gap_m`` (way ahead of the
-            reference, negative behind), ``speed_m_s``. A run has rows from its first station to its end.
+            One row per time and run: ``time_s``, ``run``, ``station_m``, ``x_m``, ``y_m``, ``gap_m`` (distance ahead of
+            the reference, negative behind), ``speed_m_s``. A run has rows from its first station to its end.
 
         Raises:
             ValueError: If the period is not positive.
@@ -330,14 +330,14 @@ def _round_spacing(wanted: float) -> float:
 
 
 def _rows(run: Run) -> slice:
-    """Rows of the ride's states that tell of a run: of a lap with the states around both crossings."""
+    """Rows of the ride's states that belong to a run; for a lap with the states around both crossings."""
     if run.lap is None:
         return slice(0, len(run.ride.states))
     return slice(max(run.lap.first - 1, 0), run.lap.last + 1)
 
 
 def _ways(run: Run, scale: float) -> tuple[Flags, Floats]:
-    """Which of a run's rows are farther than all before, and the ways there, m, stretched by `scale`."""
+    """Which of a run's rows are farther than all before, and their arc lengths, m, scaled by `scale`."""
     progress = run.ride.states.progress
     if not np.isfinite(progress).any():
         progress = run.ride.distance
@@ -348,7 +348,7 @@ def _ways(run: Run, scale: float) -> tuple[Flags, Floats]:
 
 
 def _sectors(runs: Sequence[Run]) -> tuple[SectorComparison, ...]:
-    """Times of the sectors. Laps tell their own; of a whole ride it is the time between their ends."""
+    """Times of the sectors. Laps have their own; for a whole ride it is the time between the sector ends."""
     course = next((run.ride.course for run in runs if run.ride.course is not None), None)
     if course is None or not course.section_names:
         return ()
@@ -373,7 +373,7 @@ def _sector_names(names: Sequence[str], given: Floats, starts: Floats) -> list[s
 
 
 def _sector_times(run: Run, starts: Floats, ends: Floats) -> list[float | None]:
-    """Time of a run in each sector; None for one that it did not ride whole."""
+    """Time of a run in each sector; None for one that it did not complete."""
     if run.lap is not None:
         told: list[float | None] = list(run.lap.sectors_s)
         return told if len(told) == len(starts) else [None] * len(starts)

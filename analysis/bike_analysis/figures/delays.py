@@ -26,12 +26,12 @@ class CommandDelay:
 
 
 def command_delay(ride: Ride) -> CommandDelay:
-    """Find out how old the applied commands were.
+    """Return the age of the applied commands.
 
-    A state tells the command that was applied in the step that led to it. That command is looked up among the recorded
-    ones: the newest one with this value that answers a state from before the step. Its age is the number of steps (and
-    the simulated time) between the state that it answers and the state from which the step began. In lockstep it is 0;
-    in free running it tells how late the policy's answers came, a held command growing older with each step.
+    A state contains the command that was applied in the step that led to it. That command is looked up among the
+    recorded ones: the newest one with this value that answers a state from before the step. Its age is the number of
+    steps (and the simulated time) between the state that it answers and the state from which the step began. In
+    lockstep it is 0; in free running it shows how late the commands were, a held command ageing with each step.
 
     Args:
         ride: A ride.

@@ -41,7 +41,7 @@ def write_csv(table: pd.DataFrame, path: str | os.PathLike[str]) -> Path:
 
 
 def write_parquet(table: pd.DataFrame, path: str | os.PathLike[str]) -> Path:
-    """Write a table as Parquet, every number as it is.
+    """Write a table as Parquet, in full precision.
 
     Raises:
         ModuleNotFoundError: If pyarrow is not installed.

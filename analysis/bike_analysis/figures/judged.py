@@ -1,4 +1,4 @@
-"""The part of a ride that is judged: on an open course it ends at the finish, however late the ride was stopped."""
+"""The part of a ride that is evaluated: on an open course it ends at the finish, even if the ride continued."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def judged_ride(ride: Ride) -> Ride:
     Returns:
         The same ride whose last state is interpolated at the finish, lateral errors behind the end measured to the
         course's straight continuation. Without a recorded course the states behind the finish are left out and none is
-        interpolated. A ride on a closed course, and one that does not reach the finish, is returned as it is.
+        interpolated. A ride on a closed course, and one that does not reach the finish, is returned unchanged.
     """
     states = ride.states
     if states.course_closed[-1]:
@@ -54,7 +54,7 @@ def course_finish(course: RecordedCourse | None) -> Finish | None:
 
 
 def _extended(states: States, finish: Finish) -> States:
-    """The states with progress and lateral errors that go on straight behind the finish."""
+    """The states, with progress and lateral errors extended straight beyond the finish."""
     progress, lateral = finish.extend(states.progress, states.lateral_error, states.x, states.y)
     front = finish.extend(states.front_progress, states.front_lateral_error, states.front_x, states.front_y)
     return replace(

@@ -1,6 +1,6 @@
-"""A recording of laps on a circuit, timed anew, and the theoretical lap beside it.
+"""A recording of laps on a circuit with recomputed lap times, and the theoretical lap for comparison.
 
-Everything about the ride comes from the recording; the circuit and the theoretical lap are given beside it. Lap timing
+Everything about the ride comes from the recording; circuit and theoretical lap are arguments. Lap timing
 is computed again from the recorded contact points and compared with the recorded events.
 """
 
@@ -59,7 +59,7 @@ class LapRecording:
         track: The circuit.
         timing: Laps, computed again from the recording.
         events: Timing events, computed again.
-        progress: Along the centre line, m, one value a state.
+        progress: Along the centre line, m, one value per state.
         outside: How far the contact point less far out lay outside the limits, m; negative on the track.
     """
 
@@ -78,7 +78,7 @@ class LapRecording:
 
     @property
     def time(self) -> Floats:
-        """Time since the reset, s, one value a state."""
+        """Time since the reset, s, one value per state."""
         return self.ride.states.step * self.ride.states.control_period
 
     def rows(self, lap: Lap) -> slice:
@@ -88,7 +88,7 @@ class LapRecording:
 
 
 def load_laps(path: str | os.PathLike[str], track: Track) -> LapRecording:
-    """Read a recording and time its laps anew.
+    """Read a recording and recompute its lap times.
 
     Args:
         path: The recording; its first ride counts.
@@ -96,8 +96,8 @@ def load_laps(path: str | os.PathLike[str], track: Track) -> LapRecording:
 
     Raises:
         FileNotFoundError: If there is no such recording.
-        RecordingError: If it is none.
-        ValueError: If its states do not lie on the circuit.
+        RecordingError: If it is not a recording.
+        ValueError: If its states are not on the circuit.
     """
     recording = read_recording(path)
     ride = find_rides(recording)[0]

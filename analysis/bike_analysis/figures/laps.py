@@ -3,7 +3,7 @@
 The start line lies where the course's arc length is 0 and the sectors begin where its sections do. A line counts once,
 when it is first crossed forward, and the time of crossing is interpolated in progress between two states, as
 `bike_sim.course.lap_timing` does while riding. Where the recording has the simulator's own LAP and SECTOR events, their
-times are taken, so that every page and program tells the same lap time. That timer itself needs a circuit with its
+times are taken, so that every page and program shows the same lap time. That timer itself needs a circuit with its
 limits and every contact point; here laps are found also where only the progress was recorded, with gaps.
 """
 
@@ -25,7 +25,7 @@ SHORTEST_COURSE: Final = 1.0
 ON_THE_LINE: Final = 0.05
 """A ride that begins at most this far beyond a line began on it, m."""
 MOST_LAPS: Final = 2000
-"""Laps that are told apart in one ride."""
+"""Laps that are distinguished in one ride."""
 SAME_CROSSING: Final = 0.25
 """An event belongs to a crossing found from the states if their times differ by less than this, s."""
 
@@ -96,7 +96,7 @@ def course_length(ride: Ride) -> float | None:
 
 
 def known_length(states: States) -> float | None:
-    """Length of the course as it was told last, m; None where no state tells one that can be."""
+    """Length of the course as last recorded, m; None if no state has a valid one."""
     told = states.course_length[states.course_length >= SHORTEST_COURSE]
     return float(told[-1]) if len(told) else None
 
@@ -175,7 +175,7 @@ def counted_laps(laps: Sequence[CompleteLap]) -> list[CompleteLap]:
 
 
 def _as_recorded(ride: Ride, lap: CompleteLap) -> CompleteLap:
-    """The same lap with the times of the recorded events, where they tell of it."""
+    """The same lap with the times of the recorded events, where there are any for it."""
     zero = reset_time(ride)
     end = _nearest([e for e in ride.events if e.kind == "lap"], lap.end_s + zero)
     if end is None or not end.value > 0.0:
@@ -211,7 +211,7 @@ def _nearest(events: Sequence[RecordedEvent], time_s: float) -> RecordedEvent | 
 
 
 def lap_of_states(ride: Ride, laps: Sequence[CompleteLap]) -> NDArray[np.int64]:
-    """Number of the complete lap in which each state lies; 0 outside."""
+    """Number of the complete lap of each state; 0 outside."""
     number = np.zeros(len(ride.states), dtype=np.int64)
     for lap in laps:
         number[lap.rows] = lap.number

@@ -1,9 +1,9 @@
-"""Figures of a ride. All of them come from every recorded state; nothing is thinned out.
+"""Figures of a ride. All of them come from every recorded state; nothing is decimated.
 
 Distances to the path are those of the rear contact point, t_0 = d(P, P_P0) in the bicycle paper, which evaluates their
 mean and maximum along a ride (Weyrer et al. 2026, Sect. 5.3 and Eq. 15). Distance to the ideal line, time off the
-track, falls and collisions are what the superbike paper tells of a deployed policy (its Table I). Names end in their
-units; what cannot be computed from the recording is None.
+track, falls and collisions are the figures of the superbike paper for a deployed policy (its Table I). Names end in
+their units; what cannot be computed from the recording is None.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Collision:
         time_s: Time since the reset.
         progress_m: Where, as arc length.
         speed_m_s: Speed.
-        energy_j: Energy of the whole motion, to the kilojoule; None where the event does not tell.
+        energy_j: Energy of the whole motion, to the kilojoule; None if the event does not state it.
         text: The event's sentence.
     """
 
@@ -73,7 +73,7 @@ class Collision:
 
 @dataclass(frozen=True)
 class LapFigures:
-    """Figures of one complete lap. What is not explained here is as in `RideFigures`, over this lap.
+    """Figures of one complete lap. Fields without explanation are as in `RideFigures`, over this lap.
 
     Attributes:
         lap: Number in the ride, from 1.
@@ -141,13 +141,13 @@ class RideFigures:
         roll_rate_rms_deg_s: Root mean square of the roll rate.
         steer_rate_rms_deg_s: Root mean square of the steer rate: the steering activity.
         steer_torque_rms_nm: Root mean square of the steering drive's torque.
-        roll_rate_max_deg_s: Largest roll rate to either side: how fast it was leaned.
-        steer_rate_max_deg_s: Largest steer rate to either side.
+        roll_rate_max_deg_s: Largest roll rate on either side.
+        steer_rate_max_deg_s: Largest steer rate on either side.
         command_change_mean: Mean absolute change of the steering command from step to step, of [-1, 1].
         throttle_change_mean: The same of throttle and brake.
         acceleration_max_m_s2: Largest change of the speed, by central differences over two steps.
         braking_max_m_s2: Largest change of the speed downwards, positive.
-        lateral_acceleration_max_m_s2: Largest speed times yaw rate to either side.
+        lateral_acceleration_max_m_s2: Largest speed times yaw rate on either side.
         steps: Recorded steps.
         lost_steps: Steps missing between the first and the last.
         lost_commands: Steps between the first and the last command for which none was recorded; None without commands.
@@ -232,7 +232,7 @@ def ride_figures(ride: Ride) -> RideFigures:
     """Compute the figures of a ride.
 
     Args:
-        ride: A ride as recorded. Its motion is judged up to the finish of an open course (`judged_ride`); falls,
+        ride: A ride as recorded. Its motion is evaluated up to the finish of an open course (`judged_ride`); falls,
             collisions, gaps and delays are those of the whole recording.
 
     Returns:
@@ -363,7 +363,7 @@ def lap_figures(ride: Ride, lap: CompleteLap, outside: Floats) -> LapFigures:
 
 
 def collisions(ride: Ride) -> tuple[Collision, ...]:
-    """Walls that were met, with the energy as the simulator's sentence tells it."""
+    """Collisions with walls, with the energy from the simulator's event text."""
     found = []
     for event in ride.events:
         if event.kind == "wall":
@@ -380,7 +380,7 @@ def section_figures(ride: Ride) -> tuple[SectionFigures, ...]:
         ride: A ride.
 
     Returns:
-        One entry a section, in order, over all laps; empty if the course or its sections were not recorded.
+        One entry per section, in order, over all laps; empty if the course or its sections were not recorded.
     """
     course = ride.course
     section = ride.section_of()
@@ -395,9 +395,9 @@ def section_figures(ride: Ride) -> tuple[SectionFigures, ...]:
 
 
 def latency_figures(latencies: tuple[Latency, ...]) -> tuple[float | None, float | None]:
-    """Median and 99th percentile of the policy's latency, s, by the last report; None where none tells it.
+    """Median and 99th percentile of the policy's latency, s, from the last report; None if no report has it.
 
-    Each report is over all answers since the policy's start (the last 100,000), so the last one tells of the most. The
+    Each report is over all answers since the policy's start (the last 100,000), so the last one covers the most. The
     first ones are over few answers, of which the very first is slow: their 99th percentile would be that one answer.
 
     Args:

@@ -25,7 +25,7 @@ def over(function: Any, values: NDArray[Any]) -> float | None:
 def rate(values: Floats, time_s: Floats) -> Floats:
     """Change over time by central differences; NaN where there are fewer than two values or time stands still.
 
-    They reach over two steps, from the state before to the one behind: what is told beside a state is the change there.
+    Central differences over two steps, from the previous to the next state.
     The difference to the state before alone would be that of half a step earlier, with twice the noise.
     """
     if len(values) < 2:
@@ -40,16 +40,16 @@ def best_times(laps: Iterable[Sequence[float | None]]) -> tuple[float | None, ..
     """The best time of each sector, s.
 
     Args:
-        laps: Times of the sectors, one row a lap; None where a sector was not ridden whole. Rows are of equal length.
+        laps: Times of the sectors, one row per lap; None where a sector was not completed. Rows are of equal length.
 
     Returns:
-        One entry a sector; None where nobody rode it whole.
+        One entry per sector; None where no lap completed it.
     """
     return tuple(min((t for t in times if t is not None), default=None) for times in zip(*laps, strict=True))
 
 
 def best_sectors_together(laps: Iterable[Sequence[float | None]]) -> float | None:
-    """The sum of the best time of each sector, s: the best lap that could be put together.
+    """The sum of the best time of each sector, s: the theoretical best lap.
 
     Args:
         laps: As in `best_times`.

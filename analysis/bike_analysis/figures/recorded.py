@@ -1,4 +1,4 @@
-"""A recording, its rides and its laps, with figures and tables that are worked out when they are first asked for."""
+"""A recording, its rides and its laps, with figures and tables that are computed when they are first needed."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class RecordedRide:
         return min((lap for lap in self.laps if lap.data in counted), key=lambda lap: lap.duration_s, default=None)
 
     def table(self) -> pd.DataFrame:
-        """The ride as a table, one row a recorded state.
+        """The ride as a table, one row per recorded state.
 
         Returns:
             Columns with units in their names, as `bike_analysis.figures.table` says.
@@ -157,7 +157,7 @@ class RideRecording:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What was missing or wrong, a sentence each."""
+        """What was missing or wrong, one sentence each."""
         return self.data.warnings
 
     @cached_property
@@ -172,7 +172,7 @@ class RideRecording:
 
 
 def folder_prefixes(paths: Sequence[Path]) -> list[str]:
-    """Say what to put before the names of files so that those of one name can be told apart.
+    """Return prefixes that distinguish files of the same name.
 
     Args:
         paths: Files, in any order; one may come several times.
@@ -192,7 +192,7 @@ def folder_prefixes(paths: Sequence[Path]) -> list[str]:
 
 
 def _depth(folders: Set[Path]) -> int:
-    """How many of the last parts tell folders apart."""
+    """Number of trailing path parts that distinguish the folders."""
     return next(n for n in count() if len({_last(folder, n) for folder in folders}) == len(folders))
 
 

@@ -1,4 +1,4 @@
-"""What `bike analyze` tells, as typed records: the figures of its ``--json``, schema ``bike.analyze/2``."""
+"""Results of `bike analyze` as typed records: the figures of its ``--json``, schema ``bike.analyze/2``."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from bike_analysis.figures.recorded import RideRecording
 
 SCHEMA: Final = "bike.analyze/2"
 SPEED_STEP: Final = 0.25
-"""Grid of speeds on which rides are put together, m/s: that of Fig. 10 in the bicycle paper."""
+"""Grid of speeds for grouping rides, m/s: that of Fig. 10 in the bicycle paper."""
 STEADY: Final = 0.2
-"""A ride whose speed varies by more than this part has no speed that T(v) could be told for."""
+"""A ride whose speed varies by more than this fraction is left out of T(v)."""
 
 
 @dataclass(frozen=True)
@@ -28,8 +28,8 @@ class RecordingFigures:
         recording: The file.
         vehicle: Name of the vehicle; null where it was not recorded.
         policy: Who rode, from the recorder's notes; null where unknown.
-        truncated: Whether something is missing: torn off, or a part damaged.
-        warnings: What was missing or wrong, a sentence each.
+        truncated: Whether data is missing: the file is truncated, or a part damaged.
+        warnings: What was missing or wrong, one sentence each.
         notes: What the recorder noted about the ride.
         messages: Messages read, of all topics.
         topics: Messages read, by topic.
@@ -62,7 +62,7 @@ class RunFigures:
         ride: Number of the ride in its recording.
         lap: Number of the lap in its ride; null for a whole ride.
         duration_s: Lap time, or time of the ride since its reset.
-        complete: Whether it is a whole lap, or a ride recorded from its reset that reached the end of its course.
+        complete: Whether it is a complete lap, or a ride recorded from its reset that reached the end of its course.
         delta_s: Time lost on the reference at the last station that both rode; negative where it was won.
     """
 
@@ -84,7 +84,7 @@ class SectorFigures:
         name: Of the sector.
         start_m: Where it begins.
         end_m: Where it ends.
-        times_s: Time of each run, in the order of the runs; null where it was not ridden whole.
+        times_s: Time of each run, in the order of the runs; null where it was not completed.
         best_s: The best of them.
         best_run: Who rode it.
     """
@@ -106,7 +106,7 @@ class ComparisonFigures:
         reference: Run that the others are measured against.
         spacing_m: Distance of the stations at which they are compared.
         stations: Number of stations.
-        runs: What is compared.
+        runs: The compared runs.
         sectors: Times of the sectors; empty where the course has none.
         theoretical_lap_s: Sum of the best sectors; null unless every sector has one.
     """
@@ -150,13 +150,13 @@ class Analysis:
     Attributes:
         recordings: The recordings, in the order given.
         rides: Their rides, in order; `recording` is the file and the rest as in `RideFigures`.
-        comparisons: Rides and laps side by side, one entry a course; empty where there is nothing to compare.
-        distance_by_speed: T(v), one entry a course and speed; only of rides at a steady speed.
+        comparisons: Rides and laps side by side, one entry per course; empty where there is nothing to compare.
+        distance_by_speed: T(v), one entry per course and speed; only of rides at a steady speed.
         truncated: Whether anything is missing in one of the recordings.
         warnings: All warnings, with the file where there are several; also files that could not be read.
         page: The report page, where it was written.
         picture: The picture, where it was written.
-        csv: The aligned table as CSV, where it was asked for.
+        csv: The aligned table as CSV, if requested.
         parquet: The same as Parquet.
     """
 
@@ -174,8 +174,8 @@ class Analysis:
     def as_dict(self) -> dict[str, Any]:
         """The figures as plain types, ready for JSON.
 
-        What is not finite becomes None, what was not written is left out, and the figures of a ride stand beside its
-        recording, not in a record of their own.
+        Values that are not finite become None, absent outputs are omitted, and the figures of a ride are next to its
+        recording, not in a separate record.
         """
         plain: dict[str, Any] = finite(asdict(self))
         plain["rides"] = [{"recording": ride["recording"], **ride["figures"]} for ride in plain["rides"]]
@@ -208,7 +208,7 @@ def finite(value: Any) -> Any:
 
 
 def recording_figures(recording: RideRecording) -> RecordingFigures:
-    """Say what a recording is."""
+    """Describe a recording."""
     data = recording.data
     median, p99 = latency_figures(data.latencies)
     return RecordingFigures(
@@ -227,7 +227,7 @@ def recording_figures(recording: RideRecording) -> RecordingFigures:
 
 
 def comparison_figures(comparison: Comparison) -> ComparisonFigures:
-    """Say what came out of a comparison."""
+    """Describe the result of a comparison."""
     stations, runs = comparison.station_m, comparison.runs
     return ComparisonFigures(
         course=comparison.course,
@@ -267,7 +267,7 @@ def distance_by_speed(recordings: Sequence[RideRecording]) -> tuple[SpeedFigures
         recordings: What was read. Each policy counts as one controller, however often it rode.
 
     Returns:
-        One entry a course and speed, sorted.
+        One entry per course and speed, sorted.
     """
     groups: dict[tuple[str, int], list[tuple[str, RideFigures]]] = {}
     for recording in recordings:

@@ -1,6 +1,6 @@
-"""The JSON Schema of ``bike analyze --json``, made of the records in `results` and of what their docstrings say.
+"""The JSON Schema of ``bike analyze --json``, generated from the records in `results` and their docstrings.
 
-The package carries it as ``analyze.schema.json``; ``python -m bike_analysis.figures.schema`` prints it anew.
+The package carries it as ``analyze.schema.json``; ``python -m bike_analysis.figures.schema`` prints it.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def shipped_schema() -> dict[str, Any]:
 
 
 def make_schema() -> dict[str, Any]:
-    """Make the schema of the whole output."""
+    """Return the schema of the whole output."""
     definitions: dict[str, Any] = {}
     figures = _object(Analysis, definitions)
     figures["required"] = [name for name in figures["required"] if name not in WRITTEN]
@@ -75,7 +75,7 @@ def _object(kind: type, definitions: dict[str, Any]) -> dict[str, Any]:
 
 
 def _told(kind: type) -> dict[str, str]:
-    """What a docstring says of each attribute, plain."""
+    """Description of each attribute from a docstring, as plain text."""
     text = inspect.cleandoc(kind.__doc__ or "")
     return {name: " ".join(said.replace("`", "").split()) for name, said in _ATTRIBUTE.findall(text)}
 

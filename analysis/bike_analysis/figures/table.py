@@ -1,8 +1,8 @@
-"""A ride as a pandas table: one row a recorded state, SI units, names that end in their unit.
+"""A ride as a pandas table: one row per recorded state, SI units, names that end in their unit.
 
 Suffixes: ``_s`` seconds, ``_m`` metres, ``_m_s`` metres a second, ``_m_s2``, ``_rad``, ``_rad_s``, ``_nm`` newton
-metres, ``_1_m`` one over metres; columns without a suffix are counts, flags, shares in [-1, 1] or names. What was not
-recorded is NaN. Nothing is thinned out.
+metres, ``_1_m`` one over metres; columns without a suffix are counts, flags, fractions in [-1, 1] or names. What was
+not recorded is NaN. Nothing is decimated.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def ride_table(ride: Ride, laps: tuple[CompleteLap, ...] | None = None) -> pd.Da
         laps: Its laps, where they are known already.
 
     Returns:
-        One row a state; see `docs/analysis.md` for each column.
+        One row per state; see `docs/analysis.md` for each column.
     """
     states = ride.states
     columns: dict[str, Any] = {
@@ -76,7 +76,7 @@ def ride_table(ride: Ride, laps: tuple[CompleteLap, ...] | None = None) -> pd.Da
 
 
 def motion_columns(ride: Ride, rows: slice) -> dict[str, Any]:
-    """Columns of numbers and flags that tell the motion at some of a ride's states, by name."""
+    """Columns of the motion at selected states of a ride, by name."""
     states = ride.states.take(rows)
     columns: dict[str, Any] = {"distance_m": ride.distance[rows]}
     columns |= {name: getattr(states, field) for name, field in STATE_COLUMNS.items()}
@@ -87,7 +87,7 @@ def motion_columns(ride: Ride, rows: slice) -> dict[str, Any]:
 
 
 def station(ride: Ride) -> Floats:
-    """Where on the course each state is, m: progress, within the lap on a closed course; else the way driven."""
+    """Where on the course each state is, m: progress (within the lap on a closed course), else distance travelled."""
     states = ride.states
     if not np.isfinite(states.progress).any():
         return ride.distance

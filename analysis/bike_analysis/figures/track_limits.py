@@ -1,6 +1,6 @@
 """Where a ride was beyond the limits of its course, and for how long.
 
-A place is off the track where both contact points lie outside (as `bike_sim.course.lap_timing` counts it). The limits
+A position is off the track if both contact points are outside (as `bike_sim.course.lap_timing` counts it). The limits
 are those of the recorded course: distances from the followed line to the left and to the right.
 """
 
@@ -18,14 +18,14 @@ def has_limits(course: RecordedCourse | None) -> bool:
 
 
 def beyond_limits(states: States, course: RecordedCourse | None) -> Floats:
-    """How far the contact point that is less far out lies outside the limits, m.
+    """Distance beyond the limits of the contact point that is less far out, m.
 
     Args:
         states: States of a ride.
         course: Its course.
 
     Returns:
-        One value a state, negative on the track; NaN without limits. Without the front contact the rear one counts.
+        One value per state, negative on the track; NaN without limits. Without the front contact the rear one counts.
     """
     if course is None or not has_limits(course):
         return np.full(len(states), np.nan)
@@ -51,7 +51,7 @@ def time_outside(time_s: Floats, outside: Floats, begin_s: float = -np.inf, end_
         end_s: Only until here, s.
 
     Returns:
-        The time; None where it cannot be known.
+        The time; None if unknown.
     """
     if len(time_s) < 2 or not np.isfinite(outside).any():
         return None

@@ -13,7 +13,7 @@ from bike_analysis.read.tables import TELEMETRY_COLUMNS, Floats
 
 @dataclass(frozen=True)
 class TyreFigures:
-    """Slip, loads and aids over a ride. Largest values are to either side.
+    """Slip, loads and aids over a ride. Largest values are on either side.
 
     Attributes:
         rear_slip_angle_rms_deg: Root mean square of the slip angle.
@@ -27,7 +27,7 @@ class TyreFigures:
         rear_load_min_n: Least vertical load.
         front_load_min_n: Least vertical load.
         engine_power_max_w: Largest power at the crank.
-        traction_control_s: Time during which traction control allowed less than was asked for.
+        traction_control_s: Time during which traction control allowed less than requested.
         anti_wheelie_s: The same for the anti-wheelie.
         brake_control_s: The same for the brake control.
         anti_stoppie_s: The same for the anti-stoppie.

@@ -1,4 +1,4 @@
-"""Several rides or laps side by side: what is drawn, and the table of their sectors."""
+"""View of a comparison of rides or laps, and the table of their sectors."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _MAIN_COLUMN: Final = {"lean": "roll"}
 
 
 def comparison_view(comparison: Comparison, key: str) -> View:
-    """Say what is drawn of a comparison: distance-aligned traces, time lost, and a ghost for each other run.
+    """Return the view of a comparison: distance-aligned traces, time lost, and a ghost for each other run.
 
     Args:
         comparison: The runs, aligned.
@@ -97,7 +97,7 @@ def _columns(comparison: Comparison, index: int) -> dict[str, Floats]:
 
 
 def comparison_words(comparison: Comparison) -> str:
-    """A sentence that tells what is compared, as HTML."""
+    """A sentence that names the compared runs, as HTML."""
     course = f" on {html_text(comparison.course)}" if comparison.course else ""
     return (
         f'<p class="soft">{len(comparison.runs)} rides or laps{course}, at the same places along the course. The '

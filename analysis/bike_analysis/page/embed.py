@@ -1,6 +1,6 @@
 """Columns of numbers inside a page: small enough for an hour at 100 Hz, exact to a stated quantum.
 
-A column becomes whole multiples of its quantum. Their differences from row to row are small, so they are zigzag coded
+A column becomes integer multiples of its quantum. Differences from row to row are small, so they are zigzag coded
 (sign in the lowest bit), split into four planes of bytes, deflated and written in base64. ``page_data.js`` undoes this.
 """
 

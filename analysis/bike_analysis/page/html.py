@@ -30,7 +30,7 @@ def script_json(data: Any) -> str:
 
 
 def table_html(head: str, rows: Sequence[str]) -> str:
-    """Return a table that scrolls by itself where the screen is narrow."""
+    """Return a table that scrolls horizontally on a narrow screen."""
     return f"<div class=scroll><table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table></div>"
 
 

@@ -69,7 +69,7 @@ def render_lap_page(laps: LapRecording, theory: Theory) -> str:
 
 
 def _header(laps: LapRecording) -> list[str]:
-    """What was ridden, by whom, and where the numbers come from. Of an out-lap the tiles tell nothing."""
+    """Vehicle, circuit, rider and source of the numbers. The tiles do not show an out-lap."""
     recording, track = laps.recording, laps.track
     words = [f"machine {recording.vehicle}", f"circuit {track.name}, {track.length:.0f} m"]
     words += [f"{name} {value}" for name, value in recording.notes.items() if name not in ("vehicle", "circuit")]
@@ -99,7 +99,7 @@ def _key(figures: dict[str, Any]) -> str:
 
 
 def _time_table(laps: LapRecording, theory: Theory) -> str:
-    """Lap and sector times by the number in the events; the best flying ones are marked, and what they add up to."""
+    """Lap and sector times by the number in the events; the best flying ones are marked, with their sum."""
     names = [name for name, _ in laps.track.sectors]
     head = "".join(f"<th>{html_text(name)}</th>" for name in ("lap", "time", *names, "off track"))
     flying = [lap.sectors for lap in laps.flying]

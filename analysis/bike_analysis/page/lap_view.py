@@ -1,4 +1,4 @@
-"""The view of laps on a circuit: each flying lap over the way, the theoretical lap beside them, g-g diagram, map."""
+"""The view of laps on a circuit: each flying lap over arc length, the theoretical lap, g-g diagram, map."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _SMOOTHING_S: Final = 0.1
 
 
 def lap_view(laps: LapRecording, theory: Theory, key: str, title: str) -> View:
-    """Say what is drawn of recorded laps.
+    """Return the view of recorded laps.
 
     Args:
         laps: The recording with its timing. Without a flying lap the whole ride is drawn as one.
@@ -73,7 +73,7 @@ def _lean_from(panel: Panel) -> Panel:
 
 
 def lap_columns(laps: LapRecording, lap: Lap | None, limit: dict[str, Floats]) -> dict[str, Floats]:
-    """Columns of a lap, over the way along the centre line; the whole ride if None."""
+    """Columns of a lap, over arc length along the centre line; the whole ride if None."""
     rows = slice(0, len(laps.ride.states)) if lap is None else laps.rows(lap)
     columns = ride_columns(laps.ride, rows)
     for name in ("balance", "reached", "age", "command"):
@@ -89,7 +89,7 @@ def lap_columns(laps: LapRecording, lap: Lap | None, limit: dict[str, Floats]) -
 
 
 def theory_columns(laps: LapRecording, theory: Theory) -> dict[str, Floats]:
-    """Columns of the theoretical lap, over the way along the centre line; lateral positive to the right, in g."""
+    """Columns of the theoretical lap, over arc length along the centre line; lateral positive to the right, in g."""
     step, speed = np.diff(theory.s), theory.speed
     time = np.concatenate([[0.0], np.cumsum(2.0 * step / (speed[:-1] + speed[1:]))])
     return {
@@ -165,7 +165,7 @@ def corner_sections(laps: LapRecording, distance: Floats) -> tuple[Section, ...]
 
 
 def follow_data(laps: LapRecording, lap: Lap | None) -> dict[str, Any]:
-    """What the ride seen from behind needs beside the columns: road's edges, line and words."""
+    """Additional data of the follow view: limits, line and labels."""
     track, course = laps.track, laps.ride.course
     count = round(track.length / ROAD_STEP)
     progress = np.linspace(0.0, track.length, count, endpoint=False)

@@ -30,7 +30,7 @@ _POINTS: Final = 1600
 
 
 def thin(x: NDArray[Any], y: NDArray[Any], points: int = _POINTS) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Thin out a line for drawing, keeping the smallest and the largest value of each stretch.
+    """Decimate a line for drawing, keeping the minimum and the maximum of each interval.
 
     Args:
         x: Abscissae.
@@ -170,7 +170,7 @@ def _draw_ends(axes: Axes, ride: Ride) -> None:
 
 
 def _draw_section_numbers(axes: Axes, ride: Ride) -> None:
-    """Write each section's number beside the middle of it, to the left of the line."""
+    """Write each section's number at its middle, to the left of the line."""
     for number, place, left in section_middles(ride.course):
         axes.annotate(
             str(number),

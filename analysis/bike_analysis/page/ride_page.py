@@ -30,7 +30,7 @@ def write_page(
     """Write the report page.
 
     Args:
-        recordings: What was read; all their rides are listed, and drawn as far as they are few.
+        recordings: What was read; all their rides are listed, and drawn if they are few.
         path: The file to write; its folder must exist.
         comparison: Rides or laps of them side by side, shown first.
 

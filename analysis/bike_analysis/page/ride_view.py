@@ -26,7 +26,7 @@ GRAVITY: Final = 9.81
 FAST: Final = 15.0
 """Beyond this speed km/h are shown, m/s."""
 OFF_TRACK_POINTS: Final = 400
-"""Marks of places off the track, at most."""
+"""Largest number of markers of positions off the track."""
 _KMH: Final = 3.6
 
 ERROR: Final = Panel(
@@ -69,7 +69,7 @@ AGE: Final = Panel(
 
 
 def ride_view(ride: Ride, key: str, title: str) -> View:
-    """Say what is drawn of a ride.
+    """Return the view of a ride.
 
     Args:
         ride: A ride.
@@ -108,13 +108,13 @@ def speed_channels(fast: bool) -> dict[str, Channel]:
 
 
 def ride_columns(ride: Ride, rows: slice, begin_m: float = 0.0, begin_s: float | None = None) -> dict[str, Floats]:
-    """Columns of a stretch of a ride, as the page shows them.
+    """Columns of a part of a ride, as the page shows them.
 
     Args:
         ride: A ride.
-        rows: The stretch.
+        rows: The part.
         begin_m: Progress that counts as distance 0, m.
-        begin_s: Time since the ride's first state that counts as 0, s; that of the stretch's first row if None.
+        begin_s: Time since the ride's first state that counts as 0, s; that of the first row if None.
 
     Returns:
         Columns by name (see `bike_analysis.page.view.CHANNELS`); what was not recorded is missing.
@@ -192,7 +192,7 @@ def ride_marks(ride: Ride) -> tuple[Mark, ...]:
 
 
 def off_track(ride: Ride, outside: Floats) -> Mark | None:
-    """Mark the places beyond the limits, where `outside` (m, one value a state) is positive; None without any."""
+    """Mark the positions beyond the limits, where `outside` (m, one value per state) is positive; None without any."""
     rows = np.flatnonzero(outside > 0.0)
     if not len(rows):
         return None
@@ -200,7 +200,7 @@ def off_track(ride: Ride, outside: Floats) -> Mark | None:
 
 
 def marked(name: str, symbol: str, colour: str, ride: Ride, rows: list[int]) -> Mark:
-    """Mark the places of some states."""
+    """Mark the positions of some states."""
     return Mark(name, symbol, colour, ride.states.x[rows].tolist(), ride.states.y[rows].tolist())
 
 
@@ -216,7 +216,7 @@ def section_labels(course: RecordedCourse | None) -> tuple[dict[str, Any], ...]:
 
 
 def section_middles(course: RecordedCourse | None) -> Iterator[tuple[int, Floats, Floats]]:
-    """Number of each section with the place of its middle, m, and the direction to the left there."""
+    """Number of each section with the position of its middle, m, and the direction to the left there."""
     if course is None or len(course.x) < 3 or not course.section_names:
         return
     bounds = np.append(course.section_starts, course.length)

@@ -1,6 +1,6 @@
 """The frame that all pages share: one HTML file that needs no network, in light and dark, for desk and phone.
 
-It holds style, script, Plotly and the policy that keeps the browser from asking anybody for anything.
+It holds style, script, Plotly and the content security policy that blocks all network requests.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def page_shell(title: str, below: str, parts: Iterable[str], views: Sequence[Vie
         title: Headline.
         below: HTML under it.
         parts: HTML of the page, with the frames of the views (`bike_analysis.page.view.view_html`) in their order.
-        views: What the script draws into them.
+        views: Views that the script draws into them.
 
     Returns:
         The whole page.

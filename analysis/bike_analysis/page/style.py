@@ -1,6 +1,6 @@
 """One set of colours for the page, in light and in dark, and for the picture that matplotlib draws.
 
-The line colours are told apart also by readers with colour-blindness (they differ in lightness and lie first of all on
+The line colours can be distinguished with colour-blindness (they differ in lightness and lie first of all on
 the blue-orange axis); the scale of errors is viridis, with large errors farthest from the background in both schemes.
 """
 

@@ -1,6 +1,6 @@
 """What an interactive view of the page consists of, and how it becomes HTML and data.
 
-A view has one cursor and one shown stretch for all that it draws: panels over distance or time, a map, a cloud of
+A view has one cursor and one shown range for everything that it draws: panels over distance or time, a map, a cloud of
 points, the ride seen from behind. ``page_view.js`` draws it; here is only said what there is to draw.
 """
 
@@ -30,7 +30,7 @@ class Channel:
     """A quantity.
 
     Attributes:
-        label: What it is, for people.
+        label: Readable name.
         unit: As it is shown; empty without one.
         digits: Decimals that are shown; two more are kept.
         absolute: Whether the map is coloured by its size alone.
@@ -131,7 +131,7 @@ class Series:
 
 @dataclass(frozen=True)
 class MapLine:
-    """A line behind the path driven: ``wanted`` or ``limit`` in `role`; places in m."""
+    """A line behind the trajectory: ``wanted`` or ``limit`` in `role`; positions in m."""
 
     name: str
     role: str
@@ -152,7 +152,7 @@ class Mark:
 
 @dataclass(frozen=True)
 class Section:
-    """A stretch of the first series, rows `first` to `last` (exclusive); `shaded` for one that stands alone."""
+    """A range of the first series, rows `first` to `last` (exclusive); `shaded` for one that stands alone."""
 
     label: str
     name: str
@@ -191,7 +191,7 @@ class View:
         map_caption: Below the map.
         channels: Differing from `CHANNELS`.
         cloud: Or None.
-        follow: What the ride seen from behind needs beside the columns, or None.
+        follow: Additional data of the follow view, or None.
     """
 
     key: str
@@ -213,7 +213,7 @@ class View:
         return self.channels.get(name, CHANNELS[name])
 
     def data(self) -> dict[str, Any]:
-        """What the script needs, ready for JSON."""
+        """The view as plain values for JSON."""
         names = {name for series in self.series for name in series.columns}
         cloud = self.cloud
         return {
@@ -262,7 +262,7 @@ def _packed_line(line: MapLine) -> dict[str, Any]:
 
 
 def growing(values: NDArray[Any]) -> Floats:
-    """The same column without falls: each value at least the largest before it; what is missing takes that one."""
+    """The running maximum of a column; missing values take the last maximum."""
     filled = np.where(np.isfinite(values), values, -np.inf)
     highest = np.maximum.accumulate(filled) if len(filled) else filled
     return np.where(np.isfinite(highest), highest, values[np.isfinite(values)][0] if np.isfinite(values).any() else 0.0)
@@ -307,7 +307,7 @@ def _figure(key: str, title: str, caption: str, kind: str, head: str = "", foot:
 
 
 def _unit_html(panel: Panel) -> str:
-    """The unit of the vertical axis, beside the title: there is no room for it at the ticks."""
+    """The unit of the vertical axis, next to the title because the ticks leave no room for it."""
     return f'<small class="soft">in {escape(panel.unit)}</small>' if panel.unit else ""
 
 

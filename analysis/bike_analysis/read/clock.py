@@ -20,7 +20,7 @@ def ride_bounds(episode: Integers, step: Integers) -> list[int]:
 
     Returns:
         First row of each ride, and at last the number of states. A ride begins where the episode changes or the step
-        goes back (a simulator that was started anew counts its episodes from 1 again).
+        goes back (a simulator that was restarted counts its episodes from 1 again).
     """
     begins = np.flatnonzero((np.diff(episode) != 0) | (np.diff(step) < 0)) + 1
     return [0, *begins.tolist(), len(step)]

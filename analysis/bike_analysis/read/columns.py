@@ -3,7 +3,7 @@
 It is our own for its speed alone (`bike bench analysis` against `rosbags`, docs/results.md): decoding message by
 message in Python costs tens of microseconds each, and an hour of states at 100 Hz is 360,000 of them. But the
 messages of one topic mostly have one layout, because their strings and arrays keep their lengths. So the layout is
-worked out once for the first message that no known layout fits, and the fields of all messages that share it are
+computed once for the first message that no known layout fits, and the fields of all messages that share it are
 picked out of the recording with one NumPy expression each. Messages whose lengths differ get their own layout;
 nothing is assumed that is not checked.
 
@@ -33,11 +33,11 @@ BATCH: Final = 4096
 
 _HEADER_BYTES: Final = 4
 _DEEPEST: Final = 32
-"""Messages within messages; what is deeper contains itself."""
+"""Largest nesting of messages; deeper definitions are recursive."""
 _LONGEST_ARRAY: Final = 4096
 """Elements of an array of messages or strings of fixed length; the decoder makes code for each of them."""
 _KEPT_LAYOUTS: Final = 8
-"""Layouts that are tried before a new one is worked out."""
+"""Layouts that are tried before a new one is computed."""
 _DTYPES: Final = {
     "bool": "u1",
     "byte": "u1",
@@ -153,7 +153,7 @@ class MessageSchema:
         return data[: self._decode(data)[1]]
 
     def _decode(self, data: bytes) -> tuple[Any, int]:
-        """The decoded message and the length of its own bytes."""
+        """The decoded message and its length in bytes."""
         if len(data) < _HEADER_BYTES or data[0] != 0 or data[1] > 1:
             raise SchemaError(
                 f"a {self.name} begins with {data[:_HEADER_BYTES]!r}, which is not the header of plain CDR"
@@ -169,7 +169,7 @@ class MessageSchema:
         return message, end + _HEADER_BYTES
 
     def fields(self) -> set[str]:
-        """Names of the fields that columns can be made of; nested ones with dots, as ``header.stamp.sec``."""
+        """Names of the fields that can become columns; nested ones with dots, as ``header.stamp.sec``."""
         return {name for name, kind, _ in self._leaves(self.name, "", 0) if kind is not None}
 
     def scalars(self) -> set[str]:
@@ -179,7 +179,7 @@ class MessageSchema:
     def _leaves(self, type_name: str, prefix: str, depth: int) -> Iterator[tuple[str, str | None, bool]]:
         """Fields, nested messages resolved: name, basic type (None for an array of others) and whether it is an array.
 
-        Strings count as a basic type of their own.
+        Strings count as a separate basic type.
         """
         for field, kind, detail in self._fields_of(type_name, depth):
             name = f"{prefix}{field}"
@@ -202,7 +202,7 @@ class MessageSchema:
             yield field, kind, detail
 
     def layout(self, data: bytes) -> MessageLayout:
-        """Work out where the fields of a message lie.
+        """Compute the offsets of the fields of a message.
 
         Args:
             data: CDR bytes with header.
@@ -246,7 +246,7 @@ class MessageSchema:
 
 @dataclass(frozen=True)
 class _Place:
-    """Where a field lies: `offset` in bytes from the message's begin; `count` is None for a scalar."""
+    """Location of a field: `offset` in bytes from the start of the message; `count` is None for a scalar."""
 
     name: str
     dtype: str
@@ -286,7 +286,7 @@ def windows(contents: Bytes, begin: Integers, width: int) -> Bytes:
 
     Args:
         contents: Bytes.
-        begin: Where each stretch begins; it must end within the contents.
+        begin: Start of each range; it must end within the contents.
         width: Its length.
 
     Returns:
@@ -298,7 +298,7 @@ def windows(contents: Bytes, begin: Integers, width: int) -> Bytes:
 
 
 class _Walker:
-    """Walks through one message and notes places and lengths."""
+    """Walks through one message and notes offsets and lengths."""
 
     def __init__(self, name: str, data: bytes) -> None:
         self._name = name
@@ -428,10 +428,10 @@ class ColumnReader:
         return remaining[~fits]
 
     def finish(self) -> dict[str, NDArray[Any]]:
-        """Decode what is left.
+        """Decode the rest.
 
         Returns:
-            For each wanted field an array with one row a message, in order.
+            For each wanted field an array with one row per message, in order.
 
         Raises:
             SchemaError: If a message does not fit its type, or an array has several lengths.

@@ -1,7 +1,7 @@
-"""The container: raw messages out of an MCAP file, also out of one that was torn off or damaged at any byte.
+"""Raw messages from an MCAP file, also from one that was truncated or damaged at any byte.
 
 The index at the end of an MCAP file is what a killed recorder never wrote, so it is not needed: the records are read in
-order from the beginning, chunk by chunk, until the footer or until a record is not whole. Chunks are checked against
+order from the beginning, chunk by chunk, until the footer or until a record is incomplete. Chunks are checked against
 their CRC, and one that is damaged is left out. Only chunks are decompressed; what the file declares about its lengths
 is believed only where it fits the file, so that a damaged length cannot eat memory.
 
@@ -60,7 +60,7 @@ class RecordingError(ValueError):
     """The file is not a recording of a ride, or nothing of it can be read."""
 
     def __init__(self, told: str) -> None:
-        """Say what is wrong in one plain line; it may name what somebody put into the file."""
+        """Return the fault as one plain line, which may quote content of the file."""
         super().__init__(shown(told, LONGEST_SENTENCE))
 
 
@@ -118,7 +118,7 @@ class Container:
         counts: Messages met so far, by channel.
         truncated: Whether reading ended before the file's own end.
         bytes_read: Length of the part that was whole, bytes.
-        reason: Why reading ended early, in words; empty for a whole file.
+        reason: Why reading ended early, in words; empty for a complete file.
         damaged_chunks: Chunks that were left out.
         damage: What was wrong with the first of them, in words.
     """
@@ -139,7 +139,7 @@ class Container:
         """Yield all messages in the order in which they were recorded.
 
         Yields:
-            Messages of whole chunks (and of whole message records, where the file has no chunks).
+            Messages of complete chunks (and of complete message records, where the file has no chunks).
 
         Raises:
             RecordingError: If the file is not MCAP at all.
@@ -173,7 +173,7 @@ class Container:
         self._read_summary()  # topics without messages are described there only
 
     def check(self) -> None:
-        """Look whether the file can be read at all; what is wrong after its first chunk is not seen.
+        """Check that the file can be read at all; faults after its first chunk are not detected.
 
         Raises:
             RecordingError, OSError: What `blocks` would raise.
@@ -255,7 +255,7 @@ class Container:
             self._read_summary()
 
     def _read_summary(self) -> None:
-        """Note the schemas and channels of the summary section, where there is a whole one; a torn file has none."""
+        """Note the schemas and channels of the summary section, if it is complete; a truncated file has none."""
         with suppress(*_DAMAGE), open_regular(self.path) as file:
             for opcode, content in _summary_records(file, os.fstat(file.fileno()).st_size):
                 if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
@@ -333,7 +333,7 @@ def _summary_records(file: IO[bytes], size: int) -> Iterator[tuple[int, bytes]]:
     """Opcode and content of the records of the summary section.
 
     Raises:
-        ValueError: If it is not whole.
+        ValueError: If it is incomplete.
     """
     footer_bytes = RECORD_BYTES + 20
     footer_begin = size - len(MAGIC) - footer_bytes
@@ -369,7 +369,7 @@ def _chunk_contents(record: bytes) -> bytes:
     """Decompress a chunk and check it.
 
     Raises:
-        ValueError: If the chunk is damaged, or compressed in a way that MCAP does not know.
+        ValueError: If the chunk is damaged, or with a compression that MCAP does not define.
     """
     _, _, size, crc, name_length = _CHUNK.unpack_from(record)
     position = _CHUNK.size + name_length
@@ -399,7 +399,7 @@ def _decompressed(compression: str, data: memoryview, size: int) -> bytes:
     try:
         if compression == "zstd":
             declared = zstandard.frame_content_size(data)
-            if declared not in (-1, size):  # -1: the frame does not tell
+            if declared not in (-1, size):  # -1: the frame does not state it
                 raise ValueError(f"a chunk's frame declares {declared} bytes instead of {size}")
             return _ZSTD.decompress(data, max_output_size=size)
         if compression == "lz4":

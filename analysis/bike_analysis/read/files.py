@@ -24,7 +24,7 @@ class RecordingFiles(NamedTuple):
 
     Attributes:
         files: Those that can be read, in order, at least one.
-        warnings: What is missing or cannot be read, a sentence each.
+        warnings: What is missing or cannot be read, one sentence each.
     """
 
     files: tuple[Path, ...]
@@ -44,10 +44,10 @@ def examine_files(path: str | os.PathLike[str]) -> RecordingFiles:
             ``metadata.yaml`` lists, but for the last one of a killed recorder: it is found by its number.
 
     Returns:
-        The files, and what is wrong with others.
+        The files, and the faults of others.
 
     Raises:
-        FileNotFoundError: If there is none.
+        FileNotFoundError: If it does not exist.
         RecordingError: If the directory has several files and nothing says that they belong together, or if none of
             several can be read.
         OSError: If none of several can be opened.

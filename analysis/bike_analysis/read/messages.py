@@ -171,7 +171,7 @@ def reports_of(order: int, message: Any) -> list[Report]:
 
 
 def own_reports(reports: Sequence[Report], namespace: str) -> Sequence[Report]:
-    """Reports of nodes of a namespace, which their names begin with; all of them where there are none such."""
+    """Reports of the nodes in a namespace; all reports if there are none."""
     prefix = f"{namespace.strip('/')}/".lstrip("/")
     names = [report.name.lstrip("/") for report in reports]
     inside = [name.startswith(prefix) if prefix else "/" not in name for name in names]

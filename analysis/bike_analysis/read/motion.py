@@ -1,6 +1,6 @@
 """Motion out of standard messages, for recordings of other bicycles: pose, velocity, inertial and satellite data.
 
-Such a recording knows nothing of a course, of steering or of steps. What it tells is put into the columns of our
+Such a recording has no course, steering or steps. Its data is converted to the columns of our
 states, and all else stays unknown (NaN). Signs are those of REP-103 (x forward, y left, z up), in which a roll about x
 leans right where it is positive, as in ``bike_msgs``.
 """
@@ -36,7 +36,7 @@ MOTION_FIELDS: Final[dict[str, tuple[str, ...]]] = {
 }
 """Fields that are read, by type."""
 MOTION_TYPES: Final = tuple(MOTION_FIELDS)
-"""Types that tell of motion, the most telling first."""
+"""Message types with motion, the most informative first."""
 
 NEW_RIDE_AFTER: Final = 10.0
 """Silence after which another ride begins, s."""
@@ -75,7 +75,7 @@ class Motion:
 
 
 def states_of_motion(motions: Sequence[Motion]) -> tuple[dict[str, NDArray[Any]], str]:
-    """Work out the columns of states.
+    """Compute the columns of states.
 
     Args:
         motions: Recorded topics. Of each type the one with the most messages counts; odometry gives the rows, or else
@@ -83,7 +83,7 @@ def states_of_motion(motions: Sequence[Motion]) -> tuple[dict[str, NDArray[Any]]
 
     Returns:
         Columns by field of `bike_analysis.read.tables.States`, with ``order`` and ``time_s``; and a sentence that says
-        what they were worked out from.
+        what they were computed from.
     """
     chosen = {}
     for kind in MOTION_TYPES:
@@ -144,7 +144,7 @@ _WORKED_OUT: Final = {ODOMETRY: _odometry, SATELLITE: _satellite, INERTIAL: _ine
 
 
 def _angles(x: Floats, y: Floats, z: Floats, w: Floats) -> tuple[Floats, Floats, Floats]:
-    """Roll, pitch and yaw (not wrapped) of unit quaternions, rad; NaN where the quaternion is none.
+    """Roll, pitch and yaw (not wrapped) of unit quaternions, rad; NaN for an invalid quaternion.
 
     Rotations about z, then y, then x, as REP-103 has them.
     """
@@ -158,14 +158,14 @@ def _angles(x: Floats, y: Floats, z: Floats, w: Floats) -> tuple[Floats, Floats,
 
 
 def _unwrapped(angle: Floats) -> Floats:
-    """An angle without jumps, rad; what is NaN stays so."""
+    """An unwrapped angle, rad; NaN is kept."""
     known = np.isfinite(angle)
     angle[known] = np.unwrap(angle[known])
     return angle
 
 
 def _complete(states: dict[str, NDArray[Any]]) -> None:
-    """Add what follows from the rest: speed and heading from the places, rides and period from the times."""
+    """Add derived columns: speed and heading from positions, rides and period from times."""
     time = states["time_s"]
     if len(time) > 1 and "x" in states and "y" in states:
         across, along = np.gradient(states["x"], time), np.gradient(states["y"], time)

@@ -1,7 +1,7 @@
 """A recording as typed columns: states, commands, courses, events and latencies. Needs no ROS.
 
-A recording may lack topics and fields: what is not there becomes NaN or an empty list, and a warning says so. Where
-nobody recorded our states, the motion is worked out from standard messages (`bike_analysis.read.motion`). Only a
+A recording may lack topics and fields: missing ones become NaN or an empty list, with a warning. Where
+`BikeState` was not recorded, the motion is computed from standard messages (`bike_analysis.read.motion`). Only a
 recording without any motion is refused.
 """
 
@@ -67,7 +67,7 @@ class Recording:
         notes: What the recorder noted about the ride.
         truncated: Whether the file ended before its end (recorder killed, disk full, damage), or one of several is
             missing.
-        warnings: What was missing or wrong, a sentence each.
+        warnings: What was missing or wrong, one sentence each.
         message_count: Messages read, of all topics.
         telemetry: What tyres and engine did, or None where it was not recorded.
         topics: Number of messages read by topic.
@@ -92,7 +92,7 @@ class Recording:
 
 
 def read_recording(path: str | os.PathLike[str], namespace: str | None = None) -> Recording:
-    """Read a recording, whole or torn.
+    """Read a recording, complete or truncated.
 
     Args:
         path: An MCAP file or a rosbag2 directory with one.
@@ -100,7 +100,7 @@ def read_recording(path: str | os.PathLike[str], namespace: str | None = None) -
             or ``/bike``.
 
     Returns:
-        What could be read, up to the last whole chunk.
+        What could be read, up to the last complete chunk.
 
     Raises:
         FileNotFoundError: If the file does not exist.
@@ -156,7 +156,7 @@ class _Reader:
                 self._sorted.warn(f"a message of {topic} is left out: damaged, or of another version ({error})")
 
     def _choose(self, namespace: str | None) -> str | None:
-        """Namespace of the vehicle to be read; None where there are no states of ours, but motion of somebody's."""
+        """Namespace of the vehicle to be read; None if there is no `BikeState`, but other messages with motion."""
         topics = sorted(topic for topic, reader in self._sorted.topics.items() if reader.type_name == STATE_TYPE)
         found = sorted(topic.removesuffix("/state") for topic in topics if topic.endswith("/state"))
         names = ", ".join(name or "/" for name in found)
@@ -235,7 +235,7 @@ class _Reader:
         )
 
     def _foreign(self) -> States:
-        """States worked out from standard messages, with a sentence that says of which."""
+        """States computed from standard messages, with a sentence that says of which."""
         motions = []
         for topic, reader in self._sorted.topics.items():
             if reader.type_name in MOTION_TYPES:

@@ -1,4 +1,4 @@
-"""Where the records of a chunk lie; compiled, because an hour of riding has millions of them."""
+"""Locations of the records in a chunk; compiled, because an hour of riding has millions of them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _MESSAGE = 0x05
 
 @njit(cache=True)
 def _number(contents: NDArray[np.uint8], position: int, size: int) -> np.int64:
-    """A little-endian number; what does not fit 63 bits comes out negative, and is refused as a length."""
+    """A little-endian number; values beyond 63 bits become negative, and are refused as a length."""
     value = np.int64(0)
     for k in range(size):
         value |= np.int64(contents[position + k]) << np.int64(8 * k)
@@ -32,11 +32,11 @@ def scan(
     Args:
         contents: The chunks' contents.
         bounds: Where each chunk begins, and at last where the last one ends.
-        messages: Filled with channel, log time, begin and end of the data, one row a message.
+        messages: Filled with channel, log time, begin and end of the data, one row per message.
         others: Filled with opcode, begin and end of the content of all other records.
 
     Returns:
-        Numbers of messages, of other records, and of chunks with a record that is not whole: what stands before it
+        Numbers of messages, of other records, and of chunks with a record that is incomplete: what stands before it
         counts.
     """
     found, rest, broken = 0, 0, 0

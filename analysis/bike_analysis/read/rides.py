@@ -23,7 +23,7 @@ class Ride:
 
     Attributes:
         index: Number in the recording, from 1.
-        episode: The simulator's number of the episode; it begins again at 1 when the simulator is started anew.
+        episode: The simulator's number of the episode; it begins again at 1 when the simulator is restarted.
         states: States, each step once, never empty.
         repeated_states: States left out because their step had been recorded already.
         commands: Commands that answer states of this ride.
@@ -45,9 +45,9 @@ class Ride:
 
     @property
     def distance(self) -> Floats:
-        """Distance driven by the rear contact since the ride's first state, m, one value a state.
+        """Distance driven by the rear contact since the ride's first state, m, one value per state.
 
-        Where places were not recorded it is the speed over time; where neither was, it stays 0.
+        Where positions were not recorded it is the speed over time; where neither was, it stays 0.
         """
         states = self.states
         steps = np.hypot(np.diff(states.x), np.diff(states.y))
@@ -57,12 +57,12 @@ class Ride:
 
     @property
     def time(self) -> Floats:
-        """Simulated time since the ride's first state, s, one value a state."""
+        """Simulated time since the ride's first state, s, one value per state."""
         return self.states.time_s - self.states.time_s[0]
 
     @property
     def ended_by(self) -> str:
-        """What came first: ``finished``, ``fell`` or ``off_course``; ``stopped`` where none of these was recorded."""
+        """First of ``finished``, ``fell`` or ``off_course``; else ``stopped``."""
         states = self.states
         flags = {"fell": states.fallen, "off_course": states.off_course, "finished": states.finished | self._lapped()}
         first = {name: int(np.argmax(rows)) for name, rows in flags.items() if rows.any()}
@@ -80,7 +80,7 @@ class Ride:
         """Followed line for drawing.
 
         Returns:
-            x and y in map, m: the recorded course, or else the points of it that the ride came by, worked out from the
+            x and y in map, m: the recorded course, or else the points of it that the ride came by, computed from the
             lateral and heading errors. A closed course ends with its first point.
         """
         course = self.course
@@ -95,7 +95,7 @@ class Ride:
         )
 
     def section_of(self) -> Integers:
-        """Section of the course in which each state lies.
+        """Section of the course of each state.
 
         Returns:
             Index into the course's section names, one a state; -1 before the first section. Empty without sections.
@@ -112,7 +112,7 @@ class Ride:
 def find_rides(recording: Recording) -> tuple[Ride, ...]:
     """Split a recording into rides.
 
-    A ride begins where the episode changes or the step goes back (a simulator that was started anew counts its episodes
+    A ride begins where the episode changes or the step goes back (a simulator that was restarted counts its episodes
     from 1 again). A step that was recorded twice counts once.
 
     Args:
@@ -137,7 +137,7 @@ class _Window:
     """Places in the recording between which messages of an episode number belong to one ride.
 
     Topics are recorded side by side, and a course or command may stand before its ride's first state. So only another
-    ride of the same episode number, from a simulator that was started anew, limits the window. Between the two, what
+    ride of the same episode number, from a simulator that was restarted, limits the window. Between the two, what
     belongs to a reset (a course, an event of step 0) is the later ride's, all else is the earlier one's.
     """
 

@@ -98,7 +98,7 @@ class MessageSorter:
         vehicles: Name of the vehicle in the first state, by topic.
         counts: Messages read, by topic.
         message_count: Messages read, of all topics.
-        warnings: What was missing or wrong, a sentence each.
+        warnings: What was missing or wrong, one sentence each.
     """
 
     def __init__(self, found: RecordingFiles) -> None:
@@ -129,7 +129,7 @@ class MessageSorter:
         self._tell(box)
 
     def _tell(self, box: Container) -> None:
-        """Count what a file held, and warn of what is wrong with it."""
+        """Count the messages of a file, and warn of its faults."""
         for channel_id, count in box.counts.items():
             if channel_id in box.channels:
                 topic = box.channels[channel_id].topic

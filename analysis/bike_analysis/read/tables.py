@@ -1,6 +1,6 @@
-"""Columns of recorded messages: states, commands and telemetry, one row a message, with the fields' names and units.
+"""Columns of recorded messages: states, commands and telemetry, one row per message, with the fields' names and units.
 
-What a message means is said in ``bike_msgs``. A recording may lack fields: what is not there is NaN.
+``bike_msgs`` defines the messages. A recording may lack fields, which are then NaN.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ LARGEST: Final = 1e9
 
 @dataclass(frozen=True)
 class Table:
-    """Columns of equal length, one row a message, in the order of recording.
+    """Columns of equal length, one row per message, in the order of recording.
 
     Attributes:
         order: Place of each message in the recording, counted over all topics.
@@ -65,8 +65,8 @@ class States(Table):
 
     Attributes:
         control_period: Time between two steps, s.
-        steering_limit: Set value of the steering angle that a steering command of 1 asks for, rad. Of a superbike,
-            whose command asks for a lean, the steering stop.
+        steering_limit: Set point of the steering angle for a steering command of 1, rad. Of a superbike,
+            whose command requests a lean, the steering stop.
         x: Rear contact point in map, m.
         y: Rear contact point in map, m.
         yaw: rad, not wrapped.
@@ -93,7 +93,7 @@ class States(Table):
         front_lateral_error: Signed distance of the front contact to the course, m.
         heading_error: rad, positive left.
         curvature: Of the course at progress, 1/m, positive turning left.
-        fallen: Whether the vehicle lies.
+        fallen: Whether the vehicle has fallen.
         off_course: Whether it left the course.
         finished: Whether it reached the end of the course.
     """
@@ -146,7 +146,7 @@ class Commands(Table):
 
 @dataclass(frozen=True)
 class Telemetry:
-    """What tyres, engine, brakes and rider aids of a superbike did (``bike_msgs/Telemetry``), one row a message.
+    """What tyres, engine, brakes and rider aids of a superbike did (``bike_msgs/Telemetry``), one row per message.
 
     Attributes:
         order: Place of each message in the recording.
@@ -214,7 +214,7 @@ COLUMNS: Final[dict[str, tuple[str, ...]]] = {
 def make_table(
     kind: type[TableT], order: Integers, time_s: Floats, columns: dict[str, NDArray[Any]], count: int
 ) -> TableT:
-    """A table of columns; those that are absent are filled, and numbers that cannot be become NaN."""
+    """A table of columns; absent ones are filled, and impossible numbers become NaN."""
     values: dict[str, NDArray[Any]] = {"order": order, "time_s": time_s}
     for f in fields(kind):
         if f.name in values:

@@ -23,7 +23,7 @@ def shown(text: str, longest: int = LONGEST_NAME) -> str:
         longest: Characters kept of it.
 
     Returns:
-        One line: controls and the like as escapes (``\x1b``, ``\u202e``), what is too long cut with an ellipsis.
+        One line: controls and the like as escapes (``\x1b``, ``\u202e``), overlong text cut with an ellipsis.
     """
     cut = text if len(text) <= longest else f"{text[: longest - 1]}…"
     return "".join(_escaped(c) if unicodedata.category(c) in _UNSEEN else c for c in cut)

@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Check or draw, print a table unless `args.json`, and return the figures.
 
     Raises:
-        ValueError: the file is broken. FileNotFoundError: there is none.
+        ValueError: the file is broken. FileNotFoundError: it does not exist.
     """
     check_positive("--lateral-g", args.lateral_g, "g", LARGEST_LATERAL)
     if args.action == "plot":

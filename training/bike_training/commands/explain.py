@@ -77,7 +77,7 @@ def _policy(name: str) -> Bundle:
 
 
 def _answers_differ(bundle: Bundle, seen: RecordedObservations) -> float:
-    """Return the largest difference of a policy's set values to the recorded ones, rad; NaN without commands."""
+    """Return the largest difference of a policy's set points to the recorded ones, rad; NaN without commands."""
     if not np.isfinite(seen.steering).any():
         return math.nan
     answers = np.clip(set_values(bundle, seen.observations) / seen.steering_limit, -1.0, 1.0)

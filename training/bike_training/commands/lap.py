@@ -1,4 +1,4 @@
-"""`bike lap`: the classical rider laps circuits on superbikes, and the theoretical laps beside it."""
+"""`bike lap`: the classical rider laps circuits on superbikes, compared with the theoretical laps."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Ride, print a table unless `args.json`, and return the figures.
 
     Raises:
-        ValueError: a file that is wrong. FileNotFoundError: an unknown vehicle or circuit.
+        ValueError: a broken file. FileNotFoundError: an unknown vehicle or circuit.
     """
     check_whole("--laps", args.laps, 1)
     if args.nodes:
@@ -140,7 +140,7 @@ def _ride(vehicle: str, circuit: str, laps: int, quiet: bool) -> dict[str, Any]:
 def pair_figures(ride: LapRide, laps: int) -> dict[str, Any]:
     """Return the figures of one machine on one circuit.
 
-    They are ok when all flying laps are finished, and none is too long beside the theoretical one on the closest line.
+    They are ok when all flying laps are finished with a small excess over the theoretical lap of the closest line.
     """
     best, excess = ride.best, ride.closest_excess
     fell = ride.end not in ("finished", "slow", WALL)

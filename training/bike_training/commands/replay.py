@@ -1,4 +1,4 @@
-"""`bike replay`: rides a recorded ride again with its own commands and tells whether the same ride comes out."""
+"""`bike replay`: replays a recording from its commands and reports whether the ride is the same."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Ride all rides again; not ok when one does not come out the same.
+    """Replay all rides; not ok if one differs.
 
     Raises:
         FileNotFoundError: there is no such recording, or its vehicle or course is not here.
-        ValueError: it cannot be ridden again, with the reason.
+        ValueError: it cannot be replayed, with the reason.
     """
     recording, rides = read_rides(args.recording, args.vehicle)
     episodes = [recorded.ride.episode for recorded in rides]
@@ -76,7 +76,7 @@ def _ride(recorded: RecordedRide, args: argparse.Namespace) -> dict[str, Any]:
 
 
 def figures_of(recorded: RecordedRide, replay: Replay) -> dict[str, Any]:
-    """Return what came out as plain values."""
+    """Return the results as plain values."""
     return {
         "ride": recorded.ride.index,
         "episode": recorded.ride.episode,
@@ -112,7 +112,7 @@ def _with_units(difference: dict[str, Any]) -> dict[str, Any]:
 
 
 def text_of(recorded: RecordedRide, replay: Replay) -> list[str]:
-    """Say in words what came out."""
+    """Return the results as text."""
     ride, config = recorded.ride, replay.config
     head = (
         f"ride {ride.index} (episode {ride.episode}, {recorded.vehicle}, {_physics(config.engine, config.time_step)})"

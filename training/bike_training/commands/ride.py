@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     check_positive("--speed", args.speed, "m/s")
     if args.domain is not None:
         check_whole("--domain", args.domain, 0, LARGEST_DOMAIN)
-    SimulatorConfig(engine=args.engine, time_step=args.time_step)  # refuses a step that cannot be
+    SimulatorConfig(engine=args.engine, time_step=args.time_step)  # refuses an invalid step
     rider = make_rider(args.policy)
     course = load_course(args.course)
     longest = time_for(course, args.speed)

@@ -21,7 +21,7 @@ DEFAULT_PRESET: Final = "fast"
 DEFAULT_SIMULATORS: Final = 2
 RECORD_EVERY: Final = 10
 ENGINES: Final = {"local": COMPILED_ENGINE, "ros": "pybullet"}
-"""Engine behind a client where none is asked for."""
+"""Default engine of each client."""
 
 EXAMPLES = """examples:
   bike train whipple --out runs/a                        the default preset on the compiled engine
@@ -80,7 +80,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Learn and return what came of it; not ok when interrupted."""
+    """Learn and return the outcome; not ok when interrupted."""
     settings = _with_simulator(_resumed_settings(args) if args.resume else _new_settings(args), args)
     with tqdm(total=settings.preset.steps, unit="step", smoothing=0.05, disable=None) as bar:
         summary = learning.run(settings, args.out, lambda process: _show(bar, process), args.resume)
@@ -97,7 +97,7 @@ def _new_settings(args: argparse.Namespace) -> RunSettings:
 
 
 def _resumed_settings(args: argparse.Namespace) -> RunSettings:
-    """Return the settings of a run that goes on, with what may change on the way."""
+    """Return the settings of a resumed run, with those that may change."""
     fixed = {"--preset": args.preset, "--set": args.set or None, "--seed": args.seed}
     given = [option for option, value in fixed.items() if value is not None]
     if given:
@@ -109,7 +109,7 @@ def _resumed_settings(args: argparse.Namespace) -> RunSettings:
 
 
 def _with_choices(settings: RunSettings, args: argparse.Namespace) -> RunSettings:
-    """Return settings with those arguments that may be given anew at each start."""
+    """Return settings with those arguments that may change at each start."""
     if args.steps is not None:
         settings = replace(settings, preset=replace(settings.preset, steps=args.steps))
     names = ("checkpoint_every", "record_every", "until_finished")
@@ -118,7 +118,7 @@ def _with_choices(settings: RunSettings, args: argparse.Namespace) -> RunSetting
 
 
 def _with_simulator(settings: RunSettings, args: argparse.Namespace) -> RunSettings:
-    """Return settings with the simulator that the arguments ask for.
+    """Return settings with the simulator of the arguments.
 
     Fewer bicycles at once learn as much from each of their steps.
     """

@@ -1,4 +1,4 @@
-"""`bike validate`: what the physics engine does, measured against what is published."""
+"""`bike validate`: the physics engine compared with publications."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ SUPERBIKES = "superbike"
 
 BICYCLE_PERIOD: Final = 0.05
 SUPERBIKE_PERIOD: Final = 0.02
-"""Control periods, s; a longer integration step is none."""
+"""Control periods, s; integration steps must not be longer."""
 
 _PLOT_SPEEDS = np.arange(0.5, 10.01, 0.5)
 
@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Measure, print a table unless `args.json`, and return the result.
 
     Raises:
-        ValueError: a vehicle's file that is wrong, or a step that cannot be. OSError: an unknown vehicle or a folder
+        ValueError: a broken vehicle's file, or an invalid step. OSError: an unknown vehicle or a folder
             that cannot be made.
     """
     superbikes = args.vehicle == SUPERBIKES

@@ -1,4 +1,4 @@
-"""`bike validate superbike`: what the five machines do, measured against statics and closed formulas."""
+"""`bike validate superbike`: the five machines compared with statics and closed-form solutions."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def as_dict(result: validation.Validation) -> dict[str, Any]:
-    """Return the result as the JSON object that `--json` prints; what is not finite is null."""
+    """Return the result as the JSON object that `--json` prints; values that are not finite are null."""
     figures: dict[str, Any] = {check.name: _number(check.measured) for check in result.checks}
     figures["convergence"] = [
         {"step_s": step, "lean_error_deg": _number(lean), "position_error_m": _number(place)}

@@ -1,4 +1,4 @@
-"""What a curriculum is: which episodes are drawn when, and what it learns from how they went."""
+"""The protocol of a curriculum, which draws episodes and adapts to their results."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ class Episodes(Protocol):
 
 
 class Curriculum(Protocol):
-    """Decides which episodes are drawn as learning goes on."""
+    """Decides which episodes are drawn during learning."""
 
     @property
     def part(self) -> int:
-        """Number of the present part, from 1; always 1 where there are none."""
+        """Number of the present part, from 1; always 1 without parts."""
         ...
 
     @property
@@ -46,7 +46,7 @@ class Curriculum(Protocol):
         ...
 
     def may_validate(self, step: int) -> bool:
-        """Tell whether a validation means something at a learning step."""
+        """Return whether a validation means something at a learning step."""
         ...
 
     def validation_requests(self, preview: Preview, rng: np.random.Generator) -> list[ResetRequest]:
@@ -63,7 +63,7 @@ class Curriculum(Protocol):
         ...
 
     def passes(self, errors: Sequence[float]) -> bool:
-        """Tell whether a validation with these errors was fully successful."""
+        """Return whether a validation with these errors was fully successful."""
         ...
 
     def ended(self, context: Sequence[float], total: float, steps: int) -> None:
@@ -85,5 +85,5 @@ class Curriculum(Protocol):
         ...
 
     def restore(self, stored: dict[str, Any]) -> None:
-        """Go on from where :meth:`state_dict` was taken."""
+        """Continue from where :meth:`state_dict` was taken."""
         ...

@@ -50,7 +50,7 @@ class RideRanges:
 
         Args:
             rng: draws.
-            preview: what is seen of the path.
+            preview: points of the path that are seen.
             path_length: least length of the path, m; None for two episodes.
         """
         chosen = (self, *self.also)[rng.integers(1 + len(self.also))] if self.also else self
@@ -66,7 +66,7 @@ class RideRanges:
 
 FAST_AND_SHARP: Final = RideRanges((5.5, 7.3), PathRanges(7.5, 14.0, 11.0, 14.0, 3.0, 7.0))
 REFINEMENT: Final = RideRanges((1.8, 7.3), PathRanges(7.5, 14.0, 11.0, 22.0, 2.0, 8.0), (FAST_AND_SHARP,))
-"""Rides after the curriculum where a run asks for them. Not from the paper.
+"""Optional rides after the curriculum. Not from the paper.
 
 Half of them lie in a margin around part 4, so that its edges lie inside. The other half are what part 4 seldom has,
 sharp transfers at high speed. The hard lane change of the benchmark path (10 m long) stays outside of both.
@@ -95,7 +95,7 @@ class PartsCurriculum:
         return self.finished_at is not None
 
     def may_validate(self, step: int) -> bool:
-        """Tell whether the intervals no longer grow; while they do no validation is made."""
+        """Return whether the intervals no longer grow; while they do no validation is made."""
         return not 1 < self.part <= PARTS or step - self.entered_at >= TRANSITION_STEPS
 
     def ended(self, context: Sequence[float], total: float, steps: int) -> None:
@@ -141,7 +141,7 @@ class PartsCurriculum:
         ]
 
     def passes(self, errors: Sequence[float]) -> bool:
-        """Tell whether a validation was fully successful: every ride's error e_i is at most eta_e (Eq. 13)."""
+        """Return whether a validation was fully successful: every ride's error e_i is at most eta_e (Eq. 13)."""
         return max(errors) <= VALIDATION_THRESHOLD / DISTANCE_THRESHOLD
 
     def state_dict(self) -> dict[str, Any]:
@@ -149,7 +149,7 @@ class PartsCurriculum:
         return {"part": self.part, "entered_at": self.entered_at, "finished_at": self.finished_at}
 
     def restore(self, stored: dict[str, Any]) -> None:
-        """Go on from where :meth:`state_dict` was taken."""
+        """Continue from where :meth:`state_dict` was taken."""
         self.part, self.entered_at, self.finished_at = stored["part"], stored["entered_at"], stored["finished_at"]
 
     def validated(self, step: int, errors: Sequence[float]) -> bool:

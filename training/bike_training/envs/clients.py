@@ -25,7 +25,7 @@ class Client(Protocol):
 
     @property
     def vehicle(self) -> Vehicle:
-        """What is ridden."""
+        """The vehicle."""
         ...
 
     @property
@@ -52,7 +52,7 @@ class Client(Protocol):
 
 
 def make_client(kind: str, config: SimulatorConfig) -> Client:
-    """Return a client with a simulator of its own.
+    """Return a client with its own simulator.
 
     Args:
         kind: ``local`` rides in this process, ``ros`` starts a ``sim_node`` and rides it in lockstep.

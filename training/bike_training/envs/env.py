@@ -24,9 +24,9 @@ from bike_training.tasks.path import TASKS
 class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     """One vehicle that rides a task: by default the bicycle on a random path.
 
-    An episode is terminated when the task says that it has failed (a threshold is exceeded, the vehicle lies on the
+    An episode is terminated when the task has failed (a threshold is exceeded, the vehicle lies on the
     ground, its physics diverges), and truncated after ``task.max_steps`` steps. After a truncated episode a plain
-    ``reset()`` goes on with the same ride once, as the paper does (Weyrer et al. 2026, Sect. 4.1); ``reset(seed=...)``
+    ``reset()`` continues with the same ride once, as in the paper (Weyrer et al. 2026, Sect. 4.1); ``reset(seed=...)``
     and ``reset(options=...)`` always begin a new one.
 
     ``info`` holds distance to the path, progress, speed and simulated time; ``snapshot`` all that the simulator shows.
@@ -44,10 +44,10 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """Make the environment.
 
         Args:
-            client: a client, or ``local`` or ``ros`` for one of its own.
+            client: a client, or ``local`` or ``ros`` to make one.
             task: a task or its name in :data:`bike_training.tasks.path.TASKS`.
             episodes: where new episodes are drawn from; the first part of the paper's curriculum by default.
-            config: simulator of a client of its own; by default PyBullet at the paper's step of 5 ms.
+            config: of the client's simulator if it makes its own; by default PyBullet at the paper's step of 5 ms.
         """
         config = config or SimulatorConfig(time_step=0.005)
         self.client = make_client(client, config) if isinstance(client, str) else client
@@ -63,7 +63,7 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.watch: RideWatch | None = None
 
     def set_watch(self, watch: RideWatch | None) -> None:
-        """Tell somebody of the rides from now on, or nobody."""
+        """Set the watcher that is notified of the rides, or None."""
         self.watch = watch
 
     def set_episodes(self, episodes: Episodes) -> None:
@@ -77,7 +77,7 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
         Args:
             seed: seed of this and all later draws.
-            options: ``{"request": ResetRequest(...)}`` asks for a certain ride; its preview is replaced by the task's.
+            options: ``{"request": ResetRequest(...)}`` requests a certain ride; its preview is replaced by the task's.
         """
         super().reset(seed=seed)
         goes_on = self._goes_on and seed is None and not options
@@ -95,7 +95,7 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return self._observe(self.snapshot), self._info(self.snapshot)
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """Hold an action in [-1, 1], one number a column of the task's action, for one control period."""
+        """Hold an action in [-1, 1], one number per column of the task's action, for one control period."""
         before = self.snapshot
         if before is None:
             raise RuntimeError("call reset before step")

@@ -1,4 +1,4 @@
-"""A node of this project as a process of one's own, in its own ROS domain."""
+"""A node of this project as a child process in its own ROS domain."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ def tell_all_to_end() -> None:
 class NodeProcess(AbstractContextManager["NodeProcess"]):
     """A node started as ``python -m <module>``.
 
-    It runs in a session of its own: a Ctrl-C at the terminal is for whoever started it, who ends it in turn. Where that
-    process is killed, the node notices and ends by itself.
+    It runs in its own session: a Ctrl-C at the terminal reaches its parent, which ends it in turn. If the parent
+    is killed, the node notices and ends.
     """
 
     def __init__(
@@ -91,10 +91,10 @@ class NodeProcess(AbstractContextManager["NodeProcess"]):
             raise self._lost()
 
     def is_working(self) -> bool:
-        """Tell whether its main thread runs, waits for a processor or waits for a disk."""
+        """Return whether its main thread runs, waits for a processor or waits for a disk."""
         try:
             status = Path(f"/proc/{self.process.pid}/stat").read_text()
-        except OSError:  # it has ended, which `check` tells
+        except OSError:  # it has ended, which `check` reports
             return False
         return status.rpartition(")")[2].split()[0] in ("R", "D")
 
@@ -102,7 +102,7 @@ class NodeProcess(AbstractContextManager["NodeProcess"]):
         """End the process and check that it could finish its work, as a recorder cannot on a full or very slow disk.
 
         Raises:
-            NodeLost: it ended with an error of its own, with its last words, or had to be ended by force.
+            NodeLost: it ended with its own error, with its last words, or had to be ended by force.
         """
         self._end(FINISH_TIMEOUT)
         if self.process.returncode:

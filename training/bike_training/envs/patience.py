@@ -18,11 +18,11 @@ class Worker(Protocol):
     """A process that may be at work."""
 
     def is_working(self) -> bool:
-        """Tell whether it runs, or would if the machine let it."""
+        """Return whether it runs, or waits for the processor or the disk."""
 
 
 class Patience:
-    """Counts the time in which nothing is heard and nobody works, and tells when it is too long."""
+    """Counts the time without messages in which no process works, and reports when it is too long."""
 
     def __init__(self, limit: float, workers: Sequence[Worker]) -> None:
         """Begin to count.
@@ -36,12 +36,12 @@ class Patience:
         self.heard()
 
     def heard(self) -> None:
-        """Begin anew: something was heard."""
+        """Start again: a message has arrived."""
         self._silence = 0.0
         self._looked = time.monotonic()
 
     def is_out(self) -> bool:
-        """Look at the processes, and tell whether the silence is too long. To be called ten times a second or so."""
+        """Check the processes, and return whether the silence is too long. To be called about ten times a second."""
         now = time.monotonic()
         if not any(worker.is_working() for worker in self._workers):
             self._silence += min(now - self._looked, LONGEST_LOOK)

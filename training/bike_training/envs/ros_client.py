@@ -1,6 +1,6 @@
 """The simulator over ROS 2, with the same methods as the one in process.
 
-A `RosClient` starts its own simulator node in a ROS domain of its own, or joins one that runs. Each step is one command
+A `RosClient` starts its own simulator node in its own ROS domain, or joins one that runs. Each step is one command
 and one state in lockstep, so the rides are bit for bit those of :class:`bike_sim.sim.simulator.Simulator`.
 """
 
@@ -43,7 +43,7 @@ RESEND_AFTER: Final = 0.5
 
 
 HEARD: Final = 1000
-"""States kept that nobody has asked for yet."""
+"""Received states kept until they are taken."""
 
 
 @dataclass(frozen=True)
@@ -51,11 +51,11 @@ class RosClientConfig:
     """How a simulator is reached.
 
     Attributes:
-        join: False starts a simulator node of one's own, True uses one that runs.
+        join: False starts a new simulator node, True uses one that runs.
         namespace: namespace of the simulator's topics.
-        domain_id: ROS domain; None takes a free one for a simulator of one's own, and this process's when joining.
+        domain_id: ROS domain; None takes a free one for its own simulator, and this process's when joining.
         timeout: silence after which the simulator counts as lost, s.
-        wait_set: wait for answers with a wait set of one's own instead of an executor: fewer microseconds a step,
+        wait_set: wait for answers with its own wait set instead of an executor: fewer microseconds a step,
             but built on parts of rclpy that are not its public interface.
     """
 
@@ -70,7 +70,7 @@ class RosClient(AbstractContextManager["RosClient"]):
     """Rides one simulator node in lockstep.
 
     Attributes:
-        config: what the simulator was started with (as given, when joining).
+        config: of the simulator (as given, when joining).
         vehicle: the vehicle of that name or file.
         domain_id: ROS domain that is used.
         preview: the preview of the present episode.
@@ -82,8 +82,8 @@ class RosClient(AbstractContextManager["RosClient"]):
         """Start or find the simulator.
 
         Raises:
-            NodeLost: it ended or did not appear in time; with its last words where it is one's own.
-            FileNotFoundError: an unknown vehicle. ValueError: a vehicle that cannot be.
+            NodeLost: it ended or did not appear in time; with its last output if it is a new one.
+            FileNotFoundError: an unknown vehicle. ValueError: an invalid vehicle.
         """
         self.config = config or SimulatorConfig()
         self.vehicle: Vehicle = load_vehicle(self.config.vehicle)
@@ -118,7 +118,7 @@ class RosClient(AbstractContextManager["RosClient"]):
         self._close.callback(self._executor.shutdown)
         self._executor.add_node(self._node)
         self._commands = self._node.create_publisher(BikeCommand, "command", node_tools.COMMAND_QOS)
-        # Before the subscriptions: a simulator that is heard knows where its answers go to, and sooner it drops them.
+        # Before the subscriptions: a matched simulator knows where to send its answers; earlier ones are dropped.
         self._reset_service = self._node.create_client(Reset, "reset")
         # States that an executor took while it waited for something else.
         self._heard: deque[bytes] = deque(maxlen=HEARD)
@@ -209,7 +209,7 @@ class RosClient(AbstractContextManager["RosClient"]):
         return state
 
     def close(self) -> None:
-        """End the simulator if it is one's own, and leave the domain. A second call does nothing."""
+        """End the simulator if this client started it, and leave the domain. A second call does nothing."""
         self._close.close()
 
     def __exit__(self, *_: object) -> None:
@@ -264,7 +264,7 @@ class RosClient(AbstractContextManager["RosClient"]):
                 raise self._lost(f"{complaint} within {timeout:g} s")
 
     def _patience(self, limit: float) -> Patience:
-        """Return how long a silence is borne, s; of a simulator of one's own, work is no silence."""
+        """Return the longest accepted silence, s; a working child simulator is not silent."""
         return Patience(limit, [self._process] if self._process is not None else [])
 
     def _check_alive(self) -> None:
@@ -279,7 +279,7 @@ class RosClient(AbstractContextManager["RosClient"]):
 class _FastReceiver:
     """Takes the messages of one subscription with a wait set that is built once.
 
-    An executor builds its wait set anew for every message, which costs more than the message. The wait set is not part
+    An executor rebuilds its wait set for every message, which costs more than the message. The wait set is not part
     of rclpy's public interface; `RosClientConfig.wait_set` chooses.
     """
 

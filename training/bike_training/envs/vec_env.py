@@ -57,11 +57,11 @@ class BatchVecEnv(VecEnv):
     """Episodes of a task over a :class:`~bike_sim.sim.batch.Batch`.
 
     An episode ends after ``task.max_steps`` steps or where the task says that it has failed. After a full episode the
-    ride goes on into the next one; after two full episodes in a row it begins anew (Weyrer et al. 2026, Sect. 4.1).
+    ride continues into the next one; after two full episodes in a row it starts again (Weyrer et al. 2026, Sect. 4.1).
 
     Attributes:
-        task: what is learned. batch: what rides.
-        watch: is told of the rides of the first vehicle; None for nobody.
+        task: to be learned. batch: of vehicles.
+        watch: is notified of the rides of the first vehicle; None for no watcher.
     """
 
     watch: RideWatch | None = None
@@ -71,7 +71,7 @@ class BatchVecEnv(VecEnv):
 
         Args:
             count: number of vehicles.
-            task: what is learned.
+            task: to be learned.
             episodes: where new episodes are drawn from; :meth:`set_episodes` changes it.
             config: vehicle, engine and steps.
             seed: seed of all rides.
@@ -94,11 +94,11 @@ class BatchVecEnv(VecEnv):
         self.episodes = episodes
 
     def set_watch(self, watch: RideWatch | None) -> None:
-        """Tell somebody of the rides of the first vehicle from now on, or nobody."""
+        """Set the watcher that is notified of the rides of the first vehicle, or None."""
         self.watch = watch
 
     def state_dict(self) -> dict[str, Any] | None:
-        """Return all that :meth:`restore` needs, as plain values and arrays; None where rides cannot be taken up."""
+        """Return all that :meth:`restore` needs, as plain values and arrays; None where rides cannot be continued."""
         batch = self.batch.state_dict()
         if batch is None:
             return None
@@ -112,10 +112,10 @@ class BatchVecEnv(VecEnv):
         }
 
     def restore(self, stored: dict[str, Any]) -> None:
-        """Go on with the episodes that :meth:`state_dict` was taken of, bit for bit; nobody watches them.
+        """Continue with the episodes that :meth:`state_dict` was taken of, bit for bit, without a watcher.
 
         Raises:
-            ValueError: episodes of another number of vehicles, or of rides that cannot be taken up.
+            ValueError: episodes of another number of vehicles, or of rides that cannot be continued.
         """
         self.batch.restore(stored["batch"])
         self.rng = np.random.default_rng()
@@ -128,7 +128,7 @@ class BatchVecEnv(VecEnv):
     def reset(self) -> NDArray[np.float32]:
         """Begin a new ride of every vehicle and return the observations, shape (n, layout size).
 
-        After :meth:`seed` the draws begin anew with that seed.
+        After :meth:`seed` the draws start again with that seed.
         """
         if self._seeds[0] is not None:
             self.rng = np.random.default_rng(self._seeds[0])
@@ -161,7 +161,7 @@ class BatchVecEnv(VecEnv):
         self._commands = self.task.action.to_commands(actions, self.batch.vehicle.max_steer)
 
     def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
-        """Step every vehicle; rides that ended have begun anew in the returned observations."""
+        """Step every vehicle; rides that ended have started again in the returned observations."""
         if self.watch is None:
             self.batch.step(self._commands)
         else:

@@ -1,4 +1,4 @@
-"""How an environment tells of one of its rides, for whoever wants to record it."""
+"""Notification of the rides of an environment, for recording."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ class RideWatch(Protocol):
         """Take note of a control period.
 
         Args:
-            observation: what the policy saw.
-            action: what it answered, in [-1, 1], one number a column of the task's action.
+            observation: of the policy.
+            action: of the policy, in [-1, 1], one number per column of the task's action.
             command: steering and throttle that it became, in [-1, 1].
             state: minimal state at the end of the period.
         """

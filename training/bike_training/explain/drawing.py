@@ -32,7 +32,7 @@ def labels(layout: ObservationLayout) -> list[str]:
     ahead = [f"{k * layout.preview_interval:g} {unit}" for k in range(layout.preview_count)]
     if layout.preview_kind == "points":
         preview = [f"t_p{k}: line {distance} ahead" for k, distance in enumerate(ahead)]
-    else:  # a second difference tells about the point in its middle
+    else:  # a second difference belongs to its middle point
         preview = ["t_p0: offset", "t_p1: lateral velocity"]
         preview += [f"t_p{k}: lean {ahead[k - 1]} ahead" for k in range(2, layout.preview_count)]
     return [_SYMBOLS.get(feature, feature) for feature in layout.features] + preview

@@ -1,6 +1,6 @@
-"""What the SHAP values of a policy show, in sentences: each is chosen by the sign of a correlation.
+"""Findings from the SHAP values of a policy: sentences chosen by the sign of a correlation.
 
-Signs: roll is positive leaning right, the steering set value and the preview are positive to the left. So a policy
+Signs: roll is positive leaning right, the steering set point and the preview are positive to the left. So a policy
 that steers into the fall has negative correlations of roll with its SHAP values, and one that counter-steers has
 negative ones of the preview: the line turns left, and the policy steers right first (Weyrer et al. 2026, Sect. 6).
 """
@@ -62,12 +62,12 @@ _SENTENCES: Final[dict[str, tuple[str, str]]] = {
         "steers directly: a line that turns to one side ahead pulls the steering to that side",
     ),
 }
-"""What a negative and a positive correlation mean."""
+"""Meaning of a negative and of a positive correlation."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What the values show about one feature, or about the sum of several neighbouring ones.
+    """Finding about one feature, or about the sum of several neighbouring ones.
 
     Attributes:
         subject: key of the sentences.
@@ -105,11 +105,11 @@ class Finding:
 
 @dataclass(frozen=True)
 class Statement:
-    """All findings, and what they come to.
+    """All findings, and their summary.
 
     Attributes:
         findings: in the order of the sentences.
-        limits: what is not shown, a sentence each.
+        limits: of the findings, one sentence each.
     """
 
     findings: tuple[Finding, ...]
@@ -131,11 +131,11 @@ class Statement:
 
 
 def state_findings(explanation: Explanation, answers_differ: float) -> Statement:
-    """Say what SHAP values show and what they do not.
+    """Return findings from SHAP values, and their limits.
 
     Args:
         explanation: the values.
-        answers_differ: largest difference of the policy's set values to those that were recorded, rad; NaN where none
+        answers_differ: largest difference of the policy's set points to those that were recorded, rad; NaN where none
             were recorded.
     """
     subjects = _subjects(explanation.layout)
@@ -179,7 +179,7 @@ def correlation(a: FloatArray, b: FloatArray) -> float:
 
 
 def _limits(explanation: Explanation, answers_differ: float) -> tuple[str, ...]:
-    """Say what the values do not show, from the numbers themselves."""
+    """Return the limits of the findings, from the numbers themselves."""
     limits = [*_bound_features(explanation), *_idle_features(explanation)]
     if math.isnan(answers_differ):
         limits.append("No commands were recorded, so it is not known whether this policy drove the ride.")

@@ -1,4 +1,4 @@
-"""What a policy saw on a recorded ride: states and previews of a section through the policy's own layout."""
+"""Observations of a policy on a recorded ride: states and previews of a section through the policy's own layout."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class RecordedObservations:
         speed: forward speed, m/s, shape (n,).
         observations: through the policy's layout, shape (n, size).
         steering: recorded steering command that answered each state, in [-1, 1], shape (n,); NaN where none was.
-        steering_limit: set value of the steering angle for a command of 1, rad.
+        steering_limit: set point of the steering angle for a command of 1, rad.
     """
 
     recording: Path
@@ -61,7 +61,7 @@ def policy_of(notes: dict[str, str], recording: Path) -> str:
 
 
 def read_observations(path: Path, bundle: Bundle, section: str, number: int = 1) -> RecordedObservations:
-    """Read what a policy saw, or would have seen, on a section of a recorded ride.
+    """Return the observations of a policy, real or hypothetical, on a section of a recorded ride.
 
     Args:
         path: recording.
@@ -99,7 +99,7 @@ def read_observations(path: Path, bundle: Bundle, section: str, number: int = 1)
 
 
 def _rows_of(ride: Ride, section: str, path: Path) -> NDArray[np.bool_]:
-    """Tell which states of a ride lie in a section."""
+    """Return which states of a ride are in a section."""
     if section == WHOLE_RIDE:
         return np.ones(len(ride.states), dtype=bool)
     course = ride.course
@@ -111,7 +111,7 @@ def _rows_of(ride: Ride, section: str, path: Path) -> NDArray[np.bool_]:
 
 
 def _columns(path: Path, topic: str, orders: NDArray[np.int64]) -> dict[str, NDArray[Any]]:
-    """Read minimal states and previews of the messages at some places of a recording."""
+    """Read minimal states and previews of the messages at given indices of a recording."""
     reader: ColumnReader | None = None
     for _, kind, block, rows, before in blocks_of(find_files(path), {topic}):
         rows = rows[np.isin(before + block.first + rows, orders)]

@@ -34,11 +34,11 @@ class Explanation:
     """SHAP values of a policy on n observations of k features.
 
     Attributes:
-        layout: what the policy sees.
+        layout: of the observation.
         features: values of the features in their own units (rad, rad/s, m, m/s, tangent), shape (n, k).
-        values: SHAP values: share of each feature in the set value of the steering angle, rad, shape (n, k).
-        base: mean set value over the background, rad.
-        outputs: set value that the actor asks for, rad, shape (n,).
+        values: SHAP values: share of each feature in the set point of the steering angle, rad, shape (n, k).
+        base: mean set point over the background, rad.
+        outputs: set point that the actor requests, rad, shape (n,).
         background: observations in the background.
         permutations: orders tried for each observation.
         seconds: wall-clock time it took, s.
@@ -65,7 +65,7 @@ class Explanation:
 
 
 def set_values(bundle: Bundle, observations: NDArray[np.floating]) -> FloatArray:
-    """Return the set value of the steering angle that a policy asks for, rad.
+    """Return the set point of the steering angle that a policy requests, rad.
 
     Args:
         bundle: policy.

@@ -12,7 +12,7 @@ from bike_training.nodes.ride_monitor import ride_recorded
 from bike_training.rollout.laps import LONGEST_LAP
 
 BEYOND: Final = 30.0
-"""How far the ride goes on behind the last line, m."""
+"""Distance that the ride continues beyond the last line, m."""
 
 
 def ride_through_nodes(vehicle: str, circuit: str, length: float, laps: int, recording: Path, limit: float) -> float:

@@ -30,15 +30,15 @@ START_TIMEOUT: Final = 60.0
 """Wall-clock time without a node at work that the nodes get to find each other, s."""
 
 LONG_START: Final = 5.0
-"""Wall-clock time after which a start that goes on is explained, s."""
+"""Wall-clock time after which a slow start is explained, s."""
 
 EXPLANATION: Final = (
     "the simulator is starting; its first start on a machine compiles the physics, which may take minutes"
 )
 
 NEEDED_TOPICS: Final = ("state", "command", "episode", "course")
-"""What a recorder must have written before a ride goes on: nodes find each other pair by pair, some only after seconds,
-and a short ride could be over by then."""
+"""Topics that a recorder must have written before a ride continues: nodes discover each other in pairs, some only after
+seconds, and a short ride could be over by then."""
 
 
 def has_ended(state: BikeState) -> bool:
@@ -65,7 +65,7 @@ def ride_recorded(
         simulator: parameters of the simulator.
         drive: parameters of the policy.
         title: of the progress bar.
-        way: of the ride, m.
+        way: distance travelled, m.
         longest: longest ride, s of simulated time.
         is_over: whether a state ends the ride.
 
@@ -110,7 +110,7 @@ class RideMonitor(AbstractContextManager["RideMonitor"]):
         self._state: BikeState | None = None
         self._recorded: frozenset[str] = frozenset()
         self._recorder = f"{self._node.get_namespace()}/record".lstrip("/")
-        # Before the subscriptions: a simulator that is heard knows where its answers go to, and sooner it drops them.
+        # Before the subscriptions: a matched simulator knows where to send its answers; earlier ones are dropped.
         self._pause = self._node.create_client(Pause, "pause")
         self._node.create_subscription(BikeState, "state", self._on_state, node_tools.STREAM_QOS)
         self._node.create_subscription(DiagnosticArray, "/diagnostics", self._on_report, node_tools.EVENT_QOS)
@@ -131,7 +131,7 @@ class RideMonitor(AbstractContextManager["RideMonitor"]):
                 self._recorded = frozenset(figures["topics_heard"].split())
 
     def pause(self, paused: bool, timeout: float, needed: Sequence[NodeProcess]) -> None:
-        """Pause the simulator, as soon as it is there, or let it go on.
+        """Pause the simulator as soon as it is available, or resume it.
 
         Args:
             paused: whether it shall hold the command that comes.
@@ -150,7 +150,7 @@ class RideMonitor(AbstractContextManager["RideMonitor"]):
     def wait_for_recorder(
         self, timeout: float, needed: Sequence[NodeProcess], topics: Sequence[str] = NEEDED_TOPICS
     ) -> None:
-        """Wait until the simulator is heard here, and until the recorder has messages of some topics.
+        """Wait until the simulator has been discovered, and until the recorder has messages of some topics.
 
         Args:
             timeout: wall-clock time to wait while none of the processes works, s.

@@ -1,1 +1,1 @@
-"""Recorded rides, ridden again."""
+"""Replay of recorded rides."""

@@ -29,7 +29,7 @@ Columns = dict[str, NDArray[Any]]
 COMMANDS: Final = ("steering_command", "throttle_command")
 FLAGS: Final = ("fallen", "off_course", "finished")
 EXACT: Final = (*st.FIELDS, *lk.FIELDS, *COMMANDS, "steer_torque", *FLAGS)
-"""Fields of a recorded state that are ridden again: all but preview and history, which follow from them."""
+"""Fields of a recorded state that are replayed: all but preview and history, which follow from them."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Start:
 
     Attributes:
         config: the simulator.
-        request: what it was asked for, with nothing left open.
+        request: of the episode, complete.
     """
 
     config: SimulatorConfig
@@ -49,7 +49,7 @@ class Start:
         """Read a decoded message.
 
         Raises:
-            ValueError: it holds a value that cannot be.
+            ValueError: it holds an invalid value.
         """
         ranges = {spec.name: float(getattr(message, spec.name)) for spec in fields(PathRanges)}
         return cls(
@@ -77,9 +77,9 @@ class Learned:
     """Steps of learning of a ride (``bike_msgs/LearningStep``).
 
     Attributes:
-        task: what was learned.
+        task: that was learned.
         step: control step whose state was observed, shape (n,).
-        observation: what the policy saw, shape (n, layout size), float32.
+        observation: of the policy, shape (n, layout size), float32.
         reward: for the control period that followed, shape (n,).
     """
 
@@ -97,7 +97,7 @@ class RecordedRide:
         ride: what analysis knows of it.
         vehicle: name of the vehicle in the states.
         start: how it began, or None where that was not recorded.
-        columns: fields of EXACT, one row a state of ``ride.states``.
+        columns: fields of EXACT, one row per state of ``ride.states``.
         learned: steps of learning, or None where it is no ride of training.
     """
 
@@ -118,7 +118,7 @@ def read_rides(path: Path, namespace: str | None = None) -> tuple[Recording, tup
     Raises:
         FileNotFoundError: there is no such recording.
         RecordingError: it is no recording of a ride of the simulator.
-        ValueError: it tells of a simulator or a task that cannot be.
+        ValueError: it describes an invalid simulator or task.
     """
     recording = read_recording(path, namespace)
     if recording.namespace is None:
@@ -134,7 +134,7 @@ def _recorded(ride: Ride, recording: Recording, raw: _Raw) -> RecordedRide:
     rows = np.searchsorted(raw.order, ride.states.order)
     first = int(ride.states.order[0])
     starts = [(abs(order - first), message) for order, message in raw.starts if message.episode == ride.episode]
-    # A simulator that was started anew counts its episodes from 1 again: the nearest message is this ride's.
+    # A simulator that was restarted counts its episodes from 1 again: the nearest message is this ride's.
     start = min(starts, key=lambda pair: pair[0])[1] if starts else None
     return RecordedRide(
         ride=ride,
@@ -166,10 +166,10 @@ class _Raw:
     """States in full, starts and steps of learning of one vehicle.
 
     Attributes:
-        order: place of each state in the recording, ascending.
+        order: index of each state in the recording, ascending.
         columns: fields of EXACT of all states.
-        starts: messages of how episodes began, each with its place.
-        learned: steps of learning, each with its place.
+        starts: messages of how episodes began, each with its index.
+        learned: steps of learning, each with its index.
     """
 
     def __init__(self, files: tuple[Path, ...], namespace: str) -> None:

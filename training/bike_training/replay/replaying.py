@@ -1,8 +1,8 @@
-"""Rides a recorded ride again, with the same start and the same commands, and tells where it comes out otherwise.
+"""Replay of a recorded ride with the same start and commands, and comparison of the states.
 
-The simulator is deterministic, so on the same machine the same ride must come out bit for bit, however it was recorded:
+The simulator is deterministic, so on the same machine the ride must be the same bit for bit, however it was recorded:
 in lockstep, free-running or in training. A state carries the command that led to it, so nothing depends on when
-commands came. With another engine or step the rides part, and how fast is what the comparison tells then.
+commands came. With another engine or time step the rides diverge, and the comparison shows how fast.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from bike_training.rollout.rollout import rollout
 from bike_training.tasks.base import sum_of
 
 APART_AT: Final = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0)
-"""Times at which it is told how far rides that differ are apart, s; the end comes last."""
+"""Times at which the difference of diverging rides is reported, s; the end is added."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Apart:
 
 @dataclass(frozen=True)
 class Replay:
-    """What came of riding a ride again.
+    """Result of a replay.
 
     Attributes:
         config: the simulator that it was ridden in.
@@ -73,9 +73,9 @@ class Replay:
         missing: steps without a recorded state before the last one that could be ridden.
         stopped: why not all recorded states could be compared; empty if they were.
         difference: where the rides first differ, or None.
-        apart: how far they are apart as time goes on; empty where they are the same.
+        apart: difference over time; empty where they are the same.
         learned: steps of learning that were compared.
-        learned_difference: where observation or reward first differ from what the ride shows, or None.
+        learned_difference: where observation or reward first differ from the replayed ones, or None.
     """
 
     config: SimulatorConfig
@@ -100,7 +100,7 @@ def ride_again(
     time_step: float | None = None,
     tell: Callable[[int, int], None] | None = None,
 ) -> Replay:
-    """Ride a recorded ride again and compare.
+    """Replay a recorded ride and compare.
 
     Args:
         recorded: the ride.
@@ -197,7 +197,7 @@ def _commands(recorded: RecordedRide) -> tuple[NDArray[np.float64], NDArray[np.f
 
 
 class _Ridden:
-    """Collects what is ridden now, in the columns of the recording."""
+    """Collects the replayed ride in the columns of the recording."""
 
     def __init__(self, learned: Learned | None) -> None:
         self._rows: list[NDArray[np.float64]] = []
@@ -256,7 +256,7 @@ def _first_difference(before: Columns, after: Columns, steps: NDArray[np.int64],
 
 
 def _compare_learned(learned: Learned, ridden: _Ridden, period: float) -> tuple[int, Difference | None]:
-    """Compare what was learned from with what the ride shows now: the observation, and the reward of the next state."""
+    """Compare recorded with replayed learning data: the observation, and the reward of the next state."""
     mine = np.flatnonzero(learned.step + 1 < len(ridden.rewards))
     steps = learned.step[mine]
     observations = np.array(ridden.observations)[steps]

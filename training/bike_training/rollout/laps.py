@@ -27,7 +27,7 @@ LONGEST_LAP = 3.0
 
 @dataclass(frozen=True)
 class LapRide:
-    """Laps of one machine on one circuit. The first lap, from a rolling start, is none of the flying ones.
+    """Laps of one machine on one circuit. The first lap, from a rolling start, is not a flying lap.
 
     Attributes:
         vehicle: its name. circuit: its name.
@@ -90,7 +90,7 @@ def ride_laps(
         tell: called every control step with the snapshot and the length of a lap, m.
 
     Raises:
-        ValueError: a file that is wrong, or fewer than one lap. FileNotFoundError: an unknown vehicle or circuit.
+        ValueError: a broken file, or fewer than one lap. FileNotFoundError: an unknown vehicle or circuit.
     """
     if laps < 1:
         raise ValueError(f"number of laps must be at least 1, got {laps}")

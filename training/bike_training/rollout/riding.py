@@ -1,4 +1,4 @@
-"""What a ride along a course was like."""
+"""Records of rides along a course."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class RideResult:
         completed: it reached its end without falling or leaving the course.
         progress: arc length, m, shape (steps + 1,).
         error: signed distance of the rear contact to the course, m.
-        roll: rad. steer: rad. command: steering command applied on the way to the state, [-1, 1].
+        roll: rad. steer: rad. command: steering command applied in the step to the state, [-1, 1].
         x: rear contact, m. y: rear contact, m.
         lost_states: states of the ride that are missing here.
     """
@@ -52,7 +52,7 @@ class RideResult:
 
     @classmethod
     def from_snapshots(cls, snapshots: Sequence[Snapshot], course: Course, completed: bool) -> RideResult:
-        """Take what matters out of the snapshots; a ride is judged up to the finish of an open course."""
+        """Collect the record from snapshots; a ride is evaluated up to the finish of an open course."""
         looks = np.array([snapshot.look for snapshot in snapshots])
         states = np.array([snapshot.state for snapshot in snapshots])
         commands = np.array([snapshot.steering for snapshot in snapshots])
@@ -95,7 +95,7 @@ def ride_through(client: Client, rider: Rider, request: ResetRequest, longest: f
 
     Args:
         client: simulator.
-        rider: who rides; the request's preview is replaced by what it needs.
+        rider: whose preview replaces that of the request if it needs one.
         request: how the ride begins.
         longest: longest ride, s; an open ride that lasts so long is completed, a closed one is not.
     """
@@ -111,12 +111,12 @@ def ride_through(client: Client, rider: Rider, request: ResetRequest, longest: f
 
 
 def is_over(snapshot: Snapshot, longest: float) -> bool:
-    """Tell whether a ride ends with a snapshot: failed, at the end of the course, or out of time (s)."""
+    """Return whether a ride ends with a snapshot: failed, at the end of the course, or out of time (s)."""
     return has_failed(PROP, snapshot) or snapshot.finished or snapshot.time > longest - 1e-9
 
 
 def is_completed(last: Snapshot, request: ResetRequest) -> bool:
-    """Tell whether a ride that ended with a snapshot is completed.
+    """Return whether a ride that ended with a snapshot is completed.
 
     A course must be ridden to its end; on a random path it is enough to have lasted.
     """

@@ -1,4 +1,4 @@
-"""The one loop in which a rider rides a simulator, in process or behind ROS.
+"""The only loop of rider and simulator, in process or behind ROS.
 
 Evaluation, validation, laps, replay and recordings take their snapshots from here.
 """
@@ -14,11 +14,11 @@ from bike_training.envs.clients import Client
 
 
 def rollout(client: Client, rider: Rider, request: ResetRequest) -> Iterator[Snapshot]:
-    """Begin an episode and ride it step by step, until whoever takes the snapshots has enough.
+    """Begin an episode and ride it step by step, as long as the caller takes snapshots.
 
     Args:
         client: simulator.
-        rider: who answers.
+        rider: answers each snapshot with a command.
         request: how the episode begins.
 
     Yields:

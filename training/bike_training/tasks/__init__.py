@@ -1,1 +1,1 @@
-"""What is learned: observation, action, reward terms and failure."""
+"""Tasks: observation, action, reward terms and failure."""

@@ -1,4 +1,4 @@
-"""What a task is, for environments and learners that know no vehicle."""
+"""The protocol of a task, for environments and learners that do not depend on a vehicle."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FloatArray = NDArray[np.float64]
 
 
 class RideBlocks(Blocks, Protocol):
-    """What a task judges: one snapshot, or a batch with leading dimensions.
+    """Blocks that a task evaluates: one snapshot, or a batch with leading dimensions.
 
     Attributes:
         fallen: whether the vehicle has fallen.
@@ -28,7 +28,7 @@ class RideBlocks(Blocks, Protocol):
 
 
 class Task(Protocol):
-    """What is learned: what is seen and answered, what it is worth, and when an episode has failed.
+    """A learning problem: observation, action, reward, and failure of an episode.
 
     Attributes:
         max_steps: steps after which an episode is truncated.
@@ -55,7 +55,7 @@ class Task(Protocol):
         ...
 
     def error(self, blocks: RideBlocks) -> FloatArray:
-        """Return how far one or many rides are from what is wanted, m."""
+        """Return the tracking error of one or many rides, m."""
         ...
 
     @property
@@ -88,5 +88,5 @@ def sum_of(terms: Mapping[str, FloatArray]) -> FloatArray:
 
 
 def has_failed(task: Task, blocks: RideBlocks) -> bool:
-    """Tell whether one ride has failed."""
+    """Return whether one ride has failed."""
     return bool(task.failed(blocks))

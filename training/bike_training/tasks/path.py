@@ -67,8 +67,8 @@ class PathTask:
     """Settings of the task; implements `bike_training.tasks.base.Task`.
 
     Attributes:
-        layout: what the policy sees.
-        max_steer: steering set value of action 1, rad.
+        layout: of the observation.
+        max_steer: steering set point of action 1, rad.
         weights: terms of the reward by name, with their weights; they sum to 1 in the paper (chi_1 of Eq. 7 is the
             weight of the distance).
         sharpness: width of the term ``path_peak``, m.

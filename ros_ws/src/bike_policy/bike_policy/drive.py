@@ -1,6 +1,6 @@
 """The policy as a ROS 2 node: a state comes, its command goes.
 
-Each state is answered once. A state that comes again was not heard, or its answer was not, and is answered again; but
+Each state is answered once. A repeated state means that it or its answer was lost, and is answered again; but
 not more often than REANSWER_AFTER, so that two copies of a state cannot breed two copies of the next. The node keeps
 nothing from one state to the next that matters to the ride: it may be killed and started again at any time, and so may
 the simulator.
@@ -72,7 +72,7 @@ class Drive(rclpy.node.Node):
         """Load the policy.
 
         Raises:
-            ValueError: a parameter or a bundle that cannot be. FileNotFoundError: no such bundle.
+            ValueError: an invalid parameter or bundle. FileNotFoundError: no such bundle.
         """
         super().__init__("drive", namespace=node_tools.NAMESPACE)
         values = node_tools.declare(self, SPECS)
@@ -144,7 +144,7 @@ class Drive(rclpy.node.Node):
             self._latencies.append(self._answered_at - began)
 
     def _is_settling(self, now: float) -> bool:
-        """Whether someone who listens to commands may not have found this node yet."""
+        """Whether a subscriber to commands may not have discovered this node yet."""
         if self._last is not None:
             return False
         age = now - self._started_at
@@ -154,7 +154,7 @@ class Drive(rclpy.node.Node):
     def _is_stale(self, message: StateMessage, now: float) -> bool:
         """Whether a state is older than one that has come.
 
-        Time runs backwards also where a simulator was started anew. That one begins with a step 0, or after a silence.
+        Time runs backwards also where a simulator was restarted. A new one begins with step 0, or after a silence.
         """
         last = self._last
         if last is None or message.snapshot.step == 0 or now - self._heard_at > self._stale_after:
@@ -234,7 +234,7 @@ class Drive(rclpy.node.Node):
 
 
 def _same(a: StateMessage, b: StateMessage) -> bool:
-    """Whether two messages are copies of one state; a simulator that was started anew counts the same numbers again."""
+    """Whether two messages are copies of one state; a simulator that was restarted counts the same numbers again."""
     same_place = (a.snapshot.episode, a.snapshot.step, a.stamp) == (b.snapshot.episode, b.snapshot.step, b.stamp)
     return same_place and np.array_equal(a.snapshot.state, b.snapshot.state)
 

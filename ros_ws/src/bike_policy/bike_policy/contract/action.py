@@ -1,4 +1,4 @@
-"""The action contract: what the numbers that a policy answers mean, column by column."""
+"""The action contract: meaning, scale and mirror sign of each column of an action."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class ActionColumn:
 
     Attributes:
         meaning: a key of MEANINGS.
-        scale: what action 1 asks for, in the unit of the meaning.
+        scale: value of action 1, in the unit of the meaning.
     """
 
     meaning: str
@@ -49,7 +49,7 @@ class ActionColumn:
         """Return the command in [-1, 1] for action 1, before clipping.
 
         Args:
-            max_steer: steering set value of the vehicle's command 1, rad.
+            max_steer: steering set point of the vehicle's command 1, rad.
         """
         return self.scale / max_steer if self.meaning == STEERING_SET_VALUE else self.scale
 
@@ -72,7 +72,7 @@ class ActionLayout:
 
     @classmethod
     def steering(cls, max_steer: float) -> ActionLayout:
-        """Return the layout of a bicycle: one set value of the steering angle, action 1 for `max_steer` (rad)."""
+        """Return the layout of a bicycle: one set point of the steering angle, action 1 for `max_steer` (rad)."""
         return cls((ActionColumn(STEERING_SET_VALUE, max_steer),))
 
     @property
@@ -95,7 +95,7 @@ class ActionLayout:
 
         Args:
             action: in [-1, 1], shape (size,).
-            max_steer: steering set value of the vehicle's command 1, rad.
+            max_steer: steering set point of the vehicle's command 1, rad.
         """
         steering = throttle = 0.0
         for column, value in zip(self.columns, action, strict=True):

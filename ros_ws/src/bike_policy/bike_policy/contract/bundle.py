@@ -38,8 +38,8 @@ class Bundle:
     Attributes:
         name: name of the bundle.
         actor: the network.
-        layout: what it sees.
-        action: what it answers.
+        layout: of its observation.
+        action: layout of its action.
         vehicle: name of the vehicle it was trained on.
         control_period: s.
         training: how it was trained: commit, seed, steps, preset and so on.

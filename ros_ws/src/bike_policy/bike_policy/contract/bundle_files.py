@@ -1,7 +1,7 @@
-"""The files of a policy bundle, read as what they are: from anywhere.
+"""The files of a policy bundle, read as untrusted input.
 
 They must be regular files of limited size before anything is parsed, so that none makes a reader wait or fills its
-memory. The few lines that see to that stand here too, beside `bike_sim.documents`, because the contract imports no
+memory. The few lines for this repeat those of `bike_sim.documents`, because the contract imports no
 simulator.
 """
 
@@ -38,7 +38,7 @@ def read_card(path: Path) -> dict[str, Any]:
     """Read a card, every entry of which is there.
 
     Raises:
-        FileNotFoundError: there is none. ValueError: it is no card of this format.
+        FileNotFoundError: it does not exist. ValueError: it is not a card of this format.
     """
     try:
         text = _read_file(path, MAX_CARD_SIZE).decode("utf-8")
@@ -49,7 +49,7 @@ def read_card(path: Path) -> dict[str, Any]:
         raise ValueError(f"{path}: is nested too deeply") from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ValueError(f"{path}: not a YAML file ({cut(str(error))})") from None
-    except ValueError as error:  # the file's own, or a date or number that cannot be
+    except ValueError as error:  # the file's own, or an invalid date or number
         raise ValueError(f"{path}: {cut(str(error))}") from None
     if not isinstance(card, dict) or card.get("format") != FORMAT_VERSION:
         found = card.get("format") if isinstance(card, dict) else type(card).__name__
@@ -82,7 +82,7 @@ def _read_file(path: Path, limit: int) -> bytes:
     """Return the content of a regular file of at most `limit` bytes.
 
     Raises:
-        FileNotFoundError: there is none. ValueError: a pipe, a device, larger, or it cannot be read.
+        FileNotFoundError: it does not exist. ValueError: a pipe, a device, too large, or unreadable.
     """
 
     def require_regular(mode: int) -> None:
@@ -91,7 +91,7 @@ def _read_file(path: Path, limit: int) -> bytes:
 
     try:
         require_regular(path.stat().st_mode)
-        # What the name stands for may change after the look at it; without O_NONBLOCK a pipe would hold us here.
+        # The file may be replaced after the check; without O_NONBLOCK, opening a pipe would block.
         with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as stream:
             require_regular(os.fstat(stream.fileno()).st_mode)
             data = stream.read(limit + 1)

@@ -27,7 +27,7 @@ GRAVITY: Final = 9.81
 
 
 class Blocks(Protocol):
-    """Named blocks that observations are made of: one snapshot, or many with leading dimensions.
+    """Named blocks from which observations are computed: one snapshot, or many with leading dimensions.
 
     Attributes:
         state: minimal state (bike_sim.physics.state), shape (..., 10).
@@ -56,7 +56,7 @@ class Feature(NamedTuple):
 
     Attributes:
         block: name of the block.
-        place: index in it.
+        place: index in the block.
         mirror: sign in the mirrored ride.
         bound: largest magnitude. The fork has no stop: when a bicycle falls, its steering angle grows beyond any.
         turn: function that is applied to it, or None.
@@ -109,7 +109,7 @@ class ObservationLayout:
         preview_count: preview values, the nearest point included (n_prev + 1 of the paper).
         preview_kind: ``points`` is t_p of Eq. (5), lateral offsets in m. ``lean`` is their linear transform into
             offset (m), lateral velocity (m/s) and, from second differences, the tangent of the lean that a steady
-            turn along the previewed line asks for. It needs a
+            turn along the previewed line requires. It needs a
             preview by time.
         preview_scale: factor of ``points``.
         version: LAYOUT_VERSION of the code that made it.
@@ -162,7 +162,7 @@ class ObservationLayout:
 
     @cached_property
     def _gathered(self) -> tuple[tuple[str, NDArray[np.intp], NDArray[np.intp]], ...]:
-        """For each block that is used: its name, the places taken from it and where they go, for one gather a step."""
+        """For each block in use: its name, the source indices and the target indices, for one gather per step."""
         used = [_FEATURES[name] for name in self.features]
         blocks = dict.fromkeys(feature.block for feature in used)
         found = []
@@ -185,7 +185,7 @@ class ObservationLayout:
         """Make the observation of one vehicle or of a batch.
 
         Args:
-            blocks: what is seen.
+            blocks: of a snapshot or a batch.
             picked: which of its preview points this layout takes, from :meth:`pick_preview`; None where they are
                 exactly those.
 

@@ -1,1 +1,1 @@
-"""Who answers a snapshot with a command: learned and classical riders; knows no ROS."""
+"""Riders, which answer snapshots with commands: learned, classical and LQR; imports no ROS."""

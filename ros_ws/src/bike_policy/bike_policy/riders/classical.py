@@ -1,13 +1,13 @@
 """A classical rider: laps a line by path preview and state feedback. No learning, no tuning per machine or circuit.
 
 Lean. The virtual rider's reference model turns a lean command into lean as a second-order system of frequency w,
-critically damped. So the lateral acceleration that the line will ask for shortly (when steering has reached the lean)
-is fed forward through the inverse of that system, ``a + 2/w a' + a''/w^2``, and what is left of lateral error e, its
+critically damped. So the lateral acceleration that the line will require shortly (when steering has reached the lean)
+is fed forward through the inverse of that system, ``a + 2/w a' + a''/w^2``, and the remaining lateral error e, its
 rate and the error of lateral acceleration d is fed back with all four poles at -p:
 
     u = -(k0 e + k1 e' + k2 d + k3 d'),   (s + p)^4 = s^4 + (2w + w^2 k3) s^3 + w^2 (1 + k2) s^2 + w^2 k1 s + w^2 k0
 
-With p = w/2, k3 is zero and nobody needs d'. Preview in place of this inverse is how Sharp et al. (2004), Advances in
+With p = w/2, k3 is zero and d' is not needed. Preview in place of this inverse is how Sharp et al. (2004), Advances in
 the modelling of motorcycle dynamics, Multibody System Dynamics 12, steer; the rest is textbook pole placement.
 
 Speed. The theoretical lap of the machine with some of its limits kept in reserve is the speed profile; its acceleration
@@ -46,12 +46,12 @@ CLASSICAL: Final = "classical"
 """Name of this rider."""
 
 LONGEST_GAP = 0.3
-"""Time without states after which the last one tells nothing of the lateral error's rate any more, s."""
+"""Time without states after which the last one is not used for the lateral error's rate, s."""
 
 
 @dataclass(frozen=True)
 class Seen:
-    """What the rider sees at one control instant.
+    """Inputs of the rider at one control instant.
 
     Attributes:
         speed: m/s. roll: rad, positive to the right.
@@ -90,7 +90,7 @@ class LineController:
             line: closed line to follow.
             control_period: s.
             settings: how to ride.
-            limits: the machine's envelope if it is at hand already.
+            limits: the machine's envelope if it is known already.
 
         Raises:
             ValueError: the line is open.
@@ -134,7 +134,7 @@ class LineController:
         self._before = None
 
     def command(self, seen: Seen) -> tuple[float, float]:
-        """Return steering and throttle in [-1, 1]; the same again for what was seen just before."""
+        """Return steering and throttle in [-1, 1]; the same ones again for a repeated state."""
         if seen != self._before:
             self._answer = (self._steer(seen), self._throttle(seen))
             self._before = seen
@@ -146,7 +146,7 @@ class LineController:
         return float(np.interp(s % self._length, self._s, column))
 
     def _wanted(self, seen: Seen, ahead: float) -> float:
-        """Return the lateral acceleration that the line asks for in a time, m/s^2."""
+        """Return the lateral acceleration that the line requires after a time, m/s^2."""
         here = self._at(self.profile.speed, seen.progress)
         s = seen.progress + seen.speed * ahead
         speed = max(1.0, seen.speed + self._at(self.profile.speed, s) - here)
@@ -161,7 +161,7 @@ class LineController:
         longest = max(LONGEST_GAP, 4.0 * self._period)
         if before is None or abs(seen.progress - before.progress) > longest * seen.speed + 1.0:
             return seen.speed * math.sin(seen.heading_error)
-        # States between may have been lost: the way tells how many periods ago the one before was.
+        # States in between may have been lost: the distance shows how many periods ago the previous one was.
         periods = round((seen.progress - before.progress) / (max(1.0, seen.speed) * self._period))
         elapsed = self._period * max(1, periods)
         measured = (seen.lateral_error - before.lateral_error) / elapsed
@@ -219,7 +219,7 @@ class ClassicalRider:
         self.controller: LineController | None = None
 
     def begin(self, vehicle: Vehicle, course: Course, period: float, preview: Preview) -> None:
-        """Plan the lap; the same ride again needs no new plan.
+        """Plan the lap; a repeated ride keeps the plan.
 
         Raises:
             ValueError: a vehicle that is no superbike, or an open line.

@@ -1,9 +1,9 @@
-"""The lap that the classical rider plans: the machine's theoretical lap with a reserve, as far as it can be rolled.
+"""The lap that the classical rider plans: the machine's theoretical lap with a reserve, limited by roll rate.
 
-A theoretical lap knows no roll rate. Between two opposite curves it asks for more than any machine does, and where the
-machine is raised under power it asks for more drive than the electronics leave, which keep load on the front wheel of a
-machine that rolls. Both are put right in rounds: leans and roll rates of a profile say how fast and how much driven the
-next one may be.
+A theoretical lap neglects roll rate. Between two opposite curves it requires more than any machine can do, and where
+the machine is raised under power it requires more drive than the electronics allow, which keep load on the front wheel
+of a machine that rolls. Both are corrected iteratively: leans and roll rates of a profile limit speed and drive of the
+next one.
 """
 
 from __future__ import annotations
@@ -49,9 +49,9 @@ class RiderSettings:
         speed_preview: time from throttle to force, s.
         period: control period for which both previews are meant; also the age up to which the difference of two states
             is the rate of the lateral error, s.
-        rate_memory: time constant of the estimate that takes its place when the state before is older, s.
-        largest_lean: rad; more is never asked for.
-        roll_rate: largest roll rate that the profile asks for, averaged over `roll_span`, rad/s.
+        rate_memory: time constant of the estimate that replaces it when the previous state is older, s.
+        largest_lean: largest lean that is requested, rad.
+        roll_rate: largest roll rate that the profile requires, averaged over `roll_span`, rad/s.
         roll_span: s.
     """
 
@@ -73,7 +73,7 @@ class RiderSettings:
 
 
 def reserved(limits: Envelope, settings: RiderSettings) -> Envelope:
-    """Return a machine's limits less what the rider keeps in reserve."""
+    """Return a machine's limits minus the rider's reserve."""
     return replace(
         limits,
         lateral_max=settings.lateral * limits.lateral_max,
@@ -88,7 +88,7 @@ class SteadyLeans:
     """Lateral accelerations of a machine's steady turns, tabulated over speed and lean.
 
     Attributes:
-        speeds: m/s. leans: rad, from 0 to the largest that the rider may ask for.
+        speeds: m/s. leans: rad, from 0 to the largest that the rider may request.
     """
 
     def __init__(self, vehicle: Superbike) -> None:
@@ -169,7 +169,7 @@ def _roll_rate(profile: LapLimit, lean: FloatArray, span: float) -> FloatArray:
 def _largest_around(profile: LapLimit, values: FloatArray, span: float) -> FloatArray:
     """Return the largest of values within half a time (s) of each point.
 
-    Wherever within the span a point lies, it shares the blame for the span's roll rate.
+    Every point within the span contributes to the span's roll rate.
     """
     return np.asarray(np.max([_around(profile, values, shift) for shift in np.linspace(-0.5, 0.5, 5) * span], axis=0))
 

@@ -1,4 +1,4 @@
-"""A linear-quadratic rider of bicycles with preview: what an engineer would write first, and what a policy must beat.
+"""A linear-quadratic rider of bicycles with preview: the usual first design, and the baseline of a policy.
 
 Model: the linearised bicycle of Meijaard et al. (2007) at the present speed with its steering drive, and rolling
 without slip along the path. With e the lateral error of the rear contact, h the heading error, delta the steer, lambda
@@ -8,7 +8,7 @@ the tilt of the steering axis, c the trail and w the wheelbase,
 
 The curvature kappa of the path ahead, sampled at the control periods, is the preview: with it the optimal answer is
 ``u = -K x - sum_k G_k kappa_k`` (Sharp and Valtetsiotis 2001, Optimal preview car steering control, Vehicle System
-Dynamics 35). The cost is on errors and on the torque of the drive, ``u - delta``, not on the set value itself, so that
+Dynamics 35). The cost is on errors and on the torque of the drive, ``u - delta``, not on the set point itself, so that
 a steady turn costs next to nothing and is ridden without an offset.
 
 A command that acts late is known to the rider: the last answers are states of the model, one for each period of delay.
@@ -53,7 +53,7 @@ class LqrSettings:
         heading: of the squared heading error, 1/rad^2.
         roll_rate: of the squared roll rate, s^2/rad^2.
         steer_rate: of the squared steer rate, s^2/rad^2.
-        drive: of the squared difference of set value and steering angle, 1/rad^2.
+        drive: of the squared difference of set point and steering angle, 1/rad^2.
         horizon: of the preview, s.
         delay: control periods by which a command acts late.
     """
@@ -71,7 +71,7 @@ class Gains(NamedTuple):
     """The optimal answer at one speed: ``u = -state @ x - preview @ kappa``.
 
     Attributes:
-        state: of lateral error, heading error, roll, steer, roll rate, steer rate, and the answers on their way.
+        state: of lateral error, heading error, roll, steer, roll rate, steer rate, and the delayed commands.
         preview: of the curvatures of the control periods ahead.
     """
 
@@ -88,7 +88,7 @@ def lateral_model(vehicle: Vehicle, speed: float) -> tuple[FloatArray, FloatArra
     """
     a, b, e = np.zeros((6, 6)), np.zeros(6), np.zeros(6)
     a[2:, 2:] = state_matrix(vehicle, speed)
-    # The drive turns the fork as far from its set value as from zero: what P adds for steer it adds for -u.
+    # The drive turns the fork as far from its set point as from zero: what P adds for steer it adds for -u.
     b[2:] = -(state_matrix(vehicle, speed)[:, 1] - state_matrix(replace(vehicle, P=0.0), speed)[:, 1])
     a[0, 1] = speed
     a[1, 3] = speed * math.cos(vehicle.lam) / vehicle.w
@@ -125,7 +125,7 @@ def design(vehicle: Vehicle, speed: float, period: float, settings: LqrSettings)
     cost = np.zeros((size, size))
     weights = (settings.lateral, settings.heading, 0.0, 0.0, settings.roll_rate, settings.steer_rate)
     np.fill_diagonal(cost[:6, :6], weights)
-    # (acting command - steer)^2; the acting command is the oldest on its way, or the answer itself.
+    # (acting command - steer)^2; the acting command is the oldest delayed one, or the new one itself.
     control, cross = np.array([[1e-6]]), np.zeros((size, 1))
     cost[3, 3] += settings.drive
     if delay:
@@ -162,7 +162,7 @@ class LqrRider:
         """Take the line; see `Rider`.
 
         Raises:
-            ValueError: a superbike, whose rider asks for leans and not for steering angles.
+            ValueError: a superbike, whose command is a lean and not a steering angle.
         """
         if isinstance(vehicle, Superbike):
             raise ValueError(f"rider {self.name!r} steers bicycles by set value, and {vehicle.name!r} is a superbike")
@@ -207,7 +207,7 @@ class LqrRider:
         return self._gains[step]
 
     def _curvature(self, s: FloatArray) -> FloatArray:
-        """Return the curvature of the line at arc lengths (m); an open line goes on straight."""
+        """Return the curvature of the line at arc lengths (m); an open line is extended straight."""
         course = self._course
         if course.closed:
             return np.interp(s % course.length, course.s, course.curvature)

@@ -1,4 +1,4 @@
-"""What a rider is: it answers snapshots with commands, in process and behind the policy node alike."""
+"""The protocol of a rider, which answers snapshots with commands in process and in the policy node."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Rider(Protocol):
         """Prepare for an episode.
 
         Args:
-            vehicle: what is ridden.
+            vehicle: to be ridden.
             course: the followed line.
             period: control period, s.
             preview: the preview that snapshots will hold.

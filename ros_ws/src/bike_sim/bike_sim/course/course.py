@@ -21,7 +21,7 @@ OFF_COURSE_LIMIT = 3.5
 """Default distance beyond which a ride counts as off course, m (eta_y of Weyrer et al. 2026, Sect. 3.3)."""
 
 SAME_LAP = 4.0
-"""A place this close to where it is expected on a closed line is of the same lap, m."""
+"""A position this close to the expected one on a closed line is of the same lap, m."""
 
 CLOSING_TOLERANCE = 1e-3
 """A course may call itself closed when its ends meet within this distance (m) and angle (rad)."""
@@ -94,7 +94,7 @@ class Course:
 
     @property
     def length(self) -> float:
-        """Arc length of the whole line, m."""
+        """Length of the line, m."""
         return float(self.s[-1])
 
     @property
@@ -108,7 +108,7 @@ class Course:
         return np.ascontiguousarray([self.x, self.y, self.heading, self.curvature])
 
     def nearest(self, x: float, y: float, heading: float, asked: float = 0.0) -> float:
-        """Return the arc length of the sample that is nearest to a pose, m, out of the whole line.
+        """Return the arc length of the sample that is nearest to a pose, m, on the whole line.
 
         A heading that differs by a radian counts like a distance of a metre, so that at a crossing the branch is found
         that is ridden.
@@ -117,7 +117,7 @@ class Course:
             x: m.
             y: m.
             heading: rad.
-            asked: arc length where it is expected, m. On a closed line a place close to that is told of the same lap:
+            asked: arc length where it is expected, m. On a closed line a position close to it is of the same lap:
                 just behind the start it is below 0.
         """
         away = (self.x - x) ** 2 + (self.y - y) ** 2 + 2.0 * (1.0 - np.cos(self.heading - heading))

@@ -40,7 +40,7 @@ HOLE = 10.0
 """Neighbours of a line with widths that are farther apart than this many times the median have a hole between them."""
 
 BENT_HOLE, HOLE_TURN = 4.0, math.radians(30.0)
-"""So have neighbours of any line that are this many medians apart, where the line goes on in a direction that differs
+"""So have neighbours of any line that are this many medians apart, where the line continues in a direction that differs
 by so much (rad): the corner between them is not known."""
 
 LARGEST_GAP = 250.0
@@ -54,7 +54,7 @@ ZIG_ZAG, ZIG_ZAG_TURN = 4, math.radians(30.0)
 
 
 class CourseFileError(DocumentError):
-    """A course file is broken. The message says which row or element, and what is wrong."""
+    """A course file is broken. The message says the row or element, and the fault."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def parse_csv(text: str, closed: bool | None = None) -> CentreLine:
             its ends are about as far apart as neighbours are and the gap continues the line.
 
     Raises:
-        CourseFileError: naming the row (as counted by an editor) and what is wrong.
+        CourseFileError: naming the row (as counted by an editor) and the fault.
     """
     rows, lines, with_widths = _parse_rows(text)
     repeated = len(rows) > 1 and math.dist(rows[0, :2], rows[-1, :2]) < SAME_POINT
@@ -219,7 +219,7 @@ def _turn(a: FloatArray, b: FloatArray) -> float:
 
 
 def _check_repeated(points: FloatArray, lines: list[int], measured: bool) -> None:
-    """Refuse neighbours that are the same point and, on a measured line, a stretch that is there twice."""
+    """Refuse neighbours that are the same point and, on a measured line, a repeated part."""
     steps = np.hypot(*np.diff(points, axis=0).T)
     for i in np.flatnonzero(steps < SAME_POINT)[:1]:
         raise CourseFileError(f"rows {lines[i]} and {lines[i + 1]} are the same point ({points[i, 0]}, {points[i, 1]})")
@@ -231,7 +231,7 @@ def _check_repeated(points: FloatArray, lines: list[int], measured: bool) -> Non
     earlier = np.full(len(same), -2)
     earlier[order[1:]] = np.where(np.diff(same.ravel()[order]) == 0, order[:-1], -2)
     repeats = np.flatnonzero((earlier[1:] == earlier[:-1] + 1) & (earlier[1:] > 0))
-    # A whole second lap is refused later, as a road that lies on another.
+    # A complete second lap is refused later, as overlapping roads.
     if len(repeats) and 2 * len(repeats) < len(points) - 4:
         first = int(repeats[0])
         last = first + 1

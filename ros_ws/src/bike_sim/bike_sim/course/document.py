@@ -1,4 +1,4 @@
-"""What the values of a course's document may be, with one clear error for each that may not."""
+"""Checks of the values in a course's document, with one clear error for each invalid one."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ MAX_LENGTH = 100e3
 """Longest course, m. A longer one is a mistake of units, and would fill the memory with samples."""
 
 START_KEYS = ("x_m", "y_m", "heading_deg")
-"""Keys of the place and direction in which a course begins."""
+"""Keys of the position and heading at which a course begins."""
 
 
 def values_of(value: Any, where: str, keys: tuple[str, ...]) -> list[Any]:
@@ -38,7 +38,7 @@ def name_of(found: Mapping[str, Any], key: str, default: str, where: str = "") -
     """Return the name under a key, or the default where the key is not there.
 
     Raises:
-        DocumentError: it is no name, or the default, which comes from the file's name, is none.
+        DocumentError: it is not a valid name, nor is the default, the file's name.
     """
     if key not in found:
         return default and check_name(default, f"{where}the file's name, which the course takes without '{key}',")
@@ -46,7 +46,7 @@ def name_of(found: Mapping[str, Any], key: str, default: str, where: str = "") -
 
 
 def description_of(found: Mapping[str, Any], default: str) -> str:
-    """Return the description, or the default where there is none."""
+    """Return the description, or the default if there is none."""
     return check_text(found["description"], "description") if "description" in found else default
 
 

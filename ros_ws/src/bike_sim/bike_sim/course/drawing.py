@@ -53,7 +53,7 @@ def draw_map(axes: Axes, course: Course, labels: bool = True) -> None:
     Args:
         axes: where to draw; equal scales are set, in m.
         course: what to draw.
-        labels: write the names of the sections beside the line.
+        labels: write the names of the sections next to the line.
     """
     left = course.off_course_limit if course.width_left is None else course.width_left
     right = course.off_course_limit if course.width_right is None else course.width_right
@@ -84,7 +84,7 @@ def _point(course: Course, s: float) -> tuple[float, float, float, float]:
 
 
 def _label(axes: Axes, course: Course, name: str, s: float, colour: str) -> None:
-    """Write a name outside the course, or inside where it stands beside an upright line and needs the room."""
+    """Write a name outside the course, or inside, next to a vertical line where there is no room outside."""
     x, y, tx, ty = _point(course, s)
     middle = np.array([np.mean(course.x), np.mean(course.y)])
     beside = np.array([-ty, tx])

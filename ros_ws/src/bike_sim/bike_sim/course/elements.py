@@ -110,7 +110,7 @@ class Quintic:
         speed = self.extent * stretch
         step = 1.0 / (count - 1)
         s = np.concatenate(([0.0], np.cumsum(speed[1:] + speed[:-1]) * (0.5 * step)))
-        # Euler-Maclaurin: what the trapezoid rule lacks is the change of the integrand's slope times step^2 / 12.
+        # Euler-Maclaurin: the error of the trapezoid rule is the change of the integrand's slope times step^2 / 12.
         s -= step**2 / 12.0 * self.extent * slope * ratio * _QUINTIC_D2(u) / stretch
         return u, s, speed
 

@@ -1,4 +1,4 @@
-"""Where courses come from: shipped ones by name, random circuits by seed, and files of one's own by path.
+"""Loading of courses: shipped ones by name, random circuits by seed, and the user's files by path.
 
 A course is a path (a line to follow) or a circuit (a closed line with limits, walls and corners). Both are found, read
 and refused by the same code; what a file says is turned into one of them by :mod:`bike_sim.course.path_reading` and
@@ -35,11 +35,11 @@ _YAML, _CSV = (".yaml", ".yml"), ".csv"
 
 @dataclass(frozen=True)
 class _Content:
-    """What a course's file says, before anything is built of it.
+    """The content of a course's file, before the course is built.
 
     Attributes:
         path: the file.
-        kind: what it describes.
+        kind: path or circuit.
         said: a YAML document, or the points of a CSV file.
     """
 
@@ -59,7 +59,7 @@ def shipped_tracks() -> tuple[str, ...]:
 
 
 def kind_of(name_or_path: str | Path) -> Kind:
-    """Tell what a name or a file is, without building it.
+    """Return the kind of a name or a file, without building the course.
 
     A CSV file is a circuit when its line is closed and has widths; a YAML file is what its format says, a path without.
 
@@ -68,7 +68,7 @@ def kind_of(name_or_path: str | Path) -> Kind:
 
     Raises:
         FileNotFoundError: no such course or file.
-        CourseFileError: the file cannot be read; what only shows when the course is built is not looked for.
+        CourseFileError: the file cannot be read; faults that need the built course are not checked.
     """
     if seed_of(name_or_path) is not None:
         return "circuit"
@@ -85,7 +85,7 @@ def load_course(name_or_path: str | Path) -> Course:
 
     Raises:
         FileNotFoundError: no such course or file.
-        CourseFileError: the file is broken; the message names the row or element and what is wrong.
+        CourseFileError: the file is broken; the message names the row or element and the fault.
     """
     seed = seed_of(name_or_path)
     return random_circuit(seed).centre if seed is not None else _read(name_or_path, _course_of)
@@ -100,14 +100,14 @@ def load_track(name_or_path: str | Path) -> Track:
 
     Raises:
         FileNotFoundError: no such circuit or file.
-        CourseFileError: the file is broken, or is a path; the message names the row or element and what is wrong.
+        CourseFileError: the file is broken, or is a path; the message names the row or element and the fault.
     """
     seed = seed_of(name_or_path)
     return random_circuit(seed) if seed is not None else _read(name_or_path, _track_of)
 
 
 def track_records(name: str) -> dict[str, float]:
-    """Return the published lap records of a circuit, s, by what they are; none where its file gives none.
+    """Return the published lap records of a circuit, s, by name; empty if its file has none.
 
     Raises:
         FileNotFoundError: no such circuit. CourseFileError: a record is no number.
@@ -153,7 +153,7 @@ def _shipped(kind: Kind) -> tuple[str, ...]:
 
 
 def _read(name_or_path: str | Path, use: Callable[[_Content], _Built]) -> _Built:
-    """Find and read a course, and return what is made of it; every error names the file."""
+    """Find, read and build a course; every error names the file."""
     path = Path(name_or_path)
     if path.suffix:
         return _use(path, use)

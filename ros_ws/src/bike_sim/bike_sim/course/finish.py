@@ -1,10 +1,10 @@
-"""The finish of an open course: a recorded ride is judged up to there, and no farther.
+"""The finish of an open course: a recorded ride is evaluated up to there.
 
 A ride stops a sample or two behind the end of its course, depending on when its stop is noticed. There the projection
 onto the course is the end point (:func:`bike_sim.course.projection.project` clips the arc length), so the distance to
-the course is that to the end *point*: it grows with the way driven behind the finish and is no lateral error. Here the
-course goes on straight behind its end, lateral errors are measured to that line, and the ride is cut where it crosses
-the finish, with a last sample interpolated there.
+the course is that to the end *point*: it grows with the distance travelled beyond the finish and is no lateral error.
+Here the course is extended straight beyond its end, lateral errors are measured to that line, and the ride is cut where
+it crosses the finish, with a last sample interpolated there.
 """
 
 from __future__ import annotations
@@ -55,8 +55,8 @@ class Finish:
             y: the same, m.
 
         Returns:
-            Progress that goes on behind the end, m, and lateral error, m. Samples before the end are as given, and so
-            are those whose place is not known.
+            Progress that continues beyond the end, m, and lateral error, m. Samples before the end and samples
+            without a position are unchanged.
         """
         along_course = np.array(progress, dtype=np.float64)
         lateral = np.array(lateral_error, dtype=np.float64)
@@ -127,7 +127,7 @@ def up_to_finish(
 
     Args:
         finish: end of the open course, or None for a closed course, whose columns come back as given.
-        progress: arc length of the nearest point of the course, m, one value a sample.
+        progress: arc length of the nearest point of the course, m, one value per sample.
         lateral_error: signed distance to the course, m, positive to the left.
         x: of the point that was projected, m, map frame.
         y: the same, m.

@@ -1,4 +1,4 @@
-"""Lap timing: laps, sectors, what lies outside the limits and how far from the ideal line, from samples of a ride.
+"""Lap timing: laps, sectors, time off the track and distance to the ideal line, from samples of a ride.
 
 A pure account: fed sample by sample while riding, or with a whole recording afterwards, it gives the same numbers bit
 for bit. Lines are crossed between samples; the time of crossing is interpolated in progress.
@@ -62,7 +62,7 @@ class Lap:
 
 
 class TimingKind(Enum):
-    """What the timing reports."""
+    """A report of the timing."""
 
     SECTOR = "sector"
     LAP = "lap"
@@ -135,7 +135,7 @@ class _Sums:
 
 @dataclass(frozen=True)
 class _Place:
-    """A sample with what the track says of it: how far outside both contact points are (m), distance to the ideal."""
+    """A sample with the distances of both contact points beyond the limits (m) and to the ideal line."""
 
     time: float
     progress: float
@@ -219,7 +219,7 @@ class LapTimer:
 
     @staticmethod
     def _between(before: _Place, after: _Place, progress: float) -> _Place:
-        """Return the place where a line is crossed, everything linear in progress."""
+        """Return the crossing of a line, everything linear in progress."""
         share = crossed_share(progress - before.progress, after.progress - before.progress)
 
         def mix(a: float, b: float) -> float:
@@ -233,7 +233,7 @@ class LapTimer:
         )
 
     def _add(self, a: _Place, b: _Place) -> None:
-        """Add the time between two places to the sums of the lap and of the ride."""
+        """Add the time between two samples to the sums of the lap and of the ride."""
         span = b.time - a.time
         if span <= 0.0:
             return
@@ -291,7 +291,7 @@ class LapTimer:
 
 
 def _share_above_zero(a: float, b: float) -> float:
-    """Return the share of a straight line from a to b that lies above zero."""
+    """Return the fraction of a straight line from a to b that is above zero."""
     if a > 0.0 and b > 0.0:
         return 1.0
     if a <= 0.0 and b <= 0.0:

@@ -187,7 +187,7 @@ def close_layout(pieces: Sequence[Piece], length: float, transition: float) -> t
     def violation(parameters: FloatArray) -> FloatArray:
         profile = curvature_profile(_changed(pieces, parameters), transition)
         x, y, heading = _end(profile)
-        # In comparable units: a radian moves what is a radius away.
+        # In comparable units: a radian displaces a point by its radius.
         return np.array([x, y, 100.0 * (heading - 2.0 * math.pi * turns), profile.s[-1] - length])
 
     parameters: FloatArray = np.zeros(sum(2 if piece.angle else 1 for piece in pieces))

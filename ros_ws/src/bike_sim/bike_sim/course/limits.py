@@ -1,4 +1,4 @@
-"""What lies beside a circuit's centre line: checks of its limits, and walls behind its run-off."""
+"""Limits of a circuit: their checks, and the walls behind the run-off."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 _STATION = 2.0
-# How far along the road two points may be for one to count as the other's neighbour, beside what their offset asks.
+# Largest distance along the road of two points that count as neighbours, in addition to their lateral offset.
 _NEIGHBOURHOOD = 30.0
 # Roads whose directions differ by less than this (rad) lie on each other where they meet, and by more they cross.
 _SAME_WAY = math.radians(20.0)
 # How far aside another part of the road is looked for, m, where the road is wider than twice that.
 _BESIDE = 10.0
-# Stations within that reach of a station, on average, of which a road by itself has about ten.
+# Stations within that reach of a station, on average, of which a road without others nearby has about ten.
 _CROWDED = 200
 # A limit or wall stays this far (as a fraction of the radius) from the centre of a curve.
 _RADIUS_SHARE = 0.9
@@ -36,7 +36,7 @@ class RunOff:
     """How far behind the limits the walls stand, m.
 
     Attributes:
-        straight: beside straights. inside: inside of corners. outside: outside of sharp corners.
+        straight: along straights. inside: inside of corners. outside: outside of sharp corners.
     """
 
     straight: float = 10.0
@@ -88,10 +88,10 @@ def check_limits(centre: Course) -> None:
 
 
 def _check_once(centre: Course, rows: NDArray[np.int64], middle: FloatArray) -> None:
-    """Refuse a road that lies on another part of itself, led the same way, as in a file of two laps.
+    """Refuse a road that overlaps with itself in the same direction, as in a file of two laps.
 
     Raises:
-        ValueError: naming the two places.
+        ValueError: naming the two positions.
     """
     from scipy import spatial  # late: a start that needs none is spared it
 
@@ -216,7 +216,7 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _near(i: int, j: int, bridge: tuple[int, int], count: int) -> bool:
-    """Tell whether a crossing of limits belongs to a bridge, whose limits cross within some widths of its middle."""
+    """Return whether a crossing of limits belongs to a bridge, whose limits cross within some widths of its middle."""
 
     def apart(p: int, q: int) -> int:
         return min(abs(p - q), count - abs(p - q))

@@ -1,4 +1,4 @@
-"""Paths from what a file says: a YAML document of elements, or the points and widths of a CSV file.
+"""Paths from files: a YAML document of elements, or the points and widths of a CSV file.
 
 The YAML keys are listed in :data:`KEYS`, the CSV columns in :data:`bike_sim.course.csv_line.COLUMNS`; docs/courses.md
 shows both.
@@ -40,11 +40,11 @@ def path_from_document(document: Mapping[str, Any], path: Path) -> Course:
     """Make a path of a YAML document whose values are all strings.
 
     Args:
-        document: what the file says.
-        path: the file; a CSV file that it names is looked for beside it.
+        document: content of the file.
+        path: the file; a CSV file that it names is searched in its folder.
 
     Raises:
-        FileNotFoundError: the CSV file does not exist. ValueError: naming the key or element and what is wrong.
+        FileNotFoundError: the CSV file does not exist. ValueError: naming the key or element and the fault.
     """
     check_keys("", document, KEYS)
     name = name_of(document, "name", path.stem)

@@ -15,11 +15,11 @@ from bike_sim.course.track import Track
 FloatArray = NDArray[np.float64]
 
 REACH = 4.0
-"""The nearest point is searched this far both ways, m: over two control steps at top speed, less than to a road that
-runs beside. Where a point moves farther in a step, the search follows it (`projection.window`)."""
+"""The nearest point is searched this far forward and backward, m: over two control steps at top speed, less than to a
+parallel road. Where a point moves farther in a step, the search follows it (`projection.window`)."""
 
 EXACT = 0.05
-"""A start this close to where it was asked for is there, m: the way from the centre line to the followed line and back
+"""Tolerance of a requested start, m: the projection from the centre line to the followed line and back
 goes through tables."""
 
 

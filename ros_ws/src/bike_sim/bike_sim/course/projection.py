@@ -21,8 +21,8 @@ along the line. It is long enough for the step of a control period at 30 m/s and
 :func:`window` makes it longer where a point moves farther from one look to the next.
 """
 MOVED_SHARE = 1.5
-"""The window is at least this many times as long as the way that the point has moved: more than it gains on the line
-by cutting a corner."""
+"""The window is at least this many times the distance that the point has moved: more than it gains on the line by
+cutting a corner."""
 
 
 @njit(cache=True)
@@ -47,7 +47,7 @@ def point_at(
 ) -> tuple[float, float, float, float]:
     """Return position and unit tangent (x, y, tx, ty) at an arc length s, m.
 
-    An open line goes on straight beyond its ends.
+    An open line is extended straight beyond its ends.
     """
     count = len(x)
     i, u = locate(s, spacing, count, closed)
@@ -90,7 +90,7 @@ def window(least: float, moved: float, length: float) -> float:
 
     Args:
         least: shortest window, m.
-        moved: how far the point has moved since it was looked for last, m.
+        moved: distance that the point has moved since the last search, m.
         length: of the line, m: all that can be searched.
     """
     wanted = MOVED_SHARE * moved

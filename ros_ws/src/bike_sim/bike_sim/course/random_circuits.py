@@ -6,7 +6,7 @@ are stretched as little as possible until the end lies on the beginning (least s
 would need too much of that, misses its length, or runs into itself is dropped. The first that is left is laid as the
 shipped circuits are (:mod:`bike_sim.course.layout`): curvature in ramps, ends closed to a nanometre, limits checked.
 
-docs/circuits.md compares what comes out with real circuits. Only uniform draws of PCG64 are used, whose stream NumPy
+docs/circuits.md compares the results with real circuits. Only uniform draws of PCG64 are used, whose stream NumPy
 keeps; trigonometric functions may differ in the last digit between machines, and so may the circuits.
 """
 
@@ -132,7 +132,7 @@ def random_circuit(seed: int) -> Track:
         for angle, radius, straight in zip(tables.angle, tables.radius, tables.straight, strict=True):
             if not _keeps_apart(angle, radius, straight):
                 continue
-            # What comes after is drawn from a stream of its own, so that no table that fails moves it.
+            # The rest is drawn from a separate stream, so that failed tables do not change it.
             details = np.random.Generator(np.random.PCG64([seed, 1]))
             try:
                 return _track(seed, details, mirror * angle, radius, straight, transition)
@@ -208,7 +208,7 @@ def _closed(tables: _Tables, wanted: float) -> _Tables:
 
 
 def _keeps_apart(angle: FloatArray, radius: FloatArray, straight: FloatArray) -> bool:
-    """Tell whether no two places of a table's line that lie far along from each other are close."""
+    """Return whether no two places of a table's line that lie far along from each other are close."""
     from scipy.spatial import cKDTree  # late: a start that needs none is spared it
 
     points: list[NDArray[np.complex128]] = []

@@ -10,7 +10,7 @@ from bike_sim.course.spline import chord_lengths
 FloatArray = NDArray[np.float64]
 
 LONGEST_WAVE = 40.0
-"""What is shorter than this along the road is taken for noise, m, as far as the tolerance allows."""
+"""Shorter wavelengths along the road are treated as noise, m, as far as the tolerance allows."""
 
 TOLERANCE = 0.15
 """Root mean square by which smoothing may move a line, m; its largest move is four times as much."""

@@ -19,13 +19,13 @@ from bike_sim.course.spline import chord_lengths, smooth_line
 FloatArray = NDArray[np.float64]
 
 LINE_SPACING = 1.0
-"""Distance of the points through which a line beside the centre line is laid, m."""
+"""Distance of the points that define an offset line, m."""
 
 CORNER_CURVATURE = 1.0 / 450.0
-"""Where a circuit without names of its own bends more than this (1/m), it has a corner."""
+"""Curvature above which a circuit without named corners has a corner, 1/m."""
 
 CORNER_ANGLE = math.radians(15.0)
-"""What turns by less than this is no corner of its own, rad."""
+"""A smaller change of heading is not a separate corner, rad."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Track:
         run_off_left: distance from the left limit to the wall behind it, m.
         run_off_right: the same on the right, m.
         corners: in the order of riding.
-        ideal: offset of the ideal line, m, or None as long as nobody has computed it (see
+        ideal: offset of the ideal line, m, or None until it is computed (see
             :mod:`bike_sim.course.racing_line`).
         description: where it comes from, for people.
     """
@@ -165,7 +165,7 @@ class Track:
         return self.width_left + self.run_off_left, -(self.width_right + self.run_off_right)
 
     def outside(self, progress: FloatArray | float, offset: FloatArray | float) -> FloatArray:
-        """Return how far a point lies outside the limits, m; negative within."""
+        """Return the distance of a point beyond the limits, m; negative within."""
         left = offset - self.at(self.width_left, progress)
         right = -np.asarray(offset) - self.at(self.width_right, progress)
         return np.maximum(left, right)
@@ -250,7 +250,7 @@ class Track:
 
 
 def interpolation_parameter(from_median: float, from_ideal: float, speed_limit: float, highest_speed: float) -> float:
-    """Return lambda, which line of the family a curriculum context asks for (superbike paper, Eq. 3).
+    """Return lambda, the line of the family for a curriculum context (superbike paper, Eq. 3).
 
     The mean of two terms: which of both lines is closer, and how fast the ride may be. The paper's text gives the
     terms in words; this is the form that has the stated ends: 0 for the median and a standstill, 1 for the ideal line
@@ -273,7 +273,7 @@ def interpolation_parameter(from_median: float, from_ideal: float, speed_limit: 
 
 
 def find_corners(centre: Course) -> tuple[Corner, ...]:
-    """Find the corners of a closed line: stretches that bend one way, numbered from the start."""
+    """Find the corners of a closed line: parts of one direction of curvature, numbered from the start."""
     count = len(centre.s) - 1
     bend = centre.curvature[:count]
     kind = np.where(bend > CORNER_CURVATURE, 1, np.where(bend < -CORNER_CURVATURE, -1, 0))
@@ -296,6 +296,6 @@ def _corner_between(centre: Course, name: str, begin: float, end: float) -> Corn
     bend = centre.curvature[samples % count]
     angle = float(np.sum(bend) * centre.spacing)
     sharpest = np.abs(bend).max()
-    # The middle of the stretch that bends as much as the sharpest point does, not its first sample.
+    # The middle of the part with the largest curvature, not its first sample.
     apex = float(np.mean(samples[np.abs(bend) > 0.999 * sharpest]) * centre.spacing) % centre.length
     return Corner(name, begin, apex, end, angle, float(1.0 / sharpest))

@@ -64,7 +64,7 @@ def _draw_direction(axes: Axes, track: Track) -> None:
 
 
 def draw_line_by_speed(axes: Axes, line: Course, s: FloatArray, speed: FloatArray) -> Colorbar:
-    """Draw a line coloured by speed (m/s at arc lengths s), and the scale in km/h beside it."""
+    """Draw a line coloured by speed (m/s at arc lengths s), with the scale in km/h."""
     x, y = np.interp(s, line.s, line.x), np.interp(s, line.s, line.y)
     points = np.stack([x, y], axis=1)
     segments = np.stack([points[:-1], points[1:]], axis=1)

@@ -1,4 +1,4 @@
-"""Circuits from what a file says: a YAML table of corners, or the centre line and widths of a CSV file.
+"""Circuits from files: a YAML table of corners, or the centre line and widths of a CSV file.
 
 The YAML keys are listed in :data:`KEYS`, the CSV columns in :data:`bike_sim.course.csv_line.COLUMNS`; docs/circuits.md
 shows both.
@@ -128,11 +128,11 @@ def track_from_document(document: Mapping[str, Any], path: Path) -> Track:
     """Make a circuit of a YAML document whose values are all strings.
 
     Args:
-        document: what the file says.
+        document: content of the file.
         path: the file, after which a circuit without a name is called.
 
     Raises:
-        ValueError: naming the key or element and what is wrong.
+        ValueError: naming the key or element and the fault.
     """
     check_keys("", document, KEYS)
     for key in ("length_m", "width_m", "elements"):

@@ -5,7 +5,7 @@ the file a rosbag2 recording, which ``ros2 bag``, Foxglove and the ``rosbags`` l
 
 * the MCAP profile ``ros2`` and one ``ros2msg`` schema a type (`definitions`);
 * for each channel the offered QoS and, where the installed package has it, the type hash;
-* rosbag2's own metadata as an MCAP metadata record, and as ``metadata.yaml`` beside the file (`metadata`).
+* rosbag2's own metadata as an MCAP metadata record, and as ``metadata.yaml`` next to the file (`metadata`).
 
 All times are nanoseconds of one clock, usually the simulated time of the message.
 """

@@ -173,7 +173,7 @@ def _read(path: Path) -> str:
     """Return the text of a definition.
 
     Raises:
-        ValueError: the file cannot be read, or is no text.
+        ValueError: the file cannot be read, or is not text.
     """
     try:
         return read_text(path, MAX_DEFINITION_SIZE)

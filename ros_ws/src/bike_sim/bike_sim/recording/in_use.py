@@ -1,4 +1,4 @@
-"""Files and folders that one process writes at a time: the second is told whose they are and destroys nothing.
+"""Locks of files and folders that one process writes at a time; a second one is refused and destroys nothing.
 
 The lock is the kernel's (``flock``) on the file or folder itself. It leaves no file behind and ends with its process,
 even a killed one; reading is free. Where a file system has no such locks, as some network ones, nothing is refused.
@@ -25,7 +25,7 @@ class Claim(AbstractContextManager["Claim"]):
         """Claim it.
 
         Args:
-            path: an existing folder or file. A link counts as what it leads to.
+            path: an existing folder or file. A link counts as its target.
             what: word for it in an error, such as ``folder``.
             hint: what to do instead, for the error.
 
@@ -33,7 +33,7 @@ class Claim(AbstractContextManager["Claim"]):
             OSError: another claim holds it, or it cannot be opened, or is a named pipe.
         """
         folder = path.is_dir()
-        # A file is opened for writing, as some file systems ask for; without waiting, as a named pipe would make it.
+        # A file is opened for writing, which some file systems require; non-blocking, because of named pipes.
         mode = os.O_RDONLY | os.O_DIRECTORY if folder else os.O_RDWR | os.O_NONBLOCK
         self._file: int | None = os.open(path, mode | os.O_CLOEXEC)
         try:
@@ -83,7 +83,7 @@ def claim_folder(path: Path, option: str = "--out") -> Claim:
 
 
 def _holder(file: int) -> int | None:
-    """Return the number of the process that holds the lock of a file, where the kernel tells."""
+    """Return the number of the process that holds the lock of a file, where the kernel reports it."""
     status = os.fstat(file)
     device = f"{os.major(status.st_dev):02x}:{os.minor(status.st_dev):02x}:{status.st_ino}"
     found = None

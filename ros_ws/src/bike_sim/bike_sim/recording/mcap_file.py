@@ -1,7 +1,7 @@
 """One MCAP file while it is written: messages gathered in chunks, and an index at the end.
 
-The writer of the `mcap` library cannot end a file once a write has failed, and does not tell what is whole on disk.
-Here a chunk goes to the disk in one piece, and what is on disk is known. All records but messages and their indexes are
+The writer of the `mcap` library cannot end a file once a write has failed, and does not know what is complete on disk.
+Here each chunk is written in one piece, and its end on disk is known. All records but messages and their indexes are
 encoded by the library; messages are framed in one piece, which is quicker.
 
 Format: https://mcap.dev/spec.
@@ -65,7 +65,7 @@ class McapFile:
 
     Attributes:
         path: The file.
-        size: Bytes on disk that are whole: up to the end of the last chunk or record.
+        size: Complete bytes on disk: up to the end of the last chunk or record.
         counts: Messages on disk by channel.
     """
 
@@ -197,11 +197,11 @@ class McapFile:
         self._file.close()
 
     def salvage(self, spare: int = 0) -> None:
-        """Make a whole file of what is on disk after a failed write, and close it.
+        """Complete the file on disk after a failed write, and close it.
 
-        A piece of a chunk at the end is cut off. The index takes its place, and where that is too small, the place of
-        the last whole chunks: a file without an index is refused by most readers. Where no ending fits at all, the file
-        just ends.
+        An incomplete chunk at the end is cut off. The index is written there, or if the space is too small, over the
+        last complete chunks: most readers refuse a file without an index. If there is no space for any index, the
+        file has none.
 
         Args:
             spare: Bytes of the disk that are to be free afterwards, for what else belongs to the recording.

@@ -1,4 +1,4 @@
-"""What a recording says about itself, in the words of rosbag2 (metadata version 9): offered QoS, ``metadata.yaml``.
+"""Metadata of a recording, as rosbag2 writes it (version 9): offered QoS, ``metadata.yaml``.
 
 Source: rosbag2_storage (``yaml.hpp``, ``qos.cpp``) and rosbag2_storage_mcap of ROS 2 Jazzy.
 """
@@ -155,7 +155,7 @@ def write_metadata_file(directory: Path, information: Mapping[str, Any]) -> None
     temporary = directory / f"{METADATA_FILE}.tmp"
     try:
         temporary.unlink(missing_ok=True)
-        with temporary.open("x", encoding="utf-8") as file:  # never through a link that somebody has put there
+        with temporary.open("x", encoding="utf-8") as file:  # never through a link
             file.write(to_yaml({"rosbag2_bagfile_information": dict(information)}))
         temporary.replace(directory / METADATA_FILE)
     except OSError:
@@ -171,7 +171,7 @@ def is_only_recording(path: Path) -> bool:
 
 
 def described_files(directory: Path) -> tuple[str, ...]:
-    """Names of the files that ``metadata.yaml`` lists; none where it is missing, or somebody else's of this name."""
+    """Names of the files that ``metadata.yaml`` lists; none if it is missing, or not of rosbag2."""
     try:
         content = yaml.safe_load((directory / METADATA_FILE).read_text(encoding="utf-8"))
         return tuple(str(name) for name in content["rosbag2_bagfile_information"]["relative_file_paths"])

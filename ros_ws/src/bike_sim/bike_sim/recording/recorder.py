@@ -29,19 +29,19 @@ from bike_sim.recording.metadata import (
 
 CHUNK_BYTES: Final = 256 * 1024
 """Uncompressed size of a chunk. Each has an index of its topics, which costs as much as the messages where many topics
-share a small chunk. What a killed recorder loses is bounded by `FLUSH_PERIOD_S`."""
+share a small chunk. The loss of a killed recorder is bounded by `FLUSH_PERIOD_S`."""
 FLUSH_PERIOD_S: Final = 0.5
 """Wall-clock time after which an open chunk is written even if it is not full."""
 
 _CDR_HEADER_BYTES: Final = 4
 _SECOND: Final = 1_000_000_000
 _BLOCK_BYTES: Final = 4096
-"""Usual unit in which a file takes its place on a disk."""
+"""Usual allocation unit of a file system."""
 
 
 @dataclass(frozen=True)
 class Split:
-    """When a recording goes on in the next file, as ``ros2 bag record`` takes it: at the first message after a limit.
+    """When a recording continues in the next file, as in ``ros2 bag record``: at the first message after a limit.
 
     Attributes:
         max_bytes: Size on disk at which a file has enough, bytes; 0 for no limit.
@@ -79,8 +79,8 @@ class _Topic:
 class RideRecorder(AbstractContextManager["RideRecorder"]):
     """Writes one recording. Use it as a context manager, or call `close`.
 
-    The process may be killed at any time: whole chunks are on their way to the disk as soon as they are full or
-    `flush_period_s` old, and `bike_analysis` reads a torn file up to its last whole chunk.
+    The process may be killed at any time: complete chunks are written to disk as soon as they are full or
+    `flush_period_s` old, and `bike_analysis` reads a truncated file up to its last complete chunk.
 
     Attributes:
         path: The MCAP file being written, or the last one.
@@ -109,10 +109,10 @@ class RideRecorder(AbstractContextManager["RideRecorder"]):
             compression: Of chunks: ``zstd``, ``lz4`` or ``none``.
             chunk_bytes: Uncompressed size at which a chunk is closed, bytes.
             flush_period_s: Largest age of an open chunk, s of wall-clock time, checked at each message and `flush`.
-            split: When to go on in the next file; only for a directory. None: never.
+            split: When to continue in the next file; only for a directory. None: never.
             notes: Anything worth keeping about the ride (vehicle, policy, seed ...), text to text.
             overwrite: Replace an existing recording of this name.
-            metadata_file: Write ``metadata.yaml`` beside the file. By default always for a directory, and for a single
+            metadata_file: Write ``metadata.yaml`` next to the file. By default always for a directory, and for a single
                 file where it is the only recording in its directory (``metadata.yaml`` describes a directory).
 
         Raises:
@@ -176,7 +176,7 @@ class RideRecorder(AbstractContextManager["RideRecorder"]):
         """Announce a topic. A topic without messages is recorded as such.
 
         The last messages of a latched topic are repeated at the head of each further file, as many as its publishers
-        keep together. Announcing it again tells that there are more publishers.
+        keep together. Announcing it again adds publishers.
 
         Args:
             topic: Full name, for example ``/bike/state``.
@@ -210,8 +210,8 @@ class RideRecorder(AbstractContextManager["RideRecorder"]):
             publish_time_ns: Time of publication on the same clock, ns; `log_time_ns` where it is not known.
 
         Raises:
-            ValueError: If the recorder is closed, the topic is unknown, or the data or the time cannot be right.
-            OSError: If the disk refuses it. The recording is closed then; what is on disk stays readable.
+            ValueError: If the recorder is closed, the topic is unknown, or the data or the time is invalid.
+            OSError: If the disk refuses it. The recording is closed then; the file on disk stays readable.
         """
         file = self._open_file()
         known = self._topics.get(topic)
@@ -250,7 +250,7 @@ class RideRecorder(AbstractContextManager["RideRecorder"]):
                 self._note_lag()
 
     def take_longest_lag(self) -> float:
-        """Return the longest time between a message and its way to the disk since the last call, s."""
+        """Return the longest time from a message to its write to disk since the last call, s."""
         longest, self._longest_lag_s = self._longest_lag_s, 0.0
         return longest
 
@@ -304,7 +304,7 @@ class RideRecorder(AbstractContextManager["RideRecorder"]):
         folder = self._directory or target.parent
         described = described_files(folder)
         if stale or (described and all(own.fullmatch(name) for name in described)):
-            stale.append(folder / METADATA_FILE)  # a kill would leave it beside files that it does not describe
+            stale.append(folder / METADATA_FILE)  # a kill would leave it next to files that it does not describe
         for file in stale:
             file.unlink(missing_ok=True)
 
@@ -344,9 +344,9 @@ class RideRecorder(AbstractContextManager["RideRecorder"]):
         return bool(by_size or by_time)
 
     def _go_on(self, log_time: int) -> McapFile:
-        """Go on in the next file, which begins with what a late subscriber would get."""
+        """Continue in the next file, which begins with the messages that a late subscriber would receive."""
         self._finish_file()
-        self._write_metadata_file()  # after a kill it describes the files that are whole
+        self._write_metadata_file()  # after a kill it describes the complete files
         self.path = self._name_of_file(len(self._finished))
         file = self._open_next()
         for topic in self._topics.values():
@@ -405,7 +405,7 @@ class RideRecorder(AbstractContextManager["RideRecorder"]):
             self._stop(error)
 
     def _stop(self, error: OSError) -> None:
-        """End the recording with what is on disk.
+        """End the recording with the data on disk.
 
         Raises:
             OSError: Always.

@@ -2,7 +2,7 @@
 
 rclpy fills a message field by field, checks each value, copies the fields into a C structure and writes that down,
 which costs several times as much as the bytes do. A `Codec` is made once for a type, from what
-``Message.get_fields_and_field_types()`` tells. Neighbouring fields of fixed size are written by one precompiled
+``Message.get_fields_and_field_types()`` returns. Neighbouring fields of fixed size are written by one precompiled
 `struct`, arrays of numbers by numpy in one piece. The bytes are what ``publisher.publish(bytes)`` sends and what a
 subscription with ``raw=True`` receives.
 
@@ -66,7 +66,7 @@ class Codec:
 
         Args:
             fields: names and types of its fields, in order.
-            nested: fields of the message types it contains, by their names (``package/Type``), besides `KNOWN`.
+            nested: fields of the message types it contains, by their names (``package/Type``), in addition to `KNOWN`.
 
         Raises:
             ValueError: a type that is not known, or cannot be written.
@@ -103,7 +103,7 @@ class Codec:
         """Read a message.
 
         Args:
-            data: a message with its head; what is behind its last field is ignored.
+            data: a message with its head; bytes after its last field are ignored.
 
         Returns:
             Its values by name, in the order of `names`. Arrays of numbers are numpy arrays of this call's own.
@@ -162,7 +162,7 @@ class _Step:
         raise NotImplementedError
 
     def complaint(self, values: Sequence[Any], error: Exception) -> ValueError:
-        """Return what is wrong with values that could not be written."""
+        """Return the fault of values that could not be written."""
         return ValueError(f"field {self.names[0]} of type {self.types[0]} cannot be {_shown(values[0])}: {error}")
 
 
@@ -215,7 +215,7 @@ class _Numbers(_Step):
         self._type = np.dtype(f"<{_NUMBERS[element]}")
         self._size = self._type.itemsize
         self._length, self._longest = length, longest
-        # The length of a sequence, and what alignment asks for before and behind it.
+        # The length of a sequence, and the alignment before and after it.
         self._heads = [struct.Struct(_aligned(f"I{_NUMBERS[element]}", start)[:-1]) for start in range(_LARGEST)]
 
     def write(self, out: bytearray, values: Sequence[Any]) -> None:
@@ -311,7 +311,7 @@ def _steps(fields: Fields, known: Mapping[str, Fields]) -> list[_Step]:
 
 
 def _flat(fields: Fields, known: Mapping[str, Fields], prefix: str = "") -> list[tuple[str, str]]:
-    """Return names and types with nested messages dissolved. One without fields is a byte, told by an empty type."""
+    """Return names and types with nested messages flattened. One without fields is a byte, marked by an empty type."""
     if not fields:
         return [(prefix, "")]
     flat: list[tuple[str, str]] = []
@@ -343,7 +343,7 @@ def _step(name: str, kind: str, known: Mapping[str, Fields]) -> _Step:
 
 
 def _aligned(codes: str, start: int) -> str:
-    """Return the format of numbers that begin at an offset, with the bytes between them that alignment asks for."""
+    """Return the format of numbers that begin at an offset, with the padding that alignment requires."""
     parts, offset = ["<"], start
     for code in codes:
         size = struct.calcsize(f"<{code}")

@@ -59,7 +59,7 @@ class CommandGate:
     """Judges commands and counts them.
 
     Attributes:
-        counts: what was judged so far.
+        counts: commands so far, by verdict.
     """
 
     def __init__(self, lockstep: bool) -> None:
@@ -75,7 +75,7 @@ class CommandGate:
         """Judge a command against the state that waits for an answer.
 
         Args:
-            command: what came.
+            command: as received.
             episode: current episode.
             step: current step.
             oldest: oldest step that a command may answer where there is no lockstep.

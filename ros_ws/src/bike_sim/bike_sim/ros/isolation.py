@@ -2,7 +2,7 @@
 
     python -m bike_sim.ros.isolation
 
-prints what a shell must export so that programs started from it, such as `ros2`, find the nodes.
+prints the variables that a shell must export so that programs started from it, such as `ros2`, find the nodes.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ PROFILES_VARIABLE: Final = "FASTRTPS_DEFAULT_PROFILES_FILE"
 THIS_MACHINE: Final = Path(__file__).parents[1] / "config" / "middleware" / "this_machine.xml"
 NETWORK: Final = THIS_MACHINE.with_name("network.xml")
 LOCAL_PROFILES: Final = "DEFAULT_FASTRTPS_PROFILES.xml"
-"""Settings of a user in the working directory, which Fast DDS reads by itself."""
+"""Settings of a user in the working directory, which Fast DDS reads on its own."""
 
 LOCALHOST: Final = "LOCALHOST"
 AS_PROFILES_SAY: Final = "SYSTEM_DEFAULT"
@@ -40,7 +40,7 @@ PORTS_PER_DOMAIN: Final = 250
 def prepare_discovery(environment: MutableMapping[str, str] = os.environ) -> None:
     """Let nodes be found on this machine only, and soon, unless the user says otherwise.
 
-    LOCALHOST by itself is not enough: with it, Fast DDS listens on every interface. Its settings in `THIS_MACHINE` keep
+    LOCALHOST alone is not enough: with it, Fast DDS listens on every interface. Its settings in `THIS_MACHINE` keep
     to 127.0.0.1, and need a range that leaves it to them. Other middleware, and settings of the user's own, get
     LOCALHOST.
 
@@ -62,8 +62,8 @@ def prepare_discovery(environment: MutableMapping[str, str] = os.environ) -> Non
 class DomainLease(AbstractContextManager["DomainLease"]):
     """A ROS domain that no other lease on this machine has, held until `close` or the end of the process.
 
-    A lease is the name of a socket that nobody connects to. The kernel gives each name once, whoever asks, and takes
-    it back when the process is gone. Unlike a file in a shared folder it cannot be prepared by another user, and it
+    A lease is the name of a socket without connections. The kernel grants each name once, across all users, and
+    releases it when the process is gone. Unlike a file in a shared folder it cannot be prepared by another user, and it
     leaves nothing behind. Names, as ports, are those of the network namespace.
 
     Attributes:
@@ -71,7 +71,7 @@ class DomainLease(AbstractContextManager["DomainLease"]):
     """
 
     def __init__(self, family: str = "bike_ros_domain") -> None:
-        """Take a free domain, beginning at one that depends on the process; rather one without anybody's nodes.
+        """Take a free domain, beginning at one that depends on the process; preferably one without running nodes.
 
         Args:
             family: which leases exclude each other.
@@ -104,7 +104,7 @@ class DomainLease(AbstractContextManager["DomainLease"]):
 
 
 def _inhabited_domains() -> set[int]:
-    """Return the domains in which somebody listens already, such as nodes that were started by hand."""
+    """Return the domains in which nodes are running already, such as those started by hand."""
     return {(port - FIRST_PORT) // PORTS_PER_DOMAIN for port in _udp_ports()}
 
 

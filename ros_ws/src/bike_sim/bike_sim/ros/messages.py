@@ -63,7 +63,7 @@ _TELEMETRY_FIELDS: Final = (
     ("rider_offset", sf.T_SLIDE),
     ("lean_reference", sf.T_LEAN_REFERENCE),
 )
-"""Fields of Telemetry with their places in the telemetry of the forces."""
+"""Fields of Telemetry with their indices in the telemetry of the forces."""
 
 _AID_FIELDS: Final = (
     ("traction_control", sf.T_TRACTION_ACTIVE),
@@ -92,15 +92,15 @@ def state_to_message(snapshot: Snapshot, episode: Episode, stamp: int) -> BikeSt
     """Return the message of a snapshot; see `bike_sim.ros.wire.encode_state`, which makes its bytes.
 
     Args:
-        snapshot: what is seen.
-        episode: what it belongs to.
+        snapshot: to be sent.
+        episode: that it belongs to.
         stamp: simulated time, ns.
     """
     return deserialize_message(encode_state(snapshot, episode, stamp), BikeState)
 
 
 def snapshot_from_message(message: BikeState) -> Snapshot:
-    """Return the snapshot that a message was made of, bit for bit."""
+    """Return the snapshot in a message, bit for bit."""
     return decode_state(serialize_message(message)).snapshot
 
 
@@ -113,21 +113,21 @@ def command_to_message(command: Command, state_stamp: int = 0) -> BikeCommand:
 
 
 def reset_to_message(request: ResetRequest) -> Reset.Request:
-    """Return the service request that asks for an episode."""
+    """Return the service request for an episode."""
     message = Reset.Request()
     _fill_request(message, request)
     return message
 
 
 def reset_from_message(message: Reset.Request, own: ResetRequest) -> ResetRequest:
-    """Return the request for an episode that a service request asks for.
+    """Return the request for an episode in a service request.
 
     Args:
         message: the request. Its seed must have been drawn already if it was negative.
         own: the simulator's own settings, which serve where the message leaves something open.
 
     Raises:
-        ValueError: naming the value that cannot be.
+        ValueError: naming the invalid value.
     """
     ranges = {name: getattr(message, name) for name in _RANGE_FIELDS}
     preview = own.preview
@@ -194,7 +194,7 @@ def _fill_request(message: Reset.Request | EpisodeStart, request: ResetRequest) 
 
 
 def course_to_message(course: Course, episode: int, stamp: int) -> CourseMessage:
-    """Return the message of a whole course.
+    """Return the message of a complete course.
 
     Args:
         course: the course.
@@ -219,7 +219,7 @@ def course_to_message(course: Course, episode: int, stamp: int) -> CourseMessage
 
 
 def course_from_message(message: CourseMessage) -> Course:
-    """Return the course that a message was made of.
+    """Return the course in a message.
 
     Raises:
         ValueError: columns that do not describe a course.
@@ -243,7 +243,7 @@ def course_points_to_message(snapshot: Snapshot, course: Course, stamp: int) -> 
     """Return the preview of the followed line and of both limits.
 
     Args:
-        snapshot: what is seen.
+        snapshot: to be sent.
         course: the course that is followed.
         stamp: simulated time, ns.
     """
@@ -268,7 +268,7 @@ def course_points_to_message(snapshot: Snapshot, course: Course, stamp: int) -> 
 
 
 def _limit(snapshot: Snapshot, course: Course, offset: FloatArray) -> list[Point]:
-    """Return points beside the preview points, at a signed distance (m, positive left) given along the course."""
+    """Return points at a lateral distance (m, positive left, given along the course) from the preview points."""
     count = len(snapshot.preview_x)
     stations = snapshot.look[lk.PROGRESS] + np.arange(count) * snapshot.look[lk.PREVIEW_SPACING]
     inside = stations % course.length if course.closed else np.clip(stations, 0.0, course.length)
@@ -290,7 +290,7 @@ def lean_history_to_message(snapshot: Snapshot, stamp: int, period: int) -> Lean
     """Return the last roll and steer angles with their times.
 
     Args:
-        snapshot: what is seen.
+        snapshot: to be sent.
         stamp: simulated time of the snapshot, ns.
         period: control period, ns.
     """
@@ -315,7 +315,7 @@ def telemetry_to_message(snapshot: Snapshot, vehicle: Superbike, stamp: int) -> 
     """Return what tyres, engine, brakes and electronics of a superbike do.
 
     Args:
-        snapshot: what is seen.
+        snapshot: to be sent.
         vehicle: the machine; its radii turn torques into forces.
         stamp: simulated time, ns.
     """
@@ -362,7 +362,7 @@ def event_to_message(event: Event, snapshot: Snapshot, stamp: int) -> RideEvent:
 
 
 def event_from_message(message: RideEvent) -> Event:
-    """Return the event that a message was made of."""
+    """Return the event in a message."""
     return Event(EventKind(message.kind), message.time, message.progress, message.value, message.text)
 
 

@@ -1,4 +1,4 @@
-"""Parameters of the simulator node: what they are called, what they mean, and which values make sense together."""
+"""Parameters of the simulator node: names, meanings and consistent combinations."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ class NodeSettings:
 
     Attributes:
         simulator: what stays the same over all episodes.
-        episode: what the node's own episodes begin with, the speed aside.
+        episode: request of the node's own episodes, without the speed.
         speed: forward speed at their start, m/s; 0 for the vehicle's own.
         seed: seed of the first of them, or negative.
         mode: LOCKSTEP or FREE.
@@ -152,7 +152,7 @@ class NodeSettings:
         )
 
     def request(self, simulator: Simulator) -> ResetRequest:
-        """Return what the node's own episodes begin with; also serves where a reset leaves something open.
+        """Return the request of the node's own episodes; also fills in what a reset leaves open.
 
         Raises:
             ValueError: an episode that cannot begin. FileNotFoundError: an unknown course.

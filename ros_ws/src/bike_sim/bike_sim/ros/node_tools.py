@@ -38,14 +38,14 @@ STREAM_QOS: Final = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 COMMAND_QOS: Final = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 EVENT_QOS: Final = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
 SENDER_QOS: Final = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
-"""Of what is sent every control period. A sender keeps more than its listeners ask for, so that a recorder that is
+"""For topics sent every control period. A publisher keeps more than its subscribers request, so that a recorder that is
 held up for a moment still gets each message."""
 LATCHED_QOS: Final = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
 
 BAD_INPUT_EXIT: Final = 2
-"""Exit code after a parameter, a file or a partner that cannot be used."""
+"""Exit code after an invalid parameter, file or partner."""
 
 LONGEST_ARRIVAL: Final = 0.3
 """Wall-clock time that the last messages of a node get to arrive, s. One whose listener was killed never does."""
@@ -118,13 +118,13 @@ def run_node(
         if executor is not None:
             executor.shutdown()
         rclpy.try_shutdown()
-        rclpy.get_default_context().destroy()  # tells the others at once that the node is gone
+        rclpy.get_default_context().destroy()  # notifies the others at once that the node is gone
         ended.set()
     return code
 
 
 def _let_arrive(node: Node) -> None:
-    """Wait until the listeners have what was published last: it would go with the node."""
+    """Wait until the subscribers have the last messages, which would be lost with the node."""
     end = time.monotonic() + LONGEST_ARRIVAL
     for publisher in node.publishers:
         publisher.wait_for_all_acked(Duration(seconds=max(end - time.monotonic(), 0.0)))
@@ -154,10 +154,10 @@ def _start_middleware(arguments: Sequence[str] | None) -> None:
 
 
 class _Bell:
-    """Wakes the main thread out of its wait, as long as its node is there.
+    """Wakes the main thread while its node exists.
 
-    A signal may come at any time, also while the node is taken apart for another reason. What is rung then is gone, and
-    the error of the ringing thread would stand, as a torn traceback, where the reason of the end should be.
+    A signal may come at any time, also while the node is being destroyed for another reason. Ringing would then fail,
+    and the traceback of the ringing thread would hide the reason of the end.
     """
 
     def __init__(self) -> None:
@@ -170,7 +170,7 @@ class _Bell:
             self._ring = ring
 
     def take_down(self) -> None:
-        """Ring no more. Returns when nobody rings."""
+        """Stop ringing. Returns when no thread is ringing."""
         with self._lock:
             self._ring = None
 
@@ -275,7 +275,7 @@ def declare(node: Node, specs: Sequence[ParameterSpec]) -> dict[str, Any]:
             description=spec.text,
             additional_constraints=", ".join(spec.choices),
             read_only=spec.fixed,
-            dynamic_typing=True,  # the types are checked by `read`, which says what is wrong and takes 4 for 4.0
+            dynamic_typing=True,  # the types are checked by `read`, which names the fault and accepts 4 for 4.0
         )
         default = list(spec.default) if isinstance(spec.default, tuple) else spec.default
         node.declare_parameter(spec.name, default, descriptor)
@@ -310,7 +310,7 @@ def on_change(node: Node, specs: Sequence[ParameterSpec], accept: Callable[[dict
 
 
 class Diagnostics:
-    """Publishes what a node has to report on ``/diagnostics``."""
+    """Publishes a node's report on ``/diagnostics``."""
 
     OK: Final = DiagnosticStatus.OK
     WARN: Final = DiagnosticStatus.WARN

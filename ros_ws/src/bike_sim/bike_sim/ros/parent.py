@@ -19,9 +19,9 @@ def end_with_this_process(environment: MutableMapping[str, str]) -> None:
 
 
 def parent_is_gone() -> bool:
-    """Tell whether this process has lost the one that it is to end with.
+    """Return whether this process has lost the one that it is to end with.
 
-    It is asked for again and again. The kernel's own signal for this (PR_SET_PDEATHSIG) comes when the thread ends that
+    It is polled. The kernel's own signal for this (PR_SET_PDEATHSIG) comes when the thread ends that
     started the process, and would end the nodes of a program that starts them in a thread; the number of the parent is
     that of the program. It is also right where the parent was gone before the first look.
     """

@@ -1,4 +1,4 @@
-"""Subscriptions whose messages are taken as bytes and many at a time, and the QoS that hears all publishers of a topic.
+"""Subscriptions that take messages as bytes and many at a time, and the QoS that matches all publishers of a topic.
 
 rclpy's executor takes one message of a topic each time it wakes, and a wake-up costs more the more topics there are.
 The subscriptions here never wake it: their owner takes all that waits, a hundred times a second.
@@ -21,7 +21,7 @@ _MESSAGE_LOST: Final = rclpy_implementation.rcl_subscription_event_type_t.RCL_SU
 
 
 class _NeverWoken(CallbackGroup):
-    """A callback group that keeps what is in it out of the executor's wait."""
+    """A callback group that the executor does not wait for."""
 
     def can_execute(self, entity: Any) -> bool:
         return False
@@ -37,7 +37,7 @@ class RawSubscription:
     """Takes the messages of one topic as bytes.
 
     Attributes:
-        qos: What it asks for.
+        qos: That it requests.
     """
 
     def __init__(self, node: Node, kind: type, topic: str, qos: QoSProfile) -> None:
@@ -47,7 +47,7 @@ class RawSubscription:
             node: Whose subscription it is.
             kind: Class of the messages.
             topic: Name of the topic.
-            qos: What is asked for, see `matching_qos`.
+            qos: That is requested, see `matching_qos`.
         """
         self.qos = qos
         self._node = node
@@ -70,7 +70,7 @@ class RawSubscription:
 
         Args:
             into: Gets an entry for each message: wall-clock time of its publication, ns, then `mark` and its bytes.
-            mark: Anything that tells the topic.
+            mark: Anything that identifies the topic.
             most: Messages that are taken at most.
 
         Returns:
@@ -101,12 +101,12 @@ class RawSubscription:
 
 
 def matching_qos(ends: list[TopicEndpointInfo]) -> QoSProfile:
-    """Return the strictest QoS that all publishers offer, or that all subscriptions ask for."""
+    """Return the strictest QoS that all publishers offer, or that all subscriptions request."""
     profiles = [end.qos_profile for end in ends]
     reliable = all(p.reliability == ReliabilityPolicy.RELIABLE for p in profiles)
     latched = all(p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in profiles)
     return QoSProfile(
-        # All is kept until it is taken: what the middleware then gives up it reports as lost.
+        # Everything is kept until it is taken: messages that the middleware still discards are reported as lost.
         history=HistoryPolicy.KEEP_ALL,
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
@@ -114,7 +114,7 @@ def matching_qos(ends: list[TopicEndpointInfo]) -> QoSProfile:
 
 
 def asks_too_much(asked: QoSProfile, offered: QoSProfile) -> bool:
-    """Whether a subscription does not hear publishers because it asks for more than they offer."""
+    """Whether a subscription does not match publishers because it requests more than they offer."""
     return (asked.reliability == ReliabilityPolicy.RELIABLE and offered.reliability != ReliabilityPolicy.RELIABLE) or (
         asked.durability == DurabilityPolicy.TRANSIENT_LOCAL and offered.durability != DurabilityPolicy.TRANSIENT_LOCAL
     )

@@ -2,7 +2,7 @@
 
 The log time of a message is simulated time: the stamp of its header where it has one, else the latest time of
 ``/clock`` or of a state. The file is closed on SIGINT and SIGTERM; after a kill it can be read up to its last whole
-chunk, and after a full disk it is a whole file.
+chunk, and after a full disk it is a complete file.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ LONGEST_LEAD: Final = 60 * NANOSECONDS
 """A stamp that is farther than this ahead of the latest time is of another clock, ns. So is, while no time is known, a
 stamp that is less than this from the wall clock's time of publication."""
 TIME_GIVERS: Final = ("rosgraph_msgs/msg/Clock", "bike_msgs/msg/BikeState")
-"""Types that tell the present simulated time."""
+"""Types that carry the present simulated time."""
 LARGEST_CHUNK: Final = 1 << 30
 
 
@@ -102,7 +102,7 @@ class RecordSettings:
         """Check parameters.
 
         Raises:
-            ValueError: A value that cannot be.
+            ValueError: An invalid value.
         """
         if values["all_topics"] and values["topics"]:
             raise ValueError("parameters all_topics and topics exclude each other: choose topics, or take all")
@@ -140,13 +140,13 @@ class _Topic:
 
 
 class Record(rclpy.node.Node):
-    """Subscribes to topics as they appear and writes what comes."""
+    """Subscribes to topics as they appear and writes their messages."""
 
     def __init__(self) -> None:
         """Open the recording.
 
         Raises:
-            ValueError: a parameter that cannot be. OSError: the file exists already or cannot be written.
+            ValueError: an invalid parameter. OSError: the file exists already or cannot be written.
         """
         super().__init__("record", namespace=node_tools.NAMESPACE)
         self._settings = RecordSettings.from_parameters(node_tools.declare(self, SPECS))
@@ -250,7 +250,7 @@ class Record(rclpy.node.Node):
             )
 
     def _follow(self, topic: _Topic) -> None:
-        """Go on hearing all publishers of a topic when others have come, also those that offer less than it asks."""
+        """Match all publishers of a topic when others have joined, also those that offer less QoS."""
         count = self.count_publishers(topic.name)
         if count == topic.publishers:
             return
@@ -390,7 +390,7 @@ def _begins_with_stamp(message_class: Any) -> bool:
 
 
 def _stamp(data: bytes) -> int:
-    """Return the stamp at the beginning of a message in CDR, ns. The second byte of CDR tells the byte order."""
+    """Return the stamp at the beginning of a message in CDR, ns. The second byte of CDR gives the byte order."""
     order = "<" if data[1] & 1 else ">"
     seconds, rest = struct.unpack_from(f"{order}iI", data, 4)
     return max(seconds * NANOSECONDS + rest, 0)

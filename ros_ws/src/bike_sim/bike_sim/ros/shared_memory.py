@@ -1,8 +1,8 @@
 """What nodes that were killed have left in shared memory is removed. Imports no ROS.
 
 Fast DDS keeps a segment of half a megabyte for a participant, and a port for each of its addresses. One that is killed
-leaves them until the machine is started anew or the memory is full. Each has a lock file beside it that is locked as
-long as its owner lives, which is how ``fastdds shm clean`` tells as well.
+leaves them until the machine is restarted or the memory is full. Each has a lock file next to it that is locked as
+long as its owner lives, which ``fastdds shm clean`` uses as well.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def remove_leftovers(folder: Path = SHARED_MEMORY, settled: float = SETTLED) -> 
     A port stays as long as its domain has living ones: who sends to it may not have noticed that its owner is gone.
 
     Args:
-        folder: where shared memory lies.
+        folder: of the shared memory.
         settled: least age of a lock file, s.
 
     Returns:
@@ -82,12 +82,12 @@ def _is_held(path: Path) -> bool:
 
 @contextmanager
 def _taken(path: Path, settled: float, anybody: bool = False) -> Iterator[bool]:
-    """Hold a lock file, if nobody else does; tell whether.
+    """Lock a lock file if it is free; return whether it was.
 
     Args:
         path: the file. It is opened for reading only, and never through a link.
         settled: least age, s.
-        anybody: whether it may be another user's.
+        anybody: whether it may belong to another user.
     """
     try:
         file = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)

@@ -1,12 +1,12 @@
-"""The simulator as a ROS 2 node: commands in, physics, states out. Nothing here integrates or judges a ride.
+"""The simulator as a ROS 2 node: commands in, physics, states out. Nothing here integrates or evaluates a ride.
 
-In lockstep, time stands still until a command answers the last state; the answer to it is the next state. A state that
-nobody answers is published again twice a second, so a partner may join late, be killed and come back.
+In lockstep, time stands still until a command answers the last state; the next state follows. A state without an
+answer is published again twice a second, so a policy may join late, be killed and restarted.
 
 In free mode, time runs by itself at `real_time_factor` from the first command of an episode on, and the last command
-is held. When commands stop for `command_timeout_s` of simulated time, the set values of steering and throttle go to 0.
+is held. When commands stop for `command_timeout_s` of simulated time, the set points of steering and throttle go to 0.
 For a bicycle that is not a state of rest: with its steering held straight it falls within seconds. Straight is merely
-the set value that leaves the course last and needs no knowledge of the ride. After a fall the physics stops and waits
+the set point that stays on the course longest without knowledge of the ride. After a fall the physics stops and waits
 for a reset.
 """
 
@@ -78,7 +78,7 @@ class SimNode(rclpy.node.Node):
         """Read the parameters and begin the first episode.
 
         Raises:
-            ValueError: a parameter that cannot be. FileNotFoundError: an unknown vehicle or course.
+            ValueError: an invalid parameter. FileNotFoundError: an unknown vehicle or course.
         """
         super().__init__("sim_node", namespace=node_tools.NAMESPACE)
         self._settings = NodeSettings.from_parameters(node_tools.declare(self, SPECS))
@@ -173,7 +173,7 @@ class SimNode(rclpy.node.Node):
     # ------------------------------------------------------------------------------------------------------ episodes
 
     def _own_request(self) -> ResetRequest:
-        """Return the request for an episode that the node begins by itself."""
+        """Return the request for an episode that the node begins on its own."""
         first = self._settings.seed
         seed = first + self._own_episodes if first >= 0 else self._draw_seed()
         self._own_episodes += 1
@@ -183,10 +183,10 @@ class SimNode(rclpy.node.Node):
         return int(self._seeds.integers(LARGEST_SEED))
 
     def _begin(self, request: ResetRequest) -> Snapshot:
-        """Begin an episode; simulated time goes on by one period.
+        """Begin an episode; simulated time advances by one period.
 
         Raises:
-            ValueError: a request that cannot be met; the episode before goes on. FileNotFoundError: no such course.
+            ValueError: a request that cannot be met; the current episode continues. FileNotFoundError: no such course.
         """
         snapshot = self._simulator.reset(request)
         config, course = self._simulator.config, self._simulator.course
@@ -208,7 +208,7 @@ class SimNode(rclpy.node.Node):
         return snapshot
 
     def _advance(self, steering: float, throttle: float) -> None:
-        """Ride one control period and publish what came of it."""
+        """Simulate one control period and publish the result."""
         snapshot = self._simulator.step(steering, throttle)
         if snapshot.fall == DIVERGED:
             self.get_logger().error(f"the physics diverged in step {snapshot.step}; the episode ends as a fall")
@@ -327,7 +327,7 @@ class SimNode(rclpy.node.Node):
             self._report()
 
     def _report(self) -> None:
-        """Tell on diagnostics and in the log what the last second brought."""
+        """Report the last second on diagnostics and in the log."""
         now = time.monotonic()
         elapsed = max(now - self._reported_at, 1e-9)
         new = self._gate.counts.since(self._reported)
@@ -382,14 +382,14 @@ def oldest_step(step: int, timeout: float, control_period: float) -> int:
 
 
 def warm_up(simulator: Simulator, request: ResetRequest) -> None:
-    """Ride a step that nobody sees: the first on a machine compiles the physics, longer than a partner would wait."""
+    """Simulate an unpublished step: the first on a machine compiles the physics, longer than a policy would wait."""
     simulator.reset(request)
     simulator.step(0.0)
     simulator.episode = 0
 
 
 def main() -> NoReturn:
-    """Run the node until a signal; the exit code is 2 after a parameter that cannot be."""
+    """Run the node until a signal; the exit code is 2 after an invalid parameter."""
     node_tools.leave(node_tools.run_node("sim_node", SimNode))
 
 

@@ -1,8 +1,8 @@
 """States and commands as the bytes that travel, without a message object between.
 
 These two pass in every control step. Written field by field through their generated classes they cost several times the
-bytes themselves (``bike bench ros``). What is sent is the same message bit for bit; `tests/ros/test_wire.py` holds both
-ways against each other.
+bytes themselves (``bike bench ros``). The sent message is the same bit for bit; `tests/ros/test_wire.py` compares both
+ways.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _STATE: Final = Codec(
 )
 _COMMAND: Final = Codec(BikeCommand.get_fields_and_field_types())
 
-# Where blocks of neighbouring values lie in a state.
+# Offsets of blocks of neighbouring values in a state.
 _HEAD: Final = 8  # stamp (2), frame, episode, step, control period, vehicle, steering limit
 _LOOKED: Final = (
     lk.PROGRESS,
@@ -69,7 +69,7 @@ class Episode(NamedTuple):
 
     Attributes:
         vehicle: name of the vehicle that rides.
-        steering_limit: its largest steering set value, or the stop, rad.
+        steering_limit: its largest steering set point, or the stop, rad.
         control_period: s.
         course_length: m.
         course_closed: whether the course ends where it begins.
@@ -90,12 +90,12 @@ class Episode(NamedTuple):
 
 
 class StateMessage(NamedTuple):
-    """A state as it was received.
+    """A received state.
 
     Attributes:
-        snapshot: what is seen.
+        snapshot: of the state.
         stamp: simulated time, ns.
-        episode: what it belongs to.
+        episode: that it belongs to.
     """
 
     snapshot: Snapshot
@@ -107,8 +107,8 @@ def encode_state(snapshot: Snapshot, episode: Episode, stamp: int) -> bytes:
     """Return the bytes of ``bike_msgs/BikeState``.
 
     Args:
-        snapshot: what is seen.
-        episode: what it belongs to.
+        snapshot: to be sent.
+        episode: that it belongs to.
         stamp: simulated time, ns.
     """
     look, view, preview = snapshot.look.tolist(), snapshot.circuit, episode.preview
@@ -169,7 +169,7 @@ def _event(event: Event, snapshot: Snapshot, sec: int, nanosec: int) -> dict[str
 
 
 def decode_state(data: bytes) -> StateMessage:
-    """Return what a state was made of, bit for bit.
+    """Return snapshot and episode of a state, bit for bit.
 
     Raises:
         ValueError: the bytes are no state.

@@ -1,1 +1,1 @@
-"""A vehicle in its surroundings, in control steps: requests, scenes, snapshots, events and batches; knows no ROS."""
+"""Simulation in control steps: requests, plants, scenes, snapshots, events and batches; imports no ROS."""

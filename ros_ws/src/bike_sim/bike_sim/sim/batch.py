@@ -1,4 +1,4 @@
-"""Many vehicles side by side, stepped together. Same kernels and same draws as the single simulator, bit for bit.
+"""A batch of vehicles, stepped together. Same kernels and same draws as the single simulator, bit for bit.
 
 Courses are shared by index: a row refers to a course, and rows on the same course refer to the same arrays.
 """
@@ -33,7 +33,7 @@ COMPILED_ENGINE: Final = "whipple"
 
 
 class Batch(Protocol):
-    """Vehicles that ride side by side. The arrays have one row a vehicle; a step changes them in place.
+    """Vehicles that are stepped together. The arrays have one row per vehicle; a step changes them in place.
 
     Attributes:
         count: number of vehicles.
@@ -76,14 +76,14 @@ class Batch(Protocol):
         ...
 
     def state_dict(self) -> dict[str, Any] | None:
-        """Return all that :meth:`restore` needs, as plain values and arrays; None where rides cannot be taken up."""
+        """Return all that :meth:`restore` needs, as plain values and arrays; None where rides cannot be continued."""
         ...
 
     def restore(self, stored: dict[str, Any]) -> None:
-        """Go on with the rides that :meth:`state_dict` was taken of, bit for bit.
+        """Continue with the rides that :meth:`state_dict` was taken of, bit for bit.
 
         Raises:
-            ValueError: rides of another number of vehicles, or of an engine whose rides cannot be taken up.
+            ValueError: rides of another number of vehicles, or of an engine whose rides cannot be continued.
         """
         ...
 
@@ -154,7 +154,7 @@ class CompiledBatch:
         Args:
             count: number of bicycles.
             config: vehicle and steps; the engine must be COMPILED_ENGINE.
-            preview: what they see of the path.
+            preview: points of the path ahead.
 
         Raises:
             ValueError: a vehicle or an engine that this loop does not carry.
@@ -170,7 +170,7 @@ class CompiledBatch:
         self.signals = np.zeros((count, 0))
         self._points = np.zeros((count, 2, preview.count))
         self._courses = Courses()
-        # One place a row at most: a row on a course of its own takes its own place, shared ones take that of the first.
+        # At most one slot per row: a row on its own course takes its own slot, shared ones take that of the first.
         self._rows: list[Course | None] = [None] * count
         self._requests: list[ResetRequest | None] = [None] * count
         self._tables = List([np.zeros((4, 2)) for _ in range(count)])
@@ -190,7 +190,7 @@ class CompiledBatch:
 
     @property
     def fallen(self) -> NDArray[np.bool_]:
-        """Which bicycles lie, or lean beyond the vehicle's limit, shape (n,)."""
+        """Which bicycles have fallen, or lean beyond the vehicle's limit, shape (n,)."""
         return self.lying | (np.abs(self.state[:, ROLL]) > self.vehicle.fall_roll)
 
     def reset(self, index: int, request: ResetRequest) -> None:
@@ -221,7 +221,7 @@ class CompiledBatch:
         )
 
     def _put(self, index: int, course: Course) -> int:
-        """Return the place of a course for a row; a course that is ridden already is not stored again."""
+        """Return the slot of a course for a row; a course that another row rides is not stored again."""
         self._rows[index] = None
         for row, other in enumerate(self._rows):
             if other is course:
@@ -286,7 +286,7 @@ class SimulatorBatch:
 
     Attributes:
         simulators: one a row.
-        place: relation to the centre line of a circuit, shape (n, 4); NaN where there is none.
+        place: position relative to the centre line of a circuit, shape (n, 4); NaN where there is none.
         points: course points, shape (n, 3, lk.STATIONS, 3); NaN where there is no circuit.
     """
 
@@ -328,7 +328,7 @@ class SimulatorBatch:
             self.place[index], self.points[index] = snapshot.circuit.place, snapshot.circuit.points
 
     def state_dict(self) -> None:
-        """Return None: the engines keep contacts and caches to themselves, so their rides cannot be taken up."""
+        """Return None: the engines do not expose contacts and caches, so their rides cannot be continued."""
 
     def restore(self, stored: dict[str, Any]) -> None:
         """Refuse; see `Batch`."""
@@ -344,7 +344,7 @@ def make_batch(count: int, config: SimulatorConfig, preview: Preview) -> Batch:
     """Return a batch of vehicles, compiled where the engine is.
 
     Raises:
-        ValueError: a parameter that is wrong. FileNotFoundError: an unknown vehicle.
+        ValueError: an invalid parameter. FileNotFoundError: an unknown vehicle.
     """
     kind = CompiledBatch if config.engine == COMPILED_ENGINE else SimulatorBatch
     return kind(count, config, preview)

@@ -1,4 +1,4 @@
-"""How a request becomes a scene and a first state. Everything that may be refused is refused here."""
+"""From a request to a scene and a first state. Every refusal of a request is made here."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from bike_sim.sim.scene import PathScene
 from bike_sim.theory.line_cache import track_with_line
 
 BICYCLE_SPEED: Final = 4.0
-"""Speed at which rides of a bicycle begin if nothing else is asked for, m/s."""
+"""Speed at which rides of a bicycle begin by default, m/s."""
 
 
 class Beginning(NamedTuple):
@@ -42,7 +42,7 @@ class Courses:
         self._lines: dict[tuple[str, float], FollowedLine] = {}
 
     def is_circuit(self, plant: Plant, name: str) -> bool:
-        """Tell whether a vehicle sees a course as a circuit.
+        """Return whether a vehicle sees a course as a circuit.
 
         Shipped circuits, random circuits and circuit files are circuits for every vehicle. A CSV file may be both:
         superbikes take a closed line with widths for a circuit, bicycles for a path.
@@ -81,13 +81,13 @@ class Courses:
 
 
 def own_speed(request: ResetRequest, plant: Plant, courses: Courses) -> float:
-    """Return the speed at which a vehicle begins where nothing else is asked for, m/s.
+    """Return the speed at which a vehicle begins by default, m/s.
 
     Bicycles begin at BICYCLE_SPEED, superbikes at START_SPEED or at START_SHARE of what they could ride: on a circuit
     at this place, on a path in its sharpest bend.
 
     Raises:
-        ValueError: a course or a place that cannot be. FileNotFoundError: an unknown course.
+        ValueError: an invalid course or position. FileNotFoundError: an unknown course.
     """
     if plant.rolling or plant.envelope is None:
         return BICYCLE_SPEED
@@ -106,12 +106,12 @@ def begin(request: ResetRequest, plant: Plant, courses: Courses) -> Beginning:
     """Draw the scene and the first state of an episode.
 
     Args:
-        request: what is asked for.
+        request: of the episode.
         plant: the vehicle.
         courses: where courses come from.
 
     Raises:
-        ValueError: a course that cannot be read, or a start that cannot be. FileNotFoundError: no such course.
+        ValueError: a course that cannot be read, or an invalid start. FileNotFoundError: no such course.
     """
     if courses.is_circuit(plant, request.course):
         return _begin_on_circuit(request, plant, courses)

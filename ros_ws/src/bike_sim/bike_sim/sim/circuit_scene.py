@@ -1,4 +1,4 @@
-"""A circuit around a vehicle: followed line, limits, grip beside the road, walls, lap timing, course points.
+"""The scene of a circuit: followed line, limits, grip in the run-off, walls, lap timing, course points.
 
 The ground is flat: the elevation of a circuit shows in the course points, not in the forces.
 """
@@ -32,13 +32,13 @@ OFF_TRACK_GRIP: Final = 0.6
 """Factor on friction outside the limits: between dusty asphalt and grass (estimate)."""
 
 START_SPEED: Final = 35.0
-"""Speed at which rides of a superbike begin if nothing else is asked for, m/s."""
+"""Speed at which rides of a superbike begin by default, m/s."""
 START_SHARE: Final = 0.8
-"""The same as a part of what the theoretical lap has there."""
+"""The same as a fraction of the theoretical lap's speed there."""
 
 
 class FollowedLine:
-    """A line of a circuit and how it lies to the centre line.
+    """A line of a circuit and its relation to the centre line.
 
     Attributes:
         track: the circuit. lam: which of its lines, 0 the median, 1 the ideal line. line: the line.
@@ -64,10 +64,10 @@ class FollowedLine:
         return self._limit
 
     def place(self, progress: float) -> float:
-        """Return the arc length of the line, m, beside a progress along the centre line, m.
+        """Return the arc length of the line, m, at a progress along the centre line, m.
 
         Raises:
-            ValueError: the progress lies beyond the circuit.
+            ValueError: the progress is beyond the length of the circuit.
         """
         track = self.track
         if progress >= track.length:
@@ -76,7 +76,7 @@ class FollowedLine:
 
 
 def start_speed(followed: FollowedLine, limits: Envelope, progress: float = 0.0) -> float:
-    """Return a speed at which a ride may begin at a place of a circuit, m/s: START_SPEED, or less in a bend.
+    """Return a start speed for a position on a circuit, m/s: START_SPEED, or less in a bend.
 
     Args:
         followed: the line that is ridden.
@@ -84,7 +84,7 @@ def start_speed(followed: FollowedLine, limits: Envelope, progress: float = 0.0)
         progress: along the centre line, m.
 
     Raises:
-        ValueError: a place beyond the circuit.
+        ValueError: a position beyond the circuit.
     """
     at = followed.place(progress)
     return min(START_SPEED, START_SHARE * float(followed.limit(limits).speed_at(at)))
@@ -127,7 +127,7 @@ class CircuitScene:
         Args:
             s: arc length of the followed line, m.
             state: first state.
-            anywhere: whether it may lie anywhere; else it lies at `s`.
+            anywhere: whether it may be anywhere on the circuit; else it is at `s`.
         """
         wheelbase = self._plant.vehicle.w
         if anywhere:
@@ -163,7 +163,7 @@ class CircuitScene:
         return self._events.timer.timing()
 
     def look(self, state: st.StateVector, signals: FloatArray, time: float, fall: str) -> View:
-        """Return what is seen; see `bike_sim.sim.scene.Scene`."""
+        """Return the view; see `bike_sim.sim.scene.Scene`."""
         points = self._find(state, signals)
         look, place = self._look, self._place
         wall = self._judge()

@@ -1,4 +1,4 @@
-"""What happens in a ride: resets, falls, laps and sectors, found from one control instant to the next."""
+"""Events of a ride: resets, falls, laps and sectors, detected from one control instant to the next."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ class Event:
 
     Attributes:
         kind: what.
-        time: s since the reset, interpolated below the step where a line was crossed.
+        time: s since the reset, interpolated within the step where a line was crossed.
         progress: arc length, m: along the course, on a circuit along its centre line.
         value: time of the lap or sector (s), roll of a fall (rad), lateral error off the course or distance beyond the
-            limits (m), speed at a wall (m/s), time away of who comes back (s), else 0.
+            limits (m), speed at a wall (m/s), time off the track on return (s), else 0.
         text: one sentence for people.
     """
 
@@ -121,15 +121,15 @@ class CircuitEvents:
         self.timer = timer
 
     def look(self, sample: Sample, outside: float) -> list[Event]:
-        """Return what the timing noticed at a place, with the distance beyond the limits (m) where they were left."""
+        """Return the timing events at a position, with the distance beyond the limits (m) where they were left."""
         return [timing_event(event, outside) for event in self.timer.feed(sample)]
 
 
 def timing_event(event: TimingEvent, outside: float) -> Event:
-    """Return what the lap timing noticed as an event of the ride.
+    """Return an event of the lap timing as an event of the ride.
 
     Args:
-        event: what was noticed.
+        event: of the lap timing.
         outside: distance beyond the limits at the end of the step, m.
     """
     value = outside if event.kind is TimingKind.LEFT_TRACK else event.value
@@ -150,8 +150,8 @@ def fall_event(time: float, progress: float, roll: float, fall: str = "", speed:
         time: s.
         progress: m.
         roll: rad.
-        fall: how it fell, where there are several ways.
-        speed: m/s, told where the fall has a name.
+        fall: kind of the fall, where there are several.
+        speed: m/s, mentioned if the fall has a name.
     """
     how = f" ({fall.replace('_', ' ')}) at {speed:.1f} m/s" if fall else ""
     return Event(EventKind.FALL, time, progress, roll, f"fell{how} with a roll of {roll:.2f} rad")

@@ -1,4 +1,4 @@
-"""What is seen at one control instant: derived motion, relation to the course, preview, course points. Compiled.
+"""Derived quantities of one control instant: motion, relation to the course, preview, course points. Compiled.
 
 The same kernels serve one simulator and batches, bicycles and superbikes, so that all see the same numbers bit for bit.
 
@@ -43,7 +43,7 @@ FIELDS: Final = (
     "front_lateral_error",
     "preview_spacing",
 )
-"""What they are called in messages and recordings, in the same order."""
+"""Their names in messages and recordings, in the same order."""
 
 # Places in the vector of what relates to the centre line of a circuit: arc length and lateral offset.
 CENTRE_PROGRESS, CENTRE_OFFSET, FRONT_CENTRE_PROGRESS, FRONT_CENTRE_OFFSET = range(4)
@@ -84,7 +84,7 @@ def _move(state: ndarray, parameters: ndarray, rolling: bool, look: ndarray) -> 
 def _relate(
     state: ndarray, line: Line, spacing: float, closed: bool, behind: float, ahead: float, fresh: bool, look: ndarray
 ) -> None:
-    """Fill how both contact points lie to the followed line, searched in a window around where they were."""
+    """Fill the errors of both contact points to the followed line, searched in a window around the last projections."""
     x, y, heading, curvature = line
     s, distance, direction = projection.project(
         x, y, heading, spacing, closed, state[X], state[Y], look[PROGRESS], behind, ahead
@@ -157,7 +157,7 @@ def look_at_path(
     preview_x: ndarray,
     preview_y: ndarray,
 ) -> None:
-    """Fill what is seen on a path.
+    """Fill the look of a path.
 
     Args:
         state: minimal state, see :mod:`bike_sim.physics.state`.
@@ -182,14 +182,14 @@ def look_at_path(
 def centre_progress(
     x: ndarray, y: ndarray, heading: ndarray, spacing: float, line_x: ndarray, line_y: ndarray
 ) -> ndarray:
-    """Return the progress along a closed centre line at the samples of a line beside it, growing, m.
+    """Return the progress along a closed centre line at the samples of another line of the circuit, increasing, m.
 
     Args:
         x: samples of the centre line, m.
         y: the same, m.
         heading: the same, rad.
         spacing: of its samples, m.
-        line_x: samples of the line, m; the first lies beside the start.
+        line_x: samples of the line, m; the first is at the start line.
         line_y: the same, m.
     """
     found = np.empty(len(line_x))
@@ -226,7 +226,7 @@ def look_at_circuit(
     place: ndarray,
     points: ndarray,
 ) -> None:
-    """Fill what is seen on a circuit.
+    """Fill the look of a circuit.
 
     Args:
         state: minimal state.
@@ -312,7 +312,7 @@ def margins(
     spacing: float,
     length: float,
 ) -> tuple[float, float, int]:
-    """Return how far both contact points lie outside the limits, and which of them is at a wall.
+    """Return the distances of both contact points beyond the limits, and which of them is at a wall.
 
     Args:
         place: as in :func:`look_at_circuit`.

@@ -45,7 +45,7 @@ class Plant(Protocol):
     Attributes:
         vehicle: its parameters.
         rolling: whether it rolls without slip, so that its motion follows from the minimal state.
-        preview: the preview that this kind of vehicle has of its own; None where a request chooses it.
+        preview: fixed preview of this kind of vehicle; None where a request chooses it.
     """
 
     rolling: bool
@@ -63,7 +63,7 @@ class Plant(Protocol):
 
     @property
     def envelope(self) -> Envelope | None:
-        """What the vehicle could do at most, for ideal lines; None where nothing limits but the path."""
+        """Largest accelerations of the vehicle, for ideal lines; None where only the path limits."""
         ...
 
     def draw(self, rng: np.random.Generator, speed: float, perturb: bool) -> Start:
@@ -80,7 +80,7 @@ class Plant(Protocol):
         """Return the state of a start on a line.
 
         Args:
-            start: what was drawn.
+            start: as drawn.
             line: the line.
             s: arc length on it, m.
 
@@ -131,7 +131,7 @@ class Plant(Protocol):
 
 
 class BicyclePlant:
-    """A bicycle: steered by a set value, without drive; it rolls without slip."""
+    """A bicycle: steered by a set point, without drive; it rolls without slip."""
 
     rolling = True
     preview: Preview | None = None
@@ -163,7 +163,7 @@ class BicyclePlant:
         self.engine.reset(state)
 
     def advance(self, steering: float, throttle: float, steps: int, grips: tuple[float, float]) -> None:
-        """Hold the set value of steering; the bicycle has no drive and ignores the throttle."""
+        """Hold the set point of steering; the bicycle has no drive and ignores the throttle."""
         self.engine.advance(steering * self.vehicle.max_steer, steps)
 
     def state(self) -> st.StateVector:
@@ -185,7 +185,7 @@ class BicyclePlant:
     def fall(self, state: st.StateVector) -> str:
         """Return whether the roll is beyond the vehicle's limit.
 
-        The compiled engine lies, and stays as it is, before its roll could reach a limit beyond its own.
+        The compiled engine has fallen, and stops, before its roll could reach a limit beyond its own.
         """
         lying = getattr(self.engine, "lying", False)
         return TIPPED if lying or abs(float(state[st.ROLL])) > self.vehicle.fall_roll else NO_FALL
@@ -213,7 +213,7 @@ class SuperbikePlant:
         return envelope(self.vehicle)
 
     def draw(self, rng: np.random.Generator, speed: float, perturb: bool) -> Start:
-        """Draw a little roll and yaw beside the steady turn of the start; see `Plant`."""
+        """Draw a small deviation of roll and yaw from the steady turn of the start; see `Plant`."""
         state = st.upright_state(speed, self.vehicle.rF)
         if not perturb:
             return Start(state, speed)
@@ -221,7 +221,7 @@ class SuperbikePlant:
         return Start(state, speed, direction=-float(rng.uniform(-YAW_SPREAD, YAW_SPREAD)), roll=roll)
 
     def place(self, start: Start, line: Course, s: float) -> st.StateVector:
-        """Put the machine on the line in the steady turn that its curvature and the speed ask for; see `Plant`."""
+        """Place the machine on the line in the steady turn for its curvature and the speed; see `Plant`."""
         x, y, along, across = point_at(line.x, line.y, line.heading, line.spacing, line.closed, s)
         bend = curvature_at(line.curvature, line.spacing, line.closed, s)
         speed = start.speed
@@ -262,7 +262,7 @@ class SuperbikePlant:
         return self.engine.state()
 
     def signals(self) -> FloatArray:
-        """Return what was measured at the last integration step."""
+        """Return the telemetry of the last integration step."""
         return self.engine.telemetry()
 
     def move(self, signals: FloatArray, look: FloatArray) -> None:
@@ -290,7 +290,7 @@ def make_plant(config: SimulatorConfig) -> Plant:
     """Return a vehicle with its engine.
 
     Raises:
-        ValueError: a parameter that is wrong, or an engine that cannot carry the vehicle.
+        ValueError: an invalid parameter, or an engine that cannot simulate the vehicle.
         FileNotFoundError: an unknown vehicle.
     """
     vehicle = load_vehicle(config.vehicle)

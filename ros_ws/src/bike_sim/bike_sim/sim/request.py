@@ -17,10 +17,10 @@ from bike_sim.course.random_paths import CURRICULUM_PATHS, PathRanges
 from bike_sim.physics import state as st
 
 RANDOM_COURSE = "random"
-"""Name that asks for a random path instead of a file."""
+"""Name that requests a random path instead of a file."""
 
 IDEAL = 1.0
-"""The ideal line of a circuit; 0 is its median, and a number between them is that part of the way."""
+"""The ideal line of a circuit; 0 is its median, numbers between them blend the two."""
 
 EPISODE_DURATION = 60.0
 """Longest episode of the training task, s (Weyrer et al. 2026, Sect. 4)."""
@@ -43,7 +43,7 @@ STEER_RATE_RANGE = 0.01
 
 @dataclass(frozen=True)
 class Preview:
-    """Which points of the line ahead are seen.
+    """Points of the line ahead that a snapshot contains.
 
     Attributes:
         by_time: whether the distance of the points grows with speed.
@@ -65,18 +65,18 @@ class Preview:
 
 @dataclass(frozen=True)
 class ResetRequest:
-    """What an episode begins with.
+    """Settings with which an episode begins.
 
     Attributes:
         seed: seed of all draws, 0 to SEED_LIMIT.
         course: name of a shipped course, path of a YAML or CSV file, or ``"random"``.
         speed_range: forward speed is drawn from it, m/s.
         perturb: draw pose, roll, steer, rates and path direction from Table 3; else upright on the course.
-        initial_state: the ten minimal coordinates, overriding speed and perturbation; the place is looked for on the
-            whole course.
+        initial_state: the ten minimal coordinates, overriding speed and perturbation; the position is projected
+            onto the whole course.
         path_ranges: intervals of a random path.
         path_length: least length of a random path, at most MAX_LENGTH, m; None for two episodes at the drawn speed,
-            which is how long the training task may go on without a new start.
+            the longest ride of the training task without a reset.
         preview: preview settings.
         context: curriculum context, kept for the record only.
         line: circuits: which line is followed, 0 the median, 1 the ideal line.
@@ -130,7 +130,7 @@ class ResetRequest:
 
     @classmethod
     def from_card(cls, card: Mapping[str, Any]) -> ResetRequest:
-        """Read what :meth:`to_card` wrote, also after a way through JSON.
+        """Read what :meth:`to_card` wrote, also after a round trip through JSON.
 
         Raises:
             TypeError: an unknown entry. KeyError: a missing one. ValueError: a value that means nothing.
@@ -163,13 +163,13 @@ class ResetRequest:
 
 
 def random_length(speed: float) -> float:
-    """Return how long a random path is where nothing is asked for, m: two episodes at the drawn speed (m/s)."""
+    """Return how long a random path is by default, m: two episodes at the drawn speed (m/s)."""
     return 2.0 * EPISODE_DURATION * speed
 
 
 @dataclass(frozen=True)
 class Start:
-    """What of an episode's first state does not depend on the course.
+    """The part of an episode's first state that does not depend on the course.
 
     Attributes:
         state: upright or perturbed minimal state, for a random path with its pose.
@@ -185,7 +185,7 @@ class Start:
 
 
 def draw_start(rng: np.random.Generator, speed: float, front_radius: float, perturb: bool) -> Start:
-    """Draw the start of a bicycle, perturbed as in Table 3 of Weyrer et al. (2026) where that is asked for.
+    """Draw the start of a bicycle, perturbed as in Table 3 of Weyrer et al. (2026) if requested.
 
     Args:
         rng: draws.

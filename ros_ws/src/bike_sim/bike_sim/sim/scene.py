@@ -1,4 +1,4 @@
-"""What is around a vehicle: a path or a circuit, and how it is seen. Both begin an episode, look, and judge it."""
+"""The surroundings of a vehicle, a path or a circuit, with the view and the events of each step."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FULL_GRIP = (1.0, 1.0)
 
 
 class View(NamedTuple):
-    """What a scene shows at one control instant; the fields are those of `bike_sim.sim.snapshot.Snapshot`."""
+    """View of a scene at one control instant; the fields are those of `bike_sim.sim.snapshot.Snapshot`."""
 
     look: FloatArray
     preview_x: FloatArray
@@ -42,7 +42,7 @@ class Scene(Protocol):
     Attributes:
         course: the followed line.
         track: the circuit, or None.
-        grips: factors on friction under the rear and the front wheel at the present place.
+        grips: factors on friction under the rear and the front wheel at the present position.
         stopped: whether something holds the vehicle, so that its physics no longer runs.
     """
 
@@ -52,19 +52,19 @@ class Scene(Protocol):
     stopped: bool
 
     def look(self, state: st.StateVector, signals: FloatArray, time: float, fall: str) -> View:
-        """Return what is seen, and remember it for the next time.
+        """Return the view, and keep it for the next step.
 
         Args:
             state: minimal state; where the vehicle is stopped its rates are set to 0.
             signals: telemetry.
             time: s since the reset.
-            fall: how the vehicle has fallen by itself, or NO_FALL.
+            fall: kind of fall reported by the plant, or NO_FALL.
         """
         ...
 
 
 class PathScene:
-    """A path, open or closed, without limits: what is seen relates to its line alone."""
+    """A path, open or closed, without limits: the view relates to its line alone."""
 
     track: Track | None = None
     grips = FULL_GRIP
@@ -77,7 +77,7 @@ class PathScene:
             plant: what rides.
             course: the line.
             preview: which points of it are seen.
-            progress: arc length of a start that may lie anywhere, m; None for one at the beginning.
+            progress: arc length of a start anywhere on the path, m; None at its beginning.
         """
         self.course = course
         self._plant, self._preview = plant, preview
@@ -96,7 +96,7 @@ class PathScene:
         return self._look.copy()
 
     def look(self, state: st.StateVector, signals: FloatArray, time: float, fall: str) -> View:
-        """Return what is seen; see `Scene`."""
+        """Return the view; see `Scene`."""
         course, preview, plant = self.course, self._preview, self._plant
         points = np.empty((2, preview.count))
         look = self._look.copy()

@@ -1,4 +1,4 @@
-"""One vehicle in one scene, in control steps. The node, the training and the evaluation all ride through this."""
+"""One vehicle in one scene, in control steps. Node, training and evaluation all use this simulator."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Simulator:
         """Load the vehicle and start the engine.
 
         Raises:
-            ValueError: a parameter that is wrong. FileNotFoundError: an unknown vehicle.
+            ValueError: an invalid parameter. FileNotFoundError: an unknown vehicle.
         """
         self.config = config or SimulatorConfig()
         self.plant: Plant = make_plant(self.config)
@@ -76,16 +76,16 @@ class Simulator:
         self._courses = other._courses
 
     def at_own_speed(self, request: ResetRequest) -> ResetRequest:
-        """Return a request with the speed at which this vehicle begins where nothing else is asked for.
+        """Return a request with the default start speed of this vehicle.
 
         Raises:
-            ValueError: a course or a place that cannot be. FileNotFoundError: an unknown course.
+            ValueError: an invalid course or position. FileNotFoundError: an unknown course.
         """
         speed = own_speed(request, self.plant, self._courses)
         return replace(request, speed_range=(speed, speed))
 
     def check(self, request: ResetRequest) -> None:
-        """Check that an episode can begin; the present one goes on.
+        """Check that an episode can begin; the present one continues.
 
         Raises:
             ValueError: why it cannot. FileNotFoundError: an unknown course.
@@ -96,7 +96,7 @@ class Simulator:
         """Begin an episode.
 
         Raises:
-            ValueError: a request that cannot be met; the episode before stays as it was.
+            ValueError: a request that cannot be met; the current episode is unchanged.
             FileNotFoundError: an unknown course.
         """
         scene, state = begin(request, self.plant, self._courses)
@@ -117,8 +117,8 @@ class Simulator:
         Physics that diverges ends the episode: the last finite snapshot is shown again, as a fall.
 
         Args:
-            steering: in [-1, 1], positive to the left. Bicycle: 1 is the largest steering set value. Superbike: 1 asks
-                for the virtual rider's largest lean.
+            steering: in [-1, 1], positive to the left. Bicycle: 1 is the largest steering set point. Superbike: 1
+                requests the virtual rider's largest lean.
             throttle: in [-1, 1]; above 0 part of the engine's torque, below 0 part of the brakes' force. A bicycle has
                 no drive and ignores it.
 

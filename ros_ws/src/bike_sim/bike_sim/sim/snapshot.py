@@ -1,4 +1,4 @@
-"""What a simulator shows at one control instant, in named blocks. In process and behind ROS it is the same record."""
+"""The snapshot: the record of one control instant, in named blocks, the same in process and behind ROS."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from bike_sim.sim.events import Event
 FloatArray = NDArray[np.float64]
 
 NO_FALL: Final = "none"
-"""Value of `Snapshot.fall` while the ride goes on."""
+"""Value of `Snapshot.fall` while the ride continues."""
 TIPPED: Final = "tip_over"
-"""A bicycle that lies on its side; superbikes have more ways to fall (`superbike_forces.FALL_NAMES`)."""
+"""A bicycle on its side; superbikes have more kinds of falls (`superbike_forces.FALL_NAMES`)."""
 WALL: Final = "wall"
 """A contact point met a wall."""
 DIVERGED: Final = "diverged"
@@ -34,7 +34,7 @@ class WallHit:
     Attributes:
         speed: m/s.
         angle: between velocity and wall, rad, 0 along it.
-        energy: kinetic energy of the whole motion, J.
+        energy: total kinetic energy, J.
     """
 
     speed: float
@@ -44,7 +44,7 @@ class WallHit:
 
 @dataclass(frozen=True, slots=True)
 class CircuitView:
-    """Where a vehicle is between the limits of a circuit, and the course points ahead.
+    """Position of a vehicle between the limits of a circuit, and the course points ahead.
 
     Attributes:
         place: arc length and lateral offset (positive left) of the rear, then of the front contact point relative to
@@ -62,7 +62,7 @@ class CircuitView:
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """Everything seen at one control instant. Units, frames and signs are those of ``bike_msgs/BikeState``.
+    """Everything known at one control instant. Units, frames and signs are those of ``bike_msgs/BikeState``.
 
     Attributes:
         episode: number of the reset, from 1.
@@ -78,10 +78,10 @@ class Snapshot:
         fallen: the ride is over: fallen, stopped by a wall, or diverged.
         off_course: distance beyond the course's limit; on a circuit both contact points beyond the limits.
         finished: the end of an open course is reached, or a closed course was ridden once from where the ride began.
-        fall: why the ride is over: NO_FALL while it goes on, else a name of `superbike_forces.FALL_NAMES`, TIPPED, WALL
-            or DIVERGED.
+        fall: cause of the end: NO_FALL while the ride continues, else a name of `superbike_forces.FALL_NAMES`, TIPPED,
+            WALL or DIVERGED.
         circuit: place, limits and course points; None where there is no circuit.
-        events: what happened since the snapshot before, in the order of time.
+        events: since the previous snapshot, in the order of time.
     """
 
     episode: int
@@ -116,5 +116,5 @@ class Snapshot:
 
     @property
     def progress(self) -> float:
-        """Arc length that the vehicle has come to, m: along the centre line of a circuit, else along the course."""
+        """Arc length of the vehicle, m: along the centre line of a circuit, else along the course."""
         return float(self.look[lk.PROGRESS] if self.circuit is None else self.circuit.place[lk.CENTRE_PROGRESS])

@@ -1,1 +1,1 @@
-"""What a machine is: bicycles, superbikes, and the files that describe them; knows no ROS."""
+"""Parameters of bicycles and superbikes, and the files that describe them; imports no ROS."""

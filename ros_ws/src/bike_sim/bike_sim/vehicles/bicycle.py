@@ -81,7 +81,7 @@ class Vehicle:
         name: short name, also that of the shipped file.
         description: one line for people.
         w: wheel base.
-        c: trail, positive when the front contact lies behind the steering axis.
+        c: trail, positive when the front contact is behind the steering axis.
         lam: steering axis tilt (the paper's lambda), positive when the axis leans back.
         g: gravity, N/kg.
         rR: rear wheel radius.
@@ -108,7 +108,7 @@ class Vehicle:
         IFyy: front wheel inertia about its axle.
         P: stiffness of the steering drive, N m/rad.
         D: damping of the steering drive, N m s/rad.
-        max_steer: largest set value of the steering angle to either side.
+        max_steer: largest set point of the steering angle on either side.
         fall_roll: roll angle beyond which the vehicle counts as fallen.
         control_period: time between two steering commands, s.
     """
@@ -151,7 +151,7 @@ class Vehicle:
         """Check that the numbers describe a bicycle that can exist.
 
         Raises:
-            VehicleError: naming the first value that cannot be.
+            VehicleError: naming the first invalid value.
         """
         for field in fields(self):
             if field.type == "float":
@@ -214,7 +214,7 @@ def bicycle_from_document(document: Any, origin: str) -> Vehicle:
         origin: name or path for error messages.
 
     Raises:
-        VehicleError: a key is missing or unknown, or a value cannot be.
+        VehicleError: a key is missing or unknown, or a value is invalid.
     """
     top = require_keys(document, _TOP_LEVEL, f"vehicle '{origin}'")
     if top["format"] != FORMAT:

@@ -1,4 +1,4 @@
-"""Vehicle files: those that ship with the package, and one's own."""
+"""Vehicle files: those shipped with the package, and the user's own."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def shipped_vehicles() -> tuple[str, ...]:
 
 
 def load_vehicle(name_or_path: str | Path) -> Vehicle:
-    """Load a vehicle that ships with the package, or one's own from a file.
+    """Load a vehicle shipped with the package, or from a file.
 
     Args:
         name_or_path: name of a shipped vehicle (see `shipped_vehicles`), or the path of a YAML file. What ends in
@@ -73,7 +73,7 @@ def vehicle_from_document(document: Any, origin: str) -> Vehicle:
         origin: name or path for error messages.
 
     Raises:
-        VehicleError: a key is missing or unknown, or a value cannot be.
+        VehicleError: a key is missing or unknown, or a value is invalid.
     """
     kind = document.get("type") if isinstance(document, dict) else None
     if kind is not None and kind != "superbike":

@@ -2,7 +2,7 @@
 
 One YAML file, one frozen dataclass made of small frozen sections, and flat vectors for compiled code. Because a
 superbike *is* a `Vehicle`, everything that works on the four bodies (layout, mapping, kinematics) works on it; there
-the rider sits rigidly in the middle of the rear body. The engine lets the rider slide sideways.
+the rider is fixed in the middle of the rear body. In the engine the rider can slide sideways.
 
 Files are z-up and in SI units: heights are positive. The inherited fields keep the published z-down signs.
 """
@@ -244,7 +244,7 @@ class Electronics:
         traction_slip_on: cut begins. traction_slip_off: no drive is left.
         wheelie_control: 1 on, 0 off.
         wheelie_load: kept on the front wheel by the limit, N.
-        wheelie_load_lean: kept besides when lying flat or thrown over at 1 rad/s, in proportion before, N.
+        wheelie_load_lean: kept in addition at full lean or at a roll rate of 1 rad/s, proportional below, N.
         wheelie_load_on: front load where the cut begins, N. wheelie_load_off: no drive.
         brake_control: 1 on, 0 off.
         brake_share: part of the friction that the lean leaves which the front brake may use.
@@ -326,7 +326,7 @@ class Superbike(Vehicle):
         """Check that the numbers describe a machine that can exist.
 
         Raises:
-            VehicleError: naming the first value that cannot be.
+            VehicleError: naming the first invalid value.
         """
         super().__post_init__()
         for name, section in self.sections.items():
@@ -472,7 +472,7 @@ MACHINE: Final = np.dtype(
         *((name, record_of(kind)) for name, kind in _SECTION_TYPES.items()),
     ]
 )
-"""Record of a machine: numbers of `Superbike` and its sections. Compiled code reads them by name, never by place."""
+"""Record of a machine: numbers of `Superbike` and its sections. Compiled code reads them by name, never by position."""
 
 
 def _fill(record: Record, source: Any) -> None:
@@ -502,7 +502,7 @@ _Section = TypeVar("_Section")
 def superbike_from_document(document: Any, origin: str) -> Superbike:
     """Build a superbike from the parsed content of a vehicle file of ``type: superbike``.
 
-    The file states what is published of the machine as it stands on its wheels without rider: wet mass, share of the
+    The file states published values of the machine on its wheels without rider: wet mass, share of the
     front wheel, height of the centre of mass. The frame is what remains without fork and wheels.
 
     Args:
@@ -510,7 +510,7 @@ def superbike_from_document(document: Any, origin: str) -> Superbike:
         origin: name or path for error messages.
 
     Raises:
-        VehicleError: a key is missing or unknown, or a value cannot be.
+        VehicleError: a key is missing or unknown, or a value is invalid.
     """
     where = f"vehicle '{origin}'"
     top = require_keys(document, _TOP_LEVEL, where)
