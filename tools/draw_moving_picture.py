@@ -1,6 +1,6 @@
 """Draw the moving picture of the README from a recording: map, bicycle from behind, speed, lean and steering.
 
-    .venv/bin/python tools/draw_moving_picture.py out/ride/ride.mcap docs/images/ride.gif --begin 20 --duration 14
+.venv/bin/python tools/draw_moving_picture.py out/ride/ride.mcap docs/images/ride.gif --begin 20 --duration 14
 """
 
 from __future__ import annotations
