@@ -1,0 +1,97 @@
+"""The LQR rider: its closed loop, its preview, delays, symmetry, and that it rides."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from bike_policy.riders.lqr import LqrRider, LqrSettings, design, lateral_model
+from bike_policy.riders.rider import make_rider
+from bike_sim.course.files import load_course
+from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.simulator import Simulator
+from bike_sim.vehicles.bicycle import Vehicle
+from bike_sim.vehicles.files import load_vehicle
+from bike_training.rollout.riding import ride_through
+
+PERIOD = 0.05
+COMPILED = SimulatorConfig(engine="whipple", time_step=0.01)
+
+
+@pytest.fixture(scope="module")
+def bicycle() -> Vehicle:
+    return load_vehicle("whipple")
+
+
+def held(bicycle: Vehicle, speed: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The model over a control period, by the exponential of the whole system."""
+    a, b, e = lateral_model(bicycle, speed)
+    big = np.zeros((8, 8))
+    big[:6] = np.column_stack([a, b, e])
+    big = expm(big * PERIOD)
+    return big[:6, :6], big[:6, 6], big[:6, 7]
+
+
+@pytest.mark.parametrize("speed", [2.0, 3.0, 4.5, 6.0, 7.0])
+@pytest.mark.parametrize("delay", [0, 1, 3])
+def test_closed_loop_is_stable_also_with_the_delay_that_it_knows(bicycle: Vehicle, speed: float, delay: int) -> None:
+    gains = design(bicycle, speed, PERIOD, LqrSettings(delay=delay))
+    a, b, _ = held(bicycle, speed)
+    size = 6 + delay
+    loop = np.zeros((size, size))
+    loop[:6, :6] = a
+    if delay:
+        loop[:6, 6] = b
+        loop[6 : size - 1, 7:] = np.eye(delay - 1)
+        loop[-1] = -gains.state
+    else:
+        loop[:6, :6] -= np.outer(b, gains.state)
+    assert np.abs(np.linalg.eigvals(loop)).max() < 0.999
+
+
+def test_a_steady_turn_is_ridden_without_an_offset(bicycle: Vehicle) -> None:
+    """In the linear model, where the preview sees the same curvature as far as it looks."""
+    for speed in (3.0, 5.0):
+        gains = design(bicycle, speed, PERIOD, LqrSettings(horizon=12.0))
+        a, b, e = held(bicycle, speed)
+        kappa = 0.02
+        drive = -gains.preview.sum() * kappa
+        x = np.linalg.solve(np.eye(6) - a + np.outer(b, gains.state), b * drive + e * kappa)
+        assert abs(x[0]) < 2e-3  # m
+
+
+def test_mirrored_snapshots_get_mirrored_answers(bicycle: Vehicle) -> None:
+    answers = []
+    for sign in (1.0, -1.0):
+        simulator = Simulator(COMPILED)
+        first = simulator.reset(ResetRequest(course="line", speed_range=(4.0, 4.0)))
+        state, look = first.state.copy(), first.look.copy()
+        state[[3, 4, 7, 8]] = sign * np.array([0.05, -0.02, 0.1, -0.3])
+        look[[6, 7]] = sign * np.array([0.2, -0.05])
+        rider = LqrRider()
+        assert simulator.course is not None
+        rider.begin(simulator.vehicle, simulator.course, PERIOD, simulator.preview)
+        answers.append(rider.command(replace(first, state=state, look=look)))
+        simulator.close()
+    assert answers[0] is not None
+    assert answers[1] is not None
+    assert answers[0][0] == -answers[1][0] != 0.0
+
+
+@pytest.mark.parametrize("speed", [2.0, 7.0])
+def test_rides_the_benchmark_path(speed: float) -> None:
+    simulator = Simulator(COMPILED)
+    request = ResetRequest(course="benchmark", speed_range=(speed, speed))
+    ride = ride_through(simulator, make_rider("lqr"), request, 1.5 * load_course("benchmark").length / speed)
+    simulator.close()
+    assert ride.completed
+    assert ride.figures()["mean_m"] < 0.05
+
+
+def test_superbikes_are_refused() -> None:
+    with pytest.raises(ValueError, match="'r1' is a superbike"):
+        LqrRider().begin(load_vehicle("r1"), load_course("circle"), 0.02, None)  # type: ignore[arg-type]
