@@ -208,7 +208,7 @@ class Drive(rclpy.node.Node):
         stale = self._counts.stale - self._reported.stale
         refused = self._counts.refused - self._reported.refused
         if stale or refused:
-            level, text = self._diagnostics.WARN, f"states in the last second: {stale} stale, {refused} not usable"
+            level, text = self._diagnostics.WARN, f"states in the last second: {stale} stale, {refused} not finite"
         elif self._last is None:
             text = "waiting for the first state and its course"
         elif silence > self._stale_after:
