@@ -24,7 +24,7 @@ from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_training.cli import main
 from bike_training.curricula.parts import PartsCurriculum
-from bike_training.replay.recorded_rides import COMMANDS, EXACT, FLAGS, RecordedRide, Start, read_rides
+from bike_training.replay.recorded_rides import COMMANDS, EXACT, FLAGS, RideSource, Start, read_rides
 from bike_training.replay.replaying import Replay, ride_again
 from bike_training.tasks.path import SHARP, TASKS
 
@@ -59,7 +59,7 @@ def recording(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def recorded(recording) -> RecordedRide:
+def recorded(recording) -> RideSource:
     (ride,) = read_rides(recording)[1]
     assert len(ride.ride.states) > 60
     return ride

@@ -20,7 +20,7 @@ from bike_sim.vehicles.bicycle import Vehicle, VehicleError
 from bike_sim.vehicles.files import load_vehicle, shipped_vehicles
 from bike_sim.vehicles.superbike import Superbike
 
-NAMES = ("panigale_v4r", "zx10rr", "cbr1000rr_r", "r1", "m1000rr")
+NAMES = tuple(name for name in shipped_vehicles() if isinstance(load_vehicle(name), Superbike))
 FOLDER = resources.files("bike_sim") / "config" / "vehicles"
 
 
@@ -45,7 +45,7 @@ def write(content: dict, folder: Path) -> Path:
 
 
 def test_the_five_are_shipped_and_the_bicycle_is_still_one() -> None:
-    assert set(NAMES) <= set(shipped_vehicles())
+    assert {"panigale_v4r", "zx10rr", "cbr1000rr_r", "r1", "m1000rr"} <= set(NAMES)
     bicycle = load_vehicle("whipple")
     assert type(bicycle) is Vehicle
 

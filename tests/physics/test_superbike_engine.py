@@ -100,7 +100,7 @@ def test_make_engine_gives_it(engine: SuperbikeEngine) -> None:
 def test_rides_repeat_bit_for_bit_whatever_came_before(engine: SuperbikeEngine) -> None:
     def once(ridden: SuperbikeEngine) -> np.ndarray:
         ridden.reset(st.upright_state(30.0, DUCATI.rF))
-        return ride(ridden, 2.0, lambda now, _: (0.6 * math.sin(3.0 * now), math.cos(2.0 * now))).signals
+        return ride(ridden, 2.0, lambda now, _: (0.6 * math.sin(3.0 * now), math.cos(2.0 * now))).telemetry
 
     first = once(engine)
     engine.reset(st.upright_state(80.0, DUCATI.rF))
@@ -153,7 +153,7 @@ def test_coasting_slows_by_drag_rolling_and_engine(engine: SuperbikeEngine) -> N
 def test_telemetry_agrees_with_the_motion(engine: SuperbikeEngine) -> None:
     at_speed(engine, 40.0, 40.0, 3.0)
     turn = ride(engine, 1.0, holding(DUCATI, 40.0, lambda now: 40.0))
-    mean = turn.signals.mean(axis=0)
+    mean = turn.telemetry.mean(axis=0)
     yaw_rate = np.gradient(turn.states[:, st.YAW], turn.time).mean()
     assert mean[sf.T_YAW_RATE] == pytest.approx(yaw_rate, rel=1e-3)
     assert mean[sf.T_LATERAL] == pytest.approx(mean[sf.T_SPEED] * yaw_rate, rel=0.02)
@@ -175,7 +175,7 @@ def test_steering_to_the_left_leans_and_turns_to_the_left(engine: SuperbikeEngin
 def test_it_begins_by_countersteering(engine: SuperbikeEngine) -> None:
     at_speed(engine, 40.0)
     first = ride(engine, 0.1, lambda now, _: (-0.5, 0.1))  # to the right
-    assert first.signals[-1, sf.T_STEER_TORQUE] > 10.0  # pushes the bars to the left
+    assert first.telemetry[-1, sf.T_STEER_TORQUE] > 10.0  # pushes the bars to the left
     assert engine.state()[st.ROLL] > 0.0
 
 
@@ -191,7 +191,7 @@ def test_lean_step_to_50_deg_and_the_formula(name: str, speed: float) -> None:
     assert step.lean_error < 3.0
     tail = slice(-50, None)
     expected = statics.steady_lateral(vehicle, float(step.lean[tail].mean()), float(step.speed[tail].mean()))
-    assert -step.signals[tail, sf.T_LATERAL].mean() == pytest.approx(expected, rel=0.03)
+    assert -step.telemetry[tail, sf.T_LATERAL].mean() == pytest.approx(expected, rel=0.03)
 
 
 def test_the_formulas_tell_how_much_grip_a_turn_takes(engine: SuperbikeEngine) -> None:
@@ -274,7 +274,7 @@ def test_too_much_brake_in_a_turn_is_a_low_side(bare: SuperbikeEngine) -> None:
     crash = ride(bare, 3.0, constant(DUCATI, 50.0, -1.0))
     assert crash.fall == "low_side"
     assert bare.fall == sf.LOW_SIDE
-    assert crash.signals[-1, sf.T_FALL] == sf.LOW_SIDE
+    assert crash.telemetry[-1, sf.T_FALL] == sf.LOW_SIDE
 
 
 def test_too_much_throttle_in_a_turn_throws_off_and_the_electronics_save(

@@ -22,6 +22,7 @@ from bike_sim.ros.isolation import DISCOVERY_VARIABLE, PROFILES_VARIABLE
 from bike_sim.ros.node_settings import SPECS, NodeSettings
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.simulator import Simulator
 from bike_training.envs.node_process import NodeLost
 from bike_training.envs.ros_client import RosClient
 
@@ -50,11 +51,10 @@ def test_a_parameter_that_cannot_be_is_one_line_and_exit_code_2(stage, parameter
 @pytest.mark.parametrize(
     ("name", "value", "words"),
     [
-        ("engine", "steam", "parameter engine must be one of pybullet, whipple, got 'steam'"),
+        ("engine", "steam", "parameter engine must be one of pybullet, whipple, compiled, got 'steam'"),
         ("perturb", 1, "parameter perturb must be true or false, got 1"),
         ("preview_count", 2.5, "parameter preview_count must be a whole number, got 2.5"),
         ("preview_count", 0, "preview count must be 1 to 1000"),
-        ("course", "nowhere", "'nowhere'"),
         ("vehicle", "nothing", "no vehicle 'nothing'"),
         ("history", 0, "history must be at least 1"),
         ("real_time_factor", -1.0, "real_time_factor must be finite and not negative"),
@@ -67,6 +67,15 @@ def test_what_is_wrong_with_a_parameter_is_named(name: str, value: Any, words: s
     values = {spec.name: spec.default for spec in SPECS} | {name: value}
     with pytest.raises((ValueError, FileNotFoundError), match=re.escape(words)):
         NodeSettings.from_parameters({spec.name: spec.read(values[spec.name]) for spec in SPECS})
+
+
+def test_an_episode_that_cannot_begin_is_named() -> None:
+    simulator = Simulator(SimulatorConfig(engine="whipple"))
+    for change, words in (({"course": "nowhere"}, "'nowhere'"), ({"line": 0.5}, "are for circuits")):
+        settings = NodeSettings.from_parameters({spec.name: spec.default for spec in SPECS} | change)
+        with pytest.raises((ValueError, FileNotFoundError), match=words):
+            settings.request(simulator)
+    simulator.close()
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from tqdm import tqdm
 
-from bike_training.replay.recorded_rides import RecordedRide, read_rides
+from bike_training.replay.recorded_rides import RideSource, read_rides
 from bike_training.replay.replaying import Difference, Replay, ride_again
 
 SCHEMA: Final = "bike.replay/1"
@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     return {"schema": SCHEMA, "ok": all(ride["same"] for ride in found), "figures": figures}
 
 
-def _ride(recorded: RecordedRide, args: argparse.Namespace) -> dict[str, Any]:
+def _ride(recorded: RideSource, args: argparse.Namespace) -> dict[str, Any]:
     began = time.monotonic()
     with tqdm(desc=f"ride {recorded.ride.index}", unit="step", disable=args.json or None, leave=False) as bar:
 
@@ -75,7 +75,7 @@ def _ride(recorded: RecordedRide, args: argparse.Namespace) -> dict[str, Any]:
     return figures_of(recorded, replay) | {"wall_s": round(time.monotonic() - began, 2)}
 
 
-def figures_of(recorded: RecordedRide, replay: Replay) -> dict[str, Any]:
+def figures_of(recorded: RideSource, replay: Replay) -> dict[str, Any]:
     """Return the results as plain values."""
     return {
         "ride": recorded.ride.index,
@@ -111,7 +111,7 @@ def _with_units(difference: dict[str, Any]) -> dict[str, Any]:
     return {"time_s" if name == "time" else name: value for name, value in difference.items()}
 
 
-def text_of(recorded: RecordedRide, replay: Replay) -> list[str]:
+def text_of(recorded: RideSource, replay: Replay) -> list[str]:
     """Return the results as text."""
     ride, config = recorded.ride, replay.config
     head = (

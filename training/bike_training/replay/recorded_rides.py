@@ -90,7 +90,7 @@ class Learned:
 
 
 @dataclass(frozen=True)
-class RecordedRide:
+class RideSource:
     """One ride of a recording.
 
     Attributes:
@@ -108,7 +108,7 @@ class RecordedRide:
     learned: Learned | None
 
 
-def read_rides(path: Path, namespace: str | None = None) -> tuple[Recording, tuple[RecordedRide, ...]]:
+def read_rides(path: Path, namespace: str | None = None) -> tuple[Recording, tuple[RideSource, ...]]:
     """Read a recording for riding it again.
 
     Args:
@@ -130,13 +130,13 @@ def read_rides(path: Path, namespace: str | None = None) -> tuple[Recording, tup
     return recording, tuple(_recorded(ride, recording, raw) for ride in find_rides(recording))
 
 
-def _recorded(ride: Ride, recording: Recording, raw: _Raw) -> RecordedRide:
+def _recorded(ride: Ride, recording: Recording, raw: _Raw) -> RideSource:
     rows = np.searchsorted(raw.order, ride.states.order)
     first = int(ride.states.order[0])
     starts = [(abs(order - first), message) for order, message in raw.starts if message.episode == ride.episode]
     # A simulator that was restarted counts its episodes from 1 again: the nearest message is this ride's.
     start = min(starts, key=lambda pair: pair[0])[1] if starts else None
-    return RecordedRide(
+    return RideSource(
         ride=ride,
         vehicle=recording.vehicle,
         start=Start.from_message(start) if start is not None else None,

@@ -21,7 +21,7 @@ from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.files import load_vehicle
-from bike_training.replay.recorded_rides import COMMANDS, EXACT, FLAGS, Columns, Learned, RecordedRide, Start
+from bike_training.replay.recorded_rides import COMMANDS, EXACT, FLAGS, Columns, Learned, RideSource, Start
 from bike_training.rollout.rollout import rollout
 from bike_training.tasks.base import sum_of
 
@@ -95,7 +95,7 @@ class Replay:
 
 
 def ride_again(
-    recorded: RecordedRide,
+    recorded: RideSource,
     engine: str | None = None,
     time_step: float | None = None,
     tell: Callable[[int, int], None] | None = None,
@@ -148,7 +148,7 @@ class RecordedCommands:
         return self._commands[snapshot.step] if snapshot.step < len(self._commands) else None
 
 
-def _start_of(recorded: RecordedRide) -> Start:
+def _start_of(recorded: RideSource) -> Start:
     """Return how the ride began, if it can begin so again.
 
     Raises:
@@ -167,7 +167,7 @@ def _start_of(recorded: RecordedRide) -> Start:
     return start
 
 
-def _commands(recorded: RecordedRide) -> tuple[NDArray[np.float64], NDArray[np.float64], str]:
+def _commands(recorded: RideSource) -> tuple[NDArray[np.float64], NDArray[np.float64], str]:
     """Return steering and throttle of each control period from the reset, as far as they are known without a gap.
 
     A state that was lost is bridged by the recorded command that answers the state before it. Whether that was the one
@@ -217,7 +217,7 @@ class _Ridden:
         return dict(zip(EXACT, np.stack(self._rows, axis=1), strict=True))
 
 
-def _compare(recorded: RecordedRide, config: SimulatorConfig, ridden: _Ridden, stopped: str) -> Replay:
+def _compare(recorded: RideSource, config: SimulatorConfig, ridden: _Ridden, stopped: str) -> Replay:
     now = ridden.columns()
     steps = recorded.ride.states.step
     mine = np.flatnonzero(steps < len(now["x"]))

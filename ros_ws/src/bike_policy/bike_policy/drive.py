@@ -29,7 +29,10 @@ from bike_sim.vehicles.files import load_vehicle
 
 SPECS: Final = (
     ParameterSpec(
-        "policy", DEFAULT_POLICY, "Shipped policy, folder of a bundle, lqr (bicycles) or classical (superbikes).", fixed=True
+        "policy",
+        DEFAULT_POLICY,
+        "Shipped policy, folder of a bundle, lqr or classical (superbikes).",
+        fixed=True,
     ),
     ParameterSpec("vehicle", "", "YAML file of the vehicle, where it is not a shipped one.", fixed=True),
     ParameterSpec("stale_after_s", 1.0, "Wall-clock time without a state after which a warning is given, s."),

@@ -46,7 +46,7 @@ _G: Final = 9.81
 
 
 @dataclass(frozen=True)
-class Ride:
+class ManoeuvreTrace:
     """A recorded ride, one row a control period.
 
     Attributes:
@@ -91,9 +91,9 @@ class Validation:
 
     time_step: float
     checks: list[Check] = field(default_factory=list)
-    steps: dict[tuple[float, float], Ride] = field(default_factory=dict)
-    launches: dict[str, Ride] = field(default_factory=dict)
-    stops: dict[str, Ride] = field(default_factory=dict)
+    steps: dict[tuple[float, float], ManoeuvreTrace] = field(default_factory=dict)
+    launches: dict[str, ManoeuvreTrace] = field(default_factory=dict)
+    stops: dict[str, ManoeuvreTrace] = field(default_factory=dict)
     modes: dict[str, list[SuperbikeModes]] = field(default_factory=dict)
     turns: list[tuple[float, float, float, float]] = field(default_factory=list)
     convergence: list[tuple[float, float, float]] = field(default_factory=list)
@@ -104,7 +104,7 @@ class Validation:
         return all(check.passed for check in self.checks)
 
 
-def ride(engine: SuperbikeBase, duration: float, command: Command) -> Ride:
+def ride(engine: SuperbikeBase, duration: float, command: Command) -> ManoeuvreTrace:
     """Ride on from where the engine is and record each control period; a fall ends it."""
     steps = round(_PERIOD / engine.time_step)
     times, telemetry, states = [], [], []
@@ -116,7 +116,7 @@ def ride(engine: SuperbikeBase, duration: float, command: Command) -> Ride:
         states.append(engine.state())
         if engine.fall:
             break
-    return Ride(np.array(times), np.array(telemetry), np.array(states), engine.fall_name)
+    return ManoeuvreTrace(np.array(times), np.array(telemetry), np.array(states), engine.fall_name)
 
 
 def holding(vehicle: Superbike, speed: float, lean: Callable[[float], float]) -> Command:
@@ -342,7 +342,7 @@ def check_mirror(result: Validation, vehicle: Superbike) -> Iterator[Check]:
 def check_convergence(result: Validation, vehicle: Superbike) -> Iterator[Check]:
     """Turn in, brake, drive out at several steps against a very fine one."""
 
-    def lap_piece(step: float) -> Ride:
+    def lap_piece(step: float) -> ManoeuvreTrace:
         engine = SuperbikeEngine(vehicle, step)
         at_speed(engine, 45.0, settle=0.2)
 
@@ -428,7 +428,9 @@ def check_machines(result: Validation, vehicle: Superbike) -> Iterator[Check]:
     yield Check("stop_time_error", "time from 75 to 20 m/s, share off the envelope's", brake_error, 0.0, 0.04)
 
 
-def _time_error(recorded: Ride, acceleration: Callable[[FloatArray], FloatArray], start: float, end: float) -> float:
+def _time_error(
+    recorded: ManoeuvreTrace, acceleration: Callable[[FloatArray], FloatArray], start: float, end: float
+) -> float:
     """Return by which share the time between two speeds differs from that of an acceleration or a deceleration."""
     if recorded.fall != "none":
         return math.inf

@@ -5,6 +5,8 @@ superbike *is* a `Vehicle`, everything that works on the four bodies (layout, ma
 the rider is fixed in the middle of the rear body. In the engine the rider can slide sideways.
 
 Files are z-up and in SI units: heights are positive. The inherited fields keep the published z-down signs.
+
+One file although it is long: sections, their keys in files and their flat records change together, field by field.
 """
 
 from __future__ import annotations
@@ -75,7 +77,7 @@ class Tyre:
 
 
 @dataclass(frozen=True)
-class Rider:
+class RiderBody:
     """The rider's body, sliding across the machine.
 
     Attributes:
@@ -312,7 +314,7 @@ class Superbike(Vehicle):
     """
 
     frame: Frame
-    rider: Rider
+    rider: RiderBody
     front_tyre: Tyre
     rear_tyre: Tyre
     air: Air
@@ -446,7 +448,7 @@ _POSITIVE: Final = frozenset(
 """Values that must not be zero either, in any section."""
 
 _SECTION_TYPES: Final[dict[str, type]] = {
-    "rider": Rider,
+    "rider": RiderBody,
     "air": Air,
     "motor": Motor,
     "brakes": Brakes,
@@ -588,7 +590,7 @@ def _frame(geometry: dict[str, float], bodies: dict[str, float], where: str) -> 
     return Frame(mass, moment_x / mass, moment_z / mass, *inertia)
 
 
-def _join(frame: Frame, rider: Rider) -> Frame:
+def _join(frame: Frame, rider: RiderBody) -> Frame:
     """Return frame and rider as one rigid body (parallel axes)."""
     mass = frame.mass + rider.mass
     reduced = frame.mass * rider.mass / mass

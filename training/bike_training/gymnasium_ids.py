@@ -1,4 +1,7 @@
-"""The ids of this project's environments in Gymnasium."""
+"""The ids of this project's environments in Gymnasium; importing this module registers them.
+
+A module of its own, so that riding and its commands load no Gymnasium.
+"""
 
 from __future__ import annotations
 
@@ -15,3 +18,6 @@ def register() -> None:
     for name, place in IDS.items():
         if name not in gym.registry:
             gym.register(name, entry_point=place)
+
+
+register()
