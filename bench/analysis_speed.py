@@ -37,6 +37,7 @@ from bike_sim.recording import LATCHED, MessageType, Qos, RideRecorder, message_
 from bike_sim.ros import messages, standard_messages
 from bike_sim.ros.command_gate import Command
 from bike_sim.ros.messages import NANOSECONDS
+from bike_sim.ros.telemetry_message import telemetry_to_message
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
@@ -193,7 +194,7 @@ class _LapWriter:
         self._add("/bike/state", messages.state_to_message(seen, self._episode, stamp))
         self._add("/bike/course_points", messages.course_points_to_message(seen, course, stamp))
         self._add("/bike/lean_history", messages.lean_history_to_message(seen, stamp, round(PERIOD * NANOSECONDS)))
-        self._add("/bike/telemetry", messages.telemetry_to_message(seen, self._vehicle, stamp))
+        self._add("/bike/telemetry", telemetry_to_message(seen, self._vehicle, stamp))
         self._add("/bike/odom", standard_messages.odometry(seen, stamp))
         self._add("/bike/joint_states", standard_messages.joint_state(seen, stamp))
         self._add("/bike/markers", standard_messages.vehicle_markers(seen, self._vehicle, stamp))

@@ -18,9 +18,9 @@ from bike_policy.riders.classical import ClassicalRider
 from bike_sim.course.random_paths import CURRICULUM_PATHS
 from bike_sim.physics.state import ROLL, ROLL_RATE
 from bike_sim.sim.config import SimulatorConfig
-from bike_sim.sim.plant import superbike_config
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
+from bike_sim.sim.superbike_plant import superbike_config
 from bike_training.curricula.parts import RideRanges
 from bike_training.envs.env import BikeEnv
 from bike_training.envs.vec_env import BatchVecEnv

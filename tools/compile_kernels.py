@@ -51,9 +51,9 @@ def bicycles_side_by_side() -> None:
 def superbike() -> None:
     """Plan a lap and ride its first steps, as the classical rider does through the nodes."""
     from bike_policy.riders.classical import ClassicalRider
-    from bike_sim.sim.plant import superbike_config
     from bike_sim.sim.request import ResetRequest
     from bike_sim.sim.simulator import Simulator
+    from bike_sim.sim.superbike_plant import superbike_config
 
     simulator, rider = Simulator(superbike_config(MACHINE)), ClassicalRider()
     snapshot = simulator.reset(simulator.at_own_speed(ResetRequest(course=CIRCUIT)))

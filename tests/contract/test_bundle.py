@@ -227,3 +227,11 @@ def test_a_card_that_names_a_thing_twice_is_written_without_aliases(bundle, tmp_
 @pytest.mark.parametrize("name", ["../policies/whipple", "x" * 100_000, "a\x1b[2Jb", "no\nsuch"])
 def test_evil_names_of_policies_are_shown_tame(name):
     check_refused(name, "neither a folder nor one of")
+
+
+def test_a_speed_outside_the_training_is_warned_of():
+    shipped = load_bundle("whipple")
+    assert shipped.speed_warning(2.0) is None is shipped.speed_warning(7.0)
+    warning = shipped.speed_warning(99.0)
+    assert warning is not None
+    assert "2 to 7 m/s, 99 m/s is outside" in warning

@@ -23,12 +23,12 @@ from bike_sim.ros.messages import (
     course_points_to_message,
     snapshot_from_message,
     state_to_message,
-    telemetry_to_message,
 )
+from bike_sim.ros.telemetry_message import telemetry_to_message
 from bike_sim.sim import look as lk
-from bike_sim.sim.plant import superbike_config
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
+from bike_sim.sim.superbike_plant import superbike_config
 from bike_sim.theory.envelope import envelope
 from bike_sim.theory.lap_limit import lap_limit
 from bike_sim.theory.line_cache import track_with_line

@@ -9,9 +9,9 @@ import pytest
 
 from bike_sim.sim.batch import Batch, CompiledBatch, SimulatorBatch, make_batch
 from bike_sim.sim.config import SimulatorConfig
-from bike_sim.sim.plant import superbike_config
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.sim.simulator import Simulator
+from bike_sim.sim.superbike_plant import superbike_config
 
 COMPILED = SimulatorConfig(engine="whipple", time_step=0.01)
 PREVIEW = Preview(True, 0.4, 5)

@@ -17,10 +17,11 @@ from bike_sim.sim import look as lk
 from bike_sim.sim.circuit_scene import OFF_TRACK_GRIP, CircuitScene, FollowedLine, start_speed
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.events import EventKind, timing_event
-from bike_sim.sim.plant import HORIZON, BicyclePlant, SuperbikePlant, superbike_config
-from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.plant import BicyclePlant
+from bike_sim.sim.request import HORIZON, ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import Snapshot
+from bike_sim.sim.superbike_plant import SuperbikePlant, superbike_config
 from bike_sim.theory.line_cache import content_key, track_with_line
 
 

@@ -12,6 +12,7 @@ from typing import Any
 from bike_policy.contract.actor import Actor
 from bike_policy.contract.bundle import Bundle
 from bike_sim.vehicles.files import load_vehicle
+from bike_training.curricula.parts import SPEED_RANGES
 from bike_training.learning.checkpoint import Checkpoint
 from bike_training.learning.presets import Preset
 from bike_training.learning.progress import stored_actor
@@ -53,7 +54,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         action=task.action,
         vehicle=vehicle.name,
         control_period=vehicle.control_period,
-        training={**summary, "actor": which, "actor_step": step, "exported": time.strftime("%Y-%m-%d")},
+        training={
+            "speed_range_m_s": list(SPEED_RANGES[-1]),
+            **summary,
+            "actor": which,
+            "actor_step": step,
+            "exported": time.strftime("%Y-%m-%d"),
+        },
         results=_results(args.evaluation),
     )
     out = args.out or args.run / "policy"

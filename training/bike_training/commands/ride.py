@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 from typing import Any, Final
 
 from bike_analysis.commands.analyze import text_of
 from bike_analysis.report import analyze
 from bike_policy.contract.bundle import DEFAULT_POLICY
-from bike_policy.riders.rider import make_rider
+from bike_policy.riders.learned import LearnedRider
+from bike_policy.riders.rider import Rider, make_rider
 from bike_sim.course.files import load_course
 from bike_sim.recording.in_use import claim_folder
 from bike_sim.ros.isolation import DomainLease
@@ -50,6 +52,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         check_whole("--domain", args.domain, 0, LARGEST_DOMAIN)
     SimulatorConfig(engine=args.engine, time_step=args.time_step)  # refuses an invalid step
     rider = make_rider(args.policy)
+    warn_of_speed(rider, args.speed)
     course = load_course(args.course)
     longest = time_for(course, args.speed)
     make_folder("--out", args.out)
@@ -66,6 +69,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         print(f"recording: {recording}")
     completed = bool(figures["rides"]) and all(ride["completed"] for ride in figures["rides"])
     return {"schema": "bike.ride/1", "ok": completed, "figures": figures}
+
+
+def warn_of_speed(rider: Rider, speed: float) -> None:
+    """Print a warning where a learned rider was not trained for a speed, m/s."""
+    warning = rider.bundle.speed_warning(speed) if isinstance(rider, LearnedRider) else None
+    if warning is not None:
+        print(f"warning: {warning}", file=sys.stderr)
 
 
 def _ride(args: argparse.Namespace, domain: int, recording: Path, length: float, longest: float) -> float:

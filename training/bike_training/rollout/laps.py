@@ -12,10 +12,10 @@ from bike_sim.course.lap_timing import Lap
 from bike_sim.physics import state as st
 from bike_sim.sim.circuit_scene import CircuitScene
 from bike_sim.sim.events import EventKind
-from bike_sim.sim.plant import superbike_config
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import Snapshot
+from bike_sim.sim.superbike_plant import superbike_config
 from bike_sim.theory.lap_limit import LapLimit
 from bike_sim.theory.line_cache import closest_lap
 from bike_sim.vehicles.files import load_vehicle

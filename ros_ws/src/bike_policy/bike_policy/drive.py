@@ -18,6 +18,7 @@ import rclpy.node
 from bike_msgs.msg import BikeCommand, BikeState, Course
 
 from bike_policy.contract.bundle import DEFAULT_POLICY
+from bike_policy.riders.learned import LearnedRider
 from bike_policy.riders.rider import Rider, make_rider
 from bike_sim.ros import node_tools
 from bike_sim.ros.command_gate import Command
@@ -186,6 +187,10 @@ class Drive(rclpy.node.Node):
         except (ValueError, FileNotFoundError) as error:
             self.get_logger().error(f"the policy does not fit the simulator: {error}")
             raise CannotGoOn(f"the policy does not fit the simulator: {error}") from error
+        rider = self._rider
+        warning = rider.bundle.speed_warning(message.snapshot.speed) if isinstance(rider, LearnedRider) else None
+        if warning is not None:
+            self.get_logger().warning(warning)
         self.get_logger().info(f"driving episode {message.snapshot.episode} from step {message.snapshot.step}")
         return True
 

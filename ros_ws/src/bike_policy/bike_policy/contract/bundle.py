@@ -83,6 +83,13 @@ class Bundle:
                 f"the simulator's is {control_period} s"
             )
 
+    def speed_warning(self, speed: float) -> str | None:
+        """Return a warning where a speed (m/s) lies outside those that the policy was trained for, as its card says."""
+        trained = self.training.get("speed_range_m_s")
+        if not isinstance(trained, list) or len(trained) != 2 or trained[0] <= speed <= trained[1]:
+            return None
+        return f"policy {self.name!r} was trained for {trained[0]:g} to {trained[1]:g} m/s, {speed:g} m/s is outside"
+
     def save(self, folder: Path) -> None:
         """Write the bundle into a folder, which is made if need be."""
         folder.mkdir(parents=True, exist_ok=True)

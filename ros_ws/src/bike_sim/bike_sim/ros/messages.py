@@ -12,7 +12,7 @@ from dataclasses import fields
 from typing import Final
 
 import numpy as np
-from bike_msgs.msg import BikeCommand, BikeState, CoursePoints, EpisodeStart, LeanHistory, RideEvent, Telemetry
+from bike_msgs.msg import BikeCommand, BikeState, CoursePoints, EpisodeStart, LeanHistory, RideEvent
 from bike_msgs.msg import Course as CourseMessage
 from bike_msgs.srv import Reset
 from geometry_msgs.msg import Point
@@ -23,7 +23,6 @@ from bike_sim.course import projection
 from bike_sim.course.course import Course
 from bike_sim.course.random_paths import PathRanges
 from bike_sim.physics import state as st
-from bike_sim.physics import superbike_forces as sf
 from bike_sim.ros.command_gate import Command
 from bike_sim.ros.stamps import NANOSECONDS as NANOSECONDS
 from bike_sim.ros.stamps import time_from_message as time_from_message
@@ -37,40 +36,8 @@ from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.events import Event, EventKind
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.sim.snapshot import Snapshot
-from bike_sim.vehicles.superbike import Superbike
 
 FloatArray = NDArray[np.float64]
-
-_TELEMETRY_FIELDS: Final = (
-    ("acceleration_longitudinal", sf.T_ALONG),
-    ("acceleration_lateral", sf.T_LATERAL),
-    ("rear_slip_angle", sf.T_REAR_DRIFT),
-    ("rear_slip", sf.T_REAR_SLIP),
-    ("rear_camber", sf.T_REAR_CAMBER),
-    ("rear_load", sf.T_REAR_LOAD),
-    ("rear_force_longitudinal", sf.T_REAR_FX),
-    ("rear_force_lateral", sf.T_REAR_FY),
-    ("rear_slip_use", sf.T_REAR_USE),
-    ("front_slip_angle", sf.T_FRONT_DRIFT),
-    ("front_slip", sf.T_FRONT_SLIP),
-    ("front_camber", sf.T_FRONT_CAMBER),
-    ("front_load", sf.T_FRONT_LOAD),
-    ("front_force_longitudinal", sf.T_FRONT_FX),
-    ("front_force_lateral", sf.T_FRONT_FY),
-    ("front_slip_use", sf.T_FRONT_USE),
-    ("engine_power", sf.T_POWER),
-    ("drag_force", sf.T_DRAG),
-    ("rider_offset", sf.T_SLIDE),
-    ("lean_reference", sf.T_LEAN_REFERENCE),
-)
-"""Fields of Telemetry with their indices in the telemetry of the forces."""
-
-_AID_FIELDS: Final = (
-    ("traction_control", sf.T_TRACTION_ACTIVE),
-    ("anti_wheelie", sf.T_WHEELIE_ACTIVE),
-    ("brake_control", sf.T_BRAKE_ACTIVE),
-    ("anti_stoppie", sf.T_STOPPIE_ACTIVE),
-)
 
 _OWN: Final = -1.0
 """What line and progress of a reset say to keep the simulator's own."""
@@ -305,35 +272,6 @@ def lean_history_to_message(snapshot: Snapshot, stamp: int, period: int) -> Lean
     message.steer = array("d", snapshot.steer_history)
     message.roll_delta = _floats(np.diff(snapshot.roll_history, prepend=snapshot.roll_history[:1]))
     message.steer_delta = _floats(np.diff(snapshot.steer_history, prepend=snapshot.steer_history[:1]))
-    return message
-
-
-# -------------------------------------------------------------------------------------------------------- telemetry
-
-
-def telemetry_to_message(snapshot: Snapshot, vehicle: Superbike, stamp: int) -> Telemetry:
-    """Return what tyres, engine, brakes and electronics of a superbike do.
-
-    Args:
-        snapshot: to be sent.
-        vehicle: the machine; its radii turn torques into forces.
-        stamp: simulated time, ns.
-    """
-    message = Telemetry()
-    message.header.stamp = time_to_message(stamp)
-    message.header.frame_id = BASE_FRAME
-    message.episode = snapshot.episode
-    message.step = snapshot.step
-    measured = snapshot.signals.tolist()
-    for name, place in _TELEMETRY_FIELDS:
-        setattr(message, name, measured[place])
-    for name, place in _AID_FIELDS:
-        setattr(message, name, measured[place] != 0.0)
-    message.engine_force = measured[sf.T_DRIVE] / vehicle.rR
-    message.rear_brake_force = measured[sf.T_REAR_BRAKE] / vehicle.rR
-    message.front_brake_force = measured[sf.T_FRONT_BRAKE] / vehicle.rF
-    message.rear_contact_lost = measured[sf.T_REAR_LOAD] <= 0.0
-    message.front_contact_lost = measured[sf.T_FRONT_LOAD] <= 0.0
     return message
 
 

@@ -43,7 +43,6 @@ from bike_sim.ros.messages import (
     event_to_message,
     lean_history_to_message,
     reset_from_message,
-    telemetry_to_message,
     time_to_message,
 )
 from bike_sim.ros.node_settings import END, FALL, LOCKSTEP, SPECS, NodeSettings
@@ -136,6 +135,8 @@ class SimNode(rclpy.node.Node):
         extra(LeanHistory, "lean_history", lambda s: lean_history_to_message(s, self._stamp, self._period))
         machine = self._simulator.vehicle
         if isinstance(machine, Superbike):
+            from bike_sim.ros.telemetry_message import telemetry_to_message  # late: bicycles are spared the tyres
+
             extra(Telemetry, "telemetry", lambda s: telemetry_to_message(s, machine, self._stamp))
         extra(Odometry, "odom", lambda s: standard_messages.odometry(s, self._stamp))
         # The same as on /tf, for viewers of recordings made where tf2_msgs is missing.

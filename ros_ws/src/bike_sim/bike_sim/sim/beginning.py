@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
@@ -11,11 +11,12 @@ from bike_sim.course.course import Course
 from bike_sim.course.files import kind_of, load_course
 from bike_sim.course.random_paths import random_course
 from bike_sim.physics import state as st
-from bike_sim.sim.circuit_scene import START_SHARE, START_SPEED, CircuitScene, FollowedLine, start_speed
 from bike_sim.sim.plant import Plant
 from bike_sim.sim.request import IDEAL, RANDOM_COURSE, ResetRequest, Start, random_length
 from bike_sim.sim.scene import PathScene
-from bike_sim.theory.line_cache import track_with_line
+
+if TYPE_CHECKING:
+    from bike_sim.sim.circuit_scene import CircuitScene, FollowedLine
 
 BICYCLE_SPEED: Final = 4.0
 """Speed at which rides of a bicycle begin by default, m/s."""
@@ -72,6 +73,10 @@ class Courses:
         Raises:
             ValueError: a broken file, or no line between its limits. FileNotFoundError: no such circuit.
         """
+        # Late, as below: a ride on a path is spared lap theory, which takes a good part of a node's start.
+        from bike_sim.sim.circuit_scene import FollowedLine
+        from bike_sim.theory.line_cache import track_with_line
+
         known = self._lines.get((circuit, lam))
         if known is None:
             same = next((line.track for (name, _), line in self._lines.items() if name == circuit), None)
@@ -91,6 +96,8 @@ def own_speed(request: ResetRequest, plant: Plant, courses: Courses) -> float:
     """
     if plant.rolling or plant.envelope is None:
         return BICYCLE_SPEED
+    from bike_sim.sim.circuit_scene import START_SHARE, START_SPEED, start_speed
+
     if courses.is_circuit(plant, request.course):
         followed = courses.line(plant, request.course, request.line)
         return start_speed(followed, plant.envelope, request.progress)
@@ -145,6 +152,8 @@ def _draw(request: ResetRequest, plant: Plant) -> tuple[np.random.Generator, Sta
 
 
 def _begin_on_circuit(request: ResetRequest, plant: Plant, courses: Courses) -> Beginning:
+    from bike_sim.sim.circuit_scene import CircuitScene
+
     followed = courses.line(plant, request.course, request.line)
     s = followed.place(request.progress)
     if request.initial_state is not None:

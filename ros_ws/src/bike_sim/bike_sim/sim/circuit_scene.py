@@ -19,8 +19,8 @@ from bike_sim.course.track import Track
 from bike_sim.physics import state as st
 from bike_sim.sim import look as lk
 from bike_sim.sim.events import CircuitEvents, Event, fall_event, wall_event
-from bike_sim.sim.plant import COURSE_POINTS, Plant
-from bike_sim.sim.request import Preview
+from bike_sim.sim.plant import Plant
+from bike_sim.sim.request import COURSE_POINTS, Preview
 from bike_sim.sim.scene import View
 from bike_sim.sim.snapshot import NO_FALL, WALL, CircuitView, WallHit
 from bike_sim.theory.envelope import Envelope

@@ -19,6 +19,7 @@ from bike_sim.course import projection
 from bike_sim.course.course import Course
 from bike_sim.physics import kinematics
 from bike_sim.physics.state import FRONT_WHEEL_RATE, ROLL, STEER, YAW, X, Y
+from bike_sim.sim.request import STATIONS as STATIONS
 from bike_sim.vehicles.bicycle import PARAMETER_NAMES
 
 Line = tuple[ndarray, ndarray, ndarray, ndarray]
@@ -49,8 +50,6 @@ FIELDS: Final = (
 CENTRE_PROGRESS, CENTRE_OFFSET, FRONT_CENTRE_PROGRESS, FRONT_CENTRE_OFFSET = range(4)
 PLACE_SIZE: Final = 4
 
-STATIONS: Final = 20
-"""Points of each of the three lines of the course points."""
 LINE, LEFT, RIGHT = range(3)
 """Rows of the course points: the followed line and both limits."""
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -61,6 +61,16 @@ class Preview:
             raise ValueError(f"preview interval must be positive and finite, got {self.interval!r}")
         if not 1 <= self.count <= 1000:
             raise ValueError(f"preview count must be 1 to 1000, got {self.count!r}")
+
+
+STATIONS: Final = 20
+"""Points of each of the three lines of the course points."""
+
+HORIZON: Final = 6.0
+"""Time that the course points look ahead, s."""
+
+COURSE_POINTS: Final = Preview(by_time=True, interval=HORIZON / (STATIONS - 1), count=STATIONS)
+"""Stations of the course points: the nearest point and then one each interval, at the present speed."""
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,6 @@ from bike_sim.course.course import Course
 from bike_sim.course.track import Track
 from bike_sim.physics import state as st
 from bike_sim.sim.beginning import Courses, begin, own_speed
-from bike_sim.sim.circuit_scene import CircuitScene
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.events import fall_event, reset_event
 from bike_sim.sim.plant import Plant, make_plant
@@ -21,6 +21,9 @@ from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.sim.scene import PathScene
 from bike_sim.sim.snapshot import DIVERGED, NO_FALL, Snapshot
 from bike_sim.vehicles.bicycle import Vehicle
+
+if TYPE_CHECKING:
+    from bike_sim.sim.circuit_scene import CircuitScene
 
 FloatArray = NDArray[np.float64]
 

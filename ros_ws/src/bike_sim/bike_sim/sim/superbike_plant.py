@@ -1,0 +1,137 @@
+"""The superbike as a plant: a machine on tyres, steered by asking its virtual rider for a lean."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_sim.course.course import Course
+from bike_sim.course.projection import curvature_at, point_at
+from bike_sim.physics import state as st
+from bike_sim.physics import superbike_forces as sf
+from bike_sim.physics.engine import Engine
+from bike_sim.physics.superbike.base import SuperbikeBase
+from bike_sim.physics.superbike_engine import TIME_STEP
+from bike_sim.physics.superbike_statics import steady_lateral, turning_state
+from bike_sim.sim import look as lk
+from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.request import COURSE_POINTS, Preview, Start
+from bike_sim.theory.envelope import Envelope, envelope
+from bike_sim.vehicles.files import load_vehicle
+from bike_sim.vehicles.superbike import Superbike
+
+FloatArray = NDArray[np.float64]
+
+ROLL_SPREAD: Final = 0.05
+YAW_SPREAD: Final = 0.02
+"""Half widths of a superbike's perturbed start, rad."""
+
+
+class SuperbikePlant:
+    """A superbike on tyres: steering asks the virtual rider for a lean, throttle for drive or brakes."""
+
+    rolling = False
+    preview: Preview | None = COURSE_POINTS
+    signal_names = sf.TELEMETRY_NAMES
+
+    def __init__(self, vehicle: Superbike, engine: SuperbikeBase) -> None:
+        """Take a machine and its engine."""
+        self.vehicle: Superbike = vehicle
+        self.engine = engine
+
+    @classmethod
+    def of(cls, vehicle: Superbike, engine: Engine) -> SuperbikePlant:
+        """Return the plant of a machine with the engine that was made for it."""
+        assert isinstance(engine, SuperbikeBase), "make_engine gives a superbike one of these"
+        return cls(vehicle, engine)
+
+    @cached_property
+    def envelope(self) -> Envelope:
+        """The machine's limits."""
+        return envelope(self.vehicle)
+
+    def draw(self, rng: np.random.Generator, speed: float, perturb: bool) -> Start:
+        """Draw a small deviation of roll and yaw from the steady turn of the start; see `Plant`."""
+        state = st.upright_state(speed, self.vehicle.rF)
+        if not perturb:
+            return Start(state, speed)
+        roll = float(rng.uniform(-ROLL_SPREAD, ROLL_SPREAD))
+        return Start(state, speed, direction=-float(rng.uniform(-YAW_SPREAD, YAW_SPREAD)), roll=roll)
+
+    def place(self, start: Start, line: Course, s: float) -> st.StateVector:
+        """Place the machine on the line in the steady turn for its curvature and the speed; see `Plant`."""
+        x, y, along, across = point_at(line.x, line.y, line.heading, line.spacing, line.closed, s)
+        bend = curvature_at(line.curvature, line.spacing, line.closed, s)
+        speed = start.speed
+        roll = -math.copysign(self._lean(abs(bend) * speed**2, speed, s), bend) + start.roll
+        state = turning_state(self.vehicle, speed, roll, speed * bend)
+        state[[st.X, st.Y, st.YAW]] = x, y, math.atan2(across, along) - start.direction
+        return state
+
+    def _lean(self, lateral: float, speed: float, s: float) -> float:
+        """Return the lean at which a lateral acceleration is steady, rad."""
+        if lateral == 0.0:
+            return 0.0
+        low, high = 0.0, math.radians(self.vehicle.virtual_rider.max_lean_deg)
+        if lateral > steady_lateral(self.vehicle, high, speed):
+            raise ValueError(f"a start at {speed:.1f} m/s is too fast for the curve at {s:.0f} m of the followed line")
+        for _ in range(40):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if steady_lateral(self.vehicle, middle, speed) < lateral else (low, middle)
+        return high
+
+    def reset(self, state: st.StateVector, grips: tuple[float, float]) -> None:
+        """Set a state, with the tyres carrying the standing machine."""
+        before = self.engine.rear_grip, self.engine.front_grip
+        self.engine.rear_grip, self.engine.front_grip = grips
+        try:
+            self.engine.reset(state)
+        except ValueError:
+            self.engine.rear_grip, self.engine.front_grip = before
+            raise
+
+    def advance(self, steering: float, throttle: float, steps: int, grips: tuple[float, float]) -> None:
+        """Hold both commands."""
+        self.engine.rear_grip, self.engine.front_grip = grips
+        self.engine.advance_commands(steering, throttle, steps)
+
+    def state(self) -> st.StateVector:
+        """Return the minimal state."""
+        return self.engine.state()
+
+    def signals(self) -> FloatArray:
+        """Return the telemetry of the last integration step."""
+        return self.engine.telemetry()
+
+    def move(self, signals: FloatArray, look: FloatArray) -> None:
+        """Write the motion of the simulated machine."""
+        look[lk.PITCH], look[lk.YAW_RATE], look[lk.SPEED] = (
+            signals[sf.T_PITCH],
+            signals[sf.T_YAW_RATE],
+            signals[sf.T_SPEED],
+        )
+
+    def steer_torque(self, steering: float, state: st.StateVector, signals: FloatArray) -> float:
+        """Return the virtual rider's torque."""
+        return float(signals[sf.T_STEER_TORQUE])
+
+    def fall(self, state: st.StateVector) -> str:
+        """Return the fall that the forces have found."""
+        return self.engine.fall_name
+
+    def close(self) -> None:
+        """Release the engine."""
+        self.engine.close()
+
+
+def superbike_config(vehicle: str = "panigale_v4r", time_step: float = TIME_STEP) -> SimulatorConfig:
+    """Return the settings with which a superbike rides: its own control period.
+
+    Raises:
+        ValueError: a vehicle file that is wrong. FileNotFoundError: an unknown vehicle.
+    """
+    return SimulatorConfig(vehicle=vehicle, time_step=time_step, control_period=load_vehicle(vehicle).control_period)
