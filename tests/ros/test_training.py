@@ -95,6 +95,6 @@ def test_a_run_that_is_stopped_leaves_no_node(tmp_path: Path, mark: str, learnin
         figures = json.loads(printed)["figures"]
         assert figures["interrupted"]
         assert figures["steps"] > 0
-        assert (run / "checkpoint" / "state.pkl").exists()
+        assert (run / "checkpoint" / "state.json").exists()
     else:
         assert printed == ""

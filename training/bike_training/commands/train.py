@@ -82,7 +82,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Learn and return the outcome; not ok when interrupted."""
     settings = _with_simulator(_resumed_settings(args) if args.resume else _new_settings(args), args)
-    with tqdm(total=settings.preset.steps, unit="step", smoothing=0.05, disable=None) as bar:
+    with tqdm(total=settings.preset.steps, unit="step", smoothing=0.05) as bar:
         summary = learning.run(settings, args.out, lambda process: _show(bar, process), args.resume)
     figures = summary | {"out": str(args.out)}
     if not args.json:
