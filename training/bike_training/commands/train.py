@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -20,6 +21,8 @@ from bike_training.learning.run_settings import COMPILED_TIME_STEP, RunSettings
 DEFAULT_PRESET: Final = "fast"
 DEFAULT_SIMULATORS: Final = 2
 RECORD_EVERY: Final = 10
+LOG_EVERY: Final = 10.0
+"""Time between lines of progress in a log file, s: they must not fill it."""
 ENGINES: Final = {"local": COMPILED_ENGINE, "ros": "pybullet"}
 """Default engine of each client."""
 
@@ -82,7 +85,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Learn and return the outcome; not ok when interrupted."""
     settings = _with_simulator(_resumed_settings(args) if args.resume else _new_settings(args), args)
-    with tqdm(total=settings.preset.steps, unit="step", smoothing=0.05) as bar:
+    every = 0.1 if sys.stderr.isatty() else LOG_EVERY
+    with tqdm(total=settings.preset.steps, unit="step", smoothing=0.05, mininterval=every) as bar:
         summary = learning.run(settings, args.out, lambda process: _show(bar, process), args.resume)
     figures = summary | {"out": str(args.out)}
     if not args.json:
