@@ -25,6 +25,7 @@ from bike_sim.course.random_paths import PathRanges
 from bike_sim.physics import state as st
 from bike_sim.ros.command_gate import Command
 from bike_sim.ros.stamps import NANOSECONDS as NANOSECONDS
+from bike_sim.ros.stamps import stamp_message
 from bike_sim.ros.stamps import time_from_message as time_from_message
 from bike_sim.ros.stamps import time_to_message as time_to_message
 from bike_sim.ros.wire import BASE_FRAME as BASE_FRAME
@@ -215,10 +216,7 @@ def course_points_to_message(snapshot: Snapshot, course: Course, stamp: int) -> 
         stamp: simulated time, ns.
     """
     message = CoursePoints()
-    message.header.stamp = time_to_message(stamp)
-    message.header.frame_id = BASE_FRAME
-    message.episode = snapshot.episode
-    message.step = snapshot.step
+    stamp_message(message, snapshot, stamp, BASE_FRAME)
     message.progress = float(snapshot.look[lk.PROGRESS])
     message.lateral_error = float(snapshot.look[lk.LATERAL_ERROR])
     message.heading_error = float(snapshot.look[lk.HEADING_ERROR])
@@ -262,10 +260,7 @@ def lean_history_to_message(snapshot: Snapshot, stamp: int, period: int) -> Lean
         period: control period, ns.
     """
     message = LeanHistory()
-    message.header.stamp = time_to_message(stamp)
-    message.header.frame_id = BASE_FRAME
-    message.episode = snapshot.episode
-    message.step = snapshot.step
+    stamp_message(message, snapshot, stamp, BASE_FRAME)
     count = len(snapshot.roll_history)
     message.stamps = [time_to_message(stamp - (count - 1 - k) * period) for k in range(count)]
     message.roll = array("d", snapshot.roll_history)
@@ -287,10 +282,7 @@ def event_to_message(event: Event, snapshot: Snapshot, stamp: int) -> RideEvent:
         stamp: simulated time of the snapshot, ns.
     """
     message = RideEvent()
-    message.header.stamp = time_to_message(stamp)
-    message.header.frame_id = MAP_FRAME
-    message.episode = snapshot.episode
-    message.step = snapshot.step
+    stamp_message(message, snapshot, stamp, MAP_FRAME)
     message.kind = int(event.kind)
     message.time = float(event.time)
     message.progress = float(event.progress)

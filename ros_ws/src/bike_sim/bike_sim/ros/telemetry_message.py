@@ -7,7 +7,7 @@ from typing import Final
 from bike_msgs.msg import Telemetry
 
 from bike_sim.physics import superbike_forces as sf
-from bike_sim.ros.stamps import time_to_message
+from bike_sim.ros.stamps import stamp_message
 from bike_sim.ros.wire import BASE_FRAME
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.superbike import Superbike
@@ -53,10 +53,7 @@ def telemetry_to_message(snapshot: Snapshot, vehicle: Superbike, stamp: int) -> 
         stamp: simulated time, ns.
     """
     message = Telemetry()
-    message.header.stamp = time_to_message(stamp)
-    message.header.frame_id = BASE_FRAME
-    message.episode = snapshot.episode
-    message.step = snapshot.step
+    stamp_message(message, snapshot, stamp, BASE_FRAME)
     measured = snapshot.signals.tolist()
     for name, place in _TELEMETRY_FIELDS:
         setattr(message, name, measured[place])
