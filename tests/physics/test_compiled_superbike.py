@@ -10,6 +10,7 @@ from bike_sim.physics import state as st
 from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics.compiled_superbike_engine import CompiledSuperbikeEngine
 from bike_sim.physics.engine import make_engine
+from bike_sim.physics.ground import GROUND, NO_BUMPS, flat_ground
 from bike_sim.physics.superbike.compiled import advance_rows
 from bike_sim.physics.superbike.records import MEMORY, constants_of
 from bike_sim.physics.superbike.start import start_of, superbike_tree, without_rider
@@ -207,6 +208,7 @@ def test_a_row_rides_alone_as_among_others() -> None:
         [articulated.tree_record(tree, vehicle.g) for tree, vehicle in zip(trees, vehicles, strict=True)]
     )
     engines, states = [], np.zeros((count, st.STATE_SIZE))
+    grounds = np.zeros(count, dtype=GROUND)
     motions = np.zeros(count, dtype=articulated.motion_record(5))
     memories, telemetries = np.zeros(count, dtype=MEMORY), np.zeros(count, dtype=sf.TELEMETRY)
     for i, m in enumerate(machines):
@@ -214,16 +216,19 @@ def test_a_row_rides_alone_as_among_others() -> None:
         start = st.upright_state(rng.uniform(10.0, 80.0) if i else 0.0, vehicles[m].rF)
         start[st.ROLL] = rng.uniform(0.1, 0.5)
         engine.reset(start)
-        engine.rear_grip, engine.front_grip = rng.uniform(0.5, 1.0, 2)
+        engine.ground = flat_ground(*rng.uniform(0.5, 1.0, 2))
+        grounds[i] = engine.ground.record[0]
         engines.append(engine)
         states[i], memories[i] = engine.state(), engine.memory.view(MEMORY)[0]
         for name, values in start_of(vehicles[m], constants[m : m + 1], trees[m], start)._asdict().items():
             motions[name][i] = values
-    work, commands = articulated.workspace(5), np.empty((count, 4))
-    commands[:, 2:] = [(engine.rear_grip, engine.front_grip) for engine in engines]
+    work, commands = articulated.workspace(5), np.empty((count, 2))
     for _ in range(periods):
-        commands[:, :2] = rng.uniform(-1.0, 1.0, (count, 2))
-        advance_rows(states, motions, memories, telemetries, machines, constants, records, work, commands, STEP, 10)
+        commands[:] = rng.uniform(-1.0, 1.0, (count, 2))
+        advance_rows(
+            states, motions, memories, telemetries, machines, constants, records, work, commands, grounds, NO_BUMPS,
+            STEP, 10,
+        )  # fmt: skip
         for i, engine in enumerate(engines):
             engine.advance_commands(commands[i, 0], commands[i, 1], 10)
     for i, engine in enumerate(engines):
@@ -237,7 +242,6 @@ def test_rides_repeat_bit_for_bit_whatever_came_before() -> None:
     engine = CompiledSuperbikeEngine(DUCATI, STEP)
     first = slalom(engine, 2.0)
     slalom(engine, 1.0, speed=80.0)
-    engine.rear_grip = 1.0
     assert (slalom(engine, 2.0) == first).all()
 
 

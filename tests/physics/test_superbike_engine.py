@@ -13,6 +13,7 @@ from bike_sim.physics import state as st
 from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics import superbike_statics as statics
 from bike_sim.physics.engine import make_engine
+from bike_sim.physics.ground import flat_ground
 from bike_sim.physics.superbike.falls import Upset, fall_of
 from bike_sim.physics.superbike.records import MEMORY, constants_of
 from bike_sim.physics.superbike.start import without_rider
@@ -255,12 +256,14 @@ def test_the_order_of_fields_in_a_definition_means_nothing() -> None:
         memory[name] = rng.uniform(0.0, 0.1)
     pose = (0.0, 0.0, 0.55), tuple(np.array([0.25, 0.02, 0.1, 0.96]) / np.linalg.norm([0.25, 0.02, 0.1, 0.96]))
     twist = (30.0, 1.0, 0.1), (0.3, 0.1, 0.5)
-    joints, command = (94.0, 0.03, 0.2, 100.0, -0.1, 0.05), (-0.4, 0.6, 0.9, 1.0, 0.002)
-    records = [(memory, telemetry, constants), tuple(by_name(part) for part in (memory, telemetry, constants))]
-    forces = [sf.step(pose, twist, joints, command, *parts) for parts in records]
+    joints, command = (94.0, 0.03, 0.2, 100.0, -0.1, 0.05), (-0.4, 0.6, 0.002)
+    ground, bumps = flat_ground(0.9, 1.0)
+    parts = (ground, memory, telemetry, constants)
+    records = [parts, tuple(by_name(part) for part in parts)]
+    forces = [sf.step(pose, twist, joints, command, part[0], bumps, *part[1:]) for part in records]
     assert forces[0] == forces[1]
     assert abs(forces[0][0][1]) > 100.0  # the pose is one in which tyres work
-    for before, after in zip(records[0][:2], records[1][:2], strict=True):
+    for before, after in zip(records[0][1:3], records[1][1:3], strict=True):
         assert {name: before[name][0] for name in before.dtype.names} == {
             name: after[name][0] for name in after.dtype.names
         }
@@ -290,13 +293,13 @@ def test_too_much_throttle_in_a_turn_throws_off_and_the_electronics_save(
 
 def test_grass_does_not_hold_what_the_track_does(engine: SuperbikeEngine) -> None:
     at_speed(engine, 30.0, 45.0, 2.5)
-    engine.rear_grip = engine.front_grip = 0.5
+    engine.ground = flat_ground(0.5, 0.5)
     try:
         assert ride(engine, 2.0, constant(DUCATI, 45.0, 0.1)).fall == "low_side"
         at_speed(engine, 30.0)
         assert ride(engine, 2.0, constant(DUCATI, 10.0, 0.1)).fall == "none"
     finally:
-        engine.rear_grip = engine.front_grip = 1.0
+        engine.ground = flat_ground()
 
 
 def test_standing_still_it_tips_over_and_stays_down(engine: SuperbikeEngine) -> None:

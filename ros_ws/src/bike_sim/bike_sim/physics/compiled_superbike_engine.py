@@ -46,14 +46,14 @@ class CompiledSuperbikeEngine(SuperbikeBase):
         """Set the motion of the bodies, and fill minimal state and telemetry from it."""
         for name, values in start._asdict().items():
             self.motion[name] = values
-        look_one(self._state, self.motion, self._memory.copy(), self._telemetry, self._constants, self._command())
+        look_one(
+            self._state, self.motion, self._memory.copy(), self._telemetry, self._constants, (0.0, 0.0, self.time_step),
+            *self.ground,
+        )  # fmt: skip
 
     def _run(self, steering: float, throttle: float, steps: int) -> None:
         """Step until a fall or to the end, and fill the minimal state."""
         advance_one(
             self._state, self.motion, self._memory, self._telemetry, self._constants, self._tree, self._work,
-            self._command(steering, throttle), steps,
+            (steering, throttle, self.time_step), *self.ground, steps,
         )  # fmt: skip
-
-    def _command(self, steering: float = 0.0, throttle: float = 0.0) -> tuple[float, float, float, float, float]:
-        return steering, throttle, float(self.rear_grip), float(self.front_grip), self.time_step

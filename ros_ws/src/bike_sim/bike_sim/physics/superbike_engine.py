@@ -89,7 +89,8 @@ class SuperbikeEngine(SuperbikeBase):
         """Step the world with all forces. All time is spent here, hence the bound names and bare positions."""
         body, client = self.body, self.client
         memory, telemetry, constants = self._memory, self._telemetry, self._constants
-        command = (steering, throttle, self.rear_grip, self.front_grip, self.time_step)
+        command = (steering, throttle, self.time_step)
+        ground, bumps = self.ground
         pose, twist, joints = bullet.getBasePositionAndOrientation, bullet.getBaseVelocity, bullet.getJointStates
         push, turn, joint, go = (
             bullet.applyExternalForce, bullet.applyExternalTorque, bullet.setJointMotorControl2, bullet.stepSimulation
@@ -100,7 +101,7 @@ class SuperbikeEngine(SuperbikeBase):
             rear, fork, front, rider = joints(body, _JOINTS, client)
             force, torque, rear_moment, steer_moment, front_moment, rider_force, fall = compute(
                 posed, twist(body, client), (rear[1], fork[0], fork[1], front[1], rider[0], rider[1]), command,
-                memory, telemetry, constants,
+                ground, bumps, memory, telemetry, constants,
             )  # fmt: skip
             if fall:
                 return
@@ -120,7 +121,7 @@ class SuperbikeEngine(SuperbikeBase):
         sf.step(
             bullet.getBasePositionAndOrientation(body, client), bullet.getBaseVelocity(body, client),
             (rear[1], fork[0], fork[1], front[1], rider[0], rider[1]),
-            (0.0, 0.0, self.rear_grip, self.front_grip, self.time_step),
+            (0.0, 0.0, self.time_step), *self.ground,
             self._memory.copy(), self._telemetry, self._constants,
         )  # fmt: skip
 

@@ -13,6 +13,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from bike_sim.physics.superbike.aids import force_limits
 from bike_sim.physics.superbike.contact import (
@@ -40,6 +41,8 @@ from bike_sim.physics.superbike.records import MEMORY_NAMES, Attitude, Command, 
 from bike_sim.physics.superbike.virtual_rider import damper_and_stop, feel_load, slide_force, steering_torque
 from bike_sim.physics.vectors import Vec, add, cross, dot, mix, scale
 from bike_sim.vehicles.superbike import Record
+
+Array = NDArray[np.float64]
 
 __all__ = [
     "FALL_NAMES",
@@ -140,8 +143,8 @@ class Loads(NamedTuple):
 def step(
     pose: tuple[Vec, Quaternion], twist: tuple[Vec, Vec],
     joints: tuple[float, float, float, float, float, float],
-    command: tuple[float, float, float, float, float],
-    memory: Record, telemetry: Record, constants: Record,
+    command: tuple[float, float, float],
+    grounds: Record, bumps: Array, memory: Record, telemetry: Record, constants: Record,
 ) -> tuple[Vec, Vec, float, float, float, float, int]:  # fmt: skip
     """Return `Loads` as a plain tuple and advance the memory by one step; `loads_at` for callers in Python.
 
@@ -152,22 +155,28 @@ def step(
         twist: its velocity and omega.
         joints: its last six.
         command: `Command`.
+        grounds: record of `ground.GROUND`, shape (1,).
+        bumps: profiles, see `ground.Ground`.
         memory: record of `MEMORY`, shape (1,), advanced.
         telemetry: record of `TELEMETRY`, shape (1,), written.
         constants: record of `CONSTANTS`, shape (1,).
     """
     motion = Motion(pose[0], pose[1], twist[0], twist[1], *joints)
-    loads = loads_at(motion, Command(*command), memory[0], telemetry[0], constants[0])
+    loads = loads_at(motion, Command(*command), grounds[0], bumps, memory[0], telemetry[0], constants[0])
     return loads.force, loads.torque, loads.rear, loads.steer, loads.front, loads.slide, loads.fall
 
 
 @njit(cache=True)
-def loads_at(motion: Motion, command: Command, memory: Record, telemetry: Record, constants: Record) -> Loads:
+def loads_at(
+    motion: Motion, command: Command, ground: Record, bumps: Array, memory: Record, telemetry: Record, constants: Record
+) -> Loads:
     """Return all forces at this instant and advance the memory by one step.
 
     Args:
         motion: of frame and joints.
         command: what is held during the step.
+        ground: a record of `ground.GROUND`.
+        bumps: profiles, see `ground.Ground`.
         memory: a record of `MEMORY`, advanced.
         telemetry: a record of `TELEMETRY`, written.
         constants: a record of `CONSTANTS`.
@@ -180,10 +189,10 @@ def loads_at(motion: Motion, command: Command, memory: Record, telemetry: Record
     front_contact = wheel_contact(front_centre, axes.axle, machine.rF, constants.front_tyre.crown)
     rear_wheel, front_wheel = rolling_wheels(motion, axes, rear_contact, front_contact)
     rear = tyre_force(
-        memory.rear_slip, memory.rear_drift, rear_contact, rear_wheel, command.rear_grip, dt, constants.rear_tyre
+        memory.rear_slip, memory.rear_drift, rear_contact, rear_wheel, ground.rear.grip, dt, constants.rear_tyre
     )
     front = tyre_force(
-        memory.front_slip, memory.front_drift, front_contact, front_wheel, command.front_grip, dt, constants.front_tyre
+        memory.front_slip, memory.front_drift, front_contact, front_wheel, ground.front.grip, dt, constants.front_tyre
     )
     memory.rear_slip, memory.rear_drift = rear.slip, rear.drift
     memory.front_slip, memory.front_drift = front.slip, front.drift

@@ -6,6 +6,7 @@ The ground is flat: the elevation of a circuit shows in the course points, not i
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -17,8 +18,10 @@ from bike_sim.course.placing import EXACT, REACH
 from bike_sim.course.projection import project, window
 from bike_sim.course.track import Track
 from bike_sim.physics import state as st
+from bike_sim.physics.ground import flat_ground
 from bike_sim.sim import look as lk
 from bike_sim.sim.events import CircuitEvents, Event, fall_event, wall_event
+from bike_sim.sim.ground import Road, lay_ground, road_of
 from bike_sim.sim.plant import Plant
 from bike_sim.sim.request import COURSE_POINTS, Preview
 from bike_sim.sim.scene import View
@@ -27,9 +30,6 @@ from bike_sim.theory.envelope import Envelope
 from bike_sim.theory.lap_limit import LapLimit, lap_limit
 
 FloatArray = NDArray[np.float64]
-
-OFF_TRACK_GRIP: Final = 0.6
-"""Factor on friction outside the limits: between dusty asphalt and grass (estimate)."""
 
 START_SPEED: Final = 35.0
 """Speed at which rides of a superbike begin by default, m/s."""
@@ -56,6 +56,11 @@ class FollowedLine:
         along = lk.centre_progress(centre.x, centre.y, centre.heading, centre.spacing, self.line.x, self.line.y)
         self.to_centre: FloatArray = np.maximum.accumulate(along)
         self._limit: LapLimit | None = None
+
+    @cached_property
+    def road(self) -> Road:
+        """The circuit as compiled code reads it."""
+        return road_of(self.track)
 
     def limit(self, envelope: Envelope) -> LapLimit:
         """Return the theoretical lap of the machine that the line was computed for."""
@@ -113,7 +118,8 @@ class CircuitScene:
         self._line, self._to_centre = lk.columns(followed.line), followed.to_centre
         self._centre = lk.columns(self.track.centre)
         self._limits = (self.track.width_left, self.track.width_right, self.track.elevation)
-        self._borders = (self.track.width_left, self.track.width_right, *self.track.walls())
+        self._road = followed.road
+        self.ground = flat_ground()._replace(bumps=self._road.bumps)
         self._events = CircuitEvents(LapTimer(self.track))
         self._wall: WallHit | None = None
         self._over = False
@@ -122,7 +128,7 @@ class CircuitScene:
         self.stopped = False
 
     def start(self, s: float, state: st.StateVector, anywhere: bool) -> None:
-        """Set where the search for the nearest points begins, and the grip there.
+        """Set where the search for the nearest points begins, and lay the ground there.
 
         Args:
             s: arc length of the followed line, m.
@@ -137,7 +143,9 @@ class CircuitScene:
             self._place = np.array([self._asked, 0.0, self._asked + wheelbase, 0.0])
         self._look[lk.PROGRESS], self._look[lk.FRONT_PROGRESS] = s, s + wheelbase
         self._begin, self._rear = s, state[[st.X, st.Y]]
-        self._judge()
+        x, y, yaw = (float(state[k]) for k in (st.X, st.Y, st.YAW))
+        front = x + wheelbase * math.cos(yaw), y + wheelbase * math.sin(yaw)
+        self._judge(state, front, 0.0)
 
     def _look_up(self, state: st.StateVector) -> FloatArray:
         """Return place of both contact points of a state that may lie anywhere, as if upright, m."""
@@ -150,12 +158,11 @@ class CircuitScene:
             place += project(centre.x, centre.y, centre.heading, centre.spacing, True, px, py, at, REACH, REACH)[:2]
         return np.array(place)
 
-    def _judge(self) -> int:
-        """Keep distances beyond the limits and grips; return which contact point has reached a wall, or -1."""
-        centre = self.track.centre
-        rear, front, wall = lk.margins(self._place, *self._borders, centre.spacing, centre.length)
-        self._outside = min(rear, front)
-        self.grips = (OFF_TRACK_GRIP if rear > 0.0 else 1.0), (OFF_TRACK_GRIP if front > 0.0 else 1.0)
+    def _judge(self, state: st.StateVector, front: tuple[float, float], time: float) -> int:
+        """Lay the ground and keep the distance beyond the limits; return which contact point is at a wall, or -1."""
+        x, y = float(state[st.X]), float(state[st.Y])
+        rear, ahead, wall = lay_ground(x, y, *front, self._place, time, self._road, self.ground.record)
+        self._outside = min(rear, ahead)
         return int(wall)
 
     def timing(self) -> Timing:
@@ -166,7 +173,7 @@ class CircuitScene:
         """Return the view; see `bike_sim.sim.scene.Scene`."""
         points = self._find(state, signals)
         look, place = self._look, self._place
-        wall = self._judge()
+        wall = self._judge(state, (float(look[lk.FRONT_X]), float(look[lk.FRONT_Y])), time)
         events = self._events.look(Sample(time, *place.tolist()), self._outside)
         if self.stopped:
             state[[st.ROLL_RATE, st.STEER_RATE, st.FRONT_WHEEL_RATE]] = 0.0

@@ -12,6 +12,7 @@ from bike_sim.course.course import Course
 from bike_sim.course.projection import point_at
 from bike_sim.physics import state as st
 from bike_sim.physics.engine import Engine, make_engine
+from bike_sim.physics.ground import Ground
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import Preview, Start, draw_start
 from bike_sim.sim.snapshot import NO_FALL, NO_SIGNALS, TIPPED
@@ -75,20 +76,20 @@ class Plant(Protocol):
         """
         ...
 
-    def reset(self, state: st.StateVector, grips: tuple[float, float]) -> None:
+    def reset(self, state: st.StateVector, ground: Ground) -> None:
         """Set a minimal state exactly; nothing of the earlier ride remains.
 
         Args:
             state: minimal state.
-            grips: factors on friction under the rear and the front wheel.
+            ground: under the wheels.
 
         Raises:
             ValueError: no such configuration exists.
         """
         ...
 
-    def advance(self, steering: float, throttle: float, steps: int, grips: tuple[float, float]) -> None:
-        """Integrate with both commands in [-1, 1] held."""
+    def advance(self, steering: float, throttle: float, steps: int, ground: Ground) -> None:
+        """Integrate with both commands in [-1, 1] held, on this ground."""
         ...
 
     def state(self) -> st.StateVector:
@@ -144,11 +145,11 @@ class BicyclePlant:
         state[[st.X, st.Y, st.YAW]] = x, y, heading - start.direction
         return state
 
-    def reset(self, state: st.StateVector, grips: tuple[float, float]) -> None:
-        """Set a state; ideal rolling knows no grip."""
+    def reset(self, state: st.StateVector, ground: Ground) -> None:
+        """Set a state; ideal rolling knows level ground only."""
         self.engine.reset(state)
 
-    def advance(self, steering: float, throttle: float, steps: int, grips: tuple[float, float]) -> None:
+    def advance(self, steering: float, throttle: float, steps: int, ground: Ground) -> None:
         """Hold the set point of steering; the bicycle has no drive and ignores the throttle."""
         self.engine.advance(steering * self.vehicle.max_steer, steps)
 

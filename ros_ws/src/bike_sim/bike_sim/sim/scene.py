@@ -12,6 +12,7 @@ from bike_sim.course.course import Course
 from bike_sim.course.projection import AHEAD, project, window
 from bike_sim.course.track import Track
 from bike_sim.physics import state as st
+from bike_sim.physics.ground import Ground, flat_ground
 from bike_sim.sim import look as lk
 from bike_sim.sim.events import Event, PathEvents, fall_event
 from bike_sim.sim.plant import Plant
@@ -19,8 +20,6 @@ from bike_sim.sim.request import Preview
 from bike_sim.sim.snapshot import NO_FALL, TIPPED, CircuitView
 
 FloatArray = NDArray[np.float64]
-
-FULL_GRIP = (1.0, 1.0)
 
 
 class View(NamedTuple):
@@ -42,13 +41,13 @@ class Scene(Protocol):
     Attributes:
         course: the followed line.
         track: the circuit, or None.
-        grips: factors on friction under the rear and the front wheel at the present position.
+        ground: under the wheels during the next control period.
         stopped: whether something holds the vehicle, so that its physics no longer runs.
     """
 
     course: Course
     track: Track | None
-    grips: tuple[float, float]
+    ground: Ground
     stopped: bool
 
     def look(self, state: st.StateVector, signals: FloatArray, time: float, fall: str) -> View:
@@ -67,7 +66,7 @@ class PathScene:
     """A path, open or closed, without limits: the view relates to its line alone."""
 
     track: Track | None = None
-    grips = FULL_GRIP
+    ground = flat_ground()
     stopped = False
 
     def __init__(self, plant: Plant, course: Course, preview: Preview, progress: float | None = None) -> None:

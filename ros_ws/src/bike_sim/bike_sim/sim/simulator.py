@@ -103,7 +103,7 @@ class Simulator:
             FileNotFoundError: an unknown course.
         """
         scene, state = begin(request, self.plant, self._courses)
-        self.plant.reset(state, scene.grips)
+        self.plant.reset(state, scene.ground)
         self.scene, self.request = scene, request
         self.episode += 1
         self._step = 0
@@ -135,7 +135,7 @@ class Simulator:
         if not -1.0 <= steering <= 1.0 or not -1.0 <= throttle <= 1.0:
             raise ValueError(f"commands must lie in [-1, 1], got steering {steering!r} and throttle {throttle!r}")
         if not scene.stopped:
-            self.plant.advance(steering, throttle, self.config.substeps, scene.grips)
+            self.plant.advance(steering, throttle, self.config.substeps, scene.ground)
         self._step += 1
         self._last = self._look(steering, throttle)
         return self._last

@@ -14,6 +14,7 @@ from bike_sim.course.projection import curvature_at, point_at
 from bike_sim.physics import state as st
 from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics.engine import Engine
+from bike_sim.physics.ground import Ground
 from bike_sim.physics.superbike.base import SuperbikeBase
 from bike_sim.physics.superbike_engine import TIME_STEP
 from bike_sim.physics.superbike_statics import steady_lateral, turning_state
@@ -84,19 +85,18 @@ class SuperbikePlant:
             low, high = (middle, high) if steady_lateral(self.vehicle, middle, speed) < lateral else (low, middle)
         return high
 
-    def reset(self, state: st.StateVector, grips: tuple[float, float]) -> None:
+    def reset(self, state: st.StateVector, ground: Ground) -> None:
         """Set a state, with the tyres carrying the standing machine."""
-        before = self.engine.rear_grip, self.engine.front_grip
-        self.engine.rear_grip, self.engine.front_grip = grips
+        before, self.engine.ground = self.engine.ground, ground
         try:
             self.engine.reset(state)
         except ValueError:
-            self.engine.rear_grip, self.engine.front_grip = before
+            self.engine.ground = before
             raise
 
-    def advance(self, steering: float, throttle: float, steps: int, grips: tuple[float, float]) -> None:
+    def advance(self, steering: float, throttle: float, steps: int, ground: Ground) -> None:
         """Hold both commands."""
-        self.engine.rear_grip, self.engine.front_grip = grips
+        self.engine.ground = ground
         self.engine.advance_commands(steering, throttle, steps)
 
     def state(self) -> st.StateVector:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from bike_sim.physics import mapping
 from bike_sim.physics import state as st
 from bike_sim.physics import superbike_forces as sf
+from bike_sim.physics.ground import flat_ground
 from bike_sim.physics.state import StateVector
 from bike_sim.physics.superbike.records import MEMORY, constants_of
 from bike_sim.physics.superbike.start import Start, forget, start_of, superbike_tree, without_rider
@@ -28,7 +29,7 @@ class SuperbikeBase(ABC):
         time_step: integration step, s.
         tree: its bodies and joints.
         memory: what the forces remember, in the order of `superbike_forces.MEMORY_NAMES`.
-        rear_grip: factor on friction under the rear wheel, 1 on the track. front_grip: under the front wheel.
+        ground: what is under the wheels until it is replaced; level and dry at first.
     """
 
     def __init__(self, vehicle: Superbike, time_step: float) -> None:
@@ -43,7 +44,7 @@ class SuperbikeBase(ABC):
             raise ValueError(f"time step must be positive and finite, got {time_step} s")
         self.vehicle = vehicle
         self.time_step = float(time_step)
-        self.rear_grip = self.front_grip = 1.0
+        self.ground = flat_ground()
         self.tree = superbike_tree(vehicle)
         self.memory = np.zeros(len(sf.MEMORY_NAMES))
         self._memory = self.memory.view(MEMORY)  # the same numbers, by name

@@ -62,7 +62,7 @@ def read(motion: Record, constants: Record, state: Array) -> None:
 @njit(cache=True)
 def advance(
     state: Array, motion: Record, memory: Record, telemetry: Record, constants: Record, tree: Record, work: Record,
-    command: Command, steps: int,
+    command: Command, ground: Record, bumps: Array, steps: int,
 ) -> int:  # fmt: skip
     """Step a machine until a fall or to the end, and return the fall, an index of `superbike_forces.FALL_NAMES`.
 
@@ -75,13 +75,15 @@ def advance(
         tree: its bodies.
         work: scratch memory.
         command: what is held, with the time step.
+        ground: a record of `ground.GROUND`.
+        bumps: profiles, see `ground.Ground`.
         steps: number of steps.
     """
     chunk = max(1, int(_LONGEST / command.dt))
     for done in range(steps):
         if memory.fall != 0.0:
             break
-        loads = loads_at(felt(motion), command, memory, telemetry, constants)
+        loads = loads_at(felt(motion), command, ground, bumps, memory, telemetry, constants)
         if loads.fall != 0:
             break
         joints = (loads.rear, loads.steer, loads.front, loads.slide)
@@ -96,28 +98,30 @@ def advance(
 @njit(cache=True)
 def advance_one(
     state: Array, motions: Record, memories: Record, telemetries: Record, constants: Record, trees: Record,
-    works: Record, command: tuple[float, float, float, float, float], steps: int,
+    works: Record, command: tuple[float, float, float], grounds: Record, bumps: Array, steps: int,
 ) -> int:  # fmt: skip
     """Do as `advance` with arrays of one record each, which cost a caller in Python less than records."""
     return advance(
-        state, motions[0], memories[0], telemetries[0], constants[0], trees[0], works[0], Command(*command), steps
-    )
+        state, motions[0], memories[0], telemetries[0], constants[0], trees[0], works[0], Command(*command), grounds[0],
+        bumps, steps,
+    )  # fmt: skip
 
 
 @njit(cache=True)
 def look_one(
     state: Array, motions: Record, memories: Record, telemetries: Record, constants: Record,
-    command: tuple[float, float, float, float, float],
+    command: tuple[float, float, float], grounds: Record, bumps: Array,
 ) -> None:  # fmt: skip
     """Fill minimal state and telemetry without moving anything; the memory is a copy that nobody needs afterwards."""
     read(motions[0], constants[0], state)
-    loads_at(felt(motions[0]), Command(*command), memories[0], telemetries[0], constants[0])
+    loads_at(felt(motions[0]), Command(*command), grounds[0], bumps, memories[0], telemetries[0], constants[0])
 
 
 @njit(cache=True)
 def advance_rows(
     states: Array, motions: Record, memories: Record, telemetries: Record, machines: NDArray[np.int64],
-    constants: Record, trees: Record, works: Record, commands: Array, dt: float, steps: int,
+    constants: Record, trees: Record, works: Record, commands: Array, grounds: Record, bumps: Array, dt: float,
+    steps: int,
 ) -> None:  # fmt: skip
     """Step rows of machines, each with its own command held; fallen ones stay where they are.
 
@@ -130,14 +134,16 @@ def advance_rows(
         constants: one record a machine.
         trees: one record a machine.
         works: scratch memory, shape (1,).
-        commands: steering, throttle, rear and front grip, shape (n, 4).
+        commands: steering and throttle, shape (n, 2).
+        grounds: records of `ground.GROUND`, shape (n,); each says which of the profiles its road has.
+        bumps: profiles, see `ground.Ground`.
         dt: time step, s.
         steps: number of steps.
     """
     for i in range(states.shape[0]):
         machine = machines[i]
-        command = Command(commands[i, 0], commands[i, 1], commands[i, 2], commands[i, 3], dt)
+        command = Command(commands[i, 0], commands[i, 1], dt)
         advance(
             states[i], motions[i], memories[i], telemetries[i], constants[machine], trees[machine], works[0], command,
-            steps,
+            grounds[i], bumps, steps,
         )  # fmt: skip

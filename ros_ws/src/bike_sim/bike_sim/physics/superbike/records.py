@@ -83,14 +83,11 @@ class Command(NamedTuple):
 
     Attributes:
         steering: in [-1, 1], positive to the left. throttle: drive above 0, brakes below.
-        rear_grip: factor on friction under the rear wheel. front_grip: under the front wheel.
         dt: time step, s.
     """
 
     steering: float
     throttle: float
-    rear_grip: float
-    front_grip: float
     dt: float
 
 
