@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from importlib import import_module
 from typing import Final, Protocol
 
 from bike_policy.contract.bundle import load_bundle
-from bike_policy.riders.classical import CLASSICAL, ClassicalRider
 from bike_policy.riders.learned import LearnedRider
-from bike_policy.riders.lqr import LQR, LqrRider
 from bike_sim.course.course import Course
 from bike_sim.sim.request import Preview
 from bike_sim.sim.snapshot import Snapshot
@@ -45,8 +44,12 @@ class Rider(Protocol):
         ...
 
 
-RIDERS: Final[Mapping[str, Callable[[], Rider]]] = {CLASSICAL: ClassicalRider, LQR: LqrRider}
-"""Riders that are not learned, by name."""
+RIDERS: Final[Mapping[str, tuple[str, str]]] = {
+    "classical": ("bike_policy.riders.classical", "ClassicalRider"),
+    "lqr": ("bike_policy.riders.lqr", "LqrRider"),
+}
+"""Riders that are not learned, by name: module and class. They are loaded when they are asked for, because plans and
+solvers of laps take longer to load than all else that a learned rider needs."""
 
 
 def make_rider(name: str) -> Rider:
@@ -58,4 +61,8 @@ def make_rider(name: str) -> Rider:
     Raises:
         ValueError: a bundle that cannot be used. FileNotFoundError: no such rider or bundle.
     """
-    return RIDERS[name]() if name in RIDERS else LearnedRider(load_bundle(name))
+    if name not in RIDERS:
+        return LearnedRider(load_bundle(name))
+    module, kind = RIDERS[name]
+    rider: Rider = getattr(import_module(module), kind)()
+    return rider
