@@ -1,9 +1,16 @@
 """What all tests share: quick ones run first, and no test fails because the machine is busy."""
 
 import signal
+import subprocess
+import sys
+from pathlib import Path
 
 import hypothesis
 import pytest
+
+from bike_sim import kernels
+
+ROOT = Path(__file__).parents[1]
 
 # Compiled functions make the first example slow, and machines of continuous integration are uneven.
 hypothesis.settings.register_profile("lab", deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow])
@@ -18,3 +25,11 @@ for _number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Moves the slow tests to the end, and before them those that start ROS 2 nodes."""
     items.sort(key=lambda item: 2 * bool(item.get_closest_marker("slow")) + bool(item.get_closest_marker("ros")))
+
+
+@pytest.fixture(scope="session")
+def prepared_kernels() -> None:
+    """The library of kernels for these sources, made where the set-up has not."""
+    if kernels.load_library() is None:
+        subprocess.run([sys.executable, ROOT / "tools" / "prepare_kernels.py"], check=True, timeout=250)
+    assert kernels.load_library() is not None

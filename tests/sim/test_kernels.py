@@ -18,11 +18,9 @@ from numba import typeof
 
 from bike_sim import kernels
 
-ROOT = Path(__file__).parents[2]
-
 AS_A_NODE = """
-import importlib.machinery, sys
-sys.modules["__main__"].__spec__ = importlib.machinery.ModuleSpec("bike_sim.ros.sim_node", None)
+import sys
+sys.argv[0] = "/somewhere/bike_sim/ros/sim_node.py"
 """
 RIDE = """
 import hashlib, sys
@@ -58,14 +56,6 @@ assert twice(parameters) == 2.0 * kinematics.pitch(0.1, 0.2, parameters)
 """
 
 
-@pytest.fixture(scope="module")
-def library() -> None:
-    """The library of these sources, made where the set-up has not."""
-    if kernels.load_library() is None:
-        subprocess.run([sys.executable, ROOT / "tools" / "prepare_kernels.py"], check=True, timeout=250)
-    assert kernels.load_library() is not None
-
-
 def run(program: str, **environment: str) -> str:
     done = subprocess.run(
         [sys.executable, "-c", program], env=os.environ | environment, capture_output=True, text=True, timeout=200
@@ -74,7 +64,7 @@ def run(program: str, **environment: str) -> str:
     return done.stdout.strip()
 
 
-@pytest.mark.usefixtures("library")
+@pytest.mark.usefixtures("prepared_kernels")
 def test_rides_are_the_same_bit_for_bit_and_need_no_numba() -> None:
     prepared, numbas = run(AS_A_NODE + RIDE).split(), run(RIDE).split()
     assert prepared[0] == numbas[0]
@@ -82,12 +72,12 @@ def test_rides_are_the_same_bit_for_bit_and_need_no_numba() -> None:
     assert run(AS_A_NODE + RIDE, BIKE_KERNELS="numba").split() == numbas
 
 
-@pytest.mark.usefixtures("library")
+@pytest.mark.usefixtures("prepared_kernels")
 def test_numba_takes_what_the_library_does_not_know() -> None:
     run(AS_A_NODE + "from bike_sim import kernels" + UNKNOWN_KINDS)
 
 
-@pytest.mark.usefixtures("library")
+@pytest.mark.usefixtures("prepared_kernels")
 def test_a_library_of_other_sources_is_not_used(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     for path in (kernels.library_path(), kernels.contents_path()):
         (tmp_path / path.name).write_bytes(path.read_bytes())
@@ -99,7 +89,7 @@ def test_a_library_of_other_sources_is_not_used(monkeypatch: pytest.MonkeyPatch,
 
 
 @pytest.mark.parametrize("damage", ["no library", "no list", "half a list", "another format", "no such function"])
-@pytest.mark.usefixtures("library")
+@pytest.mark.usefixtures("prepared_kernels")
 def test_a_damaged_library_is_not_used(damage: str, tmp_path: Path) -> None:
     contents = json.loads(kernels.contents_path().read_text())
     text = json.dumps(contents)

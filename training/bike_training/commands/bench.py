@@ -15,11 +15,12 @@ PARTS: Final = {
     "physics": ("bench.physics_speed", "physics_speed"),
     "environment": ("bench.environment_speed", "environment_speed"),
     "ros": ("bench.ros_speed", "measure"),
+    "start": ("bench.start_up", "measure"),
     "recorder": ("bench.recorder_speed", "measure"),
     "analysis": ("bench.analysis_speed", "measure"),
 }
 """Parts of the benchmark with module and function."""
-USUAL: Final = ("physics", "environment", "ros")
+USUAL: Final = ("physics", "environment", "ros", "start")
 """Parts that are measured where none is named; the analysis first writes an hour of riding, which takes minutes."""
 
 

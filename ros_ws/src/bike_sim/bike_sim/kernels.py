@@ -30,8 +30,8 @@ FOLDER: Final = Path(__file__).with_name("__pycache__")
 """Where it lies: with all else that is made from the sources and may be deleted."""
 SOURCES: Final = ("course", "physics", "sim", "vehicles")
 """Rooms of the simulator whose sources end up in it, called functions and constants included."""
-NODES: Final = ("bike_sim.ros.sim_node", "bike_policy.drive")
-"""Programs that take compiled functions from it."""
+NODES: Final = ("sim_node", "drive")
+"""Programs that take compiled functions from it, by the name of their file: as a module or as `ros2 run` starts them."""
 CHOICE_VARIABLE: Final = "BIKE_KERNELS"
 """With the value ``numba``, nodes take them from Numba as well."""
 
@@ -189,9 +189,8 @@ def from_json(kind: Any) -> Kind:
 
 
 def _wants_library() -> bool:
-    """Return whether this process is a node, ``python -m bike_sim.ros.sim_node``, that may have one."""
-    spec = getattr(sys.modules.get("__main__"), "__spec__", None)
-    return spec is not None and spec.name in NODES and os.environ.get(CHOICE_VARIABLE) != "numba"
+    """Return whether this process is a node that may have one."""
+    return Path(sys.argv[0]).stem in NODES and os.environ.get(CHOICE_VARIABLE) != "numba"
 
 
 _library: Final = load_library() if _wants_library() else None
