@@ -1,7 +1,7 @@
 """What the start of a node costs: processor time of a bicycle's simulator and policy nodes until they are at work.
 
-The nodes are started with the kernels that the set-up has compiled ahead of time and, in turn, with Numba's, so that the
-ratio is of one run. The fastest start of each counts.
+The nodes are started with the kernels that the set-up has compiled ahead of time and, in turn, with Numba's, so that
+the ratio is of one run. The fastest start of each counts.
 
     python -m bench.start_up
 """

@@ -31,7 +31,7 @@ FOLDER: Final = Path(__file__).with_name("__pycache__")
 SOURCES: Final = ("course", "physics", "sim", "vehicles")
 """Rooms of the simulator whose sources end up in it, called functions and constants included."""
 NODES: Final = ("sim_node", "drive")
-"""Programs that take compiled functions from it, by the name of their file: as a module or as `ros2 run` starts them."""
+"""Programs that take compiled functions from it, by the name of their file, whoever starts them."""
 CHOICE_VARIABLE: Final = "BIKE_KERNELS"
 """With the value ``numba``, nodes take them from Numba as well."""
 
