@@ -220,7 +220,9 @@ def test_a_row_rides_alone_as_among_others() -> None:
         grounds[i] = engine.ground.record[0]
         engines.append(engine)
         states[i], memories[i] = engine.state(), engine.memory.view(MEMORY)[0]
-        for name, values in start_of(vehicles[m], constants[m : m + 1], trees[m], start)._asdict().items():
+        for name, values in (
+            start_of(vehicles[m], constants[m : m + 1], trees[m], start, flat_ground())._asdict().items()
+        ):
             motions[name][i] = values
     work, commands = articulated.workspace(5), np.empty((count, 2))
     for _ in range(periods):

@@ -131,6 +131,6 @@ class SuperbikeEngine(SuperbikeBase):
         position, orientation = bullet.getBasePositionAndOrientation(body, client)
         _, omega = bullet.getBaseVelocity(body, client)
         rear, fork, front, _rider = bullet.getJointStates(body, _JOINTS, client)
-        x, y, yaw, roll, roll_rate = read_state(position, orientation, omega, self._constants)
+        x, y, yaw, roll, roll_rate = read_state(position, orientation, omega, self.ground.record, self._constants)
         yaw = mapping.nearest_turn(yaw, last[st.YAW])
         self._state = np.array((x, y, yaw, roll, fork[0], rear[0], front[0], roll_rate, fork[1], front[1]))

@@ -19,8 +19,10 @@ from bike_sim.physics.superbike.aids import force_limits
 from bike_sim.physics.superbike.contact import (
     Axes,
     Contact,
+    Rolling,
     TyreForce,
     axes_of,
+    lean_of,
     rolling_wheels,
     tyre_force,
     wheel_contact,
@@ -116,6 +118,10 @@ T_BRAKE_ACTIVE: Final = TELEMETRY_NAMES.index("brake_active")
 T_STOPPIE_ACTIVE: Final = TELEMETRY_NAMES.index("stoppie_active")
 
 
+_CREEP: Final = 0.1
+"""Speed, m/s, below which the resistance of loose ground fades, so that it never pushes a standing wheel."""
+
+
 class Loads(NamedTuple):
     """Generalised forces on the tree of bodies.
 
@@ -185,8 +191,11 @@ def loads_at(
     axes = axes_of(motion, constants.geometry)
     rear_centre = add(motion.position, axes.rear_arm)
     front_centre = add(add(motion.position, axes.head_arm), axes.hub_arm)
-    rear_contact = wheel_contact(rear_centre, axes.ey, machine.rR, constants.rear_tyre.crown)
-    front_contact = wheel_contact(front_centre, axes.axle, machine.rF, constants.front_tyre.crown)
+    profile = bumps[ground.profile]
+    rear_contact = wheel_contact(rear_centre, axes.ey, machine.rR, constants.rear_tyre.crown, ground.rear, profile)
+    front_contact = wheel_contact(
+        front_centre, axes.axle, machine.rF, constants.front_tyre.crown, ground.front, profile
+    )
     rear_wheel, front_wheel = rolling_wheels(motion, axes, rear_contact, front_contact)
     rear = tyre_force(
         memory.rear_slip, memory.rear_drift, rear_contact, rear_wheel, ground.rear.grip, dt, constants.rear_tyre
@@ -197,7 +206,7 @@ def loads_at(
     memory.rear_slip, memory.rear_drift = rear.slip, rear.drift
     memory.front_slip, memory.front_drift = front.slip, front.drift
 
-    attitude = attitude_of(motion, axes.ey)
+    attitude = attitude_of(motion, axes.ey, rear_contact.normal)
     rear_torque, front_torque = drive_and_brake(
         command.throttle,
         attitude,
@@ -215,30 +224,35 @@ def loads_at(
     fork_torque = steer_torque + damper_and_stop(motion.steer, motion.steer_rate, attitude.speed, machine)
     rider_force = slide_force(motion, memory.lean_reference, machine.rider)
 
-    rear_force, rear_moment = at_wheel(rear_contact, rear, rear_centre)
-    front_force, front_moment = at_wheel(front_contact, front, front_centre)
-    force, torque = whole(motion, axes, rear_force, rear_moment, front_force, front_moment, constants)
+    rear_force, rear_moment = at_wheel(rear_contact, rear, rear_wheel, rear_centre, ground.rear.drag)
+    front_force, front_moment = at_wheel(front_contact, front, front_wheel, front_centre, ground.front.drag)
+    wind = air_speed(motion.velocity, ground)
+    force, torque = whole(motion, axes, wind, rear_force, rear_moment, front_force, front_moment, constants)
     rear_joint = rear_torque + dot(axes.ey, rear_moment)
     front_joint = front_torque + dot(axes.axle, front_moment)
     steer_joint = fork_torque + dot(axes.steering, add(front_moment, cross(axes.hub_arm, front_force)))
 
     if memory.fall == NO_FALL:
-        upset = upset_of(attitude, axes.ex[2], rear, front, constants)
+        upset = upset_of(attitude, dot(axes.ex, rear_contact.normal), rear, front, constants)
         memory.fall = fall_of(upset, dt, machine.fall_roll, memory)
     telemetry.steer_torque_nm = steer_torque
+    telemetry.front_camber_rad = math.asin(min(max(front_contact.lean, -1.0), 1.0))
+    size = math.sqrt(dot(wind, wind))
+    telemetry.drag_n = 0.5 * machine.air.density * machine.air.drag_area * size * size
     tell(motion, axes, attitude, rear, front, force, memory, telemetry, machine)
     return Loads(force, torque, rear_joint, steer_joint, front_joint, rider_force, int(memory.fall))
 
 
 @njit(cache=True)
-def attitude_of(motion: Motion, ey: Vec) -> Attitude:
-    """Return what rider and electronics feel; `ey` is the frame's axis to the left."""
-    level = math.hypot(ey[0], ey[1])
-    cos_yaw, sin_yaw = ey[1] / level, -ey[0] / level
+def attitude_of(motion: Motion, ey: Vec, normal: Vec) -> Attitude:
+    """Return what rider and electronics feel; `ey` is the frame's axis to the left, `normal` the ground's."""
+    lean = lean_of(ey, normal)
+    cos_yaw, sin_yaw = lean.cos_yaw, lean.sin_yaw
     velocity, omega = motion.velocity, motion.omega
     return Attitude(
-        math.atan2(ey[2], level),
-        cos_yaw * omega[0] + sin_yaw * omega[1],
+        lean.roll,
+        (cos_yaw * omega[0] + sin_yaw * omega[1]) / lean.level,
+        lean.camber,
         cos_yaw,
         sin_yaw,
         cos_yaw * velocity[0] + sin_yaw * velocity[1],
@@ -247,10 +261,27 @@ def attitude_of(motion: Motion, ey: Vec) -> Attitude:
 
 
 @njit(cache=True)
-def at_wheel(contact: Contact, tyre: TyreForce, centre: Vec) -> tuple[Vec, Vec]:
-    """Return a tyre's force, N, and its moment about the wheel's centre, N m."""
-    force = add(mix(tyre.fx, contact.heading, tyre.fy, contact.left), (0.0, 0.0, tyre.fz))
-    return force, add(cross(mix(1.0, contact.point, -1.0, centre), force), (0.0, 0.0, tyre.mz))
+def at_wheel(contact: Contact, tyre: TyreForce, wheel: Rolling, centre: Vec, drag: float) -> tuple[Vec, Vec]:
+    """Return the ground's force on a wheel, N, and its moment about the wheel's centre, N m.
+
+    Loose ground resists with a part `drag` of the load, against the motion of the contact. The resultant of the
+    pressure in the furrow goes through the axle of a rolling wheel, so it does not turn the wheel.
+    """
+    normal, arm = contact.normal, mix(1.0, contact.point, -1.0, centre)
+    force = add(mix(tyre.fx, contact.heading, tyre.fy, contact.left), scale(tyre.fz, normal))
+    moment = add(cross(arm, force), scale(tyre.mz, normal))
+    if drag == 0.0:
+        return force, moment
+    along = mix(1.0, wheel.velocity, -dot(wheel.velocity, normal), normal)
+    furrow = scale(-drag * tyre.fz / math.sqrt(dot(along, along) + _CREEP * _CREEP), along)
+    turn = cross(arm, furrow)
+    return add(force, furrow), add(moment, mix(1.0, turn, -dot(turn, wheel.axle), wheel.axle))
+
+
+@njit(cache=True)
+def air_speed(velocity: Vec, ground: Record) -> Vec:
+    """Return the velocity of the machine in the moving air, m/s."""
+    return velocity[0] - ground.wind_x, velocity[1] - ground.wind_y, velocity[2]
 
 
 @njit(cache=True)
@@ -263,12 +294,12 @@ def air_force(velocity: Vec, up: Vec, air: Record) -> Vec:
 
 @njit(cache=True)
 def whole(
-    motion: Motion, axes: Axes, rear_force: Vec, rear_moment: Vec, front_force: Vec, front_moment: Vec,
+    motion: Motion, axes: Axes, wind: Vec, rear_force: Vec, rear_moment: Vec, front_force: Vec, front_moment: Vec,
     constants: Record,
 ) -> tuple[Vec, Vec]:  # fmt: skip
     """Return force and torque on the whole machine about the frame's centre of mass: tyres, air and crankshaft."""
     geometry, machine = constants.geometry, constants.machine
-    air = air_force(motion.velocity, axes.ez, machine.air)
+    air = air_force(wind, axes.ez, machine.air)
     air_point = add(motion.position, mix(geometry.air_x, axes.ex, geometry.air_z, axes.ez))
     # the crankshaft's spin momentum turns with the frame
     crank = scale(machine.motor.crank_momentum, cross(axes.ey, motion.omega))
@@ -296,12 +327,9 @@ def tell(
     telemetry.rear_slip, telemetry.front_slip = rear.slip, front.slip
     telemetry.rear_slip_angle_rad = math.atan(rear.drift)
     telemetry.front_slip_angle_rad = math.atan(front.drift)
-    telemetry.rear_camber_rad = attitude.roll
-    telemetry.front_camber_rad = math.asin(min(max(axes.axle[2], -1.0), 1.0))
+    telemetry.rear_camber_rad = attitude.camber
     telemetry.rear_force_long_n, telemetry.rear_force_lat_n = rear.fx, rear.fy
     telemetry.front_force_long_n, telemetry.front_force_lat_n = front.fx, front.fy
     telemetry.rear_use, telemetry.front_use = rear.use, front.use
     telemetry.lean_reference_rad = memory.lean_reference
     telemetry.rider_slide_m, telemetry.fall = motion.slide, memory.fall
-    size = math.sqrt(attitude.squared_speed)
-    telemetry.drag_n = 0.5 * machine.air.density * machine.air.drag_area * size * size

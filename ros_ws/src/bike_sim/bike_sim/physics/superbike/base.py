@@ -62,7 +62,7 @@ class SuperbikeBase(ABC):
             ValueError: the state has the wrong shape, is not finite, or no such configuration exists.
         """
         state = mapping.checked_state(state)
-        start = start_of(self.vehicle, self._constants, self.tree, state)
+        start = start_of(self.vehicle, self._constants, self.tree, state, self.ground)
         forget(self.vehicle, self._constants, float(state[st.ROLL]), self._memory)
         self._state = state.copy()
         self._place(start)

@@ -48,10 +48,10 @@ def felt(motion: Record) -> Motion:
 
 
 @njit(cache=True)
-def read(motion: Record, constants: Record, state: Array) -> None:
+def read(motion: Record, ground: Record, constants: Record, state: Array) -> None:
     """Write the minimal state, counting turns of yaw on from what stands there."""
     now = felt(motion)
-    x, y, yaw, roll, roll_rate = state_at(now.position, now.orientation, now.omega, constants)
+    x, y, yaw, roll, roll_rate = state_at(now.position, now.orientation, now.omega, ground.rear, constants)
     turns = round((state[st.YAW] - yaw) / (2.0 * math.pi))
     state[st.X], state[st.Y], state[st.YAW], state[st.ROLL] = x, y, yaw + 2.0 * math.pi * turns, roll
     state[st.STEER], state[st.STEER_RATE] = now.steer, now.steer_rate
@@ -90,8 +90,8 @@ def advance(
         articulated.accelerate(motion, loads.force, loads.torque, joints, tree, work)
         articulated.integrate(motion, work, command.dt)
         if (done + 1) % chunk == 0:
-            read(motion, constants, state)
-    read(motion, constants, state)
+            read(motion, ground, constants, state)
+    read(motion, ground, constants, state)
     return int(memory.fall)
 
 
@@ -113,7 +113,7 @@ def look_one(
     command: tuple[float, float, float], grounds: Record, bumps: Array,
 ) -> None:  # fmt: skip
     """Fill minimal state and telemetry without moving anything; the memory is a copy that nobody needs afterwards."""
-    read(motions[0], constants[0], state)
+    read(motions[0], grounds[0], constants[0], state)
     loads_at(felt(motions[0]), Command(*command), grounds[0], bumps, memories[0], telemetries[0], constants[0])
 
 

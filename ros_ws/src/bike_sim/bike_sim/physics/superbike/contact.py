@@ -1,9 +1,10 @@
 """Where the wheels of a superbike are, where they touch the ground and how fast, and what their tyres do there.
 
-Vectors are in map axes (z up). A contact's `heading` is the wheel's on the ground, `left` is left of it. Geometry of
-the toroidal tyre: the lowest point lies one crown radius straight below the lowest point of the ring through the
-middles of its cross-sections, and it has the velocity of the wheel carrier's material there plus that of the wheel's
-rotation about its axle, ``-R_e spin`` along the heading, with ``R_e = R - crown (1 - cos camber)``.
+Vectors are in map axes (z up). A contact's `heading` is the wheel's on the ground, `left` is left of it; both lie in
+the surface. Geometry of the toroidal tyre: seen along the surface's normal, the lowest point lies one crown radius
+straight below the lowest point of the ring through the middles of its cross-sections, and it has the velocity of the
+wheel carrier's material there plus that of the wheel's rotation about its axle, ``-R_e spin`` along the heading, with
+``R_e = R - crown (1 - cos camber)``.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from numba import njit
 
 from bike_sim.physics import tyres
 from bike_sim.physics.superbike.records import Motion, Quaternion
+from bike_sim.physics.superbike.surface import smooth_normal, surface_at
 from bike_sim.physics.vectors import Vec, add, cross, dot, mix, scale
 from bike_sim.vehicles.superbike import Record
 
@@ -44,14 +46,18 @@ class Contact(NamedTuple):
     """A wheel at the ground.
 
     Attributes:
-        point: lowest of the undeformed tyre, m; its height is the gap, negative when pressed in.
-        heading: unit vector. left: unit vector.
+        point: lowest of the undeformed tyre, m. gap: its distance from the ground, m, negative when pressed in.
+        heading: unit vector. left: unit vector. normal: of the ground, unit vector, upward.
+        lean: sine of the camber.
         radius: rolling radius R_e, m.
     """
 
     point: Vec
+    gap: float
     heading: Vec
     left: Vec
+    normal: Vec
+    lean: float
     radius: float
 
 
@@ -73,7 +79,8 @@ class TyreForce(NamedTuple):
     """What a tyre does to its wheel.
 
     Attributes:
-        fx: along the heading, N. fy: to the left. fz: up, the load. mz: aligning moment about the vertical, N m.
+        fx: along the heading, N. fy: to the left. fz: along the normal, the load. mz: aligning moment about the normal,
+            N m.
         use: normalised slip, 1 is linear saturation.
         slip: longitudinal transient slip. drift: lateral transient slip.
     """
@@ -126,24 +133,89 @@ def axes_of(motion: Motion, geometry: Record) -> Axes:
     )
 
 
+class Lean(NamedTuple):
+    """How a wheel that stands on the ground leans and heads.
+
+    Attributes:
+        roll: angle of the axle over the horizontal about the wheel's heading, rad, positive leaning right.
+        camber: the same over the ground.
+        cos_yaw: of the heading, seen from above. sin_yaw: of the heading.
+        level: cosine of the heading's slope.
+    """
+
+    roll: float
+    camber: float
+    cos_yaw: float
+    sin_yaw: float
+    level: float
+
+
 @njit(cache=True)
-def wheel_contact(centre: Vec, axle: Vec, radius: float, crown: float) -> Contact:
-    """Return where a torus meets flat ground.
+def lean_of(axle: Vec, normal: Vec) -> Lean:
+    """Return lean and heading of a wheel; on level ground exactly those of its axle against the horizontal.
+
+    Args:
+        axle: unit vector to the left.
+        normal: of the ground, unit vector, upward.
+    """
+    heading = cross(axle, normal)
+    over = math.hypot(heading[0], heading[1])
+    whole = math.hypot(over, heading[2])
+    level = over / whole
+    flat = math.hypot(axle[0], axle[1])
+    # part of the axle along the heading as seen from above, which is none on level ground
+    along = -axle[2] * heading[2] / over
+    aside = flat * math.sqrt(max(0.0, 1.0 - (along / flat) * (along / flat)))
+    roll = math.atan2(axle[2] / level, aside)
+    return Lean(roll, math.atan2(dot(axle, normal), whole), heading[0] / over, heading[1] / over, level)
+
+
+@njit(cache=True)
+def lowest_point(centre: Vec, axle: Vec, radius: float, crown: float, normal: Vec) -> Vec:
+    """Return the lowest point of a torus, seen along a normal, m.
 
     Args:
         centre: of the wheel, m.
         axle: unit vector to the left.
         radius: of the wheel with tyre, m.
         crown: radius of the tyre's cross-section, m.
+        normal: unit vector, upward.
     """
-    k = math.sqrt(max(1e-12, axle[0] * axle[0] + axle[1] * axle[1]))
+    lean = dot(axle, normal)
+    across = mix(1.0, axle, -lean, normal)
+    k = math.sqrt(max(1e-12, across[0] * across[0] + across[1] * across[1] + across[2] * across[2]))
     ring = radius - crown
-    # down in the wheel's plane: -(z - axle_z axle) / k
-    down = axle[2] * axle[0] / k, axle[2] * axle[1] / k, -k
-    point = centre[0] + ring * down[0], centre[1] + ring * down[1], centre[2] + ring * down[2] - crown
-    heading = axle[1] / k, -axle[0] / k, 0.0
-    left = axle[0] / k, axle[1] / k, 0.0
-    return Contact(point, heading, left, ring + crown * k)
+    # down in the wheel's plane: (lean axle - normal) / k
+    return (
+        centre[0] + ring * (lean * across[0] / k - k * normal[0]) - crown * normal[0],
+        centre[1] + ring * (lean * across[1] / k - k * normal[1]) - crown * normal[1],
+        centre[2] + ring * (lean * across[2] / k - k * normal[2]) - crown * normal[2],
+    )
+
+
+@njit(cache=True)
+def wheel_contact(centre: Vec, axle: Vec, radius: float, crown: float, patch: Record, profile: Record) -> Contact:
+    """Return where a torus meets the ground.
+
+    Args:
+        centre: of the wheel, m.
+        axle: unit vector to the left.
+        radius: of the wheel with tyre, m.
+        crown: radius of the tyre's cross-section, m.
+        patch: the ground, a record of `ground.PATCH`.
+        profile: its bumps, shape (BUMP_SAMPLES,).
+    """
+    # where the tyre touches depends on the road's slope, what it feels there on the bumps too
+    point = lowest_point(centre, axle, radius, crown, smooth_normal(centre[0], centre[1], patch))
+    ground = surface_at(point[0], point[1], patch, profile)
+    normal = ground.normal
+    lean = dot(axle, normal)
+    left = mix(1.0, axle, -lean, normal)
+    k = math.sqrt(max(1e-12, left[0] * left[0] + left[1] * left[1] + left[2] * left[2]))
+    left = left[0] / k, left[1] / k, left[2] / k
+    heading = cross(left, normal)
+    gap = (point[2] - ground.height) * normal[2]
+    return Contact(point, gap, heading, left, normal, lean, radius - crown + crown * k)
 
 
 @njit(cache=True)
@@ -175,7 +247,7 @@ def tyre_force(
         dt: time step, s.
         tyre: its parameters.
     """
-    load = tyres.normal_load(contact.point[2], wheel.velocity[2], tyre)
+    load = tyres.normal_load(contact.gap, dot(wheel.velocity, contact.normal), tyre)
     along = dot(wheel.velocity, contact.heading)
     # the contact wanders along the ground with the wheel's centre, whatever the pitch rate of its carrier
     speed = abs(along + dot(wheel.carrier, wheel.axle) * contact.radius)
@@ -183,6 +255,6 @@ def tyre_force(
     drift = tyres.relax(drift, dot(wheel.velocity, contact.left), speed, tyre.relaxation, dt)
     if load <= 0.0:
         slip = drift = 0.0  # a tyre in the air forgets
-    camber = math.asin(min(max(wheel.axle[2], -1.0), 1.0))
+    camber = math.asin(min(max(contact.lean, -1.0), 1.0))
     fx, fy, mz, use = tyres.forces(slip, drift, camber, load, grip, tyre)
     return TyreForce(fx, fy, load, mz, use, slip, drift)

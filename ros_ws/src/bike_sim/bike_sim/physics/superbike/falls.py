@@ -39,8 +39,8 @@ class Upset(NamedTuple):
     """What a fall is told from.
 
     Attributes:
-        roll: rad. roll_rate: rad/s.
-        nose_up: vertical part of the frame's forward axis.
+        roll: to the normal of the ground, rad. roll_rate: rad/s.
+        nose_up: part of the frame's forward axis along that normal.
         rear_load: N. front_load: N.
         sliding: a tyre slides. sideways: the machine moves broadside.
     """
@@ -61,7 +61,7 @@ def upset_of(attitude: Attitude, nose_up: float, rear: TyreForce, front: TyreFor
     slip = max(rear.use / tyres.peak_slip(constants.rear_tyre), front.use / tyres.peak_slip(constants.front_tyre))
     sliding = size > _SLIDE_SPEED and slip > _SLIDING
     sideways = size > _SLIDE_SPEED and attitude.speed < _SPUN * size
-    return Upset(attitude.roll, attitude.roll_rate, nose_up, rear.fz, front.fz, sliding, sideways)
+    return Upset(attitude.camber, attitude.roll_rate, nose_up, rear.fz, front.fz, sliding, sideways)
 
 
 @njit(cache=True)

@@ -6,58 +6,92 @@ import math
 
 from numba import njit
 
-from bike_sim.physics.superbike.contact import fork_axes, frame_axes, wheel_contact
+from bike_sim.physics.superbike.contact import fork_axes, frame_axes, lean_of, lowest_point
 from bike_sim.physics.superbike.records import Quaternion
-from bike_sim.physics.vectors import Vec, add, mix, scale
+from bike_sim.physics.superbike.surface import smooth_normal, surface_at
+from bike_sim.physics.vectors import Vec, add, cross, dot, mix, scale
 from bike_sim.vehicles.superbike import Record
 
 
 @njit(cache=True)
 def state_at(
-    position: Vec, orientation: Quaternion, omega: Vec, constants: Record
+    position: Vec, orientation: Quaternion, omega: Vec, patch: Record, constants: Record
 ) -> tuple[float, float, float, float, float]:
-    """Return ``(x, y, yaw, roll, roll_rate)``: the rear contact point in the map and the frame's angles.
+    """Return ``(x, y, yaw, roll, roll_rate)``: the rear contact point and the frame's angles, seen from above.
 
     Args:
         position: of the frame's centre of mass, m.
         orientation: of its principal axes.
         omega: rad/s.
+        patch: the ground under the rear wheel, a record of `ground.PATCH`.
         constants: a record of `CONSTANTS`.
     """
     geometry = constants.geometry
     ex, ey, ez = frame_axes(orientation, geometry)
     centre = add(position, mix(geometry.axle_x, ex, geometry.axle_z, ez))
-    contact = wheel_contact(centre, ey, constants.machine.rR, constants.rear_tyre.crown)
-    point, heading = contact.point, contact.heading
-    roll = math.atan2(ey[2], math.hypot(ey[0], ey[1]))
-    roll_rate = heading[0] * omega[0] + heading[1] * omega[1]
-    return point[0], point[1], math.atan2(heading[1], heading[0]), roll, roll_rate
+    normal = smooth_normal(centre[0], centre[1], patch)
+    point = lowest_point(centre, ey, constants.machine.rR, constants.rear_tyre.crown, normal)
+    lean, ahead = lean_of(ey, normal), cross(ey, normal)
+    size = math.sqrt(dot(ahead, ahead))
+    heading = ahead[0] / size, ahead[1] / size
+    roll_rate = (heading[0] * omega[0] + heading[1] * omega[1]) / (lean.level * lean.level)
+    return point[0], point[1], math.atan2(heading[1], heading[0]), lean.roll, roll_rate
 
 
 @njit(cache=True)
 def read_state(
-    position: Vec, orientation: Quaternion, omega: Vec, constants: Record
+    position: Vec, orientation: Quaternion, omega: Vec, grounds: Record, constants: Record
 ) -> tuple[float, float, float, float, float]:
-    """Do as `state_at` with an array of one record, which costs a caller in Python less than a record."""
-    return state_at(position, orientation, omega, constants[0])
+    """Do as `state_at` with arrays of one record each, which cost a caller in Python less than records."""
+    return state_at(position, orientation, omega, grounds[0].rear, constants[0])
+
+
+@njit(cache=True)
+def ground_below(x: float, y: float, grounds: Record, bumps: Record) -> tuple[float, Vec]:
+    """Return height (m) and normal of the ground under the rear wheel at a point of the map, the normal without bumps.
+
+    Args:
+        x: m.
+        y: m.
+        grounds: of `ground.GROUND`, shape (1,).
+        bumps: profiles, see `ground.Ground`.
+    """
+    patch = grounds[0].rear
+    return surface_at(x, y, patch, bumps[grounds[0].profile]).height, smooth_normal(x, y, patch)
+
+
+@njit(cache=True)
+def offsets(orientation: Quaternion, normal: Vec, constants: Record) -> tuple[Vec, Vec]:
+    """Return where the rear wheel's centre and its lowest point lie from the frame's centre of mass, m, in map axes.
+
+    Args:
+        orientation: of the frame's principal axes.
+        normal: of the ground.
+        constants: of the machine, shape (1,).
+    """
+    geometry = constants[0].geometry
+    ex, ey, ez = frame_axes(orientation, geometry)
+    centre = mix(geometry.axle_x, ex, geometry.axle_z, ez)
+    return centre, lowest_point(centre, ey, constants[0].machine.rR, constants[0].rear_tyre.crown, normal)
 
 
 @njit(cache=True)
 def settle(roll: float, steer: float, constants: Record) -> tuple[float, float]:
     """Return ``(pitch, height)`` of the frame at which both tyres carry the standing machine's loads.
 
-    Pitch in rad, positive nose down; height of the frame's centre of mass in m. Nan where there is no such pose.
+    Both are relative to the plane of the ground: pitch in rad, positive nose down; height of the frame's centre of mass
+    in m. Nan where there is no such pose.
     The loads of a steady turn are nearly these, so a ride that starts leaning starts without a bounce.
 
     Args:
-        roll: rad.
+        roll: to the plane's normal, rad.
         steer: rad.
         constants: of the machine, shape (1,).
     """
     geometry, machine = constants[0].geometry, constants[0].machine
     rear_crown, front_crown = constants[0].rear_tyre.crown, constants[0].front_tyre.crown
     sr, cr = math.sin(roll), math.cos(roll)
-    ey = 0.0, cr, sr
+    ey, up = (0.0, cr, sr), (0.0, 0.0, 1.0)
     pitch = 0.0
     for _ in range(60):
         cp, sp = math.cos(pitch), math.sin(pitch)
@@ -66,8 +100,8 @@ def settle(roll: float, steer: float, constants: Record) -> tuple[float, float]:
         ahead, axle, _axis = fork_axes(ex, ey, ez, steer, geometry)
         rear = mix(geometry.axle_x, ex, geometry.axle_z, ez)
         front = add(mix(geometry.head_x, ex, geometry.head_z, ez), scale(geometry.hub, ahead))
-        rear_low = wheel_contact(rear, ey, machine.rR, rear_crown).point
-        front_low = wheel_contact(front, axle, machine.rF, front_crown).point
+        rear_low = lowest_point(rear, ey, machine.rR, rear_crown, up)
+        front_low = lowest_point(front, axle, machine.rF, front_crown, up)
         height = -geometry.rear_static - rear_low[2]
         gap = height + front_low[2] + geometry.front_static
         # the nose turns about the rear axle: a unit of pitch lowers the front contact by its distance ahead

@@ -95,13 +95,15 @@ class Attitude(NamedTuple):
     """What rider and electronics feel of the motion.
 
     Attributes:
-        roll: rad, positive to the right. roll_rate: rad/s.
-        cos_yaw: of the heading. sin_yaw: of the heading.
+        roll: to the vertical about the rear wheel's heading, rad, positive to the right. roll_rate: rad/s.
+        camber: the same to the normal of the ground, rad.
+        cos_yaw: of the heading, seen from above. sin_yaw: of the heading.
         speed: forward, m/s. squared_speed: of the whole velocity, m2/s2.
     """
 
     roll: float
     roll_rate: float
+    camber: float
     cos_yaw: float
     sin_yaw: float
     speed: float

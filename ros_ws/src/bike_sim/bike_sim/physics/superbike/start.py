@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from bike_sim.physics import kinematics, mapping
 from bike_sim.physics import state as st
+from bike_sim.physics.ground import Ground
 from bike_sim.physics.state import StateVector
-from bike_sim.physics.superbike.poses import read_state, settle
+from bike_sim.physics.superbike.poses import ground_below, offsets, settle
 from bike_sim.physics.tree import Body, Slider, principal_axes, vehicle_tree
 from bike_sim.vehicles.superbike import Superbike
 
@@ -59,53 +60,72 @@ def superbike_tree(vehicle: Superbike) -> tuple[Body, ...]:
     return vehicle_tree(without_rider(vehicle), slider)
 
 
-def start_of(vehicle: Superbike, constants: NDArray[np.void], tree: tuple[Body, ...], state: StateVector) -> Start:
+def start_of(
+    vehicle: Superbike, constants: NDArray[np.void], tree: tuple[Body, ...], state: StateVector, ground: Ground
+) -> Start:
     """Return the motion that belongs to a minimal state, with the tyres carrying the standing machine.
 
-    The rear wheel rolls without slip; yaw rate and sideways velocity are those of ideal rolling. The rider hangs off as
-    he does at this lean.
+    The rear wheel rolls without slip; yaw rate and sideways velocity are those of ideal rolling on the plane of the
+    ground. The rider hangs off as he does at this lean.
 
     Args:
         vehicle: the machine.
         constants: from `records.constants_of`.
         tree: from `superbike_tree`.
         state: minimal state, shape (10,).
+        ground: under the wheels.
 
     Raises:
         ValueError: no such configuration or rolling motion exists.
     """
-    roll, steer = state[st.ROLL], state[st.STEER]
-    pitch, height = settle(roll, steer, constants)
+    height, normal = ground_below(state[st.X], state[st.Y], *ground)
+    start, (x, y) = _start_on(vehicle, constants, tree, state, height, np.array(normal))
+    # The road's slope counts where the wheel's centre is, which is not above the contact where the machine leans.
+    _, there = ground_below(x, y, *ground)
+    return start if there == normal else _start_on(vehicle, constants, tree, state, height, np.array(there))[0]
+
+
+def _start_on(
+    vehicle: Superbike, constants: NDArray[np.void], tree: tuple[Body, ...], state: StateVector, height: float,
+    normal: mapping.Vector,
+) -> tuple[Start, tuple[float, float]]:  # fmt: skip
+    """Return the start on the plane with this normal and height (m) at the rear contact, and the wheel's centre."""
+    roll, steer, yaw = state[st.ROLL], state[st.STEER], state[st.YAW]
+    heading, bank = _along(yaw, normal)
+    plane = state.copy()
+    plane[st.ROLL] = camber = roll - bank
+    pitch, above = settle(camber, steer, constants)
     if not math.isfinite(pitch):
         raise ValueError(
             f"no configuration with both wheels on the ground at roll {math.degrees(roll):.1f} deg and "
             f"steer {math.degrees(steer):.1f} deg of vehicle '{vehicle.name}'"
         )
-    yaw_rate, _, pitch_rate = kinematics.rates(state, vehicle.parameters)
+    yaw_rate, _, pitch_rate = kinematics.rates(plane, vehicle.parameters)
     if not (math.isfinite(yaw_rate) and math.isfinite(pitch_rate)):
         raise ValueError(
             f"no rolling motion at roll {math.degrees(roll):.1f} deg and steer {math.degrees(steer):.1f} deg of "
             f"vehicle '{vehicle.name}'"
         )
-    lean = mapping.multiply(
-        mapping.axis_angle(np.array([0.0, 0.0, 1.0]), state[st.YAW]),
-        mapping.axis_angle(np.array([1.0, 0.0, 0.0]), roll),
-    )
-    frame = mapping.multiply(lean, mapping.axis_angle(np.array([0.0, 1.0, 0.0]), pitch))
+    frame = mapping.axis_angle(np.array([0.0, 0.0, 1.0]), yaw)
+    for axis, angle in (([0.0, 1.0, 0.0], -math.asin(heading[2])), ([1.0, 0.0, 0.0], roll), ([0.0, 1.0, 0.0], pitch)):
+        frame = mapping.multiply(frame, mapping.axis_angle(np.array(axis), angle))
     orientation = mapping.multiply(frame, principal_axes(tree[0].inertia)[0])
-    # Where the rear contact comes to lie with the frame at the origin says where the frame must be
-    x, y, *_ = read_state((0.0, 0.0, height), tuple(orientation), (0.0, 0.0, 0.0), constants)
-    position = np.array([state[st.X] - x, state[st.Y] - y, height])
-    heading = np.array([math.cos(state[st.YAW]), math.sin(state[st.YAW]), 0.0])
-    omega = state[st.ROLL_RATE] * heading + pitch_rate * mapping.rotate(frame, np.array([0.0, 1.0, 0.0]))
-    omega[2] += yaw_rate
-    front_radius = vehicle.rF - vehicle.front_tyre.crown * (1.0 - math.cos(roll))
-    rear_radius = vehicle.rR - vehicle.rear_tyre.crown * (1.0 - math.cos(roll))
+    # Where the rear contact lies from the frame says where the frame must be: `above` the plane through the contact
+    centre, low = offsets(tuple(orientation), tuple(normal), constants)
+    aside = low[0] * normal[0] + low[1] * normal[1]
+    contact = np.array([state[st.X], state[st.Y], height])
+    position = np.array([contact[0] - low[0], contact[1] - low[1], height + (above + aside) / normal[2]])
+    left = mapping.rotate(frame, np.array([0.0, 1.0, 0.0]))
+    # of the frame about the heading, so that the roll to the vertical has the rate of the state
+    steady = heading[2] * (pitch_rate * left[2] + yaw_rate * normal[2]) / (1.0 - heading[2] ** 2)
+    omega = (state[st.ROLL_RATE] + steady) * heading + pitch_rate * left
+    omega = omega + yaw_rate * normal
+    front_radius = vehicle.rF - vehicle.front_tyre.crown * (1.0 - math.cos(camber))
+    rear_radius = vehicle.rR - vehicle.rear_tyre.crown * (1.0 - math.cos(camber))
     speed = state[st.FRONT_WHEEL_RATE] * front_radius
-    contact = np.array([state[st.X], state[st.Y], 0.0])
     velocity = speed * heading + np.cross(omega, position - contact)
     slide = -vehicle.rider.slide * max(-1.0, min(1.0, math.degrees(roll) / vehicle.rider.slide_lean_deg))
-    return Start(
+    start = Start(
         position,
         orientation,
         velocity,
@@ -113,6 +133,17 @@ def start_of(vehicle: Superbike, constants: NDArray[np.void], tree: tuple[Body, 
         (state[st.REAR_WHEEL], steer, state[st.FRONT_WHEEL], slide),
         (speed / rear_radius - pitch_rate, state[st.STEER_RATE], state[st.FRONT_WHEEL_RATE], 0.0),
     )
+    return start, (position[0] + centre[0], position[1] + centre[1])
+
+
+def _along(yaw: float, normal: mapping.Vector) -> tuple[mapping.Vector, float]:
+    """Return the direction on the ground that has a yaw (rad) from above, and the ground's rise to its left, rad."""
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    climb = -(cos * normal[0] + sin * normal[1]) / normal[2]
+    level = 1.0 / math.sqrt(1.0 + climb * climb)
+    heading = np.array([cos * level, sin * level, climb * level])
+    over = normal[2] / level  # of the normal along the upward axis across the heading
+    return heading, math.atan2(sin * normal[0] - cos * normal[1], over)
 
 
 def forget(vehicle: Superbike, constants: NDArray[np.void], roll: float, memory: NDArray[np.void]) -> None:
