@@ -88,34 +88,13 @@ def test_rear_body_is_frame_and_rider_by_parallel_axes() -> None:
     assert tensor[0, 2] == pytest.approx(product)
 
 
-def test_the_power_curve_peaks_as_published() -> None:
-    for vehicle in MACHINES.values():
-        motor = vehicle.motor
-        rpm = np.linspace(5000.0, motor.limiter_rpm, 20001)
-        torque = motor.crank_torque(rpm)
-        assert torque.max() == pytest.approx(motor.peak_torque, rel=1e-6)
-        power = torque * rpm * math.pi / 30.0
-        assert power.max() == pytest.approx(motor.peak_power, rel=0.012)
-        assert motor.crank_torque(np.array([motor.limiter_rpm + 1.0]))[0] == 0.0
-
-
 def test_wheel_power_never_exceeds_the_engines() -> None:
     for vehicle in MACHINES.values():
         spin = vehicle.wheel_torque_spacing * np.arange(vehicle.wheel_torque.size)
         power = vehicle.wheel_torque * spin
-        assert power.max() <= 1.012 * vehicle.motor.efficiency * vehicle.motor.peak_power
+        assert power.max() <= 1.0001 * vehicle.motor.efficiency * vehicle.motor.peak_power
         assert power.max() >= 0.97 * vehicle.motor.efficiency * vehicle.motor.peak_power
         assert vehicle.wheel_torque[-1] == 0.0
-
-
-def test_machines_differ_in_handling_not_only_in_power() -> None:
-    assert len({(v.w, v.lam, v.c) for v in MACHINES.values()}) == 5
-    for value in (
-        lambda v: v.mass, lambda v: v.IBzz, lambda v: v.front_tyre.friction, lambda v: v.air.down_area,
-        lambda v: v.centre_of_mass[0] / v.w,
-    ):  # fmt: skip
-        assert len({round(value(v), 6) for v in MACHINES.values()}) >= 4
-    assert MACHINES["panigale_v4r"].motor.crank_momentum < 0.0 < MACHINES["r1"].motor.crank_momentum
 
 
 def test_records_for_compiled_code_carry_every_number_by_its_name() -> None:
@@ -144,8 +123,7 @@ def test_records_for_compiled_code_carry_every_number_by_its_name() -> None:
         ("rear_tyre", "friction", 0.0, "rear_tyre.friction = 0.0 must be positive"),
         ("rear_tyre", "friction", float("nan"), "rear_tyre.friction = nan is not a finite number"),
         ("motor", "peak_power_rpm", 9000.0, "peak_torque_rpm"),
-        ("motor", "gears", 5.5, "whole number"),
-        ("motor", "top_gear_speed", 90000.0, "motor.top_gear_speed = 90000.0 must be at most 200 m/s"),
+        ("motor", "final_ratio", 0.1, "m/s at the limiter in top gear; at most 200 m/s"),
         ("brakes", "front_share", 1.2, "between 0 and 1"),
         ("virtual_rider", "max_lean_deg", 80.0, "below the fall"),
         ("bodies", "wet_mass", 20.0, "leaves no mass for the frame"),

@@ -93,7 +93,7 @@ class SteadyLeans:
 
     def __init__(self, vehicle: Superbike) -> None:
         """Compute the table."""
-        self.speeds = np.linspace(5.0, 1.1 * vehicle.motor.top_gear_speed, 24)
+        self.speeds = np.linspace(5.0, 1.1 * vehicle.top_gear_speed, 24)
         self.leans = np.linspace(0.0, math.radians(vehicle.virtual_rider.max_lean_deg), 31)
         self._table = np.array([[steady_lateral(vehicle, lean, speed) for lean in self.leans] for speed in self.speeds])
 

@@ -120,7 +120,7 @@ def envelope(vehicle: Superbike, share: float = statics.RIDEABLE_SHARE) -> Envel
         vehicle: the machine with its rider and electronics.
         share: part of the tyres' friction that turning may use, see `superbike_statics.RIDEABLE_SHARE`.
     """
-    speeds = np.arange(5.0, 1.1 * vehicle.motor.top_gear_speed, 1.0)
+    speeds = np.arange(5.0, 1.1 * vehicle.top_gear_speed, 1.0)
     mass = statics.inertial_mass(vehicle)
     lateral, drive, brake, grip, air = [], [], [], [], []
     for speed in speeds:

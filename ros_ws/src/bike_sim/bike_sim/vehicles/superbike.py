@@ -31,6 +31,10 @@ HIGHEST_SPEED: Final = 200.0
 """Largest road speed at the limiter, m/s: limits are tabulated up to it, and a larger one is a mistake of units."""
 TORQUE_SAMPLES: Final = 256
 """Samples of the table of wheel torque over wheel speed that compiled code interpolates."""
+_RPM: Final = math.pi / 30.0
+"""One revolution a minute, rad/s."""
+_OVER_REV: Final = 12.0
+"""Curvature of the power beyond its peak, by engine speed, both relative to the peak's (estimate)."""
 _SHIFT_FLOOR: Final = 0.3
 """Part of the limiter's engine speed below which the clutch slips: torque there is that at this speed."""
 
@@ -122,7 +126,7 @@ class Air:
 
 @dataclass(frozen=True)
 class Motor:
-    """Engine and driveline: a torque curve through the published peaks, and gears that are always the best ones.
+    """Engine and driveline: a torque curve with the published peaks, and the gearbox; the gear is always the best one.
 
     Attributes:
         peak_power: W, at the crank.
@@ -132,9 +136,10 @@ class Motor:
         limiter_rpm: 1/min; above it there is no torque.
         low_torque: part of the peak torque at a third of its engine speed.
         efficiency: of the driveline.
-        gears: their number, geometrically spaced.
-        first_gear_speed: road speed at the limiter in first gear, m/s.
-        top_gear_speed: road speed at the limiter in top gear, m/s.
+        primary_ratio: turns of the crank for one of the gearbox's input.
+        gear_1: turns of the gearbox's input for one of its output, first gear. gear_2: as gear_1. gear_3: as gear_1.
+        gear_4: as gear_1. gear_5: as gear_1. gear_6: as gear_1; a machine of fewer gears repeats its last.
+        final_ratio: turns of the gearbox's output for one of the rear wheel.
         lag: time constant of the torque, s.
         engine_brake: force at the rear tyre with the throttle closed, N.
         crank_momentum: spin momentum of the crankshaft at racing speed, N m s; negative when it turns backwards.
@@ -147,25 +152,45 @@ class Motor:
     limiter_rpm: float
     low_torque: float
     efficiency: float
-    gears: float
-    first_gear_speed: float
-    top_gear_speed: float
+    primary_ratio: float
+    gear_1: float
+    gear_2: float
+    gear_3: float
+    gear_4: float
+    gear_5: float
+    gear_6: float
+    final_ratio: float
     lag: float
     engine_brake: float
     crank_momentum: float
 
+    @property
+    def torque_at_peak_power(self) -> float:
+        """Torque at the speed of the peak power, N m."""
+        return self.peak_power / (self.peak_power_rpm * _RPM)
+
     def crank_torque(self, rpm: FloatArray) -> FloatArray:
-        """Return the full-throttle torque, N m: parabolas on both sides of the peak, zero above the limiter."""
-        low = (1.0 - self.low_torque) * (1.5 * (1.0 - rpm / self.peak_torque_rpm)) ** 2
-        at_power = self.peak_power / (self.peak_power_rpm * math.pi / 30.0)
+        """Return the full-throttle torque, N m, zero above the limiter.
+
+        A parabola up to the peak torque; from there to the peak power a cubic, level at the first and with level
+        power at the second; beyond it power falls as a parabola, by 3 % where the engine turns 5 % faster.
+        """
         span = self.peak_power_rpm - self.peak_torque_rpm
-        high = (1.0 - at_power / self.peak_torque) * ((rpm - self.peak_torque_rpm) / span) ** 2
-        torque = self.peak_torque * (1.0 - np.where(rpm < self.peak_torque_rpm, low, high))
+        drop = self.peak_torque - self.torque_at_peak_power
+        # The slope that makes power level; more than three times the chord's would overshoot the peak torque
+        slope = min(self.torque_at_peak_power * span / self.peak_power_rpm, 3.0 * drop)
+        u = (rpm - self.peak_torque_rpm) / span
+        low = self.peak_torque * (1.0 - (1.0 - self.low_torque) * (1.5 * (1.0 - rpm / self.peak_torque_rpm)) ** 2)
+        middle = self.peak_torque - u * u * ((3.0 * drop - slope) + u * (slope - 2.0 * drop))
+        ratio = np.maximum(rpm / self.peak_power_rpm, 1.0)
+        over = self.torque_at_peak_power * (1.0 - _OVER_REV * (ratio - 1.0) ** 2) / ratio
+        torque = np.where(u < 0.0, low, np.where(u < 1.0, middle, over))
         return np.where(rpm <= self.limiter_rpm, np.maximum(torque, 0.0), 0.0)
 
-    def gear_speeds(self) -> FloatArray:
-        """Return the road speeds at the limiter, m/s, first gear first."""
-        return np.geomspace(self.first_gear_speed, self.top_gear_speed, int(self.gears))
+    def ratios(self) -> FloatArray:
+        """Return the turns of the crank for one of the rear wheel, first gear first."""
+        gears = (self.gear_1, self.gear_2, self.gear_3, self.gear_4, self.gear_5, self.gear_6)
+        return self.primary_ratio * self.final_ratio * np.array(gears)
 
 
 @dataclass(frozen=True)
@@ -348,19 +373,35 @@ class Superbike(Vehicle):
             self._refuse(f"brakes.front_share = {self.brakes.front_share} must lie between 0 and 1")
         self._check_order("steering", self.steering, ("slow", "fast"))
         self._check_order("motor", self.motor, ("peak_torque_rpm", "peak_power_rpm", "limiter_rpm"))
-        self._check_order("motor", self.motor, ("first_gear_speed", "top_gear_speed"))
         for aid in ("traction_slip", "brake_slip"):
             self._check_order("electronics", self.electronics, (f"{aid}_on", f"{aid}_off"))
         for aid in ("wheelie_load", "stoppie_load"):
             self._check_order("electronics", self.electronics, (f"{aid}_off", f"{aid}_on"))
-        if self.motor.top_gear_speed > HIGHEST_SPEED:
-            self._refuse(f"motor.top_gear_speed = {self.motor.top_gear_speed} must be at most {HIGHEST_SPEED:g} m/s")
-        if self.motor.gears < 2 or self.motor.gears != int(self.motor.gears):
-            self._refuse(f"motor.gears = {self.motor.gears} must be a whole number of at least 2")
+        self._check_motor()
         if not self.virtual_rider.max_lean_deg < math.degrees(self.fall_roll):
             self._refuse(
                 f"virtual_rider.max_lean_deg = {self.virtual_rider.max_lean_deg} must stay below the fall at "
                 f"{math.degrees(self.fall_roll):.6g} deg"
+            )
+
+    def _check_motor(self) -> None:
+        """Check that peaks and gears belong together.
+
+        Raises:
+            VehicleError: naming the values.
+        """
+        motor = self.motor
+        if motor.torque_at_peak_power > motor.peak_torque:
+            self._refuse(
+                f"motor.peak_power = {motor.peak_power:.6g} W at {motor.peak_power_rpm:.6g} 1/min needs "
+                f"{motor.torque_at_peak_power:.6g} N m, more than motor.peak_torque = {motor.peak_torque:.6g}"
+            )
+        if np.any(np.diff(motor.ratios()) > 0.0):
+            self._refuse("motor must have gear_1 >= gear_2 >= ... >= gear_6: turns in for one turn out")
+        if self.top_gear_speed > HIGHEST_SPEED:
+            self._refuse(
+                f"motor's ratios give {self.top_gear_speed:.6g} m/s at the limiter in top gear; at most "
+                f"{HIGHEST_SPEED:g} m/s, so look for a wrong unit or ratio"
             )
 
     @property
@@ -391,14 +432,23 @@ class Superbike(Vehicle):
         """Height of the common centre of mass, upright, m."""
         return self.centre_of_mass[1]
 
+    @property
+    def gear_speeds(self) -> FloatArray:
+        """Road speeds at the limiter, upright and without slip, m/s, first gear first."""
+        return self.motor.limiter_rpm * _RPM / self.motor.ratios() * self.rR
+
+    @property
+    def top_gear_speed(self) -> float:
+        """Road speed at the limiter in top gear, m/s."""
+        return float(self.gear_speeds[-1])
+
     @cached_property
     def wheel_torque(self) -> FloatArray:
         """Full-throttle torque at the rear wheel, N m, over wheel speeds of `wheel_torque_spacing`; best gear each."""
         spin = self.wheel_torque_spacing * np.arange(TORQUE_SAMPLES)
         limiter = self.motor.limiter_rpm
-        limit_speeds = self.motor.gear_speeds() / self.rR
-        rpm = np.maximum(spin[:, None] / limit_speeds[None, :], _SHIFT_FLOOR) * limiter
-        ratio = limiter * math.pi / 30.0 / limit_speeds
+        ratio = self.motor.ratios()
+        rpm = np.maximum(spin[:, None] * ratio[None, :] / _RPM, _SHIFT_FLOOR * limiter)
         table: FloatArray = (self.motor.crank_torque(rpm) * ratio * self.motor.efficiency).max(axis=1)
         table.setflags(write=False)
         return table
@@ -406,7 +456,7 @@ class Superbike(Vehicle):
     @property
     def wheel_torque_spacing(self) -> float:
         """Spacing of `wheel_torque`, rad/s; the table ends 5 % above the limiter in top gear."""
-        return 1.05 * self.motor.top_gear_speed / self.rR / (TORQUE_SAMPLES - 1)
+        return 1.05 * self.top_gear_speed / self.rR / (TORQUE_SAMPLES - 1)
 
     @cached_property
     def tyres(self) -> NDArray[np.void]:
@@ -441,8 +491,9 @@ _POSITIVE: Final = frozenset(
     {
         "crown", "stiffness", "nominal_load", "cornering", "friction", "friction_ratio", "slip_stiffness", "relaxation",
         "slip_relaxation", "mass", "height", "Ixx", "Iyy", "Izz", "slide_lean_deg", "slide_frequency", "peak_power",
-        "peak_torque", "peak_torque_rpm", "efficiency", "first_gear_speed", "lag", "force", "frequency", "lean_rate",
-        "lean_acceleration", "torque", "max_lean_deg", "stop_deg",
+        "peak_torque", "peak_torque_rpm", "efficiency", "primary_ratio", "final_ratio", "gear_1", "gear_2", "gear_3",
+        "gear_4", "gear_5", "gear_6", "lag", "force", "frequency", "lean_rate", "lean_acceleration", "torque",
+        "max_lean_deg", "stop_deg",
     }
 )  # fmt: skip
 """Values that must not be zero either, in any section."""
