@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bike_sim.sim.batch import COMPILED_ENGINE, CompiledBatch
+from bike_sim.sim.bicycle_batch import COMPILED_ENGINE, CompiledBatch
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_training.cli import main

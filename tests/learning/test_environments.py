@@ -8,7 +8,7 @@ from gymnasium.utils.env_checker import check_env
 
 from bike_policy.contract.actor import Actor
 from bike_sim.physics.state import MIRROR_SIGNS, ROLL, STATE_SIZE
-from bike_sim.sim.batch import CompiledBatch
+from bike_sim.sim.bicycle_batch import CompiledBatch
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.events import EventKind
 from bike_sim.sim.request import ResetRequest

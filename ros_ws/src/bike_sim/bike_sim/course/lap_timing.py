@@ -8,12 +8,19 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
-from enum import Enum
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from enum import IntEnum
+from typing import Any
 
-from bike_sim.course.line_crossings import crossed_share
-from bike_sim.course.track import Track
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_sim.course import timing_account as acc
+from bike_sim.course.track import IDEAL, LEFT, RIGHT, Track
+from bike_sim.kernels import njit
+
+FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -61,13 +68,13 @@ class Lap:
         return self.off_track == 0.0
 
 
-class TimingKind(Enum):
-    """A report of the timing."""
+class TimingKind(IntEnum):
+    """A report of the timing; the numbers are those of ``bike_msgs/RideEvent``."""
 
-    SECTOR = "sector"
-    LAP = "lap"
-    LEFT_TRACK = "left track"
-    BACK_ON_TRACK = "back on track"
+    SECTOR = acc.SECTOR
+    LAP = acc.LAP
+    LEFT_TRACK = acc.LEFT_TRACK
+    BACK_ON_TRACK = acc.BACK_ON_TRACK
 
 
 @dataclass(frozen=True)
@@ -118,51 +125,84 @@ class Timing:
         return min((lap for lap in self.laps if lap.valid), key=lambda lap: lap.duration, default=None)
 
 
-@dataclass(frozen=True)
-class _Sums:
-    """What adds up over time: time (s), time off the track (s), distance to the ideal line times time (m s)."""
+class LapLog:
+    """Finished laps and events of a ride, from the rows that its account writes.
 
-    time: float = 0.0
-    off_track: float = 0.0
-    distance: float = 0.0
+    Attributes:
+        laps: in order.
+    """
 
-    def plus(self, other: _Sums) -> _Sums:
-        return _Sums(self.time + other.time, self.off_track + other.off_track, self.distance + other.distance)
+    def __init__(self) -> None:
+        self.laps: list[Lap] = []
+        self._sectors: list[float] = []
 
-    def mean_distance(self, known: bool) -> float:
-        return self.distance / self.time if known and self.time > 0.0 else math.nan
+    def take(self, row: Sequence[float]) -> TimingEvent:
+        """Return a row of `timing_account` as an event, and keep the lap that it finishes."""
+        kind, time, progress, value = TimingKind(int(row[acc.KIND])), *row[acc.TIME : acc.NUMBER]
+        if kind is TimingKind.LAP:
+            return self._finish_lap(row)
+        if kind is TimingKind.SECTOR:
+            if int(row[acc.NUMBER]) == 1:
+                self._sectors.clear()
+            self._sectors.append(value)
+            text = f"sector {int(row[acc.NUMBER])} in {value:.3f} s"
+        elif kind is TimingKind.LEFT_TRACK:
+            text = "both wheels left the track"
+        else:
+            text = f"back on the track after {value:.2f} s"
+        return TimingEvent(kind, time, progress, value, text)
 
+    def _finish_lap(self, row: Sequence[float]) -> TimingEvent:
+        _, time, progress, duration, number, began, off_track, distance = row
+        lap = Lap(int(number), began, duration, tuple(self._sectors), off_track, distance)
+        self.laps.append(lap)
+        minutes, seconds = divmod(round(duration, 3), 60.0)  # rounded first: never 60.000 s
+        text = f"lap {lap.number} in {int(minutes)}:{seconds:06.3f}"
+        if not lap.valid:
+            text += f", invalid: {off_track:.2f} s outside the limits"
+        return TimingEvent(TimingKind.LAP, time, progress, duration, text, lap)
 
-@dataclass(frozen=True)
-class _Place:
-    """A sample with the distances of both contact points beyond the limits (m) and to the ideal line."""
+    def valid_laps(self) -> tuple[float, ...]:
+        """Return the times of the valid laps, s."""
+        return tuple(lap.duration for lap in self.laps if lap.valid)
 
-    time: float
-    progress: float
-    outside: float
-    distance: float
+    def to_card(self) -> dict[str, Any]:
+        """Return plain values that :meth:`from_card` reads."""
+        return {"laps": [asdict(lap) for lap in self.laps], "sectors": list(self._sectors)}
+
+    @classmethod
+    def from_card(cls, card: Mapping[str, Any]) -> LapLog:
+        """Read what :meth:`to_card` wrote, also after a round trip through JSON."""
+        log = cls()
+        log.laps = [Lap(**{**lap, "sectors": tuple(lap["sectors"])}) for lap in card["laps"]]
+        log._sectors = list(card["sectors"])
+        return log
+
+    def timing(self, account: Any, measured: bool) -> Timing:
+        """Return the summary of a ride.
+
+        Args:
+            account: its record of `timing_account.ACCOUNT`.
+            measured: whether there is an ideal line.
+        """
+        return Timing(
+            tuple(self.laps),
+            float(account["ride"]["off_track"]),
+            float(acc.mean_distance(account["ride"], measured)),
+            float(account["farthest"]) if measured and account["started"] else math.nan,
+        )
 
 
 class LapTimer:
-    """Times one ride.
-
-    Timing begins when the start line is first crossed (or with the first sample, if that lies on it). A line counts
-    once, when it is first crossed forward: riding back over it and on again changes nothing.
-    """
+    """Times one ride on a circuit, against its ideal line if it has one; see `timing_account`."""
 
     def __init__(self, track: Track) -> None:
-        """Begin a ride on a circuit; its ideal line is measured against if it has one."""
+        """Begin a ride."""
         self._track = track
-        self._marks = [start for _, start in track.sectors if 0.0 < start < track.length]
-        self._before: _Place | None = None
-        self._next = 0  # Index of the next line to cross; line k * (marks + 1) is the start of lap k.
-        self._lap_began: float | None = None
-        self._sector_began = 0.0
-        self._sectors: list[float] = []
-        self._lap, self._ride = _Sums(), _Sums()
-        self._left_at: float | None = None
-        self._farthest = math.nan
-        self._laps: list[Lap] = []
+        self._account = np.zeros(1, dtype=acc.ACCOUNT)
+        self._rows = np.empty((acc.rows_for(len(track.marks), 1.0), acc.ROW_SIZE))
+        self._log = LapLog()
+        self._time, self._progress = -math.inf, math.nan
 
     def feed(self, sample: Sample) -> list[TimingEvent]:
         """Take the next sample and return what happened since the one before, in the order of time.
@@ -173,130 +213,60 @@ class LapTimer:
         values = (sample.time, sample.progress, sample.offset, sample.front_progress, sample.front_offset)
         if not all(math.isfinite(value) for value in values):
             raise ValueError(f"a sample of lap timing must be finite, got {sample}")
-        place = self._place(sample)
-        if self._track.ideal is not None:
-            self._farthest = max(place.distance, 0.0 if math.isnan(self._farthest) else self._farthest)
-        before, self._before = self._before, place
-        if before is None:
-            return self._begin(place)
-        if place.time <= before.time:
-            raise ValueError(f"time of lap timing must grow, got {place.time} s after {before.time} s")
-        events = self._border_events(before, place)
-        while self._line(self._next) <= place.progress:
-            crossing = self._between(before, place, self._line(self._next))
-            self._add(before, crossing)
-            events += self._cross(crossing)
-            before = crossing
-        self._add(before, place)
-        return sorted(events, key=lambda event: event.time)
+        if sample.time <= self._time:
+            raise ValueError(f"time of lap timing must grow, got {sample.time} s after {self._time} s")
+        track = self._track
+        moved = 0.0 if math.isnan(self._progress) else sample.progress - self._progress
+        needed = acc.rows_for(len(track.marks), moved / track.length)
+        if needed > len(self._rows):
+            self._rows = np.empty((needed, acc.ROW_SIZE))
+        self._time, self._progress = sample.time, sample.progress
+        count = _feed_sample(
+            self._account, track.table, track.marks, track.centre.spacing, track.length, values, self._rows
+        )
+        return [self._log.take(row) for row in self._rows[:count].tolist()]
 
     def timing(self) -> Timing:
         """Return the summary so far."""
-        known = self._track.ideal is not None
-        return Timing(tuple(self._laps), self._ride.off_track, self._ride.mean_distance(known), self._farthest)
-
-    def _place(self, sample: Sample) -> _Place:
-        rear = float(self._track.outside(sample.progress, sample.offset))
-        front = float(self._track.outside(sample.front_progress, sample.front_offset))
-        distance = 0.0
-        if self._track.ideal is not None:
-            distance = abs(sample.offset - float(self._track.at(self._track.ideal, sample.progress)))
-        return _Place(sample.time, sample.progress, min(rear, front), distance)
-
-    def _begin(self, place: _Place) -> list[TimingEvent]:
-        lines = len(self._marks) + 1
-        self._next = lines * math.floor(place.progress / self._track.length)
-        while self._line(self._next) < place.progress:
-            self._next += 1
-        if place.outside > 0.0:
-            self._left_at = place.time
-        return self._cross(place) if self._line(self._next) == place.progress else []
-
-    def _line(self, index: int) -> float:
-        """Return the progress of a line, m."""
-        lap, mark = divmod(index, len(self._marks) + 1)
-        return lap * self._track.length + (self._marks[mark - 1] if mark else 0.0)
-
-    @staticmethod
-    def _between(before: _Place, after: _Place, progress: float) -> _Place:
-        """Return the crossing of a line, everything linear in progress."""
-        share = crossed_share(progress - before.progress, after.progress - before.progress)
-
-        def mix(a: float, b: float) -> float:
-            return a + share * (b - a)
-
-        return _Place(
-            mix(before.time, after.time),
-            progress,
-            mix(before.outside, after.outside),
-            mix(before.distance, after.distance),
-        )
-
-    def _add(self, a: _Place, b: _Place) -> None:
-        """Add the time between two samples to the sums of the lap and of the ride."""
-        span = b.time - a.time
-        if span <= 0.0:
-            return
-        outside = span * _share_above_zero(a.outside, b.outside)
-        sums = _Sums(span, outside, 0.5 * span * (a.distance + b.distance))
-        self._lap, self._ride = self._lap.plus(sums), self._ride.plus(sums)
-
-    def _border_events(self, a: _Place, b: _Place) -> list[TimingEvent]:
-        """Return the event of leaving the track or coming back between two samples."""
-        if (a.outside > 0.0) == (b.outside > 0.0):
-            return []
-        share = a.outside / (a.outside - b.outside)
-        time, progress = a.time + share * (b.time - a.time), a.progress + share * (b.progress - a.progress)
-        if b.outside > 0.0:
-            self._left_at = time
-            return [TimingEvent(TimingKind.LEFT_TRACK, time, progress, 0.0, "both wheels left the track")]
-        away = time - (time if self._left_at is None else self._left_at)
-        self._left_at = None
-        text = f"back on the track after {away:.2f} s"
-        return [TimingEvent(TimingKind.BACK_ON_TRACK, time, progress, away, text)]
-
-    def _cross(self, at: _Place) -> list[TimingEvent]:
-        """Count a line and return the sector and the lap that end there."""
-        starts_lap = self._next % (len(self._marks) + 1) == 0
-        self._next += 1
-        events = []
-        if self._lap_began is not None:
-            duration = at.time - self._sector_began
-            self._sectors.append(duration)
-            text = f"sector {len(self._sectors)} in {duration:.3f} s"
-            events.append(TimingEvent(TimingKind.SECTOR, at.time, at.progress, duration, text))
-        self._sector_began = at.time
-        if starts_lap:
-            if self._lap_began is not None:
-                events.append(self._finish_lap(at))
-            self._lap_began, self._sectors, self._lap = at.time, [], _Sums()
-        return events
-
-    def _finish_lap(self, at: _Place) -> TimingEvent:
-        assert self._lap_began is not None
-        lap = Lap(
-            len(self._laps) + 1,
-            self._lap_began,
-            at.time - self._lap_began,
-            tuple(self._sectors),
-            self._lap.off_track,
-            self._lap.mean_distance(self._track.ideal is not None),
-        )
-        self._laps.append(lap)
-        minutes, seconds = divmod(round(lap.duration, 3), 60.0)  # rounded first: never 60.000 s
-        text = f"lap {lap.number} in {int(minutes)}:{seconds:06.3f}"
-        if not lap.valid:
-            text += f", invalid: {lap.off_track:.2f} s outside the limits"
-        return TimingEvent(TimingKind.LAP, at.time, at.progress, lap.duration, text, lap)
+        return self._log.timing(self._account[0], self._track.ideal is not None)
 
 
-def _share_above_zero(a: float, b: float) -> float:
-    """Return the fraction of a straight line from a to b that is above zero."""
-    if a > 0.0 and b > 0.0:
-        return 1.0
-    if a <= 0.0 and b <= 0.0:
+@njit(cache=True)
+def _feed_sample(
+    accounts: Any, table: FloatArray, marks: FloatArray, spacing: float, length: float,
+    values: tuple[float, float, float, float, float], rows: FloatArray,
+) -> int:  # fmt: skip
+    """Find how far outside and how far from the ideal line a sample is, and feed it."""
+    time, progress, offset, front_progress, front_offset = values
+    rear = outside(table, spacing, length, progress, offset)
+    front = outside(table, spacing, length, front_progress, front_offset)
+    distance = ideal_distance(table, spacing, length, progress, offset)
+    measured = not math.isnan(table[IDEAL, 0])
+    return acc.feed(accounts[0], marks, length, measured, time, progress, min(rear, front), distance, rows)
+
+
+@njit(cache=True)
+def outside(table: FloatArray, spacing: float, length: float, progress: float, offset: float) -> float:
+    """Return the distance of a point of a circuit beyond its limits, m; negative within.
+
+    Args:
+        table: `Track.table`.
+        spacing: of its samples, m.
+        length: of the centre line, m.
+        progress: m.
+        offset: m, positive to the left.
+    """
+    left = offset - acc.sample(table[LEFT], spacing, length, progress)
+    right = -offset - acc.sample(table[RIGHT], spacing, length, progress)
+    return max(left, right)
+
+
+@njit(cache=True)
+def ideal_distance(table: FloatArray, spacing: float, length: float, progress: float, offset: float) -> float:
+    """Return the distance of a point to the ideal line, m; 0 without one. Arguments as those of `outside`."""
+    if math.isnan(table[IDEAL, 0]):
         return 0.0
-    return max(a, b) / abs(a - b)
+    return abs(offset - acc.sample(table[IDEAL], spacing, length, progress))
 
 
 def time_laps(track: Track, samples: Iterable[Sample]) -> tuple[Timing, tuple[TimingEvent, ...]]:

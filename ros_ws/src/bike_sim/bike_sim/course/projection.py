@@ -79,6 +79,22 @@ def point_at(
 
 
 @njit(cache=True)
+def hermite(
+    a: tuple[float, float, float], b: tuple[float, float, float], spacing: float, u: float
+) -> tuple[float, float]:
+    """Return the point at a fraction u between two samples (x, y, heading) of a line, as `point_at` does, m."""
+    u2 = u * u
+    u3 = u2 * u
+    along = u3 - 2.0 * u2 + u
+    back = u3 - u2
+    h01 = 3.0 * u2 - 2.0 * u3
+    h00 = 2.0 * u3 - 3.0 * u2 + 1.0
+    px = h00 * a[0] + along * (math.cos(a[2]) * spacing) + h01 * b[0] + back * (math.cos(b[2]) * spacing)
+    py = h00 * a[1] + along * (math.sin(a[2]) * spacing) + h01 * b[1] + back * (math.sin(b[2]) * spacing)
+    return px, py
+
+
+@njit(cache=True)
 def curvature_at(curvature: ndarray, spacing: float, closed: bool, s: float) -> float:
     """Return the curvature (1/m) of the sample nearest below an arc length, so that steps stay steps."""
     i, u = locate(s, spacing, len(curvature), closed)

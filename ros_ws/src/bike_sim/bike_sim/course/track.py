@@ -21,6 +21,9 @@ FloatArray = NDArray[np.float64]
 LINE_SPACING = 1.0
 """Distance of the points that define an offset line, m."""
 
+X, Y, HEADING, CURVATURE, LEFT, RIGHT, HEIGHT, IDEAL = range(8)
+"""Rows of `Track.table`."""
+
 CORNER_CURVATURE = 1.0 / 450.0
 """Curvature above which a circuit without named corners has a corner, 1/m."""
 
@@ -163,6 +166,24 @@ class Track:
     def walls(self) -> tuple[FloatArray, FloatArray]:
         """Return the offsets of the left and the right wall (m, positive and negative) at the samples."""
         return self.width_left + self.run_off_left, -(self.width_right + self.run_off_right)
+
+    @cached_property
+    def table(self) -> FloatArray:
+        """All columns in one array for compiled loops, shape (8, n).
+
+        Position (m), heading (rad) and curvature (1/m) of the centre line, distances to both limits, height, offset of
+        the ideal line (m; NaN without one), at the samples.
+        """
+        centre = self.centre
+        ideal = np.full(len(centre.s), np.nan) if self.ideal is None else self.ideal
+        columns = (*(centre.x, centre.y, centre.heading, centre.curvature, self.width_left, self.width_right),
+                   *(self.elevation, ideal))  # fmt: skip
+        return np.ascontiguousarray(columns)
+
+    @cached_property
+    def marks(self) -> FloatArray:
+        """Progress of the sectors' beginnings behind the start line, m, growing."""
+        return np.array([start for _, start in self.sectors if 0.0 < start < self.length])
 
     def outside(self, progress: FloatArray | float, offset: FloatArray | float) -> FloatArray:
         """Return the distance of a point beyond the limits, m; negative within."""

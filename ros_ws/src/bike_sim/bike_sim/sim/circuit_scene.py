@@ -12,20 +12,22 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from bike_sim.course import timing_account as acc
 from bike_sim.course.course import Course
-from bike_sim.course.lap_timing import LapTimer, Sample, Timing
-from bike_sim.course.placing import EXACT, REACH
-from bike_sim.course.projection import project, window
+from bike_sim.course.lap_timing import LapLog, Timing
+from bike_sim.course.placing import REACH
+from bike_sim.course.projection import project
 from bike_sim.course.track import Track
 from bike_sim.physics import state as st
 from bike_sim.physics.ground import flat_ground
+from bike_sim.sim import circuit_look as cl
 from bike_sim.sim import look as lk
-from bike_sim.sim.events import CircuitEvents, Event, fall_event, wall_event
+from bike_sim.sim.circuit_events import circuit_events
 from bike_sim.sim.ground import Road, lay_ground, road_of
 from bike_sim.sim.plant import Plant
-from bike_sim.sim.request import COURSE_POINTS, Preview
+from bike_sim.sim.request import Preview
 from bike_sim.sim.scene import View
-from bike_sim.sim.snapshot import NO_FALL, WALL, CircuitView, WallHit
+from bike_sim.sim.snapshot import CircuitView, WallHit
 from bike_sim.theory.envelope import Envelope
 from bike_sim.theory.lap_limit import LapLimit, lap_limit
 
@@ -43,6 +45,8 @@ class FollowedLine:
     Attributes:
         track: the circuit. lam: which of its lines, 0 the median, 1 the ideal line. line: the line.
         to_centre: progress along the centre line at the samples of the line, never decreasing, m.
+        stations: what stations at its samples show, see `look.stations`.
+        rows: where a look writes what happened.
     """
 
     def __init__(self, track: Track, lam: float) -> None:
@@ -55,12 +59,27 @@ class FollowedLine:
         centre = track.centre
         along = lk.centre_progress(centre.x, centre.y, centre.heading, centre.spacing, self.line.x, self.line.y)
         self.to_centre: FloatArray = np.maximum.accumulate(along)
+        limits = track.width_left, track.width_right, track.elevation
+        self.stations: FloatArray = lk.stations(
+            self.line.table, self.to_centre, lk.columns(centre), centre.spacing, limits
+        )
+        # A step moves the search for the nearest point by a lap at most; one row more for the end of the ride.
+        self.rows = np.empty((acc.rows_for(len(track.marks), 1.0) + 1, acc.ROW_SIZE))
         self._limit: LapLimit | None = None
 
     @cached_property
     def road(self) -> Road:
         """The circuit as compiled code reads it."""
         return road_of(self.track)
+
+    def facts(self, mass: float) -> NDArray[np.void]:
+        """Return what compiled code knows of line and vehicle (mass in kg): a record of `circuit_look.FACTS`."""
+        track, line = self.track, self.line
+        facts = np.zeros(1, dtype=cl.FACTS)
+        facts["spacing"], facts["length"] = track.centre.spacing, track.length
+        facts["line_spacing"], facts["line_length"] = line.spacing, line.length
+        facts["measured"], facts["mass"] = track.ideal is not None, mass
+        return facts
 
     def limit(self, envelope: Envelope) -> LapLimit:
         """Return the theoretical lap of the machine that the line was computed for."""
@@ -96,10 +115,15 @@ def start_speed(followed: FollowedLine, limits: Envelope, progress: float = 0.0)
 
 
 class CircuitScene:
-    """One episode on a circuit; see `bike_sim.sim.scene.Scene`.
+    """One episode on a circuit; see `bike_sim.sim.scene.Scene`. The work is done by `bike_sim.sim.circuit_look`.
 
     Attributes:
         followed: the line that is followed.
+        facts: what the kernel knows of circuit and vehicle, a record of `circuit_look.FACTS`, shape (1,).
+        ride: what the ride remembers, a record of `circuit_look.RIDE`, shape (1,).
+        log: finished laps.
+        view: the last view as `circuit_look` lays it out.
+        ground: under the wheels during the next control period. stopped: whether a wall holds the vehicle.
     """
 
     def __init__(self, plant: Plant, followed: FollowedLine, preview: Preview | None, begin: float) -> None:
@@ -115,16 +139,10 @@ class CircuitScene:
         self.followed = followed
         self.course: Course = followed.line
         self._plant, self._preview, self._asked = plant, preview, begin
-        self._line, self._to_centre = lk.columns(followed.line), followed.to_centre
-        self._centre = lk.columns(self.track.centre)
-        self._limits = (self.track.width_left, self.track.width_right, self.track.elevation)
-        self._road = followed.road
-        self.ground = flat_ground()._replace(bumps=self._road.bumps)
-        self._events = CircuitEvents(LapTimer(self.track))
-        self._wall: WallHit | None = None
-        self._over = False
-        self._look, self._place = lk.blank_look(), np.zeros(lk.PLACE_SIZE)
-        self._fresh = True
+        self.facts = followed.facts(plant.vehicle.mass)
+        self.ride = np.zeros(1, dtype=cl.RIDE)
+        self.log = LapLog()
+        self.ground = flat_ground()._replace(bumps=followed.road.bumps)
         self.stopped = False
 
     def start(self, s: float, state: st.StateVector, anywhere: bool) -> None:
@@ -135,19 +153,19 @@ class CircuitScene:
             state: first state.
             anywhere: whether it may be anywhere on the circuit; else it is at `s`.
         """
-        wheelbase = self._plant.vehicle.w
+        wheelbase, ride = self._plant.vehicle.w, self.ride[0]
         if anywhere:
             s = self.course.nearest(state[st.X], state[st.Y], state[st.YAW], s)
-            self._place = self._look_up(state)
+            ride["place"] = self._look_up(state)
         else:
-            self._place = np.array([self._asked, 0.0, self._asked + wheelbase, 0.0])
-        self._look[lk.PROGRESS], self._look[lk.FRONT_PROGRESS] = s, s + wheelbase
-        self._begin, self._rear = s, state[[st.X, st.Y]]
+            ride["place"] = self._asked, 0.0, self._asked + wheelbase, 0.0
+        ride["near"] = s, s + wheelbase
+        ride["asked"], ride["begin"], ride["rear"] = self._asked, s, state[[st.X, st.Y]]
         x, y, yaw = (float(state[k]) for k in (st.X, st.Y, st.YAW))
         front = x + wheelbase * math.cos(yaw), y + wheelbase * math.sin(yaw)
-        self._judge(state, front, 0.0)
+        lay_ground(x, y, *front, ride["place"], 0.0, self.followed.road, self.ground.record)
 
-    def _look_up(self, state: st.StateVector) -> FloatArray:
+    def _look_up(self, state: st.StateVector) -> list[float]:
         """Return place of both contact points of a state that may lie anywhere, as if upright, m."""
         centre = self.track.centre
         x, y, yaw = (float(state[k]) for k in (st.X, st.Y, st.YAW))
@@ -156,75 +174,44 @@ class CircuitScene:
         for ahead in (0.0, self._plant.vehicle.w):
             px, py, at = x + ahead * math.cos(yaw), y + ahead * math.sin(yaw), near + ahead
             place += project(centre.x, centre.y, centre.heading, centre.spacing, True, px, py, at, REACH, REACH)[:2]
-        return np.array(place)
-
-    def _judge(self, state: st.StateVector, front: tuple[float, float], time: float) -> int:
-        """Lay the ground and keep the distance beyond the limits; return which contact point is at a wall, or -1."""
-        x, y = float(state[st.X]), float(state[st.Y])
-        rear, ahead, wall = lay_ground(x, y, *front, self._place, time, self._road, self.ground.record)
-        self._outside = min(rear, ahead)
-        return int(wall)
+        return place
 
     def timing(self) -> Timing:
         """Return laps, sectors and distances so far."""
-        return self._events.timer.timing()
+        return self.log.timing(self.ride[0]["account"], self.track.ideal is not None)
 
     def look(self, state: st.StateVector, signals: FloatArray, time: float, fall: str) -> View:
         """Return the view; see `bike_sim.sim.scene.Scene`."""
-        points = self._find(state, signals)
-        look, place = self._look, self._place
-        wall = self._judge(state, (float(look[lk.FRONT_X]), float(look[lk.FRONT_Y])), time)
-        events = self._events.look(Sample(time, *place.tolist()), self._outside)
-        if self.stopped:
-            state[[st.ROLL_RATE, st.STEER_RATE, st.FRONT_WHEEL_RATE]] = 0.0
-        elif fall == NO_FALL and wall >= 0:
-            self._hit(wall, state)
-        fall = WALL if self._wall else fall
-        if fall != NO_FALL and not self._over:
-            self._over = True
-            if time > 0.0:
-                events.append(self._end(state, time, fall))
+        plant, track = self._plant, self.track
+        view = self.view = np.empty(cl.VIEW_SIZE)
+        if not plant.rolling:
+            plant.move(signals, view)
+        count, end, off_course, finished, self.stopped = cl.look_one(
+            state, plant.vehicle.parameters, plant.rolling, cl.ENDS.index(fall), time, track.table,
+            self.course.table, self.followed.stations, track.marks,
+            self.facts, *self.followed.road, self.ground.record, self.ride, view, self.followed.rows,
+        )  # fmt: skip
+        look, points = view[: cl.PLACE], view[cl.POINTS :].reshape(3, lk.STATIONS, 3)
         preview_x, preview_y = self._see_line(state, look, points)
         return View(
             look=look,
             preview_x=preview_x,
             preview_y=preview_y,
-            off_course=self._outside > 0.0,
-            finished=bool(look[lk.PROGRESS] >= self._begin + self.course.length),
-            fall=fall,
-            circuit=CircuitView(place, self._outside, points, self._wall),
-            events=tuple(events),
+            off_course=off_course,
+            finished=finished,
+            fall=cl.ENDS[end],
+            circuit=CircuitView(view[cl.PLACE : cl.CIRCUIT], float(view[cl.CIRCUIT + lk.OUTSIDE]), points, self.wall),
+            events=circuit_events(self.followed.rows[:count], self.log) if count > 0 else (),
         )
 
-    def _find(self, state: st.StateVector, signals: FloatArray) -> FloatArray:
-        """Find the vehicle on the followed line and the centre line, and return the course points."""
-        plant, track = self._plant, self.track
-        look, place, points = self._look.copy(), self._place.copy(), np.empty((3, lk.STATIONS, 3))
-        if not plant.rolling:
-            plant.move(signals, look)
-        rear = state[[st.X, st.Y]]
-        lk.look_at_circuit(
-            state,
-            plant.vehicle.parameters,
-            plant.rolling,
-            self.stopped,
-            self._line,
-            self.course.spacing,
-            self._to_centre,
-            self._centre,
-            track.centre.spacing,
-            self._limits,
-            COURSE_POINTS.interval,
-            window(REACH, math.dist(rear, self._rear), track.centre.length),
-            look,
-            place,
-            points,
-        )
-        if self._fresh and abs(place[lk.CENTRE_PROGRESS] - self._asked) < EXACT:
-            place[lk.CENTRE_PROGRESS] = self._asked  # a start on the line is one
-        self._fresh = False
-        self._look, self._place, self._rear = look, place, rear
-        return points
+    def valid_laps(self) -> tuple[float, ...]:
+        """Return the times of the valid laps finished so far, s."""
+        return self.log.valid_laps()
+
+    @property
+    def wall(self) -> WallHit | None:
+        """The collision that ended the ride, or None."""
+        return WallHit(*self.ride["hit"][0].tolist()) if self.stopped else None
 
     def _see_line(self, state: st.StateVector, look: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the preview of the followed line."""
@@ -236,7 +223,7 @@ class CircuitScene:
             state,
             self._plant.vehicle.parameters,
             self._plant.rolling,
-            self._line,
+            lk.columns(self.course),
             self.course.spacing,
             True,
             preview.by_time,
@@ -246,18 +233,3 @@ class CircuitScene:
             seen[1],
         )
         return seen[0], seen[1]
-
-    def _hit(self, contact: int, state: st.StateVector) -> None:
-        """Note the wall that a contact point has reached; it holds the vehicle from the next step on."""
-        speed = float(self._look[lk.SPEED])
-        heading = float(self.track.at(self.track.centre.heading, self._place[contact]))
-        angle = abs(math.remainder(float(state[st.YAW]) - heading, math.pi))
-        self._wall = WallHit(speed, angle, 0.5 * self._plant.vehicle.mass * speed**2)
-        self.stopped = True
-
-    def _end(self, state: st.StateVector, time: float, fall: str) -> Event:
-        """Return the event of how the ride ended."""
-        progress = float(self._place[lk.CENTRE_PROGRESS])
-        if self._wall is not None:
-            return wall_event(time, progress, self._wall)
-        return fall_event(time, progress, float(state[st.ROLL]), fall, float(self._look[lk.SPEED]))

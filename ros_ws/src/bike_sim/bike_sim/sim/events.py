@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from bike_sim.course.course import Course
-from bike_sim.course.lap_timing import LapTimer, Sample, TimingEvent, TimingKind
+from bike_sim.course.lap_timing import TimingEvent, TimingKind
 from bike_sim.course.line_crossings import LineCrossings
 from bike_sim.course.track import Track
 
@@ -101,30 +101,6 @@ class PathEvents:
         return Event(EventKind.LAP, time, line, duration, f"lap {lap + 1} in {duration:.3f} s")
 
 
-_TIMING_KINDS: Final = {
-    TimingKind.SECTOR: EventKind.SECTOR,
-    TimingKind.LAP: EventKind.LAP,
-    TimingKind.LEFT_TRACK: EventKind.OFF_COURSE,
-    TimingKind.BACK_ON_TRACK: EventKind.BACK_ON_COURSE,
-}
-
-
-class CircuitEvents:
-    """Finds laps and sectors on a circuit, and leaving the track and coming back.
-
-    Attributes:
-        timer: the lap timing behind it.
-    """
-
-    def __init__(self, timer: LapTimer) -> None:
-        """Begin an episode with the timer of its circuit."""
-        self.timer = timer
-
-    def look(self, sample: Sample, outside: float) -> list[Event]:
-        """Return the timing events at a position, with the distance beyond the limits (m) where they were left."""
-        return [timing_event(event, outside) for event in self.timer.feed(sample)]
-
-
 def timing_event(event: TimingEvent, outside: float) -> Event:
     """Return an event of the lap timing as an event of the ride.
 
@@ -133,7 +109,7 @@ def timing_event(event: TimingEvent, outside: float) -> Event:
         outside: distance beyond the limits at the end of the step, m.
     """
     value = outside if event.kind is TimingKind.LEFT_TRACK else event.value
-    return Event(_TIMING_KINDS[event.kind], event.time, event.progress, value, event.text)
+    return Event(EventKind(event.kind), event.time, event.progress, value, event.text)
 
 
 def reset_event(episode: int, course: Course, track: Track | None, progress: float) -> Event:

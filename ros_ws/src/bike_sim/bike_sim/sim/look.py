@@ -16,6 +16,7 @@ from numpy import ndarray
 
 from bike_sim.course import projection
 from bike_sim.course.course import Course
+from bike_sim.course.timing_account import sample
 from bike_sim.kernels import njit
 from bike_sim.physics import kinematics
 from bike_sim.physics.state import FRONT_WHEEL_RATE, ROLL, STEER, YAW, X, Y
@@ -49,6 +50,18 @@ FIELDS: Final = (
 # Places in the vector of what relates to the centre line of a circuit: arc length and lateral offset.
 CENTRE_PROGRESS, CENTRE_OFFSET, FRONT_CENTRE_PROGRESS, FRONT_CENTRE_OFFSET = range(4)
 PLACE_SIZE: Final = 4
+
+# Places in the vector of what relates to the limits of a circuit.
+REAR_LEFT, REAR_RIGHT, FRONT_LEFT, FRONT_RIGHT, OUTSIDE, OFF_TRACK_TIME, WALL_ENERGY, WRONG_WAY = range(8)
+CIRCUIT_SIZE: Final = 8
+CIRCUIT_FIELDS: Final = (
+    "rear_left_margin", "rear_right_margin", "front_left_margin", "front_right_margin", "outside", "off_track_time",
+    "wall_energy", "wrong_way",
+)  # fmt: skip
+"""Their names, in the same order: distances of both contact points to the left and right limit (m, positive inside),
+distance of the contact point that is less far out beyond the limits (m, negative on the track), time with any contact
+point outside since the reset (s), energy of motion towards walls that were met since the reset (J), and whether the
+heading is more than 90 deg from the centre line's (1, else 0)."""
 
 LINE, LEFT, RIGHT = range(3)
 """Rows of the course points: the followed line and both limits."""
@@ -200,11 +213,35 @@ def centre_progress(
 
 
 @njit(cache=True)
-def _sample(column: ndarray, spacing: float, length: float, s: float) -> float:
-    """Return a column of a closed line at an arc length of any lap, linear between samples."""
-    u = (s % length) / spacing
-    i = min(int(u), len(column) - 2)
-    return column[i] + (u - i) * (column[i + 1] - column[i])
+def stations(
+    line: ndarray, to_centre: ndarray, centre: Line, spacing: float, limits: tuple[ndarray, ndarray, ndarray]
+) -> ndarray:
+    """Return what a station shows at every sample of a line of a circuit: one row each, so that memory is read once.
+
+    Args:
+        line: x, y, heading and curvature of the line, shape (4, n).
+        to_centre: progress along the centre line at its samples, m.
+        centre: of the centre line, from :func:`columns`.
+        spacing: distance of its samples, m.
+        limits: distance to the left and to the right limit (m) and height (m), at the centre line's samples.
+
+    Returns:
+        x, y (m) and heading (rad) of the line, x and y of the left and of the right limit beside it, height (m), shape
+        (n, 8).
+    """
+    cx, cy, ch, _ = centre
+    left, right, height = limits
+    around = spacing * (len(height) - 1)
+    rows = np.empty((line.shape[1], 8))
+    for i in range(line.shape[1]):
+        c = to_centre[i]
+        mx, my, tx, ty = projection.point_at(cx, cy, ch, spacing, True, c)
+        aside, across = sample(left, spacing, around, c), sample(right, spacing, around, c)
+        rows[i, 0], rows[i, 1], rows[i, 2] = line[0, i], line[1, i], line[2, i]
+        rows[i, 3], rows[i, 4] = mx - aside * ty, my + aside * tx
+        rows[i, 5], rows[i, 6] = mx + across * ty, my - across * tx
+        rows[i, 7] = sample(height, spacing, around, c)
+    return rows
 
 
 @njit(cache=True)
@@ -215,17 +252,17 @@ def look_at_circuit(
     stopped: bool,
     line: Line,
     line_spacing: float,
-    to_centre: ndarray,
+    ahead: ndarray,
     centre: Line,
     spacing: float,
-    limits: tuple[ndarray, ndarray, ndarray],
+    height: ndarray,
     interval: float,
     reach: float,
     look: ndarray,
     place: ndarray,
     points: ndarray,
-) -> None:
-    """Fill the look of a circuit.
+) -> float:
+    """Fill the look of a circuit, and return the heading of the centre line beside the rear contact point, rad.
 
     Args:
         state: minimal state.
@@ -234,10 +271,10 @@ def look_at_circuit(
         stopped: whether a wall holds the vehicle, so that its speed and yaw rate are 0.
         line: of the followed line, from :func:`columns`.
         line_spacing: distance of its samples, m.
-        to_centre: progress along the centre line at its samples, m.
+        ahead: what stations show, from :func:`stations`.
         centre: of the centre line, from :func:`columns`.
         spacing: distance of its samples, m.
-        limits: distance to the left and to the right limit (m) and height (m), at the centre line's samples.
+        height: of the centre line, m, at its samples.
         interval: time between stations, s.
         reach: how far around where they were the nearest points are searched, m.
         look: in and out.
@@ -249,53 +286,33 @@ def look_at_circuit(
         look[YAW_RATE] = look[SPEED] = 0.0
     _relate(state, line, line_spacing, True, reach, reach, False, look)
     cx, cy, ch, _ = centre
-    place[CENTRE_PROGRESS], place[CENTRE_OFFSET], _ = projection.project(
+    place[CENTRE_PROGRESS], place[CENTRE_OFFSET], direction = projection.project(
         cx, cy, ch, spacing, True, state[X], state[Y], place[CENTRE_PROGRESS], reach, reach
     )
     place[FRONT_CENTRE_PROGRESS], place[FRONT_CENTRE_OFFSET], _ = projection.project(
         cx, cy, ch, spacing, True, look[FRONT_X], look[FRONT_Y], place[FRONT_CENTRE_PROGRESS], reach, reach
     )
     look[PREVIEW_SPACING] = max(interval * look[SPEED], LEAST_SPACING)
-    _course_points(state, line, line_spacing, to_centre, centre, spacing, limits, look, place, points)
+    ground = sample(height, spacing, spacing * (len(height) - 1), place[CENTRE_PROGRESS])
+    _course_points(state, ahead, line_spacing, ground, look, points)
+    return direction
 
 
 @njit(cache=True)
 def _course_points(
-    state: ndarray,
-    line: Line,
-    line_spacing: float,
-    to_centre: ndarray,
-    centre: Line,
-    spacing: float,
-    limits: tuple[ndarray, ndarray, ndarray],
-    look: ndarray,
-    place: ndarray,
-    points: ndarray,
+    state: ndarray, ahead: ndarray, spacing: float, ground: float, look: ndarray, points: ndarray
 ) -> None:
-    """Fill the stations ahead; arguments as those of :func:`look_at_circuit`."""
-    lx, ly, lh, _ = line
-    cx, cy, ch, _ = centre
-    left, right, height = limits
+    """Fill the stations ahead, with heights above the ground at the vehicle (m)."""
     cos, sin = math.cos(state[YAW]), math.sin(state[YAW])
-    around = spacing * (len(height) - 1)
-    ground = _sample(height, spacing, around, place[CENTRE_PROGRESS])
-    lap = line_spacing * (len(lx) - 1)
+    x, y = state[X], state[Y]
     for k in range(points.shape[1]):
-        at = look[PROGRESS] + k * look[PREVIEW_SPACING]
-        qx, qy, _, _ = projection.point_at(lx, ly, lh, line_spacing, True, at)
-        u = (at % lap) / line_spacing
-        i = min(int(u), len(to_centre) - 2)
-        c = to_centre[i] + (u - i) * (to_centre[i + 1] - to_centre[i])
-        mx, my, tx, ty = projection.point_at(cx, cy, ch, spacing, True, c)
-        z = _sample(height, spacing, around, c) - ground
+        i, u = projection.locate(look[PROGRESS] + k * look[PREVIEW_SPACING], spacing, len(ahead), True)
+        a, b = ahead[i], ahead[i + 1]
+        px, py = projection.hermite((a[0], a[1], a[2]), (b[0], b[1], b[2]), spacing, u)
         for row in range(3):
-            if row == LINE:
-                px, py = qx, qy
-            else:
-                aside = _sample(left, spacing, around, c) if row == LEFT else -_sample(right, spacing, around, c)
-                px, py = mx - aside * ty, my + aside * tx
-            px -= state[X]
-            py -= state[Y]
-            points[row, k, 0] = cos * px + sin * py
-            points[row, k, 1] = cos * py - sin * px
-            points[row, k, 2] = z
+            if row != LINE:
+                at = 2 * row + 1
+                px, py = a[at] + u * (b[at] - a[at]), a[at + 1] + u * (b[at + 1] - a[at + 1])
+            points[row, k, 0] = cos * (px - x) + sin * (py - y)
+            points[row, k, 1] = cos * (py - y) - sin * (px - x)
+            points[row, k, 2] = a[7] + u * (b[7] - a[7]) - ground

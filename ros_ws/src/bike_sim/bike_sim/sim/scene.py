@@ -90,6 +90,10 @@ class PathScene:
         self._events: PathEvents | None = None
         self._over = False
 
+    def valid_laps(self) -> tuple[float, ...]:
+        """Return no times: a path has no limits that a lap could be valid by."""
+        return ()
+
     def blank_look(self) -> FloatArray:
         """Return a look that knows where the search for the nearest point begins, and nothing else."""
         return self._look.copy()

@@ -100,6 +100,16 @@ class SuperbikeBase(ABC):
         return self._telemetry.view(np.float64).copy()
 
     @property
+    def constants(self) -> NDArray[np.void]:
+        """What the forces know of the machine, a record of `records.CONSTANTS`, shape (1,), read-only."""
+        return self._constants
+
+    @property
+    def memories(self) -> NDArray[np.void]:
+        """The memory by name, a record of `records.MEMORY`, shape (1,)."""
+        return self._memory
+
+    @property
     def fall(self) -> int:
         """How the machine fell, an index of `superbike_forces.FALL_NAMES`; 0 while it rides."""
         return int(self._memory["fall"][0])

@@ -1,0 +1,225 @@
+"""Control steps of many superbikes, compiled: motion, then all that is seen, timed and judged, row by row.
+
+Each row is advanced and looked at on copies, which are kept where all is finite; a row whose physics diverge shows its
+last finite instant and is lost.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from bike_sim.course import timing_account as acc
+from bike_sim.physics import articulated
+from bike_sim.physics import state as st
+from bike_sim.physics.ground import GROUND
+from bike_sim.physics.superbike.compiled import advance
+from bike_sim.physics.superbike.records import MEMORY, Command
+from bike_sim.physics.superbike_forces import TELEMETRY, TELEMETRY_NAMES
+from bike_sim.sim import circuit_look as cl
+from bike_sim.sim import look as lk
+from bike_sim.sim.ground import Road
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+_BODIES: Final = 5
+
+SIGNALS: Final = len(TELEMETRY_NAMES)
+"""Columns of the telemetry."""
+
+
+class Machines(NamedTuple):
+    """What machines are, one row each.
+
+    Attributes:
+        constants: records of `records.CONSTANTS`. trees: records of `articulated.tree_record`.
+        parameters: flat vehicle parameters, shape (m, k).
+    """
+
+    constants: Any
+    trees: Any
+    parameters: FloatArray
+
+
+class Grounds(NamedTuple):
+    """What is ridden on, one place for each.
+
+    Attributes:
+        tracks: `Track.table`. marks: `Track.marks`. lines: `Course.table`.
+        stations: `FollowedLine.stations`, in the places of the lines.
+        roads: tables of `ground.Road`, in the places of the circuits. road_facts: their facts, shape (n,).
+        bumps: their profiles of bumps.
+    """
+
+    tracks: Any
+    marks: Any
+    lines: Any
+    stations: Any
+    roads: Any
+    road_facts: Any
+    bumps: Any
+
+
+class Rows(NamedTuple):
+    """What rides, one row each.
+
+    Attributes:
+        state: minimal states. motion: of the bodies. memory: of the forces. signals: telemetry.
+        ground: under the wheels. ride: records of `circuit_look.RIDE`. facts: records of `circuit_look.FACTS`.
+        measured: telemetry as numbers, the same memory. views: as `circuit_look` lays it out.
+        preview: points of the followed line, shape (n, 2, STATIONS).
+        machine: place of the machine. track: place of the circuit. line: place of the followed line.
+        steps: control steps since the reset; -1 before the first. end: code of the end, see `circuit_look.ENDS`.
+        events: rows of what happened in the last step, shape (n, most, ROW_SIZE). told: how many of them count.
+    """
+
+    state: FloatArray
+    motion: Any
+    memory: Any
+    signals: Any
+    ground: Any
+    ride: Any
+    facts: Any
+    measured: FloatArray
+    views: FloatArray
+    preview: FloatArray
+    machine: IntArray
+    track: IntArray
+    line: IntArray
+    steps: IntArray
+    end: IntArray
+    events: FloatArray
+    told: IntArray
+
+
+def make_rows(count: int) -> Rows:
+    """Return rows in which nothing rides yet."""
+    signals = np.zeros(count, dtype=TELEMETRY)
+    return Rows(
+        state=np.zeros((count, st.STATE_SIZE)),
+        motion=np.zeros(count, dtype=articulated.motion_record(_BODIES)),
+        memory=np.zeros(count, dtype=MEMORY),
+        signals=signals,
+        ground=np.zeros(count, dtype=GROUND),
+        ride=np.zeros(count, dtype=cl.RIDE),
+        facts=np.zeros(count, dtype=cl.FACTS),
+        measured=signals.view(np.float64).reshape(count, SIGNALS),
+        views=np.full((count, cl.VIEW_SIZE), np.nan),
+        preview=np.zeros((count, 2, lk.STATIONS)),
+        machine=np.zeros(count, dtype=np.int64),
+        track=np.zeros(count, dtype=np.int64),
+        line=np.zeros(count, dtype=np.int64),
+        steps=np.full(count, -1),
+        end=np.zeros(count, dtype=np.int64),
+        events=np.zeros((count, 8, acc.ROW_SIZE)),
+        told=np.zeros(count, dtype=np.int64),
+    )
+
+
+class Scratch(NamedTuple):
+    """Copies of a row at work, shape (1,) or (1, k), and the memory of the dynamics."""
+
+    state: FloatArray
+    signals: Any
+    measured: FloatArray
+    ride: Any
+    views: FloatArray
+    work: Any
+
+
+def make_scratch() -> Scratch:
+    """Return memory to work with."""
+    one = make_rows(1)
+    return Scratch(one.state, one.signals, one.measured, one.ride, one.views, articulated.workspace(_BODIES))
+
+
+@njit(cache=True)
+def step_rows(
+    commands: FloatArray, dt: float, substeps: int, period: float, machines: Machines, grounds: Grounds, rows: Rows,
+    scratch: Scratch,
+) -> None:  # fmt: skip
+    """Hold commands for a control period.
+
+    Args:
+        commands: steering and throttle in [-1, 1], shape (n, 2).
+        dt: integration step, s.
+        substeps: steps of a control period.
+        period: the same, s.
+        machines: see there.
+        grounds: see there.
+        rows: advanced.
+        scratch: overwritten.
+    """
+    for i in range(len(commands)):
+        rows.told[i] = 0
+        if rows.steps[i] < 0:
+            continue
+        rows.steps[i] += 1
+        if rows.end[i] != cl.LOST:
+            _step(i, commands[i, 0], commands[i, 1], dt, substeps, period, machines, grounds, rows, scratch)
+
+
+@njit(cache=True)
+def _step(
+    i: int, steering: float, throttle: float, dt: float, substeps: int, period: float, machines: Machines,
+    grounds: Grounds, rows: Rows, scratch: Scratch,
+) -> None:  # fmt: skip
+    """Advance and see one row."""
+    state, view = scratch.state[0], scratch.views[0]
+    state[:] = rows.state[i]
+    scratch.signals[0] = rows.signals[i]
+    scratch.ride[0] = rows.ride[i]
+    ride, signals = scratch.ride[0], scratch.signals[0]
+    machine, track, line = rows.machine[i], rows.track[i], rows.line[i]
+    time = rows.steps[i] * period
+    if not ride.stopped:
+        advance(
+            state, rows.motion[i], rows.memory[i], signals, machines.constants[machine], machines.trees[machine],
+            scratch.work[0], Command(steering, throttle, dt), rows.ground[i], grounds.bumps[track], substeps,
+        )  # fmt: skip
+    count = -1
+    if math.isfinite(state.sum() + scratch.measured.sum()):
+        view[lk.PITCH], view[lk.YAW_RATE] = signals.pitch_rad, signals.yaw_rate_rad_s
+        view[lk.SPEED] = signals.speed_m_s
+        road = Road(grounds.roads[track], grounds.road_facts[track : track + 1], grounds.bumps[track])
+        count = cl.look_around(
+            state, machines.parameters[machine], False, int(rows.memory[i].fall), time, grounds.tracks[track],
+            grounds.lines[line], grounds.stations[line], grounds.marks[track], rows.facts[i], road,
+            rows.ground[i : i + 1], ride, view, rows.events[i],
+        )  # fmt: skip
+    if count < 0:
+        _lose(i, time, rows)
+        return
+    rows.state[i] = state
+    rows.signals[i] = scratch.signals[0]
+    rows.ride[i] = scratch.ride[0]
+    rows.views[i] = view
+    rows.told[i], rows.end[i] = count, ride.end
+    _see_line(i, rows)
+
+
+@njit(cache=True)
+def _see_line(i: int, rows: Rows) -> None:
+    """Copy the preview of the followed line out of the course points."""
+    for k in range(lk.STATIONS):
+        rows.preview[i, 0, k] = rows.views[i, cl.POINTS + 3 * k]
+        rows.preview[i, 1, k] = rows.views[i, cl.POINTS + 3 * k + 1]
+
+
+@njit(cache=True)
+def _lose(i: int, time: float, rows: Rows) -> None:
+    """End a row whose physics diverged, at its last finite instant."""
+    fell = rows.end[i] != 0
+    rows.end[i] = cl.LOST
+    if fell:
+        return
+    row = rows.events[i, 0]
+    row[:] = 0.0
+    row[acc.KIND], row[acc.TIME], row[acc.PROGRESS] = cl.FALL_ROW, time, rows.views[i, cl.PLACE]
+    row[acc.VALUE], row[cl.CAUSE] = rows.state[i, st.ROLL], cl.LOST
+    rows.told[i] = 1
