@@ -20,13 +20,12 @@ from bike_policy.contract.bundle_files import (
     card_mapping,
     card_name,
     card_period,
-    cut,
     read_card,
     read_tensors,
-    show,
     write_card,
 )
 from bike_policy.contract.observation import ObservationLayout
+from bike_sim.documents import shorten, show
 
 DEFAULT_POLICY: Final = "whipple"
 
@@ -141,4 +140,4 @@ def load_bundle(name_or_path: str | Path) -> Bundle:
             results=card_mapping(card, "results"),
         )
     except (ValueError, TypeError, OverflowError) as error:
-        raise ValueError(f"{folder}: {cut(str(error))}") from error
+        raise ValueError(f"{folder}: {shorten(str(error))}") from error

@@ -1,15 +1,11 @@
 """The files of a policy bundle, read as untrusted input.
 
 They must be regular files of limited size before anything is parsed, so that none makes a reader wait or fills its
-memory. The few lines for this repeat those of `bike_sim.documents`, because the contract imports no
-simulator.
+memory.
 """
 
 from __future__ import annotations
 
-import os
-import stat
-import unicodedata
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -20,17 +16,24 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError
 from safetensors.numpy import load
 
+from bike_sim.documents import (
+    MAX_YAML_SIZE,
+    DocumentError,
+    check_name,
+    parse_yaml,
+    read_bytes,
+    read_text,
+    shorten,
+    show,
+)
+
 FORMAT_VERSION: Final = 1
 ACTOR_FILE: Final = "actor.safetensors"
 CARD_FILE: Final = "card.yaml"
 MAX_ACTOR_SIZE: Final = 64_000_000
 """Largest file of an actor, bytes: 16 million numbers; the shipped one has 19 thousand."""
-MAX_CARD_SIZE: Final = 250_000
-"""Largest card, bytes."""
 MAX_PERIOD: Final = 10.0
 """Longest control period, s."""
-MAX_NAME: Final = 200
-"""Longest name of a bundle or vehicle, characters."""
 _CARD_ENTRIES: Final = ("format", "name", "vehicle", "control_period_s", "layout", "action", "training", "results")
 
 
@@ -41,16 +44,11 @@ def read_card(path: Path) -> dict[str, Any]:
         FileNotFoundError: it does not exist. ValueError: it is not a card of this format.
     """
     try:
-        text = _read_file(path, MAX_CARD_SIZE).decode("utf-8")
-        card = yaml.load(text, Loader=_CardLoader)
+        card = parse_yaml(read_text(path, MAX_YAML_SIZE))
     except FileNotFoundError:
         raise FileNotFoundError(f"{path.parent} is not a policy bundle: it has no {CARD_FILE}") from None
-    except RecursionError:
-        raise ValueError(f"{path}: is nested too deeply") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: not a YAML file ({cut(str(error))})") from None
-    except ValueError as error:  # the file's own, or an invalid date or number
-        raise ValueError(f"{path}: {cut(str(error))}") from None
+    except DocumentError as error:
+        raise ValueError(f"{path} {error}") from None
     if not isinstance(card, dict) or card.get("format") != FORMAT_VERSION:
         found = card.get("format") if isinstance(card, dict) else type(card).__name__
         raise ValueError(f"{path}: policy format {show(found)}, this software reads format {FORMAT_VERSION}")
@@ -67,67 +65,15 @@ def read_tensors(path: Path) -> dict[str, NDArray[np.float32]]:
         FileNotFoundError: there is no such file. ValueError: it is no safetensors file.
     """
     try:
-        tensors = load(_read_file(path, MAX_ACTOR_SIZE))
+        tensors = load(read_bytes(path, MAX_ACTOR_SIZE))
     except FileNotFoundError:
         raise FileNotFoundError(f"{path.parent} is not a policy bundle: it has no {ACTOR_FILE}") from None
     except (SafetensorError, KeyError, TypeError) as error:  # KeyError: a type of numbers that NumPy lacks
-        raise ValueError(f"{path}: not a safetensors file of an actor ({cut(str(error))})") from None
-    except ValueError as error:
-        raise ValueError(f"{path}: {cut(str(error))}") from None
+        raise ValueError(f"{path}: not a safetensors file of an actor ({shorten(str(error))})") from None
+    except DocumentError as error:
+        raise ValueError(f"{path} {error}") from None
     with np.errstate(over="ignore"):  # beyond single precision is infinite, and the actor refuses that
         return {key: np.asarray(value, dtype=np.float32) for key, value in tensors.items()}
-
-
-def _read_file(path: Path, limit: int) -> bytes:
-    """Return the content of a regular file of at most `limit` bytes.
-
-    Raises:
-        FileNotFoundError: it does not exist. ValueError: a pipe, a device, too large, or unreadable.
-    """
-
-    def require_regular(mode: int) -> None:
-        if not stat.S_ISREG(mode):
-            raise ValueError("is no regular file but a folder, a pipe, a socket or a device")
-
-    try:
-        require_regular(path.stat().st_mode)
-        # The file may be replaced after the check; without O_NONBLOCK, opening a pipe would block.
-        with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as stream:
-            require_regular(os.fstat(stream.fileno()).st_mode)
-            data = stream.read(limit + 1)
-    except FileNotFoundError:
-        raise
-    except OSError as error:
-        raise ValueError(f"cannot be read: {error.strerror}") from None
-    if len(data) > limit:
-        raise ValueError(f"is larger than {limit / 1e6:g} MB, the most that is read of such a file")
-    return data
-
-
-class _CardLoader(yaml.SafeLoader):
-    """Safe loader that refuses a key given twice, and aliases, by which a small card could stand for a huge one."""
-
-    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        """Return the next node, which must not be an alias."""
-        if self.check_event(yaml.AliasEvent):
-            event = self.peek_event()
-            raise yaml.MarkedYAMLError(
-                problem=f"alias *{event.anchor} is not read in a card; write the value out",
-                problem_mark=event.start_mark,
-            )
-        return super().compose_node(parent, index)
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        """Return a mapping whose keys all differ."""
-        seen: set[str] = set()
-        for key, _ in node.value:
-            if isinstance(key, yaml.ScalarNode):
-                if key.value in seen:
-                    raise yaml.MarkedYAMLError(
-                        problem=f"key {show(key.value)} is given twice", problem_mark=key.start_mark
-                    )
-                seen.add(key.value)
-        return dict(super().construct_mapping(node, deep))
 
 
 class _CardDumper(yaml.SafeDumper):
@@ -145,12 +91,7 @@ def write_card(path: Path, card: Mapping[str, Any]) -> None:
 
 def card_name(card: Mapping[str, Any], key: str) -> str:
     """Return a name from a card, which is short and can be shown."""
-    value = card[key]
-    if not isinstance(value, str) or not value.strip() or len(value) > MAX_NAME:
-        raise ValueError(f"{key} of the card must be text of at most {MAX_NAME} characters, got {show(value)}")
-    if any(unicodedata.category(character) in ("Cc", "Cf", "Cs", "Zl", "Zp") for character in value):
-        raise ValueError(f"{key} of the card has characters that cannot be shown: {value!a}")
-    return value
+    return check_name(card[key], f"{key} of the card")
 
 
 def card_mapping(card: Mapping[str, Any], key: str) -> Mapping[str, Any]:
@@ -169,17 +110,3 @@ def card_period(card: Mapping[str, Any]) -> float:
             f"control_period_s of the card must be a number above 0 and at most {MAX_PERIOD:g} s, got {show(value)}"
         )
     return float(value)
-
-
-def show(value: Any) -> str:
-    """Return a short text of a value from a card; lists and mappings are only named."""
-    if isinstance(value, list | dict):
-        return "a list" if isinstance(value, list) else "a mapping"
-    return cut(repr(value))
-
-
-def cut(text: str, limit: int = 200) -> str:
-    """Return a text in one line that a terminal can show, its end left out where it is longer than the limit."""
-    line = " ".join(text[: 2 * limit].split())
-    line = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line)
-    return line if len(line) <= limit else f"{line[: limit - 4]} ..."

@@ -6,11 +6,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bike_sim.course.elements import Element, sample_elements
+from bike_sim.course.spline import SmoothLine
 
 FloatArray = NDArray[np.float64]
 
@@ -126,6 +128,17 @@ class Course:
             return s
         same_lap = s + self.length * round((asked - s) / self.length)
         return same_lap if abs(same_lap - asked) < SAME_LAP else s
+
+    @classmethod
+    def from_line(cls, name: str, line: SmoothLine, **others: Any) -> Course:
+        """Build a course from a spline.
+
+        Args:
+            name: name of the course.
+            line: its samples.
+            others: attributes of the course that are no columns of the line; the usual ones where left out.
+        """
+        return cls(name, line.s, line.x, line.y, line.heading, line.curvature, **others)
 
     @classmethod
     def from_elements(

@@ -100,15 +100,11 @@ def path_from_points(name: str, line: CentreLine, off_course_limit: float = OFF_
     smooth = smooth_line(line.points, line.closed, SAMPLE_SPACING)
     # Between points the widths are linear: a spline could overshoot to a width below zero.
     widths = [None if w is None else np.interp(smooth.chord, chord, w) for w in (line.width_left, line.width_right)]
-    return Course(
+    return Course.from_line(
         name,
-        smooth.s,
-        smooth.x,
-        smooth.y,
-        smooth.heading,
-        smooth.curvature,
-        line.closed,
-        off_course_limit,
+        smooth,
+        closed=line.closed,
+        off_course_limit=off_course_limit,
         width_left=widths[0],
         width_right=widths[1],
     )

@@ -226,15 +226,11 @@ class Track:
         smooth = smooth_line(points, True, SAMPLE_SPACING)
         there = np.interp(smooth.chord, chord_lengths(points), progress)
         sideways = self.at(offset, there)
-        return Course(
+        return Course.from_line(
             name,
-            smooth.s,
-            smooth.x,
-            smooth.y,
-            smooth.heading,
-            smooth.curvature,
-            True,
-            self.centre.off_course_limit,
+            smooth,
+            closed=True,
+            off_course_limit=self.centre.off_course_limit,
             width_left=np.maximum(self.at(self.width_left, there) - sideways, 0.0),
             width_right=np.maximum(self.at(self.width_right, there) + sideways, 0.0),
             sections=tuple((sector, float(np.interp(s, there, smooth.s))) for sector, s in self.sectors),

@@ -105,13 +105,9 @@ def track_from_points(name: str, line: CentreLine) -> Track:
     # Distances to the limits, which do not move with the line.
     source = np.interp(smooth.chord, chord_lengths(points), there)
     aside = np.interp(source, there, moved)
-    centre = Course(
+    centre = Course.from_line(
         name,
-        smooth.s,
-        smooth.x,
-        smooth.y,
-        smooth.heading,
-        smooth.curvature,
+        smooth,
         closed=True,
         width_left=np.maximum(np.interp(source, given, line.width_left) - aside, 0.0),
         width_right=np.maximum(np.interp(source, given, line.width_right) + aside, 0.0),
