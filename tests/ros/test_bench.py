@@ -10,12 +10,13 @@ pytestmark = pytest.mark.ros
 
 
 def test_lockstep_is_held_against_messages_alone_in_the_same_run(compiled: None) -> None:
-    figures = load_bench("bench.ros_speed").lockstep_speed(rounds=2, steps=20)
+    figures = load_bench("bench.ros_speed").lockstep_speed(rounds=3, steps=20)
     rates = {name: figures[name] for name in figures if name.endswith("_per_s")}
     assert len(rates) == 3
     assert all(rate > 1.0 for rate in rates.values())
-    ratio = rates["ros_control_steps_per_s"] / rates["empty_rclpy_round_trips_per_s"]
-    assert figures["ros_to_empty_rclpy_ratio"] == pytest.approx(ratio)
+    ratio = "ros_to_empty_rclpy_ratio"
+    assert 0.0 < figures[f"{ratio}_lower_quartile"] <= figures[ratio] <= figures[f"{ratio}_upper_quartile"]
+    assert figures["ros_to_empty_rclpy_cpu_ratio"] > 0.0
 
 
 def test_a_peer_that_does_not_come_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -30,6 +30,7 @@ from bike_sim.ros.isolation import prepare_discovery
 from bike_sim.ros.parent import PARENT_PERIOD, parent_is_gone
 from bike_sim.ros.shared_memory import remove_leftovers
 from bike_sim.ros.stamps import time_to_message
+from bike_sim.ros.stream_loop import StreamLoop
 
 NAMESPACE: Final = "bike"
 """Namespace of the nodes unless ``__ns`` is remapped."""
@@ -77,7 +78,8 @@ def run_node(
 
     Args:
         name: name of the program for its messages.
-        make_node: makes the node. A ValueError or OSError from it means bad input.
+        make_node: makes the node. A ValueError or OSError from it means bad input. Raw subscriptions in its attribute
+            ``streams``, if it has one, are served by a `StreamLoop`.
         arguments: command line; None for this process's own.
         linger: wall-clock time that the node goes on after the signal, for messages that are under way, s.
         farewell: wall-clock time after the signal at which the process is ended if it is still busy, s.
@@ -98,12 +100,14 @@ def run_node(
         bell.hang(node.create_guard_condition(lambda: None).trigger)
         executor = SingleThreadedExecutor()
         executor.add_node(node)
+        streams = getattr(node, "streams", ())
+        loop = StreamLoop(node, executor, streams) if streams else executor
         while not stop.is_set():
             # The time-out only matters where a signal comes between the test and the wait.
-            executor.spin_once(timeout_sec=0.5)
+            loop.spin_once(timeout_sec=0.5)
         end = time.monotonic() + linger
         while (left := end - time.monotonic()) > 0.0:
-            executor.spin_once(timeout_sec=left)
+            loop.spin_once(timeout_sec=left)
     except (CannotGoOn, ValueError, OSError, ParameterException) as error:
         code = _complain(name, error)
     finally:
