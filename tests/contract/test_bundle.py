@@ -132,10 +132,10 @@ def test_shipped_policies_load(name):
 
 
 def check_refused(folder, message):
-    begin = time.monotonic()
+    begin = time.process_time()
     with pytest.raises((ValueError, FileNotFoundError), match=message) as caught:
         load_bundle(folder)
-    assert time.monotonic() - begin < 5.0
+    assert time.process_time() - begin < 5.0
     assert str(caught.value).isprintable()
     assert len(str(caught.value)) < 800
 
@@ -166,15 +166,17 @@ def test_files_that_are_no_regular_ones_are_refused_at_once(bundle, tmp_path, mo
     check_refused(tmp_path, message)
 
 
+ALIASES_THAT_MULTIPLY = "a0: &a0 [1]\n" + "".join(
+    f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 8)}]\n" for i in range(1, 9)
+)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         ("format: 1\nformat: 1", "key 'format' is given twice"),
         ("a: &a [*a]", "contains itself"),
-        (
-            "a0: &a0 [1]\n" + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 8)}]\n" for i in range(1, 9)),
-            "more than 100000 values",
-        ),
+        (ALIASES_THAT_MULTIPLY, "more than 100000 values"),
         ("[" * 200_000, "nested too deeply"),
         ("format: " + "9" * 5000, "card.yaml is not valid YAML: Exceeds the limit"),
         ("format: 2024-13-45", "month must be in 1..12"),
