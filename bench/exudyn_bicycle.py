@@ -83,7 +83,7 @@ class _ExudynBicycle:
         raise NotImplementedError
 
     def _set_drive(self, steer_set: float) -> None:
-        """Give the set value to the spring and damper that are the steering drive."""
+        """Give the set point to the spring and damper that are the steering drive."""
         raise NotImplementedError
 
     def state(self) -> StateVector:
@@ -104,7 +104,7 @@ class _ExudynBicycle:
         self._solver.InitializeSolver(self._system, self._settings)
 
     def advance(self, steer_set: float, steps: int) -> None:
-        """Integrate with the set value held, in one call of the solver.
+        """Integrate with the set point held, in one call of the solver.
 
         Raises:
             RuntimeError: Newton's method did not converge.

@@ -66,7 +66,7 @@ def _ride(
     costs: FloatArray,
     errors: FloatArray,
 ) -> None:
-    """Ride commands (set values, rad) from a state on; fill state and place before, cost and error (m) after each."""
+    """Ride commands (set points, rad) from a state on; fill state and place before, cost and error (m) after each."""
     state = state.copy()
     for k in range(first, len(commands)):
         states[k], places[k] = state, s
@@ -127,7 +127,7 @@ class Window:
     Attributes:
         state: minimal state at its beginning.
         progress: arc length there, m.
-        commands: steering set values, rad.
+        commands: steering set points, rad.
     """
 
     state: FloatArray

@@ -1,6 +1,6 @@
 """Speed of the physics on one core, beside its accuracy: control steps of 50 ms per second.
 
-A control step is what a simulator asks of an engine: 50 ms of integration with the set value held and the drive
+A control step is what a simulator asks of an engine: 50 ms of integration with the set point held and the drive
 evaluated at every step, then the minimal state. Processor time of the process is counted, so that others on the
 machine do not slow one engine more than another; engines take turns, and the best ride of each counts.
 
@@ -93,7 +93,7 @@ def exudyn_engines(time_step: float = 0.005) -> list[Contender]:
 
 
 def slalom(vehicle: Vehicle) -> tuple[StateVector, NDArray[np.float64]]:
-    """Return a start and set values of 2 s of balanced weaving, rad, one for each control step."""
+    """Return a start and set points of 2 s of balanced weaving, rad, one for each control step."""
     engine = make_engine("whipple", vehicle, 0.001)
     start = st.upright_state(4.6, vehicle.rF)
     start[st.ROLL_RATE] = 0.3

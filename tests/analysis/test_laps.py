@@ -154,6 +154,21 @@ def test_one_time_is_written_in_one_way(writer, circle, tmp_path: Path) -> None:
         assert f" {lap_text(time)}" in text
 
 
+def test_the_terminal_tells_a_best_lap_of_several_and_sectors_that_fit(writer, circle, tmp_path: Path) -> None:
+    figures = analyze(writer.write(tmp_path / "laps.mcap", [circle(steps=2200, speed=2.0)], metadata_file=False))
+    (ride,) = figures["rides"]
+    assert len(ride["complete_laps"]) > 1
+    assert "best lap" in text_of(figures)
+    assert "best sectors together" in text_of(figures)
+    ride["complete_laps"], figures["comparisons"] = ride["complete_laps"][:1], []
+    assert "best lap" not in text_of(figures)
+    assert "sector 2" in text_of(figures)
+    (lap,) = ride["complete_laps"]
+    lap["sectors_s"] = lap["sectors_s"] * 6
+    assert "sector 2" not in text_of(figures)
+    assert lap_text(lap["lap_s"]) in text_of(figures)
+
+
 @pytest.fixture
 def ring() -> Track:
     """The circle of the rides, 3 m wide to both sides."""

@@ -206,7 +206,7 @@ def test_a_method_answers_for_each_bicycle_that_is_asked():
 
 
 def test_actions_mean_the_same_in_every_environment():
-    """Also where the action is not the vehicle's own set value, in batches as one by one."""
+    """Also where the action is not the vehicle's own set point, in batches as one by one."""
     task = replace(TASKS["prop"], max_steer=0.3)
     single = BikeEnv("local", task, RANGES, COMPILED)
     batch = BatchVecEnv(1, task, RANGES, COMPILED, seed=0)

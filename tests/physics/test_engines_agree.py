@@ -21,7 +21,7 @@ WATCHED = [st.X, st.Y, st.YAW, st.ROLL, st.STEER]
 
 
 def slalom(engine: Engine, start: np.ndarray, periods: int) -> np.ndarray:
-    """Ride with a set value that depends on time only, so that an engine's error is not steered away."""
+    """Ride with a set point that depends on time only, so that an engine's error is not steered away."""
     steps = round(0.05 / engine.time_step)
     engine.reset(start)
     states = [engine.state()]

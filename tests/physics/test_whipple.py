@@ -61,7 +61,7 @@ def wobbling(speed: float = 4.6) -> Array:
 
 
 def ride(state: Array, duration: float, time_step: float, vehicle: Vehicle, steer_set: float = 0.0) -> Array:
-    """Return the state after a time with the set value held."""
+    """Return the state after a time with the set point held."""
     state = state.copy()
     assert whipple.advance(state, steer_set, time_step, round(duration / time_step), vehicle.parameters)
     return state
@@ -199,7 +199,7 @@ def test_place_and_heading_do_not_matter(state: Array, turn: float, dx: float, d
 
 @pytest.mark.parametrize("target_deg", [70.0, -70.0])
 def test_steering_step_response(target_deg: float) -> None:
-    """Weyrer et al. (2026), appendix B: at rest and without gravity, at most 10 % beyond the set value."""
+    """Weyrer et al. (2026), appendix B: at rest and without gravity, at most 10 % beyond the set point."""
     target = math.radians(target_deg)
     engine = WhippleEngine(replace(VEHICLE, g=0.0), 0.001)
     response = []

@@ -14,6 +14,8 @@ from bike_analysis.figures.results import SCHEMA
 from bike_analysis.read.text import LONGEST_SENTENCE, shown
 from bike_analysis.report import analyze
 
+MOST_SECTORS: Final = 6
+"""Sectors whose times fit beside a lap. A path has a section for each of its elements, told in lines of their own."""
 LONGEST_LINE: Final = 10_000
 """Characters of a printed line; a table of many sectors is wide."""
 
@@ -143,23 +145,29 @@ def _laps(ride: dict[str, Any]) -> list[str]:
     if not laps:
         return []
     sectors = max(len(lap["sectors_s"]) for lap in laps)
+    if sectors > MOST_SECTORS:
+        sectors = 0
     head = ("lap", "time", *(f"sector {k + 1}" for k in range(sectors)), "off track s", "mean m", "max m", "max m/s")
     flying = not all(lap["out_lap"] for lap in laps)
     rows = []
     for lap in laps:
         number = f"{lap['lap']} (out)" if flying and lap["out_lap"] else str(lap["lap"])
-        times = [_lap_time(t) for t in lap["sectors_s"]] or ["-"] * sectors
+        times = [_lap_time(t) for t in lap["sectors_s"][:sectors]] or ["-"] * sectors
         figures = (_number(lap[n], 2) for n in ("off_track_s", "mean_error_m", "max_error_m", "speed_max_m_s"))
         rows.append((number, _lap_time(lap["lap_s"]), *times, *figures))
+    if len(laps) == 1:
+        return _table(head, rows)
     name = f"{Path(ride['recording']).stem}, ride {ride['ride']}"
     best = f"{name}: best lap {_lap_time(ride['best_lap_s'])}"
-    if ride["theoretical_lap_s"] is not None:
+    if sectors and ride["theoretical_lap_s"] is not None:
         best += f", best sectors together {_lap_time(ride['theoretical_lap_s'])}"
     return [best, *_table(head, rows)]
 
 
 def _comparison(comparison: dict[str, Any]) -> list[str]:
     runs, sectors = comparison["runs"], comparison["sectors"]
+    if len(sectors) > MOST_SECTORS:
+        sectors = []
     head = ("side by side", "time", "lost s", *(f"sector {k + 1}" for k in range(len(sectors))))
     rows = []
     for index, run in enumerate(runs):

@@ -59,7 +59,7 @@ def draw(explanation: Explanation, title: str, path: Path) -> None:
     shap.plots.bar(degrees, max_display=SHOWN, ax=bars, show=False)
     shap.plots.beeswarm(degrees, max_display=SHOWN, ax=swarm, plot_size=None, show=False)
     bars.set_xlabel("mean |SHAP value| / °")
-    swarm.set_xlabel("SHAP value: share in the steering set value, positive left / °")
+    swarm.set_xlabel("SHAP value: share in the steering set point, positive left / °")
     fig.suptitle(title)
     path.parent.mkdir(parents=True, exist_ok=True)
     fig.savefig(path, dpi=100)

@@ -34,12 +34,12 @@ _SENTENCES: Final[dict[str, tuple[str, str]]] = {
         "steers out of a beginning fall: falling to one side pulls the steering to the other side",
     ),
     "steer": (
-        "turns the handlebar back: steering to one side pulls the set value to the other side",
-        "keeps the handlebar where it is: steering to one side pulls the set value to that side",
+        "turns the handlebar back: steering to one side pulls the set point to the other side",
+        "keeps the handlebar where it is: steering to one side pulls the set point to that side",
     ),
     "steer rate": (
-        "damps the handlebar: turning it to one side pulls the set value to the other side",
-        "goes on with the handlebar: turning it to one side pulls the set value to that side",
+        "damps the handlebar: turning it to one side pulls the set point to the other side",
+        "goes on with the handlebar: turning it to one side pulls the set point to that side",
     ),
     "offset": (
         "counter-steers for a line beside it: a line on one side pulls the steering to the other side",
@@ -185,7 +185,7 @@ def _limits(explanation: Explanation, answers_differ: float) -> tuple[str, ...]:
         limits.append("No commands were recorded, so it is not known whether this policy drove the ride.")
     elif answers_differ > 1e-3:
         limits.append(
-            f"This policy did not drive the ride: its set values differ from the recorded ones by up to "
+            f"This policy did not drive the ride: its set points differ from the recorded ones by up to "
             f"{math.degrees(answers_differ):.2f}°. It is explained on what another one got to see."
         )
     limits.append(

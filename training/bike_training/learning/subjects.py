@@ -64,7 +64,7 @@ class PathSettings:
 
     Attributes:
         task: name in :data:`bike_training.tasks.path.TASKS`.
-        max_steer: steering set value of action 1, rad.
+        max_steer: steering set point of action 1, rad.
         weights: terms of the reward by name and their weights; empty keeps the task's.
         sharpness: width of the term ``path_peak``, m.
     """

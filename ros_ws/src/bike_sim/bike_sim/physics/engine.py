@@ -36,13 +36,13 @@ class Engine(Protocol):
         ...
 
     def advance(self, steer_set: float, steps: int) -> None:
-        """Integrate with the steering drive's set value held.
+        """Integrate with the steering drive's set point held.
 
         The drive's torque, ``-P (steer - steer_set) - D steer_rate`` on the fork and its opposite on
         the rear frame, is evaluated anew at every step (Weyrer et al. 2026, Eq. 2).
 
         Args:
-            steer_set: set value of the steering angle, rad, positive to the left.
+            steer_set: set point of the steering angle, rad, positive to the left.
             steps: number of integration steps of `time_step`.
         """
         ...

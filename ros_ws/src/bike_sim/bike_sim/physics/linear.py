@@ -105,7 +105,7 @@ def canonical_matrices(vehicle: Vehicle) -> CanonicalMatrices:
 def state_matrix(vehicle: Vehicle, speed: float) -> Matrix:
     """Return A of ``x' = A x`` with x = (roll, steer, roll rate, steer rate) in the project's signs.
 
-    The steering drive holds a set value of zero; ``replace(vehicle, P=0.0, D=0.0)`` gives the free bicycle.
+    The steering drive holds a set point of zero; ``replace(vehicle, P=0.0, D=0.0)`` gives the free bicycle.
 
     Args:
         vehicle: the bicycle.

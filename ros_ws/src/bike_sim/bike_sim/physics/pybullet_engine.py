@@ -107,14 +107,14 @@ class PyBulletEngine:
         self._read()
 
     def advance(self, steer_set: float, steps: int) -> None:
-        """Integrate with the steering drive's set value held; the drive acts anew at every step.
+        """Integrate with the steering drive's set point held; the drive acts anew at every step.
 
         Args:
-            steer_set: set value of the steering angle, rad, positive to the left.
+            steer_set: set point of the steering angle, rad, positive to the left.
             steps: number of integration steps of `time_step`.
 
         Raises:
-            ValueError: the set value is not finite or the number of steps is negative.
+            ValueError: the set point is not finite or the number of steps is negative.
         """
         if not math.isfinite(steer_set):
             raise ValueError(f"steer_set = {steer_set!r} is not a finite angle in rad")

@@ -122,11 +122,11 @@ def _derivative(
 
 @njit(cache=True)
 def advance(state: StateVector, steer_set: float, time_step: float, steps: int, p: Parameters) -> bool:
-    """Advance a minimal state in place by `steps` Runge-Kutta steps with the drive's set value held.
+    """Advance a minimal state in place by `steps` Runge-Kutta steps with the drive's set point held.
 
     Args:
         state: minimal state, overwritten.
-        steer_set: set value of the steering angle, rad.
+        steer_set: set point of the steering angle, rad.
         time_step: length of a step, s.
         steps: number of steps.
         p: `Vehicle.parameters`.
@@ -229,10 +229,10 @@ class WhippleEngine:
         self.lying = False
 
     def advance(self, steer_set: float, steps: int) -> None:
-        """Integrate `steps` steps of `time_step` with the steering drive's set value held, rad.
+        """Integrate `steps` steps of `time_step` with the steering drive's set point held, rad.
 
         Raises:
-            ValueError: the set value is not finite or the number of steps is negative.
+            ValueError: the set point is not finite or the number of steps is negative.
         """
         if not math.isfinite(steer_set):
             raise ValueError(f"steer_set = {steer_set!r} is not a finite angle in rad")

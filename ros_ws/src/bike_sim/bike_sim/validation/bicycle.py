@@ -269,11 +269,11 @@ def _press(engine: Engine) -> None:
 
 
 def steering_step(engine: Engine, steer_set: float, duration: float) -> NDArray[np.float64]:
-    """Return the steering angle, rad, after each step from standstill at a constant set value.
+    """Return the steering angle, rad, after each step from standstill at a constant set point.
 
     Args:
         engine: an engine whose vehicle has no gravity.
-        steer_set: set value, rad.
+        steer_set: set point, rad.
         duration: s.
     """
     engine.reset(np.zeros(st.STATE_SIZE))
@@ -316,7 +316,7 @@ def violent_start(vehicle: Vehicle) -> StateVector:
 
 
 def coast(engine: Engine, start: StateVector, duration: float, interval: float = 0.05) -> NDArray[np.float64]:
-    """Return the states of a ride with set value zero at each interval, the start first, shape (n, 10)."""
+    """Return the states of a ride with set point zero at each interval, the start first, shape (n, 10)."""
     steps = max(1, round(interval / engine.time_step))
     engine.reset(start)
     states = [engine.state()]
