@@ -1,6 +1,6 @@
 # Every target sets up first what it needs; a set-up that is current costs a fraction of a second.
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-training setup-all setup-checks build ride lap test test-long check format bench clean distclean
+.PHONY: help setup setup-training setup-sweep setup-all setup-checks build ride lap test test-long check format bench clean distclean
 
 BIN := .venv/bin
 SHELL_SCRIPTS := tools/setup tools/update-constraints .ci/run
@@ -14,6 +14,9 @@ setup: ## What riding, recording and analysis need: system packages, .venv, colc
 
 setup-training: ## The learning packages as well: PyTorch, JAX and what stands on them
 	@tools/setup training
+
+setup-sweep: ## And those of sweeps: Ray, Optuna
+	@tools/setup sweep
 
 setup-all: ## All of it, and what tests, checks and benchmarks need
 	@tools/setup all

@@ -22,7 +22,7 @@ from typing import Any
 
 from install_wheels import CONSTRAINTS, normal
 
-STAGES = ("runtime", "build", "ros", "training", "dev")
+STAGES = ("runtime", "build", "ros", "training", "sweep", "dev")
 """Requirement files in the order in which they are installed."""
 
 HEAD = """\

@@ -18,15 +18,17 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from bike_training.learning_packages import PACKAGES
+from bike_training.learning_packages import PACKAGES, SWEEP_PACKAGES
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 FOLDERS = {Path(folder).name: ROOT / folder for folder in tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"][
     "hatch"]["build"]["targets"]["wheel"]["packages"]}  # fmt: skip
+REFUSED = PACKAGES | SWEEP_PACKAGES
 WITH_ROS = re.compile(r"(rclpy|ament_index_python|builtin_interfaces|\w+_(msgs|interfaces))$")
 """What comes with ROS 2, or is built in its workspace."""
 NOT_IMPORTED = {
+    "optuna": "Ray Tune samples with it",
     "plotly": "its script is read as a file",
     "pyarrow": "pandas writes Parquet files with it",
     "tensorboard": "stable-baselines3 writes its logs with it",
@@ -76,7 +78,7 @@ def pinned(name: str) -> set[str]:
 
 @pytest.mark.parametrize(
     ("package", "extras"),
-    [("bike_sim", ()), ("bike_policy", ()), ("bike_analysis", ("analysis",)), ("bike_training", ("training",))],
+    [("bike_sim", ()), ("bike_policy", ()), ("bike_analysis", ("analysis",)), ("bike_training", ("sweep", "training"))],
 )
 def test_what_a_package_imports_is_declared(package: str, extras: tuple[str, ...]) -> None:
     missing = {name: file for name, file in imported(package).items() if name not in declared(*extras)}
@@ -85,7 +87,7 @@ def test_what_a_package_imports_is_declared(package: str, extras: tuple[str, ...
 
 def test_what_is_declared_is_imported() -> None:
     used = {name for package in FOLDERS for name in imported(package)} | set(NOT_IMPORTED)
-    assert declared("analysis", "parquet", "training") == used
+    assert declared("analysis", "parquet", "sweep", "training") == used
 
 
 def test_all_is_all() -> None:
@@ -96,6 +98,7 @@ def test_all_is_all() -> None:
 def test_requirement_files_pin_what_is_declared() -> None:
     assert pinned("runtime") == declared("analysis")
     assert pinned("training") | pinned("torch") == declared("training", "parquet") - declared()
+    assert pinned("sweep") == declared("sweep") - declared("training", "parquet")
 
 
 def test_every_constraint_has_origin_and_size() -> None:
@@ -105,7 +108,7 @@ def test_every_constraint_has_origin_and_size() -> None:
     lines = [line for line in text.splitlines() if line and not line.startswith("#")]
     pins = read_pins(text)
     assert len(pins) == len(lines)
-    for stage in ("runtime", "build", "ros", "training", "dev"):
+    for stage in ("runtime", "build", "ros", "training", "sweep", "dev"):
         assert pinned(stage) <= pins.keys(), f"requirements/{stage}.txt: run tools/update-constraints"
     assert sum(pin.megabytes for pin in pins.values() if pin.stage in ("runtime", "build", "ros")) < 500.0
 
@@ -125,17 +128,17 @@ def run_python(program: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_riding_and_analysis_import_no_learning_package() -> None:
-    commands = ["ride", "lap", "evaluate", "replay", "validate", "course", "bench", "curves"]
+    commands = ["sweep", "ride", "lap", "evaluate", "replay", "validate", "course", "bench", "curves"]
     modules = [f"bike_training.commands.{name}" for name in commands]
     modules += ["bike_analysis.commands.analyze", "bike_training.nodes.node_laps", "bike_training.nodes.node_rides"]
     modules += ["bike_training.nodes.ride_monitor", "bike_sim.ros.sim_node", "bike_sim.ros.record", "bike_policy.drive"]
-    program = f"PACKAGES = {set(PACKAGES)}\n{RIDING}\nfor name in {modules}: importlib.import_module(name)"
+    program = f"PACKAGES = {set(REFUSED)}\n{RIDING}\nfor name in {modules}: importlib.import_module(name)"
     ended = run_python(program)
     assert ended.returncode == 0, ended.stderr
 
 
 def test_a_command_that_learns_says_what_to_run() -> None:
-    program = f"PACKAGES = {set(PACKAGES)}\n{RIDING}\nfrom bike_training.cli import main\nsys.exit(main(sys.argv[1:]))"
+    program = f"PACKAGES = {set(REFUSED)}\n{RIDING}\nfrom bike_training.cli import main\nsys.exit(main(sys.argv[1:]))"
     ended = subprocess.run(
         [sys.executable, "-c", program, "train", "whipple", "--out", "never"],
         capture_output=True, text=True, timeout=120, stdin=subprocess.DEVNULL,
@@ -147,7 +150,7 @@ def test_a_command_that_learns_says_what_to_run() -> None:
 
 
 def test_at_a_terminal_it_asks_first() -> None:
-    program = f"PACKAGES = {set(PACKAGES)}\n{RIDING}\nfrom bike_training.cli import main\nsys.exit(main(sys.argv[1:]))"
+    program = f"PACKAGES = {set(REFUSED)}\n{RIDING}\nfrom bike_training.cli import main\nsys.exit(main(sys.argv[1:]))"
     terminal, side = os.openpty()
     process = subprocess.Popen(
         [sys.executable, "-c", program, "train", "whipple", "--out", "never"], stdin=side, stdout=side, stderr=side

@@ -28,6 +28,8 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "lap": ("bike_training.commands.lap", "lap circuits on superbikes with the classical rider"),
     "course": ("bike_training.commands.course", "check a circuit's file, or draw a circuit"),
     "bench": ("bike_training.commands.bench", "measure speeds and compare them"),
+    "sweep": ("bike_training.commands.sweep", "do many runs from one file, and go on where they stopped"),
+    "report": ("bike_analysis.commands.report", "tables with intervals, curves and a page of a sweep"),
     "curves": ("bike_training.commands.curves", "learning curves of several runs"),
 }
 """Name, module and one line of each command. Modules are loaded when they are called."""

@@ -67,3 +67,11 @@ def lap_text(seconds: float) -> str:
     minutes, milliseconds = divmod(round(1e3 * seconds), 60_000)  # rounded first: 59.9996 s are a minute
     rest = 1e-3 * milliseconds
     return f"{minutes}:{rest:06.3f}" if minutes else f"{rest:.3f}"
+
+
+def significant(value: float, digits: int = 4) -> str:
+    """Return a figure of unknown size for people: four significant digits, thousands with commas, no exponent."""
+    if value == 0.0 or not np.isfinite(value):
+        return "0" if value == 0.0 else "–"
+    decimals = max(0, digits - 1 - int(np.floor(np.log10(abs(value)))))
+    return f"{value:,.{min(decimals, 8)}f}"

@@ -45,7 +45,7 @@ def page_shell(title: str, below: str, parts: Iterable[str], views: Sequence[Vie
         title: Headline.
         below: HTML under it.
         parts: HTML of the page, with the frames of the views (`bike_analysis.page.view.view_html`) in their order.
-        views: Views that the script draws into them.
+        views: Views that the script draws into them; a page without any is small.
 
     Returns:
         The whole page.
@@ -61,12 +61,14 @@ def page_shell(title: str, below: str, parts: Iterable[str], views: Sequence[Vie
             f"<title>{html_text(title)}</title><style>{page_style()}</style></head><body><main>",
             f"<header><h1>{html_text(title)}</h1>",
             f'<button id="theme" type="button" aria-label="Dark colours">Dark</button>{below}</header>',
-            f"<details><summary>Keys and gestures</summary><dl class=keys>{keys}</dl></details>",
-            '<noscript><p class="warning">The plots need JavaScript; the tables do not.</p></noscript>',
+            f"<details><summary>Keys and gestures</summary><dl class=keys>{keys}</dl></details>" if views else "",
+            '<noscript><p class="warning">The plots need JavaScript; the tables do not.</p></noscript>'
+            if views
+            else "",
             *parts,
             "</main>",
             f'<script type="application/json" id="page-data">{data}</script>',
-            f"<script>{_plotly()}</script>",
+            f"<script>{_plotly()}</script>" if views else "",
             f"<script>{page_script()}</script>",
             "</body></html>",
         ]

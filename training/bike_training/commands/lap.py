@@ -18,7 +18,7 @@ from bike_analysis.figures.numbers import lap_text
 from bike_analysis.page.lap_page import lap_figures, write_lap_report
 from bike_sim.course.files import shipped_tracks
 from bike_sim.recording.in_use import claim_folder
-from bike_sim.sim.snapshot import WALL, Snapshot
+from bike_sim.sim.snapshot import Snapshot
 from bike_sim.theory.envelope import envelope
 from bike_sim.theory.lap_limit import lap_limit
 from bike_sim.theory.line_cache import track_with_line
@@ -26,13 +26,9 @@ from bike_sim.vehicles.files import load_vehicle, shipped_vehicles
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.arguments import check_whole, make_folder
 from bike_training.progress import way_bar
-from bike_training.rollout.laps import LapRide, ride_laps
+from bike_training.rollout.laps import ALLOWED_EXCESS, pair_figures, ride_laps
 
 SCHEMA: Final = "bike.lap/1"
-
-ALLOWED_EXCESS: Final = 0.06
-"""How much longer than the theoretical lap a flying lap may be, as a part of it; through `bike lap` than the one on the
-closest line."""
 
 TABLE_WIDTH: Final = 130
 
@@ -135,39 +131,6 @@ def _ride(vehicle: str, circuit: str, laps: int, quiet: bool) -> dict[str, Any]:
 
         ride = ride_laps(vehicle, circuit, laps, tell=tell)
     return pair_figures(ride, laps) | {"wall_s": round(time.monotonic() - began, 1)}
-
-
-def pair_figures(ride: LapRide, laps: int) -> dict[str, Any]:
-    """Return the figures of one machine on one circuit.
-
-    They are ok when all flying laps are finished with a small excess over the theoretical lap of the closest line.
-    """
-    best, excess = ride.best, ride.closest_excess
-    fell = ride.end not in ("finished", "slow", WALL)
-    return {
-        "vehicle": ride.vehicle,
-        "course": ride.circuit,
-        "ok": ride.end == "finished" and excess is not None and excess <= ALLOWED_EXCESS,
-        "end": ride.end,
-        "lap_s": None if best is None else best.duration,
-        "laps_s": [lap.duration for lap in ride.laps],
-        "sectors_s": [] if best is None else list(best.sectors),
-        "limit_s": ride.limit.lap_time,
-        "excess": ride.excess,
-        "closest_limit_s": ride.closest,
-        "closest_excess": excess,
-        "plan_s": ride.plan.lap_time,
-        "out_lap_s": None if ride.out_lap is None else ride.out_lap.duration,
-        "laps": len(ride.laps),
-        "wanted_laps": laps,
-        "falls": int(fell),
-        "walls": int(ride.end == WALL),
-        "valid_laps": sum(lap.valid for lap in ride.laps),
-        "off_track_s": ride.off_track,
-        "line_error_max_m": ride.largest_error,
-        "lean_max_deg": math.degrees(ride.largest_lean),
-        "speed_max_m_s": ride.highest_speed,
-    }
 
 
 def _table(found: list[dict[str, Any]]) -> Table:

@@ -11,20 +11,17 @@ from typing import Any, Final
 from tqdm import tqdm
 
 from bike_sim.physics.engine import ENGINE_KINDS
-from bike_sim.sim.batch import COMPILED_ENGINE
 from bike_training.envs.clients import CLIENT_KINDS
 from bike_training.learning import run as learning
 from bike_training.learning.presets import PRESETS
 from bike_training.learning.process import LearningProcess
-from bike_training.learning.run_settings import COMPILED_TIME_STEP, RunSettings
+from bike_training.learning.run_settings import RunSettings
+from bike_training.learning.simulators import DEFAULT_SIMULATORS, ENGINES, with_simulator
 
 DEFAULT_PRESET: Final = "fast"
-DEFAULT_SIMULATORS: Final = 2
 RECORD_EVERY: Final = 10
 LOG_EVERY: Final = 10.0
 """Time between lines of progress in a log file, s: they must not fill it."""
-ENGINES: Final = {"local": COMPILED_ENGINE, "ros": "pybullet"}
-"""Default engine of each client."""
 
 EXAMPLES = """examples:
   bike train whipple --out runs/a                        the default preset on the compiled engine
@@ -122,30 +119,8 @@ def _with_choices(settings: RunSettings, args: argparse.Namespace) -> RunSetting
 
 
 def _with_simulator(settings: RunSettings, args: argparse.Namespace) -> RunSettings:
-    """Return settings with the simulator of the arguments.
-
-    Fewer bicycles at once learn as much from each of their steps.
-    """
-    client = args.client or settings.client
-    engine = args.engine or (settings.engine if client == settings.client else ENGINES[client])
-    moved = replace(settings, client=client, engine=engine)
-    if moved.compiled:
-        for option, value in (("--time-step", args.time_step), ("--simulators", args.simulators)):
-            if value is not None:
-                raise ValueError(
-                    f"{option} {value} is for simulators: add --client ros or --engine pybullet. The compiled engine "
-                    f"takes steps of {COMPILED_TIME_STEP} s and as many bicycles as --set environments=N says"
-                )
-        return moved
-    moved = replace(moved, time_step=moved.time_step if args.time_step is None else args.time_step)
-    preset = settings.preset
-    count = args.simulators
-    if count is None:
-        count = min(DEFAULT_SIMULATORS, preset.environments) if settings.compiled else preset.environments
-    if count < 1:
-        raise ValueError(f"--simulators must be at least 1, got {count}")
-    updates = max(1, round(preset.updates * count / preset.environments))
-    return replace(moved, preset=replace(preset, environments=count, updates=updates))
+    """Return settings with the simulator of the arguments."""
+    return with_simulator(settings, args.client, args.engine, args.time_step, args.simulators)
 
 
 def _split(pair: str) -> tuple[str, str]:

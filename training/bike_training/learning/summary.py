@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import subprocess
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+if TYPE_CHECKING:
+    from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
-from bike_training.learning.progress import Progress
-from bike_training.learning.run_settings import RunSettings
+    from bike_training.learning.progress import Progress
+    from bike_training.learning.run_settings import RunSettings
 
 
 def summarise(settings: RunSettings, progress: Progress, model: OffPolicyAlgorithm) -> dict[str, Any]:

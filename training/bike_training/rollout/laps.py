@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Final
 
 from bike_policy.riders.classical import ClassicalRider
 from bike_policy.riders.lap_plan import RiderSettings
@@ -14,12 +16,16 @@ from bike_sim.sim.circuit_scene import CircuitScene
 from bike_sim.sim.events import EventKind
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
-from bike_sim.sim.snapshot import Snapshot
+from bike_sim.sim.snapshot import WALL, Snapshot
 from bike_sim.sim.superbike_plant import superbike_config
 from bike_sim.theory.lap_limit import LapLimit
 from bike_sim.theory.line_cache import closest_lap
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.rollout.rollout import rollout
+
+ALLOWED_EXCESS: Final = 0.06
+"""How much longer than the theoretical lap a flying lap may be, as a part of it; through `bike lap` than the one on the
+closest line."""
 
 LONGEST_LAP = 3.0
 """Times the theoretical lap, after which a lap counts as never finished."""
@@ -152,3 +158,36 @@ def _circuit_scene(machine: Simulator) -> CircuitScene:
     if not isinstance(machine.scene, CircuitScene):
         raise ValueError(f"course {machine.request.course!r} is a path; laps need limits and a start line")
     return machine.scene
+
+
+def pair_figures(ride: LapRide, laps: int) -> dict[str, Any]:
+    """Return the figures of one machine on one circuit.
+
+    They are ok when all flying laps are finished with a small excess over the theoretical lap of the closest line.
+    """
+    best, excess = ride.best, ride.closest_excess
+    fell = ride.end not in ("finished", "slow", WALL)
+    return {
+        "vehicle": ride.vehicle,
+        "course": ride.circuit,
+        "ok": ride.end == "finished" and excess is not None and excess <= ALLOWED_EXCESS,
+        "end": ride.end,
+        "lap_s": None if best is None else best.duration,
+        "laps_s": [lap.duration for lap in ride.laps],
+        "sectors_s": [] if best is None else list(best.sectors),
+        "limit_s": ride.limit.lap_time,
+        "excess": ride.excess,
+        "closest_limit_s": ride.closest,
+        "closest_excess": excess,
+        "plan_s": ride.plan.lap_time,
+        "out_lap_s": None if ride.out_lap is None else ride.out_lap.duration,
+        "laps": len(ride.laps),
+        "wanted_laps": laps,
+        "falls": int(fell),
+        "walls": int(ride.end == WALL),
+        "valid_laps": sum(lap.valid for lap in ride.laps),
+        "off_track_s": ride.off_track,
+        "line_error_max_m": ride.largest_error,
+        "lean_max_deg": math.degrees(ride.largest_lean),
+        "speed_max_m_s": ride.highest_speed,
+    }

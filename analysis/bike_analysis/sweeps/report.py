@@ -1,0 +1,94 @@
+"""From the tables of a sweep to its report: figures, pictures, page and CSV files."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from bike_analysis.sweeps.figures import comparisons, figure_names, finished, group_figures
+from bike_analysis.sweeps.pictures import curves_figure, inline_svg, intervals_figure, profiles_figure
+from bike_analysis.sweeps.report_page import sweep_page
+from bike_analysis.sweeps.tables import read_tables
+
+PAGE_NAME: Final = "report.html"
+CURVES_PICTURE: Final = "curves.png"
+PROFILES_PICTURE: Final = "profiles.png"
+INTERVALS_PICTURE: Final = "intervals.png"
+FIGURES_CSV: Final = "figures.csv"
+COMPARISONS_CSV: Final = "comparisons.csv"
+DRAWN_QUANTITIES: Final = ("mean_error_m", "part", "episode_steps", "selection_rms_m")
+"""Curves that pictures show where a sweep has them; else the first four it has."""
+DRAWN_FIGURES: Final = 4
+_LEAST_POINTS: Final = 2
+
+
+def report_sweep(folder: str | os.PathLike[str], out: str | os.PathLike[str] | None = None) -> dict[str, Any]:
+    """Make the report of a sweep.
+
+    Args:
+        folder: of the sweep.
+        out: where page, pictures and CSV files go; None writes nothing.
+
+    Returns:
+        Figures ready for JSON: counts, ``groups`` and ``comparisons``, and the paths of what was written.
+
+    Raises:
+        FileNotFoundError: the folder holds no sweep. ValueError: a table is damaged. OSError: a file cannot be written.
+    """
+    runs, curves = read_tables(folder)
+    name = Path(folder).resolve().name
+    figures, compared = group_figures(runs), comparisons(runs)
+    report: dict[str, Any] = {
+        "sweep": name,
+        "runs": len(runs),
+        "finished": len(finished(runs)),
+        "groups": list(figures),
+        "comparisons": list(compared),
+    }
+    if out is None:
+        return report
+    target = Path(out)
+    target.mkdir(parents=True, exist_ok=True)
+    names = _least_alike(runs)[:DRAWN_FIGURES]
+    drawn: dict[str, tuple[Figure, str, str]] = {}
+    for axis in curves["axis"].unique():
+        part = curves[curves["axis"] == axis]
+        quantities = _quantities(part)
+        if quantities:
+            title = "Learning curves" if axis == "step" else f"Over the {str(axis).split('_')[0]}"
+            file = CURVES_PICTURE if axis == "step" else f"curves_{axis}.png"
+            caption = (
+                "Interquartile mean over runs with its 95 % bootstrap interval, as far as all have come; thin: runs."
+            )
+            drawn[title] = (curves_figure(runs, part, quantities, str(axis)), file, caption)
+    if names:
+        caption = "Share of runs that are at least as good, with its 95 % bootstrap interval."
+        drawn["Performance profiles"] = (profiles_figure(runs, names), PROFILES_PICTURE, caption)
+        drawn["Intervals"] = (intervals_figure(figures, names[0]), INTERVALS_PICTURE, "")
+    for picture, file, _ in drawn.values():
+        picture.savefig(target / file, dpi=160)
+    svgs = {title: (inline_svg(picture, title), caption) for title, (picture, _, caption) in drawn.items()}
+    (target / PAGE_NAME).write_text(sweep_page(name, runs, figures, compared, svgs), encoding="utf-8")
+    pd.DataFrame(figures).to_csv(target / FIGURES_CSV, index=False, float_format="%.10g")
+    pd.DataFrame(compared).to_csv(target / COMPARISONS_CSV, index=False, float_format="%.10g")
+    written = {"page": target / PAGE_NAME, "pictures": [target / file for _, file, _ in drawn.values()]}
+    return report | {"page": str(written["page"]), "pictures": [str(path) for path in written["pictures"]]}  # type: ignore[attr-defined]
+
+
+def _least_alike(runs: pd.DataFrame) -> list[str]:
+    """Return the figures in which runs differ: a picture of the others shows nothing."""
+    done = finished(runs)
+    return [name for name in figure_names(runs) if done[f"figure_{name}"].nunique() > 1]
+
+
+def _quantities(curves: pd.DataFrame) -> Sequence[str]:
+    """Return the curves to draw, at most four: those that have more than one place."""
+    places = curves.groupby("quantity", sort=False)["x"].nunique()
+    known = [str(name) for name, count in places.items() if count >= _LEAST_POINTS]
+    preferred = [name for name in DRAWN_QUANTITIES if name in known]
+    return preferred or known[:4]

@@ -1,0 +1,112 @@
+"""One run of a sweep in its process: it goes on, it fails in one line, and its folder may lie at two places."""
+
+from __future__ import annotations
+
+import io
+import resource
+import signal
+import tarfile
+from pathlib import Path
+
+import pytest
+
+from bike_training.learning.run import run as learn
+from bike_training.sweeps.plan import make_plan
+from bike_training.sweeps.records import FAILED, FINISHED, INTERRUPTED, result_of, standing_of
+from bike_training.sweeps.results import curves_table, runs_table
+from bike_training.sweeps.spec import sweep_from_document
+from bike_training.sweeps.store import Store
+from bike_training.sweeps.worker import execute
+
+from .conftest import assert_same, learned, tiny
+
+SWEEP = sweep_from_document(tiny(grid={"seed": [3, 4]}))
+RUN = SWEEP.runs[0]
+
+
+def test_a_run_of_a_sweep_is_that_training_bit_for_bit(tmp_path: Path) -> None:
+    record = execute(RUN, tmp_path / "swept")
+    summary = learn(RUN.job().settings, tmp_path / "alone")
+    assert record["status"] == FINISHED
+    assert record["figures"]["updates"] == summary["updates"] > 0
+    assert_same(learned(tmp_path / "swept"), learned(tmp_path / "alone"))
+
+
+def test_a_run_that_was_interrupted_goes_on_and_ends_as_if_it_had_not_been(tmp_path: Path) -> None:
+    def stop(done: float, total: float, words: str) -> None:
+        signal.raise_signal(signal.SIGINT)
+
+    stopped = execute(RUN, tmp_path / "parts", told=stop)
+    assert stopped["status"] == INTERRUPTED
+    assert standing_of(tmp_path / "parts") == (INTERRUPTED, "")
+    assert execute(RUN, tmp_path / "parts")["attempts"] == 2
+    execute(RUN, tmp_path / "whole")
+    assert_same(learned(tmp_path / "parts"), learned(tmp_path / "whole"))
+
+
+def test_a_finished_run_is_not_done_again(tmp_path: Path) -> None:
+    first = execute(RUN, tmp_path)
+    written = (tmp_path / "run.json").stat().st_mtime_ns
+    assert execute(RUN, tmp_path) == first
+    assert (tmp_path / "run.json").stat().st_mtime_ns == written
+
+
+def test_a_full_disk_fails_in_one_line_and_the_run_goes_on_later(tmp_path: Path) -> None:
+    """No file of this process may grow beyond a limit: what a write then gets is what it gets on a full disk."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handled = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, before[1]))
+    try:
+        record = execute(RUN, tmp_path / "run")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, handled)
+    assert record["status"] == FAILED
+    assert "\n" not in record["error"]
+    assert "File too large" in record["error"]
+    assert standing_of(tmp_path / "run") == (FAILED, record["error"])
+    assert execute(RUN, tmp_path / "run")["status"] == FINISHED
+    execute(RUN, tmp_path / "whole")
+    assert_same(learned(tmp_path / "run"), learned(tmp_path / "whole"))
+
+
+def test_a_store_brings_a_run_to_a_machine_that_has_never_seen_it(tmp_path: Path) -> None:
+    address = f"file://{tmp_path / 'store'}"
+
+    def stop(done: float, total: float, words: str) -> None:
+        signal.raise_signal(signal.SIGINT)
+
+    execute(RUN, tmp_path / "here" / RUN.name, address, stop)
+    record = execute(RUN, tmp_path / "there" / RUN.name, address)
+    assert record["attempts"] == 2  # it went on from what the first machine had put there
+    execute(RUN, tmp_path / "whole")
+    assert_same(learned(tmp_path / "there" / RUN.name), learned(tmp_path / "whole"))
+    assert execute(RUN, tmp_path / "third" / RUN.name, address) == record
+    assert sorted(path.name for path in (tmp_path / "store").iterdir()) == [f"{RUN.name}.tar"]
+
+
+def test_nothing_in_a_store_gets_out_of_the_folder_of_its_run(tmp_path: Path) -> None:
+    store, folder = tmp_path / "store", tmp_path / "runs" / "a"
+    store.mkdir()
+    folder.mkdir(parents=True)
+    with tarfile.open(store / "a.tar", "w") as archive:
+        entry = tarfile.TarInfo("../../escaped")
+        entry.size = 1
+        archive.addfile(entry, io.BytesIO(b"x"))
+    with pytest.raises(ValueError, match="no archive of a run"):
+        Store(f"file://{store}").pull(folder)
+    assert not (tmp_path / "escaped").exists()
+    assert list((tmp_path / "runs").iterdir()) == [folder]
+
+
+def test_tables_have_every_run_and_the_points_of_its_curves(tmp_path: Path) -> None:
+    execute(RUN, tmp_path / "runs" / RUN.name)
+    plan = make_plan(SWEEP, tmp_path)
+    runs, curves = runs_table(plan), curves_table(plan)
+    assert list(runs["status"]) == [FINISHED, "missing"]
+    assert list(runs["seed"]) == [3, 4]
+    assert runs["figure_updates"][0] == result_of(tmp_path / "runs" / RUN.name)["figures"]["updates"]
+    assert runs["group"].nunique() == 1
+    rows = (tmp_path / "runs" / RUN.name / "validations.csv").read_text().splitlines()[1:]
+    errors = curves[curves["quantity"] == "mean_error_m"]
+    assert list(errors["value"]) == [float(row.split(",")[3]) for row in rows]

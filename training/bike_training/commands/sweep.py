@@ -1,0 +1,134 @@
+"""`bike sweep`: many runs from one file, on the cores of this machine or on a cluster."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Final
+
+from bike_sim.recording.in_use import claim_folder
+from bike_training.arguments import check_whole, make_folder
+from bike_training.sweeps.display import Display
+from bike_training.sweeps.driver import Place, do_runs
+from bike_training.sweeps.plan import RUNS_FOLDER, Plan, make_plan
+from bike_training.sweeps.records import FAILED, FINISHED, INTERRUPTED, MISSING
+from bike_training.sweeps.results import write_tables
+from bike_training.sweeps.spec import Sweep, load_sweep
+from bike_training.sweeps.store import Store
+
+SCHEMA: Final = "bike.sweep/1"
+SPEC_COPY: Final = "sweep.yaml"
+
+EXAMPLES = """examples:
+  bike sweep seeds.yaml --out sweeps/seeds              what is missing of the sweep, on all cores
+  bike sweep seeds.yaml --out sweeps/seeds --plan       check the file and estimate the hours; nothing is started
+  bike sweep seeds.yaml --out sweeps/seeds --address 10.0.0.5:6379 --store s3://bucket/seeds
+  bike report sweeps/seeds                              tables with intervals, curves and a page
+
+a file, docs/sweeps.md has all of it:
+  task: train
+  base: {vehicle: whipple, until_finished: true}
+  grid: {seed: [0, 1, 2, 3, 4], set.gamma: [0.97, 0.99]}
+"""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.epilog = EXAMPLES
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument("spec", type=Path, help="YAML file of the sweep")
+    parser.add_argument("--out", type=Path, required=True, help="folder of the sweep; what it holds already is kept")
+    parser.add_argument("--plan", action="store_true", help="check and estimate only")
+    parser.add_argument("--cores", type=int, help="processor cores of this machine to use (default: all)")
+    parser.add_argument("--address", help="of a running Ray cluster (default: Ray is started here, on 127.0.0.1)")
+    parser.add_argument(
+        "--store", help="second place for the runs' folders, at an fsspec address such as s3://bucket/a"
+    )
+    parser.add_argument(
+        "--retries", type=int, help="how often a run goes on whose worker was lost (default: the file's)"
+    )
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Do what is missing of a sweep; not ok where a run has not finished.
+
+    Raises:
+        FileNotFoundError, ValueError: the file, or a run in it. OSError: the folder, or no cluster at the address.
+        ModuleNotFoundError: the packages of sweeps are not installed.
+    """
+    if args.cores is not None:
+        check_whole("--cores", args.cores, 1)
+    if args.retries is not None:
+        check_whole("--retries", args.retries, 0)
+    sweep = load_sweep(args.spec)
+    plan = make_plan(sweep, args.out)
+    cores = float(args.cores or os.cpu_count() or 1)
+    if not args.json:
+        print(_announcement(sweep, plan, cores, args.address))
+    if args.plan:
+        return _outcome(sweep, plan, args, cores, ok=True)
+    for package in ("ray", "pyarrow"):
+        if find_spec(package) is None:  # Ray itself reads its environment while it is imported, so only later
+            raise ModuleNotFoundError(f"a sweep needs {package}", name=package)
+    if args.store:
+        Store(args.store)
+    make_folder("--out", args.out)
+    with claim_folder(args.out):
+        return _do(sweep, plan, args, cores)
+
+
+def _do(sweep: Sweep, plan: Plan, args: argparse.Namespace, cores: float) -> dict[str, Any]:
+    shutil.copyfile(args.spec, args.out / SPEC_COPY)
+    missing, interrupted = plan.missing, False
+    if missing:
+        place = Place(args.address, args.cores, args.store)
+        retries = sweep.retries if args.retries is None else args.retries
+        with Display(len(plan.runs), len(missing), quiet=args.json) as display:
+            interrupted = do_runs(missing, args.out, place, retries, display)
+    plan = make_plan(sweep, args.out)
+    write_tables(plan, args.out)
+    outcome = _outcome(sweep, plan, args, cores, ok=all(run.finished for run in plan.runs))
+    if not args.json:
+        counts = outcome["figures"]["runs_by_status"]
+        print(", ".join(f"{count} {status}" for status, count in counts.items() if count) + f"; tables in {args.out}")
+        if not outcome["ok"]:
+            print("the same command does what is missing")
+        print(f"curves of all runs: tensorboard --logdir {args.out / RUNS_FOLDER}")
+    if interrupted and not args.json:
+        print("interrupted; runs that had begun go on from their checkpoints")
+    return outcome
+
+
+def _announcement(sweep: Sweep, plan: Plan, cores: float, address: str | None) -> str:
+    missing = len(plan.missing)
+    where = f"at {address}" if address else f"on {cores:g} cores"
+    text = f"{sweep.name}: {len(plan.runs)} runs, {len(plan.runs) - missing} finished, {missing} to do"
+    if not missing:
+        return text
+    work = sum(run.seconds for run in plan.missing) / 3600.0
+    hours = "" if address else f", about {_hours(plan.hours(cores))}"
+    return f"{text}; {_hours(work)} of work {where}{hours}"
+
+
+def _hours(hours: float) -> str:
+    return f"{hours:.1f} h" if hours >= 1.0 else f"{max(1.0, 60.0 * hours):.0f} min"
+
+
+def _outcome(sweep: Sweep, plan: Plan, args: argparse.Namespace, cores: float, ok: bool) -> dict[str, Any]:
+    counts = {status: 0 for status in (FINISHED, FAILED, INTERRUPTED, MISSING)}
+    for planned in plan.runs:
+        counts[planned.status] += 1
+    figures: dict[str, Any] = {
+        "name": sweep.name,
+        "out": str(args.out),
+        "runs": len(plan.runs),
+        "runs_by_status": counts,
+        "failures": {run.folder.name: run.error for run in plan.runs if run.status == FAILED},
+        "work_left_h": round(sum(run.seconds for run in plan.missing) / 3600.0, 4),
+    }
+    if not args.address:
+        figures["estimate_h"] = round(plan.hours(cores), 4)
+    return {"schema": SCHEMA, "ok": ok, "figures": figures}

@@ -1,0 +1,119 @@
+"""Ray: started on this machine for one sweep and bound to 127.0.0.1 alone, or one that runs already."""
+
+from __future__ import annotations
+
+import logging
+import os
+import secrets
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, Final
+
+from bike_training.interruption import interrupt, signals_handled
+
+OBJECT_STORE: Final = 100 * 2**20
+"""Shared memory of the local Ray, bytes: runs write files and hand back a few kilobytes."""
+SCRATCH: Final = "bike-ray-"
+"""Beginning of the name of the folder with the sockets and logs of a local Ray; sockets need a short path."""
+NOTE: Final = ".ray"
+"""File in the folder of a sweep that names it, so that the sweep after a killed one removes it."""
+
+_LOCAL_ENVIRONMENT: Final = {
+    # Named for other systems, this makes Ray take the loopback address as that of the machine: every server of it then
+    # listens there alone. Its option for the address does not, because it puts the outer one in place of 127.0.0.1.
+    "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0",
+    "AUTOSCALER_METRIC_PORT": "-1",
+}
+_ENVIRONMENT: Final = {
+    "RAY_USAGE_STATS_ENABLED": "0",
+    "RAY_DISABLE_IMPORT_WARNING": "1",
+    "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
+    "RAY_COLOR_PREFIX": "0",
+}
+_SINGLE_THREAD: Final = "--xla_cpu_multi_thread_eigen=false"
+"""A run has the cores that it declares and no others."""
+
+
+@contextmanager
+def ray_cluster(out: Path, address: str | None, cores: int | None) -> Iterator[Any]:
+    """Connect to a cluster, or start Ray here and end it after the sweep.
+
+    Args:
+        out: folder of the sweep.
+        address: of a running cluster, or None.
+        cores: processor cores of this machine that the sweep may use; None for all. Without an address only.
+
+    Yields:
+        The module `ray`.
+
+    Raises:
+        ConnectionError: no cluster at the address.
+    """
+    os.environ.update({name: value for name, value in _ENVIRONMENT.items() if name not in os.environ})
+    if address is None:
+        os.environ.update(_LOCAL_ENVIRONMENT)
+        if not os.environ.get("RAY_AUTH_MODE"):
+            # Another user of this machine can reach 127.0.0.1 too, and must not start tasks here.
+            os.environ |= {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": secrets.token_hex(32)}
+    import ray  # it reads its environment while it is imported
+
+    options: dict[str, Any] = {
+        "include_dashboard": False,
+        "log_to_driver": False,
+        "logging_level": logging.ERROR,
+        "configure_logging": True,
+        "runtime_env": {"env_vars": _worker_environment()},
+    }
+    if address is not None:
+        del options["include_dashboard"]
+        try:
+            ray.init(address=address, **options)
+        except (ConnectionError, RuntimeError, ValueError) as error:
+            raise ConnectionError(f"--address {address}: no Ray cluster answers ({_first_line(error)})") from None
+        yield from _with_signals(ray)
+        return
+    with _scratch(out) as scratch:
+        ray.init(num_cpus=cores or os.cpu_count(), object_store_memory=OBJECT_STORE, _temp_dir=scratch, **options)
+        yield from _with_signals(ray)
+
+
+def _with_signals(ray: Any) -> Iterator[Any]:
+    """Yield Ray and end it; signals are handled as before it began, for it puts handlers of its own in their place."""
+    try:
+        with signals_handled(interrupt):
+            yield ray
+    finally:
+        ray.shutdown()
+
+
+def _worker_environment() -> dict[str, str]:
+    """Return what the processes of runs have in their environment beside that of their machine."""
+    flags = os.environ.get("XLA_FLAGS", "")
+    inherited = {name: os.environ[name] for name in ("PYTHONPATH", "BIKE_CACHE") if name in os.environ}
+    return {**inherited, "XLA_FLAGS": flags if _SINGLE_THREAD in flags else f"{flags} {_SINGLE_THREAD}".strip()}
+
+
+@contextmanager
+def _scratch(out: Path) -> Iterator[str]:
+    """Make the folder of a local Ray, remove it after use, and one that a killed sweep has left."""
+    note = out / NOTE
+    with suppress(OSError, UnicodeDecodeError):
+        left = Path(note.read_text(encoding="utf-8"))
+        if left.name.startswith(SCRATCH) and left.parent == Path(tempfile.gettempdir()):
+            shutil.rmtree(left, ignore_errors=True)
+    scratch = tempfile.mkdtemp(prefix=SCRATCH)
+    try:
+        with suppress(OSError):
+            note.write_text(scratch, encoding="utf-8")
+        yield scratch
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+        with suppress(OSError):
+            note.unlink(missing_ok=True)
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).strip().splitlines() or [type(error).__name__])[0][:200]
