@@ -150,7 +150,7 @@ def test_physics_that_diverges_ends_the_episode_with_numbers(config, monkeypatch
     assert [event.kind for event in snapshot.events] == [EventKind.FALL]
     np.testing.assert_array_equal(last[0], steps[-2][0])
     assert np.isfinite(last[0]).all()
-    assert np.isfinite([last[1], *(value for name, value in last[4].items() if name != "context")]).all()
+    assert np.isfinite([last[1], *(value for name, value in last[4].items() if name != "request")]).all()
     again = client.step(0.0)
     assert (again.step, again.fallen, again.events) == (4, True, ())  # a fall is told once
     env.close()

@@ -11,14 +11,22 @@ from typing import Any, Final
 from tqdm import tqdm
 
 from bike_sim.physics.engine import ENGINE_KINDS
+from bike_sim.vehicles.files import load_vehicle
+from bike_sim.vehicles.superbike import Superbike
 from bike_training.envs.clients import CLIENT_KINDS
 from bike_training.learning import run as learning
 from bike_training.learning.presets import PRESETS
 from bike_training.learning.process import LearningProcess
 from bike_training.learning.run_settings import RunSettings
-from bike_training.learning.simulators import DEFAULT_SIMULATORS, ENGINES, with_simulator
+from bike_training.learning.simulators import DEFAULT_SIMULATORS, ENGINES, SUPERBIKE_ENGINES, with_simulator
+from bike_training.learning.subjects import RACE_CURRICULA
 
+SUPERBIKE: Final = "superbike"
+"""What to train, in place of a bicycle's name."""
 DEFAULT_PRESET: Final = "fast"
+SUPERBIKE_PRESETS: Final = {"fast": "race", "paper": "race_paper"}
+"""Presets of superbikes by the names of those of bicycles, so that the same word means the same kind."""
+DEFAULT_MACHINE: Final = "panigale_v4r"
 RECORD_EVERY: Final = 10
 LOG_EVERY: Final = 10.0
 """Time between lines of progress in a log file, s: they must not fill it."""
@@ -30,6 +38,9 @@ EXAMPLES = """examples:
   bike train whipple --out runs/a --resume --steps 2000000
   bike train whipple --out runs/a --resume --steps 2050000 --client ros   the last steps through ROS
   bike train whipple --out runs/d --set layers=128,128 --set gamma=0.98
+  bike train superbike --out runs/r --circuit cremona --seed 3              races; the default preset
+  bike train superbike --out runs/s --preset paper --curriculum spdl        as published, on our circuits
+  bike train superbike --out runs/x --vehicle r1 --circuit barcelona,cremona
 """
 
 
@@ -37,9 +48,19 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.epilog = EXAMPLES
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("vehicle", help="what to train: name of a shipped bicycle, or path of a vehicle's file")
+    parser.add_argument(
+        "subject", help=f"what to train: a bicycle, shipped or as a file, or `{SUPERBIKE}` for races (see --vehicle)"
+    )
+    parser.add_argument("--vehicle", help=f"with `{SUPERBIKE}`: machine or its file (default: {DEFAULT_MACHINE})")
+    parser.add_argument("--circuit", help="of races: circuits, YAML or CSV files, with commas between them")
+    parser.add_argument("--curriculum", choices=RACE_CURRICULA, help="of races (default: that of the preset)")
     parser.add_argument("--out", type=Path, required=True, help="folder of the run")
-    parser.add_argument("--preset", choices=sorted(PRESETS), help=f"settings (default: {DEFAULT_PRESET})")
+    parser.add_argument(
+        "--preset",
+        choices=sorted(PRESETS),
+        help=f"settings (default: {DEFAULT_PRESET}; of races "
+        f"{SUPERBIKE_PRESETS[DEFAULT_PRESET]}, and `paper` means {SUPERBIKE_PRESETS['paper']} there)",
+    )
     parser.add_argument(
         "--set", action="append", default=[], metavar="NAME=VALUE", help="change one setting of the preset"
     )
@@ -47,7 +68,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--engine",
         choices=ENGINE_KINDS,
-        help=f"default: {ENGINES['local']} locally, {ENGINES['ros']} through ROS",
+        help=f"default: {ENGINES['local']} locally, {ENGINES['ros']} through ROS; "
+        f"of superbikes {SUPERBIKE_ENGINES['local']}",
     )
     parser.add_argument(
         "--time-step",
@@ -91,21 +113,53 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     return {"schema": "bike.train/1", "ok": not summary["interrupted"], "figures": figures}
 
 
+def _vehicle(args: argparse.Namespace) -> str:
+    """Return the vehicle that is asked for.
+
+    Raises:
+        ValueError: options that do not go together.
+    """
+    if args.subject == SUPERBIKE:
+        return args.vehicle or DEFAULT_MACHINE
+    if args.vehicle is not None:
+        raise ValueError(f"--vehicle {args.vehicle} goes with `bike train {SUPERBIKE}`, not with {args.subject!r}")
+    return str(args.subject)
+
+
 def _new_settings(args: argparse.Namespace) -> RunSettings:
-    preset = PRESETS[args.preset or DEFAULT_PRESET].override(dict(_split(pair) for pair in args.set))
-    settings = RunSettings(preset, args.vehicle, args.seed or 0, record_every=RECORD_EVERY)
+    vehicle = _vehicle(args)
+    races = isinstance(load_vehicle(vehicle), Superbike)
+    name = args.preset or DEFAULT_PRESET
+    preset = PRESETS[SUPERBIKE_PRESETS.get(name, name) if races else name]
+    changes = dict(_split(pair) for pair in args.set)
+    options = (("--circuit", "circuits", args.circuit), ("--curriculum", "curriculum", args.curriculum))
+    for option, setting, value in options:
+        if value is None:
+            continue
+        if not races:
+            raise ValueError(f"{option} {value} is for races, and {vehicle!r} is a bicycle")
+        changes[setting] = value
+    engine = (SUPERBIKE_ENGINES if races else ENGINES)["local"]
+    settings = RunSettings(preset.override(changes), vehicle, args.seed or 0, engine=engine, record_every=RECORD_EVERY)
     return _with_choices(settings, args)
 
 
 def _resumed_settings(args: argparse.Namespace) -> RunSettings:
     """Return the settings of a resumed run, with those that may change."""
-    fixed = {"--preset": args.preset, "--set": args.set or None, "--seed": args.seed}
+    fixed = {
+        "--preset": args.preset,
+        "--set": args.set or None,
+        "--seed": args.seed,
+        "--circuit": args.circuit,
+        "--curriculum": args.curriculum,
+    }
     given = [option for option, value in fixed.items() if value is not None]
     if given:
         raise ValueError(f"a resumed run keeps what it began with: leave out {', '.join(given)}, or begin another run")
     settings = learning.stored_settings(args.out)
-    if args.vehicle != settings.vehicle:
-        raise ValueError(f"{args.out} holds a run of vehicle {settings.vehicle!r}, not of {args.vehicle!r}")
+    vehicle = settings.vehicle if args.subject == SUPERBIKE and args.vehicle is None else _vehicle(args)
+    if vehicle != settings.vehicle:
+        raise ValueError(f"{args.out} holds a run of vehicle {settings.vehicle!r}, not of {vehicle!r}")
     return _with_choices(settings, args)
 
 
@@ -136,7 +190,7 @@ def _show(bar: tqdm[Any], process: LearningProcess) -> None:
         bar.initial = bar.n = bar.last_print_n = process.model.num_timesteps
     bar.set_postfix_str(
         f"{'curriculum done' if progress.curriculum.finished else f'part {progress.curriculum.part}'}, "
-        f"validation {progress.recent_error_m:.3f} m",
+        f"validation {progress.recent_error_m:.3f} {process.task.error_name}",
         refresh=False,
     )
     bar.update(process.model.num_timesteps - bar.n)

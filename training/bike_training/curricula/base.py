@@ -3,11 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from bike_sim.sim.request import Preview, ResetRequest
+
+
+class EndedEpisode(NamedTuple):
+    """How an episode of learning went.
+
+    Attributes:
+        request: how it began, with its context.
+        total: sum of its rewards. steps: its length, decisions.
+        failed: whether it was terminated. progress: where it ended, arc length of the followed line, m.
+    """
+
+    request: ResetRequest
+    total: float
+    steps: int
+    failed: bool
+    progress: float
 
 
 class Episodes(Protocol):
@@ -66,14 +82,8 @@ class Curriculum(Protocol):
         """Return whether a validation with these errors was fully successful."""
         ...
 
-    def ended(self, context: Sequence[float], total: float, steps: int) -> None:
-        """Take note of how an episode of learning went.
-
-        Args:
-            context: of its request.
-            total: sum of its rewards.
-            steps: its length.
-        """
+    def ended(self, episode: EndedEpisode) -> None:
+        """Take note of how an episode of learning went."""
         ...
 
     def validated(self, step: int, errors: Sequence[float]) -> bool:

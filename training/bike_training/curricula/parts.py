@@ -13,6 +13,7 @@ import numpy as np
 
 from bike_sim.course.random_paths import CURRICULUM_PATHS, PathRanges
 from bike_sim.sim.request import Preview, ResetRequest
+from bike_training.curricula.base import EndedEpisode
 from bike_training.tasks.path import DISTANCE_THRESHOLD, VALIDATION_DURATION, VALIDATION_THRESHOLD
 
 SPEED_RANGES: Final = ((4.0, 4.0), (2.0, 7.0), (2.0, 7.0), (2.0, 7.0))
@@ -98,7 +99,7 @@ class PartsCurriculum:
         """Return whether the intervals no longer grow; while they do no validation is made."""
         return not 1 < self.part <= PARTS or step - self.entered_at >= TRANSITION_STEPS
 
-    def ended(self, context: Sequence[float], total: float, steps: int) -> None:
+    def ended(self, episode: EndedEpisode) -> None:
         """Need nothing of an episode; validations decide."""
 
     def episodes(self, step: int) -> RideRanges:

@@ -9,15 +9,17 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from bike_policy.contract.rows import row_of
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.snapshot import Snapshot
 from bike_training.curricula.base import Episodes
 from bike_training.curricula.parts import PartsCurriculum
 from bike_training.envs.clients import Client, make_client
 from bike_training.envs.vec_env import task_spaces
 from bike_training.envs.watch import RideWatch
-from bike_training.tasks.base import Task, has_failed, sum_of
+from bike_training.tasks.base import Task, sum_of
 from bike_training.tasks.path import TASKS
 
 
@@ -59,7 +61,9 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._steps = 0
         self._full_episodes = 0
         self._goes_on = False
+        self.rides = self.task.rides(1, self.client.vehicle)
         self.snapshot: Snapshot | None = None
+        self._request = ResetRequest()
         self.watch: RideWatch | None = None
 
     def set_watch(self, watch: RideWatch | None) -> None:
@@ -87,7 +91,9 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             request = (options or {}).get("request") or self.episodes.draw(self.np_random, self.task.preview)
             request = replace(request, preview=self.task.preview)
             self.snapshot = self.client.reset(request)
-            self._context = request.context
+            assert self.client.course is not None
+            self.rides.begin(0, row_of(self.snapshot), request, self.client.course)
+            self._request = request
             self._full_episodes = 0
             if self.watch is not None:
                 self.watch.begun(request)
@@ -95,33 +101,43 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return self._observe(self.snapshot), self._info(self.snapshot)
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """Hold an action in [-1, 1], one number per column of the task's action, for one control period."""
+        """Hold an action in [-1, 1], one number per column of the task's action, for one decision."""
         before = self.snapshot
         if before is None:
             raise RuntimeError("call reset before step")
         command = self._action.to_command(action, self._max_steer)
-        snapshot = self.client.step(*command)
-        if self.watch is not None:
-            self.watch.stepped(self._observe(before), action, command, snapshot.state)
+        row, states = row_of(before), []
+        observation = None if self.watch is None else self.rides.observe(row)[0]
+        self.rides.act(row, np.asarray(action)[None])
+        snapshot = before
+        for _ in range(self.task.repeat):
+            if snapshot.fallen:
+                break  # a node ends its ride with the fall
+            snapshot = self.client.step(*self.rides.limit(row, np.array([command]))[0].tolist())
+            row = row_of(snapshot)
+            self.rides.advance(row)
+            states.append(snapshot.state)
+        if self.watch is not None and observation is not None:
+            self.watch.stepped(observation, action, command, states)
         self.snapshot = snapshot
         self._steps += 1
-        reward = sum_of(self.task.reward_terms(snapshot))
-        terminated = has_failed(self.task, snapshot)
+        terms, failed = self.rides.judge(row)
+        reward, terminated = float(sum_of(terms)[0]), bool(failed[0])
         truncated = not terminated and self._steps >= self.task.max_steps
         if truncated:
             self._full_episodes += 1
             self._goes_on = self._full_episodes == 1
         info = self._info(snapshot)
         if terminated or truncated:
-            info["context"] = self._context
-        return self._observe(snapshot), float(reward), terminated, truncated, info
+            info |= {"request": self._request, "progress": float(snapshot.look[lk.PROGRESS])}
+        return self._observe(snapshot), reward, terminated, truncated, info
 
     def close(self) -> None:
         """Release the simulator."""
         self.client.close()
 
     def _observe(self, snapshot: Snapshot) -> NDArray[np.float32]:
-        return self.task.layout.observe(snapshot)
+        return self.rides.observe(row_of(snapshot))[0]
 
     def _info(self, snapshot: Snapshot) -> dict[str, Any]:
         return {

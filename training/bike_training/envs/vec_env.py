@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
+from bike_sim.sim import look as lk
 from bike_sim.sim.batch import make_batch
 from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.request import ResetRequest
 from bike_training.curricula.base import Episodes
 from bike_training.envs.watch import RideWatch
 from bike_training.tasks.base import Task, sum_of
@@ -81,12 +83,13 @@ class BatchVecEnv(VecEnv):
         self.task = task
         self.episodes = episodes
         self.batch = make_batch(count, config, task.preview)
+        self.rides = task.rides(count, self.batch.vehicle)
         self.rng = np.random.default_rng(seed)
         self.steps = np.zeros(count, dtype=np.int64)
         self.full_episodes = np.zeros(count, dtype=np.int64)
         self.returns = np.zeros(count)
-        self._contexts: list[tuple[float, ...]] = [()] * count
-        self._chosen = np.zeros(task.action.size)
+        self._requests: list[ResetRequest] = [ResetRequest()] * count
+        self._actions = np.zeros((count, task.action.size), dtype=np.float32)
         self._commands = np.zeros((count, 2))
 
     def set_episodes(self, episodes: Episodes) -> None:
@@ -108,7 +111,8 @@ class BatchVecEnv(VecEnv):
             "steps": self.steps.copy(),
             "full_episodes": self.full_episodes.copy(),
             "returns": self.returns.copy(),
-            "contexts": [list(context) for context in self._contexts],
+            "requests": [request.to_card() for request in self._requests],
+            "rides": self.rides.state_dict(),
         }
 
     def restore(self, stored: dict[str, Any]) -> None:
@@ -122,7 +126,10 @@ class BatchVecEnv(VecEnv):
         self.rng.bit_generator.state = stored["rng"]
         for name in ("steps", "full_episodes", "returns"):
             getattr(self, name)[...] = stored[name]
-        self._contexts = [tuple(context) for context in stored["contexts"]]
+        self._requests = [ResetRequest.from_card(card) for card in stored["requests"]]
+        for row, request in enumerate(self._requests):
+            self.rides.begin(row, self.batch, request, self.batch.course(row))
+        self.rides.restore(stored["rides"])
         self._reset_seeds()
 
     def reset(self) -> NDArray[np.float32]:
@@ -140,7 +147,8 @@ class BatchVecEnv(VecEnv):
     def _begin(self, index: int) -> None:
         request = self.episodes.draw(self.rng, self.task.preview)
         self.batch.reset(index, request)
-        self._contexts[index] = request.context
+        self.rides.begin(index, self.batch, request, self.batch.course(index))
+        self._requests[index] = request
         if index == 0 and self.watch is not None:
             self.watch.begun(request)
         self.steps[index] = 0
@@ -148,7 +156,7 @@ class BatchVecEnv(VecEnv):
         self.returns[index] = 0.0
 
     def _observe(self) -> NDArray[np.float32]:
-        return self.task.layout.observe(self.batch)
+        return self.rides.observe(self.batch)
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
         """Seed the rides that begin with the next reset; all vehicles draw from one generator."""
@@ -157,22 +165,26 @@ class BatchVecEnv(VecEnv):
 
     def step_async(self, actions: NDArray[np.float32]) -> None:
         """Take the actions of the next step, shape (n, columns of the action)."""
-        self._chosen = actions[0].astype(np.float64)
+        self._actions = actions
         self._commands = self.task.action.to_commands(actions, self.batch.vehicle.max_steer)
 
     def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
         """Step every vehicle; rides that ended have started again in the returned observations."""
-        if self.watch is None:
-            self.batch.step(self._commands)
-        else:
-            observation = self._observe()[0]
-            self.batch.step(self._commands)
+        watched = None if self.watch is None else self._observe()[0]
+        self.rides.act(self.batch, self._actions)
+        states = []
+        for _ in range(self.task.repeat):
+            self.batch.step(self.rides.limit(self.batch, self._commands))
+            self.rides.advance(self.batch)
+            if watched is not None:
+                states.append(self.batch.state[0].copy())
+        if watched is not None and self.watch is not None:
             steering, throttle = self._commands[0].tolist()
-            self.watch.stepped(observation, self._chosen, (steering, throttle), self.batch.state[0].copy())
+            self.watch.stepped(watched, self._actions[0].astype(np.float64), (steering, throttle), states)
         self.steps += 1
-        rewards = sum_of(self.task.reward_terms(self.batch)).astype(np.float32)
+        terms, terminated = self.rides.judge(self.batch)
+        rewards = sum_of(terms).astype(np.float32)
         self.returns += rewards
-        terminated = self.task.failed(self.batch)
         truncated = ~terminated & (self.steps >= self.task.max_steps)
         observations = self._observe()
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
@@ -182,7 +194,8 @@ class BatchVecEnv(VecEnv):
                 "terminal_observation": observations[index].copy(),
                 "TimeLimit.truncated": bool(truncated[index]),
                 "episode": {"r": float(self.returns[index]), "l": int(self.steps[index]), "t": 0.0},
-                "context": self._contexts[index],
+                "request": self._requests[index],
+                "progress": float(self.batch.look[index, lk.PROGRESS]),
             }
             if truncated[index] and self.full_episodes[index] == 0:
                 self.full_episodes[index] = 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -25,14 +26,14 @@ class RideWatch(Protocol):
         observation: NDArray[np.float32],
         action: NDArray[np.floating],
         command: tuple[float, float],
-        state: NDArray[np.float64],
+        states: Sequence[NDArray[np.float64]],
     ) -> None:
-        """Take note of a control period.
+        """Take note of a decision.
 
         Args:
             observation: of the policy.
             action: of the policy, in [-1, 1], one number per column of the task's action.
             command: steering and throttle that it became, in [-1, 1].
-            state: minimal state at the end of the period.
+            states: minimal state at the end of each control period that it was held.
         """
         ...

@@ -20,6 +20,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from bike_policy.contract.bundle import Bundle
 from bike_policy.contract.observation import ObservationLayout
+from bike_training.explain.observations import path_layout
 
 FloatArray = NDArray[np.float64]
 
@@ -105,8 +106,8 @@ def explain(
     with threadpool_limits(1):
         found = explainer(inputs, max_evals=evaluations, silent=silent)
     return Explanation(
-        layout=bundle.layout,
-        features=inputs / _scales(bundle.layout),
+        layout=path_layout(bundle),
+        features=inputs / _scales(path_layout(bundle)),
         values=np.asarray(found.values, dtype=np.float64),
         base=float(np.mean(found.base_values)),
         outputs=set_values(bundle, observations),

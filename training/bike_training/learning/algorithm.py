@@ -29,6 +29,7 @@ class Algorithm:
         tau: share of the critics that their targets take over in an update.
         buffer_size: transitions kept.
         learning_starts: steps with random actions before the first update.
+        policy_delay: updates of the critics for each one of the actor (sbx only).
         target_entropy: entropy that the temperature is tuned to, nat; smaller means less noise.
         mirror: learn each transition as often mirrored left to right as it happened.
         averaging: share of the averaged actor kept in an update of the average; 0 deploys the actor itself.
@@ -47,6 +48,7 @@ class Algorithm:
     tau: float = 0.005
     buffer_size: int = 1_000_000
     learning_starts: int = 100
+    policy_delay: int = 1
     target_entropy: float = -1.0
     mirror: bool = False
     averaging: float = 0.0
@@ -62,7 +64,7 @@ class Algorithm:
             raise ValueError(f"preset setting learner={self.learner!r} is not sb3 or sbx")
         if not self.layers or not all(isinstance(size, int) and size >= 1 for size in self.layers):
             raise ValueError(f"preset setting layers={self.layers!r} must be sizes of at least 1")
-        for name in ("environments", "updates", "batch_size", "buffer_size", "steps"):
+        for name in ("environments", "updates", "batch_size", "buffer_size", "policy_delay", "steps"):
             check_number(name, getattr(self, name), 1, math.inf)
         check_number("learning_starts", self.learning_starts, 0, math.inf)
         for name in ("learning_rate", "final_learning_rate", "gamma", "tau", "averaging"):

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 from stable_baselines3.common.callbacks import BaseCallback
 
+from bike_training.curricula.base import EndedEpisode
 from bike_training.interruption import signals_handled
 from bike_training.learning import selection
 
@@ -84,7 +85,7 @@ class LearningCallback(BaseCallback):
             progress.averaged.update(self.model, max(1, preset.updates))  # type: ignore[arg-type]
         if self.validation_is_due():
             process.validate()
-        if selection.is_due(progress, self.num_timesteps):
+        if selection.is_due(progress, self.num_timesteps, preset.curriculum.select_every):
             process.select()
 
     def _may_validate(self) -> bool:
@@ -100,8 +101,10 @@ class LearningCallback(BaseCallback):
     def _on_step(self) -> bool:
         for info in self.locals["infos"]:
             if "episode" in info:
-                episode, context = info["episode"], info.get("context", ())
-                self.process.progress.curriculum.ended(context, float(episode["r"]), int(episode["l"]))
+                episode, failed = info["episode"], not info.get("TimeLimit.truncated", False)
+                self.process.progress.curriculum.ended(
+                    EndedEpisode(info["request"], float(episode["r"]), int(episode["l"]), failed, info["progress"])
+                )
         if any(info.get("TimeLimit.truncated") for info in self.locals["infos"]) and self._may_validate():
             self.process.progress.validation_due = True
         return True

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import warnings
 from array import array
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -23,6 +23,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from bike_analysis.read.columns import MessageSchema
 from bike_policy.contract.actor import Actor
+from bike_policy.contract.rows import row_of
 from bike_sim.course.random_paths import PathRanges
 from bike_sim.recording import LATCHED, Qos, RideRecorder, message_type
 from bike_sim.ros import messages, wire
@@ -32,7 +33,7 @@ from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import Snapshot
 from bike_training.curricula.parts import RideRanges
-from bike_training.tasks.base import Task, has_failed, sum_of
+from bike_training.tasks.base import Task, sum_of
 
 TOPICS: Final = {
     "episode": ("bike_msgs/msg/EpisodeStart", LATCHED),
@@ -52,12 +53,12 @@ class Standing:
     Attributes:
         step: learning steps made so far.
         part: part of the curriculum, 5 once it is finished.
-        ranges: intervals that new rides are drawn from.
+        ranges: intervals that new rides are drawn from; None where a curriculum has no such intervals.
     """
 
     step: int
     part: int
-    ranges: RideRanges
+    ranges: RideRanges | None
 
 
 def task_note(task: Task) -> str:
@@ -85,7 +86,7 @@ class EpisodeWriter:
 
     Attributes:
         snapshot: what is seen now.
-        failed: whether the bicycle has fallen or is too far from its path.
+        failed: whether the ride has failed.
     """
 
     def __init__(
@@ -109,14 +110,16 @@ class EpisodeWriter:
         self.snapshot = simulator.reset(request)
         self.failed = False
         assert simulator.course is not None
+        self._rides = task.rides(1, simulator.vehicle)
+        self._rides.begin(0, row_of(self.snapshot), request, simulator.course)
         config = simulator.config
         self._facts = messages.Episode.of(simulator.vehicle, simulator.course, request.preview, config.control_period)
         self._open(path, {"rider": rider, "layout": task.layout.name, "task": task_note(task)})
-        number, stamp = self.snapshot.episode, self._stamp
+        number, stamp = self.snapshot.episode, self._stamp_of(self.snapshot)
         names = simulator.plant.signal_names
-        self._write("episode", messages.episode_start_to_message(request, config, names, number, stamp))
-        self._write("course", messages.course_to_message(simulator.course, number, stamp))
-        self._write_events()
+        self._write("episode", messages.episode_start_to_message(request, config, names, number, stamp), stamp)
+        self._write("course", messages.course_to_message(simulator.course, number, stamp), stamp)
+        self._write_events(self.snapshot)
         self._write_bytes("state", wire.encode_state(self.snapshot, self._facts, stamp), stamp)
 
     def _open(self, path: Path, notes: dict[str, str]) -> None:
@@ -134,8 +137,8 @@ class EpisodeWriter:
         command: tuple[float, float],
         standing: Standing,
         deterministic: bool,
-    ) -> Snapshot:
-        """Hold a command for one control period; write down it, the step of learning, and what comes of it.
+    ) -> list[Snapshot]:
+        """Hold a command for one decision; write down it, the step of learning, and what comes of it.
 
         Args:
             observation: what the policy saw.
@@ -144,11 +147,8 @@ class EpisodeWriter:
             standing: where learning stood.
             deterministic: whether the action is the mean of the policy.
         """
-        before, stamp = self.snapshot, self._stamp
-        given = Command(before.episode, before.step, *command)
-        self._write_bytes("command", wire.encode_command(given, stamp), self._stamp)
-        self.snapshot = snapshot = self._simulator.step(*command)
-        self.failed = has_failed(self._task, snapshot)
+        before, stamp = self.snapshot, self._stamp_of(self.snapshot)
+        self._rides.act(row_of(before), action[None])
         learned = _standing_message(standing)
         learned.header.stamp = messages.time_to_message(stamp)
         learned.episode, learned.step = before.episode, before.step
@@ -157,15 +157,38 @@ class EpisodeWriter:
         learned.observation = array("f", observation.tobytes())
         learned.action, learned.steering = float(action[0]), command[0]
         learned.steer_set = float(action[0]) * self._task.action.columns[0].scale
+        held: list[Snapshot] = []
+        while len(held) < self._task.repeat and not self.snapshot.fallen:
+            self.snapshot = self._simulator.step(*command)
+            self._rides.advance(row_of(self.snapshot))
+            held.append(self.snapshot)
         self._judge(learned)
-        self._write("learning/step", learned, stamp)
-        self._write_bytes("state", wire.encode_state(snapshot, self._facts, self._stamp), self._stamp)
-        self._write_events()
-        return snapshot
+        self._write_held(before, held, command, learned)
+        return held
 
-    def _write_events(self) -> None:
-        for event in self.snapshot.events:
-            self._write("events", messages.event_to_message(event, self.snapshot, self._stamp))
+    def observe(self) -> NDArray[np.float32]:
+        """Return what a policy sees now."""
+        return self._rides.observe(row_of(self.snapshot))[0]
+
+    def _write_held(
+        self, before: Snapshot, held: Sequence[Snapshot], command: tuple[float, float], learned: LearningStep
+    ) -> None:
+        """Write the control periods of a decision in the order of time; what was learned stands before its states."""
+        for snapshot in held:
+            stamp = self._stamp_of(before)
+            given = Command(before.episode, before.step, *command)
+            self._write_bytes("command", wire.encode_command(given, stamp), stamp)
+            if snapshot is held[0]:
+                self._write("learning/step", learned, stamp)
+            stamp = self._stamp_of(snapshot)
+            self._write_bytes("state", wire.encode_state(snapshot, self._facts, stamp), stamp)
+            self._write_events(snapshot)
+            before = snapshot
+
+    def _write_events(self, snapshot: Snapshot) -> None:
+        stamp = self._stamp_of(snapshot)
+        for event in snapshot.events:
+            self._write("events", messages.event_to_message(event, snapshot, stamp), stamp)
 
     def close(self) -> None:
         """Finish the file."""
@@ -173,10 +196,11 @@ class EpisodeWriter:
 
     def _judge(self, message: LearningStep) -> None:
         """Say what the step was worth and whether an episode of learning ended with it."""
-        terms = self._task.reward_terms(self.snapshot)
+        terms, failed = self._rides.judge(row_of(self.snapshot))
+        self.failed = bool(failed[0])
         message.reward_names = list(terms)
-        message.reward_terms = array("d", map(float, terms.values()))
-        message.reward = float(sum_of(terms))
+        message.reward_terms = array("d", (float(term[0]) for term in terms.values()))
+        message.reward = float(sum_of(terms)[0])
         message.learning_episode, message.learning_episode_step = self._episode, self._episode_step
         self._episode_step += 1
         message.terminated = self.failed
@@ -184,15 +208,14 @@ class EpisodeWriter:
         if message.truncated:
             self._episode, self._episode_step = self._episode + 1, 0
 
-    @property
-    def _stamp(self) -> int:
-        """Simulated time of the present state, ns. Rides begin after one period, as those of the node do."""
-        return round((self.snapshot.step + 1) * self._facts.control_period * messages.NANOSECONDS)
+    def _stamp_of(self, snapshot: Snapshot) -> int:
+        """Simulated time of a state, ns. Rides begin after one period, as those of the node do."""
+        return round((snapshot.step + 1) * self._facts.control_period * messages.NANOSECONDS)
 
-    def _write(self, name: str, message: Any, stamp: int | None = None) -> None:
+    def _write(self, name: str, message: Any, stamp: int) -> None:
         # rclpy leaves excess bytes behind messages with empty arrays, which strict readers refuse.
         data = self._schemas[name].trim(serialize_message(message))
-        self._write_bytes(name, data, self._stamp if stamp is None else stamp)
+        self._write_bytes(name, data, stamp)
 
     def _write_bytes(self, name: str, data: bytes, stamp: int) -> None:
         self._recorder.write(f"/bike/{name}", data, stamp)
@@ -201,6 +224,8 @@ class EpisodeWriter:
 def _standing_message(standing: Standing) -> LearningStep:
     message = LearningStep()
     message.learning_step, message.part = standing.step, standing.part
+    if standing.ranges is None:
+        return message
     sets = (standing.ranges, *standing.ranges.also)
     message.speed_min = array("d", (ranges.speed[0] for ranges in sets))
     message.speed_max = array("d", (ranges.speed[1] for ranges in sets))
@@ -226,8 +251,8 @@ def record_ride(
     with _warning_of_disk(path):
         writer = EpisodeWriter(path, task, simulator, request, steps, "deterministic actor, in validation")
         with closing(writer):
-            for _ in range(steps):
-                observation = task.layout.observe(writer.snapshot)
+            for _ in range(steps // task.repeat):
+                observation = writer.observe()
                 action = actor.act(observation)
                 command = task.action.to_command(action, simulator.vehicle.max_steer)
                 writer.step(observation, action, command, standing, True)
@@ -283,14 +308,15 @@ class TrainingRecorder:
         observation: NDArray[np.float32],
         action: NDArray[np.floating],
         command: tuple[float, float],
-        state: NDArray[np.float64],
+        states: Sequence[NDArray[np.float64]],
     ) -> None:
         """Write a step down; the recording ends with a warning where the simulator leaves the ride of the training."""
         if self._writer is None or self._path is None:
             return
         with _warning_of_disk(self._path, self.close):
-            snapshot = self._writer.step(observation, action, command, self._standing(), False)
-            if not np.array_equal(snapshot.state, state):
+            held = self._writer.step(observation, action, command, self._standing(), False)
+            # A fallen vehicle lies still in a batch; the ride of its own ends there.
+            if any(not np.array_equal(snapshot.state, state) for snapshot, state in zip(held, states, strict=False)):
                 warnings.warn(f"recording {self._path} ends: its ride has left that of the training", stacklevel=2)
                 self.close()
 

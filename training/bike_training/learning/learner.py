@@ -26,22 +26,38 @@ class MirrorReplayBuffer(ReplayBuffer):
     """
 
     def __init__(
-        self, *args: Any, mirror_signs: NDArray[np.float32], action_signs: NDArray[np.float32], **kwargs: Any
+        self,
+        *args: Any,
+        mirror_signs: NDArray[np.float32],
+        mirror_places: NDArray[np.intp],
+        action_signs: NDArray[np.float32],
+        **kwargs: Any,
     ) -> None:
-        """Take the signs of observation and action, column by column, beside the usual arguments."""
+        """Take what turns columns into mirrored ones, beside the usual arguments.
+
+        Args:
+            *args: of `ReplayBuffer`.
+            mirror_signs: signs of the observation's columns.
+            mirror_places: which column each of them is taken from before, as the right limit for the left one.
+            action_signs: signs of the action's columns; throttle keeps its own.
+            **kwargs: of `ReplayBuffer`.
+        """
         super().__init__(*args, **kwargs)
         self.mirror_signs = torch.as_tensor(mirror_signs)
+        self.mirror_places = torch.as_tensor(mirror_places)
         self.action_signs = torch.as_tensor(action_signs)
 
     def _get_samples(self, batch_inds: NDArray[np.int64], env: Any = None) -> ReplayBufferSamples:
         data = super()._get_samples(batch_inds, env)
         flip = torch.as_tensor(np.random.random(len(batch_inds)) < 0.5)[:, None]
-        signs = torch.where(flip, self.mirror_signs, 1.0)
         return data._replace(
-            observations=data.observations * signs,
-            next_observations=data.next_observations * signs,
+            observations=self._mirrored(data.observations, flip),
+            next_observations=self._mirrored(data.next_observations, flip),
             actions=data.actions * torch.where(flip, self.action_signs, 1.0),
         )
+
+    def _mirrored(self, observations: torch.Tensor, flip: torch.Tensor) -> torch.Tensor:
+        return torch.where(flip, observations[:, self.mirror_places] * self.mirror_signs, observations)
 
 
 def build_model(algorithm: Algorithm, task: Task, env: VecEnv, seed: int) -> OffPolicyAlgorithm:
@@ -59,6 +75,7 @@ def build_model(algorithm: Algorithm, task: Task, env: VecEnv, seed: int) -> Off
             "replay_buffer_class": MirrorReplayBuffer,
             "replay_buffer_kwargs": {
                 "mirror_signs": task.layout.mirror_signs,
+                "mirror_places": task.layout.mirror_places,
                 "action_signs": task.action.mirror_signs,
             },
         }
@@ -83,7 +100,7 @@ def build_model(algorithm: Algorithm, task: Task, env: VecEnv, seed: int) -> Off
     from sbx import SAC as JaxSAC
 
     common["policy_kwargs"]["layer_norm"] = algorithm.layer_norm
-    return JaxSAC("MlpPolicy", env, **common)
+    return JaxSAC("MlpPolicy", env, policy_delay=algorithm.policy_delay, **common)
 
 
 def _linear(first: float, last: float) -> Callable[[float], float]:

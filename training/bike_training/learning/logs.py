@@ -5,26 +5,30 @@ from __future__ import annotations
 import csv
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from stable_baselines3.common.logger import Logger, make_output_format
 
 from bike_training.learning.checkpoint import drop_rows_after
 
-VALIDATION_COLUMNS: Final = ("step", "seconds", "part", "mean_error_m", "max_error_m", "passed", "updates")
+
+def validation_columns(error: str) -> tuple[str, ...]:
+    """Return the columns of validations whose error has a name."""
+    return ("step", "seconds", "part", f"mean_{error}", f"max_{error}", "passed", "updates")
 
 
 class RunTables:
     """``validations.csv`` and ``selection.csv`` of a run."""
 
-    def __init__(self, folder: Path) -> None:
-        """Write into the folder of a run."""
+    def __init__(self, folder: Path, error: str) -> None:
+        """Write into the folder of a run whose errors have a name."""
+        self._columns = validation_columns(error)
         self.validations, self.selection = folder / "validations.csv", folder / "selection.csv"
 
     def begin(self) -> None:
         """Begin both anew, also where a run was killed before its first checkpoint."""
         with self.validations.open("w", newline="", encoding="utf-8") as file:
-            csv.writer(file).writerow(VALIDATION_COLUMNS)
+            csv.writer(file).writerow(self._columns)
         self.selection.unlink(missing_ok=True)
 
     def drop_after(self, step: int) -> None:
@@ -33,11 +37,11 @@ class RunTables:
         drop_rows_after(self.selection, step)
 
     def add_validation(self, row: Sequence[Any]) -> None:
-        """Add a row in the order of VALIDATION_COLUMNS."""
+        """Add a row in the order of `validation_columns`."""
         _append(self.validations, row)
 
     def add_selection(self, step: int, error: float) -> None:
-        """Add the RMS error (m) of the actor of a learning step."""
+        """Add the selection error of the actor of a learning step."""
         _append(self.selection, (step, round(error, 6)))
 
 

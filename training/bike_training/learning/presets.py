@@ -14,9 +14,12 @@ from bike_training.learning.subjects import (
     CurriculumSettings,
     PartsSettings,
     PathSettings,
+    RaceCurriculumSettings,
+    RaceSettings,
     TaskSettings,
 )
 from bike_training.tasks.path import SHARP, TASKS
+from bike_training.tasks.race import PAPER_WEIGHTS
 
 _SUBJECTS: Final = ("task", "curriculum")
 """Records inside of a preset; each holds its own name under the name of its place."""
@@ -121,9 +124,46 @@ FAST: Final = Preset(
 Why each of them was chosen is in docs/training.md, what came of them in docs/results.md.
 """
 
+RACE: Final = Preset(
+    name="race",
+    task=RaceSettings(),
+    curriculum=RaceCurriculumSettings(spread=0.12),
+    learner="sbx",
+    environments=32,
+    updates=8,
+    layers=(64, 64),
+    batch_size=256,
+    learning_rate=5e-4,
+    final_learning_rate=5e-5,
+    gamma=0.98,
+    learning_starts=2000,
+    policy_delay=2,
+    target_entropy=-4.0,
+    mirror=True,
+    averaging=0.999,
+    steps=1_000_000,
+)
+"""The default of superbikes: many machines in one compiled loop, a compact observation, calm commands."""
+
+RACE_PAPER: Final = Preset(
+    name="race_paper",
+    task=RaceSettings(observation="paper_race", weights=PAPER_WEIGHTS, repeat=1, max_steps=1500, masked=False),
+    curriculum=RaceCurriculumSettings(curriculum="spdl"),
+    environments=10,
+    updates=10,
+    batch_size=512,
+    steps=9_500_000,
+)
+"""The superbike paper: SAC of Stable-Baselines3, batches of 512, 10 environments (VI-A), its observation and reward.
+
+Its learning rate and the size of its replay buffer could not be read; they are Stable-Baselines3's.
+"""
+
 PRESETS: Final[dict[str, Preset]] = {
     "paper": PAPER,
     "fast": FAST,
+    "race": RACE,
+    "race_paper": RACE_PAPER,
     **{name: replace(PAPER, name=name, task=PathSettings(task=name)) for name in TASKS if name.startswith("alt")},
 }
 """All presets by name; alt1 to alt5 are the paper's other settings (Table 5)."""

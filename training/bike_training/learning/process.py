@@ -15,6 +15,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from bike_policy.contract.actor import Actor
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.curricula.base import Episodes
+from bike_training.curricula.parts import RideRanges
 from bike_training.envs.env import BikeEnv
 from bike_training.envs.node_process import NodeLost
 from bike_training.envs.vec_env import BatchVecEnv, SimulatorVecEnv
@@ -68,14 +69,15 @@ class LearningProcess:
         if steps < 1:
             raise ValueError(f"learning steps must be at least 1, got {steps}")
         preset = settings.preset
-        preset.task.check_vehicle(load_vehicle(settings.vehicle))
+        vehicle = load_vehicle(settings.vehicle)
+        preset.task.check_vehicle(vehicle)
         self.settings, self.out, self.steps, self.task = settings, out, steps, preset.task.make()
         self.progress = Progress(
-            preset.curriculum.make(),
+            preset.curriculum.make(vehicle),
             AveragedActor(preset.averaging),
             np.random.default_rng(draws(settings.seed, VALIDATION_DRAWS)),
         )
-        self._tables = RunTables(out)
+        self._tables = RunTables(out, self.task.error_name)
         self._opened = contextlib.ExitStack()
         self._validator = validation.Validator(settings, self.task)
         try:
@@ -220,8 +222,8 @@ class LearningProcess:
             )
         )
         logger = self.model.logger
-        logger.record("validation/mean_error_m", result.mean_error)
-        logger.record("validation/max_error_m", result.max_error)
+        logger.record(f"validation/mean_{self.task.error_name}", result.mean_error)
+        logger.record(f"validation/max_{self.task.error_name}", result.max_error)
         logger.record("curriculum/part", progress.curriculum.part)
         logger.dump(step)
         if self._recordings.is_due(progress.validations):
@@ -233,11 +235,12 @@ class LearningProcess:
         config = self.settings.compiled_simulator()
         error = selection.compare(self.out, self.actor(), self.progress, step, self.task, config)
         self._tables.add_selection(step, error)
-        self.model.logger.record("selection/rms_error_m", error)
+        self.model.logger.record(f"selection/{self.task.error_name}", error)
 
     def _standing(self) -> Standing:
         """Return where learning stands, for recordings."""
         from bike_training.learning.episode_recording import Standing
 
         step, curriculum = self.model.num_timesteps, self.progress.curriculum
-        return Standing(step, curriculum.part, curriculum.episodes(step))  # type: ignore[arg-type]
+        episodes = curriculum.episodes(step)
+        return Standing(step, curriculum.part, episodes if isinstance(episodes, RideRanges) else None)

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 
 from bike_sim.physics.engine import ENGINE_KINDS
-from bike_sim.sim.batch import COMPILED_ENGINE
+from bike_sim.sim.batch import COMPILED_ENGINE, SUPERBIKE_ENGINE
 from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.superbike_plant import superbike_config
+from bike_sim.vehicles.files import load_vehicle
+from bike_sim.vehicles.superbike import Superbike
 from bike_training.envs.clients import CLIENT_KINDS
 from bike_training.learning.algorithm import LARGEST_SEED
 from bike_training.learning.presets import Preset
@@ -33,7 +36,8 @@ class RunSettings:
         seed: seed of everything.
         client: ``local`` or ``ros``.
         engine: a kind of :func:`bike_sim.physics.engine.make_engine`.
-        time_step: integration step of a simulator, s; the compiled batch uses COMPILED_TIME_STEP.
+        time_step: integration step of a bicycle's simulator, s; the compiled batch uses COMPILED_TIME_STEP, and
+            superbikes have their own.
         checkpoint_every: learning steps between checkpoints.
         record_every: validations between recorded rides; 0 records none.
         until_finished: stop when the curriculum is finished.
@@ -85,16 +89,29 @@ class RunSettings:
     @property
     def compiled(self) -> bool:
         """Whether all vehicles are stepped by one compiled loop in this process."""
-        return self.client == "local" and self.engine == COMPILED_ENGINE
+        return self.client == "local" and self.engine == self._compiled_engine
+
+    @property
+    def superbike(self) -> bool:
+        """Whether a superbike learns."""
+        return isinstance(load_vehicle(self.vehicle), Superbike)
+
+    @property
+    def _compiled_engine(self) -> str:
+        return SUPERBIKE_ENGINE if self.superbike else COMPILED_ENGINE
 
     def simulator(self) -> SimulatorConfig:
         """Return the configuration of a simulator that rides as the environments do."""
         if self.compiled:
             return self.compiled_simulator()
+        if self.superbike:
+            return replace(superbike_config(self.vehicle), engine=self.engine)
         return SimulatorConfig(self.vehicle, self.engine, self.time_step)
 
     def compiled_simulator(self) -> SimulatorConfig:
         """Return the configuration of the compiled engine, on which actors are compared wherever they learn."""
+        if self.superbike:
+            return replace(superbike_config(self.vehicle), engine=SUPERBIKE_ENGINE)
         return SimulatorConfig(self.vehicle, COMPILED_ENGINE, COMPILED_TIME_STEP)
 
 

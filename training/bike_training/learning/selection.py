@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Final
 
 from safetensors.numpy import save_file
 
 from bike_policy.contract.actor import Actor
 from bike_sim.sim.config import SimulatorConfig
 from bike_training.learning.progress import Progress
-from bike_training.learning.validation_rides import rms_error
+from bike_training.learning.validation_rides import selection_error
 from bike_training.tasks.base import Task
 
-SELECT_EVERY: Final = 10_000
-"""Learning steps between two comparisons of actors once the curriculum is finished."""
 
+def is_due(progress: Progress, step: int, every: int) -> bool:
+    """Tell whether actors are to be compared at a learning step.
 
-def is_due(progress: Progress, step: int) -> bool:
-    """Tell whether actors are to be compared at a learning step."""
-    return progress.curriculum.finished and step - progress.selected_at >= SELECT_EVERY
+    Args:
+        progress: of the run.
+        step: learning step.
+        every: learning steps between two comparisons once the curriculum is finished.
+    """
+    return progress.curriculum.finished and step - progress.selected_at >= every
 
 
 def compare(out: Path, actor: Actor, progress: Progress, step: int, task: Task, config: SimulatorConfig) -> float:
@@ -34,13 +36,13 @@ def compare(out: Path, actor: Actor, progress: Progress, step: int, task: Task, 
         config: where it is ridden.
 
     Returns:
-        The actor's RMS error, m.
+        The actor's error, as the task compares actors.
     """
     progress.selected_at = step
     actors = out / "actors"
     actors.mkdir(exist_ok=True)
     save_file(actor.tensors(), actors / f"{step:09d}.safetensors")
-    error = rms_error(actor, task, config, progress.curriculum.selection_requests(task.preview))
+    error = selection_error(actor, task, config, progress.curriculum.selection_requests(task.preview))
     if error < progress.best_error_m:
         progress.best, progress.best_error_m, progress.best_step = actor, error, step
     return error

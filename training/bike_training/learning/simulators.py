@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Final
 
-from bike_sim.sim.batch import COMPILED_ENGINE
+from bike_sim.sim.batch import COMPILED_ENGINE, SUPERBIKE_ENGINE
 from bike_training.learning.run_settings import COMPILED_TIME_STEP, RunSettings
 
 DEFAULT_SIMULATORS: Final = 2
 ENGINES: Final = {"local": COMPILED_ENGINE, "ros": "pybullet"}
 """Default engine of each client."""
+SUPERBIKE_ENGINES: Final = {"local": SUPERBIKE_ENGINE, "ros": SUPERBIKE_ENGINE}
+"""The same of superbikes."""
 
 
 def with_simulator(
@@ -35,7 +37,8 @@ def with_simulator(
         ValueError: values that mean nothing, or nothing together.
     """
     client = client or settings.client
-    engine = engine or (settings.engine if client == settings.client else ENGINES.get(client, settings.engine))
+    engines = SUPERBIKE_ENGINES if settings.superbike else ENGINES
+    engine = engine or (settings.engine if client == settings.client else engines.get(client, settings.engine))
     moved = replace(settings, client=client, engine=engine)
     if moved.compiled:
         for option, value in (("--time-step", time_step), ("--simulators", simulators)):

@@ -10,13 +10,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Final, Protocol
 
+from bike_policy.contract.race import RACE_LAYOUTS
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.curricula.base import Curriculum
 from bike_training.curricula.parts import PartsCurriculum
+from bike_training.curricula.race import Ground, RaceCurriculum, SpeedCurriculum
+from bike_training.curricula.spdl import SpdlCurriculum
 from bike_training.learning.setting_records import check_number, check_positive
 from bike_training.tasks.base import Task
 from bike_training.tasks.path import TASKS
+from bike_training.tasks.race import RaceTask
 
 
 class TaskSettings(Protocol):
@@ -53,8 +57,17 @@ class CurriculumSettings(Protocol):
         """Least number of learning steps between two validations."""
         ...
 
-    def make(self) -> Curriculum:
-        """Return the curriculum at its beginning."""
+    @property
+    def select_every(self) -> int:
+        """Learning steps between two comparisons of actors once the curriculum is finished."""
+        ...
+
+    def make(self, vehicle: Vehicle) -> Curriculum:
+        """Return the curriculum of a vehicle at its beginning.
+
+        Raises:
+            ValueError: it is not for this vehicle. FileNotFoundError: an unknown course.
+        """
         ...
 
 
@@ -107,11 +120,13 @@ class PartsSettings:
         curriculum: its name.
         refine: ride beyond the intervals of the last part once it is finished.
         validate_every: least learning steps between two validations.
+        select_every: learning steps between two comparisons of actors once the curriculum is finished.
     """
 
     curriculum: str = "parts"
     refine: bool = False
     validate_every: int = 4000
+    select_every: int = 10_000
 
     def __post_init__(self) -> None:
         """Refuse values that mean nothing.
@@ -121,13 +136,147 @@ class PartsSettings:
         """
         if self.curriculum != "parts":
             raise ValueError(f"preset setting curriculum={self.curriculum!r} is not one of parts")
-        check_number("validate_every", self.validate_every, 1, math.inf)
+        for name in ("validate_every", "select_every"):
+            check_number(name, getattr(self, name), 1, math.inf)
 
-    def make(self) -> Curriculum:
+    def make(self, vehicle: Vehicle) -> Curriculum:
         """Return the curriculum at its beginning."""
         return PartsCurriculum(self.refine)
 
 
-TASK_SETTINGS: Final[dict[str, type[Any]]] = dict.fromkeys(TASKS, PathSettings)
-CURRICULUM_SETTINGS: Final[dict[str, type[Any]]] = {"parts": PartsSettings}
+@dataclass(frozen=True, kw_only=True)
+class RaceSettings:
+    """Settings of racing a superbike.
+
+    Attributes:
+        task: ``race``.
+        observation: name in :data:`bike_policy.contract.race.RACE_LAYOUTS`.
+        weights: terms of the reward by name and their weights; empty keeps the task's.
+        repeat: control periods that a decision is held.
+        max_steps: decisions of an episode.
+        lean_scale: part of the virtual rider's largest lean that action 1 asks for.
+        limiter: whether the speed asked cuts the throttle.
+        any_tyre: whether one contact point outside the limits is off the track; else both.
+        masked: whether progress counts on the track only.
+        validation_duration: of a validation ride, s.
+    """
+
+    task: str = "race"
+    observation: str = "compact"
+    weights: Mapping[str, float] = field(default_factory=dict)
+    repeat: int = 3
+    max_steps: int = 500
+    lean_scale: float = 0.95
+    limiter: bool = False
+    any_tyre: bool = True
+    masked: bool = True
+    validation_duration: float = 120.0
+
+    def __post_init__(self) -> None:
+        """Refuse values that mean nothing.
+
+        Raises:
+            ValueError: naming the setting and its value.
+        """
+        if self.task != "race":
+            raise ValueError(f"preset setting task={self.task!r} is not race")
+        if self.observation not in RACE_LAYOUTS:
+            raise ValueError(f"preset setting observation={self.observation!r} is not one of {', '.join(RACE_LAYOUTS)}")
+        if not isinstance(self.weights, Mapping):
+            raise ValueError(f"preset setting weights={self.weights!r} must name reward terms and their weights")
+        self.make()
+
+    def make(self) -> RaceTask:
+        """Return the task."""
+        task = RaceTask(
+            layout=replace(RACE_LAYOUTS[self.observation], repeat=self.repeat),
+            max_steps=self.max_steps,
+            lean_scale=self.lean_scale,
+            limiter=self.limiter,
+            any_tyre=self.any_tyre,
+            masked=self.masked,
+            validation_duration=self.validation_duration,
+        )
+        return replace(task, weights=dict(self.weights)) if self.weights else task
+
+    def check_vehicle(self, vehicle: Vehicle) -> None:
+        """Refuse bicycles: they have no engine and no tyres to race with."""
+        if not isinstance(vehicle, Superbike):
+            raise ValueError(f"task {self.task!r} is for superbikes on circuits, and {vehicle.name!r} is none")
+
+
+RACE_CURRICULA: Final = ("none", "speed", "spdl")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RaceCurriculumSettings:
+    """Settings of the curricula of races.
+
+    Attributes:
+        curriculum: ``none``, ``speed`` or ``spdl``.
+        circuits: names or files of circuits, with commas between them.
+        share: part of the planned speed that is asked in the end.
+        spread: half width of the interval that the share of an episode is drawn from.
+        failure_share: part of the starts that lead up to where rides failed lately.
+        first_share: with which ``speed`` begins.
+        threshold: expected return of an episode that ``spdl`` keeps (delta).
+        kl: largest divergence of an update of ``spdl``, nat.
+        iteration: learning steps between two of its updates.
+        validate_every: least learning steps between two validations.
+        select_every: learning steps between two comparisons of actors, once a validation was whole.
+    """
+
+    curriculum: str = "none"
+    circuits: str = "barcelona"
+    share: float = 1.0
+    spread: float = 0.0
+    failure_share: float = 0.0
+    first_share: float = 0.6
+    threshold: float = 500.0
+    kl: float = 0.05
+    iteration: int = 5000
+    validate_every: int = 10_000
+    select_every: int = 30_000
+
+    def __post_init__(self) -> None:
+        """Refuse values that mean nothing.
+
+        Raises:
+            ValueError: naming the setting and its value.
+        """
+        if self.curriculum not in RACE_CURRICULA:
+            raise ValueError(f"preset setting curriculum={self.curriculum!r} is not one of {', '.join(RACE_CURRICULA)}")
+        for name in ("share", "first_share", "kl"):
+            check_positive(name, getattr(self, name))
+        check_number("spread", self.spread, 0.0, 0.9 * self.share)
+        check_number("failure_share", self.failure_share, 0.0, 1.0)
+        check_number("threshold", self.threshold)
+        for name in ("iteration", "validate_every", "select_every"):
+            check_number(name, getattr(self, name), 1, math.inf)
+        if not all(name.strip() for name in self.circuits.split(",")):
+            raise ValueError(f"preset setting circuits={self.circuits!r} must name circuits, with commas between them")
+
+    def make(self, vehicle: Vehicle) -> Curriculum:
+        """Return the curriculum at its beginning; see `CurriculumSettings`."""
+        ground = Ground(vehicle, [name.strip() for name in self.circuits.split(",")])
+        if self.curriculum == "speed":
+            return SpeedCurriculum(ground, self.share, self.spread, self.failure_share, first=self.first_share)
+        if self.curriculum == "spdl":
+            return SpdlCurriculum(
+                ground,
+                self.share,
+                self.spread,
+                self.failure_share,
+                threshold=self.threshold,
+                kl=self.kl,
+                iteration=self.iteration,
+            )
+        return RaceCurriculum(ground, self.share, self.spread, self.failure_share)
+
+
+TASK_SETTINGS: Final[dict[str, type[Any]]] = {**dict.fromkeys(TASKS, PathSettings), "race": RaceSettings}
+CURRICULUM_SETTINGS: Final[dict[str, type[Any]]] = {
+    "parts": PartsSettings,
+    **dict.fromkeys(RACE_CURRICULA, RaceCurriculumSettings),
+}
 """Which settings belong to a name."""

@@ -6,24 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_policy.contract.actor import Actor
-from bike_policy.contract.bundle import Bundle
-from bike_policy.riders.learned import LearnedRider
+from bike_policy.contract.rows import row_of
 from bike_sim.sim.batch import make_batch
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_training.envs.clients import Client
-from bike_training.rollout.rollout import rollout
-from bike_training.tasks.base import Task, has_failed
+from bike_training.tasks.base import Task
 
 
-def rms_error(actor: Actor, task: Task, config: SimulatorConfig, requests: list[ResetRequest]) -> float:
-    """Return the RMS error over all rides, m; a failed ride counts as the task's largest error throughout.
-
-    The root mean square weighs the places where a ride is worst, which the mean hides.
-    """
-    track, alive = ride_side_by_side(actor, task, config, requests)
-    track[:, ~alive] = task.largest_error
-    return float(np.sqrt(np.mean(track**2)))
+def selection_error(actor: Actor, task: Task, config: SimulatorConfig, requests: list[ResetRequest]) -> float:
+    """Ride all requests side by side and return the figure by which the task compares actors, less is better."""
+    return task.selection_error(*ride_side_by_side(actor, task, config, requests))
 
 
 def validate_batch(actor: Actor, task: Task, config: SimulatorConfig, requests: list[ResetRequest]) -> list[float]:
@@ -35,21 +28,28 @@ def validate_batch(actor: Actor, task: Task, config: SimulatorConfig, requests: 
 def ride_side_by_side(
     actor: Actor, task: Task, config: SimulatorConfig, requests: list[ResetRequest]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Ride a batch; return the errors (m), shape (steps, rides), and which rides did not fail."""
+    """Ride a batch; return the errors, shape (control periods, rides), and which rides did not fail."""
     batch = make_batch(len(requests), config, task.preview)
     try:
+        rides = task.strict().rides(len(requests), batch.vehicle)
         for index, request in enumerate(requests):
             batch.reset(index, request)
+            rides.begin(index, batch, request, batch.course(index))
         steps = round(task.validation_duration / config.control_period)
         track = np.zeros((steps, len(requests)))
         alive = np.ones(len(requests), dtype=bool)
         for step in range(steps):
-            actions = actor.act_batch(task.layout.observe(batch))
-            batch.step(task.action.to_commands(actions, batch.vehicle.max_steer))
-            track[step] = task.error(batch)
-            alive &= ~task.failed(batch)
-            # A fallen vehicle would leave the model's range; it lies still for the rest of the ride.
-            batch.state[~alive] = 0.0
+            if step % task.repeat == 0:
+                actions = actor.act_batch(rides.observe(batch))
+                rides.act(batch, actions)
+                commands = task.action.to_commands(actions, batch.vehicle.max_steer)
+            batch.step(commands)
+            rides.advance(batch)
+            track[step] = rides.error(batch)
+            if (step + 1) % task.repeat == 0:
+                alive &= ~rides.judge(batch).failed
+                # A fallen vehicle would leave the model's range; it lies still for the rest of the ride.
+                batch.state[~alive] = 0.0
             if not alive.any():
                 break
         return track, alive
@@ -63,17 +63,22 @@ def validate_simulator(actor: Actor, task: Task, simulator: Client, requests: li
 
 
 def _ride(actor: Actor, task: Task, simulator: Client, request: ResetRequest) -> float:
-    config = simulator.config
-    rider = LearnedRider(
-        Bundle("validated", actor, task.layout, task.action, simulator.vehicle.name, config.control_period)
-    )
+    rides = task.strict().rides(1, simulator.vehicle)
+    row = row_of(simulator.reset(request))
+    assert simulator.course is not None
+    rides.begin(0, row, request, simulator.course)
     track: list[float] = []
-    for snapshot in rollout(simulator, rider, request):
-        if not snapshot.step:
-            continue
-        track.append(float(task.error(snapshot)))
-        if has_failed(task, snapshot):
+    steps = round(task.validation_duration / simulator.config.control_period)
+    command = (0.0, 0.0)
+    for step in range(steps):
+        if step % task.repeat == 0:
+            action = actor.act(rides.observe(row)[0])
+            rides.act(row, action[None])
+            command = task.action.to_command(action, simulator.vehicle.max_steer)
+        snapshot = simulator.step(*command)
+        row = row_of(snapshot)
+        rides.advance(row)
+        track.append(float(rides.error(row)[0]))
+        if ((step + 1) % task.repeat == 0 or snapshot.fallen) and rides.judge(row).failed[0]:
             return task.validation_error(np.array(track), False)
-        if snapshot.step == round(task.validation_duration / config.control_period):
-            break
     return task.validation_error(np.array(track), True)

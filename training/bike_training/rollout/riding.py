@@ -19,8 +19,7 @@ from bike_sim.sim.request import RANDOM_COURSE, ResetRequest
 from bike_sim.sim.snapshot import Snapshot
 from bike_training.envs.clients import Client
 from bike_training.rollout.rollout import rollout
-from bike_training.tasks.base import has_failed
-from bike_training.tasks.path import PROP
+from bike_training.tasks.path import PROP, has_failed
 
 FloatArray = NDArray[np.float64]
 

@@ -4,27 +4,83 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bike_policy.contract.action import ActionLayout
-from bike_policy.contract.observation import Blocks, ObservationLayout
-from bike_sim.sim.request import Preview
+from bike_policy.contract.observation import ObservationLayout
+from bike_policy.contract.race import RaceLayout
+from bike_policy.contract.rows import RowBlocks
+from bike_sim.course.course import Course
+from bike_sim.sim.request import Preview, ResetRequest
+from bike_sim.vehicles.bicycle import Vehicle
 
 FloatArray = NDArray[np.float64]
 
 
-class RideBlocks(Blocks, Protocol):
-    """Blocks that a task evaluates: one snapshot, or a batch with leading dimensions.
+class Verdict(NamedTuple):
+    """What a decision was worth to each vehicle.
 
     Attributes:
-        fallen: whether the vehicle has fallen.
+        terms: weighted terms of the reward by name, shape (n,) each; their sum is the reward.
+        failed: whose episode is terminated, shape (n,).
     """
 
-    @property
-    def fallen(self) -> bool | NDArray[np.bool_]: ...  # noqa: D102
+    terms: dict[str, FloatArray]
+    failed: NDArray[np.bool_]
+
+
+class Rides(Protocol):
+    """What a task shows and judges of vehicles side by side, with what it must remember of their rides.
+
+    A decision is: :meth:`observe`, :meth:`act`, control periods between :meth:`limit` and :meth:`advance`, then
+    :meth:`judge`.
+    """
+
+    def begin(self, row: int, blocks: RowBlocks, request: ResetRequest, course: Course) -> None:
+        """Begin the ride of one vehicle.
+
+        Args:
+            row: of the vehicle.
+            blocks: of all vehicles, after its reset.
+            request: how it began.
+            course: the followed line.
+        """
+        ...
+
+    def observe(self, blocks: RowBlocks) -> NDArray[np.float32]:
+        """Return the observations, shape (n, layout.size)."""
+        ...
+
+    def act(self, blocks: RowBlocks, actions: NDArray[np.floating]) -> None:
+        """Take note of actions before they are held, shape (n, action.size)."""
+        ...
+
+    def limit(self, blocks: RowBlocks, commands: FloatArray) -> FloatArray:
+        """Return commands as the task lets them through at the beginning of a control period, shape (n, 2)."""
+        ...
+
+    def advance(self, blocks: RowBlocks) -> None:
+        """Take note of the end of a control period."""
+        ...
+
+    def judge(self, blocks: RowBlocks) -> Verdict:
+        """Return what has come of the decision."""
+        ...
+
+    def error(self, blocks: RowBlocks) -> FloatArray:
+        """Return the error of each vehicle at this instant, shape (n,); the task says what it is."""
+        ...
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the memory, as plain values and arrays."""
+        ...
+
+    def restore(self, stored: Mapping[str, Any]) -> None:
+        """Go on from where :meth:`state_dict` was taken, after each row has begun again."""
+        ...
 
 
 class Task(Protocol):
@@ -37,7 +93,7 @@ class Task(Protocol):
     @property
     def max_steps(self) -> int: ...  # noqa: D102
     @property
-    def layout(self) -> ObservationLayout: ...  # noqa: D102
+    def layout(self) -> ObservationLayout | RaceLayout: ...  # noqa: D102
     @property
     def action(self) -> ActionLayout: ...  # noqa: D102
 
@@ -46,16 +102,26 @@ class Task(Protocol):
         """The preview that shows exactly what the layout needs."""
         ...
 
-    def reward_terms(self, blocks: RideBlocks) -> dict[str, FloatArray]:
-        """Return the weighted terms of the reward of one or many instants by name; their sum is the reward."""
+    @property
+    def repeat(self) -> int:
+        """Control periods that a decision is held."""
         ...
 
-    def failed(self, blocks: RideBlocks) -> NDArray[np.bool_]:
-        """Return where a ride has failed, so that its episode is terminated."""
+    def rides(self, count: int, vehicle: Vehicle) -> Rides:
+        """Return what it shows and judges of a number of vehicles.
+
+        Raises:
+            ValueError: the task is not for this vehicle.
+        """
         ...
 
-    def error(self, blocks: RideBlocks) -> FloatArray:
-        """Return the tracking error of one or many rides, m."""
+    def strict(self) -> Task:
+        """Return the task as validations ride it."""
+        ...
+
+    @property
+    def error_name(self) -> str:
+        """What the error of a ride is, with its unit."""
         ...
 
     @property
@@ -65,15 +131,24 @@ class Task(Protocol):
 
     @property
     def largest_error(self) -> float:
-        """The error that a failed ride counts as, m; errors of validation rides are parts of it."""
+        """The error that a failed ride counts as; errors of validation rides are parts of it."""
         ...
 
     def validation_error(self, errors: FloatArray, succeeded: bool) -> float:
         """Return the error of one validation ride, as a part of :attr:`largest_error`.
 
         Args:
-            errors: at each step of the ride, m.
+            errors: at each control period of the ride.
             succeeded: whether it did not fail.
+        """
+        ...
+
+    def selection_error(self, track: FloatArray, whole: NDArray[np.bool_]) -> float:
+        """Return the figure by which actors are compared, less is better.
+
+        Args:
+            track: errors at each control period, shape (periods, rides).
+            whole: which rides did not fail, shape (rides,).
         """
         ...
 
@@ -85,8 +160,3 @@ class Task(Protocol):
 def sum_of(terms: Mapping[str, FloatArray]) -> FloatArray:
     """Return the reward that its terms make."""
     return functools.reduce(np.add, terms.values())
-
-
-def has_failed(task: Task, blocks: RideBlocks) -> bool:
-    """Return whether one ride has failed."""
-    return bool(task.failed(blocks))

@@ -8,17 +8,20 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bike_policy.contract.action import ActionLayout
-from bike_policy.contract.observation import LEAN_LAYOUT, PROP_LAYOUT, ObservationLayout
+from bike_policy.contract.observation import LEAN_LAYOUT, PROP_LAYOUT, Blocks, ObservationLayout
+from bike_policy.contract.rows import RowBlocks
+from bike_sim.course.course import Course
 from bike_sim.physics.state import ROLL
 from bike_sim.sim import look as lk
-from bike_sim.sim.request import Preview
-from bike_training.tasks.base import FloatArray, RideBlocks
+from bike_sim.sim.request import Preview, ResetRequest
+from bike_sim.vehicles.bicycle import Vehicle
+from bike_training.tasks.base import FloatArray, Verdict
 
 DISTANCE_THRESHOLD: Final = 3.5
 """eta_y, m."""
@@ -28,6 +31,17 @@ VALIDATION_THRESHOLD: Final = 0.2
 """Mean distance of a successful validation ride, m (eta_e times eta_y, Eq. 13)."""
 VALIDATION_DURATION: Final = 30.0
 """Duration of a validation ride, s (Sect. 4.2)."""
+
+
+class RideBlocks(Blocks, Protocol):
+    """Blocks that this task evaluates: one snapshot, or a batch with leading dimensions.
+
+    Attributes:
+        fallen: whether the vehicle has fallen.
+    """
+
+    @property
+    def fallen(self) -> bool | NDArray[np.bool_]: ...  # noqa: D102
 
 
 def _path_linear(task: PathTask, distance: FloatArray, roll: FloatArray) -> FloatArray:
@@ -111,6 +125,31 @@ class PathTask:
         """What an action means."""
         return ActionLayout.steering(self.max_steer)
 
+    @property
+    def repeat(self) -> int:
+        """Control periods that a decision is held."""
+        return 1
+
+    def rides(self, count: int, vehicle: Vehicle) -> PathRides:
+        """Return what it shows and judges of a number of bicycles."""
+        return PathRides(self)
+
+    def strict(self) -> PathTask:
+        """Return itself: a validation fails where learning does."""
+        return self
+
+    @property
+    def error_name(self) -> str:
+        """What the error of a ride is, with its unit."""
+        return "error_m"
+
+    def selection_error(self, track: FloatArray, whole: NDArray[np.bool_]) -> float:
+        """Return the RMS error over all rides, m; a failed ride counts as the largest error throughout.
+
+        The root mean square weighs the places where a ride is worst, which the mean hides.
+        """
+        return float(np.sqrt(np.mean(np.where(whole, track, self.largest_error) ** 2)))
+
     def error(self, blocks: RideBlocks) -> FloatArray:
         """Return t_0 of the contact point that is held to the path, m."""
         place = lk.LATERAL_ERROR if self.contact == "rear" else lk.FRONT_LATERAL_ERROR
@@ -159,6 +198,51 @@ class PathTask:
         if unknown or "layout" not in values:
             raise ValueError(f"the task has unknown entries {unknown}, or no layout; another version wrote it")
         return cls(**{**values, "layout": ObservationLayout.from_card(values["layout"])})
+
+
+class PathRides:
+    """What a path task shows and judges: each instant by itself; implements `bike_training.tasks.base.Rides`."""
+
+    def __init__(self, task: PathTask) -> None:
+        """Show and judge for a task."""
+        self._task = task
+
+    def begin(self, row: int, blocks: RowBlocks, request: ResetRequest, course: Course) -> None:
+        """Need nothing of how a ride begins."""
+
+    def observe(self, blocks: RowBlocks) -> NDArray[np.float32]:
+        """Return the observations; see `Rides`."""
+        return self._task.layout.observe(blocks)
+
+    def act(self, blocks: RowBlocks, actions: NDArray[np.floating]) -> None:
+        """Need nothing of the actions."""
+
+    def limit(self, blocks: RowBlocks, commands: FloatArray) -> FloatArray:
+        """Let all commands through."""
+        return commands
+
+    def advance(self, blocks: RowBlocks) -> None:
+        """Need nothing between decisions."""
+
+    def judge(self, blocks: RowBlocks) -> Verdict:
+        """Return what has come of the decision; see `Rides`."""
+        return Verdict(self._task.reward_terms(blocks), self._task.failed(blocks))
+
+    def error(self, blocks: RowBlocks) -> FloatArray:
+        """Return the distances to the path, m."""
+        return self._task.error(blocks)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return an empty memory."""
+        return {}
+
+    def restore(self, stored: Mapping[str, Any]) -> None:
+        """Take up nothing."""
+
+
+def has_failed(task: PathTask, blocks: RideBlocks) -> bool:
+    """Return whether one ride has failed."""
+    return bool(task.failed(blocks))
 
 
 def _named_weights(card: Mapping[str, Any]) -> Mapping[str, Any]:

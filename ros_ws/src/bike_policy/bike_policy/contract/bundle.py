@@ -25,6 +25,7 @@ from bike_policy.contract.bundle_files import (
     write_card,
 )
 from bike_policy.contract.observation import ObservationLayout
+from bike_policy.contract.race import RACE_KIND, RaceLayout
 from bike_sim.documents import shorten, show
 
 DEFAULT_POLICY: Final = "whipple"
@@ -47,7 +48,7 @@ class Bundle:
 
     name: str
     actor: Actor
-    layout: ObservationLayout
+    layout: ObservationLayout | RaceLayout
     action: ActionLayout
     vehicle: str
     control_period: float
@@ -69,10 +70,12 @@ class Bundle:
     def check_fit(self, vehicle: str, control_period: float) -> None:
         """Check that a simulator is one that this policy was made for.
 
+        A policy of races rides other superbikes as well: it is shown what each of them can do.
+
         Raises:
             ValueError: naming the difference.
         """
-        if vehicle != self.vehicle:
+        if vehicle != self.vehicle and not isinstance(self.layout, RaceLayout):
             raise ValueError(
                 f"policy {self.name!r} was trained for vehicle {self.vehicle!r}, the simulator rides {vehicle!r}"
             )
@@ -107,6 +110,19 @@ class Bundle:
         write_card(folder / CARD_FILE, card)
 
 
+def layout_from_card(card: Mapping[str, Any]) -> ObservationLayout | RaceLayout:
+    """Read a layout of either kind from a policy card.
+
+    Raises:
+        ValueError: it cannot be read.
+    """
+    if "kind" not in card:
+        return ObservationLayout.from_card(card)
+    if card["kind"] != RACE_KIND:
+        raise ValueError(f"layout is of kind {show(str(card['kind']))}, this software knows {RACE_KIND}")
+    return RaceLayout.from_card(card)
+
+
 def shipped_policies() -> list[str]:
     """Return the names of the bundles that come with this package."""
     root = resources.files("bike_policy") / "policies"
@@ -132,7 +148,7 @@ def load_bundle(name_or_path: str | Path) -> Bundle:
         return Bundle(
             name=card_name(card, "name"),
             actor=Actor.from_tensors(tensors),
-            layout=ObservationLayout.from_card(card_mapping(card, "layout")),
+            layout=layout_from_card(card_mapping(card, "layout")),
             action=ActionLayout.from_card(card_mapping(card, "action")),
             vehicle=card_name(card, "vehicle"),
             control_period=card_period(card),

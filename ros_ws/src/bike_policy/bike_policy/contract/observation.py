@@ -258,6 +258,11 @@ class ObservationLayout:
         return np.array(signs + [-1.0] * self.preview_count, dtype=np.float32)
 
     @property
+    def mirror_places(self) -> NDArray[np.intp]:
+        """Where each number of the mirrored observation is taken from: its own place."""
+        return np.arange(self.size, dtype=np.intp)
+
+    @property
     def high(self) -> NDArray[np.float32]:
         """Upper bounds of the observation; lower bounds are their negatives."""
         bounds = [_FEATURES[name].bound for name in self.features]

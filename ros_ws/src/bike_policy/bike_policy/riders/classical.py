@@ -28,7 +28,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_policy.riders.lap_plan import RiderSettings, SteadyLeans, plan_lap
+from bike_policy.riders.lap_plan import RiderSettings, SteadyLeans, plan_lap, smooth_around
 from bike_sim.course.course import Course
 from bike_sim.physics import state as st
 from bike_sim.physics.superbike_statics import engine_force, inertial_mass
@@ -105,20 +105,13 @@ class LineController:
         self.leans = SteadyLeans(vehicle)
         self.profile: LapLimit = plan_lap(vehicle, line, limits or envelope(vehicle), self.settings, self.leans)
         self._s = self.profile.s
-        self._curvature = self._smooth(self.profile.lateral / self.profile.speed**2)
+        self._curvature = smooth_around(
+            self.profile.lateral / self.profile.speed**2, float(self._s[1]), self.settings.smoothing
+        )
         self._machine(vehicle)
         self._before: Seen | None = None
         self._rate = self._excess = 0.0
         self._answer = (0.0, 0.0)
-
-    def _smooth(self, curvature: FloatArray) -> FloatArray:
-        """Return the curvature averaged around the lap, the last point repeating the first."""
-        count = max(1, round(self.settings.smoothing / float(self._s[1])))
-        window = np.hanning(count + 2)[1:-1]
-        lap = curvature[:-1]
-        padded = np.concatenate((lap[-count:], lap, lap[:count]))
-        smooth = np.convolve(padded, window / window.sum(), mode="same")[count:-count]
-        return np.append(smooth, smooth[0])
 
     def _machine(self, vehicle: Superbike) -> None:
         """Keep what turns accelerations into throttle and brake."""

@@ -142,6 +142,22 @@ def plan_lap(
     return profile
 
 
+def smooth_around(values: FloatArray, spacing: float, distance: float) -> FloatArray:
+    """Return values around a lap averaged over a distance, the last repeating the first.
+
+    Args:
+        values: at even distances.
+        spacing: m.
+        distance: m.
+    """
+    count = max(1, round(distance / spacing))
+    window = np.hanning(count + 2)[1:-1]
+    lap = values[:-1]
+    padded = np.concatenate((lap[-count:], lap, lap[:count]))
+    smooth = np.convolve(padded, window / window.sum(), mode="same")[count:-count]
+    return np.append(smooth, smooth[0])
+
+
 def _drive_left(
     vehicle: Superbike, limits: Envelope, speed: FloatArray, lean: FloatArray, rate: FloatArray
 ) -> FloatArray:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from bike_sim.course.course import Course
 from bike_sim.sim.bicycle_batch import COMPILED_ENGINE as COMPILED_ENGINE
 from bike_sim.sim.bicycle_batch import CompiledBatch
 from bike_sim.sim.config import SimulatorConfig
@@ -35,12 +36,19 @@ class Batch(Protocol):
         state: minimal states, shape (n, 10).
         look: derived quantities in the order of :mod:`bike_sim.sim.look`, shape (n, lk.LOOK_SIZE).
         signals: telemetry, shape (n, signals); no columns where the vehicle has none.
+        place: position of both contact points relative to the centre line, in the order of :mod:`bike_sim.sim.look`,
+            shape (n, 4); NaN in rows that ride a path.
+        circuit: position relative to the limits, in the order of `look.CIRCUIT_FIELDS`, shape (n, k); the same.
+        points: course points, shape (n, 3, STATIONS, 3); the same.
     """
 
     count: int
     state: FloatArray
     look: FloatArray
     signals: FloatArray
+    place: FloatArray
+    circuit: FloatArray
+    points: FloatArray
 
     @property
     def fallen(self) -> NDArray[np.bool_]:
@@ -55,6 +63,10 @@ class Batch(Protocol):
     @property
     def preview_y(self) -> FloatArray:
         """Lateral offsets of the preview points, m, shape (n, points)."""
+        ...
+
+    def course(self, index: int) -> Course:
+        """Return the followed line of a vehicle's episode."""
         ...
 
     def reset(self, index: int, request: ResetRequest) -> None:
@@ -87,18 +99,7 @@ class Batch(Protocol):
 
 
 class CircuitBatch(Batch, Protocol):
-    """A batch that also rides circuits. What belongs to a circuit is NaN in rows that ride a path.
-
-    Attributes:
-        place: position of both contact points relative to the centre line, in the order of :mod:`bike_sim.sim.look`,
-            shape (n, 4).
-        circuit: position relative to the limits, in the order of `circuit_look.CIRCUIT_FIELDS`, shape (n, k).
-        points: course points, shape (n, 3, STATIONS, 3).
-    """
-
-    place: FloatArray
-    circuit: FloatArray
-    points: FloatArray
+    """A batch that also rides circuits."""
 
     @property
     def off_course(self) -> NDArray[np.bool_]:

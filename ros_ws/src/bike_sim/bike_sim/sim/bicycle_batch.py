@@ -10,6 +10,7 @@ from numba.typed import List
 from numpy import ndarray
 from numpy.typing import NDArray
 
+from bike_sim.course.course import Course
 from bike_sim.physics.state import ROLL, STATE_SIZE
 from bike_sim.physics.whipple_engine import WhippleEngine, advance
 from bike_sim.sim import look as lk
@@ -102,6 +103,10 @@ class CompiledBatch:
         self.lying = np.zeros(count, dtype=np.bool_)
         self.look = np.zeros((count, lk.LOOK_SIZE))
         self.signals = np.zeros((count, 0))
+        self.place = np.full((count, lk.PLACE_SIZE), np.nan)
+        self.circuit = np.full((count, lk.CIRCUIT_SIZE), np.nan)
+        self.points = np.full((count, 3, lk.STATIONS, 3), np.nan)
+        self._ridden: list[Course | None] = [None] * count
         self._points = np.zeros((count, 2, preview.count))
         self._courses = Courses()
         self._requests: list[ResetRequest | None] = [None] * count
@@ -125,6 +130,12 @@ class CompiledBatch:
         """Which bicycles have fallen, or lean beyond the vehicle's limit, shape (n,)."""
         return self.lying | (np.abs(self.state[:, ROLL]) > self.vehicle.fall_roll)
 
+    def course(self, index: int) -> Course:
+        """Return the path of a bicycle; see `Batch`."""
+        course = self._ridden[index]
+        assert course is not None, "an episode has begun"
+        return course
+
     def reset(self, index: int, request: ResetRequest) -> None:
         """Begin an episode of one bicycle; see `batch.Batch`.
 
@@ -135,6 +146,7 @@ class CompiledBatch:
         if not isinstance(scene, PathScene):
             raise ValueError(f"course {request.course!r} is a circuit; a compiled batch of bicycles rides paths")
         course = scene.course
+        self._ridden[index] = course
         self._course_of[index] = self._tables.put(index, course.table)
         self._spacings[index], self._closed[index] = course.spacing, course.closed
         self._requests[index] = request

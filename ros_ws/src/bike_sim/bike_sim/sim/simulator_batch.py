@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bike_sim.course.course import Course
 from bike_sim.physics.state import STATE_SIZE
 from bike_sim.sim import circuit_look as cl
 from bike_sim.sim import look as lk
@@ -79,6 +80,12 @@ class SimulatorBatch:
         """Return what happened in the last step of a row; see `batch.CircuitBatch`."""
         seen = self._snapshots[index]
         return () if seen is None else seen.events
+
+    def course(self, index: int) -> Course:
+        """Return the followed line of a vehicle; see `batch.Batch`."""
+        course = self.simulators[index].course
+        assert course is not None, "an episode has begun"
+        return course
 
     def reset(self, index: int, request: ResetRequest) -> None:
         """Begin an episode of one vehicle; see `batch.Batch`."""

@@ -11,6 +11,7 @@ from numba.typed import List
 from numpy.typing import NDArray
 
 from bike_sim.course import timing_account as acc
+from bike_sim.course.course import Course
 from bike_sim.course.lap_timing import LapLog
 from bike_sim.physics import articulated
 from bike_sim.physics.compiled_superbike_engine import CompiledSuperbikeEngine
@@ -89,6 +90,7 @@ class CompiledSuperbikeBatch:
         self._logs = [LapLog() for _ in range(count)]
         self._told: dict[int, tuple[Event, ...]] = {}
         self._episodes = [0] * count
+        self._ridden: list[Course | None] = [None] * count
         self._show()
 
     def _show(self) -> None:
@@ -172,6 +174,12 @@ class CompiledSuperbikeBatch:
         """Return the laps that a row has finished since its reset, with sectors and time off the track."""
         return self._logs[index]
 
+    def course(self, index: int) -> Course:
+        """Return the followed line of a row; see `batch.Batch`."""
+        course = self._ridden[index]
+        assert course is not None, "an episode has begun"
+        return course
+
     def at_own_speed(self, index: int, request: ResetRequest) -> ResetRequest:
         """Return a request with the default start speed of a row's machine; see `Simulator.at_own_speed`."""
         machine = self._mounted[index]
@@ -198,6 +206,7 @@ class CompiledSuperbikeBatch:
         state = plant.state()
         view = scene.look(state, plant.signals(), 0.0, plant.fall(state))
         self._mounted[index], self._requests[index] = machine, request
+        self._ridden[index] = scene.course
         self._lay(index, scene)
         rows = self._rows
         rows.state[index], rows.motion[index], rows.memory[index] = state, engine.motion[0], engine.memories[0]

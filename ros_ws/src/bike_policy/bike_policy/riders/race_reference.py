@@ -1,0 +1,47 @@
+"""The reference that riders of circuits are shown: the lap that the classical rider would plan on the same line."""
+
+from __future__ import annotations
+
+from bike_policy.contract.reference import Reference
+from bike_policy.riders.lap_plan import RiderSettings, SteadyLeans, plan_lap, smooth_around
+from bike_sim.course.course import Course
+from bike_sim.theory.envelope import envelope
+from bike_sim.theory.lap_limit import LapLimit
+from bike_sim.vehicles.bicycle import Vehicle
+from bike_sim.vehicles.superbike import Superbike
+
+
+class References:
+    """References of one machine, each planned once."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        """Prepare to plan.
+
+        Raises:
+            ValueError: a vehicle that is no superbike.
+        """
+        if not isinstance(vehicle, Superbike):
+            raise ValueError(f"a race needs a superbike with tyres to plan a lap, and {vehicle.name!r} is none")
+        self._vehicle, self._limits, self._leans = vehicle, envelope(vehicle), SteadyLeans(vehicle)
+        self._known: dict[int, tuple[Course, Reference]] = {}
+
+    def of(self, line: Course) -> Reference:
+        """Return the reference of a closed line.
+
+        Raises:
+            ValueError: the line is open.
+        """
+        known = self._known.get(id(line))
+        if known is None:
+            profile = plan_lap(self._vehicle, line, self._limits, RiderSettings(), self._leans)
+            known = line, reference_of(profile)
+            self._known[id(line)] = known
+        return known[1]
+
+
+def reference_of(profile: LapLimit) -> Reference:
+    """Return the reference of a planned lap."""
+    spacing = float(profile.s[1])
+    return Reference(
+        spacing, smooth_around(profile.lateral / profile.speed**2, spacing, RiderSettings.smoothing), profile.speed
+    )

@@ -1,0 +1,67 @@
+"""From snapshots to decisions on a circuit."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_policy.contract.bundle import Bundle
+from bike_policy.contract.race import RaceEyes, RaceLayout
+from bike_policy.contract.rows import row_of
+from bike_policy.riders.race_reference import References
+from bike_sim.course.course import Course
+from bike_sim.physics.superbike_forces import TELEMETRY_NAMES
+from bike_sim.sim.request import Preview
+from bike_sim.sim.snapshot import Snapshot
+from bike_sim.vehicles.bicycle import Vehicle
+
+
+class RaceSight:
+    """Decides every so many control periods on a circuit, and remembers what it has decided.
+
+    A decision belongs to the steps from a multiple of ``repeat`` on, counted from the reset. Where states are lost, or
+    the rider is started in the middle of a ride, it decides at once: memory begins with what it sees then.
+    """
+
+    def __init__(self, bundle: Bundle, layout: RaceLayout) -> None:
+        """Answer a made-up observation once; the first one of a process takes longer than all others."""
+        self._actor, self._layout = bundle.actor, layout
+        self._eyes = RaceEyes(layout, 1, TELEMETRY_NAMES)
+        self._references: References | None = None
+        self._vehicle: Vehicle | None = None
+        self._course: Course | None = None
+        self._decided: tuple[int, int] | None = None
+        self._action = np.zeros(2, dtype=np.float32)
+        self._actor.act(np.zeros(layout.size, dtype=np.float32))
+
+    def begin(self, vehicle: Vehicle, course: Course, preview: Preview) -> None:
+        """Plan the lap; see `bike_policy.riders.learned.Sight`.
+
+        Raises:
+            ValueError: a vehicle that is no superbike, or an open line.
+        """
+        if self._references is None or self._vehicle is not vehicle:
+            self._references, self._vehicle = References(vehicle), vehicle
+        self._references.of(course)
+        self._course, self._decided = course, None
+
+    def decide(self, snapshot: Snapshot) -> NDArray[np.float32]:
+        """Return the action of the present decision; see `bike_policy.riders.learned.Sight`.
+
+        Raises:
+            ValueError: a course that is no circuit, or an observation that is not finite.
+        """
+        number = snapshot.episode, snapshot.step // self._layout.repeat
+        if number == self._decided:
+            return self._action
+        if snapshot.circuit is None:
+            raise ValueError("this policy rides circuits; the course shows no limits")
+        row = row_of(snapshot)
+        if self._decided is None or self._decided[0] != snapshot.episode:
+            assert self._references is not None, "begin comes first"
+            assert self._course is not None
+            self._eyes.begin(0, snapshot.state, self._references.of(self._course))
+        self._action = self._actor.act(self._eyes.observe(row)[0])
+        self._eyes.act(row, self._action[None])
+        self._decided = number
+        return self._action

@@ -1,0 +1,196 @@
+"""The observation of a race: bounds, mirror symmetry, memory, references, and its card."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from bike_policy.contract.bundle import layout_from_card
+from bike_policy.contract.race import BLOCKS, COMPACT, RACE_LAYOUTS, RaceEyes, RaceLayout, limit_distances
+from bike_policy.contract.reference import OPEN, Reference, ReferenceRows
+from bike_policy.contract.rows import Row
+from bike_sim.physics.state import MIRROR_SIGNS
+
+ALL = RaceLayout("all", tuple(name for name in BLOCKS if name != "rates"))
+SIGNALS = ALL.signals
+SIGNAL_MIRROR = np.array(
+    [
+        next(column.mirror for column in ALL.columns if column.name == name) if name in ALL.names else 1.0
+        for name in SIGNALS
+    ]
+)
+LOOK_MIRROR = np.array([1.0, -1, 1, 1, -1, 1, -1, -1, -1, 1, -1, 1])
+"""pitch, yaw rate, speed, front contact, progress, errors, curvature, front progress and error, spacing."""
+finite = st.floats(-1e3, 1e3)
+
+
+def side_signals() -> np.ndarray:
+    """Return the signs of telemetry in the mirrored ride, also of what the observation has other names for."""
+    signs = SIGNAL_MIRROR.copy()
+    signs[SIGNALS.index("velocity_lat_m_s")] = -1.0
+    return signs
+
+
+def drawn(rng, count, width=12.0):
+    """Return rows of made-up machines somewhere between limits, with points that run ahead."""
+    state = rng.normal(size=(count, 10))
+    look = rng.normal(size=(count, 12))
+    look[:, 2] = rng.uniform(1.0, 90.0, count)
+    look[:, 5] = rng.uniform(0.0, 4000.0, count)
+    line = np.cumsum(rng.uniform(0.5, 20.0, (count, 20, 3)), axis=1) * [1.0, 0.1, 0.01]
+    aside = np.array([0.0, width / 2, 0.0])
+    points = np.stack([line, line + aside, line - aside], axis=1)
+    points[:, :, :, 1] += rng.uniform(-3.0, 3.0, count)[:, None, None]
+    signals = rng.normal(size=(count, len(SIGNALS)))
+    return Row(state, look, np.zeros((count, 20)), signals, np.zeros((count, 4)), points, np.zeros(count, dtype=bool))
+
+
+def mirrored(rows):
+    points = rows.points[:, [0, 2, 1]] * [1.0, -1.0, 1.0]
+    return rows._replace(
+        state=rows.state * MIRROR_SIGNS,
+        look=rows.look * LOOK_MIRROR,
+        signals=rows.signals * side_signals(),
+        points=points,
+    )
+
+
+def reference(seed=0, sign=1.0):
+    rng = np.random.default_rng(seed)
+    curvature, speed = sign * 0.01 * rng.normal(size=501), rng.uniform(15.0, 80.0, 501)
+    curvature[-1], speed[-1] = curvature[0], speed[0]
+    return Reference(5.0, curvature, speed)
+
+
+def eyes_of(layout, rows, sign=1.0, actions=()):
+    eyes = RaceEyes(layout, len(rows.state), SIGNALS)
+    for row in range(len(rows.state)):
+        eyes.begin(row, rows.state[row], reference(row, sign))
+    for action in actions:
+        eyes.act(rows, action)
+    return eyes
+
+
+@pytest.mark.parametrize("layout", [ALL, *RACE_LAYOUTS.values()], ids=lambda layout: layout.name)
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_the_mirrored_ride_gives_the_mirrored_observation(layout, seed):
+    rng = np.random.default_rng(seed)
+    rows, actions = drawn(rng, 3), rng.uniform(-1.0, 1.0, (2, 3, 2))
+    seen = eyes_of(layout, rows, actions=actions).observe(rows)
+    other = mirrored(rows)
+    eyes = eyes_of(layout, other, sign=-1.0, actions=actions * [-1.0, 1.0])
+    np.testing.assert_allclose(eyes.observe(other), seen[:, layout.mirror_places] * layout.mirror_signs, atol=1e-6)
+
+
+@pytest.mark.parametrize("layout", RACE_LAYOUTS.values(), ids=RACE_LAYOUTS)
+def test_mirroring_twice_changes_nothing(layout):
+    np.testing.assert_array_equal(layout.mirror_places[layout.mirror_places], np.arange(layout.size))
+    np.testing.assert_array_equal(layout.mirror_signs * layout.mirror_signs[layout.mirror_places], np.ones(layout.size))
+
+
+@settings(max_examples=50, deadline=None)
+@given(data=st.data())
+def test_every_number_lies_within_its_bounds(data):
+    rows = drawn(np.random.default_rng(data.draw(st.integers(0, 1000))), 1)
+    wild = rows._replace(
+        state=data.draw(arrays(np.float64, (1, 10), elements=finite)),
+        signals=data.draw(arrays(np.float64, (1, len(SIGNALS)), elements=finite)),
+    )
+    seen = eyes_of(ALL, wild).observe(wild)
+    assert seen.dtype == np.float32
+    assert seen.shape == (1, ALL.size) == (1, len(set(ALL.names)))
+    assert (np.abs(seen) <= ALL.high).all()
+
+
+def test_a_machine_is_seen_the_same_alone_and_among_others():
+    rng = np.random.default_rng(3)
+    rows = drawn(rng, 7)
+    together = eyes_of(ALL, rows).observe(rows)
+    for i in range(7):
+        alone = Row(*(part[i : i + 1] for part in rows))
+        eyes = RaceEyes(ALL, 1, SIGNALS)
+        eyes.begin(0, alone.state[0], reference(i))
+        np.testing.assert_array_equal(eyes.observe(alone)[0], together[i])
+
+
+def test_decisions_are_remembered_newest_first_and_forgotten_with_the_ride():
+    rows = drawn(np.random.default_rng(0), 1)
+    eyes = eyes_of(COMPACT, rows)
+    place = {name: i for i, name in enumerate(COMPACT.names)}
+    eyes.act(rows, np.array([[0.25, -0.5]]))
+    later = rows._replace(state=rows.state * 0.5)
+    eyes.act(later, np.array([[0.75, 1.0]]))
+    seen = eyes.observe(later)[0]
+    assert [seen[place[name]] for name in ("steering_1", "throttle_1", "steering_2", "throttle_2")] == [
+        0.75,
+        1,
+        0.25,
+        -0.5,
+    ]
+    assert seen[place["roll_before_2"]] == pytest.approx(np.clip(rows.state[0, 3] / 1.2, -1, 1), abs=1e-6)
+    stored = eyes.state_dict()
+    other = eyes_of(COMPACT, rows)
+    other.restore(stored)
+    np.testing.assert_array_equal(other.observe(later)[0], seen)
+    eyes.begin(0, later.state[0], reference())
+    assert eyes.observe(later)[0][place["steering_1"]] == 0.0
+
+
+@given(progress=st.floats(-1e4, 1e5), share=st.floats(0.1, 2.0), cap=st.floats(1.0, 100.0))
+def test_a_reference_is_sampled_linearly_around_the_lap(progress, share, cap):
+    rows, plan = ReferenceRows(2), reference(5)
+    rows.begin(0, reference(1))
+    rows.begin(1, plan, share, cap)
+    s = np.arange(501) * plan.spacing
+    curvature, speed = rows.at(np.array([0.0, progress]))
+    at = progress % 2500.0
+    assert curvature[1] == pytest.approx(np.interp(at, s, plan.curvature), abs=1e-9)
+    assert speed[1] == pytest.approx(min(cap, share * np.interp(at, s, plan.speed)), abs=1e-7)
+    many, _ = rows.at(np.full((2, 4), progress))
+    np.testing.assert_array_equal(many[1], np.full(4, curvature[1]))
+
+
+@pytest.mark.parametrize(("share", "cap"), [(0.0, OPEN), (1.0, -1.0)])
+def test_a_reference_without_speed_is_refused(share, cap):
+    with pytest.raises(ValueError, match="must be positive"):
+        ReferenceRows(1).begin(0, reference(), share, cap)
+
+
+def test_distances_to_the_limits():
+    rows = drawn(np.random.default_rng(1), 4, width=10.0)
+    points = rows.points.copy()
+    points[:, :, 0] = [[0.0, 1.0, 0.0], [0.0, 4.0, 0.0], [0.0, -6.0, 0.0]]
+    np.testing.assert_allclose(limit_distances(points), [[4.0, 6.0]] * 4)
+
+
+@pytest.mark.parametrize("layout", RACE_LAYOUTS.values(), ids=RACE_LAYOUTS)
+def test_card_round_trip(layout):
+    changed = replace(layout, repeat=2, share=1.05)
+    assert layout_from_card(json.loads(json.dumps(changed.to_card()))) == changed
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"version": 9}, "version 9"),
+        ({"blocks": ["speed", "mood"]}, "mood"),
+        ({"blocks": []}, "names blocks"),
+        ({"kind": "rally"}, "rally"),
+        ({"repeat": 0}, "repeat must be 1"),
+        ({"share": float("nan")}, "share must be positive"),
+        ({"colour": "red"}, "colour"),
+    ],
+)
+def test_foreign_layouts_are_refused_by_name(change, message):
+    with pytest.raises(ValueError, match=message):
+        layout_from_card({**COMPACT.to_card(), **change})
+
+
+def test_missing_telemetry_is_named():
+    with pytest.raises(ValueError, match="rear_slip"):
+        RaceEyes(COMPACT, 1, [name for name in SIGNALS if name != "rear_slip"])

@@ -1,0 +1,306 @@
+"""Where races begin and what they ask for: starts along circuits, more often where rides fail.
+
+Two curricula: `RaceCurriculum` asks the same of every episode; `SpeedCurriculum` a share of the planned speed that
+rises while episodes stay whole. The self-paced one is in `spdl.py`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_sim.course.files import shipped_tracks
+from bike_sim.sim.circuit_scene import FollowedLine
+from bike_sim.sim.request import IDEAL, Preview, ResetRequest
+from bike_sim.theory.envelope import Envelope, envelope
+from bike_sim.theory.line_cache import track_with_line
+from bike_sim.vehicles.bicycle import Vehicle
+from bike_sim.vehicles.superbike import Superbike
+from bike_training.curricula.base import EndedEpisode
+from bike_training.tasks.race import RaceContext
+
+FloatArray = NDArray[np.float64]
+
+START_SHARES: Final = (0.35, 0.95)
+"""Starts are drawn in this interval of the theoretical speed at their place."""
+BIN: Final = 50.0
+"""Length of the sections by which failures are counted, m."""
+RUN_UP: Final = (2.0, 7.0)
+"""Starts that lead up to a failure lie so long before it, s."""
+FORGET: Final = 0.98
+"""Part of the count of failures that an episode leaves."""
+LINE_STEPS: Final = 20
+"""Lines between median and ideal line are rounded to this many, for each must be planned."""
+VALIDATION_STARTS: Final = 4
+SELECTION_STARTS: Final = 32
+SELECTION_SEED: Final = 2**32
+
+
+class Ground:
+    """Circuits of one machine: their lines with the theoretical speeds on them.
+
+    Attributes:
+        names: of the circuits.
+    """
+
+    def __init__(self, vehicle: Vehicle, circuits: Sequence[str]) -> None:
+        """Load circuits.
+
+        Raises:
+            ValueError: a vehicle that is no superbike, or no circuits. FileNotFoundError: an unknown circuit.
+        """
+        if not isinstance(vehicle, Superbike):
+            raise ValueError(f"races are for superbikes, and {vehicle.name!r} is none")
+        if not circuits:
+            raise ValueError(f"a race needs a circuit; there are {', '.join(shipped_tracks())}")
+        self.names = tuple(circuits)
+        self._limits: Envelope = envelope(vehicle)
+        self._tracks = {name: track_with_line(name, self._limits) for name in circuits}
+        self._lines: dict[tuple[str, float], FollowedLine] = {}
+
+    def length(self, name: str) -> float:
+        """Return the length of a circuit's centre line, m."""
+        return self._tracks[name].length
+
+    def line(self, name: str, lam: float) -> FollowedLine:
+        """Return a line of a circuit, 0 the median, 1 the ideal line."""
+        if (name, lam) not in self._lines:
+            self._lines[name, lam] = FollowedLine(self._tracks[name], lam)
+        return self._lines[name, lam]
+
+    def start(self, name: str, lam: float, progress: float, share: float) -> float:
+        """Return a share of the theoretical speed at a progress along the centre line (m), m/s."""
+        followed = self.line(name, lam)
+        return share * float(followed.limit(self._limits).speed_at(followed.place(progress)))
+
+
+class Failures:
+    """Counts where rides fail, circuit by circuit, and forgets slowly."""
+
+    def __init__(self, ground: Ground) -> None:
+        """Begin with none."""
+        self.counts = {name: np.zeros(math.ceil(ground.length(name) / BIN)) for name in ground.names}
+
+    def note(self, name: str, progress: float, failed: bool) -> None:
+        """Take note of where an episode ended, m along the circuit."""
+        count = self.counts[name]
+        count *= FORGET
+        if failed:
+            count[int(progress / BIN) % len(count)] += 1.0
+
+    def draw(self, name: str, rng: np.random.Generator) -> float | None:
+        """Return a place where rides have failed lately, m, or None where none has."""
+        count = self.counts[name]
+        total = float(count.sum())
+        if total < 0.5:
+            return None
+        place = rng.choice(len(count), p=count / total)
+        return (int(place) + float(rng.random())) * BIN
+
+
+@dataclass(frozen=True)
+class RaceEpisodes:
+    """Where races begin; implements `bike_training.curricula.base.Episodes`.
+
+    Attributes:
+        ground: the circuits. failures: where rides failed lately.
+        share: part of the planned speed that is asked. spread: half width of the interval that it is drawn from.
+        failure_share: part of the starts that lead up to failures.
+    """
+
+    ground: Ground
+    failures: Failures
+    share: float
+    spread: float = 0.0
+    failure_share: float = 0.0
+
+    def context(self, rng: np.random.Generator) -> RaceContext:
+        """Draw what an episode asks."""
+        return RaceContext(share=self.share + self.spread * float(rng.uniform(-1.0, 1.0)))
+
+    def lam(self, context: RaceContext) -> float:
+        """Return which line is followed."""
+        return IDEAL
+
+    def draw(self, rng: np.random.Generator, preview: Preview) -> ResetRequest:
+        """Draw how an episode begins; see `Episodes`."""
+        ground = self.ground
+        name = ground.names[int(rng.integers(len(ground.names)))]
+        context = self.context(rng)
+        lam = self.lam(context)
+        length = ground.length(name)
+        progress = float(rng.uniform(0.0, length))
+        failed = self.failures.draw(name, rng) if rng.random() < self.failure_share else None
+        if failed is not None:
+            before = float(rng.uniform(*RUN_UP)) * ground.start(name, lam, failed % length, 1.0)
+            progress = (failed - before) % length
+        share = float(rng.uniform(*START_SHARES)) * min(1.0, context.share)
+        speed = min(max(ground.start(name, lam, progress, share), 5.0), context.v_max)
+        return ResetRequest(
+            seed=int(rng.integers(2**31)),
+            course=name,
+            speed_range=(speed, speed),
+            perturb=True,
+            line=lam,
+            progress=progress,
+            preview=preview,
+            context=context.to_request(),
+        )
+
+
+@dataclass
+class RaceCurriculum:
+    """The same asked of every episode; implements `bike_training.curricula.base.Curriculum`.
+
+    It is finished when all rides of a validation were whole: laps from several places, with never both contact points
+    outside. Learning goes on, and actors are compared from then on.
+
+    Attributes:
+        ground: the circuits. share: part of the planned speed that is asked. spread: see `RaceEpisodes`.
+        failure_share: see `RaceEpisodes`.
+        part: always 1. finished_at: learning step of the first validation with all rides whole, or None.
+    """
+
+    ground: Ground
+    share: float = 1.0
+    spread: float = 0.0
+    failure_share: float = 0.0
+    part: int = 1
+    finished_at: int | None = None
+
+    def __post_init__(self) -> None:
+        """Begin without failures."""
+        self.failures = Failures(self.ground)
+
+    @property
+    def finished(self) -> bool:
+        """Whether a validation was whole."""
+        return self.finished_at is not None
+
+    def episodes(self, step: int) -> RaceEpisodes:
+        """Return where episodes begin; see `Curriculum`."""
+        return RaceEpisodes(self.ground, self.failures, self.share, self.spread, self.failure_share)
+
+    def may_validate(self, step: int) -> bool:
+        """Return True: nothing changes but the starts."""
+        return True
+
+    def validation_requests(self, preview: Preview, rng: np.random.Generator) -> list[ResetRequest]:
+        """Draw rides from places around each circuit."""
+        shift = float(rng.random())
+        return self._around(VALIDATION_STARTS, shift, 0.8, preview, int(rng.integers(2**31)))
+
+    def selection_requests(self, preview: Preview) -> list[ResetRequest]:
+        """Return rides from the same places around each circuit, at speeds from 0.5 to 0.9 of the theoretical."""
+        return self._around(SELECTION_STARTS, 0.0, None, preview, SELECTION_SEED)
+
+    def _around(self, count: int, shift: float, share: float | None, preview: Preview, seed: int) -> list[ResetRequest]:
+        found = []
+        for name in self.ground.names:
+            length = self.ground.length(name)
+            for k in range(count):
+                progress = (k + shift) / count * length % length
+                part = share if share is not None else 0.5 + 0.4 * ((k * 0.6180339887) % 1.0)
+                speed = max(self.ground.start(name, IDEAL, progress, part), 5.0)
+                found.append(
+                    ResetRequest(
+                        seed=seed + k,
+                        course=name,
+                        speed_range=(speed, speed),
+                        perturb=True,
+                        progress=progress,
+                        preview=preview,
+                        context=RaceContext(share=self.final_share).to_request(),
+                    )
+                )
+        return found
+
+    @property
+    def final_share(self) -> float:
+        """Part of the planned speed that validations ask."""
+        return self.share
+
+    def passes(self, errors: Sequence[float]) -> bool:
+        """Return whether all rides were whole."""
+        return max(errors) < 1.0
+
+    def ended(self, episode: EndedEpisode) -> None:
+        """Note where an episode failed."""
+        request = episode.request
+        self.failures.note(request.course, episode.progress % self.ground.length(request.course), episode.failed)
+
+    def validated(self, step: int, errors: Sequence[float]) -> bool:
+        """Return whether this validation was the first whole one."""
+        if self.finished or not self.passes(errors):
+            return False
+        self.finished_at = step
+        return True
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return where it stands; see `Curriculum`."""
+        counts = {name: count.copy() for name, count in self.failures.counts.items()}
+        return {"finished_at": self.finished_at, "failures": counts}
+
+    def restore(self, stored: dict[str, Any]) -> None:
+        """Continue; see `Curriculum`."""
+        self.finished_at = stored["finished_at"]
+        for name, count in self.failures.counts.items():
+            count[:] = stored["failures"][name]
+
+
+WHOLE_EPISODES: Final = 100
+WHOLE_SHARE: Final = 0.9
+"""The share rises when so many of so many episodes were whole."""
+
+
+@dataclass
+class SpeedCurriculum(RaceCurriculum):
+    """A share of the planned speed that rises while episodes stay whole.
+
+    Attributes:
+        first: share at the beginning. rise: by which it grows.
+        last: share at which it ends.
+    """
+
+    first: float = 0.6
+    rise: float = 0.05
+    last: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Begin slowly."""
+        super().__post_init__()
+        self.last, self.share = self.share, self.first
+        self._lately: list[bool] = []
+
+    @property
+    def final_share(self) -> float:
+        """Part of the planned speed that validations ask."""
+        return self.last
+
+    def ended(self, episode: EndedEpisode) -> None:
+        """Count whole episodes and raise the share."""
+        super().ended(episode)
+        self._lately = [*self._lately[-(WHOLE_EPISODES - 1) :], not episode.failed]
+        enough = len(self._lately) == WHOLE_EPISODES and sum(self._lately) >= WHOLE_SHARE * WHOLE_EPISODES
+        if enough and self.share < self.last:
+            self.share = min(self.last, self.share + self.rise)
+            self.part += 1
+            self._lately = []
+
+    def may_validate(self, step: int) -> bool:
+        """Return whether all of the speed is asked."""
+        return self.share >= self.last
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return where it stands; see `Curriculum`."""
+        return {**super().state_dict(), "share": self.share, "part": self.part, "lately": list(self._lately)}
+
+    def restore(self, stored: dict[str, Any]) -> None:
+        """Continue; see `Curriculum`."""
+        super().restore(stored)
+        self.share, self.part, self._lately = stored["share"], stored["part"], list(stored["lately"])

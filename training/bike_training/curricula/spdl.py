@@ -1,0 +1,195 @@
+"""The self-paced curriculum of the superbike paper (V): from the median at low speed to the ideal line at full speed.
+
+The context (d_median, d_ideal, v_max) of an episode decides which line is followed (Eq. 3) and which speed is allowed.
+Its distribution moves towards the target as the returns allow; see `self_paced`.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_training.curricula.base import EndedEpisode
+from bike_training.curricula.gaussian import Gaussian, divergence
+from bike_training.curricula.race import LINE_STEPS, RaceCurriculum, RaceEpisodes
+from bike_training.curricula.self_paced import SelfPaced, Stage
+from bike_training.tasks.race import RaceContext
+
+FloatArray = NDArray[np.float64]
+
+SLOWEST: Final = 25.0
+FASTEST: Final = 90.0
+"""Speed limits that the scaled context 0 and 1 mean, m/s; the second is more than any machine reaches (ours)."""
+FIRST_MEAN: Final = (0.15, 0.85, 0.25)
+FIRST_STD: Final = (0.15, 0.15, 0.15)
+TARGET_MEAN: Final = (1.0, 0.0, 1.0)
+TARGET_STD: Final = (0.04, 0.04, 0.04)
+LEAST_STD: Final = (0.04, 0.04, 0.04)
+"""Distribution of the scaled context at the beginning and at the end; neither is published."""
+FIRST: Final = Gaussian.with_std(FIRST_MEAN, FIRST_STD)
+KEPT: Final = 100
+"""Episodes that an update looks at."""
+LEAST_EPISODES: Final = 20
+NAMES: Final = ("d_median", "d_ideal", "v_max")
+
+
+def line_of(d_median: float, d_ideal: float, v_max: float) -> float:
+    """Return which line is followed, 0 the median, 1 the ideal line (Eq. 3, as its text describes it).
+
+    The formula itself could not be read: "the first term combines the distances to indicate which spline is closest,
+    while [the second] normalises the speed; both are weighted equally". So it is the mean of both.
+
+    Args:
+        d_median: distance from the median line, as a part of that of the ideal line.
+        d_ideal: distance from the ideal line, the same.
+        v_max: speed limit, m/s.
+    """
+    apart = max(d_median + d_ideal, 1e-9)
+    lam = 0.5 * (d_median / apart + min(v_max / FASTEST, 1.0))
+    return round(min(max(lam, 0.0), 1.0) * LINE_STEPS) / LINE_STEPS
+
+
+class SpdlStep(NamedTuple):
+    """One update, for the log.
+
+    Attributes:
+        iteration: its number. step: learning step. stage: what it did.
+        mean: of the scaled context. std: of each number. kl: to the target, nat. value: expected return.
+    """
+
+    iteration: int
+    step: int
+    stage: str
+    mean: tuple[float, ...]
+    std: tuple[float, ...]
+    kl: float
+    value: float
+
+
+@dataclass(frozen=True)
+class SpdlEpisodes(RaceEpisodes):
+    """Episodes whose context is drawn from a distribution.
+
+    Attributes:
+        distribution: of the scaled context. number: of its iteration.
+    """
+
+    distribution: Gaussian = FIRST
+    number: int = 0
+
+    def context(self, rng: np.random.Generator) -> RaceContext:
+        """Draw a context; what lies outside of [0, 1] is drawn anew, so that the density stays that of the Gaussian."""
+        for _ in range(100):
+            drawn = self.distribution.draw(rng)
+            if np.all((drawn >= -1e-9) & (drawn <= 1.0)):
+                break
+        inside = np.clip(drawn, 0.0, 1.0)
+        v_max = SLOWEST + float(inside[2]) * (FASTEST - SLOWEST)
+        return RaceContext(float(inside[0]), float(inside[1]), v_max, self.share, float(self.number))
+
+    def lam(self, context: RaceContext) -> float:
+        """Return the line of Eq. (3)."""
+        return line_of(context.d_median, context.d_ideal, context.v_max)
+
+
+@dataclass
+class SpdlCurriculum(RaceCurriculum):
+    """SPDL with one threshold; implements `bike_training.curricula.base.Curriculum`.
+
+    Attributes:
+        threshold: expected return that must be kept (delta).
+        kl: largest divergence of an update, nat (epsilon).
+        iteration: learning steps between two updates.
+        distribution: of the scaled context.
+        steps: updates so far.
+    """
+
+    threshold: float = 500.0
+    kl: float = 0.05
+    iteration: int = 5000
+
+    def __post_init__(self) -> None:
+        """Begin near the median at low speed."""
+        super().__post_init__()
+        self.distribution = FIRST
+        self.target = Gaussian.with_std(TARGET_MEAN, TARGET_STD)
+        self.steps: list[SpdlStep] = []
+        self._paced = SelfPaced(self.target, self.threshold, self.kl, np.array(LEAST_STD))
+        self._seen: deque[tuple[FloatArray, float, float]] = deque(maxlen=KEPT)
+        self._reached = False
+        self._updated = 0
+        self._history = [self.distribution]
+
+    def episodes(self, step: int) -> SpdlEpisodes:
+        """Return where episodes begin, after the update of an iteration that has ended."""
+        if step - self._updated >= self.iteration:
+            self._updated = step
+            self._update(step)
+        return SpdlEpisodes(
+            self.ground,
+            self.failures,
+            self.share,
+            self.spread,
+            self.failure_share,
+            self.distribution,
+            len(self._history) - 1,
+        )
+
+    def _update(self, step: int) -> None:
+        stage = Stage.WAITS
+        value = float(np.mean([seen[2] for seen in self._seen])) if self._seen else float("nan")
+        if len(self._seen) >= LEAST_EPISODES:
+            contexts, sampled, values = (np.array(part) for part in zip(*self._seen, strict=True))
+            result = self._paced.update(self.distribution, contexts, sampled, values, self._reached)
+            self.distribution, stage, value = result.distribution, result.stage, result.before
+            self._reached |= stage is Stage.HARDER
+            self._history.append(self.distribution)
+        self.steps.append(
+            SpdlStep(
+                len(self.steps) + 1,
+                step,
+                stage.value,
+                tuple(self.distribution.mean.tolist()),
+                tuple(self.distribution.std.tolist()),
+                divergence(self.distribution, self.target),
+                value,
+            )
+        )
+
+    def ended(self, episode: EndedEpisode) -> None:
+        """Keep the return of an episode with the density that its context was drawn with."""
+        super().ended(episode)
+        context = RaceContext.of(episode.request)
+        if context is None:
+            return
+        scaled = np.array([context.d_median, context.d_ideal, (context.v_max - SLOWEST) / (FASTEST - SLOWEST)])
+        drawn_from = self._history[int(context.number)]
+        self._seen.append((scaled, float(drawn_from.log_density(scaled[None])[0]), episode.total))
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return where it stands; see `Curriculum`."""
+        return {
+            **super().state_dict(),
+            "distributions": np.array([each.to_flat() for each in self._history]),
+            "seen": np.array([[*context, sampled, value] for context, sampled, value in self._seen]).reshape(-1, 5),
+            "reached": self._reached,
+            "updated": self._updated,
+            "steps": [list(step) for step in self.steps],
+        }
+
+    def restore(self, stored: dict[str, Any]) -> None:
+        """Continue; see `Curriculum`."""
+        super().restore(stored)
+        self._history = [Gaussian.from_flat(flat) for flat in stored["distributions"]]
+        self.distribution = self._history[-1]
+        self._seen.clear()
+        self._seen.extend((row[:3].copy(), float(row[3]), float(row[4])) for row in stored["seen"])
+        self._reached, self._updated = stored["reached"], stored["updated"]
+        self.steps = [
+            SpdlStep(number, step, stage, tuple(mean), tuple(std), kl, value)
+            for number, step, stage, mean, std, kl, value in stored["steps"]
+        ]
