@@ -261,7 +261,7 @@ class CompiledSuperbikeBatch:
             "vehicles": [names[machine.number] for machine in self._mounted],
             "requests": [None if request is None else request.to_card() for request in self._requests],
             "episodes": list(self._episodes),
-            "rows": {name: getattr(rows, name).copy() for name in _KEPT},
+            "rows": {name: _plain(getattr(rows, name)).copy() for name in _KEPT},
             "logs": [log.to_card() for log in self._logs],
         }
 
@@ -273,7 +273,7 @@ class CompiledSuperbikeBatch:
             if card is not None:
                 self.reset(index, ResetRequest.from_card(card), vehicle)
         for name in _KEPT:
-            getattr(self._rows, name)[...] = stored["rows"][name]
+            _plain(getattr(self._rows, name))[...] = stored["rows"][name]
         self._logs = [LapLog.from_card(card) for card in stored["logs"]]
         self._episodes = list(stored["episodes"])
         self._told = {}
@@ -282,6 +282,11 @@ class CompiledSuperbikeBatch:
         """Release the engines that starts are drawn with."""
         for machine in self._machines.values():
             machine.plant.close()
+
+
+def _plain(array: NDArray[Any]) -> NDArray[Any]:
+    """Return an array of numbers, or the bytes of an array of records, as files without pickle take them; a view."""
+    return array if array.dtype.names is None else array.view(np.uint8).reshape(len(array), -1)
 
 
 _KEPT: Final = ("state", "motion", "memory", "signals", "ground", "ride", "views", "preview", "steps", "end")
