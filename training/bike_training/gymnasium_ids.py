@@ -9,7 +9,10 @@ from typing import Final
 
 import gymnasium as gym
 
-IDS: Final = {"bike_training/Whipple-v0": "bike_training.envs.env:BikeEnv"}
+IDS: Final = {
+    "bike_training/Whipple-v0": "bike_training.envs.env:BikeEnv",
+    "bike_training/Superbike-v0": "bike_training.envs.race_env:RaceEnv",
+}
 """Ids, and where the class of each is found; it is imported when one is made."""
 
 

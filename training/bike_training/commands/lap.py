@@ -1,4 +1,4 @@
-"""`bike lap`: the classical rider laps circuits on superbikes, compared with the theoretical laps."""
+"""`bike lap`: a rider laps circuits on superbikes, compared with the theoretical laps."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ from rich.table import Table
 from bike_analysis.figures.lap_recording import Theory, load_laps
 from bike_analysis.figures.numbers import lap_text
 from bike_analysis.page.lap_page import lap_figures, write_lap_report
+from bike_policy.riders.classical import CLASSICAL
+from bike_policy.riders.rider import Rider, make_rider
 from bike_sim.course.files import shipped_tracks
 from bike_sim.recording.in_use import claim_folder
 from bike_sim.sim.snapshot import Snapshot
@@ -36,6 +38,7 @@ _EXAMPLES: Final = """examples:
   bike lap                                                     the Panigale V4 R, three flying laps of Barcelona
   bike lap --vehicle r1 --course monza.csv --laps 1            a circuit from a CSV file
   bike lap --nodes --out out/lap                               through the nodes: lap.mcap and the report lap.html
+  bike lap --rider racer                                       a learned rider
   bike lap --all --json                                        all machines on all circuits, as one JSON object
 
 The first lap, from a rolling start, is not counted. Lines once computed are kept in $BIKE_CACHE, else ~/.cache/bike."""
@@ -48,6 +51,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--vehicle", default="panigale_v4r", help="superbike or YAML file (default: %(default)s)")
     parser.add_argument("--course", default="barcelona", help="circuit, YAML or CSV file (default: %(default)s)")
     parser.add_argument("--laps", type=int, default=3, help="flying laps (default: %(default)s)")
+    parser.add_argument(
+        "--rider",
+        default=CLASSICAL,
+        help=f"{CLASSICAL}, a shipped policy that races, or the folder of one (default: %(default)s)",
+    )
     parser.add_argument(
         "--nodes", action="store_true", help="through simulator, policy and recorder nodes, with recording and report"
     )
@@ -75,7 +83,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         pairs = list(itertools.product(shipped_superbikes(), shipped_tracks()))
     found = []
     for vehicle, circuit in pairs:
-        found.append(_ride(vehicle, circuit, args.laps, quiet=args.json))
+        found.append(_ride(vehicle, circuit, args.laps, make_rider(args.rider), quiet=args.json))
     figures = {"pairs": found}
     if not args.json:
         console = Console()
@@ -96,7 +104,7 @@ def _through_nodes(args: argparse.Namespace) -> dict[str, Any]:
     track = track_with_line(args.course, limits)
     line = track.line(1.0)
     limit = lap_limit(limits, line)
-    wall = ride_through_nodes(args.vehicle, args.course, line.length, args.laps, recording, limit.lap_time)
+    wall = ride_through_nodes(args.vehicle, args.course, line.length, args.laps, recording, limit.lap_time, args.rider)
     laps = load_laps(recording, track)
     theory = Theory(limit.s, limit.speed, limit.lateral, limit.longitudinal, limit.lap_time, limit.sector_times)
     figures = lap_figures(laps, theory) | {"wall_s": round(wall, 1), "recording": str(recording)}
@@ -118,7 +126,7 @@ def shipped_superbikes() -> tuple[str, ...]:
     return tuple(name for name in shipped_vehicles() if isinstance(load_vehicle(name), Superbike))
 
 
-def _ride(vehicle: str, circuit: str, laps: int, quiet: bool) -> dict[str, Any]:
+def _ride(vehicle: str, circuit: str, laps: int, rider: Rider, quiet: bool) -> dict[str, Any]:
     began = time.monotonic()
     with way_bar(f"{vehicle}, {circuit}", quiet=quiet, leave=False) as bar:
 
@@ -129,12 +137,12 @@ def _ride(vehicle: str, circuit: str, laps: int, quiet: bool) -> dict[str, Any]:
             bar.set_postfix_str(f"{snapshot.speed:.0f} m/s, {math.degrees(snapshot.state[3]):+.0f}°", refresh=False)
             bar.update(round(snapshot.progress) - bar.n)
 
-        ride = ride_laps(vehicle, circuit, laps, tell=tell)
+        ride = ride_laps(vehicle, circuit, laps, rider=rider, tell=tell)
     return pair_figures(ride, laps) | {"wall_s": round(time.monotonic() - began, 1)}
 
 
 def _table(found: list[dict[str, Any]]) -> Table:
-    table = Table(box=box.SIMPLE, title="Flying laps of the classical rider")
+    table = Table(box=box.SIMPLE, title=f"Flying laps, rider: {found[0]['rider']}")
     columns = (
         "machine", "circuit", "best lap", "theoretical", "slowest over it", "closest", "over it", "laps", "valid",
         "off line", "end",

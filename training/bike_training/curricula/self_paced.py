@@ -24,6 +24,8 @@ FloatArray = NDArray[np.float64]
 TOLERANCE: Final = 1e-3
 """By which a solution may violate a constraint, as a part of its bound: solvers report success with more."""
 ITERATIONS: Final = 60
+FARTHEST: Final = 5.0
+"""Largest change of a parameter in an update."""
 
 
 class Stage(Enum):
@@ -93,17 +95,20 @@ class SelfPaced:
             return Update(found, Stage.EASIER, value(found), before)
         return Update(old, Stage.WAITS, before, before)
 
-    def _bounds(self, old: Gaussian) -> list[tuple[float | None, float | None]]:
+    def _bounds(self, old: Gaussian) -> list[tuple[float, float]]:
         size = len(old.mean)
-        bounds: list[tuple[float | None, float | None]] = [(None, None)] * len(old.to_flat())
+        flat = old.to_flat()
+        # Far beyond any step that the divergence allows; keeps the solver's trials finite.
+        bounds: list[tuple[float, float]] = [(value - FARTHEST, value + FARTHEST) for value in flat]
         if self.least_std is not None and divergence(old, self.target) > self.far:
             for k in range(size):
-                bounds[size + k] = (math.log(self.least_std[k]), None)
+                low = math.log(self.least_std[k])
+                bounds[size + k] = (low, max(low, flat[size + k]) + FARTHEST)
         return bounds
 
     def _widened(self, old: Gaussian) -> Gaussian:
         flat = old.to_flat()
-        least = [-math.inf if low is None else low for low, _ in self._bounds(old)]
+        least = [low for low, _ in self._bounds(old)]
         return Gaussian.from_flat(np.maximum(flat, least))
 
     def _solve(

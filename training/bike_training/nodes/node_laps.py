@@ -1,4 +1,4 @@
-"""Laps of the classical rider through simulator, policy and recorder nodes."""
+"""Laps of a rider through simulator, policy and recorder nodes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ BEYOND: Final = 30.0
 """Distance that the ride continues beyond the last line, m."""
 
 
-def ride_through_nodes(vehicle: str, circuit: str, length: float, laps: int, recording: Path, limit: float) -> float:
+def ride_through_nodes(
+    vehicle: str, circuit: str, length: float, laps: int, recording: Path, limit: float, rider: str = CLASSICAL
+) -> float:
     """Ride an out-lap and flying laps and record them.
 
     Args:
@@ -25,6 +27,7 @@ def ride_through_nodes(vehicle: str, circuit: str, length: float, laps: int, rec
         laps: number of flying laps.
         recording: file to write.
         limit: theoretical lap, s.
+        rider: name of a rider or folder of a policy.
 
     Returns:
         Wall-clock time of the ride, s.
@@ -34,9 +37,9 @@ def ride_through_nodes(vehicle: str, circuit: str, length: float, laps: int, rec
     """
     with DomainLease() as lease:
         simulator = {"vehicle": vehicle, "course": circuit, "time_step": TIME_STEP}
-        notes = [f"policy={CLASSICAL}", f"circuit={circuit}"]
+        notes = [f"policy={rider}", f"circuit={circuit}"]
         record = {"path": str(recording.resolve()), "overwrite": True, "notes": notes}
-        pilot = {"policy": CLASSICAL}
+        pilot = {"policy": rider}
         if vehicle.endswith((".yaml", ".yml")):
             pilot["vehicle"] = vehicle
         end = (laps + 1) * length + BEYOND

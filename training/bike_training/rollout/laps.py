@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from bike_policy.riders.classical import ClassicalRider
-from bike_policy.riders.lap_plan import RiderSettings
+from bike_policy.riders.rider import Rider
 from bike_sim.course.lap_timing import Lap
 from bike_sim.physics import state as st
 from bike_sim.sim.circuit_scene import CircuitScene
@@ -38,7 +38,8 @@ class LapRide:
     Attributes:
         vehicle: its name. circuit: its name.
         limit: the theoretical lap on the followed line. closest: that time on the closest line, s.
-        plan: the rider's own speed profile.
+        rider: who rode.
+        plan: the classical rider's own speed profile; None of others.
         out_lap: the first lap, or None if it was not finished. laps: the flying laps that were finished.
         end: ``"finished"``, a fall's name, ``"wall"`` or ``"slow"``.
         largest_error: largest distance to the followed line on flying laps, m.
@@ -50,7 +51,8 @@ class LapRide:
     circuit: str
     limit: LapLimit
     closest: float
-    plan: LapLimit
+    rider: str
+    plan: LapLimit | None
     out_lap: Lap | None
     laps: tuple[Lap, ...]
     end: str
@@ -83,7 +85,7 @@ def ride_laps(
     circuit: str | Path,
     laps: int = 3,
     *,
-    settings: RiderSettings | None = None,
+    rider: Rider | None = None,
     tell: Callable[[Snapshot, float], None] | None = None,
 ) -> LapRide:
     """Ride an out-lap and flying laps.
@@ -92,7 +94,7 @@ def ride_laps(
         vehicle: name or file of a superbike.
         circuit: name or file of a circuit.
         laps: number of flying laps.
-        settings: of the classical rider.
+        rider: who rides; None for the classical rider.
         tell: called every control step with the snapshot and the length of a lap, m.
 
     Raises:
@@ -104,8 +106,8 @@ def ride_laps(
     try:
         limits = machine.plant.envelope
         if limits is None:
-            raise ValueError(f"vehicle {vehicle!r} is no superbike; the classical rider needs tyres to plan a lap")
-        rider = ClassicalRider(settings)
+            raise ValueError(f"vehicle {vehicle!r} is no superbike; laps are planned with tyres")
+        rider = rider or ClassicalRider()
         request = machine.at_own_speed(ResetRequest(course=str(circuit)))
         finished, end, error, lean, fastest = 0, "", 0.0, 0.0, 0.0
         for snapshot in rollout(machine, rider, request):
@@ -128,8 +130,7 @@ def ride_laps(
                 break
         scene = _circuit_scene(machine)
         ridden, name = scene.timing().laps, scene.track.name
-        assert rider.controller is not None
-        plan = rider.controller.profile
+        plan = rider.controller.profile if isinstance(rider, ClassicalRider) and rider.controller is not None else None
     finally:
         machine.close()
     flying = ridden[1 : laps + 1]
@@ -138,6 +139,7 @@ def ride_laps(
         name,
         limit,
         closest_lap(circuit, limits),
+        rider.name,
         plan,
         ridden[0] if ridden else None,
         flying,
@@ -179,7 +181,8 @@ def pair_figures(ride: LapRide, laps: int) -> dict[str, Any]:
         "excess": ride.excess,
         "closest_limit_s": ride.closest,
         "closest_excess": excess,
-        "plan_s": ride.plan.lap_time,
+        "rider": ride.rider,
+        "plan_s": None if ride.plan is None else ride.plan.lap_time,
         "out_lap_s": None if ride.out_lap is None else ride.out_lap.duration,
         "laps": len(ride.laps),
         "wanted_laps": laps,

@@ -1,0 +1,295 @@
+"""The reward, the penalty timers and the rides of a race."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bike_policy.contract.race import COMPACT
+from bike_policy.contract.rows import Row, row_of
+from bike_sim.physics import superbike_forces as sf
+from bike_sim.sim import look as lk
+from bike_sim.sim.batch import make_batch
+from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.simulator import Simulator
+from bike_sim.sim.superbike_plant import superbike_config
+from bike_sim.vehicles.files import load_vehicle
+from bike_training.tasks.base import sum_of
+from bike_training.tasks.race import (
+    PAPER_WEIGHTS,
+    RACE_WEIGHTS,
+    REWARD_TERMS,
+    RaceContext,
+    RaceTask,
+    history_penalty,
+    off_track,
+)
+
+COMPILED = replace(superbike_config("panigale_v4r"), engine="compiled")
+ALL = dict.fromkeys(REWARD_TERMS, 1.0)
+PERIOD = COMPILED.control_period
+TASK = RaceTask(weights=ALL)
+
+
+@pytest.fixture(scope="module")
+def start():
+    """Return a ride on the main straight, its request and its line."""
+    simulator = Simulator(COMPILED)
+    request = ResetRequest(course="barcelona", speed_range=(40.0, 40.0), progress=200.0)
+    snapshot = simulator.reset(request)
+    assert simulator.course is not None
+    yield row_of(snapshot), request, simulator.course
+    simulator.close()
+
+
+def copied(row: Row) -> Row:
+    return Row(*(part.copy() for part in row))
+
+
+def rides_of(start, task=TASK, context=None):
+    row, request, course = start
+    rides = task.rides(1, load_vehicle("panigale_v4r"))
+    rides.begin(0, row, replace(request, context=() if context is None else context.to_request()), course)
+    return rides
+
+
+def decide(rides, row, change, actions=(0.0, 0.0), periods=3):
+    """Hold a decision while a row changes the same in each control period; return the verdict and the last row."""
+    rides.act(row, np.array([actions]))
+    for _ in range(periods):
+        row = copied(row)
+        change(row)
+        rides.advance(row)
+    return rides.judge(row), row
+
+
+def forward(row, speed=40.0):
+    row.look[:, lk.SPEED] = speed
+    row.look[:, lk.PROGRESS] += speed * PERIOD
+
+
+def test_progress_is_the_way_along_the_line_and_negative_where_the_heading_is_wrong(start):
+    verdict, _ = decide(rides_of(start), start[0], forward)
+    assert verdict.terms["progress"][0] == pytest.approx(40.0 * 3 * PERIOD)
+    assert not verdict.failed[0]
+    rides = rides_of(start)
+
+    def backwards(row):
+        row.look[:, lk.HEADING_ERROR] = 2.0
+        forward(row)
+
+    verdict, _ = decide(rides, start[0], backwards)
+    assert verdict.terms["progress"][0] == pytest.approx(-40.0 * 3 * PERIOD)
+
+
+def outside(row, rear=20.0, front=20.0):
+    """Shift a machine to the left, by moving all that it sees to the right."""
+    row.points[:, :, :, 1] -= rear
+    row.place[:, lk.CENTRE_OFFSET] += rear
+    row.place[:, lk.FRONT_CENTRE_OFFSET] += front
+
+
+@given(rear=st.sampled_from([0.0, 20.0]), front=st.sampled_from([0.0, 20.0]))
+def test_contact_points_outside(start, rear, front):
+    row = copied(start[0])
+    outside(row, rear, front)
+    one, both = off_track(row)
+    assert (bool(one[0]), bool(both[0])) == (max(rear, front) > 0.0, min(rear, front) > 0.0)
+
+
+def test_off_track_counts_with_speed_for_any_tyre_and_masks_progress_for_both(start):
+    def rear_only(row):
+        row.points[:] = start[0].points
+        row.place[:] = start[0].place
+        outside(row, 20.0, 0.0)
+        forward(row)
+
+    def both(row):
+        rear_only(row)
+        row.place[:, lk.FRONT_CENTRE_OFFSET] += 20.0
+
+    verdict, _ = decide(rides_of(start), start[0], rear_only)
+    assert verdict.terms["off_track"][0] == pytest.approx(-40.0 * 3 * PERIOD)
+    assert verdict.terms["progress"][0] > 0.0
+    verdict, _ = decide(rides_of(start), start[0], both)
+    assert verdict.terms["progress"][0] == 0.0
+    unmasked = rides_of(start, replace(TASK, masked=False, any_tyre=False))
+    verdict, _ = decide(unmasked, start[0], both)
+    assert verdict.terms["progress"][0] > 0.0
+    verdict, _ = decide(rides_of(start, replace(TASK, any_tyre=False)), start[0], rear_only)
+    assert verdict.terms["off_track"][0] == 0.0
+
+
+@pytest.mark.parametrize(("kind", "limit"), [("off_track", 1.0), ("wrong_way", 1.0), ("stalled", 2.0)])
+def test_penalty_timers_end_an_episode(start, kind, limit):
+    def change(row):
+        if kind == "wrong_way":
+            row.look[:, lk.HEADING_ERROR] = 3.0
+        elif kind == "stalled":
+            row.look[:, lk.SPEED] = 1.0
+        else:
+            row.points[:], row.place[:] = start[0].points, start[0].place
+            outside(row)
+
+    rides, row = rides_of(start), start[0]
+    decisions = 0
+    verdict = None
+    while decisions < 60 and (verdict is None or not verdict.failed[0]):
+        verdict, row = decide(rides, row, change)
+        decisions += 1
+    assert verdict is not None
+    assert decisions * 3 * PERIOD == pytest.approx(limit, abs=3 * PERIOD + 1e-9)
+    assert verdict.terms["failure"][0] == -1.0
+    assert verdict.terms["fall"][0] == 0.0
+
+
+def test_a_fall_and_a_wall_count_once(start):
+    rides = rides_of(start)
+
+    def hit(row):
+        row.fallen[:] = True
+        row.signals[:, sf.T_SPEED] = 30.0
+
+    verdict, row = decide(rides, start[0], hit)
+    assert verdict.failed[0]
+    assert verdict.terms["fall"][0] == -1.0
+    assert verdict.terms["wall"][0] == pytest.approx(-0.5 * 30.0**2)
+    again, _ = decide(rides, row, hit)
+    assert again.terms["wall"][0] == again.terms["fall"][0] == again.terms["progress"][0] == 0.0
+
+
+def test_stability_terms_by_hand(start):
+    first = copied(start[0])
+    first.look[:, lk.LATERAL_ERROR] = -2.0
+
+    def lean(row):
+        row.state[:, 3] = 1.1
+        row.state[:, 4] = 0.05
+        row.state[:, 7] = 3.0
+        row.look[:, lk.YAW_RATE] = first.look[:, lk.YAW_RATE] + 4.0
+        row.signals[:, [sf.T_REAR_SLIP, sf.T_FRONT_SLIP]] = [0.1, -3.0]
+        row.signals[:, [sf.T_REAR_DRIFT, sf.T_FRONT_DRIFT]] = [0.2, -0.1]
+        row.signals[:, [sf.T_REAR_USE, sf.T_FRONT_USE]] = [1.5, 0.3]
+
+    before = start[0]
+    rides = rides_of((first, *start[1:]))
+    verdict, _ = decide(rides, first, lean, actions=(0.5, -0.2))
+    terms = {name: float(term[0]) for name, term in verdict.terms.items()}
+    time = 3 * PERIOD
+    assert terms["lean_change"] == pytest.approx(-abs(1.1 - before.state[0, 3]))
+    assert terms["steer_change"] == pytest.approx(-abs(0.05 - before.state[0, 4]))
+    assert terms["rate_change"] == pytest.approx(-np.hypot(3.0 - before.state[0, 7], 4.0))
+    assert terms["max_lean"] == pytest.approx(-(1.1 - np.radians(58.0)) * time)
+    assert terms["slip_ratio"] == pytest.approx(-1.1 * time)  # a ratio counts 1 at most
+    assert terms["slip_angle"] == pytest.approx(-0.3 * time)
+    assert terms["tyre_use"] == pytest.approx(-0.5 * time)
+    assert terms["line"] == pytest.approx(-2.0 * time)
+    assert terms["steering_change"] == pytest.approx(-0.25)
+    assert terms["throttle_change"] == pytest.approx(-0.04)
+
+
+def test_overspeed_is_beyond_the_share_and_the_limit(start):
+    terms = {}
+    for name, context in (
+        ("free", RaceContext()),
+        ("capped", RaceContext(v_max=30.0)),
+        ("slow", RaceContext(share=0.25)),
+    ):
+        verdict, _ = decide(rides_of(start, context=context), start[0], forward)
+        terms[name] = float(verdict.terms["overspeed"][0])
+    assert terms["free"] == 0.0
+    assert terms["capped"] == pytest.approx(-10.0 * 3 * PERIOD)
+    assert terms["slow"] < -10.0 * 3 * PERIOD
+
+
+def test_a_limiter_closes_the_throttle_beyond_the_speed_asked(start):
+    row, _, _ = start
+    commands = np.array([[0.3, 0.9]])
+    limited = rides_of(start, replace(TASK, limiter=True), RaceContext(v_max=30.0)).limit(row, commands)
+    np.testing.assert_array_equal(limited, [[0.3, 0.0]])
+    np.testing.assert_array_equal(rides_of(start, context=RaceContext(v_max=30.0)).limit(row, commands), commands)
+
+
+@given(a=st.floats(-0.3, 0.3), b=st.floats(-0.3, 0.3))
+def test_the_history_penalty_counts_swings_only(a, b):
+    penalty = float(history_penalty(np.array([[a, b]]))[0])
+    assert 0.0 <= penalty <= 1.0
+    assert penalty == float(history_penalty(np.array([[-a, -b]]))[0])
+    if a * b >= 0.0 or min(abs(a), abs(b)) <= 0.014:
+        assert penalty == 0.0
+    elif abs(a) + abs(b) > 0.1:
+        assert penalty > 0.99
+
+
+@pytest.mark.parametrize("weights", [RACE_WEIGHTS, PAPER_WEIGHTS], ids=["race", "paper"])
+def test_terms_have_their_weights(start, weights):
+    plain, _ = decide(rides_of(start), start[0], forward, actions=(0.4, -0.4))
+    verdict, _ = decide(rides_of(start, replace(TASK, weights=weights)), start[0], forward, actions=(0.4, -0.4))
+    assert list(verdict.terms) == list(weights)
+    for name, weight in weights.items():
+        assert verdict.terms[name][0] == weight * plain.terms[name][0]
+    assert sum_of(verdict.terms)[0] == pytest.approx(sum(term[0] for term in verdict.terms.values()))
+
+
+def test_the_error_of_a_validation_is_time_over_the_planned_lap():
+    assert TASK.validation_error(np.full(100, 0.2), True) == pytest.approx(0.25)  # 80 % of the speed
+    assert TASK.validation_error(np.zeros(100), True) == 0.0
+    assert TASK.validation_error(np.zeros(100), False) == 1.0
+    track = np.zeros((10, 4))
+    whole = np.array([True, True, False, True])
+    assert TASK.selection_error(track, whole) > 1.0 > TASK.selection_error(track, np.ones(4, dtype=bool))
+
+
+def test_one_ride_is_shown_and_judged_as_in_a_batch():
+    """A simulator of its own and a compiled batch give the same observations and rewards, bit for bit."""
+    requests = [
+        ResetRequest(course="barcelona", speed_range=(v, v), progress=p) for v, p in ((30.0, 0.0), (25.0, 900.0))
+    ]
+    batch = make_batch(2, COMPILED, TASK.preview)
+    simulator = Simulator(COMPILED)
+    together = TASK.rides(2, batch.vehicle)
+    for row, request in enumerate(requests):
+        batch.reset(row, request)
+        together.begin(row, batch, request, batch.course(row))
+    row = row_of(simulator.reset(requests[1]))
+    alone = TASK.rides(1, simulator.vehicle)
+    assert simulator.course is not None
+    alone.begin(0, row, requests[1], simulator.course)
+    rng = np.random.default_rng(1)
+    for _ in range(12):
+        actions = np.clip(0.2 * rng.normal(size=(2, 2)) + [0.0, 0.2], -1.0, 1.0)
+        np.testing.assert_array_equal(together.observe(batch)[1], alone.observe(row)[0])
+        together.act(batch, actions)
+        alone.act(row, actions[1:])
+        for _ in range(TASK.repeat):
+            batch.step(TASK.action.to_commands(actions, 1.0))
+            together.advance(batch)
+            row = row_of(simulator.step(*TASK.action.to_command(actions[1], 1.0)))
+            alone.advance(row)
+        many, one = together.judge(batch), alone.judge(row)
+        for name, term in many.terms.items():
+            assert term[1] == one.terms[name][0], name
+    batch.close()
+    simulator.close()
+
+
+def test_card_round_trip():
+    task = replace(TASK, layout=replace(COMPACT, repeat=2), masked=False)
+    assert RaceTask.from_card(json.loads(json.dumps(task.to_card()))) == task
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"weights": {"praise": 1.0}}, "praise.*progress"),
+        ({"weights": {"line": -1.0}}, "line must be finite and not negative"),
+        ({"max_steps": 0}, "max_steps must be positive"),
+        ({"stalled_time": -1.0}, "stalled_time must not be negative"),
+    ],
+)
+def test_wrong_settings_are_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        replace(TASK, **change)
