@@ -82,7 +82,8 @@ class SelfPaced:
         """
 
         def value(distribution: Gaussian) -> float:
-            weights = np.exp(np.minimum(distribution.log_density(contexts) - sampled, 20.0))
+            ratio = distribution.log_density(contexts) - sampled
+            weights = np.exp(ratio - np.max(ratio))  # normalised below, so that values may be shifted
             return float(np.sum(weights * values) / np.sum(weights))
 
         begin = self._widened(old)
