@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colorbar import Colorbar
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -27,9 +27,8 @@ def draw_track(axes: Axes, track: Track, labels: bool = True) -> None:
     s = track.centre.s[rows]
     left, right = track.points(s, track.width_left[rows]), track.points(s, -track.width_right[rows])
     # Quadrangles instead of one polygon: a circuit that crosses itself on a bridge has no inside.
-    for i in range(len(s) - 1):
-        corners = np.array([left[i], left[i + 1], right[i + 1], right[i]])
-        axes.fill(corners[:, 0], corners[:, 1], color=_ROAD, linewidth=0.3)
+    quadrangles = np.stack([left[:-1], left[1:], right[1:], right[:-1]], axis=1)[:, :, :2]
+    axes.add_collection(PolyCollection(list(quadrangles), facecolor=_ROAD, edgecolor=_ROAD, linewidth=0.3, zorder=1))
     for limit in (left, right):
         axes.plot(limit[:, 0], limit[:, 1], color=_INK, linewidth=0.5)
     for wall in track.walls():
