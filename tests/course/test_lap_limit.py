@@ -9,7 +9,7 @@ import pytest
 from bike_sim.course.course import Course
 from bike_sim.course.elements import Line
 from bike_sim.course.files import load_track
-from bike_sim.theory.envelope import Envelope
+from bike_sim.theory.envelope import Envelope, ellipse_envelope
 from bike_sim.theory.lap_limit import GRAVITY, lap_limit
 from bike_sim.theory.minimum_time import with_fastest_line
 from bike_sim.theory.point_mass import point_mass_envelope
@@ -21,7 +21,8 @@ def constant(lateral: float = 12.0, drive: float = 6.0, brake: float = 9.0, expo
     """Return a machine without air whose limits do not change with speed."""
     speeds = np.array([0.0, 100.0])
     flat = np.ones(2)
-    return Envelope("constant", speeds, lateral * flat, drive * flat, brake * flat, drive * flat, 0.0 * flat, exponent)
+    forces = lateral * flat, drive * flat, brake * flat, drive * flat, 0.0 * flat
+    return ellipse_envelope("constant", speeds, *forces, exponent)
 
 
 @pytest.mark.parametrize("radius", [30.0, 100.0, 400.0])
@@ -144,14 +145,25 @@ def test_bad_requests_are_refused(shapes):
         point_mass_envelope(power=-1.0)
 
 
-def test_nobody_accelerates_more_than_wanted(shapes):
+def test_a_cap_is_kept(shapes):
     line = shapes.oval(50.0, 300.0).centre
     free = lap_limit(constant(drive=6.0), line)
-    count = len(free.s) - 1
-    held = lap_limit(constant(drive=6.0), line, push=np.full(count, 2.0))
-    assert held.longitudinal.max() == pytest.approx(2.0, rel=1e-6)
-    assert held.longitudinal.min() == pytest.approx(free.longitudinal.min(), rel=0.05)  # brakes are as before
+    cap = np.where(free.s[:-1] < 100.0, 20.0, np.inf)
+    held = lap_limit(constant(drive=6.0), line, cap=cap)
+    assert held.speed[:-1][free.s[:-1] < 100.0].max() <= 20.0 + 1e-9
     assert held.lap_time > free.lap_time + 0.5
-    for name in ("push", "cap"):
-        with pytest.raises(ValueError, match=f"{name} has shape"):
-            lap_limit(constant(), line, **{name: np.ones(3)})
+    with pytest.raises(ValueError, match="cap has shape"):
+        lap_limit(constant(), line, cap=np.ones(3))
+
+
+def test_crests_cost_and_dips_help(shapes):
+    line = shapes.circle(60.0).centre
+    level = lap_limit(constant(), line)
+    for crest in (-0.004, 0.004):
+        lap = lap_limit(constant(), line, crest=np.full(len(line.s), crest))
+        # v^2 / R = a (1 + v^2 c / g): the load of the road's curvature scales what the tyres give.
+        square = 12.0 / (1.0 / 60.0 - 12.0 * crest / GRAVITY)
+        assert lap.speed == pytest.approx(math.sqrt(square), rel=1e-3)
+        assert (lap.lap_time > level.lap_time) == (crest < 0.0)
+    with pytest.raises(ValueError, match="crest has 3 samples"):
+        lap_limit(MACHINE, line, crest=np.zeros(3))

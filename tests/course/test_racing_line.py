@@ -8,7 +8,7 @@ import pytest
 
 from bike_sim.course import racing_line
 from bike_sim.course.files import load_track, shipped_tracks
-from bike_sim.theory.lap_limit import lap_limit, limit_tables
+from bike_sim.theory.lap_limit import lap_limit
 from bike_sim.theory.minimum_time import fastest_offsets, polygon_time, time_gradient, with_fastest_line
 from bike_sim.theory.point_mass import point_mass_envelope
 
@@ -73,17 +73,17 @@ def test_no_change_of_the_line_bends_less(barcelona):
 
 def test_gradient_of_the_lap_time_is_that_of_differences(barcelona):
     stations = racing_line.stations_of(barcelona)
-    tables = limit_tables(MACHINE)
+    tables = MACHINE.limits
     offset = 2.0 * np.sin(np.arange(stations.count) / 15.0)
-    gradient, spent = time_gradient(stations, offset, tables, 2.0)
-    assert np.sum(spent) == pytest.approx(polygon_time(stations, offset, tables, 2.0), rel=1e-9)
+    gradient, spent = time_gradient(stations, offset, tables)
+    assert np.sum(spent) == pytest.approx(polygon_time(stations, offset, tables), rel=1e-9)
     rng = np.random.default_rng(2)
     agreed = 0
     for _ in range(40):
         middle = rng.integers(stations.count)
         apart = (np.arange(stations.count) - middle + stations.count // 2) % stations.count - stations.count // 2
         bump = 1e-5 * np.exp(-((apart / 4.0) ** 2))
-        ahead, behind = (polygon_time(stations, offset + sign * bump, tables, 2.0) for sign in (1.0, -1.0))
+        ahead, behind = (polygon_time(stations, offset + sign * bump, tables) for sign in (1.0, -1.0))
         agreed += gradient @ bump == pytest.approx(0.5 * (ahead - behind), rel=0.02, abs=1e-9)
     # Where the limit that binds changes within the bump there is no derivative.
     assert agreed >= 34
@@ -127,12 +127,12 @@ def test_mirrored_circuit_has_the_mirrored_line(shapes):
 
 def test_descent_never_makes_a_lap_slower(shapes):
     stations = racing_line.stations_of(shapes.oval(60.0, 400.0))
-    tables = limit_tables(MACHINE)
+    tables = MACHINE.limits
     start = racing_line.least_curvature(stations)
-    found = fastest_offsets(stations, tables, 2.0, start)
+    found = fastest_offsets(stations, tables, start)
     assert np.all(found <= stations.highest + 1e-9)
     assert np.all(found >= stations.lowest - 1e-9)
-    assert polygon_time(stations, found, tables, 2.0) <= polygon_time(stations, start, tables, 2.0)
+    assert polygon_time(stations, found, tables) <= polygon_time(stations, start, tables)
 
 
 def test_stations_need_a_distance(shapes):

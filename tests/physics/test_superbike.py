@@ -214,18 +214,20 @@ def test_loads_of_the_standing_machine() -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_envelope(name: str) -> None:
     limits = envelope(MACHINES[name])
-    assert 1.35 < limits.lateral(30.0) / 9.81 < 1.5
+    assert 1.5 < limits.lateral(30.0) / 9.81 < 1.7
     assert 0.7 < limits.drive(20.0) / 9.81 < 1.0
     assert 1.0 < limits.brake(20.0) / 9.81 < 1.25
-    assert limits.drive_max[-1] == 0.0  # beyond top speed
+    assert limits.drive_max[-1] < 0.0  # beyond top speed
     assert (np.diff(limits.brake_max) > 0.0).all()  # air helps
     top = limits.speeds[np.argmax(limits.drive_max <= 0.0)]
     assert 80.0 < top < 95.0
-    # at the limit of lean nothing is left for the tyres, and only the air brakes
-    assert limits.drive(30.0, limits.lateral(30.0)) == pytest.approx(-np.interp(30.0, limits.speeds, limits.drag))
-    assert limits.brake(30.0, limits.lateral(30.0)) == pytest.approx(np.interp(30.0, limits.speeds, limits.drag))
-    lateral = np.linspace(0.0, float(limits.lateral(30.0)), 50)
-    assert (np.diff(limits.brake(30.0, lateral)) <= 0.0).all()
+    # Upright the tables are what statics say in closed form.
+    for speed in (10.0, 40.0, 70.0):
+        drive, brake = statics.straight_limits(MACHINES[name], speed)
+        drive = min(drive, statics.engine_force(MACHINES[name], speed))
+        resistance, mass = statics.rolling_drag(MACHINES[name], speed), statics.inertial_mass(MACHINES[name])
+        assert limits.drive(speed) == pytest.approx((drive - resistance) / mass, rel=0.02, abs=0.02)
+        assert limits.brake(speed) >= (brake + resistance) / mass - 0.02
 
 
 def test_without_wheelie_control_the_limit_is_the_lifting_wheel() -> None:
@@ -241,13 +243,20 @@ def test_without_wheelie_control_the_limit_is_the_lifting_wheel() -> None:
     ("change", "message"),
     [
         ({"speeds": np.array([1.0, 1.0, 2.0])}, "speeds must increase"),
+        ({"speeds": np.array([1.0, 2.0, 4.0])}, "speeds must increase in equal steps"),
+        ({"loads": np.array([1.0, 0.5])}, "loads must increase"),
         ({"drag": np.ones(2)}, "drag has shape"),
-        ({"brake_max": np.array([1.0, np.nan, 1.0])}, "brake_max must be finite"),
-        ({"lateral_max": np.zeros(3)}, "lateral_max must be positive"),
-        ({"exponent": 0.0}, "exponent"),
+        ({"brake_table": np.full((2, 3, 4), np.nan)}, "brake_table must be finite"),
+        ({"lateral_table": np.zeros((2, 3))}, "lateral_table must be positive"),
+        ({"sway": -1.0}, "sway"),
     ],
 )  # fmt: skip
 def test_wrong_envelopes_are_refused(change: dict, message: str) -> None:
-    arrays = {f.name: np.ones(3) for f in fields(Envelope) if f.name not in ("name", "exponent")}
+    one = np.ones
+    right = {
+        "speeds": np.arange(3.0), "loads": np.array([0.5, 1.0]), "lateral_table": one((2, 3)),
+        "drive_table": one((2, 3, 4, 2)), "brake_table": one((2, 3, 4)), "lean_table": one((2, 3, 4)), "drag": one(3),
+        "inside": one(5), "height": one(5), "sway": 0.7, "lean_rate": one(3),
+    }  # fmt: skip
     with pytest.raises(ValueError, match=message):
-        Envelope(**{"name": "x", **arrays, "speeds": np.arange(3.0), **change})
+        Envelope(name="x", **{**right, **change})

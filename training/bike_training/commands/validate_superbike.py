@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,17 +14,23 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from bike_policy.riders.classical import ClassicalRider
+from bike_policy.riders.lap_plan import RiderSettings
 from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics import superbike_statics as statics
 from bike_sim.physics import tyres
 from bike_sim.theory.envelope import envelope
 from bike_sim.validation import superbike as validation
+from bike_sim.validation.bicycle import Check
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
+from bike_training.rollout.laps import ride_laps
 
 SCHEMA: Final = "bike.validate_superbike/1"
 PICTURES: Final = ("tyres", "lean_steps", "turns", "modes", "launch_and_stop", "envelopes", "convergence")
 _G: Final = 9.81
+BOLD: Final = (0.87, 0.9)
+"""Parts of the lateral limit that riders use who try the theoretical laps; the last falls at times."""
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -35,6 +42,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     console = Console(quiet=args.json)
     with console.status("measuring") as status:
         result = validation.validate(args.time_step, lambda part: status.update(f"measuring: {part}"))
+        status.update("measuring: theoretical laps")
+        result.checks.extend(bound_checks())
     console.print(_table(result))
     answer = as_dict(result)
     if args.out is not None:
@@ -43,6 +52,29 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         written = draw(result, args.out)
         console.print("written: " + ", ".join(str(path) for path in written))
     return answer
+
+
+def bound_checks() -> Iterator[Check]:
+    """Laps of bold riders on random circuits against the theoretical laps, which must be bounds of them."""
+    margin, passed, unpaid, tightest = math.inf, 0.0, 0, math.inf
+    for seed, vehicle in enumerate(validation.MACHINES):
+        for lateral in BOLD:
+            ride = ride_laps(
+                vehicle,
+                f"random_circuit:{seed}",
+                1,
+                rider=ClassicalRider(RiderSettings(lateral=lateral)),
+                engine="compiled",
+            )
+            passed = max([passed, *(passing.excess for passing in ride.passings)])
+            unpaid += sum(not passing.repaid for passing in ride.passings)
+            if ride.excess is not None and ride.closest_excess is not None:
+                margin = min(margin, ride.closest_excess)
+                tightest = min(tightest, ride.excess)
+    yield Check("bound_lap_margin", "fastest lap over the closest line's theoretical lap, share", margin, -0.001, 0.06)
+    yield Check("bound_line_margin", "fastest lap over its own line's theoretical lap, share", tightest, -0.001, 0.06)
+    yield Check("bound_passings_unpaid", "gains on the theoretical lap not lost again", unpaid, 0.0, 0.0)
+    yield Check("bound_passed", "largest speed above the theoretical lap's, share", passed, 0.0, 0.03)
 
 
 def as_dict(result: validation.Validation) -> dict[str, Any]:

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
+
+import numpy as np
 
 from bike_policy.riders.classical import ClassicalRider
 from bike_policy.riders.rider import Rider
 from bike_sim.course.lap_timing import Lap
 from bike_sim.physics import state as st
+from bike_sim.physics.engine import SUPERBIKE_ENGINES
+from bike_sim.sim import look as lk
 from bike_sim.sim.circuit_scene import CircuitScene
 from bike_sim.sim.events import EventKind
 from bike_sim.sim.request import ResetRequest
@@ -20,6 +24,7 @@ from bike_sim.sim.snapshot import WALL, Snapshot
 from bike_sim.sim.superbike_plant import superbike_config
 from bike_sim.theory.lap_limit import LapLimit
 from bike_sim.theory.line_cache import closest_lap
+from bike_sim.theory.passing import Passing, passings
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.rollout.rollout import rollout
 
@@ -45,6 +50,7 @@ class LapRide:
         largest_error: largest distance to the followed line on flying laps, m.
         largest_lean: rad. highest_speed: m/s; both on flying laps.
         off_track: time with both contact points outside the limits on flying laps, s.
+        passings: where flying laps were faster than the theoretical lap of the followed line for a moment.
     """
 
     vehicle: str
@@ -60,6 +66,7 @@ class LapRide:
     largest_lean: float
     highest_speed: float
     off_track: float
+    passings: tuple[Passing, ...]
 
     @property
     def best(self) -> Lap | None:
@@ -86,6 +93,7 @@ def ride_laps(
     laps: int = 3,
     *,
     rider: Rider | None = None,
+    engine: str = SUPERBIKE_ENGINES[0],
     tell: Callable[[Snapshot, float], None] | None = None,
 ) -> LapRide:
     """Ride an out-lap and flying laps.
@@ -95,6 +103,7 @@ def ride_laps(
         circuit: name or file of a circuit.
         laps: number of flying laps.
         rider: who rides; None for the classical rider.
+        engine: that integrates the machine.
         tell: called every control step with the snapshot and the length of a lap, m.
 
     Raises:
@@ -102,7 +111,7 @@ def ride_laps(
     """
     if laps < 1:
         raise ValueError(f"number of laps must be at least 1, got {laps}")
-    machine = Simulator(superbike_config(vehicle))
+    machine = Simulator(replace(superbike_config(vehicle), engine=engine))
     try:
         limits = machine.plant.envelope
         if limits is None:
@@ -110,6 +119,7 @@ def ride_laps(
         rider = rider or ClassicalRider()
         request = machine.at_own_speed(ResetRequest(course=str(circuit)))
         finished, end, error, lean, fastest = 0, "", 0.0, 0.0, 0.0
+        trace: list[tuple[float, float]] = []
         for snapshot in rollout(machine, rider, request):
             scene = _circuit_scene(machine)
             limit = scene.followed.limit(limits)
@@ -120,6 +130,7 @@ def ride_laps(
                 error = max(error, snapshot.distance)
                 lean = max(lean, abs(float(snapshot.state[st.ROLL])))
                 fastest = max(fastest, snapshot.speed)
+                trace.append((float(snapshot.look[lk.PROGRESS]), snapshot.speed))
             if snapshot.fallen:
                 end = snapshot.fall
             elif finished > laps:
@@ -148,6 +159,7 @@ def ride_laps(
         lean,
         fastest,
         sum(lap.off_track for lap in flying),
+        passings(limit, *np.array(trace).T) if trace else (),
     )
 
 

@@ -35,7 +35,6 @@ from bike_sim.physics.superbike_statics import engine_force, inertial_mass
 from bike_sim.sim import look as lk
 from bike_sim.sim.request import Preview
 from bike_sim.sim.snapshot import Snapshot
-from bike_sim.theory.envelope import Envelope, envelope
 from bike_sim.theory.lap_limit import LapLimit
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.superbike import Superbike
@@ -81,7 +80,6 @@ class LineController:
         line: Course,
         control_period: float,
         settings: RiderSettings | None = None,
-        limits: Envelope | None = None,
     ) -> None:
         """Plan the lap.
 
@@ -90,7 +88,6 @@ class LineController:
             line: closed line to follow.
             control_period: s.
             settings: how to ride.
-            limits: the machine's envelope if it is known already.
 
         Raises:
             ValueError: the line is open.
@@ -103,7 +100,7 @@ class LineController:
         self._preview, self._speed_preview = self.settings.preview + late, self.settings.speed_preview + late
         self._max_lean = math.radians(vehicle.virtual_rider.max_lean_deg)
         self.leans = SteadyLeans(vehicle)
-        self.profile: LapLimit = plan_lap(vehicle, line, limits or envelope(vehicle), self.settings, self.leans)
+        self.profile: LapLimit = plan_lap(vehicle, line, self.settings)
         self._s = self.profile.s
         self._curvature = smooth_around(
             self.profile.lateral / self.profile.speed**2, float(self._s[1]), self.settings.smoothing

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from bike_policy.contract.reference import Reference
-from bike_policy.riders.lap_plan import RiderSettings, SteadyLeans, plan_lap, smooth_around
+from bike_policy.riders.lap_plan import RiderSettings, plan_lap, smooth_around
 from bike_sim.course.course import Course
-from bike_sim.theory.envelope import envelope
 from bike_sim.theory.lap_limit import LapLimit
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.superbike import Superbike
@@ -22,7 +21,7 @@ class References:
         """
         if not isinstance(vehicle, Superbike):
             raise ValueError(f"a race needs a superbike with tyres to plan a lap, and {vehicle.name!r} is none")
-        self._vehicle, self._limits, self._leans = vehicle, envelope(vehicle), SteadyLeans(vehicle)
+        self._vehicle = vehicle
         self._known: dict[int, tuple[Course, Reference]] = {}
 
     def of(self, line: Course) -> Reference:
@@ -33,7 +32,7 @@ class References:
         """
         known = self._known.get(id(line))
         if known is None:
-            profile = plan_lap(self._vehicle, line, self._limits, RiderSettings(), self._leans)
+            profile = plan_lap(self._vehicle, line, RiderSettings())
             known = line, reference_of(profile)
             self._known[id(line)] = known
         return known[1]

@@ -7,7 +7,6 @@ simulation comes from. Written in the plane across the machine; sideways is posi
 from __future__ import annotations
 
 import math
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,14 +14,10 @@ from numpy.typing import NDArray
 from bike_sim.physics import kinematics
 from bike_sim.physics import state as st
 from bike_sim.physics import superbike_forces as sf
+from bike_sim.physics.superbike import equilibrium
 from bike_sim.vehicles.superbike import Superbike, Tyre
 
 FloatArray = NDArray[np.float64]
-
-RIDEABLE_SHARE: Final = 0.88
-"""Part of a tyre's friction that a steady turn may use. Beyond it more slip gives hardly more force, and no rider holds
-the machine: in simulation the virtual rider holds 55 to 57 deg of lean at 15 m/s, 57 to 58 deg from 40 m/s up, and none
-of the five machines at 59 deg; this share means 56.5 deg."""
 
 
 def steady_lateral(vehicle: Superbike, lean: float, speed: float) -> float:
@@ -37,28 +32,8 @@ def steady_lateral(vehicle: Superbike, lean: float, speed: float) -> float:
     K the integral of z^2 - y^2 over the mass about its centre in the machine's own axes, the downforce D, and the
     crown radius c.
     """
-    sin_lean, cos_lean = math.sin(lean), math.cos(lean)
-    x, height = vehicle.centre_of_mass
-    front_share = x / vehicle.w
-    crown = front_share * vehicle.front_tyre.crown + (1.0 - front_share) * vehicle.rear_tyre.crown
-    slide = vehicle.rider.slide * min(1.0, math.degrees(lean) / vehicle.rider.slide_lean_deg)
-    offset = vehicle.rider.mass * slide / vehicle.mass
-    y = (height - crown) * sin_lean + offset * cos_lean
-    z = crown + (height - crown) * cos_lean - offset * sin_lean
-    momentum = vehicle.motor.crank_momentum
-    for inertia, radius, tyre in (
-        (vehicle.IRyy, vehicle.rR, vehicle.rear_tyre),
-        (vehicle.IFyy, vehicle.rF, vehicle.front_tyre),
-    ):
-        momentum += inertia * speed / (radius - tyre.crown * (1.0 - cos_lean))
-    down = 0.5 * vehicle.air.density * vehicle.air.down_area * speed**2
-    gravity = vehicle.mass * vehicle.g * y - down * crown * sin_lean
-    linear = vehicle.mass * z + momentum / speed * cos_lean
-    quadratic = _spread(vehicle, height) * sin_lean * cos_lean / speed**2
-    a = gravity / linear
-    for _ in range(20):
-        a = gravity / (linear - quadratic * a)
-    return a
+    rear, front = vehicle.tyres
+    return float(equilibrium.steady_lateral(lean, speed, vehicle.g, spread(vehicle), vehicle.machine, rear, front))
 
 
 def turning_state(vehicle: Superbike, speed: float, roll: float, yaw_rate: float) -> st.StateVector:
@@ -85,8 +60,9 @@ def turning_state(vehicle: Superbike, speed: float, roll: float, yaw_rate: float
     return state
 
 
-def _spread(vehicle: Superbike, height: float) -> float:
+def spread(vehicle: Superbike) -> float:
     """Return the integral of z^2 - y^2 over the mass about its common centre, in the machine's axes, kg m2."""
+    height = vehicle.com_height
     bodies = (
         (vehicle.mR, vehicle.rR, vehicle.IRyy, vehicle.IRxx),
         (vehicle.mF, vehicle.rF, vehicle.IFyy, vehicle.IFxx),
@@ -94,6 +70,20 @@ def _spread(vehicle: Superbike, height: float) -> float:
         (vehicle.mH, -vehicle.zH, vehicle.IHyy, vehicle.IHzz),
     )
     return sum(mass * (z - height) ** 2 + i_yy - i_zz for mass, z, i_yy, i_zz in bodies)
+
+
+def sway_length(vehicle: Superbike) -> float:
+    """Return the length of the pendulum that a machine is about the line of contacts, m.
+
+    The moment of inertia about that line by mass and height of the centre.
+    """
+    bodies = (
+        (vehicle.mR, vehicle.rR, vehicle.IRxx),
+        (vehicle.mF, vehicle.rF, vehicle.IFxx),
+        (vehicle.mB, -vehicle.zB, vehicle.IBxx),
+        (vehicle.mH, -vehicle.zH, vehicle.IHxx),
+    )
+    return sum(mass * z**2 + i_xx for mass, z, i_xx in bodies) / (vehicle.mass * vehicle.com_height)
 
 
 def drag(vehicle: Superbike, speed: float) -> float:
@@ -143,20 +133,6 @@ def friction_use(vehicle: Superbike, lean: float, speed: float) -> tuple[float, 
 
 def _friction(tyre: Tyre, camber: float) -> float:
     return tyre.friction / (1.0 + tyre.camber_fade * camber * camber)
-
-
-def lateral_limit(vehicle: Superbike, speed: float, share: float = RIDEABLE_SHARE) -> tuple[float, float]:
-    """Return the largest steady lateral acceleration at a speed (m/s), m/s^2, and its lean, rad.
-
-    Both tyres stay within `share` of their friction, and the lean within the rider's.
-    """
-    largest = math.radians(vehicle.virtual_rider.max_lean_deg)
-    low, high = 0.0, largest
-    if max(friction_use(vehicle, largest, speed)) > share:
-        for _ in range(40):  # friction use grows with lean
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if max(friction_use(vehicle, middle, speed)) <= share else (low, middle)
-    return steady_lateral(vehicle, high, speed), high
 
 
 def inertial_mass(vehicle: Superbike) -> float:

@@ -1,56 +1,96 @@
-"""What a machine can do: its largest lateral, driving and braking accelerations over speed (the g-g-v diagram).
+"""What a machine can do: how much it turns, drives and brakes at the same time, over speed and load (g-g-g-v diagram).
 
-`envelope` computes them from tyres, geometry, power and air; a lap-time simulation needs nothing else of a machine.
+`envelope` tabulates the quasi-steady equilibrium of `bike_sim.physics.superbike.equilibrium` with the full friction of
+the tyres; a lap-time simulation needs nothing else of a machine.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+import math
+from dataclasses import dataclass, fields, replace
+from typing import Final, NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from bike_sim.physics import superbike_statics as statics
-from bike_sim.physics.superbike_forces import force_limits
-from bike_sim.vehicles.superbike import Superbike
+from bike_sim.physics.superbike import equilibrium as eq
+from bike_sim.vehicles.superbike import GRAVITY, Record, Superbike
 
 FloatArray = NDArray[np.float64]
 
-SHAPE_SPEED = 40.0
-"""Speed at which the electronics' share of the drive over lean is taken, m/s."""
-SHAPE_SAMPLES = 41
+LOADS: Final = (0.5, 1.0, 1.5)
+"""Loads of the tables, in parts of that on level ground; between and beyond them values are linear."""
+USE_SAMPLES: Final = 31
+ROLL_RATES: Final = (0.0, 0.25, 0.5, 0.75, 1.0)
+"""Roll rates of the tables, rad/s; the electronics answer no more beyond the last."""
+
+LEAN_RATE_REACHED: Final = 1.1
+"""Lean rate that a machine reaches, by that of its rider's reference: it follows by feedback and so passes it at times;
+over 0.4 s by at most 1.07 in rides."""
+
+_LEANS: Final = 121
+_LEAST_LOAD, _MOST_LOAD = 0.1, 2.5
+
+
+class Limits(NamedTuple):
+    """An envelope as compiled code reads it.
+
+    Use is the part of the largest lateral acceleration that a turn takes. It is tabulated over its arc sine, because
+    what a friction ellipse leaves has an infinite slope over use itself.
+
+    Attributes:
+        first: lowest speed, m/s. spacing: of the speeds, m/s.
+        loads: shape (l,).
+        lateral: largest lateral acceleration, m/s^2, shape (l, n).
+        drive: largest net acceleration, m/s^2, over load, speed, use and roll rate, shape (l, n, u, r).
+        brake: largest deceleration, m/s^2, shape (l, n, u).
+        lean: rad, shape (l, n, u).
+    """
+
+    first: float
+    spacing: float
+    loads: FloatArray
+    lateral: FloatArray
+    drive: FloatArray
+    brake: FloatArray
+    lean: FloatArray
 
 
 @dataclass(frozen=True)
 class Envelope:
-    """Quasi-steady limits of a machine on flat ground, sampled over speed. All accelerations are >= 0, in m/s^2.
-
-    Between samples values are linear, outside they are held. While the machine turns with lateral acceleration
-    ``a``, what the tyres can still do along the road shrinks as ``(1 - (a / lateral_max)^exponent)^(1 / exponent)``;
-    what the engine and the air do does not. Driving shrinks to `drive_shape` besides, where that is less.
+    """Quasi-steady limits of a machine. Accelerations are those of its mass, in m/s^2.
 
     Attributes:
         name: the machine's name.
-        speeds: m/s, increasing, shape (n,).
-        lateral_max: largest steady lateral acceleration, shape (n,).
-        drive_max: largest net forward acceleration going straight, drag taken off; 0 at and above top speed.
-        brake_max: largest deceleration going straight, drag included.
-        grip_drive_max: what tyres and wheelie limit would allow the engine to do, drag not taken off.
-        drag: deceleration by the air alone.
-        exponent: of the combination; 2 is an ellipse.
-        drive_shape: part of `grip_drive_max` that electronics leave, over ``a / lateral_max`` in equal steps from 0 to
-            1 (a leaned machine needs more load on its front wheel than an upright one); None leaves all.
+        speeds: m/s, increasing in equal steps, shape (n,).
+        loads: loads of the tables in parts of that on level ground, shape (l,).
+        lateral_table: largest lateral acceleration, shape (l, n).
+        drive_table: largest net forward acceleration, resistance taken off, over load, speed, arc sine of the used part
+            of the lateral limit (0 to pi/2 in equal steps) and roll rate (0 to 1 rad/s in equal steps), shape
+            (l, n, u, r); negative where the resistance is larger.
+        brake_table: largest deceleration, resistance included, shape (l, n, u).
+        lean_table: lean of the steady turn, rad, shape (l, n, u).
+        drag: deceleration by the air and by rolling, upright, shape (n,).
+        inside: how far the mass is inside the line of contacts, m, over lean from 0 to 90 deg in equal steps.
+        height: how high it is, m, of the same shape; zeros for a point mass on the road.
+        sway: length of the pendulum that the machine is about the line of contacts, m; 0 for a point mass.
+        lean_rate: largest lean rate that the rider can ask for, rad/s, shape (n,).
     """
 
     name: str
     speeds: FloatArray
-    lateral_max: FloatArray
-    drive_max: FloatArray
-    brake_max: FloatArray
-    grip_drive_max: FloatArray
+    loads: FloatArray
+    lateral_table: FloatArray
+    drive_table: FloatArray
+    brake_table: FloatArray
+    lean_table: FloatArray
     drag: FloatArray
-    exponent: float = 2.0
-    drive_shape: FloatArray | None = None
+    inside: FloatArray
+    height: FloatArray
+    sway: float
+    lean_rate: FloatArray
 
     def __post_init__(self) -> None:
         """Check shapes and values and make the arrays read-only.
@@ -58,102 +98,377 @@ class Envelope:
         Raises:
             ValueError: naming the array that is wrong.
         """
-        shape = np.shape(self.speeds)
-        for field in fields(self):
-            if field.name in ("name", "exponent", "drive_shape"):
-                continue
-            values = np.array(getattr(self, field.name), dtype=np.float64)
-            if values.ndim != 1 or values.shape != shape or values.size < 2:
-                raise ValueError(f"envelope '{self.name}': {field.name} has shape {values.shape}, speeds {shape}")
-            if not np.isfinite(values).all() or (values < 0.0).any():
-                raise ValueError(f"envelope '{self.name}': {field.name} must be finite and not negative")
+        loads, speeds = np.size(self.loads), np.size(self.speeds)
+        uses, rates = (*np.shape(self.drive_table), 0, 0, 0, 0)[2:4]
+        shapes = {
+            "speeds": (speeds,), "loads": (loads,), "lateral_table": (loads, speeds),
+            "drive_table": (loads, speeds, uses, rates), "brake_table": (loads, speeds, uses),
+            "lean_table": (loads, speeds, uses), "drag": (speeds,), "lean_rate": (speeds,),
+            "inside": (np.size(self.inside),), "height": (np.size(self.inside),),
+        }  # fmt: skip
+        for name, shape in shapes.items():
+            values = np.array(getattr(self, name), dtype=np.float64)
+            if values.shape != shape or min(values.shape) < 2:
+                raise ValueError(f"envelope '{self.name}': {name} has shape {values.shape}, expected {shape}")
+            if not np.isfinite(values).all():
+                raise ValueError(f"envelope '{self.name}': {name} must be finite")
             values.setflags(write=False)
-            object.__setattr__(self, field.name, values)
-        if (np.diff(self.speeds) <= 0.0).any():
-            raise ValueError(f"envelope '{self.name}': speeds must increase")
-        if (self.lateral_max <= 0.0).any():
-            raise ValueError(f"envelope '{self.name}': lateral_max must be positive")
-        if not self.exponent > 0.0:
-            raise ValueError(f"envelope '{self.name}': exponent = {self.exponent} must be positive")
-        if self.drive_shape is not None:
-            part = np.array(self.drive_shape, dtype=np.float64)
-            if part.ndim != 1 or part.size < 2 or not ((part >= 0.0) & (part <= 1.0)).all():
-                raise ValueError(f"envelope '{self.name}': drive_shape must be at least 2 values from 0 to 1")
-            part.setflags(write=False)
-            object.__setattr__(self, "drive_shape", part)
+            object.__setattr__(self, name, values)
+        steps = np.diff(self.speeds)
+        if (steps <= 0.0).any() or not np.allclose(steps, steps[0]):
+            raise ValueError(f"envelope '{self.name}': speeds must increase in equal steps")
+        if (np.diff(self.loads) <= 0.0).any():
+            raise ValueError(f"envelope '{self.name}': loads must increase")
+        for name in ("lateral_table", "lean_rate"):
+            if (getattr(self, name) <= 0.0).any():
+                raise ValueError(f"envelope '{self.name}': {name} must be positive")
+        if not self.sway >= 0.0:
+            raise ValueError(f"envelope '{self.name}': sway = {self.sway} must not be negative")
 
-    def lateral(self, speed: FloatArray | float) -> FloatArray:
-        """Return the largest steady lateral acceleration at a speed (m/s), m/s^2."""
-        return np.asarray(np.interp(speed, self.speeds, self.lateral_max))
+    @property
+    def limits(self) -> Limits:
+        """The tables for compiled code."""
+        return Limits(
+            float(self.speeds[0]),
+            float(self.speeds[1] - self.speeds[0]),
+            self.loads,
+            self.lateral_table,
+            self.drive_table,
+            self.brake_table,
+            self.lean_table,
+        )
 
-    def left_for_tyres(self, speed: FloatArray | float, lateral: FloatArray | float) -> FloatArray:
-        """Return the fraction of the longitudinal tyre limit that is left at a lateral acceleration (m/s^2)."""
-        used = np.minimum(np.abs(lateral) / self.lateral(speed), 1.0)
-        return np.asarray((1.0 - used**self.exponent) ** (1.0 / self.exponent))
+    @property
+    def lateral_max(self) -> FloatArray:
+        """Largest lateral acceleration on level ground over `speeds`, m/s^2."""
+        return self.lateral(self.speeds)
 
-    def left_for_drive(self, used: FloatArray | float) -> FloatArray:
-        """Return the part of the driving limit that is left where this part of the lateral limit is used."""
-        used = np.minimum(np.abs(used), 1.0)
-        left = (1.0 - used**self.exponent) ** (1.0 / self.exponent)
-        if self.drive_shape is not None:
-            left = np.minimum(left, np.interp(used, np.linspace(0.0, 1.0, self.drive_shape.size), self.drive_shape))
-        return np.asarray(left)
+    @property
+    def drive_max(self) -> FloatArray:
+        """Largest acceleration upright on level ground over `speeds`, m/s^2; negative beyond top speed."""
+        return self.drive(self.speeds)
 
-    def drive(self, speed: FloatArray | float, lateral: FloatArray | float = 0.0) -> FloatArray:
-        """Return the largest net forward acceleration, m/s^2; negative where drag beats what the tyres have left."""
-        used = np.abs(lateral) / self.lateral(speed)
-        grip = np.interp(speed, self.speeds, self.grip_drive_max) * self.left_for_drive(used)
-        air = np.interp(speed, self.speeds, self.drag)
-        return np.asarray(np.minimum(np.interp(speed, self.speeds, self.drive_max), grip - air))
+    @property
+    def brake_max(self) -> FloatArray:
+        """Largest deceleration upright on level ground over `speeds`, m/s^2."""
+        return self.brake(self.speeds)
 
-    def brake(self, speed: FloatArray | float, lateral: FloatArray | float = 0.0) -> FloatArray:
-        """Return the largest deceleration, drag included, m/s^2."""
-        air = np.interp(speed, self.speeds, self.drag)
-        straight = np.interp(speed, self.speeds, self.brake_max)
-        return np.asarray((straight - air) * self.left_for_tyres(speed, lateral) + air)
+    def lateral(self, speed: FloatArray | float, load: float = 1.0) -> FloatArray:
+        """Return the largest lateral acceleration at a speed (m/s) and load (1 on level ground), m/s^2."""
+        speeds = np.asarray(speed, dtype=np.float64)
+        return _lateral_of(self.limits, np.atleast_1d(speeds).ravel(), load).reshape(speeds.shape)
+
+    def drive(
+        self, speed: FloatArray | float, lateral: FloatArray | float = 0.0, load: float = 1.0, roll_rate: float = 0.0
+    ) -> FloatArray:
+        """Return the largest net forward acceleration, m/s^2; negative where resistance beats what the tyres have left.
+
+        Args:
+            speed: m/s.
+            lateral: acceleration, m/s^2, of either sign.
+            load: 1 on level ground.
+            roll_rate: rad/s.
+        """
+        speeds, sides = np.broadcast_arrays(np.asarray(speed, dtype=np.float64), np.asarray(lateral, dtype=np.float64))
+        return _drive_of(self.limits, speeds.ravel(), np.abs(sides).ravel(), load, roll_rate).reshape(speeds.shape)
+
+    def brake(self, speed: FloatArray | float, lateral: FloatArray | float = 0.0, load: float = 1.0) -> FloatArray:
+        """Return the largest deceleration, resistance included, m/s^2; see `drive`."""
+        speeds, sides = np.broadcast_arrays(np.asarray(speed, dtype=np.float64), np.asarray(lateral, dtype=np.float64))
+        return _brake_of(self.limits, speeds.ravel(), np.abs(sides).ravel(), load).reshape(speeds.shape)
+
+    def within(self, share: float) -> Envelope:
+        """Return the envelope of somebody who turns with no more than a share of the lateral limit.
+
+        Raises:
+            ValueError: a share outside 0 to 1.
+        """
+        if not 0.0 < share <= 1.0:
+            raise ValueError(f"share of the lateral limit must lie in (0, 1], got {share!r}")
+        count = self.brake_table.shape[2]
+        use = np.arcsin(share * np.sin(np.linspace(0.0, 0.5 * math.pi, count)))
+        at = use / (0.5 * math.pi) * (count - 1)
+        i = np.minimum(at.astype(int), count - 2)
+
+        def part(table: FloatArray) -> FloatArray:
+            along = (at - i).reshape((1, 1, -1) + (1,) * (table.ndim - 3))
+            return np.asarray((1.0 - along) * table[:, :, i] + along * table[:, :, i + 1])
+
+        return replace(
+            self,
+            lateral_table=share * self.lateral_table,
+            drive_table=part(self.drive_table),
+            brake_table=part(self.brake_table),
+            lean_table=part(self.lean_table),
+        )
+
+    def without(self, effect: str) -> Envelope:
+        """Return the envelope without one of its effects, to see what that is worth.
+
+        Args:
+            effect: ``"rolling"`` (the electronics do not answer the roll rate), ``"lean rate"`` (any lean rate can be
+                asked for) or ``"mass"`` (the mass runs on the path of the contacts, without inertia in roll).
+
+        Raises:
+            ValueError: another effect.
+        """
+        if effect == "rolling":
+            return replace(self, drive_table=np.repeat(self.drive_table[..., :1], self.drive_table.shape[3], axis=3))
+        if effect == "lean rate":
+            return replace(self, lean_rate=np.full_like(self.lean_rate, 1e3))
+        if effect == "mass":
+            return replace(self, inside=0.0 * self.inside, height=0.0 * self.height, sway=0.0)
+        raise ValueError(f"an envelope has no effect {effect!r}; there are 'rolling', 'lean rate' and 'mass'")
+
+    def digest(self) -> bytes:
+        """Return all numbers as bytes, for a hash."""
+        return b"".join(
+            np.ascontiguousarray(getattr(self, field.name), dtype=np.float64).tobytes()
+            for field in fields(self)
+            if field.name != "name"
+        )
 
 
-def envelope(vehicle: Superbike, share: float = statics.RIDEABLE_SHARE) -> Envelope:
-    """Return what a machine can do from 5 m/s to beyond its top speed.
+def ellipse_envelope(
+    name: str,
+    speeds: FloatArray,
+    lateral_max: FloatArray,
+    drive_max: FloatArray,
+    brake_max: FloatArray,
+    grip_drive_max: FloatArray,
+    drag: FloatArray,
+    exponent: float = 2.0,
+) -> Envelope:
+    """Return the envelope of a point mass whose limits combine as a (super)ellipse.
+
+    While it turns with lateral acceleration ``a``, what the tyres can still do along the road shrinks as
+    ``(1 - (a / lateral_max)^exponent)^(1 / exponent)``; what the engine and the air do does not.
 
     Args:
-        vehicle: the machine with its rider and electronics.
-        share: part of the tyres' friction that turning may use, see `superbike_statics.RIDEABLE_SHARE`.
+        name: the machine's name.
+        speeds: m/s, in equal steps, shape (n,).
+        lateral_max: largest lateral acceleration, m/s^2, shape (n,).
+        drive_max: largest net forward acceleration going straight, drag taken off.
+        brake_max: largest deceleration going straight, drag included.
+        grip_drive_max: what the tyres would allow the engine to do, drag not taken off.
+        drag: deceleration by the air alone.
+        exponent: of the combination; 2 is an ellipse.
+
+    Raises:
+        ValueError: an array that is wrong, or an exponent that is not positive.
     """
-    speeds = np.arange(5.0, 1.1 * vehicle.top_gear_speed, 1.0)
-    mass = statics.inertial_mass(vehicle)
-    lateral, drive, brake, grip, air = [], [], [], [], []
-    for speed in speeds:
-        resistance = statics.rolling_drag(vehicle, speed)
-        thrust, braking = statics.straight_limits(vehicle, speed)
-        lateral.append(statics.lateral_limit(vehicle, speed, share)[0])
-        drive.append(max(0.0, min(thrust, statics.engine_force(vehicle, speed)) - resistance) / mass)
-        brake.append((braking + resistance) / mass)
-        grip.append(thrust / mass)
-        air.append(resistance / mass)
+    if not exponent > 0.0:
+        raise ValueError(f"envelope '{name}': exponent = {exponent} must be positive")
+    speeds, lateral_max, drive_max, brake_max, grip_drive_max, drag = (
+        np.asarray(values, dtype=np.float64)
+        for values in (speeds, lateral_max, drive_max, brake_max, grip_drive_max, drag)
+    )
+    loads = np.array(LOADS)
+    use = np.sin(np.linspace(0.0, 0.5 * math.pi, USE_SAMPLES))
+    left = np.maximum(1.0 - use**exponent, 0.0) ** (1.0 / exponent)
+    grip = loads[:, None, None] * grip_drive_max[:, None] * left - drag[:, None]
+    brake = loads[:, None, None] * (brake_max - drag)[:, None] * left + drag[:, None]
     return Envelope(
-        vehicle.name,
+        name,
         speeds,
-        lateral_max=np.array(lateral),
-        drive_max=np.array(drive),
-        brake_max=np.array(brake),
-        grip_drive_max=np.array(grip),
-        drag=np.array(air),
-        drive_shape=_drive_shape(vehicle, share),
+        loads,
+        lateral_table=np.outer(loads, lateral_max),
+        drive_table=np.repeat(np.minimum(drive_max[:, None], grip)[..., None], 2, axis=3),
+        brake_table=brake,
+        lean_table=np.arctan(use * lateral_max[:, None] / GRAVITY) * np.ones((len(loads), 1, 1)),
+        drag=drag,
+        inside=np.zeros(2),
+        height=np.zeros(2),
+        sway=0.0,
+        lean_rate=np.full_like(speeds, 1e3),
     )
 
 
-def _drive_shape(vehicle: Superbike, share: float) -> FloatArray:
-    """Return what the electronics leave of the drive over the used part of the lateral limit.
+def envelope(vehicle: Superbike, grip: float = 1.0) -> Envelope:
+    """Return what a machine can do from 5 m/s to beyond its top speed, with all that its tyres and electronics give.
 
-    Taken at one speed: from 20 to 70 m/s the parts differ by 0.03 at most.
+    Args:
+        vehicle: the machine with its rider and electronics.
+        grip: factor on the friction of the tyres, 1 on a dry track.
+
+    Raises:
+        ValueError: a grip that is not positive.
     """
-    limit, steepest = statics.lateral_limit(vehicle, SHAPE_SPEED, share)
-    leans = np.linspace(0.0, steepest, SHAPE_SAMPLES)
-    used = np.array([statics.steady_lateral(vehicle, lean, SHAPE_SPEED) for lean in leans]) / limit
-    allowed = np.array([force_limits(lean, 0.0, SHAPE_SPEED**2, vehicle.machine, vehicle.tyres)[0] for lean in leans])
-    straight = allowed[0]
-    if not np.isfinite(straight) or straight <= 0.0:
-        return np.ones(SHAPE_SAMPLES)
-    part = np.clip(allowed / straight, 0.0, 1.0)
-    return np.asarray(np.interp(np.linspace(0.0, 1.0, SHAPE_SAMPLES), used, part))
+    if not grip > 0.0:
+        raise ValueError(f"grip must be positive, got {grip!r}")
+    if grip != 1.0:
+        rear, front = (replace(t, friction=grip * t.friction) for t in (vehicle.rear_tyre, vehicle.front_tyre))
+        vehicle = replace(vehicle, rear_tyre=rear, front_tyre=front)
+    speeds = np.arange(5.0, 1.1 * vehicle.top_gear_speed, 1.0)
+    machine, (rear, front) = vehicle.machine, vehicle.tyres
+    inertia = statics.inertial_mass(vehicle)
+    engine = np.array([statics.engine_force(vehicle, float(speed)) for speed in speeds])
+    lateral, drive, brake, lean = _tables(
+        speeds, engine, np.array(LOADS), np.array(ROLL_RATES), statics.spread(vehicle), inertia, machine, rear, front
+    )
+    places = np.array([eq.mass_place(at, machine, rear, front) for at in np.linspace(0.0, 0.5 * math.pi, 91)])
+    rider = vehicle.virtual_rider
+    gyro = vehicle.IFyy / vehicle.rF * math.cos(vehicle.lam) * speeds
+    return Envelope(
+        vehicle.name,
+        speeds,
+        np.array(LOADS),
+        lateral,
+        drive,
+        brake,
+        lean,
+        drag=np.array([statics.rolling_drag(vehicle, float(speed)) for speed in speeds]) / inertia,
+        inside=places[:, 0],
+        height=places[:, 1],
+        sway=statics.sway_length(vehicle),
+        lean_rate=LEAN_RATE_REACHED * np.minimum(rider.lean_rate, rider.gyro_share * rider.torque / gyro),
+    )
+
+
+@njit(cache=True)
+def _tables(
+    speeds: np.ndarray, engine: np.ndarray, loads: np.ndarray, rates: np.ndarray, spread: float, inertia: float,
+    m: Record, rear: Record, front: Record,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """Return the tables of a machine: lateral, drive, brake, lean; see `Envelope`."""
+    nl, nv, nu, nr = len(loads), len(speeds), USE_SAMPLES, len(rates)
+    lateral, drive = np.empty((nl, nv)), np.empty((nl, nv, nu, nr))
+    brake, lean = np.empty((nl, nv, nu)), np.empty((nl, nv, nu))
+    sides, leans = np.empty(_LEANS), np.empty(_LEANS)
+    for i in range(nl):
+        gravity = loads[i] * m.g
+        for j in range(nv):
+            speed = speeds[j]
+            most = eq.steepest(speed, gravity, spread, inertia, m, rear, front)
+            for k in range(_LEANS):
+                leans[k] = most * k / (_LEANS - 1)
+                sides[k] = eq.steady_lateral(leans[k], speed, gravity, spread, m, rear, front)
+            lateral[i, j] = sides[-1]
+            for k in range(nu):
+                side = sides[-1] * math.sin(0.5 * math.pi * k / (nu - 1))
+                lean[i, j, k] = np.interp(side, sides, leans)
+                turn = eq.Turn(speed, lean[i, j, k], side, gravity, inertia)
+                brake[i, j, k] = eq.most_brake(turn, m, rear, front)
+                for n in range(nr):
+                    drive[i, j, k, n] = eq.most_drive(turn, engine[j], rates[n], m, rear, front)
+    return lateral, drive, brake, lean
+
+
+# ---------------------------------------------------------------------------------------------------- compiled look-up
+
+
+@njit(cache=True)
+def _place(value: float, first: float, spacing: float, count: int) -> tuple[int, float]:
+    """Return the sample before a value and the way to the next one, 0 to 1; values outside are held."""
+    at = min(max((value - first) / spacing, 0.0), count - 1.0)
+    i = min(int(at), count - 2)
+    return i, at - i
+
+
+@njit(cache=True)
+def _load_place(load: float, loads: np.ndarray) -> tuple[int, float]:
+    """Return the load before and the way to the next, which goes on beyond the ends."""
+    load = min(max(load, _LEAST_LOAD), _MOST_LOAD)
+    i = 0
+    while i < len(loads) - 2 and load > loads[i + 1]:
+        i += 1
+    return i, (load - loads[i]) / (loads[i + 1] - loads[i])
+
+
+@njit(cache=True)
+def most_lateral(limits: Limits, speed: float, load: float) -> float:
+    """Return the largest lateral acceleration, m/s^2."""
+    i, p = _load_place(load, limits.loads)
+    j, q = _place(speed, limits.first, limits.spacing, limits.lateral.shape[1])
+    low = limits.lateral[i, j] + q * (limits.lateral[i, j + 1] - limits.lateral[i, j])
+    high = limits.lateral[i + 1, j] + q * (limits.lateral[i + 1, j + 1] - limits.lateral[i + 1, j])
+    return low + p * (high - low)
+
+
+@njit(cache=True)
+def _use_place(limits: Limits, speed: float, lateral: float, load: float) -> tuple[int, float]:
+    used = min(abs(lateral) / most_lateral(limits, speed, load), 1.0)
+    count = limits.brake.shape[2]
+    return _place(math.asin(used), 0.0, 0.5 * math.pi / (count - 1), count)
+
+
+@njit(cache=True)
+def most_drive(limits: Limits, speed: float, lateral: float, load: float, roll_rate: float) -> float:
+    """Return the largest net acceleration, m/s^2."""
+    i, p = _load_place(load, limits.loads)
+    j, q = _place(speed, limits.first, limits.spacing, limits.lateral.shape[1])
+    k, t = _use_place(limits, speed, lateral, load)
+    rates = limits.drive.shape[3]
+    n, r = _place(abs(roll_rate), 0.0, 1.0 / max(rates - 1, 1), rates)
+    total = 0.0
+    for a in range(2):
+        for b in range(2):
+            for c in range(2):
+                weight = (p if a else 1.0 - p) * (q if b else 1.0 - q) * (t if c else 1.0 - t)
+                row = limits.drive[i + a, j + b, k + c]
+                total += weight * ((1.0 - r) * row[n] + r * row[n + 1])
+    return total
+
+
+@njit(cache=True)
+def most_brake(limits: Limits, speed: float, lateral: float, load: float) -> float:
+    """Return the largest deceleration, m/s^2."""
+    i, p = _load_place(load, limits.loads)
+    j, q = _place(speed, limits.first, limits.spacing, limits.lateral.shape[1])
+    k, t = _use_place(limits, speed, lateral, load)
+    total = 0.0
+    for a in range(2):
+        for b in range(2):
+            weight = (p if a else 1.0 - p) * (q if b else 1.0 - q)
+            row = limits.brake[i + a, j + b]
+            total += weight * ((1.0 - t) * row[k] + t * row[k + 1])
+    return total
+
+
+@njit(cache=True)
+def lateral_by_lean(limits: Limits, speed: float, lean: float) -> float:
+    """Return the lateral acceleration of the steady turn at a lean (rad, >= 0) on level ground, m/s^2.
+
+    Beyond the steepest lean it grows on as that lean's tangent.
+    """
+    i, p = _load_place(1.0, limits.loads)
+    j, q = _place(speed, limits.first, limits.spacing, limits.lateral.shape[1])
+    count = limits.lean.shape[2]
+    spacing = 0.5 * math.pi / (count - 1)
+    before = 0.0
+    for k in range(1, count):
+        low = limits.lean[i, j, k] + q * (limits.lean[i, j + 1, k] - limits.lean[i, j, k])
+        high = limits.lean[i + 1, j, k] + q * (limits.lean[i + 1, j + 1, k] - limits.lean[i + 1, j, k])
+        here = low + p * (high - low)
+        if here >= lean or k == count - 1:
+            share = (lean - before) / (here - before)
+            if share <= 1.0:
+                used = math.sin(spacing * (k - 1)) + share * (math.sin(spacing * k) - math.sin(spacing * (k - 1)))
+                return used * most_lateral(limits, speed, 1.0)
+            return most_lateral(limits, speed, 1.0) * math.tan(min(lean, 1.4)) / math.tan(here)
+        before = here
+    return 0.0
+
+
+@njit(cache=True)
+def _lateral_of(limits: Limits, speed: np.ndarray, load: float) -> np.ndarray:
+    found = np.empty(len(speed))
+    for i in range(len(speed)):
+        found[i] = most_lateral(limits, speed[i], load)
+    return found
+
+
+@njit(cache=True)
+def _drive_of(limits: Limits, speed: np.ndarray, lateral: np.ndarray, load: float, roll_rate: float) -> np.ndarray:
+    found = np.empty(len(speed))
+    for i in range(len(speed)):
+        found[i] = most_drive(limits, speed[i], lateral[i], load, roll_rate)
+    return found
+
+
+@njit(cache=True)
+def _brake_of(limits: Limits, speed: np.ndarray, lateral: np.ndarray, load: float) -> np.ndarray:
+    found = np.empty(len(speed))
+    for i in range(len(speed)):
+        found[i] = most_brake(limits, speed[i], lateral[i], load)
+    return found

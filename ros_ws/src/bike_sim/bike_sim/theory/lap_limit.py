@@ -1,14 +1,17 @@
-"""The theoretical lap: the speed profile that a machine's limits allow on a line, and its braking points.
+"""The theoretical lap: the fastest that a machine's limits allow on a line, and its braking points.
 
 Quasi-steady state: at every point of the line the machine is in the equilibrium of its speed, lateral and longitudinal
 acceleration. From the speeds that cornering allows, one pass forward applies what drives, one pass backward what
 brakes (the classical lap-time simulation, as in Brayshaw & Harrison 2005, A quasi steady state approach to race car
-lap simulation, Proc. IMechE D 219). No rider rides it: it is the bar that riders are measured by.
+lap simulation, Proc. IMechE D 219). The limits are those of the mass, which does not run on the line of the contacts
+(:mod:`bike_sim.theory.mass_path`); so line and profile are computed in turn until they fit.
+
+No rider rides it: it is the bar that riders are measured by, and meant as a lower bound of every lap on this line.
+What may still be faster than it for a moment, because it is not quasi-steady, is repaid in the next.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +19,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from bike_sim.course.course import Course
-from bike_sim.theory.envelope import Envelope
+from bike_sim.theory.envelope import Envelope, Limits, most_brake, most_drive, most_lateral
+from bike_sim.theory.mass_path import LeanModel, MassPath, lean_model
 
 FloatArray = NDArray[np.float64]
 
@@ -25,7 +29,13 @@ STEP = 1.0
 
 GRAVITY = 9.81
 
-_TABLE_STEP = 0.25
+ROUNDS = 16
+CONVERGED = 1e-5
+"""The rounds end when the lap time changes by less than this part of it."""
+LEAN_SPAN = 0.4
+"""Time over which a lean rate counts against its limit, s: for less the contacts leave the line by centimetres."""
+_EASED = 0.4
+_CORNER_ROUNDS = 50
 _BRAKING = 0.5
 _LEAST_BRAKING = 3.0
 _STANDSTILL = 1e-6
@@ -60,9 +70,11 @@ class LapLimit:
         s: arc length of the line, m.
         time: since the start, s.
         speed: m/s.
-        lateral: lateral acceleration, m/s^2, positive to the left.
+        lateral: lateral acceleration of the line at this speed, m/s^2, positive to the left.
         longitudinal: m/s^2, positive forward.
         corner_speed: what cornering alone would allow, m/s.
+        lean: that the machine needs to stay on the line, rad, positive to the left.
+        roll_rate: rad/s, positive to the left.
         braking_points: in the order of riding.
         sector_times: s, as the line's sections divide it; empty without.
     """
@@ -75,6 +87,8 @@ class LapLimit:
     lateral: FloatArray
     longitudinal: FloatArray
     corner_speed: FloatArray
+    lean: FloatArray
+    roll_rate: FloatArray
     braking_points: tuple[BrakingPoint, ...]
     sector_times: tuple[float, ...]
 
@@ -93,60 +107,115 @@ def lap_limit(
     line: Course,
     step: float = STEP,
     grade: FloatArray | None = None,
+    crest: FloatArray | None = None,
     cap: FloatArray | None = None,
-    push: FloatArray | None = None,
 ) -> LapLimit:
     """Return the theoretical lap of a machine on a closed line.
 
     Args:
         envelope: the machine's limits.
-        line: closed line.
+        line: closed line of the contacts.
         step: distance of the profile's points, m.
         grade: slope of the road at the line's samples, positive uphill, or None for a flat road.
+        crest: vertical curvature of the road there, 1/m, positive in a dip, or None.
         cap: largest speed that somebody wants at each point of the profile but the last, m/s, or None.
-        push: largest acceleration that somebody wants there, m/s^2, may be negative, or None.
 
     Raises:
-        ValueError: the line is open, the step is not positive, the grade, the cap or the push does not fit, or the
+        ValueError: the line is open, the step is not positive, the grade, the crest or the cap does not fit, or the
             machine cannot move.
     """
     if not line.closed:
         raise ValueError(f"course {line.name!r} is open; a lap needs a closed line")
     if not step > 0.0:
         raise ValueError(f"step of the profile must be positive, got {step!r} m")
-    if grade is not None and len(grade) != len(line.s):
-        raise ValueError(f"grade has {len(grade)} samples, the line {len(line.s)}")
+    for name, values in (("grade", grade), ("crest", crest)):
+        if values is not None and len(values) != len(line.s):
+            raise ValueError(f"{name} has {len(values)} samples, the line {len(line.s)}")
     if float(envelope.drive(envelope.speeds[0])) <= 0.0:
         raise ValueError(f"machine {envelope.name!r} has no drive at {envelope.speeds[0]:.1f} m/s")
     count = max(16, round(line.length / step))
     s = np.linspace(0.0, line.length, count + 1)
+    cap = np.full(count, np.inf) if cap is None else cap
+    if np.shape(cap) != (count,):
+        raise ValueError(f"cap has shape {np.shape(cap)}, the profile {count} points")
+    slope, dip = (np.zeros(count) if v is None else np.interp(s[:-1], line.s, v) for v in (grade, crest))
     bend = _mean_curvature(line, s)
-    slope = np.zeros(count) if grade is None else np.interp(s[:-1], line.s, grade)
-    distance = np.full(count, line.length / count)
-    limits = limit_tables(envelope)
-    cap, push = (np.full(count, np.inf) if most is None else most for most in (cap, push))
-    for name, most in (("cap", cap), ("push", push)):
-        if np.shape(most) != (count,):
-            raise ValueError(f"{name} has shape {np.shape(most)}, the profile {count} points")
-    corner_speed = np.minimum(corner_speeds(bend, limits), cap)
-    speed = solve_profile(corner_speed, bend, distance, slope, limits, envelope.exponent, push)
+    path, speed, corner = _solve(envelope, bend, line.length / count, slope, dip, cap)
+    distance, moved = path.distance, speed * path.stretch
     closed = np.append(speed, speed[0])
-    time = np.concatenate(([0.0], np.cumsum(2.0 * distance / (closed[1:] + closed[:-1]))))
-    longitudinal = np.diff(closed**2) / (2.0 * distance)
+    ahead = np.roll(moved, -1)
+    time = np.concatenate(([0.0], np.cumsum(2.0 * distance / (moved + ahead))))
+    longitudinal = (ahead**2 - moved**2) / (2.0 * distance)
     sectors = [begin for _, begin in line.sections] + [line.length]
     at = np.interp(sectors, s, time)
+
+    def around(values: FloatArray) -> FloatArray:
+        return np.append(values, values[0])
+
     return LapLimit(
         envelope.name,
         line.name,
         s,
         time,
         closed,
-        closed**2 * np.append(bend, bend[0]),
-        np.append(longitudinal, longitudinal[0]),
-        np.append(corner_speed, corner_speed[0]),
+        closed**2 * around(bend),
+        around(longitudinal),
+        around(corner),
+        around(path.lean),
+        around(path.roll_rate),
         _braking_points(s, closed, longitudinal, np.interp(speed, envelope.speeds, envelope.drag)),
         tuple(float(t) for t in np.diff(at)) if line.sections else (),
     )
+
+
+def _solve(
+    envelope: Envelope, bend: FloatArray, step: float, slope: FloatArray, dip: FloatArray, cap: FloatArray
+) -> tuple[MassPath, FloatArray, FloatArray]:
+    """Return the path of the mass, the speeds of the contact and those that cornering alone allows, m/s.
+
+    Args:
+        envelope: the machine's.
+        bend: curvature of the line at the points, 1/m.
+        step: distance of the points, m.
+        slope: of the road.
+        dip: vertical curvature of the road, 1/m.
+        cap: of the speed, m/s.
+    """
+    limits, count = envelope.limits, len(bend)
+    model: LeanModel = lean_model(envelope)
+    path = MassPath(bend, np.full(count, step), np.ones(count), slope, np.zeros(count), np.zeros(count))
+    eased, before = np.full(count, np.inf), np.inf
+    for number in range(ROUNDS):
+        most = np.minimum(cap, eased) * path.stretch
+        corner = np.minimum(corner_speeds(path.bend, dip, limits), most)
+        moved = solve_profile(corner, path.bend, path.distance, path.slope, dip, path.roll_rate, limits)
+        speed = moved / path.stretch
+        spent = profile_time(moved, path.distance)
+        if envelope.sway == 0.0 or (abs(spent - before) < CONVERGED * spent and number > 2):
+            break
+        before = spent
+        path = model.follow(bend, speed, step, slope, path)
+        allowed = np.interp(speed, envelope.speeds, envelope.lean_rate)
+        asked = np.abs(mean_rate(path.lean, speed, step, LEAN_SPAN)) / allowed
+        # Slower means both less lean and more time for it; where the limit binds already it may also give way.
+        bound = (asked > 1.0) | (speed >= eased * (1.0 - 1e-9))
+        eased = np.where(bound, speed * np.maximum(asked, 0.5) ** -_EASED, np.inf)
+    return path, speed, corner / path.stretch
+
+
+def mean_rate(values: FloatArray, speed: FloatArray, step: float, span: float) -> FloatArray:
+    """Return the rate of values around the lap, averaged over a time (s).
+
+    Args:
+        values: at the points of the lap.
+        speed: there, m/s.
+        step: distance of the points, m.
+        span: s.
+    """
+    time = np.concatenate(([0.0], np.cumsum(2.0 * step / (speed + np.roll(speed, -1)))))
+    lap = np.append(values, values[0])
+    behind, ahead = (np.interp(time[:-1] + shift, time, lap, period=time[-1]) for shift in (-0.5 * span, 0.5 * span))
+    return (ahead - behind) / span
 
 
 def _mean_curvature(line: Course, s: FloatArray) -> FloatArray:
@@ -161,138 +230,85 @@ def _mean_curvature(line: Course, s: FloatArray) -> FloatArray:
     return (total(s[:-1] + half) - total(s[:-1] - half)) / (2.0 * half)
 
 
-def limit_tables(envelope: Envelope) -> FloatArray:
-    """Return the envelope on a uniform grid of speeds for compiled look-up.
-
-    Returns:
-        Rows lateral, drive, brake by the tyres alone, drive by the tyres alone, drag; 0.25 m/s apart from standstill
-        to the top speed (where drag takes all drive), which no profile exceeds. The last row is no function of speed:
-        the part of the drive that is left over the used part of the lateral limit, from 0 to 1. Shape (6, m).
-    """
-    pulling = envelope.drive_max > 0.0
-    stop = len(pulling) if pulling[-1] else len(pulling) - int(np.argmax(pulling[::-1])) + 1
-    highest = float(envelope.speeds[stop - 1])
-    speeds = np.arange(0.0, highest + _TABLE_STEP, _TABLE_STEP)
-
-    def on_grid(values: FloatArray) -> FloatArray:
-        return np.interp(speeds, envelope.speeds, values)
-
-    drag = on_grid(envelope.drag)
-    return np.stack(
-        [
-            on_grid(envelope.lateral_max),
-            on_grid(envelope.drive_max),
-            np.maximum(on_grid(envelope.brake_max) - drag, 0.0),
-            on_grid(envelope.grip_drive_max),
-            drag,
-            envelope.left_for_drive(np.linspace(0.0, 1.0, len(speeds))),
-        ]
-    )
+@njit(cache=True)
+def _load(square: float, dip: float) -> float:
+    """Return the load at a squared speed on a road of this vertical curvature (1/m), 1 on level ground."""
+    return 1.0 + square * dip / GRAVITY
 
 
 @njit(cache=True)
-def _look_up(table: np.ndarray, speed: float) -> float:
-    place = speed / _TABLE_STEP
-    i = int(place)
-    if i >= len(table) - 1:
-        return table[-1]
-    return table[i] + (place - i) * (table[i + 1] - table[i])
-
-
-@njit(cache=True)
-def _left_for_tyres(limits: np.ndarray, speed: float, bend: float, exponent: float) -> float:
-    """Return the fraction of the longitudinal tyre limit that cornering leaves."""
-    used = speed * speed * abs(bend) / _look_up(limits[0], speed)
-    if used >= 1.0:
-        return 0.0
-    if exponent == 2.0:
-        return math.sqrt(1.0 - used * used)
-    return (1.0 - used**exponent) ** (1.0 / exponent)
-
-
-@njit(cache=True)
-def _drive(limits: np.ndarray, speed: float, bend: float, exponent: float) -> float:
-    used = speed * speed * abs(bend) / _look_up(limits[0], speed)
-    # An infinite slope at the very limit would be lost in a table, hence both.
-    left = min(
-        _left_for_tyres(limits, speed, bend, exponent), _look_up(limits[5], used * (limits.shape[1] - 1) * _TABLE_STEP)
-    )
-    grip = _look_up(limits[3], speed) * left
-    return min(_look_up(limits[1], speed), grip - _look_up(limits[4], speed))
-
-
-@njit(cache=True)
-def _brake(limits: np.ndarray, speed: float, bend: float, exponent: float) -> float:
-    return _look_up(limits[2], speed) * _left_for_tyres(limits, speed, bend, exponent) + _look_up(limits[4], speed)
-
-
-@njit(cache=True)
-def corner_speed_of(limits: np.ndarray, bend: float) -> float:
+def corner_speed_of(limits: Limits, bend: float, dip: float) -> float:
     """Return the largest speed at which the machine holds a curve, m/s."""
-    highest = (limits.shape[1] - 1) * _TABLE_STEP
-    if highest * highest * abs(bend) <= _look_up(limits[0], highest):
+    highest = limits.first + limits.spacing * (limits.lateral.shape[1] - 1)
+    if highest * highest * abs(bend) <= most_lateral(limits, highest, _load(highest * highest, dip)):
         return highest
-    low, high = 0.0, highest
-    for _ in range(40):
-        middle = 0.5 * (low + high)
-        if middle * middle * abs(bend) <= _look_up(limits[0], middle):
-            low = middle
-        else:
-            high = middle
-    return low
+    square = most_lateral(limits, highest, _load(highest * highest, dip)) / abs(bend)
+    for _ in range(_CORNER_ROUNDS):  # the limit hardly depends on speed
+        before = square
+        square = most_lateral(limits, before**0.5, _load(before, dip)) / abs(bend)
+        if abs(square - before) < 1e-9 * before:
+            break
+    return square**0.5
+
+
+@njit(cache=True)
+def _drive(limits: Limits, square: float, bend: float, dip: float, roll_rate: float) -> float:
+    return most_drive(limits, square**0.5, square * bend, _load(square, dip), roll_rate)
+
+
+@njit(cache=True)
+def _brake(limits: Limits, square: float, bend: float, dip: float) -> float:
+    return most_brake(limits, square**0.5, square * bend, _load(square, dip))
 
 
 @njit(cache=True)
 def driven(
-    limits: np.ndarray, square: float, bend: float, bend_ahead: float, distance: float, hill: float, exponent: float
-) -> float:
+    limits: Limits, square: float, bend: float, bend_ahead: float, distance: float, hill: float, dip: float,
+    roll_rate: float,
+) -> float:  # fmt: skip
     """Return the squared speed that full drive reaches at the next point, by the midpoint rule in squared speed.
 
     Args:
-        limits: see :func:`limit_tables`.
+        limits: of the machine.
         square: squared speed at this point, m^2/s^2.
         bend: curvature here, 1/m.
         bend_ahead: curvature at the next point, 1/m.
         distance: to the next point, m.
         hill: deceleration by the slope of the road, m/s^2.
-        exponent: of the combination of accelerations.
+        dip: vertical curvature of the road, 1/m.
+        roll_rate: rad/s.
     """
-    push = _drive(limits, math.sqrt(square), bend, exponent) - hill
-    half = math.sqrt(max(square + push * distance, _STANDSTILL))
-    push = _drive(limits, half, 0.5 * (bend + bend_ahead), exponent) - hill
+    push = _drive(limits, square, bend, dip, roll_rate) - hill
+    half = max(square + push * distance, _STANDSTILL)
+    push = _drive(limits, half, 0.5 * (bend + bend_ahead), dip, roll_rate) - hill
     return max(square + 2.0 * push * distance, _STANDSTILL)
 
 
 @njit(cache=True)
 def braked(
-    limits: np.ndarray, square: float, bend: float, bend_behind: float, distance: float, hill: float, exponent: float
+    limits: Limits, square: float, bend: float, bend_behind: float, distance: float, hill: float, dip: float
 ) -> float:
     """Return the squared speed at the point before from which full braking reaches this one; see :func:`driven`."""
-    pull = _brake(limits, math.sqrt(square), bend, exponent) + hill
-    half = math.sqrt(max(square + pull * distance, _STANDSTILL))
-    pull = _brake(limits, half, 0.5 * (bend + bend_behind), exponent) + hill
+    pull = _brake(limits, square, bend, dip) + hill
+    half = max(square + pull * distance, _STANDSTILL)
+    pull = _brake(limits, half, 0.5 * (bend + bend_behind), dip) + hill
     return max(square + 2.0 * pull * distance, _STANDSTILL)
 
 
 @njit(cache=True)
-def corner_speeds(bend: np.ndarray, limits: np.ndarray) -> np.ndarray:
+def corner_speeds(bend: np.ndarray, dip: np.ndarray, limits: Limits) -> np.ndarray:
     """Return the speeds that cornering alone allows at curvatures (1/m), m/s."""
     corner = np.empty(len(bend))
     for i in range(len(bend)):
-        corner[i] = corner_speed_of(limits, bend[i])
+        corner[i] = corner_speed_of(limits, bend[i], dip[i])
     return corner
 
 
 @njit(cache=True)
 def solve_profile(
-    corner: np.ndarray,
-    bend: np.ndarray,
-    distance: np.ndarray,
-    slope: np.ndarray,
-    limits: np.ndarray,
-    exponent: float,
-    push: np.ndarray,
-) -> np.ndarray:
+    corner: np.ndarray, bend: np.ndarray, distance: np.ndarray, slope: np.ndarray, dip: np.ndarray,
+    roll_rate: np.ndarray, limits: Limits,
+) -> np.ndarray:  # fmt: skip
     """Return the largest speeds over a closed line, m/s.
 
     Args:
@@ -300,25 +316,24 @@ def solve_profile(
         bend: curvature there, 1/m.
         distance: from each point to the next, m.
         slope: of the road at the points, positive uphill.
-        limits: see :func:`limit_tables`.
-        exponent: of the combination of lateral and longitudinal acceleration.
-        push: largest acceleration wanted at the points, m/s^2.
+        dip: vertical curvature of the road, 1/m, positive in a dip.
+        roll_rate: that the electronics answer, rad/s.
+        limits: of the machine.
     """
     n = len(bend)
     slowest = np.argmin(corner)
     square = corner**2
-    # From the slowest point once around in each direction. No other point limits the slowest one, unless no curve
-    # limits any: then the first lap only gathers speed, hence two.
-    laps = 1 if corner[slowest] < (limits.shape[1] - 1) * _TABLE_STEP else 2
-    for k in range(slowest, slowest + laps * n):
+    # Twice around in each direction: drift may slow the machine even at the slowest point.
+    for k in range(slowest, slowest + 2 * n):
         i, j = k % n, (k + 1) % n
-        hill = GRAVITY * 0.5 * (slope[i] + slope[j])
-        reached = driven(limits, square[i], bend[i], bend[j], distance[i], hill, exponent)
-        square[j] = min(square[j], reached, max(square[i] + 2.0 * push[i] * distance[i], _STANDSTILL))
-    for k in range(slowest + laps * n, slowest, -1):
+        hill, lying = GRAVITY * 0.5 * (slope[i] + slope[j]), 0.5 * (dip[i] + dip[j])
+        rate = 0.5 * (roll_rate[i] + roll_rate[j])
+        reached = driven(limits, square[i], bend[i], bend[j], distance[i], hill, lying, rate)
+        square[j] = min(square[j], reached)
+    for k in range(slowest + 2 * n, slowest, -1):
         i, j = k % n, (k - 1) % n
-        hill = GRAVITY * 0.5 * (slope[i] + slope[j])
-        square[j] = min(square[j], braked(limits, square[i], bend[i], bend[j], distance[j], hill, exponent))
+        hill, lying = GRAVITY * 0.5 * (slope[i] + slope[j]), 0.5 * (dip[i] + dip[j])
+        square[j] = min(square[j], braked(limits, square[i], bend[i], bend[j], distance[j], hill, lying))
     return np.sqrt(square)
 
 

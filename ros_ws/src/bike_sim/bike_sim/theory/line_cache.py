@@ -23,7 +23,7 @@ from bike_sim.theory.envelope import Envelope
 FOLDER_VARIABLE = "BIKE_CACHE"
 """Environment variable that names another folder for computed lines."""
 
-METHOD = 1
+METHOD = 2
 """Version of the method; a change of the solver that gives other lines raises it."""
 
 MARGIN = 0.9
@@ -100,16 +100,8 @@ def content_key(track: Track, envelope: Envelope | None, margin: float = MARGIN,
     if envelope is None:
         columns.append(np.array([margin]))
     else:
-        columns += [
-            envelope.speeds,
-            envelope.lateral_max,
-            envelope.drive_max,
-            envelope.brake_max,
-            envelope.grip_drive_max,
-            envelope.drag,
-            np.array([envelope.exponent, margin, roll_cost]),
-            envelope.left_for_drive(np.linspace(0.0, 1.0, 50)),
-        ]
+        columns.append(np.array([margin, roll_cost]))
+        digest.update(envelope.digest())
     for column in columns:
         digest.update(np.ascontiguousarray(column).tobytes())
     return digest.hexdigest()[:32]

@@ -27,7 +27,7 @@ from bike_sim.course.racing_line import (
     stations_of,
 )
 from bike_sim.course.track import Track
-from bike_sim.theory.envelope import Envelope
+from bike_sim.theory.envelope import Envelope, Limits
 from bike_sim.theory.lap_limit import (
     GRAVITY,
     braked,
@@ -35,7 +35,6 @@ from bike_sim.theory.lap_limit import (
     corner_speeds,
     driven,
     lap_limit,
-    limit_tables,
     profile_time,
     solve_profile,
 )
@@ -87,9 +86,9 @@ def with_fastest_line(
     """
     stations = stations_of(track, spacing, margin)
     gentle = least_curvature(stations)
-    limits = limit_tables(envelope)
+    limits = envelope.limits
     best, shortest = np.zeros(len(track.centre.s)), lap_limit(envelope, track.centre).lap_time
-    for start in (gentle, fastest_offsets(stations, limits, envelope.exponent, gentle, roll_cost)):
+    for start in (gentle, fastest_offsets(stations, limits, gentle, roll_cost)):
         offset = at_samples(track, stations, start)
         time = lap_limit(envelope, track.with_ideal(offset).line(1.0)).lap_time
         if time < shortest:
@@ -97,15 +96,12 @@ def with_fastest_line(
     return track.with_ideal(best)
 
 
-def fastest_offsets(
-    stations: Stations, limits: FloatArray, exponent: float, start: FloatArray, roll_cost: float = ROLL_COST
-) -> FloatArray:
+def fastest_offsets(stations: Stations, limits: Limits, start: FloatArray, roll_cost: float = ROLL_COST) -> FloatArray:
     """Descend on the lap time.
 
     Args:
         stations: the circuit.
-        limits: the machine's, see :func:`bike_sim.theory.lap_limit.limit_tables`.
-        exponent: of the combination of accelerations.
+        limits: the machine's.
         start: offsets to begin with, m; the median is tried as well.
         roll_cost: see `ROLL_COST`.
 
@@ -117,12 +113,12 @@ def fastest_offsets(
     """
     basis = _spline_basis(stations.count)
     median = np.clip(np.zeros(stations.count), stations.lowest, stations.highest)
-    offset = min((start, median), key=lambda line: polygon_time(stations, line, limits, exponent))
-    time = polygon_time(stations, offset, limits, exponent)
+    offset = min((start, median), key=lambda line: polygon_time(stations, line, limits))
+    time = polygon_time(stations, offset, limits)
     change = _differences(stations.count)
     stiffness, idle = FIRST_STIFFNESS, 0
     for _ in range(MAX_ROUNDS):
-        gradient, spent = time_gradient(stations, offset, limits, exponent)
+        gradient, spent = time_gradient(stations, offset, limits)
         curvature, length, jacobian = curvature_jacobian(stations, offset)
         # Roll angle is about v^2 curvature / g, so its rate is this many times the change of curvature to the next.
         effort = roll_cost * spent * ((length / spent) ** 3 / (GRAVITY * length)) ** 2
@@ -136,7 +132,7 @@ def fastest_offsets(
         while stiffness < LAST_STIFFNESS:
             step = basis @ solve_step(stiffness * metric + rolling, basis.T @ gradient, *bounds)
             trial = np.clip(offset + step, stations.lowest, stations.highest)
-            trial_time = polygon_time(stations, trial, limits, exponent)
+            trial_time = polygon_time(stations, trial, limits)
             trial_rolled = change @ curvature_of(stations, trial)[0]
             gained = time - trial_time + float(effort @ (rolled**2 - trial_rolled**2))
             if gained > 0.0:
@@ -193,22 +189,20 @@ def _bounds(stations: Stations, offset: FloatArray) -> tuple[FloatArray, FloatAr
     return lowest, highest
 
 
-def polygon_time(stations: Stations, offset: FloatArray, limits: FloatArray, exponent: float) -> float:
+def polygon_time(stations: Stations, offset: FloatArray, limits: Limits) -> float:
     """Return the lap time on the polygon of stations at offsets (m), s."""
     bend, distance = _shape(stations, offset)
-    flat, most = np.zeros(stations.count), np.full(stations.count, np.inf)
-    corner = _HELD * corner_speeds(bend, limits)
-    speed = solve_profile(corner, bend, distance, flat, limits, exponent, most)
+    flat = np.zeros(stations.count)
+    corner = _HELD * corner_speeds(bend, flat, limits)
+    speed = solve_profile(corner, bend, distance, flat, flat, flat, limits)
     return float(profile_time(speed, distance))
 
 
-def time_gradient(
-    stations: Stations, offset: FloatArray, limits: FloatArray, exponent: float
-) -> tuple[FloatArray, FloatArray]:
+def time_gradient(stations: Stations, offset: FloatArray, limits: Limits) -> tuple[FloatArray, FloatArray]:
     """Return the derivative of the lap time by the offsets (s/m), and the time spent at each station (s)."""
     curvature, _, jacobian = curvature_jacobian(stations, offset)
     _, distance = _shape(stations, offset)
-    by_bend, by_distance, spent = _adjoint(curvature, distance, limits, exponent)
+    by_bend, by_distance, spent = _adjoint(curvature, distance, limits)
     step = np.roll(_path(stations, offset), -1, axis=0) - _path(stations, offset)
     along = step / np.linalg.norm(step, axis=1)[:, None]
     ahead = np.sum(along * np.roll(stations.normals, -1, axis=0), axis=1)
@@ -229,28 +223,26 @@ def _shape(stations: Stations, offset: FloatArray) -> tuple[FloatArray, FloatArr
 
 
 @njit(cache=True)
-def _adjoint(
-    bend: np.ndarray, distance: np.ndarray, limits: np.ndarray, exponent: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _adjoint(bend: np.ndarray, distance: np.ndarray, limits: Limits) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the derivatives of the lap time by curvature (s m) and distance (s/m), and the time at each point (s).
 
     The profile is solved as in :func:`~bike_sim.theory.lap_limit.solve_profile`, noting which limit binds where; then
     the derivatives run back through both passes (reverse accumulation).
     """
     n = len(bend)
-    corner = _HELD * corner_speeds(bend, limits)
+    corner = _HELD * corner_speeds(bend, np.zeros(n), limits)
     slowest = np.argmin(corner)
     square = corner**2
     driving, braking = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
-    for k in range(slowest, slowest + n):
+    for k in range(slowest, slowest + 2 * n):
         i, j = k % n, (k + 1) % n
-        reached = driven(limits, square[i], bend[i], bend[j], distance[i], 0.0, exponent)
+        reached = driven(limits, square[i], bend[i], bend[j], distance[i], 0.0, 0.0, 0.0)
         if reached < square[j]:
             square[j], driving[j] = reached, True
     forward = square.copy()
-    for k in range(slowest + n, slowest, -1):
+    for k in range(slowest + 2 * n, slowest, -1):
         i, j = k % n, (k - 1) % n
-        reached = braked(limits, square[i], bend[i], bend[j], distance[j], 0.0, exponent)
+        reached = braked(limits, square[i], bend[i], bend[j], distance[j], 0.0, 0.0)
         if reached < square[j]:
             square[j], braking[j] = reached, True
     speed = np.sqrt(square)
@@ -262,63 +254,61 @@ def _adjoint(
         by_square[i] -= distance[i] / (total * total * speed[i])
         by_square[j] -= distance[i] / (total * total * speed[j])
         spent[i] = 2.0 * distance[i] / total
-    for k in range(slowest + 1, slowest + n + 1):
+    for k in range(slowest + 1, slowest + 2 * n + 1):
         i, j = k % n, (k - 1) % n
         if braking[j]:
             pull, by_square[j] = by_square[j], 0.0
             here = (square[i], bend[i], bend[j], distance[j])
-            d = _derivatives(limits, here[0], here[1], here[2], here[3], exponent, False)
+            d = _derivatives(limits, here[0], here[1], here[2], here[3], False)
             by_square[i] += pull * d[0]
             by_bend[i] += pull * d[1]
             by_bend[j] += pull * d[2]
             by_distance[j] += pull * d[3]
-    for k in range(slowest + n - 1, slowest - 1, -1):
+    for k in range(slowest + 2 * n - 1, slowest - 1, -1):
         i, j = k % n, (k + 1) % n
         if driving[j]:
             pull, by_square[j] = by_square[j], 0.0
-            d = _derivatives(limits, forward[i], bend[i], bend[j], distance[i], exponent, True)
+            d = _derivatives(limits, forward[i], bend[i], bend[j], distance[i], True)
             by_square[i] += pull * d[0]
             by_bend[i] += pull * d[1]
             by_bend[j] += pull * d[2]
             by_distance[i] += pull * d[3]
     for i in range(n):
         h = 1e-4 * abs(bend[i]) + 1e-9
-        more, less = corner_speed_of(limits, bend[i] + h), corner_speed_of(limits, bend[i] - h)
+        more, less = corner_speed_of(limits, bend[i] + h, 0.0), corner_speed_of(limits, bend[i] - h, 0.0)
         by_bend[i] += by_square[i] * _HELD**2 * (more * more - less * less) / (2.0 * h)
     return by_bend, by_distance, spent
 
 
 @njit(cache=True)
-def _reached(
-    limits: np.ndarray, square: float, bend: float, other: float, distance: float, exponent: float, forward: bool
-) -> float:
+def _reached(limits: Limits, square: float, bend: float, other: float, distance: float, forward: bool) -> float:
     if forward:
-        return driven(limits, square, bend, other, distance, 0.0, exponent)
-    return braked(limits, square, bend, other, distance, 0.0, exponent)
+        return driven(limits, square, bend, other, distance, 0.0, 0.0, 0.0)
+    return braked(limits, square, bend, other, distance, 0.0, 0.0)
 
 
 @njit(cache=True)
 def _derivatives(
-    limits: np.ndarray, square: float, bend: float, other: float, distance: float, exponent: float, forward: bool
+    limits: Limits, square: float, bend: float, other: float, distance: float, forward: bool
 ) -> tuple[float, float, float, float]:
     """Return the derivatives of one step of a pass by squared speed, both curvatures and distance."""
     h = 1e-5 * square
     by_square = (
-        _reached(limits, square + h, bend, other, distance, exponent, forward)
-        - _reached(limits, square - h, bend, other, distance, exponent, forward)
+        _reached(limits, square + h, bend, other, distance, forward)
+        - _reached(limits, square - h, bend, other, distance, forward)
     ) / (2.0 * h)
     h = 1e-8
     by_bend = (
-        _reached(limits, square, bend + h, other, distance, exponent, forward)
-        - _reached(limits, square, bend - h, other, distance, exponent, forward)
+        _reached(limits, square, bend + h, other, distance, forward)
+        - _reached(limits, square, bend - h, other, distance, forward)
     ) / (2.0 * h)
     by_other = (
-        _reached(limits, square, bend, other + h, distance, exponent, forward)
-        - _reached(limits, square, bend, other - h, distance, exponent, forward)
+        _reached(limits, square, bend, other + h, distance, forward)
+        - _reached(limits, square, bend, other - h, distance, forward)
     ) / (2.0 * h)
     h = 1e-5
     by_distance = (
-        _reached(limits, square, bend, other, distance + h, exponent, forward)
-        - _reached(limits, square, bend, other, distance - h, exponent, forward)
+        _reached(limits, square, bend, other, distance + h, forward)
+        - _reached(limits, square, bend, other, distance - h, forward)
     ) / (2.0 * h)
     return by_square, by_bend, by_other, by_distance

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from bike_sim.theory.envelope import Envelope
+from bike_sim.theory.envelope import Envelope, ellipse_envelope
 
 GRAVITY = 9.81
 AIR_DENSITY = 1.2
@@ -56,11 +56,11 @@ def point_mass_envelope(
     speeds = np.arange(1.0, highest_speed + 1.0)
     drag = 0.5 * AIR_DENSITY * drag_area * speeds**2 / mass
     lifting = np.full_like(speeds, wheelie_g * GRAVITY)
-    return Envelope(
+    return ellipse_envelope(
         name=f"point mass {lateral_g:g} g",
         speeds=speeds,
         lateral_max=np.full_like(speeds, lateral_g * GRAVITY),
-        drive_max=np.maximum(np.minimum(lifting, power / (mass * speeds)) - drag, 0.0),
+        drive_max=np.minimum(lifting, power / (mass * speeds)) - drag,
         brake_max=stoppie_g * GRAVITY + drag,
         grip_drive_max=lifting,
         drag=drag,

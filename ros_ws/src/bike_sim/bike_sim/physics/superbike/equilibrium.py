@@ -1,0 +1,270 @@
+"""Quasi-steady equilibrium of a leaned machine, compiled: how much it can turn, drive and brake at the same time.
+
+Two wheels, each within its friction ellipse under its own load. Beside load transfer three effects count that a point
+mass does not have:
+
+* The mass is on the inside of the line of contacts. Braking pushes it on and so turns the machine out of the curve: the
+  front tyre's lateral force grows and the rear's falls; driving does the reverse.
+* A tyre that carries a lateral force drifts, which costs that force times the drift along the road.
+* The electronics allow what they allow at this lean and roll rate (`bike_sim.physics.superbike.aids`).
+
+Lateral quantities are positive into the turn, whatever its side.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+from numba import njit
+
+from bike_sim.physics import tyres
+from bike_sim.physics.superbike.aids import aid_limits
+from bike_sim.vehicles.superbike import Record
+
+_HALVINGS: Final = 30
+
+
+class Turn(NamedTuple):
+    """A state of a machine in a turn.
+
+    Attributes:
+        speed: m/s.
+        lean: rad, >= 0.
+        lateral: acceleration of the mass, m/s^2.
+        gravity: what presses the machine on the road, m/s^2: less over a crest, more in a dip.
+        inertia: mass that thrust accelerates, the spinning wheels included, kg.
+    """
+
+    speed: float
+    lean: float
+    lateral: float
+    gravity: float
+    inertia: float
+
+
+class Wheels(NamedTuple):
+    """Forces on the ground, N.
+
+    Attributes:
+        rear: load. front: load.
+        rear_side: lateral force. front_side: lateral force.
+    """
+
+    rear: float
+    front: float
+    rear_side: float
+    front_side: float
+
+
+@njit(cache=True)
+def mass_place(lean: float, m: Record, rear: Record, front: Record) -> tuple[float, float]:
+    """Return how far the mass is inside the line of contacts and how far above the ground, m.
+
+    The toroidal tyres move the contacts towards the lean, and the rider hangs off.
+    """
+    share = m.com_x / m.w
+    crown = share * front.crown + (1.0 - share) * rear.crown
+    slide = m.rider.slide * min(1.0, math.degrees(lean) / m.rider.slide_lean_deg)
+    offset = m.rider.mass * slide / m.mass
+    sin_lean, cos_lean = math.sin(lean), math.cos(lean)
+    above = m.com_height - crown
+    return above * sin_lean + offset * cos_lean, crown + above * cos_lean - offset * sin_lean
+
+
+@njit(cache=True)
+def steady_lateral(
+    lean: float, speed: float, gravity: float, spread: float, m: Record, rear: Record, front: Record
+) -> float:
+    """Return the lateral acceleration of a steady turn, m/s^2; see `superbike_statics.steady_lateral`.
+
+    Args:
+        lean: rad, >= 0.
+        speed: m/s.
+        gravity: m/s^2.
+        spread: integral of z^2 - y^2 over the mass about its centre, in the machine's axes, kg m2.
+        m: `Superbike.machine`.
+        rear: its rear tyre.
+        front: its front tyre.
+    """
+    sin_lean, cos_lean = math.sin(lean), math.cos(lean)
+    y, z = mass_place(lean, m, rear, front)
+    share = m.com_x / m.w
+    crown = share * front.crown + (1.0 - share) * rear.crown
+    momentum = m.motor.crank_momentum
+    momentum += m.IRyy * speed / (m.rR - rear.crown * (1.0 - cos_lean))
+    momentum += m.IFyy * speed / (m.rF - front.crown * (1.0 - cos_lean))
+    down = 0.5 * m.air.density * m.air.down_area * speed**2
+    pull = m.mass * gravity * y - down * crown * sin_lean
+    linear = m.mass * z + momentum / speed * cos_lean
+    quadratic = spread * sin_lean * cos_lean / speed**2
+    a = pull / linear
+    for _ in range(20):
+        a = pull / (linear - quadratic * a)
+    return a
+
+
+@njit(cache=True)
+def wheels(turn: Turn, thrust: float, m: Record, rear: Record, front: Record) -> Wheels:
+    """Return loads and lateral forces with a thrust (N, negative braking) of the tyres along the road."""
+    sin_lean, cos_lean = math.sin(turn.lean), math.cos(turn.lean)
+    pressure = 0.5 * m.air.density * turn.speed**2
+    pull, down = pressure * m.air.drag_area, pressure * m.air.down_area
+    weight = m.mass * turn.gravity
+    y, z = mass_place(turn.lean, m, rear, front)
+    spin = (m.IRyy / m.rR + m.IFyy / m.rF) * cos_lean
+    acceleration = (thrust - pull) / turn.inertia
+    front_load = (
+        weight * m.com_x
+        + down * cos_lean * m.air.x
+        - pull * m.air.height * cos_lean
+        - m.mass * acceleration * z
+        - acceleration * spin
+    ) / m.w
+    # Moments about the vertical through the rear contact: the air holds and the mass pushes on inside of it.
+    side = m.mass * turn.lateral + down * sin_lean
+    turned = m.mass * turn.lateral * m.com_x + down * sin_lean * m.air.x
+    held = pull * (m.air.height - rear.crown) * sin_lean + m.mass * acceleration * y
+    front_side = (turned - held) / m.w
+    return Wheels(weight + down * cos_lean - front_load, front_load, side - front_side, front_side)
+
+
+@njit(cache=True)
+def left_along(load: float, side: float, lean: float, tyre: Record) -> float:
+    """Return the force along the road that a tyre's lateral force leaves it, N; below 0 it cannot hold even that."""
+    most = tyres.friction(lean, tyre) * load
+    if load <= 0.0 or abs(side) > most:
+        return -1.0
+    return tyre.friction_ratio * most * math.sqrt(1.0 - (side / most) ** 2)
+
+
+@njit(cache=True)
+def drift_of(load: float, side: float, along: float, lean: float, tyre: Record) -> float:
+    """Return the drift (tangent of the slip angle) with which a tyre gives a lateral force.
+
+    Args:
+        load: N, > 0.
+        side: lateral force, N.
+        along: force along the road, N.
+        lean: rad.
+        tyre: its parameters.
+    """
+    mu = tyres.friction(lean, tyre)
+    use = min(max(math.hypot(side, along / tyre.friction_ratio) / (mu * load), 1e-9), 1.0)
+    slip = tyre.shape * math.tan(math.asin(use) / tyre.shape) * side / (mu * load) / use
+    return (slip * mu - tyre.camber * lean) / tyres.cornering_coefficient(load, tyre)
+
+
+@njit(cache=True)
+def drift_loss(load: float, side: float, along: float, lean: float, radius: float, tyre: Record) -> float:
+    """Return what a tyre's lateral force costs along the road, N: it drifts, and its moment turns a leaned wheel.
+
+    Args:
+        load: N.
+        side: lateral force, N.
+        along: force along the road, N.
+        lean: rad.
+        radius: of the wheel, m.
+        tyre: its parameters.
+    """
+    if load <= 0.0:
+        return 0.0
+    drift = drift_of(load, side, along, lean, tyre)
+    moment = tyres.forces(0.0, drift, lean, load, 1.0, tyre)[2]
+    return side * drift - moment * math.sin(lean) / radius
+
+
+@njit(cache=True)
+def holds(turn: Turn, thrust: float, m: Record, rear: Record, front: Record) -> bool:
+    """Return whether both tyres hold a turn with a thrust (N, >= 0) at the rear."""
+    at = wheels(turn, thrust, m, rear, front)
+    return (
+        left_along(at.front, at.front_side, turn.lean, front) >= 0.0
+        and left_along(at.rear, at.rear_side, turn.lean, rear) >= thrust
+    )
+
+
+@njit(cache=True)
+def resistance(turn: Turn, at: Wheels, thrust: float, brake: float, m: Record, rear: Record, front: Record) -> float:
+    """Return what slows the machine beside its brakes, N: air, rolling and drift.
+
+    Args:
+        turn: the state.
+        at: forces on the ground.
+        thrust: of the rear tyre, N.
+        brake: of the front tyre, N.
+        m: `Superbike.machine`.
+        rear: its rear tyre.
+        front: its front tyre.
+    """
+    air = 0.5 * m.air.density * m.air.drag_area * turn.speed**2
+    rolling = rear.rolling * max(at.rear, 0.0) + front.rolling * max(at.front, 0.0)
+    drift = drift_loss(at.rear, at.rear_side, thrust, turn.lean, m.rR, rear)
+    return air + rolling + drift + drift_loss(at.front, at.front_side, brake, turn.lean, m.rF, front)
+
+
+@njit(cache=True)
+def most_drive(turn: Turn, engine: float, roll_rate: float, m: Record, rear: Record, front: Record) -> float:
+    """Return the largest net forward acceleration, m/s^2; negative where resistance beats what the tyres have left.
+
+    Args:
+        turn: the state.
+        engine: force at full throttle, N.
+        roll_rate: rad/s, which the electronics answer.
+        m: `Superbike.machine`.
+        rear: its rear tyre.
+        front: its front tyre.
+    """
+    aids = aid_limits(turn.lean, roll_rate, turn.speed**2, m, rear, front)
+    high = max(0.0, min(engine, aids.wheelie, aids.traction))
+    if not holds(turn, high, m, rear, front):
+        low = 0.0
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if holds(turn, middle, m, rear, front) else (low, middle)
+        high = low
+    return (high - resistance(turn, wheels(turn, high, m, rear, front), high, 0.0, m, rear, front)) / turn.inertia
+
+
+@njit(cache=True)
+def brakes_left(turn: Turn, brake: float, m: Record, rear: Record, front: Record) -> tuple[float, float]:
+    """Return what front and rear brake can do while the machine is braked with a force, N."""
+    at = wheels(turn, -brake, m, rear, front)
+    aids = aid_limits(turn.lean, 0.0, turn.speed**2, m, rear, front)
+    share = m.brakes.front_share * m.brakes.force
+    front_brake = max(
+        0.0, min(share, aids.braking, aids.stoppie, left_along(at.front, at.front_side, turn.lean, front))
+    )
+    rear_brake = max(
+        0.0, min(m.brakes.force - share + m.motor.engine_brake, left_along(at.rear, at.rear_side, turn.lean, rear))
+    )
+    return front_brake, rear_brake
+
+
+@njit(cache=True)
+def most_brake(turn: Turn, m: Record, rear: Record, front: Record) -> float:
+    """Return the largest deceleration, resistance included, m/s^2."""
+    low, high = 0.0, 2.0 * (m.brakes.force + m.motor.engine_brake)
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        front_brake, rear_brake = brakes_left(turn, middle, m, rear, front)
+        low, high = (middle, high) if front_brake + rear_brake >= middle else (low, middle)
+    front_brake, rear_brake = brakes_left(turn, low, m, rear, front)
+    at = wheels(turn, -low, m, rear, front)
+    return (low + resistance(turn, at, rear_brake, front_brake, m, rear, front)) / turn.inertia
+
+
+@njit(cache=True)
+def steepest(
+    speed: float, gravity: float, spread: float, inertia: float, m: Record, rear: Record, front: Record
+) -> float:
+    """Return the lean at which coasting tyres hold no more, rad; at most the rider's largest."""
+    low, high = 0.0, math.radians(m.virtual_rider.max_lean_deg)
+    top = Turn(speed, high, steady_lateral(high, speed, gravity, spread, m, rear, front), gravity, inertia)
+    if holds(top, 0.0, m, rear, front):
+        return high
+    for _ in range(_HALVINGS):
+        lean = 0.5 * (low + high)
+        turn = Turn(speed, lean, steady_lateral(lean, speed, gravity, spread, m, rear, front), gravity, inertia)
+        low, high = (lean, high) if holds(turn, 0.0, m, rear, front) else (low, lean)
+    return low
