@@ -39,7 +39,7 @@ class RiderSettings:
         largest_lean: largest lean that is requested, rad.
     """
 
-    lateral: float = 0.865
+    lateral: float = 0.87
     brake: float = 0.92
     exponent: float = 1.9
     lean_rate: float = 0.9
