@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from bike_sim.physics import superbike_statics as statics
 from bike_sim.theory.envelope import envelope
 from bike_sim.validation.superbike import MACHINES
 from bike_sim.vehicles.files import load_vehicle
@@ -17,12 +16,12 @@ def row(vehicle: Superbike) -> tuple[str, ...]:
     """Return the cells of a machine with its rider.
 
     Wheelie and stoppie: acceleration at which a wheel lifts, without air and electronics. Times: full drive and full
-    brake of the envelope, with them. Lateral: at 30 m/s. Gears: road speeds at the limiter, first and last. Yaw:
-    inertia of frame and rider.
+    brake of the envelope, with them. Lateral: held at a constant 30 m/s. Gears: road speeds at the limiter, first and
+    last. Yaw: inertia of frame and rider.
     """
     x, height = vehicle.centre_of_mass
     limits, speeds = envelope(vehicle), np.linspace(20.0, 75.0, 200)
-    gears = vehicle.gear_speeds
+    gears, sides = vehicle.gear_speeds, np.linspace(0.0, float(limits.lateral(30.0)), 2001)
     return (
         vehicle.name,
         f"{vehicle.motor.peak_power / vehicle.mass:.0f}",
@@ -30,7 +29,7 @@ def row(vehicle: Superbike) -> tuple[str, ...]:
         f"{(vehicle.w - x) / height:.3f}",
         f"{np.trapezoid(1.0 / limits.drive(speeds), speeds):.2f}",
         f"{np.trapezoid(1.0 / limits.brake(speeds), speeds):.2f}",
-        f"{statics.lateral_limit(vehicle, 30.0)[0] / vehicle.g:.3f}",
+        f"{sides[limits.drive(30.0, sides) >= 0.0].max() / vehicle.g:.3f}",
         f"{gears[0]:.1f} to {gears[-1]:.1f}",
         f"{vehicle.IBzz:.1f}",
     )

@@ -59,13 +59,8 @@ def bound_checks() -> Iterator[Check]:
     margin, passed, unpaid, tightest = math.inf, 0.0, 0, math.inf
     for seed, vehicle in enumerate(validation.MACHINES):
         for lateral in BOLD:
-            ride = ride_laps(
-                vehicle,
-                f"random_circuit:{seed}",
-                1,
-                rider=ClassicalRider(RiderSettings(lateral=lateral)),
-                engine="compiled",
-            )
+            rider = ClassicalRider(RiderSettings(lateral=lateral))
+            ride = ride_laps(vehicle, f"random_circuit:{seed}", 1, rider=rider, engine="compiled")
             passed = max([passed, *(passing.excess for passing in ride.passings)])
             unpaid += sum(not passing.repaid for passing in ride.passings)
             if ride.excess is not None and ride.closest_excess is not None:
