@@ -99,7 +99,12 @@ def test_snapshots_of_all_vehicles_survive_wherever_they_ride(
     course = circuit_file if circuit else data.draw(st.sampled_from(("line", "circle", "benchmark", "random")))
     place = {}
     if circuit:
-        place = {"line": data.draw(st.floats(0.0, 1.0)), "progress": data.draw(st.floats(0.0, 1000.0))}
+        place = {
+            "line": data.draw(st.floats(0.0, 1.0)),
+            "progress": data.draw(st.floats(0.0, 1000.0)),
+            "start_offset": data.draw(st.floats(-8.0, 8.0)),
+            "start_heading": data.draw(st.floats(-math.pi, math.pi)),
+        }
     speed = data.draw(st.floats(4.0, 11.0) if isinstance(simulator.vehicle, Superbike) else st.floats(2.0, 7.0))
     request = ResetRequest(
         seed=data.draw(st.integers(0, 1000)),
@@ -147,8 +152,15 @@ def test_walls_falls_and_crossings_survive(simulators: dict[str, Simulator], cir
     st.none() | st.lists(st.floats(-1e3, 1e3), min_size=10, max_size=10).map(tuple),
     st.none() | st.floats(1.0, 1e4),
     st.builds(Preview, st.booleans(), st.floats(0.01, 10.0), st.integers(1, 1000)),
+    st.fixed_dictionaries(
+        {
+            "speed_share": st.floats(0.0, 1.2),
+            "start_offset": st.floats(-1e3, 1e3),
+            "start_heading": st.floats(-math.pi, math.pi),
+        }
+    ),
 )
-def test_reset_requests_survive(seed, speed, ranges, state, length, preview) -> None:
+def test_reset_requests_survive(seed, speed, ranges, state, length, preview, start) -> None:
     asked = ResetRequest(
         seed=seed,
         course="somewhere.csv",
@@ -159,6 +171,7 @@ def test_reset_requests_survive(seed, speed, ranges, state, length, preview) -> 
         path_length=length,
         preview=preview,
         context=(1.0, 2.5),
+        **start,
     )
     own = ResetRequest(course="line", path_length=17.0 if length else None)
     assert_same(messages.reset_from_message(over_the_wire(messages.reset_to_message(asked)), own), asked)

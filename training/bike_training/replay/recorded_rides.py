@@ -68,8 +68,14 @@ class Start:
                 context=tuple(map(float, message.context)),
                 line=float(message.line),
                 progress=float(message.progress),
+                **_start_of(message),
             ),
         )
+
+
+def _start_of(message: Any) -> dict[str, float]:
+    """Return how a ride on a circuit began relative to its line; recordings before these fields have none."""
+    return {name: float(getattr(message, name, 0.0)) for name in ("speed_share", "start_offset", "start_heading")}
 
 
 @dataclass(frozen=True)

@@ -109,6 +109,11 @@ class Course:
         """x, y, heading and curvature of the samples in one array, shape (4, n), for compiled loops."""
         return np.ascontiguousarray([self.x, self.y, self.heading, self.curvature])
 
+    def heading_at(self, s: float) -> float:
+        """Return the direction of the line at an arc length, m; rad, not wrapped, linear between samples."""
+        inside = s % self.length if self.closed else s
+        return float(np.interp(inside, self.s, self.heading))
+
     def nearest(self, x: float, y: float, heading: float, asked: float = 0.0) -> float:
         """Return the arc length of the sample that is nearest to a pose, m, on the whole line.
 

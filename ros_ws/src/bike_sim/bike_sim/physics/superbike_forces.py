@@ -72,10 +72,15 @@ TELEMETRY_NAMES: Final = (
     "drive_torque_nm", "engine_power_w", "front_brake_nm", "rear_brake_nm",
     "traction_cut", "wheelie_cut", "front_brake_cut", "rear_brake_cut", "drag_n", "fall",
     "traction_active", "wheelie_active", "brake_active", "stoppie_active",
+    "lateral_velocity_m_s", "vertical_velocity_m_s", "pitch_rate_rad_s",
+    "lean_reference_rate_rad_s", "rider_integral_nm", "drive_share", "brake_share",
 )  # fmt: skip
 """What is measured at every step: forces on the machine along the wheel's heading and to its left; `*_use` is the
 normalised slip (1 is linear saturation, the peak lies at `tyres.peak_slip`); cuts are 1 for none, 0 for all; an aid is
-active (1, else 0) where it allows less than the command asks for, by its limit ahead or its cut after the fact."""
+active (1, else 0) where it allows less than the command asks for, by its limit ahead or its cut after the fact.
+Velocities are those of the point of `speed_m_s`, to the left of the heading and upwards; the rate is that of
+`pitch_rad`. The last four are what rider and actuators remember: rate of the reference, integral part of the rider's
+torque, and the parts of the engine's torque and of the brakes' force after their lags."""
 
 TELEMETRY: Final = np.dtype([(name, np.float64) for name in TELEMETRY_NAMES])
 
@@ -116,6 +121,13 @@ T_TRACTION_ACTIVE: Final = TELEMETRY_NAMES.index("traction_active")
 T_WHEELIE_ACTIVE: Final = TELEMETRY_NAMES.index("wheelie_active")
 T_BRAKE_ACTIVE: Final = TELEMETRY_NAMES.index("brake_active")
 T_STOPPIE_ACTIVE: Final = TELEMETRY_NAMES.index("stoppie_active")
+T_LATERAL_VELOCITY: Final = TELEMETRY_NAMES.index("lateral_velocity_m_s")
+T_VERTICAL_VELOCITY: Final = TELEMETRY_NAMES.index("vertical_velocity_m_s")
+T_PITCH_RATE: Final = TELEMETRY_NAMES.index("pitch_rate_rad_s")
+T_LEAN_REFERENCE_RATE: Final = TELEMETRY_NAMES.index("lean_reference_rate_rad_s")
+T_INTEGRAL: Final = TELEMETRY_NAMES.index("rider_integral_nm")
+T_DRIVE_SHARE: Final = TELEMETRY_NAMES.index("drive_share")
+T_BRAKE_SHARE: Final = TELEMETRY_NAMES.index("brake_share")
 
 
 _CREEP: Final = 0.1
@@ -320,6 +332,11 @@ def tell(
     cos_yaw, sin_yaw = attitude.cos_yaw, attitude.sin_yaw
     telemetry.speed_m_s, telemetry.yaw_rate_rad_s = attitude.speed, motion.omega[2]
     telemetry.pitch_rad = -math.asin(min(max(axes.ex[2], -1.0), 1.0))
+    velocity, omega, ex = motion.velocity, motion.omega, axes.ex
+    telemetry.lateral_velocity_m_s = cos_yaw * velocity[1] - sin_yaw * velocity[0]
+    telemetry.vertical_velocity_m_s = velocity[2]
+    # the frame's forward axis turns with omega; its vertical part is the sine of the pitch, nose up
+    telemetry.pitch_rate_rad_s = (omega[1] * ex[0] - omega[0] * ex[1]) / max(math.hypot(ex[0], ex[1]), 1e-9)
     # acceleration by the forces on the whole machine, along and to the left of its heading
     telemetry.acceleration_long_m_s2 = (cos_yaw * force[0] + sin_yaw * force[1]) / machine.mass
     telemetry.acceleration_lat_m_s2 = (cos_yaw * force[1] - sin_yaw * force[0]) / machine.mass
@@ -332,4 +349,6 @@ def tell(
     telemetry.front_force_long_n, telemetry.front_force_lat_n = front.fx, front.fy
     telemetry.rear_use, telemetry.front_use = rear.use, front.use
     telemetry.lean_reference_rad = memory.lean_reference
+    telemetry.lean_reference_rate_rad_s, telemetry.rider_integral_nm = memory.lean_reference_rate, memory.integral
+    telemetry.drive_share, telemetry.brake_share = memory.drive, memory.brake
     telemetry.rider_slide_m, telemetry.fall = motion.slide, memory.fall

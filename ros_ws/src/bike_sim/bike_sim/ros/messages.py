@@ -114,6 +114,9 @@ def reset_from_message(message: Reset.Request, own: ResetRequest) -> ResetReques
         context=tuple(message.context),
         line=own.line if message.line == _OWN else message.line,
         progress=own.progress if message.progress == _OWN else message.progress,
+        speed_share=message.speed_share,
+        start_offset=message.start_offset,
+        start_heading=message.start_heading,
     )
 
 
@@ -156,6 +159,9 @@ def _fill_request(message: Reset.Request | EpisodeStart, request: ResetRequest) 
     message.context = array("d", request.context)
     message.line = float(request.line)
     message.progress = float(request.progress)
+    message.speed_share = float(request.speed_share)
+    message.start_offset = float(request.start_offset)
+    message.start_heading = float(request.start_heading)
 
 
 # ----------------------------------------------------------------------------------------------------------- course

@@ -54,7 +54,8 @@ _NAMES: Final = (
     *(lk.FIELDS[place] for place in _LOOKED[1:]),
     *("preview_by_time", "preview_interval", "preview_spacing", "preview_x", "preview_y"),
     *("roll_history", "steer_history", "fallen", "off_course", "finished"),
-    *("fall", "signals", "centre_place", "outside", "course_points", "wall_hit", "events"),
+    *("fall", "signals", "centre_place", "outside", "limit_margins", "off_track_time", "wall_energy", "wrong_way"),
+    *("course_points", "wall_hit", "events"),
 )
 """Values of a state in the order in which :func:`encode_state` gives them."""
 
@@ -62,6 +63,7 @@ if _STATE.names != _NAMES:  # a changed message that this module does not know
     raise ImportError(f"bike_msgs/BikeState is another version: it has {_STATE.names}; build the workspace again")
 
 _EMPTY: Final = np.zeros(0)
+_NO_LIMITS: Final = (0.0, _EMPTY, 0.0, 0.0, False)
 
 
 class Episode(NamedTuple):
@@ -145,12 +147,18 @@ def encode_state(snapshot: Snapshot, episode: Episode, stamp: int) -> bytes:
             snapshot.fall,
             snapshot.signals,
             _EMPTY if view is None else view.place,
-            0.0 if view is None else view.outside,
+            *(_NO_LIMITS if view is None else _limits_of(view)),
             _EMPTY if view is None else view.points.ravel(),
             _EMPTY if view is None or view.wall is None else (view.wall.speed, view.wall.angle, view.wall.energy),
             [_event(event, snapshot, sec, nanosec) for event in snapshot.events],
         )
     )
+
+
+def _limits_of(view: CircuitView) -> tuple[Any, ...]:
+    """Return the limits of a view as a state has them; `look.CIRCUIT_FIELDS` begin with the four margins."""
+    outside, off_track_time, wall_energy, wrong_way = view.limits[lk.OUTSIDE :].tolist()
+    return outside, view.limits[: lk.OUTSIDE], off_track_time, wall_energy, wrong_way != 0.0
 
 
 def _event(event: Event, snapshot: Snapshot, sec: int, nanosec: int) -> dict[str, Any]:
@@ -180,11 +188,14 @@ def decode_state(data: bytes) -> StateMessage:
     pitch, yaw_rate, speed, front_x, front_y, steering, throttle, torque, progress, length, closed = row[at : at + 11]
     error, front_progress, front_error, heading, curvature, by_time, interval, spacing = row[at + 11 : at + 19]
     preview_x, preview_y, rolls, steers, fallen, off_course, finished = row[at + 19 : at + 26]
-    fall, signals, place, outside, points, wall, events = row[at + 26 :]
+    fall, signals, place, outside, margins, off_track_time, wall_energy, wrong_way, points, wall, events = row[
+        at + 26 :
+    ]
     view = None
     if len(place):
         hit = WallHit(*wall.tolist()) if len(wall) else None
-        view = CircuitView(place, outside, points.reshape(3, -1, 3), hit)
+        limits = np.array((*margins, outside, off_track_time, wall_energy, float(wrong_way)))
+        view = CircuitView(place, limits, points.reshape(3, -1, 3), hit)
     snapshot = Snapshot(
         episode=number,
         step=step,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
@@ -122,11 +123,7 @@ def begin(request: ResetRequest, plant: Plant, courses: Courses) -> Beginning:
     """
     if courses.is_circuit(plant, request.course):
         return _begin_on_circuit(request, plant, courses)
-    if request.line != IDEAL or request.progress != 0.0:
-        raise ValueError(
-            f"line {request.line!r} and progress {request.progress!r} m are for circuits; course {request.course!r} is "
-            "a path, which is ridden from its beginning"
-        )
+    _check_for_path(request)
     rng, start = _draw(request, plant)
     if request.course == RANDOM_COURSE:
         state = start.state
@@ -145,10 +142,32 @@ def begin(request: ResetRequest, plant: Plant, courses: Courses) -> Beginning:
     return Beginning(PathScene(plant, course, plant.preview or request.preview, progress), state)
 
 
+def _check_for_path(request: ResetRequest) -> None:
+    """Refuse what only a circuit has."""
+    if request.line != IDEAL or request.progress != 0.0:
+        raise ValueError(
+            f"line {request.line!r} and progress {request.progress!r} m are for circuits; course {request.course!r} is "
+            "a path, which is ridden from its beginning"
+        )
+    for name in ("speed_share", "start_offset", "start_heading"):
+        if getattr(request, name) != 0.0:
+            raise ValueError(f"{name} {getattr(request, name)!r} is for circuits; course {request.course!r} is a path")
+
+
 def _draw(request: ResetRequest, plant: Plant) -> tuple[np.random.Generator, Start]:
     rng = np.random.default_rng(request.seed)
     speed = float(rng.uniform(*request.speed_range))
     return rng, plant.draw(rng, speed, request.perturb)
+
+
+def _shared_speed(request: ResetRequest, plant: Plant, followed: FollowedLine, s: float) -> float:
+    """Return the speed of a start at an arc length (m) as the asked share of the theoretical lap's, m/s."""
+    if plant.envelope is None:
+        raise ValueError(
+            f"speed share {request.speed_share!r} is for superbikes: vehicle '{plant.vehicle.name}' has no theoretical "
+            "lap; give a range of speeds"
+        )
+    return request.speed_share * float(followed.limit(plant.envelope).speed_at(s))
 
 
 def _begin_on_circuit(request: ResetRequest, plant: Plant, courses: Courses) -> Beginning:
@@ -160,7 +179,13 @@ def _begin_on_circuit(request: ResetRequest, plant: Plant, courses: Courses) -> 
         state = np.array(request.initial_state, dtype=np.float64)
     else:
         _, start = _draw(request, plant)
+        if request.speed_share > 0.0:
+            start = replace(start, speed=_shared_speed(request, plant, followed, s))
         state = plant.place(start, followed.line, s)
+        along = followed.line.heading_at(s)
+        state[st.X] -= request.start_offset * math.sin(along)
+        state[st.Y] += request.start_offset * math.cos(along)
+        state[st.YAW] += request.start_heading
     scene = CircuitScene(plant, followed, None if plant.preview else request.preview, request.progress)
     scene.start(s, state, anywhere=request.initial_state is not None)
     return Beginning(scene, state)

@@ -156,20 +156,20 @@ class CircuitScene:
         wheelbase, ride = self._plant.vehicle.w, self.ride[0]
         if anywhere:
             s = self.course.nearest(state[st.X], state[st.Y], state[st.YAW], s)
-            ride["place"] = self._look_up(state)
+            near = self.track.centre.nearest(state[st.X], state[st.Y], state[st.YAW], self._asked)
         else:
-            ride["place"] = self._asked, 0.0, self._asked + wheelbase, 0.0
+            near = self._asked
+        ride["place"] = self._look_up(state, near)
         ride["near"] = s, s + wheelbase
         ride["asked"], ride["begin"], ride["rear"] = self._asked, s, state[[st.X, st.Y]]
         x, y, yaw = (float(state[k]) for k in (st.X, st.Y, st.YAW))
         front = x + wheelbase * math.cos(yaw), y + wheelbase * math.sin(yaw)
         lay_ground(x, y, *front, ride["place"], 0.0, self.followed.road, self.ground.record)
 
-    def _look_up(self, state: st.StateVector) -> list[float]:
-        """Return place of both contact points of a state that may lie anywhere, as if upright, m."""
+    def _look_up(self, state: st.StateVector, near: float) -> list[float]:
+        """Return place of both contact points of a state, as if upright, close to a progress, m."""
         centre = self.track.centre
         x, y, yaw = (float(state[k]) for k in (st.X, st.Y, st.YAW))
-        near = centre.nearest(x, y, yaw, self._asked)
         place: list[float] = []
         for ahead in (0.0, self._plant.vehicle.w):
             px, py, at = x + ahead * math.cos(yaw), y + ahead * math.sin(yaw), near + ahead
@@ -200,7 +200,7 @@ class CircuitScene:
             off_course=off_course,
             finished=finished,
             fall=cl.ENDS[end],
-            circuit=CircuitView(view[cl.PLACE : cl.CIRCUIT], float(view[cl.CIRCUIT + lk.OUTSIDE]), points, self.wall),
+            circuit=CircuitView(view[cl.PLACE : cl.CIRCUIT], view[cl.CIRCUIT : cl.POINTS], points, self.wall),
             events=circuit_events(self.followed.rows[:count], self.log) if count > 0 else (),
         )
 

@@ -28,6 +28,12 @@ EPISODE_DURATION = 60.0
 SEED_LIMIT = 2**62
 """Largest seed: who counts seeds up from it stays within the 64 bits of a message."""
 
+LARGEST_SHARE = 1.2
+"""Largest speed of a start as a share of the theoretical lap's."""
+
+LARGEST_OFFSET = 1000.0
+"""Largest distance of a start from the followed line, m."""
+
 STATE_LIMIT = 1e9
 """Largest coordinate of an initial state, in m, rad or rad/s: far above any ride's, far below what overflows when
 squared."""
@@ -91,6 +97,10 @@ class ResetRequest:
         context: curriculum context, kept for the record only.
         line: circuits: which line is followed, 0 the median, 1 the ideal line.
         progress: circuits: where the ride begins, m along the centre line, below its length.
+        speed_share: circuits, superbikes: speed of the start as a share of the theoretical lap's at that place, in
+            place of one drawn from the range; 0 for the range.
+        start_offset: circuits: distance of the start from the followed line, m, positive to the left.
+        start_heading: circuits: yaw of the start relative to the followed line, rad, positive to the left.
     """
 
     seed: int = 0
@@ -104,6 +114,9 @@ class ResetRequest:
     context: tuple[float, ...] = ()
     line: float = IDEAL
     progress: float = 0.0
+    speed_share: float = 0.0
+    start_offset: float = 0.0
+    start_heading: float = 0.0
 
     def __post_init__(self) -> None:
         """Check every value.
@@ -129,6 +142,13 @@ class ResetRequest:
             raise ValueError(f"line must be 0 (median) to 1 (ideal line), got {self.line!r}")
         if not (math.isfinite(self.progress) and self.progress >= 0.0):
             raise ValueError(f"progress must be finite and not negative, got {self.progress!r} m")
+        if not 0.0 <= self.speed_share <= LARGEST_SHARE:
+            raise ValueError(
+                f"speed share must be 0 (none) to {LARGEST_SHARE} of the theoretical lap's, got {self.speed_share!r}"
+            )
+        for name, limit, unit in (("start_offset", LARGEST_OFFSET, "m"), ("start_heading", math.pi, "rad")):
+            if not abs(value := getattr(self, name)) <= limit:
+                raise ValueError(f"{name} must be within {limit:.6g} {unit} of the followed line, got {value!r} {unit}")
         self._check_path_length()
 
     def to_card(self) -> dict[str, Any]:

@@ -9,12 +9,10 @@ from numpy.typing import NDArray
 
 from bike_sim.course.course import Course
 from bike_sim.physics.state import STATE_SIZE
-from bike_sim.sim import circuit_look as cl
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.events import Event
 from bike_sim.sim.request import Preview, ResetRequest
-from bike_sim.sim.scene import PathScene
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import NO_FALL, Snapshot
 from bike_sim.vehicles.bicycle import Vehicle
@@ -103,9 +101,7 @@ class SimulatorBatch:
         self._snapshots[index] = snapshot
         if snapshot.circuit is not None:
             self.place[index], self.points[index] = snapshot.circuit.place, snapshot.circuit.points
-        scene = self.simulators[index].scene
-        if scene is not None and not isinstance(scene, PathScene):
-            self.circuit[index] = scene.view[cl.CIRCUIT : cl.POINTS]
+            self.circuit[index] = snapshot.circuit.limits
 
     def state_dict(self) -> None:
         """Return None: the engines do not expose contacts and caches, so their rides cannot be continued."""

@@ -49,15 +49,25 @@ class CircuitView:
     Attributes:
         place: arc length and lateral offset (positive left) of the rear, then of the front contact point relative to
             the centre line, m, in the order of :mod:`bike_sim.sim.look`.
-        outside: distance beyond the limits of the contact point that is less far out, m; negative on the track.
+        limits: position relative to the limits, in the order of `look.CIRCUIT_FIELDS`.
         points: the followed line and both limits ahead, x, y, z in base_link, m, shape (3, lk.STATIONS, 3).
         wall: the collision that ended the ride, or None.
     """
 
     place: FloatArray
-    outside: float
+    limits: FloatArray
     points: FloatArray
     wall: WallHit | None
+
+    @property
+    def outside(self) -> float:
+        """Distance beyond the limits of the contact point that is less far out, m; negative on the track."""
+        return float(self.limits[lk.OUTSIDE])
+
+    @property
+    def wrong_way(self) -> bool:
+        """Whether the heading is more than 90 deg from that of the centre line."""
+        return bool(self.limits[lk.WRONG_WAY])
 
 
 @dataclass(frozen=True, slots=True)
