@@ -17,7 +17,11 @@ def crossed_share(ahead: float, moved: float) -> float:
 
 
 class LineCrossings:
-    """Counts lines in the order in which a course has them; riding back over one and on again changes nothing."""
+    """Counts lines in the order in which a course has them; riding back over one and on again changes nothing.
+
+    Attributes:
+        next: index of the next line to cross.
+    """
 
     def __init__(self, marks: Sequence[float], length: float, closed: bool) -> None:
         """Take the lines within a lap.
@@ -29,7 +33,7 @@ class LineCrossings:
         """
         self._marks = list(marks)
         self._length, self._closed = length, closed
-        self._next = 0
+        self.next = 0
 
     def line(self, index: int) -> float:
         """Return the arc length of a line, m; infinite behind the end of an open course."""
@@ -40,8 +44,8 @@ class LineCrossings:
 
     def skip_to(self, progress: float) -> None:
         """Leave out all lines up to an arc length, m."""
-        while self.line(self._next) <= progress:
-            self._next += 1
+        while self.line(self.next) <= progress:
+            self.next += 1
 
     def advance(
         self, time: float, progress: float, later: float, farther: float, beyond: float = 0.0
@@ -58,9 +62,9 @@ class LineCrossings:
         found = []
         # The projection on an open course stops at its end, so the end counts as crossed when it is reached.
         slack = 0.0 if self._closed else 1e-9
-        while farther >= (line := self.line(self._next)) - slack:
+        while farther >= (line := self.line(self.next)) - slack:
             at_end = not self._closed and line >= self._length - slack
             moved = max(farther - progress, beyond) if at_end else farther - progress
-            found.append((self._next, line, time + crossed_share(line - progress, moved) * (later - time)))
-            self._next += 1
+            found.append((self.next, line, time + crossed_share(line - progress, moved) * (later - time)))
+            self.next += 1
         return found

@@ -306,9 +306,11 @@ def axis_angle(axis: Vector, angle: float) -> Vector:
 
 def rotate(quaternion: Vector, vector: Vector) -> Vector:
     """Return the vector turned by a unit quaternion."""
-    imaginary, real = quaternion[:3], quaternion[3]
-    twice = 2.0 * np.cross(imaginary, vector)
-    return vector + real * twice + np.cross(imaginary, twice)
+    # Component by component: np.cross costs a hundred times as much for three numbers, and starts need this often.
+    x, y, z, w = map(float, quaternion)
+    a, b, c = map(float, vector)
+    ta, tb, tc = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+    return np.array([a + w * ta + (y * tc - z * tb), b + w * tb + (z * ta - x * tc), c + w * tc + (x * tb - y * ta)])
 
 
 def _turn(axis: int, angle: float) -> Vector:

@@ -48,10 +48,13 @@ CAUSE, SPEED, ANGLE, ENERGY = range(acc.NUMBER, acc.ROW_SIZE)
 """Columns of their rows: code of the end, speed (m/s), and of a wall the angle to it (rad) and the energy (J)."""
 
 FACTS: Final = np.dtype(
-    [(name, np.float64) for name in ("spacing", "length", "line_spacing", "line_length", "measured", "mass")]
+    [
+        (name, np.float64)
+        for name in ("spacing", "length", "line_spacing", "line_length", "measured", "mass", "path", "closed")
+    ]
 )
 """What stays the same over a ride: samples of the centre line and of the followed line, m; whether there is an ideal
-line; mass of the vehicle, kg."""
+line; mass of the vehicle, kg; whether the course is a path without limits, and whether that is closed."""
 
 RIDE: Final = np.dtype(
     [

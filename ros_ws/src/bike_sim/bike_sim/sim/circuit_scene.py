@@ -66,6 +66,7 @@ class FollowedLine:
         # A step moves the search for the nearest point by a lap at most; one row more for the end of the ride.
         self.rows = np.empty((acc.rows_for(len(track.marks), 1.0) + 1, acc.ROW_SIZE))
         self._limit: LapLimit | None = None
+        self._facts: dict[float, NDArray[np.void]] = {}
 
     @cached_property
     def road(self) -> Road:
@@ -74,8 +75,10 @@ class FollowedLine:
 
     def facts(self, mass: float) -> NDArray[np.void]:
         """Return what compiled code knows of line and vehicle (mass in kg): a record of `circuit_look.FACTS`."""
+        if mass in self._facts:
+            return self._facts[mass]
         track, line = self.track, self.line
-        facts = np.zeros(1, dtype=cl.FACTS)
+        facts = self._facts[mass] = np.zeros(1, dtype=cl.FACTS)
         facts["spacing"], facts["length"] = track.centre.spacing, track.length
         facts["line_spacing"], facts["line_length"] = line.spacing, line.length
         facts["measured"], facts["mass"] = track.ideal is not None, mass

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Final
 
 from bike_sim.course.course import Course
 from bike_sim.course.lap_timing import TimingEvent, TimingKind
@@ -49,6 +50,9 @@ class Event:
     text: str
 
 
+_REMEMBERED: Final = ("_lap_began", "_sector_began", "_time", "_progress", "_off_course")
+
+
 class PathEvents:
     """Finds sectors, laps, the finish and leaving the course on a path.
 
@@ -63,6 +67,17 @@ class PathEvents:
         self._lines.skip_to(progress)
         self._lap_began = self._sector_began = time
         self._time, self._progress, self._off_course = time, progress, False
+
+    def to_card(self) -> dict[str, Any]:
+        """Return what is remembered as plain values."""
+        remembered = {name: getattr(self, name) for name in _REMEMBERED}
+        return {**remembered, "next": self._lines.next}
+
+    def take_up(self, card: Mapping[str, Any]) -> None:
+        """Go on where :meth:`to_card` was taken."""
+        for name in _REMEMBERED:
+            setattr(self, name, card[name])
+        self._lines.next = card["next"]
 
     def look(
         self, time: float, progress: float, speed: float, lateral_error: float, off_course: bool, ended: list[Event]

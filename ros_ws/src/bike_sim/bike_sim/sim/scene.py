@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, Protocol
+from collections.abc import Mapping
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,10 +126,34 @@ class PathScene:
             points[1],
         )
         self._look = look
-        progress, error = float(look[lk.PROGRESS]), float(look[lk.LATERAL_ERROR])
-        off_course = abs(error) > course.off_course_limit
+        off_course, finished, events = self.judge(state, look, time, fall)
+        return View(look, points[0], points[1], off_course, finished, fall, None, events)
+
+    def judge(
+        self, state: st.StateVector, look: FloatArray, time: float, fall: str
+    ) -> tuple[bool, bool, tuple[Event, ...]]:
+        """Return whether a look is off the course, whether the ride is finished, and what happened since the last one.
+
+        Args:
+            state: minimal state.
+            look: of this instant.
+            time: s since the reset.
+            fall: kind of fall reported by the plant, or NO_FALL.
+        """
+        off_course = abs(float(look[lk.LATERAL_ERROR])) > self.course.off_course_limit
         events = self._happened(state, look, time, fall, off_course)
-        return View(look, points[0], points[1], off_course, progress >= self._end, fall, None, events)
+        return off_course, float(look[lk.PROGRESS]) >= self._end, events
+
+    def to_card(self) -> dict[str, Any]:
+        """Return what :meth:`judge` remembers as plain values."""
+        return {"over": self._over, "events": None if self._events is None else self._events.to_card()}
+
+    def take_up(self, card: Mapping[str, Any]) -> None:
+        """Go on where :meth:`to_card` was taken, in an episode that began with the same request."""
+        self._over = bool(card["over"])
+        if card["events"] is not None:
+            self._events = PathEvents(self.course, 0.0, 0.0)
+            self._events.take_up(card["events"])
 
     def _happened(
         self, state: st.StateVector, look: FloatArray, time: float, fall: str, off_course: bool

@@ -1,4 +1,4 @@
-"""Superbikes on circuits in one compiled loop: each with its own machine, course and line; see `batch.CircuitBatch`."""
+"""Superbikes in one compiled loop: each with its own machine, course and line; see `batch.CircuitBatch`."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from bike_sim.course import timing_account as acc
 from bike_sim.course.course import Course
 from bike_sim.course.lap_timing import LapLog
 from bike_sim.physics import articulated
+from bike_sim.physics import state as st
 from bike_sim.physics.compiled_superbike_engine import CompiledSuperbikeEngine
 from bike_sim.physics.ground import NO_BUMPS
 from bike_sim.physics.superbike.records import CONSTANTS
@@ -29,6 +30,7 @@ from bike_sim.sim.ground import FACTS as ROAD_FACTS
 from bike_sim.sim.places import Places
 from bike_sim.sim.plant import make_plant
 from bike_sim.sim.request import COURSE_POINTS, ResetRequest
+from bike_sim.sim.scene import PathScene, View
 from bike_sim.sim.superbike_plant import SuperbikePlant
 from bike_sim.sim.superbike_rows import Grounds, Machines, make_rows, make_scratch, step_rows
 from bike_sim.vehicles.superbike import Superbike
@@ -88,6 +90,7 @@ class CompiledSuperbikeBatch:
         )
         self._requests: list[ResetRequest | None] = [None] * count
         self._logs = [LapLog() for _ in range(count)]
+        self._paths: dict[int, PathScene] = {}
         self._told: dict[int, tuple[Event, ...]] = {}
         self._episodes = [0] * count
         self._ridden: list[Course | None] = [None] * count
@@ -200,28 +203,47 @@ class CompiledSuperbikeBatch:
         machine = self._mounted[index] if vehicle is None else self._machine(vehicle)
         plant, engine = machine.plant, machine.engine
         scene, state = begin(request, plant, machine.courses)
-        if not isinstance(scene, CircuitScene):
-            raise ValueError(f"course {request.course!r} is a path; a compiled batch of superbikes rides circuits")
         plant.reset(state, scene.ground)
         state = plant.state()
         view = scene.look(state, plant.signals(), 0.0, plant.fall(state))
         self._mounted[index], self._requests[index] = machine, request
         self._ridden[index] = scene.course
-        self._lay(index, scene)
+        rows = self._rows
+        rows.views[index, : cl.PLACE] = view.look
+        if isinstance(scene, CircuitScene):
+            self._lay_circuit(index, scene)
+        else:
+            self._lay_path(index, scene, view, state)
         rows = self._rows
         rows.state[index], rows.motion[index], rows.memory[index] = state, engine.motion[0], engine.memories[0]
         self.signals[index] = plant.signals()
-        rows.ride[index], rows.views[index] = scene.ride[0], scene.view
         rows.preview[index] = view.preview_x, view.preview_y
         rows.machine[index], rows.steps[index], rows.end[index] = machine.number, 0, cl.ENDS.index(view.fall)
         rows.told[index] = 0
         self._episodes[index] += 1
-        self._logs[index] = scene.log
-        opening = reset_event(self._episodes[index], scene.course, scene.track, float(self.place[index, 0]))
+        progress = self.look[index, lk.PROGRESS] if scene.track is None else self.place[index, lk.CENTRE_PROGRESS]
+        opening = reset_event(self._episodes[index], scene.course, scene.track, float(progress))
         self._told[index] = (opening, *view.events)
 
-    def _lay(self, index: int, scene: CircuitScene) -> None:
+    def _lay_path(self, index: int, scene: PathScene, view: View, state: FloatArray) -> None:
+        """Put a row on a path."""
+        rows, course = self._rows, scene.course
+        self._paths[index], self._logs[index] = scene, LapLog()
+        rows.line[index] = self._lines.put(index, course.table)
+        rows.facts[index] = 0.0
+        facts, ride = rows.facts[index], np.zeros((), dtype=cl.RIDE)
+        facts["line_spacing"], facts["line_length"] = course.spacing, course.length
+        facts["path"], facts["closed"] = True, course.closed
+        ride["near"], ride["rear"] = view.look[[lk.PROGRESS, lk.FRONT_PROGRESS]], state[[st.X, st.Y]]
+        ride["off_course"], ride["finished"] = view.off_course, view.finished
+        rows.ride[index], rows.ground[index] = ride, scene.ground.record[0]
+        rows.views[index, cl.PLACE :] = np.nan
+
+    def _lay_circuit(self, index: int, scene: CircuitScene) -> None:
         """Put a row on a circuit and a line of it."""
+        self._paths.pop(index, None)
+        self._logs[index] = scene.log
+        self._rows.ride[index], self._rows.views[index] = scene.ride[0], scene.view
         rows, grounds, followed = self._rows, self._grounds, scene.followed
         track = self._tracks.put(index, followed.track.table)
         line = self._lines.put(index, followed.line.table)
@@ -252,6 +274,19 @@ class CompiledSuperbikeBatch:
             index: circuit_events(rows.events[index, : rows.told[index]], self._logs[index])
             for index in np.flatnonzero(rows.told).tolist()
         }
+        for index, scene in self._paths.items():
+            self._judge_path(index, scene)
+
+    def _judge_path(self, index: int, scene: PathScene) -> None:
+        """Count lines, and see whether a row is off its path or at the end; one that diverged is not asked."""
+        rows = self._rows
+        if rows.end[index] == cl.LOST:
+            return
+        time = float(rows.steps[index]) * self.config.control_period
+        off_course, finished, events = scene.judge(self.state[index], self.look[index], time, self.fall(index))
+        rows.ride["off_course"][index], rows.ride["finished"][index] = off_course, finished
+        if events:
+            self._told[index] = events
 
     def state_dict(self) -> dict[str, Any]:
         """Return the state of all rows; courses are left out, for they follow from the requests. See `batch.Batch`."""
@@ -262,6 +297,7 @@ class CompiledSuperbikeBatch:
             "requests": [None if request is None else request.to_card() for request in self._requests],
             "episodes": list(self._episodes),
             "rows": {name: _plain(getattr(rows, name)).copy() for name in _KEPT},
+            "paths": {index: scene.to_card() for index, scene in self._paths.items()},
             "logs": [log.to_card() for log in self._logs],
         }
 
@@ -274,6 +310,8 @@ class CompiledSuperbikeBatch:
                 self.reset(index, ResetRequest.from_card(card), vehicle)
         for name in _KEPT:
             _plain(getattr(self._rows, name))[...] = stored["rows"][name]
+        for index, card in stored["paths"].items():
+            self._paths[int(index)].take_up(card)
         self._logs = [LapLog.from_card(card) for card in stored["logs"]]
         self._episodes = list(stored["episodes"])
         self._told = {}

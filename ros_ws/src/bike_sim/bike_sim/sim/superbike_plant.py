@@ -32,6 +32,10 @@ YAW_SPREAD: Final = 0.02
 """Half widths of a superbike's perturbed start, rad."""
 
 
+LATERAL_TOLERANCE: Final = 1e-9
+"""How well a start's lean fits the bend, m/s^2."""
+
+
 class SuperbikePlant:
     """A superbike on tyres: steering asks the virtual rider for a lean, throttle for drive or brakes."""
 
@@ -78,11 +82,19 @@ class SuperbikePlant:
         if lateral == 0.0:
             return 0.0
         low, high = 0.0, math.radians(self.vehicle.virtual_rider.max_lean_deg)
-        if lateral > steady_lateral(self.vehicle, high, speed):
+        if lateral >= steady_lateral(self.vehicle, high, speed):
             raise ValueError(f"a start at {speed:.1f} m/s is too fast for the curve at {s:.0f} m of the followed line")
+        # Illinois: false position that halves the value of an end which stays, so that both ends come together
+        below, above = -lateral, steady_lateral(self.vehicle, high, speed) - lateral
         for _ in range(40):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if steady_lateral(self.vehicle, middle, speed) < lateral else (low, middle)
+            middle = high - above * (high - low) / (above - below)
+            value = steady_lateral(self.vehicle, middle, speed) - lateral
+            if abs(value) < LATERAL_TOLERANCE:
+                return middle
+            if value < 0.0:
+                low, below, above = middle, value, 0.5 * above
+            else:
+                high, above, below = middle, value, 0.5 * below
         return high
 
     def reset(self, state: st.StateVector, ground: Ground) -> None:

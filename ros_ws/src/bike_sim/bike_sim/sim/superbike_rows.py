@@ -14,6 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from bike_sim.course import timing_account as acc
+from bike_sim.course.projection import AHEAD, project, window
 from bike_sim.physics import articulated
 from bike_sim.physics import state as st
 from bike_sim.physics.ground import GROUND
@@ -23,11 +24,13 @@ from bike_sim.physics.superbike_forces import TELEMETRY, TELEMETRY_NAMES
 from bike_sim.sim import circuit_look as cl
 from bike_sim.sim import look as lk
 from bike_sim.sim.ground import Road
+from bike_sim.sim.request import COURSE_POINTS
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 _BODIES: Final = 5
+_INTERVAL: Final = COURSE_POINTS.interval
 
 SIGNALS: Final = len(TELEMETRY_NAMES)
 """Columns of the telemetry."""
@@ -186,12 +189,10 @@ def _step(
     if math.isfinite(state.sum() + scratch.measured.sum()):
         view[lk.PITCH], view[lk.YAW_RATE] = signals.pitch_rad, signals.yaw_rate_rad_s
         view[lk.SPEED] = signals.speed_m_s
-        road = Road(grounds.roads[track], grounds.road_facts[track : track + 1], grounds.bumps[track])
-        count = cl.look_around(
-            state, machines.parameters[machine], False, int(rows.memory[i].fall), time, grounds.tracks[track],
-            grounds.lines[line], grounds.stations[line], grounds.marks[track], rows.facts[i], road,
-            rows.ground[i : i + 1], ride, view, rows.events[i],
-        )  # fmt: skip
+        if rows.facts[i].path > 0.0:
+            count = _look_at_path(i, machines.parameters[machine], grounds.lines[line], ride, state, view, rows)
+        else:
+            count = _look_at_circuit(i, time, machines.parameters[machine], grounds, ride, state, view, rows)
     if count < 0:
         _lose(i, time, rows)
         return
@@ -200,15 +201,57 @@ def _step(
     rows.ride[i] = scratch.ride[0]
     rows.views[i] = view
     rows.told[i], rows.end[i] = count, ride.end
-    _see_line(i, rows)
 
 
 @njit(cache=True)
-def _see_line(i: int, rows: Rows) -> None:
-    """Copy the preview of the followed line out of the course points."""
-    for k in range(lk.STATIONS):
-        rows.preview[i, 0, k] = rows.views[i, cl.POINTS + 3 * k]
-        rows.preview[i, 1, k] = rows.views[i, cl.POINTS + 3 * k + 1]
+def _look_at_circuit(
+    i: int, time: float, parameters: FloatArray, grounds: Grounds, ride: Any, state: FloatArray, view: FloatArray,
+    rows: Rows,
+) -> int:  # fmt: skip
+    """See a row on a circuit; the preview of the followed line stands among the course points."""
+    track, line = rows.track[i], rows.line[i]
+    road = Road(grounds.roads[track], grounds.road_facts[track : track + 1], grounds.bumps[track])
+    count = cl.look_around(
+        state, parameters, False, int(rows.memory[i].fall), time, grounds.tracks[track], grounds.lines[line],
+        grounds.stations[line], grounds.marks[track], rows.facts[i], road, rows.ground[i : i + 1], ride, view,
+        rows.events[i],
+    )  # fmt: skip
+    if count >= 0:
+        for k in range(lk.STATIONS):
+            rows.preview[i, 0, k] = view[cl.POINTS + 3 * k]
+            rows.preview[i, 1, k] = view[cl.POINTS + 3 * k + 1]
+    return count
+
+
+@njit(cache=True)
+def _look_at_path(
+    i: int, parameters: FloatArray, line: FloatArray, ride: Any, state: FloatArray, view: FloatArray, rows: Rows
+) -> int:
+    """See a row on a path, as `scene.PathScene` does; sectors and laps of paths are counted outside."""
+    look, facts = view[: cl.PLACE], rows.facts[i]
+    x, y, heading, closed = line[0], line[1], line[2], facts.closed > 0.0
+    look[lk.PROGRESS], look[lk.FRONT_PROGRESS] = ride.near[0], ride.near[1]
+    moved = math.sqrt((state[st.X] - ride.rear[0]) ** 2 + (state[st.Y] - ride.rear[1]) ** 2)
+    reach = window(AHEAD, moved, facts.line_length)
+    if reach > AHEAD:
+        s, _, _ = project(
+            x, y, heading, facts.line_spacing, closed, state[st.X], state[st.Y], look[lk.PROGRESS], reach, reach
+        )
+        look[lk.FRONT_PROGRESS] += s - look[lk.PROGRESS]
+        look[lk.PROGRESS] = s
+    seen = np.empty((2, lk.STATIONS))
+    lk.look_at_path(
+        state, parameters, False, (x, y, heading, line[3]), facts.line_spacing, closed, True, _INTERVAL, False, look,
+        seen[0], seen[1],
+    )  # fmt: skip
+    if not math.isfinite(look.sum()):
+        return -1
+    view[cl.PLACE :] = math.nan
+    rows.preview[i] = seen
+    ride.near[0], ride.near[1] = look[lk.PROGRESS], look[lk.FRONT_PROGRESS]
+    ride.rear[0], ride.rear[1] = state[st.X], state[st.Y]
+    ride.end = int(rows.memory[i].fall)
+    return 0
 
 
 @njit(cache=True)
@@ -220,6 +263,7 @@ def _lose(i: int, time: float, rows: Rows) -> None:
         return
     row = rows.events[i, 0]
     row[:] = 0.0
-    row[acc.KIND], row[acc.TIME], row[acc.PROGRESS] = cl.FALL_ROW, time, rows.views[i, cl.PLACE]
+    progress = rows.views[i, lk.PROGRESS] if rows.facts[i].path > 0.0 else rows.views[i, cl.PLACE]
+    row[acc.KIND], row[acc.TIME], row[acc.PROGRESS] = cl.FALL_ROW, time, progress
     row[acc.VALUE], row[cl.CAUSE] = rows.state[i, st.ROLL], cl.LOST
     rows.told[i] = 1

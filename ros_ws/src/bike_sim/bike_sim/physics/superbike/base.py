@@ -49,6 +49,7 @@ class SuperbikeBase(ABC):
         self.memory = np.zeros(len(sf.MEMORY_NAMES))
         self._memory = self.memory.view(MEMORY)  # the same numbers, by name
         self._telemetry = np.zeros(1, dtype=sf.TELEMETRY)
+        self._measured = self._telemetry.view(np.float64)
         self._constants = constants_of(vehicle, without_rider(vehicle))
         self._state = np.zeros(st.STATE_SIZE)
 
@@ -97,7 +98,7 @@ class SuperbikeBase(ABC):
 
     def telemetry(self) -> NDArray[np.float64]:
         """Return what was measured at the last step, in the order of `superbike_forces.TELEMETRY_NAMES`."""
-        return self._telemetry.view(np.float64).copy()
+        return self._measured.copy()
 
     @property
     def constants(self) -> NDArray[np.void]:
