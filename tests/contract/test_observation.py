@@ -124,3 +124,17 @@ def test_bounds_hold_angles():
     assert layout.high[layout.features.index("yaw_cos")] == pytest.approx(2.0)
     assert math.isinf(layout.high[0])
     assert math.isinf(layout.high[layout.features.index("steer")])
+
+
+def test_a_wrapped_yaw_forgets_whole_turns_and_mirrors():
+    layout = ObservationLayout("turns", ("yaw_wrapped",), (1.0,), preview_count=1)
+
+    def shown(yaw: float) -> float:
+        state = np.zeros(10)
+        state[2] = yaw
+        return float(layout.observe(SeenBlocks(state, np.zeros(12), np.zeros(1)))[0])
+
+    for yaw in (-3.0, -0.2, 0.0, 1.5, 3.1):
+        assert shown(yaw) == pytest.approx(yaw, abs=1e-6)
+        assert shown(yaw + 14.0 * math.pi) == pytest.approx(yaw, abs=1e-5)
+        assert shown(-yaw - 6.0 * math.pi) == pytest.approx(-yaw, abs=1e-5)

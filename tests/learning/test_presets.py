@@ -91,3 +91,9 @@ def test_a_task_for_bicycles_refuses_a_superbike(tmp_path):
     with pytest.raises(ValueError, match=r"'prop' is for bicycles on paths, and '.*' is a superbike"):
         LearningProcess(settings, tmp_path / "run", 10)
     assert not (tmp_path / "run").exists()
+
+
+def test_the_papers_presets_are_told_from_those_made_of_them():
+    """The paper deploys the last actor that passed a validation, so `bike export` does so for these presets only."""
+    published = {name for name, preset in PRESETS.items() if preset.published}
+    assert published == {"paper", "alt1", "alt2", "alt3", "alt4", "alt5"}

@@ -148,7 +148,8 @@ def test_a_run_goes_on_with_another_simulator(learner, tmp_path):
     second.run()
     assert second.model.num_timesteps == 840
     assert second.model._n_updates == first.model._n_updates + 20
-    assert [stage["engine"] for stage in second.summary()["stages"]] == ["whipple", "pybullet"]
+    stages = [(stage["engine"], stage["environments"], stage["updates"]) for stage in second.summary()["stages"]]
+    assert stages == [("whipple", 8, settings.preset.updates), ("pybullet", 2, 1)]
     assert np.abs(weights(second) - weights(first)).max() > 0.0
 
 

@@ -109,7 +109,7 @@ def test_table_5():
     assert prop.layout.size == 16
     assert (prop.layout.preview_by_time, prop.layout.preview_interval, prop.layout.preview_count) == (True, 0.4, 5)
     assert (prop.weights, prop.contact) == ({"path_linear": 1.0}, "rear")
-    assert TASKS["alt1"].layout.features[:3] == ("x", "y", "yaw")
+    assert TASKS["alt1"].layout.features[:3] == ("x", "y", "yaw_wrapped")
     assert TASKS["alt1"].layout.size == 15
     assert (TASKS["alt2"].layout.preview_by_time, TASKS["alt2"].layout.preview_interval) == (False, 2.0)
     assert TASKS["alt3"].contact == "front"

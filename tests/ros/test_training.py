@@ -74,7 +74,9 @@ def test_a_short_run_and_its_resume(tmp_path: Path, mark: str, capsys: pytest.Ca
     first, second = learned
     assert (first["steps"], second["steps"]) == (200, 300)
     assert 0 < first["updates"] < second["updates"]
-    assert first["stages"] == second["stages"] == [{"client": "ros", "engine": "pybullet", "from_step": 0}]
+    (stage,) = first["stages"]
+    assert [stage] == second["stages"]
+    assert (stage["client"], stage["engine"], stage["from_step"]) == ("ros", "pybullet", 0)
     assert not second["interrupted"]
 
 

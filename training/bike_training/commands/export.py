@@ -28,9 +28,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--which",
         choices=["best", "success", "last"],
-        default="best",
         help="the best on the rides that actors are compared on (success where none was compared yet), the most recent "
-        "one that passed every ride of a validation (as the paper does), or the last one (default: %(default)s)",
+        "one that passed every ride of a validation (as the paper does), or the last one (default: success for the "
+        "paper's presets, else best)",
     )
     parser.add_argument("--evaluation", type=Path, help="evaluation.json whose summary goes into the card")
 
@@ -40,12 +40,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     checkpoint = Checkpoint(args.run)
     summary = _read_table(args.run / "run.json", ("vehicle", "preset", "steps"))
     with checkpoint.reading():
-        actor, which, step = _choose(checkpoint.run["progress"], args.which, summary["steps"])
+        preset = Preset.from_card(summary["preset"])
+        wanted = args.which or ("success" if preset.published else "best")
+        actor, which, step = _choose(checkpoint.run["progress"], wanted, summary["steps"])
     if actor is None:
-        advice = "" if args.which == "last" else ", or export --which last"
-        raise ValueError(f"{args.run}: there is no {args.which!r} actor yet; train longer{advice}")
+        advice = "" if wanted == "last" else ", or export --which last"
+        raise ValueError(f"{args.run}: there is no {wanted!r} actor yet; train longer{advice}")
     vehicle = load_vehicle(summary["vehicle"])
-    task = Preset.from_card(summary["preset"]).task.make()
+    task = preset.task.make()
     name = args.name or vehicle.name
     bundle = Bundle(
         name=name,

@@ -39,6 +39,11 @@ class Preset(Algorithm):
     task: TaskSettings = field(default_factory=PathSettings)
     curriculum: CurriculumSettings = field(default_factory=PartsSettings)
 
+    @property
+    def published(self) -> bool:
+        """Whether this is one of the paper's settings, of which it deploys the last actor that passed a validation."""
+        return self.name == PAPER.name or self.name in _ALTERNATIVES
+
     def to_card(self) -> dict[str, Any]:
         """Return plain values for a policy card."""
         card = asdict(self)
@@ -159,11 +164,15 @@ RACE_PAPER: Final = Preset(
 Its learning rate and the size of its replay buffer could not be read; they are Stable-Baselines3's.
 """
 
+_ALTERNATIVES: Final[dict[str, Preset]] = {
+    name: replace(PAPER, name=name, task=PathSettings(task=name)) for name in TASKS if name.startswith("alt")
+}
+
 PRESETS: Final[dict[str, Preset]] = {
     "paper": PAPER,
     "fast": FAST,
     "race": RACE,
     "race_paper": RACE_PAPER,
-    **{name: replace(PAPER, name=name, task=PathSettings(task=name)) for name in TASKS if name.startswith("alt")},
+    **_ALTERNATIVES,
 }
 """All presets by name; alt1 to alt5 are the paper's other settings (Table 5)."""

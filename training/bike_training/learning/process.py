@@ -134,8 +134,14 @@ class LearningProcess:
     def _note_stage(self) -> None:
         """Write down where the run rides from here on, if that is somewhere else than before."""
         settings, stages = self.settings, self.progress.stages
-        where = {"client": settings.client, "engine": settings.engine}
-        if not stages or any(stages[-1][name] != value for name, value in where.items()):
+        # The preset of the card is the last session's; how many rode before is told here alone.
+        where = {
+            "client": settings.client,
+            "engine": settings.engine,
+            "environments": settings.preset.environments,
+            "updates": settings.preset.updates,
+        }
+        if not stages or any(stages[-1].get(name) != value for name, value in where.items()):
             stages.append({**where, "from_step": self.model.num_timesteps})
 
     def run(self, report: Callable[[LearningProcess], None] | None = None) -> None:

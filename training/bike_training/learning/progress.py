@@ -50,7 +50,7 @@ class Progress:
         best_step: learning step at which it was found.
         selected_at: learning step of the last comparison.
         finished_after: time spent learning when the curriculum was finished, s, or None.
-        stages: where it rode: client, engine and first learning step of each.
+        stages: where it rode: client, engine, vehicles side by side, updates and first learning step of each.
     """
 
     curriculum: Curriculum

@@ -274,7 +274,7 @@ PROP: Final = PathTask(layout=PROP_LAYOUT)
 
 _MINIMAL_LAYOUT = ObservationLayout(
     "alt1",
-    ("x", "y", "yaw", *PROP_LAYOUT.features[4:]),
+    ("x", "y", "yaw_wrapped", *PROP_LAYOUT.features[4:]),
     (1.0,) * (len(PROP_LAYOUT.features) - 1),
 )
 

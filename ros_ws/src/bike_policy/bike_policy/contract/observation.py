@@ -9,7 +9,7 @@ Source: Weyrer et al. (2026), Eqs. (1) to (6), for ``prop`` and the alternatives
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 from typing import Any, Final, Literal, NamedTuple, Protocol
@@ -66,13 +66,20 @@ class Feature(NamedTuple):
     place: int
     mirror: float
     bound: float = math.inf
-    turn: np.ufunc | None = None
+    turn: Callable[[FloatArray], FloatArray] | None = None
+
+
+def _wrapped(angle: FloatArray) -> FloatArray:
+    """Return angles within [-pi, pi], odd in the angle."""
+    return np.arctan2(np.sin(angle), np.cos(angle))
 
 
 _FEATURES: Final[Mapping[str, Feature]] = {
     "x": Feature("state", 0, 1.0),
     "y": Feature("state", 1, -1.0),
     "yaw": Feature("state", 2, -1.0),
+    # As it comes from a rotation matrix: within half a turn, whatever turns the ride has made
+    "yaw_wrapped": Feature("state", 2, -1.0, math.pi, _wrapped),
     "roll": Feature("state", 3, -1.0, math.pi),
     "steer": Feature("state", 4, -1.0),
     "rear_wheel": Feature("state", 5, 1.0),
@@ -177,7 +184,7 @@ class ObservationLayout:
         return np.array(self.scales, dtype=np.float64)
 
     @cached_property
-    def _turns(self) -> tuple[tuple[int, np.ufunc], ...]:
+    def _turns(self) -> tuple[tuple[int, Callable[[FloatArray], FloatArray]], ...]:
         turns = ((i, _FEATURES[name].turn) for i, name in enumerate(self.features))
         return tuple((i, turn) for i, turn in turns if turn is not None)
 
