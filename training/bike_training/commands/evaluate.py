@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from rich.console import Console
 from rich.table import Table
@@ -15,13 +15,15 @@ from tqdm import tqdm
 
 from bike_policy.contract.bundle import DEFAULT_POLICY
 from bike_policy.riders.learned import LearnedRider
-from bike_policy.riders.rider import Rider, make_rider
+from bike_policy.riders.rider import RIDERS, Rider, make_rider
 from bike_sim.course.files import load_course
 from bike_sim.sim.config import SimulatorConfig
 from bike_training.arguments import check_positive, check_whole, make_folder
 from bike_training.envs.clients import CLIENT_KINDS, make_client
 from bike_training.rollout.evaluation import PAPER_MAX, PAPER_MEAN, SPEEDS, Ride, draw, evaluate
 from bike_training.rollout.riding import ride_through
+from bike_training.rollout.stability import stability
+from bike_training.rollout.timed_rider import TimedRider
 
 NODES = "nodes"
 
@@ -29,6 +31,8 @@ EXAMPLES = """examples:
   bike evaluate                                the shipped policy, in process, PyBullet at 1 ms
   bike evaluate runs/a/policy --client nodes   through the simulator node and the policy node
   bike evaluate whipple --course junction --speeds 4
+  bike evaluate --rider mpc                    a rider that is not learned
+  bike evaluate --compare whipple lqr mpc stanley   side by side in one table
 """
 
 
@@ -37,6 +41,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.epilog = EXAMPLES
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("policy", nargs="?", default=DEFAULT_POLICY, help="name or folder (default: %(default)s)")
+    parser.add_argument("--rider", help=f"the same by name of the rider: a policy, or {', '.join(RIDERS)}")
+    parser.add_argument("--compare", nargs="+", metavar="RIDER", help="several riders, side by side in one table")
     parser.add_argument(
         "--client",
         choices=[*CLIENT_KINDS, NODES],
@@ -58,41 +64,57 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         check_positive("--speeds", speed, "m/s")
     check_whole("--random-rides", args.random_rides, 0)
     check_whole("--seed", args.seed, 0)
-    rider = make_rider(args.policy)
+    if args.compare and (args.rider or args.policy != DEFAULT_POLICY):
+        raise ValueError("--compare names all riders that are evaluated; leave out the policy and --rider")
+    names = args.compare or [args.rider or args.policy]
+    riders = [make_rider(name) for name in names]
     config = SimulatorConfig(engine=args.engine, time_step=args.time_step)
-    if isinstance(rider, LearnedRider):
-        rider.bundle.check_fit(config.vehicle, config.control_period)
+    for rider in riders:
+        if isinstance(rider, LearnedRider):
+            rider.bundle.check_fit(config.vehicle, config.control_period)
     load_course(args.course)  # before the nodes start
     make_folder("--out", args.out)
+    found = [_evaluate(args, name, rider, config) for name, rider in zip(names, riders, strict=True)]
+    figures: dict[str, Any] = {"riders": found} if args.compare else found[0]
+    (args.out / "evaluation.json").write_text(json.dumps(figures, indent=1), encoding="utf-8")
+    if args.compare and not args.json:
+        _print_comparison(found)
+    elif not args.compare:
+        draw(figures, riders[0].name, args.out / "evaluation.png")
+        if not args.json:
+            _print(figures, riders[0].name, args.out)
+    ok = all(ride["completed"] for each in found for ride in each["rides"] + each["random"])
+    return {"schema": "bike.evaluate/1", "ok": ok, "figures": figures}
+
+
+def _evaluate(args: argparse.Namespace, name: str, rider: Rider, config: SimulatorConfig) -> dict[str, Any]:
+    """Return the figures of one rider."""
     total = len(args.speeds) * (1 + args.random_rides)
-    with _rides(args, rider, config) as ride, tqdm(total=total, unit="ride", desc=rider.name, disable=None) as bar:
+    timed = TimedRider(rider)
+    with _rides(args, name, timed, config) as ride, tqdm(total=total, unit="ride", desc=rider.name, disable=None) as bar:
 
         def tick() -> None:
             bar.update()
 
         figures = evaluate(ride, args.course, args.speeds, args.random_rides, args.seed, tick)
-    figures = {
+    return {
         "policy": rider.name,
         "client": args.client,
         "engine": args.engine,
         "time_step_s": args.time_step,
+        **timed.figures(),
         **figures,
+        **stability(rider),
     }
-    (args.out / "evaluation.json").write_text(json.dumps(figures, indent=1), encoding="utf-8")
-    draw(figures, rider.name, args.out / "evaluation.png")
-    if not args.json:
-        _print(figures, rider.name, args.out)
-    ok = all(ride["completed"] for ride in figures["rides"] + figures["random"])
-    return {"schema": "bike.evaluate/1", "ok": ok, "figures": figures}
 
 
 @contextmanager
-def _rides(args: argparse.Namespace, rider: Rider, config: SimulatorConfig) -> Iterator[Ride]:
+def _rides(args: argparse.Namespace, name: str, rider: Rider, config: SimulatorConfig) -> Iterator[Ride]:
     """Open what rides, and close it."""
     if args.client == NODES:
         from bike_training.nodes.node_rides import NodeRides  # only rides through nodes need ROS
 
-        with NodeRides(args.policy, config) as nodes:
+        with NodeRides(name, config) as nodes:
             yield nodes.ride
         return
     client = make_client(args.client, config)
@@ -100,6 +122,38 @@ def _rides(args: argparse.Namespace, rider: Rider, config: SimulatorConfig) -> I
         yield lambda request, longest: ride_through(client, rider, request, longest)
     finally:
         client.close()
+
+
+COMPARED: Final[Mapping[str, str]] = {
+    "completed_count": "rides completed on the course",
+    "average_mean_m": "mean of the mean distances, m",
+    "worst_mean_m": "largest mean distance, m",
+    "worst_max_m": "largest distance, m",
+    "average_steer_rate_deg_s": "steer rate, RMS, °/s",
+    "random_completed_count": "random rides completed",
+    "random_average_mean_m": "mean of their mean distances, m",
+    "random_worst_max_m": "largest distance in them, m",
+    "worst_spectral_radius_upright": "spectral radius, upright, worst of 2 to 7 m/s",
+    "worst_spectral_radius_turn": "spectral radius, turn of 20 m radius",
+    "worst_swing_deg": "set value left swinging on a straight, °",
+    "answer_median_ms": "answer, median, ms",
+    "answer_p99_ms": "answer, 99th percentile, ms",
+}
+"""Figures of a comparison, with their headings."""
+
+
+def _print_comparison(found: Sequence[Mapping[str, Any]]) -> None:
+    """Print riders side by side."""
+    first = found[0]
+    table = Table(title=f"{first['course']} at {first['rides_count']} speeds and random paths, {first['engine']}")
+    table.add_column("figure")
+    for each in found:
+        table.add_column(each["policy"], justify="right")
+    for key, heading in COMPARED.items():
+        cells = [each.get(key) for each in found]
+        if any(cell is not None for cell in cells):
+            table.add_row(heading, *("-" if cell is None else f"{cell:.4g}" for cell in cells))
+    Console(width=max(100, Console().width)).print(table)
 
 
 def _print(figures: dict[str, Any], name: str, out: Path) -> None:
@@ -122,6 +176,10 @@ def _print(figures: dict[str, Any], name: str, out: Path) -> None:
         )
     console = Console(width=max(100, Console().width))
     console.print(table)
+    radius, swing = figures["worst_spectral_radius_upright"], figures["worst_swing_deg"]
+    stable = "no steady ride" if radius is None else f"spectral radius {radius:.3f}"
+    swinging = "-" if swing is None else f"{swing:.2g}"
+    console.print(f"on a straight, worst of 2 to 7 m/s: {stable}, set value left swinging by {swinging}°")
     console.print(
         f"worst mean {figures['worst_mean_m']:.3f} m (paper's best controller {PAPER_MEAN}), "
         f"worst maximum {figures['worst_max_m']:.3f} m ({PAPER_MAX}); written to {out}"

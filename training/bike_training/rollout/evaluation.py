@@ -83,6 +83,7 @@ def _summary(prefix: str, rides: Sequence[dict[str, Any]]) -> dict[str, Any]:
         f"{prefix}worst_mean_m": max(ride["mean_m"] for ride in rides),
         f"{prefix}worst_max_m": max(ride["max_m"] for ride in rides),
         f"{prefix}average_mean_m": float(np.mean([ride["mean_m"] for ride in rides])),
+        f"{prefix}average_steer_rate_deg_s": float(np.mean([ride["steer_rate_rms_deg_s"] for ride in rides])),
     }
 
 

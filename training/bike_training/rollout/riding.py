@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from bike_policy.riders.rider import Rider
 from bike_sim.course.course import Course
 from bike_sim.course.finish import Finish, up_to_finish
-from bike_sim.physics.state import ROLL, STEER, X, Y
+from bike_sim.physics.state import ROLL, STEER, STEER_RATE, X, Y
 from bike_sim.sim import look as lk
 from bike_sim.sim.request import RANDOM_COURSE, ResetRequest
 from bike_sim.sim.snapshot import Snapshot
@@ -33,7 +33,7 @@ class RideResult:
         completed: it reached its end without falling or leaving the course.
         progress: arc length, m, shape (steps + 1,).
         error: signed distance of the rear contact to the course, m.
-        roll: rad. steer: rad. command: steering command applied in the step to the state, [-1, 1].
+        roll: rad. steer: rad. steer_rate: rad/s. command: steering command applied in the step to the state, [-1, 1].
         x: rear contact, m. y: rear contact, m.
         lost_states: states of the ride that are missing here.
     """
@@ -44,6 +44,7 @@ class RideResult:
     error: FloatArray
     roll: FloatArray
     steer: FloatArray
+    steer_rate: FloatArray
     command: FloatArray
     x: FloatArray
     y: FloatArray
@@ -55,15 +56,15 @@ class RideResult:
         looks = np.array([snapshot.look for snapshot in snapshots])
         states = np.array([snapshot.state for snapshot in snapshots])
         commands = np.array([snapshot.steering for snapshot in snapshots])
-        progress, error, x, y, roll, steer, command = up_to_finish(
+        progress, error, x, y, roll, steer, steer_rate, command = up_to_finish(
             Finish.of(course),
             looks[:, lk.PROGRESS],
             looks[:, lk.LATERAL_ERROR],
-            *(states[:, place] for place in (X, Y, ROLL, STEER)),
+            *(states[:, place] for place in (X, Y, ROLL, STEER, STEER_RATE)),
             commands,
         )
         speed = float(looks[0, lk.SPEED])
-        return cls(speed, completed, progress, error, roll, steer, command, x, y)
+        return cls(speed, completed, progress, error, roll, steer, steer_rate, command, x, y)
 
     def figures(self, sections: Iterable[tuple[str, float]] = ()) -> dict[str, Any]:
         """Return mean, maximum and RMS distance, also for each section (name, first arc length in m)."""
@@ -77,6 +78,7 @@ class RideResult:
             "rms_m": float(np.sqrt(np.mean(distance**2))),
             "max_roll_deg": float(np.degrees(np.abs(self.roll).max())),
             "max_steer_deg": float(np.degrees(np.abs(self.steer).max())),
+            "steer_rate_rms_deg_s": float(np.degrees(np.sqrt(np.mean(self.steer_rate**2)))),
         }
         bounds = [*sections, ("", np.inf)]
         per_section = []

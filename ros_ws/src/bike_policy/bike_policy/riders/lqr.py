@@ -11,6 +11,10 @@ The curvature kappa of the path ahead, sampled at the control periods, is the pr
 Dynamics 35). The cost is on errors and on the torque of the drive, ``u - delta``, not on the set point itself, so that
 a steady turn costs next to nothing and is ridden without an offset.
 
+The bicycle itself is not linear: at 40 deg of lean it turns 15 % sharper than the linear model says, which is the largest
+error of such a rider. So lean and steer enter the model as what they are worth in a steady turn of the nonlinear bicycle
+(`bike_sim.physics.steady_turn`): a lean counts as the curvature that it holds, a steer as the curvature that it rides.
+
 A command that acts late is known to the rider: the last answers are states of the model, one for each period of delay.
 """
 
@@ -27,6 +31,7 @@ from numpy.typing import NDArray
 from bike_sim.course.course import Course
 from bike_sim.physics import state as st
 from bike_sim.physics.linear import state_matrix
+from bike_sim.physics.steady_turn import steady_turns
 from bike_sim.sim import look as lk
 from bike_sim.sim.request import Preview
 from bike_sim.sim.snapshot import Snapshot
@@ -59,12 +64,34 @@ class LqrSettings:
     """
 
     lateral: float = 1.0
-    heading: float = 0.3
-    roll_rate: float = 0.01
-    steer_rate: float = 0.01
-    drive: float = 0.05
+    heading: float = 0.45
+    roll_rate: float = 0.016
+    steer_rate: float = 0.0012
+    drive: float = 0.0043
     horizon: float = 3.0
     delay: int = 0
+
+
+class Problem(NamedTuple):
+    """The discrete control problem at one speed, with the delayed commands as further states.
+
+    ``x' = a x + b u + drift kappa`` with the cost ``x Q x + 2 x cross u + control u^2`` a period.
+
+    Attributes:
+        a: shape (n, n), n = 6 + delay.
+        b: shape (n,).
+        drift: shape (n,).
+        cost: Q, shape (n, n).
+        cross: shape (n,).
+        control: scalar weight.
+    """
+
+    a: FloatArray
+    b: FloatArray
+    drift: FloatArray
+    cost: FloatArray
+    cross: FloatArray
+    control: float
 
 
 class Gains(NamedTuple):
@@ -73,10 +100,14 @@ class Gains(NamedTuple):
     Attributes:
         state: of lateral error, heading error, roll, steer, roll rate, steer rate, and the delayed commands.
         preview: of the curvatures of the control periods ahead.
+        to_go: P of the cost that is left from a state on, ``x P x`` where the path is straight.
+        closed: transition of the states under the optimal answer.
     """
 
     state: FloatArray
     preview: FloatArray
+    to_go: FloatArray
+    closed: FloatArray
 
 
 def lateral_model(vehicle: Vehicle, speed: float) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -97,6 +128,38 @@ def lateral_model(vehicle: Vehicle, speed: float) -> tuple[FloatArray, FloatArra
     return a, b, e
 
 
+def control_problem(vehicle: Vehicle, speed: float, period: float, settings: LqrSettings) -> Problem:
+    """Return the discrete problem at a speed; command and curvature are held for a control period.
+
+    Args:
+        vehicle: bicycle.
+        speed: m/s.
+        period: control period, s.
+        settings: weights and delay.
+    """
+    from scipy.linalg import expm  # late: other riders are spared it
+
+    held = np.zeros((8, 8))
+    held[:6, :6], held[:6, 6], held[:6, 7] = lateral_model(vehicle, speed)
+    held = expm(held * period)
+    delay, size = settings.delay, 6 + settings.delay
+    a, b, drift = np.zeros((size, size)), np.zeros(size), np.zeros(size)
+    cost, cross, control = np.zeros((size, size)), np.zeros(size), 1e-6
+    a[:6, :6], drift[:6] = held[:6, :6], held[:6, 7]
+    weights = (settings.lateral, settings.heading, 0.0, settings.drive, settings.roll_rate, settings.steer_rate)
+    np.fill_diagonal(cost[:6, :6], weights)
+    # The drive's torque grows with acting command - steer; the acting command is the oldest delayed one, or the new one.
+    if delay:
+        a[:6, 6], b[-1] = held[:6, 6], 1.0
+        a[6 : size - 1, 7:] = np.eye(delay - 1)
+        cost[6, 6] = settings.drive
+        cost[3, 6] = cost[6, 3] = -settings.drive
+    else:
+        b[:6], control = held[:6, 6], control + settings.drive
+        cross[3] = -settings.drive
+    return Problem(a, b, drift, cost, cross, control)
+
+
 def design(vehicle: Vehicle, speed: float, period: float, settings: LqrSettings) -> Gains:
     """Return the gains at a speed.
 
@@ -106,44 +169,37 @@ def design(vehicle: Vehicle, speed: float, period: float, settings: LqrSettings)
         period: control period, s.
         settings: weights.
     """
-    from scipy.linalg import expm, solve_discrete_are  # late: other riders are spared it
+    from scipy.linalg import solve_discrete_are
 
-    a, b, e = lateral_model(vehicle, speed)
-    held = np.zeros((8, 8))
-    held[:6, :6], held[:6, 6], held[:6, 7] = a, b, e
-    held = expm(held * period)  # command and curvature are held for a period
-    ad, bd, ed = held[:6, :6], held[:6, 6], held[:6, 7]
-    delay, size = settings.delay, 6 + settings.delay
-    big, late, drift = np.zeros((size, size)), np.zeros((size, 1)), np.zeros(size)
-    big[:6, :6], drift[:6] = ad, ed
-    if delay:
-        big[:6, 6] = bd
-        big[6 : size - 1, 7:] = np.eye(delay - 1)
-        late[-1] = 1.0
-    else:
-        late[:6, 0] = bd
-    cost = np.zeros((size, size))
-    weights = (settings.lateral, settings.heading, 0.0, 0.0, settings.roll_rate, settings.steer_rate)
-    np.fill_diagonal(cost[:6, :6], weights)
-    # (acting command - steer)^2; the acting command is the oldest delayed one, or the new one itself.
-    control, cross = np.array([[1e-6]]), np.zeros((size, 1))
-    cost[3, 3] += settings.drive
-    if delay:
-        cost[6, 6] += settings.drive
-        cost[3, 6] -= settings.drive
-        cost[6, 3] -= settings.drive
-    else:
-        control[0, 0] += settings.drive
-        cross[3, 0] = -settings.drive
-    p = solve_discrete_are(big, late, cost, control, s=cross)
-    inverse = 1.0 / (control + late.T @ p @ late).item()
-    gain = inverse * (late.T @ p @ big + cross.T)
-    closed = (big - late @ gain).T
+    a, b, drift, cost, cross, control = control_problem(vehicle, speed, period, settings)
+    p = solve_discrete_are(a, b[:, None], cost, np.array([[control]]), s=cross[:, None])
+    inverse = 1.0 / (control + b @ p @ b)
+    gain = inverse * (b @ p @ a + cross)
+    closed = a - np.outer(b, gain)
     preview, weighted = [], p @ drift
     for _ in range(round(settings.horizon / period)):
-        preview.append(inverse * (late.T @ weighted).item())
-        weighted = closed @ weighted
-    return Gains(gain[0], np.array(preview))
+        preview.append(inverse * float(b @ weighted))
+        weighted = closed.T @ weighted
+    return Gains(gain, np.array(preview), p, closed)
+
+
+class Worth:
+    """What leans are worth at one speed: a lean counts as the one that holds the same curvature in the linear model."""
+
+    def __init__(self, vehicle: Vehicle, speed: float) -> None:
+        """Compute the steady turns of a bicycle at a speed, m/s."""
+        turns = steady_turns(vehicle, speed)
+        tangent = -np.tan(turns.roll[1:])
+        self._tangents = np.concatenate([[0.0], tangent])
+        # The first turn of the family is the linear model: it leans by 2 deg at most.
+        self._factors = np.ones(len(self._tangents))
+        if len(tangent):
+            self._factors[1:] = turns.curvature[1:] / tangent * (tangent[0] / turns.curvature[1])
+
+    def of(self, roll: float) -> float:
+        """Return the tangent of the lean that the linear model takes for a roll, rad."""
+        tangent = math.tan(roll)
+        return tangent * float(np.interp(abs(tangent), self._tangents, self._factors))
 
 
 class LqrRider:
@@ -156,6 +212,7 @@ class LqrRider:
         """Take the weights."""
         self._settings = settings or LqrSettings()
         self._gains: dict[int, Gains] = {}
+        self._worth: dict[int, Worth] = {}
         self._machine: tuple[Vehicle, float] | None = None
 
     def begin(self, vehicle: Vehicle, course: Course, period: float, preview: Preview) -> None:
@@ -168,6 +225,7 @@ class LqrRider:
             raise ValueError(f"rider {self.name!r} steers bicycles by set point, and {vehicle.name!r} is a superbike")
         if self._machine != (vehicle, period):
             self._gains.clear()
+            self._worth.clear()
         self._machine = (vehicle, period)
         self._vehicle, self._course, self._period = vehicle, course, period
         self._sent: deque[float] = deque([0.0] * self._settings.delay, maxlen=self._settings.delay or 1)
@@ -180,24 +238,50 @@ class LqrRider:
         look, state = snapshot.look, snapshot.state
         if not math.isfinite(look.sum() + state.sum()):
             return None
+        return self._answer(snapshot, self.turn(snapshot))
+
+    def turn(self, snapshot: Snapshot) -> float:
+        """Return the optimal set value of the model."""
         gains = self._gains_at(snapshot.speed)
-        roll, level = float(state[st.ROLL]), math.cos(float(state[st.ROLL]))
-        # Leaning, the machine turns as an upright one with a larger steering angle, and needs the tangent of the lean.
-        x = [
+        ahead = self.ahead(snapshot, len(gains.preview))
+        return -float(gains.state @ self.deviations(snapshot)) - float(gains.preview @ ahead)
+
+    def deviations(self, snapshot: Snapshot) -> FloatArray:
+        """Return the states of the model: errors, lean, steer and rates as the linear model takes them, late commands.
+
+        Leaning, the machine turns as an upright one with a larger steering angle, and needs the tangent of the lean.
+        """
+        look, state = snapshot.look, snapshot.state
+        level = math.cos(float(state[st.ROLL]))
+        now = [
             look[lk.LATERAL_ERROR],
             math.sin(look[lk.HEADING_ERROR]),
-            math.tan(roll),
+            self._worth_at(snapshot.speed).of(float(state[st.ROLL])),
             math.tan(float(state[st.STEER])) / level,
             float(state[st.ROLL_RATE]) / level**2,
             float(state[st.STEER_RATE]) / level,
-            *(self._sent if self._settings.delay else ()),
         ]
-        ahead = look[lk.PROGRESS] + snapshot.speed * self._period * (np.arange(len(gains.preview)) + 0.5)
-        turn = -float(gains.state @ x) - float(gains.preview @ self._curvature(ahead))
+        return np.array([*now, *self._sent] if self._settings.delay else now)
+
+    def ahead(self, snapshot: Snapshot, count: int) -> FloatArray:
+        """Return the curvature of the line in the middle of each of the next control periods, 1/m."""
+        way = snapshot.speed * self._period * (np.arange(count) + 0.5)
+        return self._curvature(snapshot.look[lk.PROGRESS] + way)
+
+    def _answer(self, snapshot: Snapshot, turn: float) -> tuple[float, float]:
+        """Return and remember the answer with a set value of the model."""
+        level = math.cos(float(snapshot.state[st.ROLL]))
         steering = min(max(math.atan(turn * level) / self._vehicle.max_steer, -1.0), 1.0)
         self._sent.append(turn)
         self._answered = (snapshot.step, steering)
         return steering, 0.0
+
+    def _worth_at(self, speed: float) -> Worth:
+        """Return what leans are worth at the nearest multiple of SPEED_STEP."""
+        step = round(max(speed, SLOWEST) / SPEED_STEP)
+        if step not in self._worth:
+            self._worth[step] = Worth(self._vehicle, step * SPEED_STEP)
+        return self._worth[step]
 
     def _gains_at(self, speed: float) -> Gains:
         """Return the gains at the nearest multiple of SPEED_STEP."""

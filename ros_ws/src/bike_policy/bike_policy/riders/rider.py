@@ -47,9 +47,11 @@ class Rider(Protocol):
 RIDERS: Final[Mapping[str, tuple[str, str]]] = {
     "classical": ("bike_policy.riders.classical", "ClassicalRider"),
     "lqr": ("bike_policy.riders.lqr", "LqrRider"),
+    "mpc": ("bike_policy.riders.mpc", "MpcRider"),
+    "stanley": ("bike_policy.riders.stanley", "StanleyRider"),
 }
 """Riders that are not learned, by name: module and class. They are loaded when they are asked for, because plans and
-solvers of laps take longer to load than all else that a learned rider needs."""
+solvers take longer to load than all else that a learned rider needs."""
 
 
 def make_rider(name: str) -> Rider:

@@ -1,0 +1,162 @@
+"""The Stanley law for bicycles: a cross-track law at the front axle, over a loop that balances.
+
+The law steers a car by the heading error psi and by an angle that brings the axle back to the path,
+``delta = psi - atan(k e / v)`` (Thrun et al. 2006, Stanley: the robot that won the DARPA grand challenge, Journal of Field
+Robotics 23, Sect. 9.2). A car turns its wheel to that angle at once and is on the path after about a wheelbase. A bicycle
+that did so would fall to the other side: it has to lean first, which takes most of a second. So here the angle says which
+curvature is wanted beside the path's own,
+
+    kappa = kappa_path + (psi - atan(k e / v)) / (v T),
+
+with a time T in place of the car's wheelbase, and a linear-quadratic loop leans the bicycle as the steady turn of that
+curvature asks, counter-steering on the way. There is no preview: the law sees the path at the front axle only.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_policy.riders.lqr import SLOWEST, SPEED_STEP, lateral_model
+from bike_sim.course.course import Course
+from bike_sim.course.projection import curvature_at, point_at
+from bike_sim.physics import state as st
+from bike_sim.physics.steady_turn import SteadyTurns, steady_turns
+from bike_sim.sim import look as lk
+from bike_sim.sim.request import Preview
+from bike_sim.sim.snapshot import Snapshot
+from bike_sim.vehicles.bicycle import Vehicle
+from bike_sim.vehicles.superbike import Superbike
+
+FloatArray = NDArray[np.float64]
+
+STANLEY: Final = "stanley"
+"""Name of this rider."""
+
+_BALANCE: Final = (st.ROLL, st.STEER, st.ROLL_RATE, st.STEER_RATE)
+
+
+@dataclass(frozen=True)
+class StanleySettings:
+    """Gains, tuned on random training paths only.
+
+    Attributes:
+        cross_track: k of the law, 1/s.
+        time: T of the law, s.
+        lean: weight of the squared error of the lean, 1/rad^2.
+        steer_rate: weight of the squared steer rate, s^2/rad^2.
+        drive: weight of the squared difference of set point and steering angle, 1/rad^2.
+        steepest: lean up to which turns are asked for, rad.
+    """
+
+    cross_track: float = 0.7
+    time: float = 1.0
+    lean: float = 1.0
+    steer_rate: float = 0.0003
+    drive: float = 0.0005
+    steepest: float = math.radians(40.0)
+
+
+class Loop(NamedTuple):
+    """The balance loop at one speed.
+
+    Attributes:
+        gains: of the differences in roll, steer and their rates.
+        turns: what is balanced about.
+        sharpest: largest curvature that is asked for, 1/m.
+    """
+
+    gains: FloatArray
+    turns: SteadyTurns
+    sharpest: float
+
+
+class StanleyRider:
+    """Rides a bicycle along any line; implements `bike_policy.riders.rider.Rider`."""
+
+    name = STANLEY
+    preview: Preview | None = None
+
+    def __init__(self, settings: StanleySettings | None = None) -> None:
+        """Take the gains."""
+        self._settings = settings or StanleySettings()
+        self._loops: dict[int, Loop] = {}
+        self._machine: tuple[Vehicle, float] | None = None
+
+    def begin(self, vehicle: Vehicle, course: Course, period: float, preview: Preview) -> None:
+        """Take the line; see `Rider`.
+
+        Raises:
+            ValueError: a superbike, whose command is a lean and not a steering angle.
+        """
+        if isinstance(vehicle, Superbike):
+            raise ValueError(f"rider {self.name!r} steers bicycles by set value, and {vehicle.name!r} is a superbike")
+        if self._machine != (vehicle, period):
+            self._loops.clear()
+        self._machine = (vehicle, period)
+        self._vehicle, self._course, self._period = vehicle, course, period
+
+    def command(self, snapshot: Snapshot) -> tuple[float, float] | None:
+        """Return the answer."""
+        state = snapshot.state
+        if not math.isfinite(snapshot.look.sum() + state.sum()):
+            return None
+        loop = self._loop_at(snapshot.speed)
+        curvature = min(max(self.wanted(snapshot), -loop.sharpest), loop.sharpest)
+        roll, steer, steer_set = (
+            math.copysign(1.0, curvature) * float(np.interp(abs(curvature), loop.turns.curvature, values))
+            for values in loop.turns[1:]
+        )
+        difference = state[list(_BALANCE)] - np.array([roll, steer, 0.0, 0.0])
+        answer = steer_set - float(loop.gains @ difference)
+        return min(max(answer / self._vehicle.max_steer, -1.0), 1.0), 0.0
+
+    def wanted(self, snapshot: Snapshot) -> float:
+        """Return the curvature that the law asks for, 1/m."""
+        look, course = snapshot.look, self._course
+        s = float(look[lk.FRONT_PROGRESS])
+        *_, along, across = point_at(course.x, course.y, course.heading, course.spacing, course.closed, s)
+        path = curvature_at(course.curvature, course.spacing, course.closed, s)
+        # In a steady turn the frame lags behind the path at the front axle by the turn of a wheelbase.
+        yaw = float(snapshot.state[st.YAW]) + math.atan(self._vehicle.w * path)
+        heading = math.remainder(math.atan2(across, along) - yaw, math.tau)
+        speed = max(snapshot.speed, SLOWEST)
+        back = math.atan(self._settings.cross_track * look[lk.FRONT_LATERAL_ERROR] / speed)
+        return path + (heading - back) / (speed * self._settings.time)
+
+    def _loop_at(self, speed: float) -> Loop:
+        """Return the balance loop at the nearest multiple of SPEED_STEP."""
+        step = round(max(speed, SLOWEST) / SPEED_STEP)
+        if step not in self._loops:
+            self._loops[step] = balance(self._vehicle, step * SPEED_STEP, self._period, self._settings)
+        return self._loops[step]
+
+
+def balance(vehicle: Vehicle, speed: float, period: float, settings: StanleySettings) -> Loop:
+    """Return the linear-quadratic loop that leans the bicycle.
+
+    Args:
+        vehicle: bicycle.
+        speed: m/s.
+        period: control period, s.
+        settings: weights.
+    """
+    from scipy.linalg import expm, solve_discrete_are  # late: other riders are spared it
+
+    a, b, _ = lateral_model(vehicle, speed)
+    held = np.zeros((5, 5))
+    held[:4, :4], held[:4, 4] = a[2:, 2:], b[2:]
+    held = expm(held * period)
+    a, b = held[:4, :4], held[:4, 4:]
+    cost = np.diag([settings.lean, settings.drive, 0.0, settings.steer_rate])
+    cross = np.array([[0.0], [-settings.drive], [0.0], [0.0]])
+    control = np.array([[settings.drive + 1e-6]])
+    p = solve_discrete_are(a, b, cost, control, s=cross)
+    gains = (b.T @ p @ a + cross.T) / (control + b.T @ p @ b)
+    turns = steady_turns(vehicle, speed)
+    sharpest = float(np.interp(settings.steepest, -turns.roll, turns.curvature))
+    return Loop(gains[0], turns, sharpest)
