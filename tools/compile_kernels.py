@@ -33,6 +33,21 @@ def bicycle(engine: str) -> None:
     simulator.close()
 
 
+def bicycle_with_lqr() -> None:
+    """Answer one snapshot as the LQR does, with the steady turns of the bicycle."""
+    from bike_policy.riders.lqr import LqrRider
+    from bike_sim.sim.config import SimulatorConfig
+    from bike_sim.sim.request import ResetRequest
+    from bike_sim.sim.simulator import Simulator
+
+    simulator, rider = Simulator(SimulatorConfig(engine="whipple")), LqrRider()
+    snapshot = simulator.reset(ResetRequest(course="line"))
+    assert simulator.course is not None
+    rider.begin(simulator.vehicle, simulator.course, simulator.config.control_period, simulator.preview)
+    rider.command(snapshot)
+    simulator.close()
+
+
 def bicycles_side_by_side() -> None:
     """Ride two bicycles as learning does."""
     from bike_sim.sim.batch import make_batch
@@ -88,6 +103,7 @@ def fonts() -> None:
 KERNELS: dict[str, Callable[[], None]] = {
     "bicycle, compiled engine": lambda: bicycle("whipple"),
     "bicycle, PyBullet": lambda: bicycle("pybullet"),
+    "bicycle with the LQR": bicycle_with_lqr,
     "bicycles side by side": bicycles_side_by_side,
     "superbike": superbike,
     "reading of recordings": recording,

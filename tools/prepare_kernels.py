@@ -21,7 +21,7 @@ import compile_kernels
 
 from bike_sim import kernels
 
-RIDES = ("bicycle, compiled engine", "bicycle, PyBullet")
+RIDES = ("bicycle, compiled engine", "bicycle, PyBullet", "bicycle with the LQR")
 """Rides of `compile_kernels` whose functions are prepared. Those of superbikes take records, whose type a call does not
 tell cheaply, so they are left to Numba."""
 

@@ -8,7 +8,9 @@ from bike_training.rollout.riding import RideResult
 def ride(error, progress, completed=True):
     n = len(error)
     zero = np.zeros(n)
-    return RideResult(4.0, completed, np.array(progress, float), np.array(error, float), zero, zero, zero, zero, zero, zero)
+    return RideResult(
+        4.0, completed, np.array(progress, float), np.array(error, float), zero, zero, zero, zero, zero, zero
+    )
 
 
 def test_figures_by_hand():

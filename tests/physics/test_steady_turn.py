@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -43,10 +44,10 @@ def test_shallow_turns_are_those_of_the_linear_equations(speed: float) -> None:
     a = state_matrix(BICYCLE, speed)
     roll, steer, steer_set = turns.roll[1], turns.steer[1], turns.steer_set[1]
     # Rows of the accelerations; the drive's part is the stiffness that its P adds to the steer.
-    without = state_matrix(type(BICYCLE)(**{**vars(BICYCLE), "P": 0.0}), speed)
+    without = state_matrix(replace(BICYCLE, P=0.0), speed)
     push = (without - a)[2:, 1] * steer_set
     error = a[2:, :2] @ np.array([roll, steer]) + push
-    assert np.abs(error).max() < 2e-3 * np.abs(a[2:, 1] * steer).max()
+    assert np.abs(error).max() < 0.01 * np.abs(push).max()  # at up to 3 deg of lean
 
 
 def test_a_family_ends_at_its_limits() -> None:

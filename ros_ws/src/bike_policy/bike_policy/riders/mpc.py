@@ -1,9 +1,9 @@
 """Model predictive control: the LQR's problem with limits, solved anew at every control instant.
 
 Over a horizon the lean and the set value are limited; beyond it the LQR's cost takes over, with the path that is still
-in preview. Where no limit is met, the first command is the LQR's. The problem is a convex quadratic programme, solved by
-OSQP (Stellato et al. 2020, OSQP: an operator splitting solver for quadratic programs, Math. Prog. Comp. 12), sparse, with
-states and commands as unknowns. The limit of the lean is soft, so that there is always an answer.
+in preview. Where no limit is met, the first command is the LQR's. The problem is a convex quadratic programme, solved
+by OSQP (Stellato et al. 2020, OSQP: an operator splitting solver for quadratic programs, Math. Prog. Comp. 12), sparse,
+with states and commands as unknowns. The limit of the lean is soft, so that there is always an answer.
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ class MpcSettings:
 
     steps: int = 30
     lean: float = math.radians(40.0)
-    excess: float = 100.0
-    accuracy: float = 1e-5
-    iterations: int = 2000
+    excess: float = 1e3
+    accuracy: float = 1e-4
+    iterations: int = 4000
 
 
 class Programme(NamedTuple):
@@ -162,7 +162,7 @@ class MpcRider(LqrRider):
         moved[:size] += plan.first @ now
         plan.lower[: len(moved)] = plan.upper[: len(moved)] = moved
         plan.solver.update(q=plan.linear, l=plan.lower, u=plan.upper)
-        result = plan.solver.solve()
+        result = plan.solver.solve(raise_error=False)
         if result.info.status not in _SOLVED:
             return super().turn(snapshot)
         return float(result.x[count * size])

@@ -1,10 +1,10 @@
 """The Stanley law for bicycles: a cross-track law at the front axle, over a loop that balances.
 
 The law steers a car by the heading error psi and by an angle that brings the axle back to the path,
-``delta = psi - atan(k e / v)`` (Thrun et al. 2006, Stanley: the robot that won the DARPA grand challenge, Journal of Field
-Robotics 23, Sect. 9.2). A car turns its wheel to that angle at once and is on the path after about a wheelbase. A bicycle
-that did so would fall to the other side: it has to lean first, which takes most of a second. So here the angle says which
-curvature is wanted beside the path's own,
+``delta = psi - atan(k e / v)`` (Thrun et al. 2006, Stanley: the robot that won the DARPA grand challenge, Journal of
+Field Robotics 23, Sect. 9.2). A car turns its wheel to that angle at once and is on the path after about a wheelbase. A
+bicycle that did so would fall to the other side: it has to lean first, which takes most of a second. So here the angle
+says which curvature is wanted beside the path's own,
 
     kappa = kappa_path + (psi - atan(k e / v)) / (v T),
 
