@@ -1,7 +1,7 @@
 """Stability of a rider in closed loop: spectral radius about steady rides, and what is left of a push.
 
 A rider that reacts too strongly to small deviations does not return to the path but swings about it, however well it
-follows bends. One control period maps the deviations from a steady ride onto the next ones; where the largest eigenvalue
+follows bends. One control period maps deviations from a steady ride onto the next ones; where the largest eigenvalue
 of that map is larger than one in magnitude, the steady ride is unstable.
 """
 

@@ -32,7 +32,7 @@ SPECS: Final = (
     ParameterSpec(
         "policy",
         DEFAULT_POLICY,
-        "Shipped policy, folder of a bundle, lqr or classical (superbikes).",
+        "Shipped policy, folder of a bundle, lqr, mpc, stanley or classical (superbikes).",
         fixed=True,
     ),
     ParameterSpec("vehicle", "", "YAML file of the vehicle, where it is not a shipped one.", fixed=True),
