@@ -49,8 +49,8 @@ def drive() -> Iterator[Callable[..., Any]]:
 
     drivers: list[Driver] = []
 
-    def start(*words: Any) -> Driver:
-        drivers.append(Driver(*words))
+    def start(*words: Any, **options: Any) -> Driver:
+        drivers.append(Driver(*words, **options))
         return drivers[-1]
 
     yield start

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 import sys
 import time
@@ -24,12 +25,18 @@ PATIENCE = 900.0
 class Driver:
     """`bike sweep` as a program of its own."""
 
-    def __init__(self, spec: Path, out: Path, *more: str) -> None:
+    def __init__(self, spec: Path, out: Path, *more: str, background: bool = False) -> None:
+        """Start it; `background` as a shell without job control does, with SIGINT ignored."""
         self.out = out
         self.words = out.parent / f"{out.name}_{time.monotonic_ns()}.txt"
         command = [sys.executable, "-m", "bike_training.cli", "sweep", str(spec), "--out", str(out), *more]
         with self.words.open("w") as file:
-            self.process = subprocess.Popen(command, stdout=file, stderr=subprocess.STDOUT)
+            ignore = signal.SIG_IGN if background else signal.default_int_handler
+            before = signal.signal(signal.SIGINT, ignore)
+            try:
+                self.process = subprocess.Popen(command, stdout=file, stderr=subprocess.STDOUT)
+            finally:
+                signal.signal(signal.SIGINT, before)
 
     def until(self, condition: Callable[[], Any]) -> Any:
         """Wait until something holds, and return it."""

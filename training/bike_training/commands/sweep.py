@@ -14,12 +14,15 @@ from bike_training.arguments import check_whole, make_folder
 from bike_training.sweeps.display import Display
 from bike_training.sweeps.driver import Place, do_runs
 from bike_training.sweeps.plan import RUNS_FOLDER, Plan, make_plan
-from bike_training.sweeps.records import FAILED, FINISHED, INTERRUPTED, MISSING
+from bike_training.sweeps.records import FAILED, FINISHED, INTERRUPTED, MISSING, write_record
 from bike_training.sweeps.results import write_tables
 from bike_training.sweeps.spec import Sweep, load_sweep
 from bike_training.sweeps.store import Store
+from bike_training.sweeps.tracking import check_mlflow, log_runs
 
 SCHEMA: Final = "bike.sweep/1"
+SEARCH_SCHEMA: Final = "bike.search/1"
+SEARCH_FILE: Final = "search.json"
 SPEC_COPY: Final = "sweep.yaml"
 
 EXAMPLES = """examples:
@@ -42,11 +45,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("spec", type=Path, help="YAML file of the sweep")
     parser.add_argument("--out", type=Path, required=True, help="folder of the sweep; what it holds already is kept")
     parser.add_argument("--plan", action="store_true", help="check and estimate only")
+    parser.add_argument("--search", action="store_true", help="search the settings under `search` of the file instead")
     parser.add_argument("--cores", type=int, help="processor cores of this machine to use (default: all)")
     parser.add_argument("--address", help="of a running Ray cluster (default: Ray is started here, on 127.0.0.1)")
     parser.add_argument(
         "--store", help="second place for the runs' folders, at an fsspec address such as s3://bucket/a"
     )
+    parser.add_argument("--mlflow", metavar="URI", help="log finished runs to MLflow at this address or file store too")
     parser.add_argument(
         "--retries", type=int, help="how often a run goes on whose worker was lost (default: the file's)"
     )
@@ -64,6 +69,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if args.retries is not None:
         check_whole("--retries", args.retries, 0)
     sweep = load_sweep(args.spec)
+    if args.search != (sweep.search is not None):
+        raise ValueError(
+            f"{args.spec} {'has' if sweep.search else 'has no'} entry search: "
+            f"{'add' if sweep.search else 'leave out'} --search"
+        )
     plan = make_plan(sweep, args.out)
     cores = float(args.cores or os.cpu_count() or 1)
     if not args.json:
@@ -75,8 +85,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             raise ModuleNotFoundError(f"a sweep needs {package}", name=package)
     if args.store:
         Store(args.store)
+    if args.mlflow:
+        check_mlflow()
     make_folder("--out", args.out)
     with claim_folder(args.out):
+        if sweep.search is not None:
+            return _search(sweep, args)
         return _do(sweep, plan, args, cores)
 
 
@@ -90,6 +104,8 @@ def _do(sweep: Sweep, plan: Plan, args: argparse.Namespace, cores: float) -> dic
             interrupted = do_runs(missing, args.out, place, retries, display)
     plan = make_plan(sweep, args.out)
     write_tables(plan, args.out)
+    if args.mlflow:
+        log_runs(plan, sweep.name, args.mlflow)
     outcome = _outcome(sweep, plan, args, cores, ok=all(run.finished for run in plan.runs))
     if not args.json:
         counts = outcome["figures"]["runs_by_status"]
@@ -102,10 +118,35 @@ def _do(sweep: Sweep, plan: Plan, args: argparse.Namespace, cores: float) -> dic
     return outcome
 
 
+def _search(sweep: Sweep, args: argparse.Namespace) -> dict[str, Any]:
+    """Search settings; not ok where a trial failed."""
+    from bike_training.sweeps.search import search  # only a search needs Ray Tune
+
+    assert sweep.search is not None
+    count = sweep.search.trials
+
+    def show(ended: int, words: str) -> None:
+        if not args.json:
+            print(f"trial {ended} of {count}: {words}", flush=True)
+
+    figures = search(sweep, args.out, Place(args.address, args.cores), show)
+    write_record(args.out / SEARCH_FILE, figures)
+    if not args.json:
+        best = figures["best"]
+        settings = " ".join(f"--set {name}={value}" for name, value in best["settings"].items())
+        print(f"best {figures['metric']}: {best['value']:.4g} after {best['steps']} steps, with {settings}")
+        print(f"all trials: {args.out / SEARCH_FILE}")
+    ok = not any(trial["error"] for trial in figures["trials"])
+    return {"schema": SEARCH_SCHEMA, "ok": ok, "figures": figures}
+
+
 def _announcement(sweep: Sweep, plan: Plan, cores: float, address: str | None) -> str:
     missing = len(plan.missing)
     where = f"at {address}" if address else f"on {cores:g} cores"
     text = f"{sweep.name}: {len(plan.runs)} runs, {len(plan.runs) - missing} finished, {missing} to do"
+    if sweep.search is not None:
+        most = sweep.search.trials * plan.runs[0].seconds / 3600.0
+        return f"{sweep.name}: a search of {sweep.search.trials} trials; at most {_hours(most)} of work {where}"
     if not missing:
         return text
     work = sum(run.seconds for run in plan.missing) / 3600.0

@@ -7,7 +7,7 @@ import os
 import secrets
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
@@ -16,6 +16,7 @@ from bike_training.interruption import interrupt, signals_handled
 
 OBJECT_STORE: Final = 100 * 2**20
 """Shared memory of the local Ray, bytes: runs write files and hand back a few kilobytes."""
+START_ATTEMPTS: Final = 3
 SCRATCH: Final = "bike-ray-"
 """Beginning of the name of the folder with the sockets and logs of a local Ray; sockets need a short path."""
 NOTE: Final = ".ray"
@@ -26,12 +27,16 @@ _LOCAL_ENVIRONMENT: Final = {
     # listens there alone. Its option for the address does not, because it puts the outer one in place of 127.0.0.1.
     "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0",
     "AUTOSCALER_METRIC_PORT": "-1",
+    # A busy machine takes its time; Ray's own limit is that of an idle one.
+    "RAY_worker_register_timeout_seconds": "600",
 }
 _ENVIRONMENT: Final = {
     "RAY_USAGE_STATS_ENABLED": "0",
     "RAY_DISABLE_IMPORT_WARNING": "1",
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
-    "RAY_COLOR_PREFIX": "0",
+    # A lost worker is told here in one line, and not by Ray in ten, on standard output.
+    "RAY_DEDUP_LOGS_SKIP_REGEX": "^",
+    "RAY_AIR_NEW_OUTPUT": "0",
 }
 _SINGLE_THREAD: Final = "--xla_cpu_multi_thread_eigen=false"
 """A run has the cores that it declares and no others."""
@@ -76,8 +81,25 @@ def ray_cluster(out: Path, address: str | None, cores: int | None) -> Iterator[A
         yield from _with_signals(ray)
         return
     with _scratch(out) as scratch:
-        ray.init(num_cpus=cores or os.cpu_count(), object_store_memory=OBJECT_STORE, _temp_dir=scratch, **options)
+        options |= {"num_cpus": cores or os.cpu_count(), "object_store_memory": OBJECT_STORE, "_temp_dir": scratch}
+        _start(ray, options)
         yield from _with_signals(ray)
+
+
+def _start(ray: Any, options: Mapping[str, Any]) -> None:
+    """Start Ray here; it gives its processes 30 s, which a very busy machine may not.
+
+    Raises:
+        ConnectionError: it did not start, however often it was tried.
+    """
+    for attempt in range(1, START_ATTEMPTS + 1):
+        try:
+            ray.init(**options)
+            return
+        except Exception as error:  # Ray raises many kinds, Exception itself among them
+            ray.shutdown()
+            if attempt == START_ATTEMPTS:
+                raise ConnectionError(f"Ray did not start on this machine ({_first_line(error)})") from error
 
 
 def _with_signals(ray: Any) -> Iterator[Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import time
 from collections.abc import Sequence
 from contextlib import suppress
@@ -13,10 +14,13 @@ from bike_training.sweeps.board import Board
 from bike_training.sweeps.cluster import ray_cluster
 from bike_training.sweeps.plan import PlannedRun
 from bike_training.sweeps.records import FAILED, FINISHED, INTERRUPTED, RESULT_FILE, result_of, write_record
-from bike_training.sweeps.worker import execute
+from bike_training.sweeps.spec import RunSpec
+from bike_training.sweeps.worker import TELL_EVERY, execute
 
 LOOK_EVERY: Final = 1.0
 """Wall-clock time between two looks at how far the runs have come, s."""
+REPORTS: Final = 100.0
+"""Reports of progress of a whole sweep at most, 1/s: more would fill the head of a large one (docs/scaling.md)."""
 LAST_WORDS: Final = 60.0
 """Longest wait for interrupted runs to write their checkpoints, s."""
 
@@ -66,7 +70,7 @@ def do_runs(runs: Sequence[PlannedRun], out: Path, place: Place, retries: int, s
     """
     with ray_cluster(out, place.address, place.cores) as ray:
         board = ray.remote(Board).options(num_cpus=0, max_restarts=-1).remote()
-        task = ray.remote(_task)
+        task, every = ray.remote(_task), max(TELL_EVERY, len(runs) / REPORTS)
         waiting = {
             task.options(
                 num_cpus=planned.run.cores,
@@ -74,7 +78,7 @@ def do_runs(runs: Sequence[PlannedRun], out: Path, place: Place, retries: int, s
                 max_retries=retries,
                 retry_exceptions=False,
                 name=planned.folder.name,
-            ).remote(planned.run, planned.folder, place.store, board): planned
+            ).remote(planned.run, planned.folder, place.store, board, every): planned
             for planned in runs
         }
         try:
@@ -87,9 +91,18 @@ def do_runs(runs: Sequence[PlannedRun], out: Path, place: Place, retries: int, s
     return False
 
 
-def _task(run: Any, folder: Path, store: str | None, board: Any) -> dict[str, Any]:
-    """Do a run in a process of Ray."""
-    return execute(run, folder, store, lambda done, total, words: board.tell.remote(folder.name, done, total, words))
+def _task(run: RunSpec, folder: Path, store: str | None, board: Any, every: float) -> dict[str, Any]:
+    """Do a run in a process of Ray.
+
+    Ray cancels a task by what Python does at SIGINT. Where the sweep was begun in the background of a shell or under
+    nohup, its workers have inherited that this signal is ignored, and would not hear it.
+    """
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    def told(done: float, total: float, words: str) -> None:
+        board.tell.remote(folder.name, done, total, words)
+
+    return execute(run, folder, store, told, tell_every=every)
 
 
 def _collect(ray: Any, waiting: dict[Any, PlannedRun], show: Show, patience: float) -> None:

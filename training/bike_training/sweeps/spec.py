@@ -14,13 +14,14 @@ from typing import Any, Final
 
 from bike_sim.documents import MAX_YAML_SIZE, DocumentError, parse_yaml, read_text, show
 from bike_training.sweeps.jobs import JOBS, Job
+from bike_training.sweeps.search_space import SearchSpace
 
 MOST_RUNS: Final = 20_000
 """Runs of one sweep at most: what a schedule and a table on one machine are still quick with."""
 DIGEST_LENGTH: Final = 10
 LONGEST_LABEL: Final = 80
 
-_KEYS: Final = {"name", "task", "base", "grid", "runs", "cores", "memory_gb", "retries"}
+_KEYS: Final = {"name", "task", "base", "grid", "runs", "cores", "memory_gb", "retries", "search"}
 _SET: Final = "set"
 _PLAIN: Final = (str, int, float, bool)
 _UNSAFE: Final = re.compile(r"[^A-Za-z0-9._=,+-]+")
@@ -83,11 +84,13 @@ class Sweep:
         name: for people.
         runs: all runs, each once.
         retries: how often a run is begun again, or goes on, after its worker or its machine was lost.
+        search: what is searched instead of ridden through, or None.
     """
 
     name: str
     runs: tuple[RunSpec, ...]
     retries: int = 3
+    search: SearchSpace | None = None
     document: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -130,6 +133,12 @@ def sweep_from_document(document: Any, name: str = "sweep", folder: Path = Path(
     if not isinstance(retries, int) or isinstance(retries, bool) or not 0 <= retries <= 1000:
         raise ValueError(f"retries must be a whole number from 0 to 1000, got {show(retries)}")
     found = [_absolute(entries, folder) for entries in _expand(document)]
+    search = None
+    if "search" in document:
+        search = SearchSpace.from_document(document["search"])
+        if len(found) != 1 or found[0][0] != "train":
+            raise ValueError("a search is about the settings of one training: leave grid and runs out, task train")
+        search.check(found[0][1])
     varied = _varied([_flat(entries) for _, entries in found])
     runs = []
     for place, (task, entries) in enumerate(found):
@@ -152,7 +161,7 @@ def sweep_from_document(document: Any, name: str = "sweep", folder: Path = Path(
     title = document.get("name", name)
     if not isinstance(title, str) or not title.strip() or len(title) > 200:
         raise ValueError(f"name must be text of at most 200 characters, got {show(title)}")
-    return Sweep(title, tuple(runs), retries, document)
+    return Sweep(title, tuple(runs), retries, search, document)
 
 
 def _expand(document: Mapping[str, Any]) -> list[tuple[str, dict[str, Any]]]:

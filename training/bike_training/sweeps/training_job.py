@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
 
@@ -55,9 +55,11 @@ class TrainJob:
 
     Attributes:
         settings: what it is.
+        watch: called after each step of all vehicles, by a search that may stop it.
     """
 
     settings: RunSettings
+    watch: Callable[[LearningProcess], None] | None = field(default=None, compare=False)
 
     cores: ClassVar[float] = 1.0
     memory_gb: ClassVar[float] = 1.5
@@ -106,6 +108,8 @@ class TrainJob:
             progress = process.progress
             part = "curriculum done" if progress.curriculum.finished else f"part {progress.curriculum.part}"
             error = progress.recent_error_m
+            if self.watch is not None:
+                self.watch(process)
             tell(process.model.num_timesteps, total, part if math.isnan(error) else f"{part}, {error:.3f} m")
 
         summary = run(self.settings, folder, report, resume=find_checkpoint(folder) is not None)

@@ -15,6 +15,7 @@ from typing import Any, Final
 from bike_sim.recording.in_use import Claim, claim_folder
 from bike_training.learning.summary import source_commit
 from bike_training.sweeps.job_parts import Tell
+from bike_training.sweeps.jobs import Job
 from bike_training.sweeps.records import (
     FAILED,
     FAILURE_FILE,
@@ -37,7 +38,12 @@ LONGEST_ERROR: Final = 300
 
 
 def execute(
-    run: RunSpec, folder: Path, store: str | None = None, told: Callable[[float, float, str], None] | None = None
+    run: RunSpec,
+    folder: Path,
+    store: str | None = None,
+    told: Tell | None = None,
+    job: Job | None = None,
+    tell_every: float = TELL_EVERY,
 ) -> dict[str, Any]:
     """Do a run, or go on with it.
 
@@ -45,7 +51,9 @@ def execute(
         run: what it is.
         folder: its folder; nothing else is written.
         store: address of a second place for the folder, or None.
-        told: called once a second at most with work done, all of it, and words.
+        told: called now and then with work done, all of it, and words.
+        job: the run, where it is watched; else it is made of its entries.
+        tell_every: wall-clock time between two calls, s.
 
     Returns:
         Its record: with ``status`` finished, interrupted, or failed; a failure is no exception here, so that it is told
@@ -73,7 +81,7 @@ def execute(
             attempt = note_attempt(
                 folder, {"started_at": record["started_at"], "host": record["host"], "pid": os.getpid()}
             )
-            end = run.job().run(folder, _throttled(told, _keeper(folder, second)))
+            end = (job or run.job()).run(folder, _throttled(told, _keeper(folder, second), tell_every))
             ended: dict[str, Any] = {
                 "status": INTERRUPTED if end.interrupted else FINISHED,
                 "figures": end.figures,
@@ -142,13 +150,13 @@ def _keeper(folder: Path, store: Store | None) -> Callable[[], None]:
     return keep
 
 
-def _throttled(told: Callable[[float, float, str], None] | None, keep: Callable[[], None]) -> Tell:
+def _throttled(told: Tell | None, keep: Callable[[], None], every: float) -> Tell:
     last = 0.0
 
     def tell(done: float, total: float, words: str) -> None:
         nonlocal last
         now = time.monotonic()
-        if now - last < TELL_EVERY and done < total:
+        if now - last < every and done < total:
             return
         last = now
         keep()
