@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -17,9 +18,11 @@ import numpy as np
 from bike_policy.riders.classical import ClassicalRider
 from bike_sim.course.random_paths import CURRICULUM_PATHS
 from bike_sim.physics.state import ROLL, ROLL_RATE
+from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
+from bike_sim.sim.superbike_batch import CompiledSuperbikeBatch
 from bike_sim.sim.superbike_plant import superbike_config
 from bike_training.curricula.parts import RideRanges
 from bike_training.envs.env import BikeEnv
@@ -116,6 +119,55 @@ def superbike_speed(steps: int = 2000) -> float:
     return best
 
 
+def superbike_reset(resets: int = 50) -> float:
+    """Return the time of a reset of a superbike on a circuit whose line is known, us, the best of some rounds.
+
+    Args:
+        resets: resets of a round.
+    """
+    machine = Simulator(superbike_config(SUPERBIKE))
+    request = machine.at_own_speed(ResetRequest(course=CIRCUIT))
+    machine.reset(request)
+    best = math.inf
+    for _ in range(ROUNDS):
+        begun = time.process_time()
+        for _ in range(resets):
+            machine.reset(request)
+        best = min(best, 1e6 * (time.process_time() - begun) / resets)
+    machine.close()
+    return best
+
+
+def superbike_batch_speed(count: int = 32, steps: int = 100) -> float:
+    """Return control steps per second of all superbikes of a compiled batch together, the best of some rounds.
+
+    They begin all around the circuit and keep near its line by asking for the lean of its curvature.
+
+    Args:
+        count: number of superbikes.
+        steps: steps of a round.
+    """
+    config = replace(superbike_config(SUPERBIKE), engine="compiled")
+    batch = CompiledSuperbikeBatch(count, config)
+    places = np.linspace(0.0, 4500.0, count)
+    best = 0.0
+    for _ in range(ROUNDS):
+        for row, progress in enumerate(places):
+            batch.reset(row, ResetRequest(course=CIRCUIT, progress=float(progress), speed_share=0.6))
+        spent = 0.0
+        for _ in range(steps):
+            speed, error, turned, bend = batch.look[:, [lk.SPEED, lk.LATERAL_ERROR, lk.HEADING_ERROR, lk.CURVATURE]].T
+            lean = np.arctan(bend * speed**2 / 9.81) - 0.02 * error - 0.5 * turned
+            commands = np.stack([np.clip(lean / math.radians(60.0), -1.0, 1.0), np.full(count, 0.05)], axis=1)
+            begun = time.process_time()
+            batch.step(commands)
+            spent += time.process_time() - begun
+        assert batch.fallen.sum() < count // 4, "most must ride to the end"
+        best = max(best, count * steps / spent)
+    batch.close()
+    return best
+
+
 def environment_speed() -> dict[str, Any]:
     """Return all figures of this module."""
     return {
@@ -123,6 +175,8 @@ def environment_speed() -> dict[str, Any]:
         "gymnasium_pybullet_1ms_steps_per_s": gymnasium_speed(0.001),
         "vector_of_64_compiled_steps_per_s": vector_speed(64),
         "superbike_step_us": superbike_speed(),
+        "superbike_reset_us": superbike_reset(),
+        "superbike_batch_of_32_steps_per_s": superbike_batch_speed(),
     }
 
 
