@@ -5,6 +5,7 @@ Sources: Akiba et al., Optuna, KDD 2019; Li et al., A System for Massively Paral
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -157,6 +158,7 @@ def _figures(results: Any, metric: str, mode: str) -> dict[str, Any]:
         }
         for result in results
     ]
+    trials.sort(key=lambda trial: json.dumps(trial["settings"], sort_keys=True))  # Tune lists them as it pleases
     known = [trial for trial in trials if trial["value"] is not None]
     if not known:
         raise ValueError(f"no trial came to a report; the first says: {trials[0]['error'] if trials else 'nothing'}")
