@@ -69,7 +69,7 @@ def reference(seed=0, sign=1.0):
 def eyes_of(layout, rows, sign=1.0, actions=()):
     eyes = RaceEyes(layout, len(rows.state), SIGNALS)
     for row in range(len(rows.state)):
-        eyes.begin(row, rows.state[row], reference(row, sign))
+        eyes.begin(row, rows, reference(row, sign))
     for action in actions:
         eyes.act(rows, action)
     return eyes
@@ -114,7 +114,7 @@ def test_a_machine_is_seen_the_same_alone_and_among_others():
     for i in range(7):
         alone = Row(*(part[i : i + 1] for part in rows))
         eyes = RaceEyes(ALL, 1, SIGNALS)
-        eyes.begin(0, alone.state[0], reference(i))
+        eyes.begin(0, alone, reference(i))
         np.testing.assert_array_equal(eyes.observe(alone)[0], together[i])
 
 
@@ -137,7 +137,7 @@ def test_decisions_are_remembered_newest_first_and_forgotten_with_the_ride():
     other = eyes_of(COMPACT, rows)
     other.restore(stored)
     np.testing.assert_array_equal(other.observe(later)[0], seen)
-    eyes.begin(0, later.state[0], reference())
+    eyes.begin(0, later, reference())
     assert eyes.observe(later)[0][place["steering_1"]] == 0.0
 
 

@@ -317,7 +317,7 @@ class RaceRides:
         """Begin the ride of one machine; see `Rides`."""
         context = RaceContext.of(request)
         share, cap = (None, OPEN) if context is None else (context.share, context.v_max)
-        self.eyes.begin(row, blocks.state[row], self._references.of(course), share, cap)
+        self.eyes.begin(row, blocks, self._references.of(course), share, cap)
         self._progress[row] = blocks.look[row, lk.PROGRESS]
         self._rate[row] = 1.0
         self._angles[row], self._omega[row] = blocks.state[row, [STEER, ROLL]], _omega(blocks)[row]

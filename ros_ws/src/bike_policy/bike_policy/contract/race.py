@@ -28,6 +28,8 @@ RACE_VERSION: Final = 1
 
 GRAVITY: Final = 9.81
 """m/s^2."""
+LEAN_REFERENCE: Final = "lean_reference_rad"
+"""Telemetry: the lean that the virtual rider makes for."""
 LEAST_SPEED: Final = 5.0
 """Speed below which the look ahead grows no shorter, m/s."""
 HORIZON: Final = 6.0
@@ -63,6 +65,7 @@ class Sight(NamedTuple):
     Attributes:
         blocks: of the vehicles. layout: of the observation. signal: telemetry by name. rolls: of the decisions before,
             newest first, rad, shape (n, history). steers: of the decision before, rad, shape (n,).
+        leans: the virtual rider's reference at the decision before, rad, shape (n,).
         actions: the last one and the one before, shape (n, 2, 2). references: what the vehicles follow.
         speed: at least LEAST_SPEED, m/s.
     """
@@ -72,6 +75,7 @@ class Sight(NamedTuple):
     signal: Callable[[str], FloatArray]
     rolls: FloatArray
     steers: FloatArray
+    leans: FloatArray
     actions: FloatArray
     references: ReferenceRows
     speed: FloatArray
@@ -148,6 +152,10 @@ def _history(sight: Sight) -> FloatArray:
 
 def _actions(sight: Sight) -> FloatArray:
     return sight.actions.reshape(len(sight.actions), -1)
+
+
+def _lean_rate(sight: Sight) -> FloatArray:
+    return ((sight.signal(LEAN_REFERENCE) - sight.leans) / 0.1)[:, None]
 
 
 def _line(sight: Sight) -> FloatArray:
@@ -258,6 +266,7 @@ BLOCKS: Final[Mapping[str, Block]] = {
         acceleration_long_m_s2=(15.0, 1.0), acceleration_lat_m_s2=(20.0, -1.0), pitch_rad=(0.3, 1.0)
     ),
     "rider": _signal_block(lean_reference_rad=(1.2, -1.0), rider_slide_m=(0.3, -1.0), steer_torque_nm=(200.0, -1.0)),
+    "lean_rate": Block(_own(lean_reference_change=-1.0), _lean_rate, (LEAN_REFERENCE,)),
     "actuators": _signal_block(
         drive_torque_nm=(1500.0, 1.0), front_brake_nm=(1200.0, 1.0), rear_brake_nm=(400.0, 1.0),
         traction_cut=(1.0, 1.0), wheelie_cut=(1.0, 1.0), front_brake_cut=(1.0, 1.0), rear_brake_cut=(1.0, 1.0),
@@ -402,23 +411,25 @@ class RaceEyes:
         self.layout, self.references = layout, ReferenceRows(count)
         self._places = {name: place for place, name in enumerate(signal_names)}
         self.rolls = np.zeros((count, layout.history))
-        self.steers = np.zeros(count)
+        self.steers, self.leans = np.zeros(count), np.zeros(count)
         self.actions = np.zeros((count, 2, 2))
 
     def begin(
-        self, row: int, state: FloatArray, reference: Reference, share: float | None = None, cap: float = OPEN
+        self, row: int, blocks: RowBlocks, reference: Reference, share: float | None = None, cap: float = OPEN
     ) -> None:
         """Begin a ride of one vehicle.
 
         Args:
             row: of the vehicle.
-            state: its minimal state, shape (10,).
+            blocks: of all vehicles, after its reset.
             reference: what it follows.
             share: part of the planned speed that is asked; None for that of the layout.
             cap: speed limit, m/s.
         """
         self.references.begin(row, reference, self.layout.share if share is None else share, cap)
+        state = blocks.state[row]
         self.rolls[row], self.steers[row], self.actions[row] = state[ROLL], state[STEER], 0.0
+        self.leans[row] = self._lean_reference(blocks)[row]
 
     def observe(self, blocks: RowBlocks) -> NDArray[np.float32]:
         """Return the observations, shape (n, layout.size)."""
@@ -427,7 +438,9 @@ class RaceEyes:
             return blocks.signals[:, self._places[name]]
 
         speed = np.maximum(blocks.look[:, SPEED], LEAST_SPEED)
-        sight = Sight(blocks, self.layout, signal, self.rolls, self.steers, self.actions, self.references, speed)
+        sight = Sight(
+            blocks, self.layout, signal, self.rolls, self.steers, self.leans, self.actions, self.references, speed
+        )
         parts = [BLOCKS[block].values(sight) for block in self.layout.blocks]
         return np.clip(np.concatenate(parts, axis=1), -1.0, 1.0).astype(np.float32)
 
@@ -441,17 +454,25 @@ class RaceEyes:
         self.rolls[:, 1:] = self.rolls[:, :-1].copy()
         self.rolls[:, 0] = blocks.state[:, ROLL]
         self.steers[:] = blocks.state[:, STEER]
+        self.leans[:] = self._lean_reference(blocks)
         self.actions[:, 1] = self.actions[:, 0]
         self.actions[:, 0] = actions
 
     def state_dict(self) -> dict[str, Any]:
         """Return the memory, as arrays."""
-        return {"rolls": self.rolls.copy(), "steers": self.steers.copy(), "actions": self.actions.copy()}
+        return {name: getattr(self, name).copy() for name in _REMEMBERED}
 
     def restore(self, stored: Mapping[str, Any]) -> None:
         """Take up the memory that :meth:`state_dict` returned."""
-        for name in ("rolls", "steers", "actions"):
+        for name in _REMEMBERED:
             getattr(self, name)[...] = stored[name]
+
+    def _lean_reference(self, blocks: RowBlocks) -> FloatArray:
+        place = self._places.get(LEAN_REFERENCE)
+        return np.zeros(len(blocks.state)) if place is None else blocks.signals[:, place]
+
+
+_REMEMBERED: Final = ("rolls", "steers", "leans", "actions")
 
 
 PAPER_RACE: Final = RaceLayout(
@@ -464,7 +485,8 @@ COMPACT: Final = RaceLayout(
     "compact",
     (
         "speed", "rates", "attitude", "lean_history", "steer_rate", "slips", "use", "loads",
-        "accelerations", "rider", "actuators", "actions", "line", "limits", "corridor", "speed_margin", "stations",
+        "accelerations", "rider", "lean_rate", "actuators", "actions", "line", "limits", "corridor", "speed_margin",
+        "stations",
     ),
 )  # fmt: skip
 """What decides the next seconds, in numbers that say it directly.

@@ -60,7 +60,7 @@ class RaceSight:
         if self._decided is None or self._decided[0] != snapshot.episode:
             assert self._references is not None, "begin comes first"
             assert self._course is not None
-            self._eyes.begin(0, snapshot.state, self._references.of(self._course))
+            self._eyes.begin(0, row, self._references.of(self._course))
         self._action = self._actor.act(self._eyes.observe(row)[0])
         self._eyes.act(row, self._action[None])
         self._decided = number
