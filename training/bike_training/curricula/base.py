@@ -90,6 +90,10 @@ class Curriculum(Protocol):
         """Take the errors of a validation; return whether a part was passed with it."""
         ...
 
+    def figures(self) -> dict[str, float]:
+        """Return what the logs tell of it beside its part, by name."""
+        ...
+
     def state_dict(self) -> dict[str, Any]:
         """Return where it stands, as plain values and arrays."""
         ...

@@ -241,6 +241,10 @@ class RaceCurriculum:
         self.finished_at = step
         return True
 
+    def figures(self) -> dict[str, float]:
+        """Return the share of the planned speed that is asked."""
+        return {"share": self.share}
+
     def state_dict(self) -> dict[str, Any]:
         """Return where it stands; see `Curriculum`."""
         counts = {name: count.copy() for name, count in self.failures.counts.items()}

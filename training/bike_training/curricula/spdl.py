@@ -170,6 +170,15 @@ class SpdlCurriculum(RaceCurriculum):
         drawn_from = self._history[int(context.number)]
         self._seen.append((scaled, float(drawn_from.log_density(scaled[None])[0]), episode.total))
 
+    def figures(self) -> dict[str, float]:
+        """Return mean and standard deviation of the scaled context, its divergence to the target, and the value."""
+        if not self.steps:
+            return super().figures()
+        last = self.steps[-1]
+        means = {f"mean_{name}": value for name, value in zip(NAMES, last.mean, strict=True)}
+        stds = {f"std_{name}": value for name, value in zip(NAMES, last.std, strict=True)}
+        return {**super().figures(), **means, **stds, "kl_to_target": last.kl, "value": last.value}
+
     def state_dict(self) -> dict[str, Any]:
         """Return where it stands; see `Curriculum`."""
         return {

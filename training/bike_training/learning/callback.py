@@ -63,6 +63,8 @@ class LearningCallback(BaseCallback):
             self._take_step()
         if self.num_timesteps - self.logged_at >= LOG_EVERY:
             self.logged_at = self.num_timesteps
+            for name, value in progress.curriculum.figures().items():
+                self.logger.record(f"curriculum/{name}", value)
             self.model.dump_logs()  # type: ignore[attr-defined]
         if self.num_timesteps - self.saved_at >= process.settings.checkpoint_every:
             self.saved_at = self.num_timesteps

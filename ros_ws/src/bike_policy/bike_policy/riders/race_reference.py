@@ -1,6 +1,9 @@
-"""The reference that riders of circuits are shown: the lap that the classical rider would plan on the same line."""
+"""The reference that riders of circuits are shown: a lap planned as the classical rider plans his."""
 
 from __future__ import annotations
+
+import math
+from typing import Final
 
 from bike_policy.contract.reference import Reference
 from bike_policy.riders.lap_plan import RiderSettings, plan_lap, smooth_around
@@ -8,6 +11,11 @@ from bike_sim.course.course import Course
 from bike_sim.theory.lap_limit import LapLimit
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.superbike import Superbike
+
+REFERENCE: Final = RiderSettings(
+    lateral=0.87, brake=0.92, exponent=1.9, lean_rate=0.9, smoothing=6.0, largest_lean=math.radians(58.0)
+)
+"""How the reference is planned: fixed, so that what a policy sees does not change when the classical rider is tuned."""
 
 
 class References:
@@ -32,7 +40,7 @@ class References:
         """
         known = self._known.get(id(line))
         if known is None:
-            profile = plan_lap(self._vehicle, line, RiderSettings())
+            profile = plan_lap(self._vehicle, line, REFERENCE)
             known = line, reference_of(profile)
             self._known[id(line)] = known
         return known[1]
@@ -42,5 +50,5 @@ def reference_of(profile: LapLimit) -> Reference:
     """Return the reference of a planned lap."""
     spacing = float(profile.s[1])
     return Reference(
-        spacing, smooth_around(profile.lateral / profile.speed**2, spacing, RiderSettings.smoothing), profile.speed
+        spacing, smooth_around(profile.lateral / profile.speed**2, spacing, REFERENCE.smoothing), profile.speed
     )

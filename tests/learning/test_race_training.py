@@ -1,0 +1,134 @@
+"""Learning to race: something is learned in seconds, and a run goes on as if never stopped, its curriculum too."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from safetensors.numpy import load_file
+
+from bike_policy.contract.actor import Actor
+from bike_sim.sim.batch import SUPERBIKE_ENGINE
+from bike_sim.sim.request import ResetRequest
+from bike_sim.vehicles.files import load_vehicle
+from bike_training.curricula.base import EndedEpisode
+from bike_training.curricula.race import Ground, RaceCurriculum, SpeedCurriculum
+from bike_training.curricula.spdl import SpdlCurriculum
+from bike_training.learning.presets import RACE, RACE_PAPER, Preset
+from bike_training.learning.process import LearningProcess
+from bike_training.learning.run_settings import RunSettings
+from bike_training.learning.validation_rides import ride_side_by_side
+from bike_training.tasks.race import RaceContext, RaceTask
+
+VEHICLE = "panigale_v4r"
+SMALL = {"learner": "sb3", "layers": "16,16", "environments": "4", "updates": "2", "batch_size": "64"}
+
+
+@pytest.fixture(scope="module")
+def ground() -> Ground:
+    return Ground(load_vehicle(VEHICLE), ["barcelona"])
+
+
+def settings(preset: Preset, seed: int = 0) -> RunSettings:
+    return RunSettings(preset, VEHICLE, seed, engine=SUPERBIKE_ENGINE)
+
+
+def final_actor(preset: Preset, out: Path, steps: int, resume: bool = False) -> Actor:
+    process = LearningProcess(settings(preset), out, steps, resume=resume)
+    process.run()
+    return process.actor()
+
+
+def test_throttle_is_learned_in_seconds(tmp_path: Path, ground: Ground) -> None:
+    """Rewarded for the way alone, the actor opens the throttle: it is much faster on the straight than at first."""
+    preset = RACE.override({**SMALL, "weights": "progress:3", "max_steps": "20", "gamma": "0.9", "repeat": "5"})
+    preset = replace(preset, learning_rate=3e-3, final_learning_rate=3e-3, learning_starts=200, averaging=0.0)
+    task = replace(preset.task.make(), validation_duration=2.0)
+    request = ResetRequest(course="barcelona", speed_range=(30.0, 30.0), progress=300.0)
+    process = LearningProcess(settings(preset), tmp_path / "run", 1600)
+    before = ride_side_by_side(process.actor(), task, process.settings.simulator(), [request])[0][-1]
+    process.run()
+    after = ride_side_by_side(process.actor(), task, process.settings.simulator(), [request])[0][-1]
+    assert after[0] < before[0] - 0.08
+
+
+def test_a_resumed_run_is_the_uninterrupted_one(tmp_path: Path) -> None:
+    preset = RACE.override({**SMALL, "curriculum": "spdl", "iteration": "80", "max_steps": "12"})
+    preset = replace(preset, learning_starts=60, final_learning_rate=RACE.learning_rate)  # the same for any length
+    whole = final_actor(preset, tmp_path / "whole", 240)
+    final_actor(preset, tmp_path / "parts", 120)
+    resumed = final_actor(preset, tmp_path / "parts", 240, resume=True)
+    for name, tensor in whole.tensors().items():
+        np.testing.assert_array_equal(resumed.tensors()[name], tensor)
+    stored = load_file(tmp_path / "whole" / "checkpoint" / "tensors.safetensors")
+    again = load_file(tmp_path / "parts" / "checkpoint" / "tensors.safetensors")
+    assert stored.keys() == again.keys()
+    for name, tensor in stored.items():
+        np.testing.assert_array_equal(again[name], tensor, err_msg=name)
+
+
+def ended(request: ResetRequest, total: float = 1.0, failed: bool = False, progress: float = 0.0) -> EndedEpisode:
+    return EndedEpisode(request, total, 100, failed, progress)
+
+
+def test_starts_lie_all_around_and_lead_up_to_failures(ground: Ground) -> None:
+    rng = np.random.default_rng(0)
+    preview = RaceTask().preview
+    curriculum = RaceCurriculum(ground, failure_share=0.5)
+    even = [curriculum.episodes(0).draw(rng, preview) for _ in range(200)]
+    length = ground.length("barcelona")
+    counts, _ = np.histogram([request.progress for request in even], bins=8, range=(0.0, length))
+    assert counts.min() >= 10
+    for request in even[:20]:
+        assert request.speed_range[0] < ground.start("barcelona", 1.0, request.progress, 0.96) + 1e-9
+    for _ in range(50):
+        curriculum.ended(ended(even[0], failed=True, progress=2000.0))
+    led = [curriculum.episodes(0).draw(rng, preview).progress for _ in range(200)]
+    near = sum(1500.0 < progress < 2000.0 for progress in led)
+    assert near > 3 * sum(1500.0 < request.progress < 2000.0 for request in even)
+
+
+def test_the_share_of_the_speed_rises_while_episodes_stay_whole(ground: Ground) -> None:
+    curriculum = SpeedCurriculum(ground, share=0.7, first=0.6)
+    request = curriculum.episodes(0).draw(np.random.default_rng(0), RaceTask().preview)
+    for _ in range(200):
+        curriculum.ended(ended(request, failed=True))
+    assert (curriculum.share, curriculum.part, curriculum.may_validate(0)) == (0.6, 1, False)
+    for _ in range(250):
+        curriculum.ended(ended(request))
+    assert curriculum.share == pytest.approx(0.7)
+    assert curriculum.may_validate(0)
+    other = SpeedCurriculum(ground, share=0.7, first=0.6)
+    other.restore(curriculum.state_dict())
+    assert other.state_dict()["share"] == curriculum.share
+
+
+def test_spdl_leads_a_good_agent_to_the_ideal_line_and_survives_a_checkpoint(ground: Ground) -> None:
+    rng = np.random.default_rng(0)
+    preview = RaceTask().preview
+    curriculum = SpdlCurriculum(ground, threshold=1.0, kl=1.0, iteration=10)
+    first = [RaceContext.of(curriculum.episodes(0).draw(rng, preview)) for _ in range(100)]
+    step = 0
+    while curriculum.steps == [] or curriculum.steps[-1].kl > 0.1:
+        step += 10
+        assert step < 3000
+        episodes = curriculum.episodes(step)
+        for _ in range(30):
+            curriculum.ended(ended(episodes.draw(rng, preview), total=2.0))
+    last = [RaceContext.of(curriculum.episodes(step).draw(rng, preview)) for _ in range(100)]
+    for name, sign in (("d_median", 1.0), ("d_ideal", -1.0), ("v_max", 1.0)):
+        begun, now = (np.mean([getattr(context, name) for context in drawn]) for drawn in (first, last))
+        assert sign * now > sign * begun
+    assert [entry.kl for entry in curriculum.steps] == sorted((entry.kl for entry in curriculum.steps), reverse=True)
+    other = SpdlCurriculum(ground, threshold=1.0, kl=1.0, iteration=10)
+    other.restore(curriculum.state_dict())
+    draws = [each.episodes(step).draw(np.random.default_rng(5), preview) for each in (curriculum, other)]
+    assert draws[0] == draws[1]
+    assert other.figures() == curriculum.figures()
+
+
+def test_presets_name_their_circuits_and_refuse_bicycles(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"'race' is for superbikes on circuits, and '.*' is none"):
+        LearningProcess(RunSettings(RACE_PAPER, "whipple"), tmp_path / "run", 10)
+    with pytest.raises(FileNotFoundError, match="nowhere"):
+        LearningProcess(settings(RACE.override({"circuits": "nowhere"})), tmp_path / "run", 10)
