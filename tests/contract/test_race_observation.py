@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from bike_policy.contract.bundle import layout_from_card
-from bike_policy.contract.race import BLOCKS, COMPACT, RACE_LAYOUTS, RaceEyes, RaceLayout, limit_distances
+from bike_policy.contract.race import BLOCKS, COMPACT, RACE_LAYOUTS, RaceEyes, RaceLayout
 from bike_policy.contract.reference import OPEN, Reference, ReferenceRows
 from bike_policy.contract.rows import Row
 from bike_sim.physics.state import MIRROR_SIGNS
@@ -31,7 +31,7 @@ finite = st.floats(-1e3, 1e3)
 def side_signals() -> np.ndarray:
     """Return the signs of telemetry in the mirrored ride, also of what the observation has other names for."""
     signs = SIGNAL_MIRROR.copy()
-    signs[SIGNALS.index("velocity_lat_m_s")] = -1.0
+    signs[SIGNALS.index("lateral_velocity_m_s")] = -1.0
     return signs
 
 
@@ -46,7 +46,10 @@ def drawn(rng, count, width=12.0):
     points = np.stack([line, line + aside, line - aside], axis=1)
     points[:, :, :, 1] += rng.uniform(-3.0, 3.0, count)[:, None, None]
     signals = rng.normal(size=(count, len(SIGNALS)))
-    return Row(state, look, np.zeros((count, 20)), signals, np.zeros((count, 4)), points, np.zeros(count, dtype=bool))
+    circuit = rng.uniform(-2.0, 8.0, (count, 8))
+    return Row(
+        state, look, np.zeros((count, 20)), signals, np.zeros((count, 4)), circuit, points, np.zeros(count, dtype=bool)
+    )
 
 
 def mirrored(rows):
@@ -55,6 +58,7 @@ def mirrored(rows):
         state=rows.state * MIRROR_SIGNS,
         look=rows.look * LOOK_MIRROR,
         signals=rows.signals * side_signals(),
+        circuit=rows.circuit[:, [1, 0, 3, 2, 4, 5, 6, 7]],
         points=points,
     )
 
@@ -159,13 +163,6 @@ def test_a_reference_is_sampled_linearly_around_the_lap(progress, share, cap):
 def test_a_reference_without_speed_is_refused(share, cap):
     with pytest.raises(ValueError, match="must be positive"):
         ReferenceRows(1).begin(0, reference(), share, cap)
-
-
-def test_distances_to_the_limits():
-    rows = drawn(np.random.default_rng(1), 4, width=10.0)
-    points = rows.points.copy()
-    points[:, :, 0] = [[0.0, 1.0, 0.0], [0.0, 4.0, 0.0], [0.0, -6.0, 0.0]]
-    np.testing.assert_allclose(limit_distances(points), [[4.0, 6.0]] * 4)
 
 
 @pytest.mark.parametrize("layout", RACE_LAYOUTS.values(), ids=RACE_LAYOUTS)

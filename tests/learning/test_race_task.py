@@ -86,10 +86,8 @@ def test_progress_is_the_way_along_the_line_and_negative_where_the_heading_is_wr
 
 
 def outside(row, rear=20.0, front=20.0):
-    """Shift a machine to the left, by moving all that it sees to the right."""
-    row.points[:, :, :, 1] -= rear
-    row.place[:, lk.CENTRE_OFFSET] += rear
-    row.place[:, lk.FRONT_CENTRE_OFFSET] += front
+    """Shift contact points to the left."""
+    row.circuit[:, :4] += [-rear, rear, -front, front]
 
 
 @given(rear=st.sampled_from([0.0, 20.0]), front=st.sampled_from([0.0, 20.0]))
@@ -102,14 +100,13 @@ def test_contact_points_outside(start, rear, front):
 
 def test_off_track_counts_with_speed_for_any_tyre_and_masks_progress_for_both(start):
     def rear_only(row):
-        row.points[:] = start[0].points
-        row.place[:] = start[0].place
+        row.circuit[:] = start[0].circuit
         outside(row, 20.0, 0.0)
         forward(row)
 
     def both(row):
         rear_only(row)
-        row.place[:, lk.FRONT_CENTRE_OFFSET] += 20.0
+        row.circuit[:, 2:4] += [-20.0, 20.0]
 
     verdict, _ = decide(rides_of(start), start[0], rear_only)
     assert verdict.terms["off_track"][0] == pytest.approx(-40.0 * 3 * PERIOD)
@@ -131,7 +128,7 @@ def test_penalty_timers_end_an_episode(start, kind, limit):
         elif kind == "stalled":
             row.look[:, lk.SPEED] = 1.0
         else:
-            row.points[:], row.place[:] = start[0].points, start[0].place
+            row.circuit[:] = start[0].circuit
             outside(row)
 
     rides, row = rides_of(start), start[0]

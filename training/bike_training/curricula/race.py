@@ -28,6 +28,8 @@ FloatArray = NDArray[np.float64]
 
 START_SHARES: Final = (0.35, 0.95)
 """Starts are drawn in this interval of the theoretical speed at their place."""
+START_OFFSET: Final = 0.7
+"""Largest distance of a start from the followed line, m."""
 BIN: Final = 50.0
 """Length of the sections by which failures are counted, m."""
 RUN_UP: Final = (2.0, 7.0)
@@ -148,6 +150,7 @@ class RaceEpisodes:
             perturb=True,
             line=lam,
             progress=progress,
+            start_offset=float(rng.uniform(-START_OFFSET, START_OFFSET)),
             preview=preview,
             context=context.to_request(),
         )

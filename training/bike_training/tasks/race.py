@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_policy.contract.action import DRIVE, LEAN_REQUEST, ActionColumn, ActionLayout
-from bike_policy.contract.race import COMPACT, RaceEyes, RaceLayout, limit_distances
+from bike_policy.contract.race import COMPACT, RaceEyes, RaceLayout
 from bike_policy.contract.reference import OPEN
 from bike_policy.contract.rows import RowBlocks
 from bike_policy.riders.race_reference import References
@@ -413,10 +413,8 @@ _MEMORY: Final = ("progress", "rate", "angles", "omega", "changes", "timers", "o
 
 def off_track(blocks: RowBlocks) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return where one contact point at least, and where both are outside the limits, shape (n,) each."""
-    rear = limit_distances(blocks.points)
-    aside = blocks.place[:, lk.FRONT_CENTRE_OFFSET] - blocks.place[:, lk.CENTRE_OFFSET]
-    rear_off = np.min(rear, axis=1) < 0.0
-    front_off = np.minimum(rear[:, 0] - aside, rear[:, 1] + aside) < 0.0
+    margins = blocks.circuit[:, : lk.OUTSIDE]
+    rear_off, front_off = np.min(margins[:, :2], axis=1) < 0.0, np.min(margins[:, 2:], axis=1) < 0.0
     return rear_off | front_off, rear_off & front_off
 
 

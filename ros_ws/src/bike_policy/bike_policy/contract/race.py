@@ -28,8 +28,6 @@ RACE_VERSION: Final = 1
 
 GRAVITY: Final = 9.81
 """m/s^2."""
-LEAN_REFERENCE: Final = "lean_reference_rad"
-"""Telemetry: the lean that the virtual rider makes for."""
 LEAST_SPEED: Final = 5.0
 """Speed below which the look ahead grows no shorter, m/s."""
 HORIZON: Final = 6.0
@@ -42,6 +40,8 @@ YAW, ROLL, STEER, ROLL_RATE, STEER_RATE = 2, 3, 4, 7, 8
 """Places in the minimal state."""
 PITCH, YAW_RATE, SPEED, PROGRESS, LATERAL_ERROR, HEADING_ERROR = 0, 1, 2, 5, 6, 7
 """Places in the derived quantities."""
+REAR_LEFT, REAR_RIGHT = range(2)
+"""Places in what relates to the limits: distances of the rear contact point to the left and the right one."""
 LINE, LEFT, RIGHT = range(3)
 """Rows of the course points."""
 
@@ -65,7 +65,6 @@ class Sight(NamedTuple):
     Attributes:
         blocks: of the vehicles. layout: of the observation. signal: telemetry by name. rolls: of the decisions before,
             newest first, rad, shape (n, history). steers: of the decision before, rad, shape (n,).
-        leans: the virtual rider's reference at the decision before, rad, shape (n,).
         actions: the last one and the one before, shape (n, 2, 2). references: what the vehicles follow.
         speed: at least LEAST_SPEED, m/s.
     """
@@ -75,7 +74,6 @@ class Sight(NamedTuple):
     signal: Callable[[str], FloatArray]
     rolls: FloatArray
     steers: FloatArray
-    leans: FloatArray
     actions: FloatArray
     references: ReferenceRows
     speed: FloatArray
@@ -117,8 +115,8 @@ def _signal_block(**scaled: tuple[float, float]) -> Block:
 def _velocity(sight: Sight) -> FloatArray:
     return _stack(
         sight.blocks.look[:, SPEED] / 100.0,
-        sight.signal("velocity_lat_m_s") / 10.0,
-        sight.signal("velocity_up_m_s") / 5.0,
+        sight.signal("lateral_velocity_m_s") / 10.0,
+        sight.signal("vertical_velocity_m_s") / 5.0,
     )
 
 
@@ -154,10 +152,6 @@ def _actions(sight: Sight) -> FloatArray:
     return sight.actions.reshape(len(sight.actions), -1)
 
 
-def _lean_rate(sight: Sight) -> FloatArray:
-    return ((sight.signal(LEAN_REFERENCE) - sight.leans) / 0.1)[:, None]
-
-
 def _line(sight: Sight) -> FloatArray:
     heading = sight.blocks.look[:, HEADING_ERROR]
     return _stack(np.sin(heading), np.cos(heading), sight.blocks.look[:, LATERAL_ERROR] / 5.0)
@@ -180,28 +174,12 @@ def _points(sight: Sight) -> FloatArray:
     return scaled.reshape(len(points), -1)
 
 
-def limit_distances(points: FloatArray) -> FloatArray:
-    """Return the distances of the rear contact point to the left and the right limit, m, positive inside.
-
-    Args:
-        points: course points, shape (n, 3, stations, 3).
-
-    Returns:
-        Shape (n, 2).
-    """
-    left, right = points[:, LEFT, 0, :2], points[:, RIGHT, 0, :2]
-    across = left - right
-    width = np.sqrt(across[:, 0] ** 2 + across[:, 1] ** 2)
-    to_left = (left[:, 0] * across[:, 0] + left[:, 1] * across[:, 1]) / width
-    return _stack(to_left, width - to_left)
-
-
 def _limits_columns(layout: RaceLayout) -> list[Column]:
     return [Column("limit_left", 1.0, "limit_right"), Column("limit_right", 1.0, "limit_left")]
 
 
 def _limits(sight: Sight) -> FloatArray:
-    return limit_distances(sight.blocks.points) / 15.0
+    return sight.blocks.circuit[:, [REAR_LEFT, REAR_RIGHT]] / 15.0
 
 
 def _corridor_columns(layout: RaceLayout) -> list[Column]:
@@ -244,7 +222,9 @@ def _stations(sight: Sight) -> FloatArray:
 
 BLOCKS: Final[Mapping[str, Block]] = {
     "velocity": Block(
-        _own(velocity_long=1.0, velocity_lat=-1.0, velocity_up=1.0), _velocity, ("velocity_lat_m_s", "velocity_up_m_s")
+        _own(velocity_long=1.0, velocity_lat=-1.0, velocity_up=1.0),
+        _velocity,
+        ("lateral_velocity_m_s", "vertical_velocity_m_s"),
     ),
     "angular_velocity": Block(
         _own(roll_rate=-1.0, pitch_rate=1.0, yaw_rate=-1.0), _angular_velocity, ("pitch_rate_rad_s",)
@@ -265,11 +245,14 @@ BLOCKS: Final[Mapping[str, Block]] = {
     "accelerations": _signal_block(
         acceleration_long_m_s2=(15.0, 1.0), acceleration_lat_m_s2=(20.0, -1.0), pitch_rad=(0.3, 1.0)
     ),
-    "rider": _signal_block(lean_reference_rad=(1.2, -1.0), rider_slide_m=(0.3, -1.0), steer_torque_nm=(200.0, -1.0)),
-    "lean_rate": Block(_own(lean_reference_change=-1.0), _lean_rate, (LEAN_REFERENCE,)),
+    "rider": _signal_block(
+        lean_reference_rad=(1.2, -1.0), lean_reference_rate_rad_s=(1.5, -1.0), rider_integral_nm=(100.0, -1.0),
+        rider_slide_m=(0.3, -1.0), steer_torque_nm=(200.0, -1.0),
+    ),
     "actuators": _signal_block(
         drive_torque_nm=(1500.0, 1.0), front_brake_nm=(1200.0, 1.0), rear_brake_nm=(400.0, 1.0),
-        traction_cut=(1.0, 1.0), wheelie_cut=(1.0, 1.0), front_brake_cut=(1.0, 1.0), rear_brake_cut=(1.0, 1.0),
+        drive_share=(1.0, 1.0), brake_share=(1.0, 1.0), traction_cut=(1.0, 1.0), wheelie_cut=(1.0, 1.0),
+        front_brake_cut=(1.0, 1.0), rear_brake_cut=(1.0, 1.0),
     ),
     "limits": Block(_limits_columns, _limits),
     "corridor": Block(_corridor_columns, _corridor),
@@ -411,7 +394,7 @@ class RaceEyes:
         self.layout, self.references = layout, ReferenceRows(count)
         self._places = {name: place for place, name in enumerate(signal_names)}
         self.rolls = np.zeros((count, layout.history))
-        self.steers, self.leans = np.zeros(count), np.zeros(count)
+        self.steers = np.zeros(count)
         self.actions = np.zeros((count, 2, 2))
 
     def begin(
@@ -429,7 +412,6 @@ class RaceEyes:
         self.references.begin(row, reference, self.layout.share if share is None else share, cap)
         state = blocks.state[row]
         self.rolls[row], self.steers[row], self.actions[row] = state[ROLL], state[STEER], 0.0
-        self.leans[row] = self._lean_reference(blocks)[row]
 
     def observe(self, blocks: RowBlocks) -> NDArray[np.float32]:
         """Return the observations, shape (n, layout.size)."""
@@ -438,9 +420,7 @@ class RaceEyes:
             return blocks.signals[:, self._places[name]]
 
         speed = np.maximum(blocks.look[:, SPEED], LEAST_SPEED)
-        sight = Sight(
-            blocks, self.layout, signal, self.rolls, self.steers, self.leans, self.actions, self.references, speed
-        )
+        sight = Sight(blocks, self.layout, signal, self.rolls, self.steers, self.actions, self.references, speed)
         parts = [BLOCKS[block].values(sight) for block in self.layout.blocks]
         return np.clip(np.concatenate(parts, axis=1), -1.0, 1.0).astype(np.float32)
 
@@ -454,7 +434,6 @@ class RaceEyes:
         self.rolls[:, 1:] = self.rolls[:, :-1].copy()
         self.rolls[:, 0] = blocks.state[:, ROLL]
         self.steers[:] = blocks.state[:, STEER]
-        self.leans[:] = self._lean_reference(blocks)
         self.actions[:, 1] = self.actions[:, 0]
         self.actions[:, 0] = actions
 
@@ -467,12 +446,8 @@ class RaceEyes:
         for name in _REMEMBERED:
             getattr(self, name)[...] = stored[name]
 
-    def _lean_reference(self, blocks: RowBlocks) -> FloatArray:
-        place = self._places.get(LEAN_REFERENCE)
-        return np.zeros(len(blocks.state)) if place is None else blocks.signals[:, place]
 
-
-_REMEMBERED: Final = ("rolls", "steers", "leans", "actions")
+_REMEMBERED: Final = ("rolls", "steers", "actions")
 
 
 PAPER_RACE: Final = RaceLayout(
@@ -485,7 +460,7 @@ COMPACT: Final = RaceLayout(
     "compact",
     (
         "speed", "rates", "attitude", "lean_history", "steer_rate", "slips", "use", "loads",
-        "accelerations", "rider", "lean_rate", "actuators", "actions", "line", "limits", "corridor", "speed_margin",
+        "accelerations", "rider", "actuators", "actions", "line", "limits", "corridor", "speed_margin",
         "stations",
     ),
 )  # fmt: skip

@@ -18,6 +18,7 @@ class RowBlocks(Protocol):
         preview_y: lateral offsets of the preview points, m, shape (n, points).
         signals: telemetry, shape (n, signals).
         place: position relative to the centre line of a circuit, m, shape (n, 4); NaN elsewhere.
+        circuit: position relative to the limits, shape (n, k); NaN elsewhere.
         points: course points, m, shape (n, 3, stations, 3); NaN where there is no circuit.
         fallen: which rides are over, shape (n,).
     """
@@ -33,6 +34,8 @@ class RowBlocks(Protocol):
     @property
     def place(self) -> FloatArray: ...  # noqa: D102
     @property
+    def circuit(self) -> FloatArray: ...  # noqa: D102
+    @property
     def points(self) -> FloatArray: ...  # noqa: D102
     @property
     def fallen(self) -> NDArray[np.bool_]: ...  # noqa: D102
@@ -46,6 +49,7 @@ class Row(NamedTuple):
     preview_y: FloatArray
     signals: FloatArray
     place: FloatArray
+    circuit: FloatArray
     points: FloatArray
     fallen: NDArray[np.bool_]
 
@@ -54,6 +58,7 @@ def row_of(snapshot: Any) -> Row:
     """Return the row of a snapshot (`bike_sim.sim.snapshot.Snapshot`); its arrays are the snapshot's own."""
     circuit = snapshot.circuit
     place = np.full(4, np.nan) if circuit is None else circuit.place
+    limits = np.full(8, np.nan) if circuit is None else circuit.limits
     points = np.full((3, 20, 3), np.nan) if circuit is None else circuit.points
     return Row(
         snapshot.state[None],
@@ -61,6 +66,7 @@ def row_of(snapshot: Any) -> Row:
         snapshot.preview_y[None],
         snapshot.signals[None],
         place[None],
+        limits[None],
         points[None],
         np.array([snapshot.fallen]),
     )
