@@ -1,8 +1,9 @@
-"""What is left of a sweep when workers are lost: all of it, bit for bit."""
+"""What is left of a sweep when workers and drivers are lost: all of it, bit for bit."""
 
 from __future__ import annotations
 
 import random
+import signal
 import time
 from pathlib import Path
 
@@ -35,3 +36,24 @@ def test_workers_killed_at_random_change_no_bit(tmp_path: Path, write, drive) ->
     attempts = [len((run.folder / "attempts.jsonl").read_text().splitlines()) for run in plan.runs]
     assert sum(attempts) > len(attempts)
     assert_as_undisturbed(spec, tmp_path / "out", tmp_path / "alone")
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_a_driver_that_ends_is_taken_up_by_the_same_command(number: int, tmp_path: Path, write, drive) -> None:
+    spec = write(tiny(base=LONG_RUN, grid={"seed": [0, 1]}, cores=0.5))
+    out = tmp_path / "out"
+    first = drive(spec, out, background=number == signal.SIGTERM)
+    first.until(lambda: any(out.glob("runs/*/result.json")) and first.checkpoints())
+    finished = {path: path.stat().st_mtime_ns for path in out.glob("runs/*/result.json")}
+    first.process.send_signal(number)
+    code = first.end()
+    assert code == {signal.SIGKILL: -9, signal.SIGTERM: 143}[signal.Signals(number)]
+    if number != signal.SIGKILL:
+        assert "interrupted; runs that had begun go on" in first.words.read_text()
+        assert (out / "runs.parquet").exists()
+    second = drive(spec, out)
+    assert second.end() == 0, second.words.read_text()
+    assert all(path.stat().st_mtime_ns == when for path, when in finished.items())
+    attempts = [len(path.read_text().splitlines()) for path in out.glob("runs/*/attempts.jsonl")]
+    assert max(attempts) == 2
+    assert_as_undisturbed(spec, out, tmp_path / "alone")
