@@ -11,6 +11,7 @@ setup(
             "py.typed",
             "config/vehicles/*.yaml",
             "config/courses/*.yaml",
+            "config/disturbances/*.yaml",
             "config/courses/*.csv",
             "config/tracks/*.yaml",
             "config/middleware/*.xml",

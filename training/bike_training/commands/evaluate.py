@@ -14,10 +14,13 @@ from rich.table import Table
 from tqdm import tqdm
 
 from bike_policy.contract.bundle import DEFAULT_POLICY
+from bike_policy.riders.disturbed import DisturbedRider
 from bike_policy.riders.learned import LearnedRider
 from bike_policy.riders.rider import RIDERS, Rider, make_rider
 from bike_sim.course.files import load_course
 from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.disturbances import Disturbances, load_disturbances, shipped_disturbances
+from bike_sim.sim.simulator import Simulator
 from bike_training.arguments import check_positive, check_whole, make_folder
 from bike_training.envs.clients import CLIENT_KINDS, make_client
 from bike_training.rollout.evaluation import PAPER_MAX, PAPER_MEAN, SPEEDS, Ride, draw, evaluate
@@ -32,6 +35,7 @@ EXAMPLES = """examples:
   bike evaluate runs/a/policy --client nodes   through the simulator node and the policy node
   bike evaluate whipple --course junction --speeds 4
   bike evaluate --rider mpc                    a rider that is not learned
+  bike evaluate --rider lqr --disturbances noise delay_50 mine.yaml
   bike evaluate --compare whipple lqr mpc stanley   side by side in one table
 """
 
@@ -42,6 +46,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("policy", nargs="?", default=DEFAULT_POLICY, help="name or folder (default: %(default)s)")
     parser.add_argument("--rider", help=f"the same by name of the rider: a policy, or {', '.join(RIDERS)}")
+    parser.add_argument(
+        "--disturbances",
+        nargs="+",
+        default=[],
+        metavar="FILE",
+        help=f"ride the course again under each: a YAML file, or {', '.join(shipped_disturbances())}",
+    )
     parser.add_argument("--compare", nargs="+", metavar="RIDER", help="several riders, side by side in one table")
     parser.add_argument(
         "--client",
@@ -72,9 +83,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     for rider in riders:
         if isinstance(rider, LearnedRider):
             rider.bundle.check_fit(config.vehicle, config.control_period)
+    disturbances = [load_disturbances(name) for name in args.disturbances]
+    if disturbances and args.client != "local":
+        raise ValueError(f"--disturbances act on rides in this process, not with --client {args.client}")
     load_course(args.course)  # before the nodes start
     make_folder("--out", args.out)
-    found = [_evaluate(args, name, rider, config) for name, rider in zip(names, riders, strict=True)]
+    found = [_evaluate(args, name, rider, config, disturbances) for name, rider in zip(names, riders, strict=True)]
     figures: dict[str, Any] = {"riders": found} if args.compare else found[0]
     (args.out / "evaluation.json").write_text(json.dumps(figures, indent=1), encoding="utf-8")
     if args.compare and not args.json:
@@ -83,11 +97,18 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         draw(figures, riders[0].name, args.out / "evaluation.png")
         if not args.json:
             _print(figures, riders[0].name, args.out)
+    # Disturbances are there to find out what a rider bears, so falls under them are no failure of the command.
     ok = all(ride["completed"] for each in found for ride in each["rides"] + each["random"])
     return {"schema": "bike.evaluate/1", "ok": ok, "figures": figures}
 
 
-def _evaluate(args: argparse.Namespace, name: str, rider: Rider, config: SimulatorConfig) -> dict[str, Any]:
+def _evaluate(
+    args: argparse.Namespace,
+    name: str,
+    rider: Rider,
+    config: SimulatorConfig,
+    disturbances: Sequence[Disturbances],
+) -> dict[str, Any]:
     """Return the figures of one rider."""
     total = len(args.speeds) * (1 + args.random_rides)
     timed = TimedRider(rider)
@@ -108,7 +129,22 @@ def _evaluate(args: argparse.Namespace, name: str, rider: Rider, config: Simulat
         **timed.figures(),
         **figures,
         **stability(rider),
+        "disturbed": [_disturbed(args, rider, config, known) for known in disturbances],
     }
+
+
+def _disturbed(
+    args: argparse.Namespace, rider: Rider, config: SimulatorConfig, disturbances: Disturbances
+) -> dict[str, Any]:
+    """Return the figures of rides on the course under disturbances."""
+    client, between = Simulator(config, disturbances), DisturbedRider(rider, disturbances)
+    try:
+        figures = evaluate(
+            lambda request, longest: ride_through(client, between, request, longest), args.course, args.speeds, 0
+        )
+    finally:
+        client.close()
+    return {"disturbances": disturbances.name, **figures}
 
 
 @contextmanager
@@ -156,7 +192,20 @@ def _print_comparison(found: Sequence[Mapping[str, Any]]) -> None:
         cells = [each.get(key) for each in found]
         if any(cell is not None for cell in cells):
             table.add_row(heading, *("-" if cell is None else f"{cell:.4g}" for cell in cells))
+    for place, known in enumerate(first["disturbed"]):
+        table.add_row(f"{known['disturbances']}: {_DISTURBED}", *(_told(each["disturbed"][place]) for each in found))
     Console(width=max(100, Console().width)).print(table)
+
+
+_DISTURBED: Final = "rides completed; mean of the mean distances, largest distance, m"
+
+
+def _told(figures: Mapping[str, Any]) -> str:
+    """Return the figures of disturbed rides in short."""
+    return (
+        f"{figures['completed_count']} of {figures['rides_count']}; "
+        f"{figures['average_mean_m']:.3f}, {figures['worst_max_m']:.3f}"
+    )
 
 
 def _print(figures: dict[str, Any], name: str, out: Path) -> None:
@@ -179,6 +228,8 @@ def _print(figures: dict[str, Any], name: str, out: Path) -> None:
         )
     console = Console(width=max(100, Console().width))
     console.print(table)
+    for known in figures["disturbed"]:
+        console.print(f"{known['disturbances']}: {_told(known)} ({_DISTURBED})")
     radius, swing = figures["worst_spectral_radius_upright"], figures["worst_swing_deg"]
     stable = "no steady ride" if radius is None else f"spectral radius {radius:.3f}"
     swinging = "-" if swing is None else f"{swing:.2g}"

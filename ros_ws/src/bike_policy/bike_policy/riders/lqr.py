@@ -12,7 +12,7 @@ Dynamics 35). The cost is on errors and on the torque of the drive, ``u - delta`
 a steady turn costs next to nothing and is ridden without an offset.
 
 The bicycle itself is not linear: at 40 deg of lean it turns 15 % sharper than the linear model says, which is the
-largest error of such a rider. So lean and steer enter the model as what they are worth in a steady turn of the nonlinear
+largest error of such a rider. So lean and steer enter the model as what they are worth in a steady turn of the ideal
 bicycle (`bike_sim.physics.steady_turn`): a lean counts as the curvature it holds, a steer as what it rides.
 
 A command that acts late is known to the rider: the last answers are states of the model, one for each period of delay.

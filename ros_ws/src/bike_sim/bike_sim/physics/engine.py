@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final, Protocol
+from typing import Final, Protocol, runtime_checkable
 
 from bike_sim.physics.state import StateVector
 from bike_sim.vehicles.bicycle import Vehicle
@@ -53,6 +53,22 @@ class Engine(Protocol):
 
     def close(self) -> None:
         """Release what the engine holds; a second call does nothing."""
+        ...
+
+
+@runtime_checkable
+class BicycleEngine(Engine, Protocol):
+    """An engine of bicycles, which can also be pushed."""
+
+    def push(self, along: float, left: float, ahead: float, height: float) -> None:
+        """Push a bicycle's rear frame with a horizontal force during the next step only.
+
+        Args:
+            along: component along its yaw, N.
+            left: component to the left of it, N.
+            ahead: place of the point ahead of the rear contact, m.
+            height: of the point above the rear contact, in the plane of the frame, m.
+        """
         ...
 
 

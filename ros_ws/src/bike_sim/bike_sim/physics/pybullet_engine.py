@@ -165,6 +165,18 @@ class PyBulletEngine:
         for link, (x, y) in ((REAR_WHEEL, self._state[: st.YAW]), (FRONT_WHEEL, front)):
             bullet.applyExternalForce(self.body, link, (0.0, 0.0, -force), (x, y, 0.0), bullet.WORLD_FRAME, self.client)
 
+    def push(self, along: float, left: float, ahead: float, height: float) -> None:
+        """Push the rear frame during the next step; see `engine.BicycleEngine`."""
+        x, y, yaw, roll = (float(value) for value in self._state[[st.X, st.Y, st.YAW, st.ROLL]])
+        cos_yaw, sin_yaw, aside = math.cos(yaw), math.sin(yaw), -height * math.sin(roll)
+        force = (cos_yaw * along - sin_yaw * left, sin_yaw * along + cos_yaw * left, 0.0)
+        point = (
+            x + cos_yaw * ahead - sin_yaw * aside,
+            y + sin_yaw * ahead + cos_yaw * aside,
+            height * math.cos(roll),
+        )
+        bullet.applyExternalForce(self.body, -1, force, point, bullet.WORLD_FRAME, self.client)
+
     def close(self) -> None:
         """Give the Bullet world back; a second call does nothing."""
         self._disconnect()

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from bike_sim.kernels import njit
 from bike_sim.physics import state as st
-from bike_sim.physics.kinematics import Parameters, solve_beta, steering_geometry
+from bike_sim.physics.kinematics import Parameters, rates, solve_beta, steering_geometry
 from bike_sim.physics.state import StateVector
 from bike_sim.physics.whipple_equations import Constants, energies, motion
 from bike_sim.vehicles.bicycle import PARAMETER_NAMES, Vehicle
@@ -36,6 +36,7 @@ LYING_ROLL: Final = math.radians(75.0)
 # The integrated variables: the minimal state in its own order, then beta = pitch - lam.
 _BETA: Final = st.STATE_SIZE
 _SIZE: Final = st.STATE_SIZE + 1
+_RATES: Final = (st.ROLL_RATE, st.STEER_RATE, st.FRONT_WHEEL_RATE)
 
 
 @njit(cache=True)
@@ -187,6 +188,51 @@ def energy(state: StateVector, p: Parameters) -> tuple[float, float]:
     return kinetic, potential
 
 
+def mass_matrix(state: StateVector, p: Parameters) -> NDArray[np.float64]:
+    """Return the mass matrix of the rates of roll, steer and front wheel, shape (3, 3), in kg m^2.
+
+    The kinetic energy is a quadratic form of the three, so its values at six vectors of rates give all entries.
+    """
+
+    def kinetic(rates: NDArray[np.float64]) -> float:
+        trial = state.copy()
+        trial[list(_RATES)] = rates
+        return energy(trial, p)[0]
+
+    axes = np.eye(3)
+    single = [kinetic(axis) for axis in axes]
+    mass = np.diag(2.0 * np.array(single))
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        mass[i, j] = mass[j, i] = kinetic(axes[i] + axes[j]) - single[i] - single[j]
+    return mass
+
+
+def generalised_force(
+    state: StateVector, along: float, left: float, ahead: float, height: float, p: Parameters
+) -> NDArray[np.float64]:
+    """Return what a force on the rear frame is to the rates of roll, steer and front wheel: its power by rad/s.
+
+    Args:
+        state: minimal state.
+        along: component along the bicycle's yaw, N.
+        left: component to the left of it, level with the ground, N.
+        ahead: place of the point ahead of the rear contact, m.
+        height: of the point above the rear contact in the plane of the frame, m.
+        p: `Vehicle.parameters`.
+    """
+    power = np.empty(3)
+    for k, place in enumerate(_RATES):
+        unit = state.copy()
+        unit[list(_RATES)] = 0.0
+        unit[place] = 1.0
+        yaw_rate, speed, _ = rates(unit, p)
+        sideways = -height * math.sin(state[st.ROLL])
+        point_along = speed - yaw_rate * sideways
+        point_left = yaw_rate * ahead - height * math.cos(state[st.ROLL]) * (place == st.ROLL_RATE)
+        power[k] = along * point_along + left * point_left
+    return power
+
+
 class WhippleEngine:
     """The compiled bicycle behind the engine interface.
 
@@ -240,6 +286,13 @@ class WhippleEngine:
             raise ValueError(f"steps = {steps} must not be negative")
         if not self.lying:
             self.lying = not advance(self._state, steer_set, self.time_step, steps, self.vehicle.parameters)
+
+    def push(self, along: float, left: float, ahead: float, height: float) -> None:
+        """Push the rear frame as during one step: the rates take up its momentum; see `engine.BicycleEngine`."""
+        if not self.lying:
+            work = generalised_force(self._state, along, left, ahead, height, self.vehicle.parameters)
+            mass = mass_matrix(self._state, self.vehicle.parameters)
+            self._state[list(_RATES)] += self.time_step * np.linalg.solve(mass, work)
 
     def state(self) -> StateVector:
         """Return a copy of the minimal state."""

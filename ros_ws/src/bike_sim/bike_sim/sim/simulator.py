@@ -15,8 +15,10 @@ from bike_sim.course.track import Track
 from bike_sim.physics import state as st
 from bike_sim.sim.beginning import Courses, begin, own_speed
 from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.disturbances import Disturbances
+from bike_sim.sim.disturbed_plant import make_disturbed_plant
 from bike_sim.sim.events import fall_event, reset_event
-from bike_sim.sim.plant import Plant, make_plant
+from bike_sim.sim.plant import Plant
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.sim.scene import PathScene
 from bike_sim.sim.snapshot import DIVERGED, NO_FALL, Snapshot
@@ -41,14 +43,18 @@ class Simulator:
         episode: number of the present episode.
     """
 
-    def __init__(self, config: SimulatorConfig | None = None) -> None:
+    def __init__(self, config: SimulatorConfig | None = None, disturbances: Disturbances | None = None) -> None:
         """Load the vehicle and start the engine.
+
+        Args:
+            config: vehicle, engine and steps.
+            disturbances: of what is ridden; those of what the rider sees are not the simulator's.
 
         Raises:
             ValueError: an invalid parameter. FileNotFoundError: an unknown vehicle.
         """
         self.config = config or SimulatorConfig()
-        self.plant: Plant = make_plant(self.config)
+        self.plant: Plant = make_disturbed_plant(self.config, disturbances)
         self.request = ResetRequest()
         self.scene: PathScene | CircuitScene | None = None
         self.episode = 0

@@ -1,0 +1,93 @@
+"""What lies between a bicycle and its rider: sensors that err, and delays on the way in and out."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_policy.riders.rider import Rider
+from bike_sim.course.course import Course
+from bike_sim.physics import state as st
+from bike_sim.sim import look as lk
+from bike_sim.sim.disturbances import CHANNELS, Disturbances
+from bike_sim.sim.request import Preview
+from bike_sim.sim.snapshot import Snapshot
+from bike_sim.vehicles.bicycle import Vehicle
+
+FloatArray = NDArray[np.float64]
+
+_SENSORS: Final = 1
+"""Branch of the draws."""
+
+
+class DisturbedRider:
+    """A rider that sees late and with errors, and whose commands act late; implements `bike_policy.riders.rider.Rider`.
+
+    Until the first command has arrived, the set point is straight ahead.
+    """
+
+    def __init__(self, rider: Rider, disturbances: Disturbances) -> None:
+        """Take a rider and what disturbs it."""
+        self._rider, self._disturbances = rider, disturbances
+        self._noise = np.array([disturbances.noise.get(name, 0.0) for name in CHANNELS])
+        self._bias = np.array([disturbances.bias.get(name, 0.0) for name in CHANNELS])
+        self.name, self.preview = rider.name, rider.preview
+
+    def begin(self, vehicle: Vehicle, course: Course, period: float, preview: Preview) -> None:
+        """Prepare the rider; see `Rider`.
+
+        Raises:
+            ValueError: a delay that is not a whole number of control periods.
+        """
+        self._rider.begin(vehicle, course, period, preview)
+        known = self._disturbances
+        self._seen: deque[Snapshot] = deque(maxlen=1 + known.periods(known.observation_delay_s, period))
+        late = known.periods(known.command_delay_s, period)
+        self._sent: deque[tuple[float, float]] = deque([(0.0, 0.0)] * late)
+        self._draws: np.random.Generator | None = None
+
+    def command(self, snapshot: Snapshot) -> tuple[float, float] | None:
+        """Return the command that acts now."""
+        if self._draws is None:
+            self._draws = self._disturbances.generator(snapshot.state, _SENSORS)
+        errors = self._bias + self._noise * self._draws.standard_normal(len(CHANNELS))
+        self._seen.append(measured(snapshot, errors))
+        answer = self._rider.command(self._seen[0])
+        if answer is None:
+            return None
+        self._sent.append(answer)
+        return self._sent.popleft()
+
+
+def measured(snapshot: Snapshot, errors: FloatArray) -> Snapshot:
+    """Return a snapshot as sensors with errors show it; position, preview and front contact move with the rear contact.
+
+    Args:
+        snapshot: what is.
+        errors: of CHANNELS.
+    """
+    roll, steer, roll_rate, steer_rate, lateral, heading, speed = errors
+    state, look = snapshot.state.copy(), snapshot.look.copy()
+    along = float(state[st.YAW] - look[lk.HEADING_ERROR])
+    # The points of the path ahead lie as a bicycle sees them that is displaced and turned by the errors.
+    turn, base = np.array([math.cos(heading), math.sin(heading)]), float(look[lk.HEADING_ERROR])
+    x = snapshot.preview_x - lateral * math.sin(base)
+    y = snapshot.preview_y - lateral * math.cos(base)
+    ahead = math.hypot(look[lk.FRONT_X] - state[st.X], look[lk.FRONT_Y] - state[st.Y])
+    state[[st.X, st.Y]] += lateral * np.array([-math.sin(along), math.cos(along)])
+    state[[st.YAW, st.ROLL, st.STEER, st.ROLL_RATE, st.STEER_RATE]] += (heading, roll, steer, roll_rate, steer_rate)
+    state[st.FRONT_WHEEL_RATE] *= 1.0 + speed / max(float(look[lk.SPEED]), 1e-6)
+    look[[lk.LATERAL_ERROR, lk.HEADING_ERROR, lk.SPEED]] += (lateral, heading, speed)
+    look[lk.FRONT_LATERAL_ERROR] += lateral + ahead * math.sin(heading)
+    return replace(
+        snapshot,
+        state=state,
+        look=look,
+        preview_x=turn[0] * x + turn[1] * y,
+        preview_y=turn[0] * y - turn[1] * x,
+    )

@@ -1,0 +1,253 @@
+"""Disturbances of a bicycle's rides, from one YAML file: wind, pushes, sensors, delays, a weak drive, wrong parameters.
+
+A file says what disturbs; a ride draws how. The draws depend on the file's seed and on the first state of the ride, so
+the same ride is disturbed in the same way wherever it is ridden. Forces, drive and parameters act on the bicycle
+(`bike_sim.sim.disturbed_plant`), sensors and delays lie between it and its rider (`bike_policy.riders.disturbed`).
+"""
+
+from __future__ import annotations
+
+import math
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from importlib import resources
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_sim.documents import MAX_YAML_SIZE, DocumentError, check_text, parse_yaml, read_text, show
+from bike_sim.vehicles.bicycle import Vehicle
+
+FORMAT: Final = "bike.disturbances/1"
+
+CHANNELS: Final = ("roll", "steer", "roll_rate", "steer_rate", "lateral", "heading", "speed")
+"""What sensors measure: rad, rad/s, m, rad, m/s; signs of the state."""
+
+FIXED: Final = ("w", "c", "lam", "rR", "rF", "g")
+"""Parameters that cannot be wrong here: a rider could measure them with a rule, and positions follow from them."""
+
+SHIPPED: Final = resources.files("bike_sim") / "config" / "disturbances"
+"""Folder of the files that come with the package."""
+
+
+@dataclass(frozen=True)
+class Wind:
+    """A force on the rear frame with the rider.
+
+    Attributes:
+        direction_deg: where it pushes to, in the map, 0 along x, positive to the left.
+        force_n: its mean, N.
+        gust_n: standard deviation of its gusts, N.
+        gust_s: time over which gusts change, s.
+        height_m: of the point that it acts on, above the ground, m.
+        ahead_m: of that point ahead of the rear contact, m.
+    """
+
+    direction_deg: float = 90.0
+    force_n: float = 0.0
+    gust_n: float = 0.0
+    gust_s: float = 1.0
+    height_m: float = 0.9
+    ahead_m: float = 0.3
+
+
+@dataclass(frozen=True)
+class Impulses:
+    """Sideways pushes on the rear frame with the rider, each to a side that is drawn.
+
+    Attributes:
+        impulse_ns: of each, N s.
+        every_s: time between two of them, s; the first comes after as long.
+        lasting_s: how long each lasts, s.
+        height_m: of the point that is pushed, above the ground, m.
+        ahead_m: of that point ahead of the rear contact, m.
+    """
+
+    impulse_ns: float = 0.0
+    every_s: float = 5.0
+    lasting_s: float = 0.1
+    height_m: float = 0.9
+    ahead_m: float = 0.3
+
+
+@dataclass(frozen=True)
+class Disturbances:
+    """Everything that disturbs a ride; the defaults disturb nothing.
+
+    Attributes:
+        name: for people.
+        seed: of all draws, with the first state of the ride.
+        wind: force of the air.
+        impulses: pushes.
+        noise: standard deviation of each measurement, by channel, in the channel's unit.
+        bias: constant error of each measurement, by channel.
+        observation_delay_s: age of what the rider sees, s; whole control periods.
+        command_delay_s: time until its command acts, s; whole control periods.
+        drive_torque_nm: largest torque of the steering drive, Nm.
+        vehicle: factors of the bicycle's parameters, by name; the rider is told the parameters without them.
+    """
+
+    name: str = "none"
+    seed: int = 0
+    wind: Wind = field(default_factory=Wind)
+    impulses: Impulses = field(default_factory=Impulses)
+    noise: Mapping[str, float] = field(default_factory=dict)
+    bias: Mapping[str, float] = field(default_factory=dict)
+    observation_delay_s: float = 0.0
+    command_delay_s: float = 0.0
+    drive_torque_nm: float = math.inf
+    vehicle: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check every value.
+
+        Raises:
+            ValueError: naming the value and what it should be.
+        """
+        for what, values in (("noise", self.noise), ("bias", self.bias)):
+            unknown = sorted(set(values) - set(CHANNELS))
+            if unknown:
+                raise ValueError(f"disturbances: {what} of unknown channels {unknown}; there are {', '.join(CHANNELS)}")
+        numbers = {
+            **{f"noise of {name}": value for name, value in self.noise.items()},
+            "seed": self.seed,
+            "observation_delay_s": self.observation_delay_s,
+            "command_delay_s": self.command_delay_s,
+            "wind gust_n": self.wind.gust_n,
+            **{f"wind {name}": getattr(self.wind, name) for name in ("force_n", "height_m")},
+            **{f"impulses {name}": getattr(self.impulses, name) for name in ("impulse_ns", "height_m")},
+        }
+        for name, value in numbers.items():
+            if not (math.isfinite(value) and value >= 0.0):
+                raise ValueError(f"disturbances: {name} must be finite and not negative, got {value!r}")
+        positive = {
+            "wind gust_s": self.wind.gust_s,
+            "impulses every_s": self.impulses.every_s,
+            "impulses lasting_s": self.impulses.lasting_s,
+            "drive_torque_nm": self.drive_torque_nm,
+            **{f"vehicle {name}": value for name, value in self.vehicle.items()},
+        }
+        for name, value in positive.items():
+            if not value > 0.0:
+                raise ValueError(f"disturbances: {name} must be positive, got {value!r}")
+        free = (self.wind.direction_deg, self.wind.ahead_m, self.impulses.ahead_m, *self.bias.values())
+        if not np.isfinite(free).all():
+            raise ValueError(f"disturbances: directions, places and biases must be finite, got {free!r}")
+        if self.impulses.lasting_s > self.impulses.every_s:
+            raise ValueError("disturbances: impulses that last longer than the time between them cannot be told apart")
+
+    @property
+    def pushes(self) -> bool:
+        """Whether a force acts."""
+        return bool(self.wind.force_n or self.wind.gust_n or self.impulses.impulse_ns)
+
+    @property
+    def acts_on_bicycle(self) -> bool:
+        """Whether anything acts on the bicycle itself."""
+        return self.pushes or math.isfinite(self.drive_torque_nm) or bool(self.vehicle)
+
+    @property
+    def acts_on_rider(self) -> bool:
+        """Whether anything lies between the bicycle and its rider."""
+        return bool(self.noise or self.bias or self.observation_delay_s or self.command_delay_s)
+
+    def periods(self, delay: float, period: float) -> int:
+        """Return a delay in control periods.
+
+        Raises:
+            ValueError: it is not a whole number of them.
+        """
+        count = round(delay / period)
+        if abs(count * period - delay) > 1e-9:
+            raise ValueError(f"disturbances: a delay of {delay!r} s is not a whole number of periods of {period!r} s")
+        return count
+
+    def wrong(self, vehicle: Vehicle) -> Vehicle:
+        """Return the bicycle that is ridden in place of the one that the rider knows.
+
+        Raises:
+            ValueError: a factor of a parameter that the bicycle does not have, or that cannot be wrong.
+        """
+        for name in self.vehicle:
+            if name in FIXED or not isinstance(getattr(vehicle, name, None), float):
+                raise ValueError(f"disturbances: vehicle {vehicle.name!r} has no parameter {name!r} that may be wrong")
+        return replace(vehicle, **{name: getattr(vehicle, name) * factor for name, factor in self.vehicle.items()})
+
+    def generator(self, state: NDArray[np.float64], branch: int) -> np.random.Generator:
+        """Return the draws of a ride.
+
+        Args:
+            state: first minimal state of the ride.
+            branch: so that forces and sensors draw their own numbers.
+        """
+        return np.random.default_rng([self.seed, zlib.crc32(np.ascontiguousarray(state).tobytes()), branch])
+
+
+def load_disturbances(name_or_path: str | Path) -> Disturbances:
+    """Load disturbances that come with the package, or from a file.
+
+    Args:
+        name_or_path: name of a shipped file, or the path of a YAML file (it ends in ``.yaml`` or ``.yml``).
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: it is not YAML, has a key too many, or a value that means nothing.
+    """
+    text = str(name_or_path)
+    if text.endswith((".yaml", ".yml")):
+        return _read(Path(text))
+    shipped = shipped_disturbances()
+    if text not in shipped:
+        raise FileNotFoundError(
+            f"no disturbances {show(text)}; shipped are {', '.join(shipped)}; a file of your own must end in .yaml"
+        )
+    with resources.as_file(SHIPPED / f"{text}.yaml") as path:
+        return _read(path)
+
+
+def shipped_disturbances() -> tuple[str, ...]:
+    """Return the names of the files that come with the package, sorted."""
+    return tuple(sorted(entry.name[: -len(".yaml")] for entry in SHIPPED.iterdir() if entry.name.endswith(".yaml")))
+
+
+def _read(path: Path) -> Disturbances:
+    document = parse_yaml(read_text(path, MAX_YAML_SIZE))
+    if not isinstance(document, dict) or document.get("format") != FORMAT:
+        raise DocumentError(f"{show(str(path))} holds no disturbances: its format must be {FORMAT}")
+    values = {key: value for key, value in document.items() if key not in ("format", "description")}
+    if "description" in document:
+        check_text(document["description"], "description of the disturbances")
+    values.setdefault("name", path.stem)
+    for key, kind in (("wind", Wind), ("impulses", Impulses)):
+        if key in values:
+            values[key] = kind(**_numbers(values[key], f"disturbances: {key}", [spec.name for spec in fields(kind)]))
+    for key in ("noise", "bias", "vehicle"):
+        if key in values:
+            values[key] = _numbers(values[key], f"disturbances: {key}")
+    plain = ("observation_delay_s", "command_delay_s", "drive_torque_nm")
+    values.update(_numbers({key: values[key] for key in plain if key in values}, "disturbances"))
+    unknown = sorted(map(str, set(values) - {spec.name for spec in fields(Disturbances)}))
+    if unknown:
+        raise DocumentError(f"disturbances: unknown entries {', '.join(map(show, unknown))}")
+    if not isinstance(values.get("seed", 0), int) or not isinstance(values["name"], str):
+        raise DocumentError("disturbances: seed must be a whole number and name a text")
+    return Disturbances(**values)
+
+
+def _numbers(table: Any, what: str, known: list[str] | None = None) -> dict[str, float]:
+    """Return a table of numbers.
+
+    Raises:
+        DocumentError: it is none, or has an entry that is not known.
+    """
+    if not isinstance(table, dict):
+        raise DocumentError(f"{what} must be a table of numbers, got {show(table)}")
+    for key, value in table.items():
+        if known is not None and key not in known:
+            raise DocumentError(f"{what} has no entry {show(key)}; it has {', '.join(known)}")
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise DocumentError(f"{what}: entry {show(key)} must be a number, got {show(value)}")
+    return {str(key): float(value) for key, value in table.items()}

@@ -1,0 +1,204 @@
+"""Disturbances: none changes no bit, forces obey momentum, both engines agree, seeds repeat, files are checked."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bike_policy.riders.disturbed import DisturbedRider, measured
+from bike_policy.riders.lqr import LqrRider
+from bike_sim.physics import state as st
+from bike_sim.physics.engine import make_engine
+from bike_sim.physics.whipple_engine import energy, mass_matrix
+from bike_sim.sim import look as lk
+from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.disturbances import Disturbances, Impulses, Wind, load_disturbances, shipped_disturbances
+from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.simulator import Simulator
+from bike_sim.vehicles.files import load_vehicle
+from bike_training.rollout.rollout import rollout
+
+COMPILED = SimulatorConfig(engine="whipple", time_step=0.01)
+BICYCLE = load_vehicle("whipple")
+
+
+def ridden(disturbances: Disturbances | None, steps: int = 60, course: str = "line"):
+    simulator = Simulator(COMPILED, disturbances)
+    rider = LqrRider() if disturbances is None else DisturbedRider(LqrRider(), disturbances)
+    request = ResetRequest(course=course, speed_range=(4.0, 4.0))
+    snapshots = rollout(simulator, rider, request)
+    ride = [snapshot for snapshot, _ in zip(snapshots, range(steps), strict=False)]
+    simulator.close()
+    return np.array([snapshot.state for snapshot in ride])
+
+
+@pytest.mark.parametrize("engine", ["whipple", "pybullet"])
+def test_no_disturbance_changes_no_bit(engine: str) -> None:
+    config = SimulatorConfig(engine=engine, time_step=0.005)
+    request = ResetRequest(course="benchmark", speed_range=(4.0, 4.0), perturb=True, seed=3)
+    states = []
+    for disturbances in (None, Disturbances(), Disturbances(wind=Wind(gust_s=2.0))):
+        simulator = Simulator(config, disturbances)
+        rider = LqrRider() if disturbances is None else DisturbedRider(LqrRider(), disturbances)
+        snapshots = rollout(simulator, rider, request)
+        states.append([next(snapshots).state for _ in range(40)])
+        simulator.close()
+    np.testing.assert_array_equal(states[0], states[1])
+    np.testing.assert_array_equal(states[0], states[2])
+
+
+def test_the_mass_matrix_gives_the_kinetic_energy() -> None:
+    state = st.upright_state(3.0, BICYCLE.rF)
+    state[[st.ROLL, st.STEER, st.ROLL_RATE, st.STEER_RATE]] = 0.3, -0.2, 0.7, -1.1
+    rates = state[[st.ROLL_RATE, st.STEER_RATE, st.FRONT_WHEEL_RATE]]
+    mass = mass_matrix(state, BICYCLE.parameters)
+    assert 0.5 * rates @ mass @ rates == pytest.approx(energy(state, BICYCLE.parameters)[0], rel=1e-12)
+    assert np.linalg.eigvalsh(mass).min() > 0.0
+
+
+def test_a_push_does_the_work_of_its_force() -> None:
+    """The energy that a push adds is force times way of its point, here along the bicycle."""
+    engine = make_engine("whipple", BICYCLE, 0.001)
+    engine.reset(st.upright_state(5.0, BICYCLE.rF))
+    before = sum(energy(engine.state(), BICYCLE.parameters))
+    for _ in range(200):
+        engine.push(30.0, 0.0, 0.3, 0.9)  # type: ignore[attr-defined]
+        engine.advance(0.0, 1)
+    after = sum(energy(engine.state(), BICYCLE.parameters))
+    assert after - before == pytest.approx(30.0 * engine.state()[st.X], rel=1e-3)
+
+
+@pytest.mark.parametrize("height", [0.0, 0.9])
+def test_both_engines_take_a_push_alike(height: float) -> None:
+    ends = []
+    for kind in ("whipple", "pybullet"):
+        engine = make_engine(kind, BICYCLE, 0.001)
+        engine.reset(st.upright_state(5.0, BICYCLE.rF))
+        for _ in range(150):
+            engine.push(5.0, 40.0, 0.3, height)  # type: ignore[attr-defined]
+            engine.advance(0.0, 1)
+        ends.append(engine.state())
+        engine.close()
+    ours, bullet = ends
+    assert ours[st.ROLL] < -0.002 or height == 0.0  # pushed to the left at a height, it leans to the left
+    places = [st.YAW, st.ROLL, st.STEER, st.ROLL_RATE, st.STEER_RATE]
+    np.testing.assert_allclose(bullet[places], ours[places], atol=0.03 * np.abs(ours[places]).max())
+
+
+def test_rides_repeat_by_seed_and_differ_between_seeds() -> None:
+    disturbed = Disturbances(wind=Wind(force_n=5.0, gust_n=5.0), noise={"roll": 0.003}, impulses=Impulses(10.0, 1.0))
+    first = ridden(disturbed)
+    np.testing.assert_array_equal(first, ridden(disturbed))
+    assert np.abs(first - ridden(replace(disturbed, seed=1)))[-1].max() > 1e-6
+
+
+def test_impulses_come_when_they_should() -> None:
+    states = ridden(Disturbances(impulses=Impulses(5.0, 1.0, 0.1)), 50)
+    assert np.abs(states[:21, st.ROLL]).max() == 0.0
+    assert np.abs(states[22, st.ROLL]) > 1e-3
+
+
+def test_commands_and_sight_come_late_by_whole_periods() -> None:
+    class Counting:
+        name, preview = "counting", None
+
+        def begin(self, *_: object) -> None:
+            self.seen: list[int] = []
+
+        def command(self, snapshot):
+            self.seen.append(snapshot.step)
+            return (0.001 * snapshot.step, 0.0)
+
+    rider, simulator = Counting(), Simulator(COMPILED)
+    late = DisturbedRider(rider, Disturbances(command_delay_s=0.1, observation_delay_s=0.05))
+    snapshots = rollout(simulator, late, ResetRequest(course="line"))
+    applied = [round(next(snapshots).steering / 0.001) for _ in range(8)]
+    assert rider.seen == [0, 0, 1, 2, 3, 4, 5]
+    assert applied == [0, 0, 0, 0, 0, 1, 2, 3]
+    with pytest.raises(ValueError, match="not a whole number of periods"):
+        next(rollout(simulator, DisturbedRider(rider, Disturbances(command_delay_s=0.06)), ResetRequest(course="line")))
+    simulator.close()
+
+
+def test_a_measured_snapshot_is_that_of_a_displaced_bicycle() -> None:
+    """Where the bicycle stood elsewhere, it would see what sensors with that error show."""
+    simulator = Simulator(COMPILED)
+    state = st.upright_state(4.0, BICYCLE.rF)
+    state[[st.X, st.Y, st.YAW]] = 20.0, 0.3, 0.1
+    shown = []
+    for lateral, heading in ((0.0, 0.0), (0.2, -0.05)):
+        moved = state.copy()
+        moved[st.Y] += lateral
+        moved[st.YAW] += heading
+        shown.append(simulator.reset(ResetRequest(course="line", initial_state=tuple(moved))))
+    simulator.close()
+    seen = measured(shown[0], np.array([0.0, 0.0, 0.0, 0.0, 0.2, -0.05, 0.0]))
+    np.testing.assert_allclose(seen.state, shown[1].state, atol=1e-12)
+    for name in (lk.LATERAL_ERROR, lk.HEADING_ERROR):
+        assert seen.look[name] == pytest.approx(shown[1].look[name], abs=1e-9)
+    assert seen.look[lk.FRONT_LATERAL_ERROR] == pytest.approx(shown[1].look[lk.FRONT_LATERAL_ERROR], abs=1e-2)
+    np.testing.assert_allclose(seen.preview_x, shown[1].preview_x, atol=1e-6)
+    np.testing.assert_allclose(seen.preview_y, shown[1].preview_y, atol=1e-6)
+
+
+def test_a_weak_drive_gives_no_more_than_its_torque() -> None:
+    """From rest at 10 deg of set value the steer accelerates as the limited torque lets it, and slower than without."""
+    simulator, weak = Simulator(COMPILED), Simulator(COMPILED, Disturbances(drive_torque_nm=2.0))
+    for each in (simulator, weak):
+        each.reset(ResetRequest(course="line"))
+    turned, slowly = (
+        abs(each.step(math.radians(10.0) / BICYCLE.max_steer).state[st.STEER]) for each in (simulator, weak)
+    )
+    assert slowly < 0.5 * turned
+    mass = np.linalg.inv(mass_matrix(st.upright_state(4.0, BICYCLE.rF), BICYCLE.parameters))
+    assert slowly < 1.2 * 0.5 * mass[1, 1] * 2.0 * 0.05**2
+    for each in (simulator, weak):
+        each.close()
+
+
+def test_wrong_parameters_are_ridden_but_not_told() -> None:
+    simulator = Simulator(COMPILED, Disturbances(vehicle={"mB": 1.2}))
+    assert simulator.vehicle == BICYCLE
+    assert simulator.plant.engine.vehicle.mB == pytest.approx(1.2 * BICYCLE.mB)  # type: ignore[attr-defined]
+    simulator.close()
+    for name in ("rF", "colour"):
+        with pytest.raises(ValueError, match="that may be wrong"):
+            Simulator(COMPILED, Disturbances(vehicle={name: 1.1}))
+
+
+@pytest.mark.parametrize("name", shipped_disturbances())
+def test_shipped_files_disturb(name: str) -> None:
+    known = load_disturbances(name)
+    assert known.name == name
+    assert known.acts_on_bicycle or known.acts_on_rider
+    disturbed, calm = (ridden(each, 110, "circle") for each in (known, None))
+    assert len(disturbed) == 110
+    assert np.abs(disturbed - calm).max() > 1e-6
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("format: bike.course/1", "its format must be bike.disturbances/1"),
+        ("format: bike.disturbances/1\nwinds: {}", "unknown entries"),
+        ("format: bike.disturbances/1\nwind: {force: 3}", "wind has no entry"),
+        ("format: bike.disturbances/1\nnoise: {smell: 3}", "unknown channels"),
+        ("format: bike.disturbances/1\nnoise: {roll: -1}", "noise of roll must be finite and not negative"),
+        ("format: bike.disturbances/1\ndrive_torque_nm: 0", "drive_torque_nm must be positive"),
+        ("format: bike.disturbances/1\nbias: {roll: much}", "must be a number"),
+    ],
+)
+def test_bad_files_are_named(text: str, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "bad.yaml"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=message):
+        load_disturbances(path)
+
+
+def test_superbikes_are_refused() -> None:
+    with pytest.raises(ValueError, match="is a superbike"):
+        Simulator(SimulatorConfig("r1", "compiled", 0.001, 0.02), Disturbances(drive_torque_nm=3.0))
