@@ -12,6 +12,8 @@ from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.disturbances import Disturbances
 from bike_sim.sim.plant import BicyclePlant, Plant, make_plant
 from bike_sim.vehicles.bicycle import Vehicle
+from bike_sim.vehicles.files import load_vehicle
+from bike_sim.vehicles.superbike import Superbike
 
 _FORCES: Final = 0
 """Branch of the draws."""
@@ -99,11 +101,9 @@ def make_disturbed_plant(config: SimulatorConfig, disturbances: Disturbances | N
         ValueError: an invalid parameter, or a superbike: these disturbances are for bicycles.
         FileNotFoundError: an unknown vehicle.
     """
-    plant = make_plant(config)
     if disturbances is None or not disturbances.acts_on_bicycle:
-        return plant
-    if not isinstance(plant, BicyclePlant):
-        plant.close()
-        raise ValueError(f"disturbances {disturbances.name!r} act on bicycles, and {config.vehicle!r} is a superbike")
-    plant.close()
-    return DisturbedPlant(plant.vehicle, config, disturbances)
+        return make_plant(config)
+    vehicle = load_vehicle(config.vehicle)
+    if isinstance(vehicle, Superbike):
+        raise ValueError(f"disturbances {disturbances.name!r} act on bicycles, and {vehicle.name!r} is a superbike")
+    return DisturbedPlant(vehicle, config, disturbances)
