@@ -22,6 +22,7 @@ from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.disturbances import Disturbances, load_disturbances, shipped_disturbances
 from bike_sim.sim.simulator import Simulator
 from bike_training.arguments import check_positive, check_whole, make_folder
+from bike_training.commands.evaluate_races import configure_races, evaluate_races
 from bike_training.envs.clients import CLIENT_KINDS, make_client
 from bike_training.rollout.evaluation import PAPER_MAX, PAPER_MEAN, SPEEDS, Ride, draw, evaluate
 from bike_training.rollout.riding import ride_through
@@ -36,6 +37,7 @@ EXAMPLES = """examples:
   bike evaluate whipple --course junction --speeds 4
   bike evaluate --rider mpc                    a rider that is not learned
   bike evaluate --rider lqr --disturbances noise delay_50 mine.yaml
+  bike evaluate racer --superbike --machines panigale_v4r,r1 --circuits barcelona,cremona
   bike evaluate --compare whipple lqr mpc stanley   side by side in one table
 """
 
@@ -67,10 +69,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--random-rides", type=int, default=1, help="30 s rides on random paths at each speed")
     parser.add_argument("--seed", type=int, default=0, help="seed of the random paths")
     parser.add_argument("--out", type=Path, default=Path("out/evaluate"), help="folder of evaluation.json and .png")
+    configure_races(parser)
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Evaluate and return the figures; not ok when a ride was not completed."""
+    if args.superbike:
+        return evaluate_races(args)
     for speed in args.speeds:
         check_positive("--speeds", speed, "m/s")
     check_whole("--random-rides", args.random_rides, 0)

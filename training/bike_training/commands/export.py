@@ -6,11 +6,13 @@ import argparse
 import json
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from bike_policy.contract.actor import Actor
 from bike_policy.contract.bundle import Bundle
+from bike_policy.contract.race import RaceLayout
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.curricula.parts import SPEED_RANGES
 from bike_training.learning.checkpoint import Checkpoint
@@ -49,15 +51,16 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     vehicle = load_vehicle(summary["vehicle"])
     task = preset.task.make()
     name = args.name or vehicle.name
+    share = getattr(preset.curriculum, "share", 1.0)  # of the planned speed, of races
     bundle = Bundle(
         name=name,
         actor=actor,
-        layout=task.layout,
+        layout=replace(task.layout, share=share) if isinstance(task.layout, RaceLayout) else task.layout,
         action=task.action,
         vehicle=vehicle.name,
         control_period=vehicle.control_period,
         training={
-            "speed_range_m_s": list(SPEED_RANGES[-1]),
+            **({} if isinstance(task.layout, RaceLayout) else {"speed_range_m_s": list(SPEED_RANGES[-1])}),
             **summary,
             "actor": which,
             "actor_step": step,
@@ -89,6 +92,13 @@ def _results(path: Path | None) -> dict[str, Any]:
     if path is None:
         return {}
     figures = _read_table(path)
+    if "races" in figures:
+        return {
+            f"{race['circuit']}_{race['vehicle']}_{name}": value
+            for race in figures["races"]
+            for name, value in race.items()
+            if name not in ("circuit", "vehicle")
+        }
     return {key: value for key, value in figures.items() if not isinstance(value, list)}
 
 

@@ -29,7 +29,9 @@ def summarise(settings: RunSettings, progress: Progress, model: OffPolicyAlgorit
         "finished_after_s": progress.finished_after,
         "success_step": progress.success_step,
         "best_step": progress.best_step,
-        "best_selection_rms_m": round(progress.best_error_m, 5) if progress.best else None,
+        f"best_selection_{'excess' if settings.superbike else 'rms_m'}": (
+            round(progress.best_error_m, 5) if progress.best else None
+        ),
     }
 
 

@@ -34,7 +34,16 @@ _KINDS: Final[Mapping[str, tuple[type, ...]]] = {
     "checkpoint_every": (int,),
     "record_every": (int,),
 }
-_KEPT: Final = ("steps", "updates", "part", "finished_at_step", "finished_after_s", "best_step", "best_selection_rms_m")
+_KEPT: Final = (
+    "steps",
+    "updates",
+    "part",
+    "finished_at_step",
+    "finished_after_s",
+    "best_step",
+    "best_selection_rms_m",
+    "best_selection_excess",
+)
 """Entries of a run's summary that are figures of it; the rest says what it is."""
 
 _EPISODE_COLUMNS: Final = {"rollout/ep_len_mean": "episode_steps", "rollout/ep_rew_mean": "episode_return"}

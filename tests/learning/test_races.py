@@ -1,0 +1,59 @@
+"""Evaluating a racing policy: `bike evaluate --superbike` and the bundle of a run."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bike_policy.contract.actor import Actor
+from bike_policy.contract.bundle import Bundle, load_bundle
+from bike_policy.contract.race import COMPACT, RaceLayout
+from bike_training.cli import main
+from bike_training.rollout.races import ride_races
+from bike_training.tasks.race import RaceTask
+
+
+def bundle(throttle: float) -> Bundle:
+    """Return a policy that goes straight with one throttle."""
+    task = RaceTask()
+    weights = [np.zeros((2, COMPACT.size), dtype=np.float32)]
+    actor = Actor(weights, [np.array([0.0, np.arctanh(throttle)], dtype=np.float32)])
+    return Bundle("straight", actor, task.layout, task.action, "panigale_v4r", 0.02)
+
+
+def test_rides_that_leave_the_track_are_not_whole() -> None:
+    result = ride_races(bundle(0.3), "panigale_v4r", "barcelona", starts=4)
+    assert (result.rides, result.whole, result.times) == (4, 0, ())
+    assert result.falls + result.walls >= 3
+    figures = result.figures()
+    assert figures["best_s"] is None
+    assert 60.0 < figures["theory_s"] < 110.0
+
+
+def test_a_bicycle_policy_is_refused() -> None:
+    with pytest.raises(ValueError, match="follows paths; it cannot race"):
+        ride_races(load_bundle("whipple"), "panigale_v4r", "barcelona", 1)
+
+
+def test_a_run_becomes_a_bundle_with_its_share_that_is_evaluated(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = tmp_path / "run"
+    words = ["train", "superbike", "--out", str(run), "--steps", "60", "--record-every", "0", "--json"]
+    for setting in ("learner=sb3", "layers=8", "environments=2", "updates=1", "learning_starts=20", "share=0.9"):
+        words += ["--set", setting]
+    assert main(words) == 0
+    assert json.loads(capsys.readouterr().out)["figures"]["steps"] == 60
+    assert main(["export", str(run), "--which", "last", "--name", "beginner", "--json"]) == 0
+    capsys.readouterr()
+    exported = load_bundle(run / "policy")
+    assert isinstance(exported.layout, RaceLayout)
+    assert exported.layout == replace(COMPACT, share=0.9)
+    out = tmp_path / "races"
+    words = ["evaluate", str(run / "policy"), "--superbike", "--starts", "2", "--out", str(out), "--json"]
+    assert main(words) == 1  # a beginner
+    races = json.loads((out / "races.json").read_text())["races"]
+    assert [race["whole"] for race in races] == [0]
+    assert (out / "races.csv").read_text().startswith("vehicle,circuit,rides")

@@ -1,0 +1,91 @@
+"""`bike evaluate --superbike`: a racing policy on machines and circuits."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+from typing import Any, Final
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from bike_analysis.figures.numbers import lap_text
+from bike_policy.contract.bundle import load_bundle
+from bike_training.arguments import check_positive, check_whole, make_folder
+from bike_training.rollout.races import ride_races
+
+MACHINE: Final = "panigale_v4r"
+CIRCUIT: Final = "barcelona"
+
+
+def configure_races(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of races."""
+    races = parser.add_argument_group("races of superbikes")
+    races.add_argument("--superbike", action="store_true", help="laps of a racing policy instead of rides on paths")
+    races.add_argument("--machines", default=MACHINE, help="with commas between them (default: %(default)s)")
+    races.add_argument("--circuits", default=CIRCUIT, help="with commas between them (default: %(default)s)")
+    races.add_argument("--starts", type=int, default=100, help="rides on each (default: %(default)s)")
+    races.add_argument("--laps", type=int, default=1, help="flying laps of each ride (default: %(default)s)")
+    races.add_argument("--share", type=float, help="part of the planned speed that is asked (default: the policy's)")
+
+
+def evaluate_races(args: argparse.Namespace) -> dict[str, Any]:
+    """Ride, write ``races.json`` and ``races.csv``, and return the figures; not ok when a ride was not whole.
+
+    Raises:
+        ValueError: a wrong argument, or a policy that does not race. FileNotFoundError: an unknown name.
+    """
+    check_whole("--starts", args.starts, 1)
+    check_whole("--laps", args.laps, 1)
+    if args.share is not None:
+        check_positive("--share", args.share, "")
+    bundle = load_bundle(args.rider or args.policy)
+    make_folder("--out", args.out)
+    found = [
+        ride_races(bundle, machine, circuit, args.starts, args.laps, args.share).figures()
+        for circuit in args.circuits.split(",")
+        for machine in args.machines.split(",")
+    ]
+    figures = {"policy": bundle.name, "races": found}
+    (args.out / "races.json").write_text(json.dumps(figures, indent=1), encoding="utf-8")
+    with (args.out / "races.csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(found[0]))
+        writer.writeheader()
+        writer.writerows(found)
+    if not args.json:
+        Console(width=120).print(_table(bundle.name, found))
+    ok = all(race["whole"] == race["rides"] for race in found)
+    return {"schema": "bike.races/1", "ok": ok, "figures": figures}
+
+
+def _table(name: str, found: list[dict[str, Any]]) -> Table:
+    table = Table(box=box.SIMPLE, title=f"Races of {name}")
+    for column in (
+        "machine",
+        "circuit",
+        "whole",
+        "falls",
+        "best",
+        "median",
+        "theory",
+        "over it",
+        "off line",
+        "off track",
+    ):
+        table.add_column(column, justify="left" if column in ("machine", "circuit") else "right")
+    for race in found:
+        table.add_row(
+            race["vehicle"],
+            race["circuit"],
+            f"{race['whole']} of {race['rides']}",
+            f"{race['falls'] + race['walls']}",
+            "-" if race["best_s"] is None else lap_text(race["best_s"]),
+            "-" if race["median_s"] is None else lap_text(race["median_s"]),
+            lap_text(race["theory_s"]),
+            "-" if race["median_excess"] is None else f"{100.0 * race['median_excess']:+.1f} %",
+            f"{race['line_distance_m']:.2f} m",
+            f"{race['off_track_s']:.1f} s",
+        )
+    return table

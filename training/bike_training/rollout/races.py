@@ -1,0 +1,158 @@
+"""Many rides of a racing policy around a circuit, side by side: whole laps, times, falls, distances."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+
+from bike_policy.contract.bundle import Bundle
+from bike_policy.contract.race import RaceLayout
+from bike_sim.course.lap_timing import Lap
+from bike_sim.sim import look as lk
+from bike_sim.sim.batch import SUPERBIKE_ENGINE
+from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.snapshot import WALL
+from bike_sim.sim.superbike_batch import CompiledSuperbikeBatch
+from bike_sim.sim.superbike_plant import superbike_config
+from bike_sim.theory.envelope import envelope
+from bike_sim.theory.line_cache import closest_lap
+from bike_sim.vehicles.files import load_vehicle
+from bike_training.curricula.race import Ground
+from bike_training.tasks.race import RaceTask
+
+SPEED_SHARES: Final = (0.5, 0.9)
+"""Starts are at shares of the theoretical speed from this interval."""
+TIME: Final = 1.4
+"""Longest time of a lap, as a part of the theoretical one."""
+
+
+@dataclass(frozen=True)
+class RaceResult:
+    """Rides of one machine on one circuit.
+
+    Attributes:
+        vehicle: its name. circuit: its name. rides: number of starts. laps: that each of them was to finish.
+        whole: rides that finished them with never both contact points outside the limits.
+        falls: rides that ended with a fall. walls: with a wall.
+        times: of the flying laps of whole rides, s, sorted.
+        off_track: time with both contact points outside over all flying laps, s.
+        line: mean distance to the followed line, m. activity: mean change of steering and of throttle from one
+            control period to the next.
+        theory: theoretical lap of the closest line, s.
+    """
+
+    vehicle: str
+    circuit: str
+    rides: int
+    laps: int
+    whole: int
+    falls: int
+    walls: int
+    times: tuple[float, ...]
+    off_track: float
+    line: float
+    activity: tuple[float, float]
+    theory: float
+
+    def figures(self) -> dict[str, Any]:
+        """Return plain values with units in their names."""
+        known = asdict(self)
+        times = self.times
+        best, median = (times[0], float(np.median(times))) if times else (None, None)
+        return {
+            "vehicle": self.vehicle,
+            "circuit": self.circuit,
+            **{name: known[name] for name in ("rides", "laps", "whole", "falls", "walls")},
+            "best_s": best,
+            "median_s": median,
+            "slowest_s": times[-1] if times else None,
+            "theory_s": self.theory,
+            "median_excess": None if median is None else median / self.theory - 1.0,
+            "off_track_s": self.off_track,
+            "line_distance_m": self.line,
+            "steering_change": self.activity[0],
+            "throttle_change": self.activity[1],
+        }
+
+
+def ride_races(
+    bundle: Bundle, vehicle: str, circuit: str, starts: int = 100, laps: int = 1, share: float | None = None
+) -> RaceResult:
+    """Ride from starts all around a circuit.
+
+    Args:
+        bundle: a policy that races.
+        vehicle: name or file of the machine.
+        circuit: name or file of the circuit.
+        starts: number of rides; they begin evenly around the circuit, at different speeds.
+        laps: flying laps that each of them is to finish.
+        share: part of the planned speed that is asked; None for the policy's own.
+
+    Raises:
+        ValueError: a policy that does not race, or a vehicle that is no superbike.
+        FileNotFoundError: an unknown vehicle or circuit.
+    """
+    if not isinstance(bundle.layout, RaceLayout):
+        raise ValueError(f"policy {bundle.name!r} follows paths; it cannot race")
+    layout = bundle.layout if share is None else replace(bundle.layout, share=share)
+    config = replace(superbike_config(vehicle), engine=SUPERBIKE_ENGINE)
+    task = RaceTask(layout)
+    ground = Ground(load_vehicle(vehicle), [circuit])
+    batch = CompiledSuperbikeBatch(starts, config)
+    rides = task.rides(starts, batch.vehicle)
+    for row in range(starts):
+        request = _start(ground, circuit, row, starts)
+        batch.reset(row, request)
+        rides.begin(row, batch, request, batch.course(row))
+    theory = closest_lap(circuit, envelope(batch.vehicle))
+    whole = np.ones(starts, dtype=bool)
+    distance, activity, moments = 0.0, np.zeros(2), 0
+    before = np.zeros((starts, 2))
+    for step in range(round(TIME * theory * (laps + 1) / config.control_period)):
+        if step % layout.repeat == 0:
+            actions = bundle.actor.act_batch(rides.observe(batch))
+            rides.act(batch, actions)
+            commands = bundle.action.to_commands(actions, batch.vehicle.max_steer)
+        riding = ~batch.fallen & (_finished(batch) < laps)
+        if not riding.any():
+            break
+        batch.step(np.where(riding[:, None], commands, 0.0))
+        whole &= ~riding | ~(batch.fallen | batch.off_course)
+        distance += float(np.abs(batch.look[riding, lk.LATERAL_ERROR]).sum())
+        activity += np.abs(commands - before)[riding].sum(axis=0)
+        moments += int(riding.sum())
+        before = commands
+    finished: list[list[Lap]] = [batch.log(row).laps[:laps] for row in range(starts)]
+    whole &= np.array([len(done) == laps for done in finished])
+    ends = [batch.fall(int(row)) for row in np.flatnonzero(batch.fallen & (_finished(batch) < laps))]
+    result = RaceResult(
+        vehicle=batch.vehicle.name,
+        circuit=circuit,
+        rides=starts,
+        laps=laps,
+        whole=int(whole.sum()),
+        falls=sum(end != WALL for end in ends),
+        walls=sum(end == WALL for end in ends),
+        times=tuple(sorted(lap.duration for row, done in enumerate(finished) if whole[row] for lap in done)),
+        off_track=float(sum(lap.off_track for done in finished for lap in done)),
+        line=distance / max(1, moments),
+        activity=(float(activity[0]) / max(1, moments), float(activity[1]) / max(1, moments)),
+        theory=theory,
+    )
+    batch.close()
+    return result
+
+
+def _finished(batch: CompiledSuperbikeBatch) -> np.ndarray:
+    return np.array([len(batch.log(row).laps) for row in range(batch.count)])
+
+
+def _start(ground: Ground, circuit: str, row: int, starts: int) -> ResetRequest:
+    """Return a start; none lies on the start line, so that all laps are flying ones."""
+    progress = (row + 0.5) / starts * ground.length(circuit)
+    low, high = SPEED_SHARES
+    part = low + (high - low) * ((row * 0.6180339887) % 1.0)  # the golden ratio spreads them evenly
+    speed = max(ground.start(circuit, 1.0, progress, part), 5.0)
+    return ResetRequest(seed=row, course=circuit, speed_range=(speed, speed), perturb=True, progress=progress)
