@@ -127,7 +127,11 @@ class TrainJob:
     @staticmethod
     def curve(folder: Path) -> list[tuple[str, float, float]]:
         """Return validations, comparisons, and mean length and return of episodes over the learning steps."""
-        rows = _columns(folder / "validations.csv", "step", ("mean_error_m", "max_error_m", "part", "seconds"))
+        rows = _columns(
+            folder / "validations.csv",
+            "step",
+            ("mean_error_m", "max_error_m", "mean_excess", "max_excess", "part", "seconds"),
+        )
         rows += _episodes(folder / "tensorboard")
         with suppress(FileNotFoundError), (folder / "selection.csv").open(encoding="utf-8") as file:
             rows += [("selection_rms_m", float(step), float(error)) for step, error in csv.reader(file)]
