@@ -17,7 +17,7 @@ from bike_sim.sim import look as lk
 from bike_sim.sim.circuit_scene import CircuitScene, FollowedLine, start_speed
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.events import EventKind, timing_event
-from bike_sim.sim.ground import OFF_TRACK_GRIP
+from bike_sim.sim.ground import GRASS_GRIP, GRAVEL_GRIP
 from bike_sim.sim.plant import BicyclePlant
 from bike_sim.sim.request import HORIZON, ResetRequest
 from bike_sim.sim.simulator import Simulator
@@ -111,14 +111,14 @@ def test_going_straight_on_leaves_the_track_and_meets_the_wall(machine: Simulato
     hit = seen[-1].circuit.wall
     assert hit is not None
     assert hit.energy == pytest.approx(0.5 * machine.vehicle.mass * hit.speed**2)
-    assert events[-1].value == hit.speed > 30.0
+    assert events[-1].value == hit.speed > 10.0
     after = machine.step(0.0, 1.0)
     assert after.speed == 0.0
     assert after.state[:3] == pytest.approx(seen[-1].state[:3])
     assert after.events == ()  # a ride ends once
     off = next(snapshot for snapshot in seen if snapshot.circuit.outside > 0.0)
     assert off.off_course
-    assert grips_of(machine) == [OFF_TRACK_GRIP, OFF_TRACK_GRIP]
+    assert set(grips_of(machine)) <= {GRASS_GRIP, GRAVEL_GRIP}
 
 
 @pytest.mark.parametrize(
@@ -269,13 +269,13 @@ def test_grip_of_the_ride_before_is_forgotten(machine: Simulator, circuit: Path)
     asked = request(circuit, progress=300.0)
     first = machine.reset(asked)
     until_the_end(machine, first, 0.0, 0.3)
-    assert grips_of(machine)[0] == OFF_TRACK_GRIP
+    assert grips_of(machine)[0] in (GRASS_GRIP, GRAVEL_GRIP)
     assert np.array_equal(machine.reset(asked).signals, first.signals)
     state = first.state.copy()
     state[[st.X, st.Y]] += 12.0 * np.array([-math.sin(state[st.YAW]), math.cos(state[st.YAW])])
     outside = machine.reset(request(circuit, initial_state=tuple(state)))
     assert outside.circuit.outside > 0.0
-    assert grips_of(machine) == [OFF_TRACK_GRIP, OFF_TRACK_GRIP]
+    assert set(grips_of(machine)) <= {GRASS_GRIP, GRAVEL_GRIP}
 
 
 def test_a_refused_reset_leaves_the_ride_alone(machine: Simulator, circuit: Path) -> None:

@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     console = Console(quiet=args.json)
     with console.status("computing the fastest line"):
         track = with_fastest_line(load_track(args.circuit), envelope)
-        ideal, median = lap_limit(envelope, track.line(1.0)), lap_limit(envelope, track.centre)
+        ideal, median = lap_limit(envelope, track.line(1.0)), lap_limit(envelope, track.line(0.0))
     figures = _figures(track, ideal, median)
     console.print(_table(track, figures))
     if args.action == "plot":

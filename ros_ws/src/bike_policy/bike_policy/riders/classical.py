@@ -105,6 +105,7 @@ class LineController:
         self._curvature = smooth_around(
             self.profile.lateral / self.profile.speed**2, float(self._s[1]), self.settings.smoothing
         )
+        self._grade, self._crest = (np.interp(self._s, line.s, column) for column in (line.grade, line.crest))
         self._machine(vehicle)
         self._before: Seen | None = None
         self._rate = self._excess = 0.0
@@ -114,7 +115,8 @@ class LineController:
         """Keep what turns accelerations into throttle and brake."""
         self._mass = inertial_mass(vehicle)
         self._drag = 0.5 * vehicle.air.density * vehicle.air.drag_area
-        self._rolling = vehicle.rear_tyre.rolling * vehicle.mass * vehicle.g
+        self._gravity, self._weight = vehicle.g, vehicle.mass * vehicle.g
+        self._rolling = vehicle.rear_tyre.rolling * self._weight
         self._engine_brake = vehicle.motor.engine_brake
         self._brake_force = vehicle.brakes.force
         self._engine_force = np.array([engine_force(vehicle, float(speed)) for speed in self.leans.speeds])
@@ -142,6 +144,11 @@ class LineController:
         speed = max(1.0, seen.speed + self._at(self.profile.speed, s) - here)
         return self._at(self._curvature, s) * speed**2
 
+    def _load(self, seen: Seen, ahead: float) -> float:
+        """Return the load after a time by that on level ground: less over a crest, more in a dip."""
+        s = seen.progress + seen.speed * ahead
+        return max(0.3, 1.0 + self._at(self._crest, s) * seen.speed**2 / self._gravity)
+
     def _error_rate(self, seen: Seen) -> float:
         """Return the rate of the lateral error, m/s: measured, or of the heading at the first step.
 
@@ -166,14 +173,15 @@ class LineController:
         early, now, late = (self._wanted(seen, middle + k * h) for k in (-1.0, 0.0, 1.0))
         ahead = now + (late - early) / (h * w) + (late - 2.0 * now + early) / (h * w) ** 2
         row = self.leans.row(seen.speed)
-        turning = -math.copysign(float(np.interp(abs(seen.roll), self.leans.leans, row)), seen.roll)
+        held = self._load(seen, 0.0) * float(np.interp(abs(seen.roll), self.leans.leans, row))
+        turning = -math.copysign(held, seen.roll)
         excess = turning - self._wanted(seen, 0.0)
         p = 0.5 * w
         error = min(max(seen.lateral_error, -settings.lateral_trust), settings.lateral_trust)
         self._rate, self._excess = self._error_rate(seen), excess
         rate = min(max(self._rate, -3.0 * settings.lateral_trust), 3.0 * settings.lateral_trust)
         back = -(p**4 * error + 4.0 * p**3 * rate) / w**2 - (6.0 * p**2 / w**2 - 1.0) * excess
-        lateral = ahead + back
+        lateral = (ahead + back) / self._load(seen, middle)
         lean = min(float(np.interp(abs(lateral), row, self.leans.leans)), settings.largest_lean)
         return min(max(math.copysign(lean, lateral) / self._max_lean, -1.0), 1.0)
 
@@ -184,7 +192,8 @@ class LineController:
         s = seen.progress + seen.speed * self._speed_preview
         wanted = self._at(self.profile.speed, seen.progress)
         acceleration = self._at(self.profile.longitudinal, s) + settings.speed_gain * (wanted - seen.speed)
-        force = self._mass * acceleration + self._drag * seen.speed**2 + self._rolling
+        hill = self._weight * self._at(self._grade, s)
+        force = self._mass * acceleration + self._drag * seen.speed**2 + self._rolling + hill
         if force >= 0.0:
             most = float(np.interp(seen.speed, self.leans.speeds, self._engine_force))
             # A closed throttle drags by the engine's brake, which fades as the throttle opens.

@@ -105,7 +105,8 @@ def plan_lap(vehicle: Superbike, line: Course, settings: RiderSettings) -> LapLi
     Raises:
         ValueError: the line is open.
     """
-    return lap_limit(reserved(vehicle, settings), line)
+    # what a dip adds to the load is left as a reserve: the tyres have to take up the change
+    return lap_limit(reserved(vehicle, settings), line, crest=np.minimum(line.crest, 0.0))
 
 
 def smooth_around(values: FloatArray, spacing: float, distance: float) -> FloatArray:

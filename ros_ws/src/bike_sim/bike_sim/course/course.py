@@ -25,6 +25,9 @@ OFF_COURSE_LIMIT = 3.5
 SAME_LAP = 4.0
 """A position this close to the expected one on a closed line is of the same lap, m."""
 
+HEIGHT_SPAN = 2.0
+"""Reach over which heights become grades, m: far above the spacing of samples and far below that of hills."""
+
 CLOSING_TOLERANCE = 1e-3
 """A course may call itself closed when its ends meet within this distance (m) and angle (rad)."""
 
@@ -44,6 +47,7 @@ class Course:
         width_left: distance from the line to the left limit, m, or None without limits.
         width_right: distance from the line to the right limit, m, or None without limits.
         sections: name and first arc length (m) of each section, in order.
+        height: of the road at the samples, m, or None on level ground.
     """
 
     name: str
@@ -57,6 +61,7 @@ class Course:
     width_left: FloatArray | None = None
     width_right: FloatArray | None = None
     sections: tuple[tuple[str, float], ...] = field(default=())
+    height: FloatArray | None = None
 
     def __post_init__(self) -> None:
         """Check what every query relies on.
@@ -69,7 +74,8 @@ class Course:
         if size < 2:
             raise ValueError(f"course {self.name!r} has {size} samples, at least 2 are needed")
         columns = {"x": self.x, "y": self.y, "heading": self.heading, "curvature": self.curvature}
-        for label, column in {**columns, "width_left": self.width_left, "width_right": self.width_right}.items():
+        others = {"width_left": self.width_left, "width_right": self.width_right, "height": self.height}
+        for label, column in {**columns, **others}.items():
             if column is None:
                 continue
             if len(column) != size:
@@ -103,6 +109,26 @@ class Course:
     def spacing(self) -> float:
         """Distance of samples, m."""
         return float(self.s[1] - self.s[0])
+
+    @cached_property
+    def grade(self) -> FloatArray:
+        """Slope of the road along the line, positive uphill (rise per m), at the samples."""
+        return np.zeros(len(self.s)) if self.height is None else self._slope(self.height)
+
+    @cached_property
+    def crest(self) -> FloatArray:
+        """Vertical curvature of the road along the line, 1/m, negative over a crest, at the samples."""
+        return self._slope(self.grade)
+
+    def _slope(self, column: FloatArray) -> FloatArray:
+        """Return the change of a column per m, over HEIGHT_SPAN to both sides of each sample."""
+        reach = max(1, min(round(HEIGHT_SPAN / self.spacing), (len(self.s) - 1) // 2))
+        if self.closed:
+            around = np.concatenate([column[-1 - reach : -1], column, column[1 : 1 + reach]])
+            return np.asarray((around[2 * reach :] - around[: -2 * reach]) / (2.0 * reach * self.spacing))
+        rows = np.arange(len(column))
+        ahead, behind = np.minimum(rows + reach, rows[-1]), np.maximum(rows - reach, 0)
+        return np.asarray((column[ahead] - column[behind]) / (self.spacing * (ahead - behind)))
 
     @cached_property
     def table(self) -> FloatArray:

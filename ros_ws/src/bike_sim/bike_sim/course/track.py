@@ -7,13 +7,14 @@ point of the centre line, m) and its offset (distance from there, m, positive to
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bike_sim.course.course import SAMPLE_SPACING, Course
+from bike_sim.course.road import RoadSurface
 from bike_sim.course.spline import chord_lengths, smooth_line
 
 FloatArray = NDArray[np.float64]
@@ -21,7 +22,7 @@ FloatArray = NDArray[np.float64]
 LINE_SPACING = 1.0
 """Distance of the points that define an offset line, m."""
 
-X, Y, HEADING, CURVATURE, LEFT, RIGHT, HEIGHT, IDEAL = range(8)
+X, Y, HEADING, CURVATURE, LEFT, RIGHT, HEIGHT, IDEAL, BANK = range(9)
 """Rows of `Track.table`."""
 
 CORNER_CURVATURE = 1.0 / 450.0
@@ -69,6 +70,7 @@ class Track:
         ideal: offset of the ideal line, m, or None until it is computed (see
             :mod:`bike_sim.course.racing_line`).
         description: where it comes from, for people.
+        surface: banking, bumps, wet patches, run-off, walls and wind.
     """
 
     centre: Course
@@ -78,13 +80,14 @@ class Track:
     corners: tuple[Corner, ...] = ()
     ideal: FloatArray | None = None
     description: str = ""
+    surface: RoadSurface = field(default_factory=RoadSurface)
 
     def __post_init__(self) -> None:
         """Check what every query relies on.
 
         Raises:
             ValueError: not closed, without widths, unequal lengths, values that are not finite, a wall inside the
-                limits, or an ideal line outside them.
+                limits, an ideal line outside them, or a surface that no road has.
         """
         name = self.centre.name
         if not self.centre.closed:
@@ -108,6 +111,10 @@ class Track:
             np.all(self.ideal <= self.width_left + 1e-6) and np.all(self.ideal >= -self.width_right - 1e-6)
         ):
             raise ValueError(f"circuit {name!r}: the ideal line leaves the limits")
+        try:
+            self.surface.check(len(self.centre.s))
+        except ValueError as error:
+            raise ValueError(f"circuit {name!r}: {error}") from None
 
     @property
     def name(self) -> str:
@@ -155,13 +162,13 @@ class Track:
             offset: m, positive to the left of the centre line.
 
         Returns:
-            x, y, z in m, shape (n, 3). The road is level across its width.
+            x, y, z in m, shape (n, 3).
         """
         s = np.asarray(progress, dtype=np.float64)
         heading = self.at(self.centre.heading, s)
         x = self.at(self.centre.x, s) - offset * np.sin(heading)
         y = self.at(self.centre.y, s) + offset * np.cos(heading)
-        return np.stack([x, y, self.at(self.elevation, s)], axis=-1)
+        return np.stack([x, y, self.at(self.elevation, s) + offset * self.at(self.bank, s)], axis=-1)
 
     def walls(self) -> tuple[FloatArray, FloatArray]:
         """Return the offsets of the left and the right wall (m, positive and negative) at the samples."""
@@ -169,15 +176,15 @@ class Track:
 
     @cached_property
     def table(self) -> FloatArray:
-        """All columns in one array for compiled loops, shape (8, n).
+        """All columns in one array for compiled loops, shape (9, n).
 
         Position (m), heading (rad) and curvature (1/m) of the centre line, distances to both limits, height, offset of
-        the ideal line (m; NaN without one), at the samples.
+        the ideal line (m; NaN without one), bank (rise per m to the left), at the samples.
         """
         centre = self.centre
         ideal = np.full(len(centre.s), np.nan) if self.ideal is None else self.ideal
         columns = (*(centre.x, centre.y, centre.heading, centre.curvature, self.width_left, self.width_right),
-                   *(self.elevation, ideal))  # fmt: skip
+                   *(self.elevation, ideal, self.bank))  # fmt: skip
         return np.ascontiguousarray(columns)
 
     @cached_property
@@ -209,7 +216,7 @@ class Track:
         if not 0.0 <= lam <= 1.0:
             raise ValueError(f"interpolation parameter must be 0 (median) to 1 (ideal), got {lam!r}")
         if lam == 0.0:
-            return self.centre
+            return self._over_hills(self.centre, self.elevation)
         if self.ideal is None:
             raise ValueError(f"circuit {self.name!r} has no ideal line yet; bike_sim.course.racing_line computes it")
         return self._beside(lam * self.ideal, f"{self.name} ({'ideal' if lam == 1.0 else f'lambda {lam:g}'})")
@@ -226,7 +233,7 @@ class Track:
         smooth = smooth_line(points, True, SAMPLE_SPACING)
         there = np.interp(smooth.chord, chord_lengths(points), progress)
         sideways = self.at(offset, there)
-        return Course.from_line(
+        line = Course.from_line(
             name,
             smooth,
             closed=True,
@@ -235,6 +242,11 @@ class Track:
             width_right=np.maximum(self.at(self.width_right, there) + sideways, 0.0),
             sections=tuple((sector, float(np.interp(s, there, smooth.s))) for sector, s in self.sectors),
         )
+        return self._over_hills(line, self.at(self.elevation, there) + sideways * self.at(self.bank, there))
+
+    def _over_hills(self, line: Course, height: FloatArray) -> Course:
+        """Return a line with the height of the road below it, m, or as it is on a level road."""
+        return replace(line, height=height) if np.any(height != height[0]) else line
 
     def mirrored(self) -> Track:
         """Return the mirror image: left becomes right."""
@@ -255,15 +267,31 @@ class Track:
             tuple(replace(corner, angle=-corner.angle) for corner in self.corners),
             None if self.ideal is None else -self.ideal,
             self.description,
+            self.surface.mirrored(),
         )
 
     @cached_property
     def grade(self) -> FloatArray:
         """Slope of the road along the centre line, positive uphill (rise per m), at the samples."""
-        step = self.centre.spacing
-        inner = np.diff(self.elevation) / step
-        ends = 0.5 * (inner[0] + inner[-1])
-        return np.concatenate(([ends], 0.5 * (inner[1:] + inner[:-1]), [ends]))
+        return slope_of(self.elevation, self.centre.spacing)
+
+    @cached_property
+    def bank(self) -> FloatArray:
+        """Slope of the road across, positive rising to the left (rise per m), at the samples."""
+        bank = self.surface.bank
+        return np.zeros(len(self.centre.s)) if bank is None else bank
+
+    @cached_property
+    def crest(self) -> FloatArray:
+        """Change of the grade along the centre line, 1/m, negative over a crest, at the samples."""
+        return slope_of(self.grade, self.centre.spacing)
+
+
+def slope_of(column: FloatArray, spacing: float) -> FloatArray:
+    """Return the change by m of a closed column, whose last sample repeats the first, by central differences."""
+    inner = np.diff(column) / spacing
+    ends = 0.5 * (inner[0] + inner[-1])
+    return np.concatenate(([ends], 0.5 * (inner[1:] + inner[:-1]), [ends]))
 
 
 def interpolation_parameter(from_median: float, from_ideal: float, speed_limit: float, highest_speed: float) -> float:

@@ -29,6 +29,7 @@ from bike_sim.course.document import (
 )
 from bike_sim.course.layout import Piece, close_layout, curvature_profile, trace_layout
 from bike_sim.course.limits import RunOff, check_limits, wall_distances
+from bike_sim.course.road_reading import SURFACE_KEYS, surface_of
 from bike_sim.course.smoothing import TOLERANCE, WIDTH_SHARE, smooth_closed
 from bike_sim.course.spline import chord_lengths, smooth_line
 from bike_sim.course.track import Corner, Track, find_corners
@@ -50,6 +51,7 @@ KEYS = (
     "sectors_after",
     "elevation_m",
     "run_off_m",
+    *SURFACE_KEYS,
     "records_s",
     "sources",
 )
@@ -160,7 +162,8 @@ def track_from_document(document: Mapping[str, Any], path: Path) -> Track:
     check_limits(centre)
     run_off_left, run_off_right = wall_distances(centre, _run_off(document.get("run_off_m")))
     elevation = _elevation(document.get("elevation_m"), s)
-    return Track(centre, elevation, run_off_left, run_off_right, corners, None, description_of(document, name))
+    surface = surface_of(document, s)
+    return Track(centre, elevation, run_off_left, run_off_right, corners, None, description_of(document, name), surface)
 
 
 def _pieces(entries: Any) -> list[Piece]:

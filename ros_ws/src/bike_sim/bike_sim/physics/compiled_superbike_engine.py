@@ -8,6 +8,7 @@ from bike_sim.physics import articulated
 from bike_sim.physics import state as st
 from bike_sim.physics.superbike.base import SuperbikeBase
 from bike_sim.physics.superbike.compiled import advance_one, look_one
+from bike_sim.physics.superbike.deflection import deflect
 from bike_sim.physics.superbike.start import Start
 from bike_sim.vehicles.superbike import Superbike
 
@@ -50,6 +51,10 @@ class CompiledSuperbikeEngine(SuperbikeBase):
             self._state, self.motion, self._memory.copy(), self._telemetry, self._constants, (0.0, 0.0, self.time_step),
             *self.ground,
         )  # fmt: skip
+
+    def deflect(self, x: float, y: float, turn: float, share: float, dx: float, dy: float) -> None:
+        """Turn the machine at a wall; see `SuperbikeBase`."""
+        deflect(self.motion, x, y, turn, share, dx, dy)
 
     def _run(self, steering: float, throttle: float, steps: int) -> None:
         """Step until a fall or to the end, and fill the minimal state."""

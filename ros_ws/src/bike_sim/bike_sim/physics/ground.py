@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 PATCH_NAMES: Final = (
-    "x", "y", "height", "cos", "sin", "grade", "bank", "crest", "grip", "drag", "bumps", "arc",
+    "x", "y", "height", "cos", "sin", "grade", "bank", "crest", "grip", "drag", "bumps", "arc", "stretch",
 )  # fmt: skip
 """What the ground is like around one wheel.
 
 x, y, height: origin, m, in the map. cos, sin: direction of the road there, seen from above. grade: rise per m along it.
 bank: rise per m to its left. crest: change of the grade per m along it, 1/m, negative over a crest. grip: factor on
 friction, 1 on a dry track. drag: rolling resistance by load beside the tyre's own. bumps: factor on the profile of
-bumps. arc: place of the origin in that profile, m."""
+bumps. arc: place of the origin in that profile, m. stretch: how far it goes on in the profile per m along the road."""
 
 PATCH: Final = np.dtype([(name, np.float64) for name in PATCH_NAMES])
 
@@ -61,5 +61,5 @@ def flat_ground(rear_grip: float = 1.0, front_grip: float = 1.0) -> Ground:
     """
     record = np.zeros(1, dtype=GROUND)
     for wheel, grip in (("rear", rear_grip), ("front", front_grip)):
-        record[wheel]["cos"], record[wheel]["grip"] = 1.0, grip
+        record[wheel]["cos"], record[wheel]["grip"], record[wheel]["stretch"] = 1.0, grip, 1.0
     return Ground(record, NO_BUMPS)

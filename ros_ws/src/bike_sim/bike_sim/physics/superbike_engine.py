@@ -13,11 +13,12 @@ from typing import Final
 
 import numpy as np
 
-from bike_sim.physics import mapping
+from bike_sim.physics import articulated, mapping
 from bike_sim.physics import state as st
 from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics.pybullet_tree import build_tree, bullet, set_free
 from bike_sim.physics.superbike.base import SuperbikeBase
+from bike_sim.physics.superbike.deflection import deflect
 from bike_sim.physics.superbike.poses import read_state
 from bike_sim.physics.superbike.start import Start
 from bike_sim.physics.tree import FORK, FRONT_WHEEL, REAR_WHEEL, SLIDER
@@ -69,13 +70,28 @@ class SuperbikeEngine(SuperbikeBase):
 
     def _place(self, start: Start) -> None:
         """Set the motion of the bodies, and fill minimal state and telemetry from it."""
+        self._set(start)
+        self._read()
+        self._look()
+
+    def _set(self, start: Start) -> None:
+        """Set the motion of the bodies."""
         body, client = self.body, self.client
         bullet.resetBasePositionAndOrientation(body, start.position, start.orientation, client)
         bullet.resetBaseVelocity(body, start.velocity, start.omega, client)
         for link, value, rate in zip(_JOINTS, start.joints, start.rates, strict=True):
             bullet.resetJointState(body, link, value, rate, client)
-        self._read()
-        self._look()
+
+    def deflect(self, x: float, y: float, turn: float, share: float, dx: float, dy: float) -> None:
+        """Turn the machine at a wall; see `SuperbikeBase`."""
+        body, client = self.body, self.client
+        motion = np.zeros(1, dtype=articulated.motion_record(len(self.tree)))
+        motion["position"], motion["orientation"] = bullet.getBasePositionAndOrientation(body, client)
+        motion["velocity"], motion["omega"] = bullet.getBaseVelocity(body, client)
+        joints = bullet.getJointStates(body, _JOINTS, client)
+        motion["joints"], motion["rates"] = [joint[0] for joint in joints], [joint[1] for joint in joints]
+        deflect(motion, x, y, turn, share, dx, dy)
+        self._set(Start(*motion[0].tolist()))
 
     def _run(self, steering: float, throttle: float, steps: int) -> None:
         """Step until a fall or to the end, and fill the minimal state."""

@@ -183,7 +183,7 @@ def course_to_message(course: Course, episode: int, stamp: int) -> CourseMessage
     message.closed = course.closed
     message.length = course.length
     message.off_course_limit = float(course.off_course_limit)
-    for name in ("s", "x", "y", "heading", "curvature", "width_left", "width_right"):
+    for name in ("s", "x", "y", "heading", "curvature", "width_left", "width_right", "height"):
         column = getattr(course, name)
         if column is not None:
             setattr(message, name, _floats(column))
@@ -210,6 +210,7 @@ def course_from_message(message: CourseMessage) -> Course:
         width_left=np.array(message.width_left) if message.width_left else None,
         width_right=np.array(message.width_right) if message.width_right else None,
         sections=tuple(zip(message.section_names, message.section_starts, strict=True)),
+        height=np.array(message.height) if message.height else None,
     )
 
 

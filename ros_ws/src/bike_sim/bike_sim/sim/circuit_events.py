@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from bike_sim.course import timing_account as acc
 from bike_sim.course.lap_timing import LapLog
 from bike_sim.sim import circuit_look as cl
-from bike_sim.sim.events import Event, EventKind, fall_event, wall_event
+from bike_sim.sim.events import Event, EventKind, fall_event, scrape_event, wall_event
 from bike_sim.sim.snapshot import WallHit
 
 
@@ -24,8 +24,9 @@ def circuit_events(rows: NDArray[np.float64], log: LapLog) -> tuple[Event, ...]:
 
 def _event(row: list[float], log: LapLog) -> Event:
     kind, time, progress, value = EventKind(int(row[acc.KIND])), *row[acc.TIME : acc.NUMBER]
-    if kind is EventKind.WALL:
-        return wall_event(time, progress, WallHit(row[cl.SPEED], row[cl.ANGLE], row[cl.ENERGY]))
+    if kind in (EventKind.WALL, EventKind.SCRAPE):
+        tell = wall_event if kind is EventKind.WALL else scrape_event
+        return tell(time, progress, WallHit(row[cl.SPEED], row[cl.ANGLE], row[cl.ENERGY]))
     if kind is EventKind.FALL:
         cause = int(row[cl.CAUSE])
         return fall_event(time, progress, value, cl.ENDS[cause] if cause != cl.LOST else "", row[cl.SPEED])

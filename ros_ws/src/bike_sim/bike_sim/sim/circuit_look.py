@@ -24,6 +24,7 @@ from bike_sim.sim import look as lk
 from bike_sim.sim.ground import LEFT, RIGHT, Road, lay_ground
 from bike_sim.sim.request import COURSE_POINTS
 from bike_sim.sim.snapshot import DIVERGED, WALL
+from bike_sim.sim.walls import touch_of
 
 Record = Any
 FloatArray = NDArray[np.float64]
@@ -42,10 +43,10 @@ ENDS: Final = (*FALL_NAMES, WALL, DIVERGED)
 _WALL: Final = ENDS.index(WALL)
 LOST: Final = ENDS.index(DIVERGED)
 
-FALL_ROW, WALL_ROW = 1, 3
+FALL_ROW, WALL_ROW, SCRAPE_ROW = 1, 3, 8
 """Kinds of rows beside those of `timing_account`; the numbers are those of ``bike_msgs/RideEvent``."""
 CAUSE, SPEED, ANGLE, ENERGY = range(acc.NUMBER, acc.ROW_SIZE)
-"""Columns of their rows: code of the end, speed (m/s), and of a wall the angle to it (rad) and the energy (J)."""
+"""Columns of their rows: code of the end or 0, speed (m/s), and of a wall the angle to it (rad) and the energy (J)."""
 
 FACTS: Final = np.dtype(
     [
@@ -67,7 +68,13 @@ RIDE: Final = np.dtype(
         ("widest", np.float64),  # distance beyond the limits then of the contact point that was farther out, m
         ("off_track_time", np.float64),
         ("wall_energy", np.float64),
-        ("hit", np.float64, (3,)),  # speed (m/s), angle (rad) and energy (J) of the collision that ended the ride
+        ("hit", np.float64, (3,)),  # speed (m/s), angle (rad) and energy (J) of the last touch of a wall
+        (
+            "scrape",
+            np.float64,
+            (4,),
+        ),  # what it does: turn (rad), what is left of the speed, move (m), see `walls.Touch`
+        ("touched", np.int64),  # whether a wall was touched in the last look and the ride goes on
         ("seen", np.int64),  # whether there was a look before
         ("stopped", np.int64),  # whether a wall holds the vehicle
         ("over", np.int64),  # whether the end of the ride was told
@@ -111,6 +118,7 @@ def look_around(
         look[lk.PROGRESS] = math.nan
         return -1
     limits = view[CIRCUIT:POINTS]
+    ride.touched = 0
     wall = _judge(state, look, road, grounds, ride, place, time, limits)
     limits[lk.WRONG_WAY] = 1.0 if math.cos(state[st.YAW] - heading) < 0.0 else 0.0
     beyond = limits[lk.OUTSIDE]
@@ -123,8 +131,9 @@ def look_around(
             rows[row, acc.VALUE] = beyond
     if ride.stopped:
         state[st.ROLL_RATE] = state[st.STEER_RATE] = state[st.FRONT_WHEEL_RATE] = 0.0
-    elif fall == 0 and wall >= 0:
-        _hit(state, look[lk.SPEED], wall, table, facts, ride)
+    elif fall == 0 and wall >= 0 and _meet(state, look[lk.SPEED], wall, rolling, facts, road, ride):
+        _tell(SCRAPE_ROW, place[0], time, ride, rows[count])
+        count += 1
     limits[lk.OFF_TRACK_TIME], limits[lk.WALL_ENERGY] = ride.off_track_time, ride.wall_energy
     ride.off_course = 1 if beyond > 0.0 else 0
     ride.finished = 1 if look[lk.PROGRESS] >= ride.begin + facts.line_length else 0
@@ -159,6 +168,7 @@ def _find(
         (table[tr.X], table[tr.Y], table[tr.HEADING], table[tr.CURVATURE]),
         facts.spacing,
         table[tr.HEIGHT],
+        table[tr.BANK],
         _INTERVAL,
         window(REACH, moved, facts.length),
         look,
@@ -205,34 +215,52 @@ def _limits_at(progress: float, road: Road) -> tuple[float, float]:
 
 
 @njit(cache=True)
-def _hit(state: FloatArray, speed: float, contact: int, table: FloatArray, facts: Record, ride: Record) -> None:
-    """Note the wall that a contact point has reached; it holds the vehicle from the next step on."""
-    along = acc.sample(table[tr.HEADING], facts.spacing, facts.length, ride.place[contact])
-    turn = state[st.YAW] - along
-    angle = abs(turn - math.pi * round(turn / math.pi))
+def _meet(
+    state: FloatArray, speed: float, contact: int, rolling: bool, facts: Record, road: Road, ride: Record
+) -> bool:  # fmt: skip
+    """Note the wall that a contact point has reached; return whether it is only scraped.
+
+    A hit holds the vehicle from the next step on, and so does any touch a bicycle, whose rolling nothing can deflect.
+    """
+    touch = touch_of(state[st.YAW], speed, ride.place, contact, road)
+    hit = rolling or touch.approach >= road.facts[0].hit
+    if not hit and touch.approach <= 0.0:
+        return False
     energy = 0.5 * facts.mass * speed * speed
-    ride.hit[0], ride.hit[1], ride.hit[2] = speed, angle, energy
-    ride.wall_energy += energy * math.sin(angle) ** 2
-    ride.stopped = 1
+    ride.hit[0], ride.hit[1], ride.hit[2] = speed, touch.angle, energy
+    ride.wall_energy += energy * math.sin(touch.angle) ** 2
+    ride.stopped = 1 if hit else 0
+    if hit:
+        return False
+    ride.touched = 1
+    ride.scrape[0], ride.scrape[1], ride.scrape[2], ride.scrape[3] = touch.turn, touch.share, touch.dx, touch.dy
+    return True
+
+
+@njit(cache=True)
+def _tell(kind: int, progress: float, time: float, ride: Record, row: FloatArray) -> None:
+    """Write the row of a touch of a wall."""
+    row[:] = 0.0
+    row[acc.KIND], row[acc.TIME], row[acc.PROGRESS], row[acc.VALUE] = kind, time, progress, ride.hit[0]
+    row[CAUSE], row[SPEED], row[ANGLE], row[ENERGY] = ride.end, ride.hit[0], ride.hit[1], ride.hit[2]
 
 
 @njit(cache=True)
 def _tell_end(state: FloatArray, speed: float, progress: float, time: float, ride: Record, row: FloatArray) -> None:
     """Write the row of how the ride ended."""
+    if ride.end == _WALL:
+        _tell(WALL_ROW, progress, time, ride, row)
+        return
     row[:] = 0.0
     row[acc.TIME], row[acc.PROGRESS], row[CAUSE] = time, progress, ride.end
-    if ride.end == _WALL:
-        row[acc.KIND], row[acc.VALUE] = WALL_ROW, ride.hit[0]
-        row[SPEED], row[ANGLE], row[ENERGY] = ride.hit[0], ride.hit[1], ride.hit[2]
-    else:
-        row[acc.KIND], row[acc.VALUE], row[SPEED] = FALL_ROW, state[st.ROLL], speed
+    row[acc.KIND], row[acc.VALUE], row[SPEED] = FALL_ROW, state[st.ROLL], speed
 
 
 @njit(cache=True)
 def look_one(
     state: FloatArray, parameters: FloatArray, rolling: bool, fall: int, time: float, table: FloatArray,
     line: FloatArray, ahead: FloatArray, marks: FloatArray, facts: Record, road: FloatArray, road_facts: Record,
-    bumps: FloatArray, grounds: Record, rides: Record, view: FloatArray, rows: FloatArray,
+    bumps: FloatArray, gusts: FloatArray, grounds: Record, rides: Record, view: FloatArray, rows: FloatArray,
 ) -> tuple[int, int, bool, bool, bool]:  # fmt: skip
     """Do as `look_around` with arrays of one record, which cost a caller in Python less than records.
 
@@ -241,7 +269,7 @@ def look_one(
     """
     ride = rides[0]
     count = look_around(
-        state, parameters, rolling, fall, time, table, line, ahead, marks, facts[0], Road(road, road_facts, bumps),
-        grounds, ride, view, rows,
+        state, parameters, rolling, fall, time, table, line, ahead, marks, facts[0],
+        Road(road, road_facts, bumps, gusts), grounds, ride, view, rows,
     )  # fmt: skip
     return count, ride.end, ride.off_course != 0, ride.finished != 0, ride.stopped != 0

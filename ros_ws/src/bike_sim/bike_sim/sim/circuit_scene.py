@@ -1,6 +1,7 @@
 """The scene of a circuit: followed line, limits, grip in the run-off, walls, lap timing, course points.
 
-The ground is flat: the elevation of a circuit shows in the course points, not in the forces.
+A superbike stands on the road with its hills, banking, bumps and run-off; a bicycle, which rolls without slip, rides as
+if it were level and smooth.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ class FollowedLine:
         centre = track.centre
         along = lk.centre_progress(centre.x, centre.y, centre.heading, centre.spacing, self.line.x, self.line.y)
         self.to_centre: FloatArray = np.maximum.accumulate(along)
-        limits = track.width_left, track.width_right, track.elevation
+        limits = track.width_left, track.width_right, track.elevation, track.bank
         self.stations: FloatArray = lk.stations(
             self.line.table, self.to_centre, lk.columns(centre), centre.spacing, limits
         )
@@ -194,6 +195,8 @@ class CircuitScene:
             self.course.table, self.followed.stations, track.marks,
             self.facts, *self.followed.road, self.ground.record, self.ride, view, self.followed.rows,
         )  # fmt: skip
+        if self.ride["touched"][0]:
+            plant.deflect(float(state[st.X]), float(state[st.Y]), *self.ride["scrape"][0].tolist())
         look, points = view[: cl.PLACE], view[cl.POINTS :].reshape(3, lk.STATIONS, 3)
         preview_x, preview_y = self._see_line(state, look, points)
         return View(
@@ -213,8 +216,8 @@ class CircuitScene:
 
     @property
     def wall(self) -> WallHit | None:
-        """The collision that ended the ride, or None."""
-        return WallHit(*self.ride["hit"][0].tolist()) if self.stopped else None
+        """The touch of a wall in the last look, or the one that ended the ride, or None."""
+        return WallHit(*self.ride["hit"][0].tolist()) if self.stopped or self.ride["touched"][0] else None
 
     def _see_line(self, state: st.StateVector, look: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the preview of the followed line."""

@@ -28,6 +28,7 @@ class EventKind(IntEnum):
     FINISH = 5
     SECTOR = 6
     BACK_ON_COURSE = 7
+    SCRAPE = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +40,7 @@ class Event:
         time: s since the reset, interpolated within the step where a line was crossed.
         progress: arc length, m: along the course, on a circuit along its centre line.
         value: time of the lap or sector (s), roll of a fall (rad), lateral error off the course or distance beyond the
-            limits (m), speed at a wall (m/s), time off the track on return (s), else 0.
+            limits (m), speed at a wall hit or scraped (m/s), time off the track on return (s), else 0.
         text: one sentence for people.
     """
 
@@ -150,5 +151,13 @@ def fall_event(time: float, progress: float, roll: float, fall: str = "", speed:
 
 def wall_event(time: float, progress: float, hit: WallHit) -> Event:
     """Return the event of a collision with a wall at a time (s) and an arc length (m)."""
-    text = f"met a wall at {hit.speed:.1f} m/s, {math.degrees(hit.angle):.0f} deg, {hit.energy / 1e3:.0f} kJ"
+    energy = f"{hit.energy / 1e3:.0f} kJ, {hit.across / 1e3:.1f} kJ of it across"
+    text = f"met a wall at {hit.speed:.1f} m/s, {math.degrees(hit.angle):.0f} deg, {energy}"
     return Event(EventKind.WALL, time, progress, hit.speed, text)
+
+
+def scrape_event(time: float, progress: float, touch: WallHit) -> Event:
+    """Return the event of a touch of a wall, at a time (s) and an arc length (m), after which the ride goes on."""
+    how = f"{touch.speed:.1f} m/s, {math.degrees(touch.angle):.1f} deg, {touch.across / 1e3:.2f} kJ across it"
+    text = f"scraped a wall at {how}"
+    return Event(EventKind.SCRAPE, time, progress, touch.speed, text)

@@ -1,29 +1,71 @@
-"""From the tables of a circuit to the ground under the wheels: compiled, the same for one simulator and for batches."""
+"""From a circuit to the ground under the wheels, in tables that compiled code reads, for one simulator and batches."""
 
 from __future__ import annotations
 
+import math
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from bike_sim.course.track import Track
-from bike_sim.physics.ground import NO_BUMPS
+from bike_sim.course.bumps import CLASSES, REFERENCE, bump_profile
+from bike_sim.course.road import GRASS_STRIP, RunOffKind, Wind, between, run_off_kinds
+from bike_sim.course.track import Track, slope_of
+from bike_sim.physics.ground import BUMP_SAMPLES, BUMP_SPACING
 
 FloatArray = NDArray[np.float64]
 Record = Any
 
-OFF_TRACK_GRIP: Final = 0.6
-"""Factor on friction outside the limits: between dusty asphalt and grass (estimate)."""
+(
+    HEADING, CURVATURE, HEIGHT, GRADE, CREST, BANK, TWIST, GRIP, LEFT, RIGHT, LEFT_WALL, RIGHT_WALL, LEFT_KIND,
+    RIGHT_KIND,
+) = range(14)  # fmt: skip
+"""Columns of a road's table, all at the centre line: heading, rad; curvature, 1/m; height, m; grade, rise per m; crest,
+1/m; bank, rise per m to the left; twist, change of the bank per m; grip, factor on friction; distance to the left and
+the right limit, m; offset of the left and the right wall, m, the latter negative; kind of the left and the right
+run-off."""
+COLUMNS: Final = 14
 
-LEFT, RIGHT, LEFT_WALL, RIGHT_WALL = range(4)
-"""Columns of a road's table: distance to the left and the right limit, m; offset of the left and the right wall, m,
-the latter negative."""
-COLUMNS: Final = 4
+FACTS: Final = np.dtype(
+    [
+        (name, np.float64)
+        for name in (
+            "spacing", "length", "bumps", "stretch", "wind_x", "wind_y", "gusts", "friction", "restitution", "hit",
+        )
+    ]
+)  # fmt: skip
+"""Distance of the samples of the centre line and its length, m; factor on the profile of bumps, and how far that goes
+on per m of the centre line; mean wind in the map, m/s, and the gusts' standard deviation over it; what walls do (see
+`bike_sim.course.road.Walls`)."""
 
-FACTS: Final = np.dtype([("spacing", np.float64), ("length", np.float64)])
-"""Distance of the samples of the centre line, and its length, m."""
+GRASS_GRIP: Final = 0.22
+GRAVEL_GRIP: Final = 0.3
+OFF_TRACK: Final = ((0.9, 0.0, "A"), (GRASS_GRIP, 0.08, "C"), (GRAVEL_GRIP, 0.3, "C"))
+"""Asphalt, grass and gravel outside the limits: factor on friction, resistance by load, class of bumps.
+
+Grass: the slicks' 1.8 becomes 0.4, dry (estimate; wet grass has 0.2, Noon 1994, Engineering Analysis of Vehicular
+Accidents). Gravel: cars in arrester beds are slowed by 0.3 g coasting and up to 0.9 g braking (Decelerations of
+Passenger Vehicles on Gravel Arrester Beds, Sustainability 2020, 12(5), 1761). Grass resists with 0.08, dusty asphalt
+has 0.9 of the grip, bumps are those of the class (estimates)."""
+_GRIPS: Final = tuple(kind[0] for kind in OFF_TRACK)
+_DRAGS: Final = tuple(kind[1] for kind in OFF_TRACK)
+_ROUGH: Final = tuple(math.sqrt(CLASSES[kind[2]] / REFERENCE) for kind in OFF_TRACK)
+_GRASS, _GRAVEL, _MIXED = int(RunOffKind.GRASS), int(RunOffKind.GRAVEL), int(RunOffKind.MIXED)
+
+GUST_SAMPLES: Final = 8192
+GUST_SPACING: Final = 0.1
+"""Distance in time of the samples of gusts, s."""
+_GUST_LENGTH: Final = 100.0
+"""Length of gusts, m: of the order of the integral scale 10 m above open country (estimate)."""
+_CROSS_GUSTS: Final = 0.75
+"""Gusts across the wind over those along it (estimate)."""
+
+
+EDGE: Final = 1.0
+"""Width over which the bumps of the run-off begin, m, so that its edge is no step."""
+_LEAST_SHARE: Final = 0.2
+"""Least part of a metre of the centre line, for places near the centre of a curve."""
 
 
 class Road(NamedTuple):
@@ -33,40 +75,126 @@ class Road(NamedTuple):
         table: a row a sample of the centre line, shape (samples, COLUMNS).
         facts: a record of `FACTS`, shape (1,).
         bumps: profiles of bumps, see `bike_sim.physics.ground.Ground`.
+        gusts: along and across the mean wind over time, of unit variance, shape (2, GUST_SAMPLES), periodic.
     """
 
     table: FloatArray
     facts: NDArray[np.void]
     bumps: FloatArray
+    gusts: FloatArray
 
 
 def road_of(track: Track) -> Road:
     """Return a circuit's road."""
-    left_wall, right_wall = track.walls()
-    table = np.stack([track.width_left, track.width_right, left_wall, right_wall], axis=1)
+    centre, surface = track.centre, track.surface
+    grip = np.ones(len(centre.s))
+    for patch in surface.wet:
+        grip[between(centre.s, patch.begin, patch.end)] = patch.grip
+    columns = [
+        centre.heading, centre.curvature, track.elevation, track.grade, track.crest, track.bank,
+        slope_of(track.bank, centre.spacing), grip, track.width_left, track.width_right, *track.walls(),
+        *run_off_kinds(centre.s, (track.run_off_left, track.run_off_right), surface.run_off),
+    ]  # fmt: skip
     facts = np.zeros(1, dtype=FACTS)
-    facts["spacing"], facts["length"] = track.centre.spacing, track.length
-    return Road(np.ascontiguousarray(table), facts, NO_BUMPS)
+    # the profile fits into a lap a whole number of times, so that every lap has the same bumps and none has a step
+    turn = BUMP_SAMPLES * BUMP_SPACING
+    wind = surface.wind
+    values = {
+        "spacing": centre.spacing,
+        "length": track.length,
+        "bumps": math.sqrt(surface.bumps / REFERENCE),
+        "stretch": max(1, round(track.length / turn)) * turn / track.length,
+        "wind_x": wind.speed * math.cos(wind.towards),
+        "wind_y": wind.speed * math.sin(wind.towards),
+        "gusts": wind.gusts,
+        "friction": surface.walls.friction,
+        "restitution": surface.walls.restitution,
+        "hit": surface.walls.hit,
+    }
+    for name, value in values.items():
+        facts[name] = value
+    return Road(np.stack(columns, axis=1), facts, _profiles(surface.seed), gust_series(wind))
+
+
+_known: dict[int, FloatArray] = {}
+
+
+def _profiles(seed: int) -> FloatArray:
+    """Return the profile of a seed, shape (1, BUMP_SAMPLES); the run-off has it too, however smooth the road is."""
+    if seed not in _known:
+        profile = bump_profile(seed, BUMP_SAMPLES, BUMP_SPACING)[None]
+        profile.setflags(write=False)
+        _known[seed] = profile
+    return _known[seed]
+
+
+def gust_series(wind: Wind) -> FloatArray:
+    """Return gusts along and across a wind over time, of unit variance along, shape (2, GUST_SAMPLES), periodic.
+
+    Each is a random series with the spectrum of Dryden's longitudinal turbulence, ``1 / (1 + (2 pi f T)^2)``, for the
+    time T in which a gust of 100 m passes.
+    """
+    if wind.gusts == 0.0:
+        return np.zeros((2, GUST_SAMPLES))
+    passing = _GUST_LENGTH / max(wind.speed, 1.0)
+    frequency = np.fft.rfftfreq(GUST_SAMPLES, GUST_SPACING)
+    amplitude = 1.0 / np.sqrt(1.0 + (2.0 * math.pi * frequency * passing) ** 2)
+    amplitude[0] = 0.0
+    rng = np.random.default_rng(wind.seed)
+    series = np.fft.irfft(amplitude * np.exp(2j * math.pi * rng.random((2, len(frequency)))), GUST_SAMPLES)
+    return np.asarray(series / series.std(axis=1, keepdims=True) * np.array([[1.0], [_CROSS_GUSTS]]))
 
 
 @njit(cache=True)
-def _beyond(progress: float, offset: float, road: Road) -> tuple[float, bool]:
-    """Return the distance beyond the limits of a place on a circuit, m, negative within, and whether a wall is there.
+def _mix(here: FloatArray, there: FloatArray, part: float, column: int) -> float:
+    return here[column] + part * (there[column] - here[column])
+
+
+@njit(cache=True)
+def _lay_patch(x: float, y: float, progress: float, offset: float, road: Road, patch: Record) -> tuple[float, bool]:
+    """Write the ground at a place; return the distance beyond the limits, m, and whether a wall is there.
 
     Args:
+        x: in the map, m.
+        y: the same, m.
         progress: along the centre line, m, of any lap.
         offset: from it, m to the left.
         road: the circuit.
+        patch: a record of `bike_sim.physics.ground.PATCH`, written.
     """
-    table, spacing = road.table, road.facts[0].spacing
-    u = (progress % road.facts[0].length) / spacing
+    table, facts = road.table, road.facts[0]
+    u = (progress % facts.length) / facts.spacing
     i = min(int(u), len(table) - 2)
     here, there, part = table[i], table[i + 1], u - i
-    left = here[LEFT] + part * (there[LEFT] - here[LEFT])
-    right = here[RIGHT] + part * (there[RIGHT] - here[RIGHT])
-    left_wall = here[LEFT_WALL] + part * (there[LEFT_WALL] - here[LEFT_WALL])
-    right_wall = here[RIGHT_WALL] + part * (there[RIGHT_WALL] - here[RIGHT_WALL])
-    return max(offset - left, -offset - right), not right_wall < offset < left_wall
+    beyond_left = offset - _mix(here, there, part, LEFT)
+    beyond_right = -offset - _mix(here, there, part, RIGHT)
+    beyond = max(beyond_left, beyond_right)
+    wall = not _mix(here, there, part, RIGHT_WALL) < offset < _mix(here, there, part, LEFT_WALL)
+
+    heading = _mix(here, there, part, HEADING)
+    # a metre beside the centre line of a curve is more or less than one along it
+    bend = _mix(here, there, part, CURVATURE)
+    share = 1.0 / max(_LEAST_SHARE, 1.0 - offset * bend)
+    bank = _mix(here, there, part, BANK)
+    patch.x, patch.y = x, y
+    patch.cos, patch.sin = math.cos(heading), math.sin(heading)
+    patch.height = _mix(here, there, part, HEIGHT) + bank * offset
+    patch.grade = share * (_mix(here, there, part, GRADE) + offset * _mix(here, there, part, TWIST))
+    # a patch is straight: where the road bends, what lies ahead is not on its axis but up or down the bank
+    patch.crest = share * share * _mix(here, there, part, CREST) - bank * share * bend
+    patch.bank = bank
+    patch.stretch = share * facts.stretch
+    patch.arc = (progress % facts.length) * facts.stretch
+    patch.grip, patch.drag, patch.bumps = _mix(here, there, part, GRIP), 0.0, facts.bumps
+    if beyond > 0.0:
+        kind = int(here[LEFT_KIND] if beyond_left > beyond_right else here[RIGHT_KIND])
+        if kind == _MIXED:
+            kind = _GRASS if beyond < GRASS_STRIP else _GRAVEL
+        patch.grip *= _GRIPS[kind]
+        patch.drag = _DRAGS[kind]
+        rough = facts.bumps + min(1.0, beyond / EDGE) * (_ROUGH[kind] - facts.bumps)
+        patch.bumps = max(facts.bumps, rough)
+    return beyond, wall
 
 
 @njit(cache=True)
@@ -84,16 +212,23 @@ def lay_ground(
         place: progress and offset of both contact points relative to the centre line, m, in the order of `sim.look`.
         time: s since the reset.
         road: the circuit, from `road_of`.
-        grounds: of `bike_sim.physics.ground.GROUND`, shape (1,), written.
+        grounds: of `bike_sim.physics.ground.GROUND`, shape (1,), written but for the number of the profile.
 
     Returns:
         Rear and front distance beyond the limits, m, negative within; index of the progress in `place` of the first
         contact point that has reached a wall, or -1.
     """
-    ground = grounds[0]
-    rear, rear_wall = _beyond(place[0], place[1], road)
-    front, front_wall = _beyond(place[2], place[3], road)
-    ground.rear.grip = OFF_TRACK_GRIP if rear > 0.0 else 1.0
-    ground.front.grip = OFF_TRACK_GRIP if front > 0.0 else 1.0
+    ground, facts = grounds[0], road.facts[0]
+    rear, rear_wall = _lay_patch(rear_x, rear_y, place[0], place[1], road, ground.rear)
+    front, front_wall = _lay_patch(front_x, front_y, place[2], place[3], road, ground.front)
+    ground.wind_x, ground.wind_y = facts.wind_x, facts.wind_y
+    if facts.gusts > 0.0:
+        u = time / GUST_SPACING
+        k, part = int(u) % GUST_SAMPLES, u - math.floor(u)
+        following = (k + 1) % GUST_SAMPLES
+        along = facts.gusts * (road.gusts[0, k] + part * (road.gusts[0, following] - road.gusts[0, k]))
+        across = facts.gusts * (road.gusts[1, k] + part * (road.gusts[1, following] - road.gusts[1, k]))
+        ground.wind_x += along * facts.wind_x - across * facts.wind_y
+        ground.wind_y += along * facts.wind_y + across * facts.wind_x
     wall = 0 if rear_wall else (2 if front_wall else -1)
     return rear, front, wall

@@ -214,7 +214,7 @@ def centre_progress(
 
 @njit(cache=True)
 def stations(
-    line: ndarray, to_centre: ndarray, centre: Line, spacing: float, limits: tuple[ndarray, ndarray, ndarray]
+    line: ndarray, to_centre: ndarray, centre: Line, spacing: float, limits: tuple[ndarray, ndarray, ndarray, ndarray]
 ) -> ndarray:
     """Return what a station shows at every sample of a line of a circuit: one row each, so that memory is read once.
 
@@ -223,16 +223,17 @@ def stations(
         to_centre: progress along the centre line at its samples, m.
         centre: of the centre line, from :func:`columns`.
         spacing: distance of its samples, m.
-        limits: distance to the left and to the right limit (m) and height (m), at the centre line's samples.
+        limits: distance to the left and to the right limit (m), height (m) and bank (rise per m to the left), at the
+            centre line's samples.
 
     Returns:
-        x, y (m) and heading (rad) of the line, x and y of the left and of the right limit beside it, height (m), shape
-        (n, 8).
+        x, y (m) and heading (rad) of the line, x and y of the left and of the right limit beside it, then the heights
+        of all three, m, shape (n, 10).
     """
     cx, cy, ch, _ = centre
-    left, right, height = limits
+    left, right, height, bank = limits
     around = spacing * (len(height) - 1)
-    rows = np.empty((line.shape[1], 8))
+    rows = np.empty((line.shape[1], 10))
     for i in range(line.shape[1]):
         c = to_centre[i]
         mx, my, tx, ty = projection.point_at(cx, cy, ch, spacing, True, c)
@@ -240,7 +241,9 @@ def stations(
         rows[i, 0], rows[i, 1], rows[i, 2] = line[0, i], line[1, i], line[2, i]
         rows[i, 3], rows[i, 4] = mx - aside * ty, my + aside * tx
         rows[i, 5], rows[i, 6] = mx + across * ty, my - across * tx
-        rows[i, 7] = sample(height, spacing, around, c)
+        middle, tilt = sample(height, spacing, around, c), sample(bank, spacing, around, c)
+        beside = tx * (line[1, i] - my) - ty * (line[0, i] - mx)
+        rows[i, 7], rows[i, 8], rows[i, 9] = middle + beside * tilt, middle + aside * tilt, middle - across * tilt
     return rows
 
 
@@ -256,6 +259,7 @@ def look_at_circuit(
     centre: Line,
     spacing: float,
     height: ndarray,
+    bank: ndarray,
     interval: float,
     reach: float,
     look: ndarray,
@@ -275,6 +279,7 @@ def look_at_circuit(
         centre: of the centre line, from :func:`columns`.
         spacing: distance of its samples, m.
         height: of the centre line, m, at its samples.
+        bank: rise per m to the left there.
         interval: time between stations, s.
         reach: how far around where they were the nearest points are searched, m.
         look: in and out.
@@ -293,7 +298,8 @@ def look_at_circuit(
         cx, cy, ch, spacing, True, look[FRONT_X], look[FRONT_Y], place[FRONT_CENTRE_PROGRESS], reach, reach
     )
     look[PREVIEW_SPACING] = max(interval * look[SPEED], LEAST_SPACING)
-    ground = sample(height, spacing, spacing * (len(height) - 1), place[CENTRE_PROGRESS])
+    around, here = spacing * (len(height) - 1), place[CENTRE_PROGRESS]
+    ground = sample(height, spacing, around, here) + place[CENTRE_OFFSET] * sample(bank, spacing, around, here)
     _course_points(state, ahead, line_spacing, ground, look, points)
     return direction
 
@@ -315,4 +321,4 @@ def _course_points(
                 px, py = a[at] + u * (b[at] - a[at]), a[at + 1] + u * (b[at + 1] - a[at + 1])
             points[row, k, 0] = cos * (px - x) + sin * (py - y)
             points[row, k, 1] = cos * (py - y) - sin * (px - x)
-            points[row, k, 2] = a[7] + u * (b[7] - a[7]) - ground
+            points[row, k, 2] = a[7 + row] + u * (b[7 + row] - a[7 + row]) - ground

@@ -92,6 +92,19 @@ class Plant(Protocol):
         """Integrate with both commands in [-1, 1] held, on this ground."""
         ...
 
+    def deflect(self, x: float, y: float, turn: float, share: float, dx: float, dy: float) -> None:
+        """Turn the vehicle at a wall, see `physics.superbike.deflection`; what rolls without slip is never asked to.
+
+        Args:
+            x: of the point about which it turns, m.
+            y: the same, m.
+            turn: rad, positive to the left.
+            share: what is left of the speed.
+            dx: by which it is moved, m.
+            dy: the same, m.
+        """
+        ...
+
     def state(self) -> st.StateVector:
         """Return the minimal state as a fresh vector."""
         ...
@@ -152,6 +165,10 @@ class BicyclePlant:
     def advance(self, steering: float, throttle: float, steps: int, ground: Ground) -> None:
         """Hold the set point of steering; the bicycle has no drive and ignores the throttle."""
         self.engine.advance(steering * self.vehicle.max_steer, steps)
+
+    def deflect(self, x: float, y: float, turn: float, share: float, dx: float, dy: float) -> None:
+        """Refuse; every wall ends a bicycle's ride."""
+        raise NotImplementedError("a bicycle that rolls without slip cannot be deflected")
 
     def state(self) -> st.StateVector:
         """Return the minimal state."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -29,7 +30,7 @@ NO_SIGNALS.setflags(write=False)
 
 @dataclass(frozen=True, slots=True)
 class WallHit:
-    """A collision with a wall.
+    """A touch of a wall: a scrape, or the hit that ends a ride.
 
     Attributes:
         speed: m/s.
@@ -41,6 +42,11 @@ class WallHit:
     angle: float
     energy: float
 
+    @property
+    def across(self) -> float:
+        """Part of the kinetic energy that goes across the wall, J."""
+        return self.energy * math.sin(self.angle) ** 2
+
 
 @dataclass(frozen=True, slots=True)
 class CircuitView:
@@ -51,7 +57,7 @@ class CircuitView:
             the centre line, m, in the order of :mod:`bike_sim.sim.look`.
         limits: position relative to the limits, in the order of `look.CIRCUIT_FIELDS`.
         points: the followed line and both limits ahead, x, y, z in base_link, m, shape (3, lk.STATIONS, 3).
-        wall: the collision that ended the ride, or None.
+        wall: the touch of a wall at this instant, or the hit that ended the ride; None where there was none.
     """
 
     place: FloatArray

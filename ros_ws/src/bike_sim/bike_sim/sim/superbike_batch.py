@@ -25,7 +25,7 @@ from bike_sim.sim.circuit_events import circuit_events
 from bike_sim.sim.circuit_scene import CircuitScene
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.events import Event, reset_event
-from bike_sim.sim.ground import COLUMNS
+from bike_sim.sim.ground import COLUMNS, GUST_SAMPLES
 from bike_sim.sim.ground import FACTS as ROAD_FACTS
 from bike_sim.sim.places import Places
 from bike_sim.sim.plant import make_plant
@@ -78,15 +78,16 @@ class CompiledSuperbikeBatch:
         self._stacked = Machines(np.zeros(0, dtype=CONSTANTS), np.zeros(0), np.zeros((0, 0)))
         self._mounted = [self._machine(name) for name in names]
         self._rows, self._scratch = make_rows(count), make_scratch()
-        self._tracks, self._lines = Places(count, np.zeros((8, 2))), Places(count, np.zeros((4, 2)))
+        self._tracks, self._lines = Places(count, np.zeros((9, 2))), Places(count, np.zeros((4, 2)))
         self._grounds = Grounds(
             self._tracks.arrays,
             List([np.zeros(0)] * count),
             self._lines.arrays,
-            List([np.zeros((2, 8))] * count),
+            List([np.zeros((2, 10))] * count),
             List([np.zeros((2, COLUMNS))] * count),
             np.zeros(count, dtype=ROAD_FACTS),
             List([NO_BUMPS] * count),
+            List([np.zeros((2, GUST_SAMPLES))] * count),
         )
         self._requests: list[ResetRequest | None] = [None] * count
         self._logs = [LapLog() for _ in range(count)]
@@ -249,7 +250,8 @@ class CompiledSuperbikeBatch:
         line = self._lines.put(index, followed.line.table)
         grounds.marks[track], grounds.stations[line] = followed.track.marks, followed.stations
         road = followed.road
-        grounds.roads[track], grounds.road_facts[track], grounds.bumps[track] = road.table, road.facts[0], road.bumps
+        grounds.roads[track], grounds.road_facts[track] = road.table, road.facts[0]
+        grounds.bumps[track], grounds.gusts[track] = road.bumps, road.gusts
         rows.track[index], rows.line[index], rows.facts[index] = track, line, scene.facts[0]
         rows.ground[index] = scene.ground.record[0]
         most = len(followed.rows)

@@ -111,6 +111,10 @@ class SuperbikePlant:
         self.engine.ground = ground
         self.engine.advance_commands(steering, throttle, steps)
 
+    def deflect(self, x: float, y: float, turn: float, share: float, dx: float, dy: float) -> None:
+        """Turn the machine at a wall; see `Plant`."""
+        self.engine.deflect(x, y, turn, share, dx, dy)
+
     def state(self) -> st.StateVector:
         """Return the minimal state."""
         return self.engine.state()

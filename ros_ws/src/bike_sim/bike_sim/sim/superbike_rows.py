@@ -19,6 +19,7 @@ from bike_sim.physics import articulated
 from bike_sim.physics import state as st
 from bike_sim.physics.ground import GROUND
 from bike_sim.physics.superbike.compiled import advance
+from bike_sim.physics.superbike.deflection import deflect
 from bike_sim.physics.superbike.records import MEMORY, Command
 from bike_sim.physics.superbike_forces import TELEMETRY, TELEMETRY_NAMES
 from bike_sim.sim import circuit_look as cl
@@ -56,7 +57,7 @@ class Grounds(NamedTuple):
         tracks: `Track.table`. marks: `Track.marks`. lines: `Course.table`.
         stations: `FollowedLine.stations`, in the places of the lines.
         roads: tables of `ground.Road`, in the places of the circuits. road_facts: their facts, shape (n,).
-        bumps: their profiles of bumps.
+        bumps: their profiles of bumps. gusts: of their wind.
     """
 
     tracks: Any
@@ -66,6 +67,7 @@ class Grounds(NamedTuple):
     roads: Any
     road_facts: Any
     bumps: Any
+    gusts: Any
 
 
 class Rows(NamedTuple):
@@ -201,6 +203,9 @@ def _step(
     rows.ride[i] = scratch.ride[0]
     rows.views[i] = view
     rows.told[i], rows.end[i] = count, ride.end
+    if ride.touched:
+        scrape = ride.scrape
+        deflect(rows.motion[i : i + 1], state[st.X], state[st.Y], scrape[0], scrape[1], scrape[2], scrape[3])
 
 
 @njit(cache=True)
@@ -210,7 +215,7 @@ def _look_at_circuit(
 ) -> int:  # fmt: skip
     """See a row on a circuit; the preview of the followed line stands among the course points."""
     track, line = rows.track[i], rows.line[i]
-    road = Road(grounds.roads[track], grounds.road_facts[track : track + 1], grounds.bumps[track])
+    road = Road(grounds.roads[track], grounds.road_facts[track : track + 1], grounds.bumps[track], grounds.gusts[track])
     count = cl.look_around(
         state, parameters, False, int(rows.memory[i].fall), time, grounds.tracks[track], grounds.lines[line],
         grounds.stations[line], grounds.marks[track], rows.facts[i], road, rows.ground[i : i + 1], ride, view,

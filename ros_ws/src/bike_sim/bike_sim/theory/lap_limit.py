@@ -116,8 +116,8 @@ def lap_limit(
         envelope: the machine's limits.
         line: closed line of the contacts.
         step: distance of the profile's points, m.
-        grade: slope of the road at the line's samples, positive uphill, or None for a flat road.
-        crest: vertical curvature of the road there, 1/m, positive in a dip, or None.
+        grade: slope of the road at the line's samples, positive uphill; None for what the line says.
+        crest: vertical curvature of the road there, 1/m, positive in a dip; None for what the line says.
         cap: largest speed that somebody wants at each point of the profile but the last, m/s, or None.
 
     Raises:
@@ -126,10 +126,11 @@ def lap_limit(
     """
     if not line.closed:
         raise ValueError(f"course {line.name!r} is open; a lap needs a closed line")
+    grade, crest = line.grade if grade is None else grade, line.crest if crest is None else crest
     if not step > 0.0:
         raise ValueError(f"step of the profile must be positive, got {step!r} m")
     for name, values in (("grade", grade), ("crest", crest)):
-        if values is not None and len(values) != len(line.s):
+        if len(values) != len(line.s):
             raise ValueError(f"{name} has {len(values)} samples, the line {len(line.s)}")
     if float(envelope.drive(envelope.speeds[0])) <= 0.0:
         raise ValueError(f"machine {envelope.name!r} has no drive at {envelope.speeds[0]:.1f} m/s")
@@ -138,7 +139,7 @@ def lap_limit(
     cap = np.full(count, np.inf) if cap is None else cap
     if np.shape(cap) != (count,):
         raise ValueError(f"cap has shape {np.shape(cap)}, the profile {count} points")
-    slope, dip = (np.zeros(count) if v is None else np.interp(s[:-1], line.s, v) for v in (grade, crest))
+    slope, dip = (np.interp(s[:-1], line.s, values) for values in (grade, crest))
     bend = _mean_curvature(line, s)
     path, speed, corner = _solve(envelope, bend, line.length / count, slope, dip, cap)
     distance, moved = path.distance, speed * path.stretch

@@ -9,6 +9,8 @@ change of log curvature, weighted with the time spent there: lap time grows with
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -90,7 +92,8 @@ def with_fastest_line(
     best, shortest = np.zeros(len(track.centre.s)), lap_limit(envelope, track.centre).lap_time
     for start in (gentle, fastest_offsets(stations, limits, gentle, roll_cost)):
         offset = at_samples(track, stations, start)
-        time = lap_limit(envelope, track.with_ideal(offset).line(1.0)).lap_time
+        # lines are computed for a level road: hills and banking move the best one by little
+        time = lap_limit(envelope, replace(track.with_ideal(offset).line(1.0), height=None)).lap_time
         if time < shortest:
             best, shortest = offset, time
     return track.with_ideal(best)

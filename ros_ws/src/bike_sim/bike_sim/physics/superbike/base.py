@@ -121,6 +121,10 @@ class SuperbikeBase(ABC):
         return sf.FALL_NAMES[self.fall]
 
     @abstractmethod
+    def deflect(self, x: float, y: float, turn: float, share: float, dx: float, dy: float) -> None:
+        """Turn the machine at a wall; see `superbike.deflection`. State and telemetry show it from the next step on."""
+
+    @abstractmethod
     def close(self) -> None:
         """Release what the engine holds; a second call does nothing."""
 

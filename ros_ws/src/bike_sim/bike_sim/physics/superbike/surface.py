@@ -61,9 +61,9 @@ def surface_at(x: float, y: float, patch: Record, profile: NDArray) -> Surface:
     height = patch.height + (patch.grade + 0.5 * patch.crest * along) * along + patch.bank * left
     slope = patch.grade + patch.crest * along
     if patch.bumps != 0.0:
-        bump, tilt = bump_at(patch.arc + along, profile)
+        bump, tilt = bump_at(patch.arc + patch.stretch * along, profile)
         height += patch.bumps * bump
-        slope += patch.bumps * tilt
+        slope += patch.bumps * patch.stretch * tilt
     return Surface(height, _normal(slope, patch))
 
 

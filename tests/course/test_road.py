@@ -1,0 +1,152 @@
+"""The road's surface in circuit files: keys, refusals, mirror image, heights of lines."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bike_sim.course.bumps import CLASSES
+from bike_sim.course.files import load_track
+from bike_sim.course.road import GRASS_STRIP, RunOffKind, WetPatch, run_off_kinds
+from bike_sim.course.track import Track
+
+OVAL = """
+format: bike.track/1
+length_m: 1200
+width_m: 12
+elements:
+  - {straight_m: 300}
+  - {arc: {length_m: 300, angle_deg: 180}}
+  - {straight_m: 300}
+  - {arc: {length_m: 300, angle_deg: 180}}
+elevation_m: [[0, 10], [300, 14], [600, 12], [900, 8]]
+"""
+
+FULL = (
+    OVAL
+    + """
+banking_deg: [[0, 0], [250, 0], [330, -4], [570, -4], [650, 0]]
+bumps: {class: A, seed: 7}
+wet:
+  - {from_m: 100, to_m: 150, grip: 0.6}
+  - {from_m: 1150, to_m: 20, grip: 0.7}
+wind: {speed_m_s: 8, towards_deg: 90, gusts: 0.2, seed: 3}
+run_off_kinds:
+  - {from_m: 300, to_m: 600, side: right, kind: gravel}
+  - {from_m: 1100, to_m: 100, side: both, kind: asphalt}
+walls: {friction: 0.3, hit_m_s: 2.5}
+"""
+)
+
+
+def read(tmp_path: Path, text: str) -> Track:
+    path = tmp_path / "oval.yaml"
+    path.write_text(text, encoding="utf-8")
+    return load_track(str(path))
+
+
+@pytest.fixture(scope="module")
+def full(tmp_path_factory: pytest.TempPathFactory) -> Track:
+    return read(tmp_path_factory.mktemp("road"), FULL)
+
+
+def test_a_file_says_all_about_the_road(full: Track) -> None:
+    surface = full.surface
+    assert surface.bumps == CLASSES["A"]
+    assert surface.seed == 7
+    assert surface.wet == (WetPatch(100.0, 150.0, 0.6), WetPatch(1150.0, 20.0, 0.7))
+    assert (surface.wind.speed, surface.wind.towards, surface.wind.gusts) == (8.0, math.radians(90.0), 0.2)
+    assert [(part.side, part.kind.name) for part in surface.run_off] == [("right", "GRAVEL"), ("both", "ASPHALT")]
+    assert (surface.walls.friction, surface.walls.restitution, surface.walls.hit) == (0.3, 0.2, 2.5)
+    assert float(full.at(full.bank, 450.0)) == pytest.approx(math.tan(math.radians(-4.0)))
+    assert float(full.at(full.bank, 0.0)) == float(full.at(full.bank, 900.0)) == 0.0
+    assert (full.bank <= 0.0).all()  # without overshoot
+    assert (full.bank >= math.tan(math.radians(-4.0)) - 1e-12).all()
+
+
+def test_by_default_there_is_nothing(tmp_path: Path) -> None:
+    surface = read(tmp_path, OVAL).surface
+    assert surface.bank is None
+    assert (surface.bumps, surface.wet, surface.run_off, surface.wind.speed) == (0.0, (), (), 0.0)
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ("banking_deg: [[0, 1]]", "banking_deg must be a list of at least two pairs"),
+        ("banking_deg: [[0, 1], [300, 50]]", "entry 2: the angle is 50 deg; at most 45"),
+        ("banking_deg: [[300, 1], [200, 2]]", "distances must grow from 0 and stay below the length of 1200 m"),
+        ("bumps: {class: Z, seed: 1}", "bumps: class must be one of A, B"),
+        ("bumps: {class: A, density_m3: 1e-6, seed: 1}", "either class or density_m3"),
+        ("bumps: {density_m3: 16, seed: 1}", "density_m3 is 16; m3, as 16e-6 of class A"),
+        ("bumps: {class: A, seed: -1}", "bumps: seed must be a whole number from 0"),
+        ("bumps: {class: A}", "bumps: seed is missing"),
+        ("wet: {from_m: 0, to_m: 1, grip: 1}", "wet must be a list"),
+        ("wet: [{from_m: 0, to_m: 1300, grip: 1}]", "wet: part 1: from_m and to_m must be 0 to the length of 1200 m"),
+        ("wet: [{from_m: 0, to_m: 10, grip: 0}]", "wet: part 1: grip must be above 0"),
+        ("wind: {speed_m_s: 200, towards_deg: 0, gusts: 0, seed: 0}", "wind: wind must have a speed of 0 to 60 m/s"),
+        ("wind: {speed_m_s: 5, towards_deg: 0, gusts: 0}", "wind: seed is missing"),
+        ("run_off_kinds: [{from_m: 0, to_m: 9, side: up, kind: grass}]", "part 1: side must be one of left, right"),
+        ("run_off_kinds: [{from_m: 0, to_m: 9, side: left, kind: lava}]", "kind must be one of asphalt, grass, gravel"),
+        ("walls: {friction: -1}", "walls: walls must have a friction of 0 to 2"),
+        ("walls: {rubber: 1}", "walls: unknown key 'rubber'"),
+    ],
+)
+def test_what_no_road_has_is_refused_with_its_key(tmp_path: Path, keys: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message.replace("(", r"\(")):
+        read(tmp_path, OVAL + keys)
+
+
+def test_a_track_refuses_a_surface_that_does_not_fit(full: Track) -> None:
+    with pytest.raises(ValueError, match="bank has 3 samples"):
+        replace(full, surface=replace(full.surface, bank=np.zeros(3)))
+    with pytest.raises(ValueError, match="banked by 60 deg"):
+        replace(full, surface=replace(full.surface, bank=np.full(len(full.centre.s), math.sqrt(3.0))))
+
+
+def test_the_mirror_image_is_banked_and_blown_on_the_other_side(full: Track) -> None:
+    there = full.mirrored()
+    assert (there.bank == -full.bank).all()
+    assert there.surface.wind.towards == -full.surface.wind.towards
+    assert [part.side for part in there.surface.run_off] == ["left", "both"]
+    assert (there.mirrored().bank == full.bank).all()
+    offset = np.linspace(-5.0, 5.0, 11)
+    assert there.points(np.full(11, 450.0), -offset)[:, 2] == pytest.approx(
+        full.points(np.full(11, 450.0), offset)[:, 2]
+    )
+
+
+def test_run_off_is_grass_with_gravel_where_it_is_wide() -> None:
+    s, widths = np.array([0.0, 10.0, 20.0]), (np.array([5.0, 19.0, 30.0]), np.array([40.0, 5.0, 5.0]))
+    left, right = run_off_kinds(s, widths, ())
+    assert left.tolist() == [RunOffKind.GRASS, RunOffKind.GRASS, RunOffKind.MIXED]
+    assert right.tolist() == [RunOffKind.MIXED, RunOffKind.GRASS, RunOffKind.GRASS]
+    assert GRASS_STRIP < 20.0
+
+
+def test_lines_have_the_height_of_the_road_below_them(full: Track) -> None:
+    track = full.with_ideal(np.full(len(full.centre.s), 3.0))
+    line = track.line(1.0)
+    assert line.height is not None
+    progress = np.interp(line.s, [0.0, line.length], [0.0, track.length])
+    near = track.points(np.array([450.0]), 3.0)[0, 2]
+    assert float(np.interp(450.0, progress, line.height)) == pytest.approx(near, abs=0.05)
+    middle = track.line(0.0)
+    assert middle.height is not None
+    assert (middle.height == track.elevation).all()
+    assert middle.grade == pytest.approx(track.grade, abs=2e-4)
+    assert middle.crest == pytest.approx(track.crest, abs=2e-5)
+
+
+def test_heights_of_a_closed_lap_sum_to_nothing(full: Track) -> None:
+    line = full.line(0.0)
+    assert abs(np.sum(line.grade[:-1]) * line.spacing) < 1e-9
+    assert abs(np.sum(line.crest[:-1]) * line.spacing) < 1e-9
+    flat = replace(full, elevation=np.zeros(len(full.elevation)), surface=replace(full.surface, bank=None)).line(0.0)
+    assert flat.height is None
+    assert not flat.grade.any()
+    assert not flat.crest.any()
