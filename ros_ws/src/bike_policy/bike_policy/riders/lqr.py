@@ -66,8 +66,8 @@ class LqrSettings:
     lateral: float = 1.0
     heading: float = 0.45
     roll_rate: float = 0.016
-    steer_rate: float = 0.0012
-    drive: float = 0.0043
+    steer_rate: float = 0.007
+    drive: float = 0.03
     horizon: float = 3.0
     delay: int = 0
 
