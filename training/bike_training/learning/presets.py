@@ -132,21 +132,22 @@ Why each of them was chosen is in docs/training.md, what came of them in docs/re
 RACE: Final = Preset(
     name="race",
     task=RaceSettings(),
-    curriculum=RaceCurriculumSettings(spread=0.12),
+    curriculum=RaceCurriculumSettings(spread=0.1, failure_share=0.25, validate_every=20_000, select_every=50_000),
     learner="sbx",
     environments=32,
     updates=8,
     layers=(64, 64),
+    layer_norm=True,
     batch_size=256,
     learning_rate=5e-4,
     final_learning_rate=5e-5,
     gamma=0.98,
     learning_starts=2000,
     policy_delay=2,
-    target_entropy=-4.0,
+    target_entropy=-6.0,
     mirror=True,
     averaging=0.999,
-    steps=1_000_000,
+    steps=500_000,
 )
 """The default of superbikes: many machines in one compiled loop, a compact observation, calm commands."""
 
