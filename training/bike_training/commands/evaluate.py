@@ -37,7 +37,7 @@ EXAMPLES = """examples:
   bike evaluate whipple --course junction --speeds 4
   bike evaluate --rider mpc                    a rider that is not learned
   bike evaluate --rider lqr --disturbances noise delay_50 mine.yaml
-  bike evaluate racer --superbike --machines panigale_v4r,r1 --circuits barcelona,cremona
+  bike evaluate runs/r/policy --superbike --machines panigale_v4r,r1 --circuits barcelona,cremona
   bike evaluate --compare whipple lqr mpc stanley   side by side in one table
 """
 

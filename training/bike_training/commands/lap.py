@@ -38,7 +38,7 @@ _EXAMPLES: Final = """examples:
   bike lap                                                     the Panigale V4 R, three flying laps of Barcelona
   bike lap --vehicle r1 --course monza.csv --laps 1            a circuit from a CSV file
   bike lap --nodes --out out/lap                               through the nodes: lap.mcap and the report lap.html
-  bike lap --rider racer                                       a learned rider
+  bike lap --rider runs/r/policy                               a learned rider
   bike lap --all --json                                        all machines on all circuits, as one JSON object
 
 The first lap, from a rolling start, is not counted. Lines once computed are kept in $BIKE_CACHE, else ~/.cache/bike."""
