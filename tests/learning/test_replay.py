@@ -300,6 +300,9 @@ def test_a_start_survives_as_a_message_whatever_is_in_it():
         context=(1.5, 2.5),
         line=0.25,
         progress=12.5,
+        speed_share=0.5,
+        start_offset=0.2,
+        start_heading=0.05,
     )
     for value in (config, request):
         for spec in fields(value):
