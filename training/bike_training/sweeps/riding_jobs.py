@@ -37,7 +37,7 @@ _EVALUATE_KINDS: Final[Mapping[str, tuple[type, ...]]] = {
 START_SECONDS: Final = 6.0
 """Processor time until the first ride: packages and kernels are loaded, s."""
 RIDE_SECONDS: Final = {"pybullet": 1.5, "whipple": 0.4}
-"""Processor time of a ride of an evaluation at a step of 1 ms, by engine, s. Measured: docs/scaling.md."""
+"""Processor time of a ride of an evaluation at a step of 1 ms, by engine, s. Rough estimate."""
 LAP_SECONDS: Final = 30.0
 """Processor time of a lap of a superbike with the classical rider, s."""
 LINE_SECONDS: Final = 20.0

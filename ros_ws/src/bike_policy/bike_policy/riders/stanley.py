@@ -94,7 +94,7 @@ class StanleyRider:
             ValueError: a superbike, whose command is a lean and not a steering angle.
         """
         if isinstance(vehicle, Superbike):
-            raise ValueError(f"rider {self.name!r} steers bicycles by set value, and {vehicle.name!r} is a superbike")
+            raise ValueError(f"rider {self.name!r} steers bicycles by set point, and {vehicle.name!r} is a superbike")
         if self._machine != (vehicle, period):
             self._loops.clear()
         self._machine = (vehicle, period)
