@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +26,10 @@ PATIENCE = 900.0
 class Driver:
     """`bike sweep` as a program of its own."""
 
-    def __init__(self, spec: Path, out: Path, *more: str, background: bool = False) -> None:
-        """Start it; `background` as a shell without job control does, with SIGINT ignored."""
+    def __init__(
+        self, spec: Path, out: Path, *more: str, background: bool = False, environment: Mapping[str, str] | None = None
+    ) -> None:
+        """Start it in a process group of its own, as a shell does; `background` with SIGINT ignored."""
         self.out = out
         self.words = out.parent / f"{out.name}_{time.monotonic_ns()}.txt"
         command = [sys.executable, "-m", "bike_training.cli", "sweep", str(spec), "--out", str(out), *more]
@@ -34,7 +37,9 @@ class Driver:
             ignore = signal.SIG_IGN if background else signal.default_int_handler
             before = signal.signal(signal.SIGINT, ignore)
             try:
-                self.process = subprocess.Popen(command, stdout=file, stderr=subprocess.STDOUT)
+                self.process = subprocess.Popen(
+                    command, stdout=file, stderr=subprocess.STDOUT, process_group=0, env=environment
+                )
             finally:
                 signal.signal(signal.SIGINT, before)
 
@@ -46,6 +51,10 @@ class Driver:
             assert self.process.poll() is None, self.words.read_text()
             time.sleep(0.05)
         return found
+
+    def type_control_c(self) -> None:
+        """Do what a terminal does: its whole process group gets the signal."""
+        os.killpg(self.process.pid, signal.SIGINT)
 
     def family(self) -> list[psutil.Process]:
         """Return the driver and all processes below it."""

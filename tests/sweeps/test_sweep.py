@@ -11,18 +11,25 @@ import pytest
 
 from bike_sim.recording.in_use import claim_folder
 from bike_training.cli import main
+from bike_training.sweeps.spec import load_sweep
+from bike_training.sweeps.worker import execute
 
-from .conftest import tiny
-from .drivers import assert_as_undisturbed
+from .conftest import assert_same, learned, tiny
 
 pytest.importorskip("ray")
 
 
 @pytest.mark.slow
-def test_ray_listens_on_this_machine_only_and_the_sweep_is_its_runs(tmp_path: Path, write, drive) -> None:
-    """Every socket of every process of it; and what came of the runs is what comes of them without it."""
-    spec = write(tiny(grid={"seed": [0, 1]}))
-    driver = drive(spec, tmp_path / "out", "--json")
+def test_a_sweep_is_its_runs_one_that_fails_stops_no_other_and_ray_listens_here_only(
+    tmp_path: Path, write, drive
+) -> None:
+    """One sweep for all of it, for it takes longer to start than to run. Every socket of every process is looked at."""
+    spec, out = write(tiny(grid={"seed": [0, 1]})), tmp_path / "out"
+    broken, whole = load_sweep(spec).runs
+    damaged = out / "runs" / broken.name / "checkpoint" / "state.json"
+    damaged.parent.mkdir(parents=True)
+    damaged.write_text("{")
+    driver = drive(spec, out, "--json", "--cores", "1")
     driver.until(driver.workers)
     addresses = set()
     for process in driver.family():
@@ -32,11 +39,14 @@ def test_ray_listens_on_this_machine_only_and_the_sweep_is_its_runs(tmp_path: Pa
             continue  # it has just ended
     assert addresses
     assert addresses <= {"127.0.0.1", "::ffff:127.0.0.1", "::1"}
-    assert driver.end() == 0
-    printed = driver.words.read_text().strip().splitlines()
-    assert len(printed) == 1, printed
-    assert json.loads(printed[0])["figures"]["runs_by_status"]["finished"] == 2
-    assert_as_undisturbed(spec, tmp_path / "out", tmp_path / "alone")
+    assert driver.end() == 1
+    told, answer = driver.words.read_text().strip().splitlines()
+    assert told.startswith(f"{broken.name}: failed: ValueError: ")
+    figures = json.loads(answer)["figures"]
+    assert figures["runs_by_status"] == {"finished": 1, "failed": 1, "interrupted": 0, "missing": 0}
+    assert list(figures["failures"]) == [broken.name]
+    assert execute(whole, tmp_path / "alone")["status"] == "finished"
+    assert_same(learned(out / "runs" / whole.name), learned(tmp_path / "alone"))
 
 
 def test_two_sweeps_do_not_share_a_folder(tmp_path: Path, write, capsys) -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Final, Self
 
 from bike_policy.contract.bundle import DEFAULT_POLICY
+from bike_policy.riders.classical import CLASSICAL
 from bike_policy.riders.learned import LearnedRider
 from bike_policy.riders.rider import make_rider
 from bike_sim.course.files import load_course, load_track
@@ -39,13 +41,40 @@ START_SECONDS: Final = 6.0
 RIDE_SECONDS: Final = {"pybullet": 1.5, "whipple": 0.4}
 """Processor time of a ride of an evaluation at a step of 1 ms, by engine, s. Rough estimate."""
 LAP_SECONDS: Final = 30.0
-"""Processor time of a lap of a superbike with the classical rider, s."""
+"""Processor time of a lap of a superbike, s."""
 LINE_SECONDS: Final = 20.0
 """Processor time of the line of one machine on one circuit, where it is not in the cache yet, s."""
 
 
+class RidingJob(ABC):
+    """Rides whose figures stay in the folder of the run; curves are drawn from them."""
+
+    cores: ClassVar[float] = 1.0
+
+    @abstractmethod
+    def ride(self, tell: Tell) -> dict[str, Any]:
+        """Ride all of it and return plain figures."""
+
+    @staticmethod
+    @abstractmethod
+    def points(figures: Mapping[str, Any]) -> list[tuple[str, float, float]]:
+        """Return the curves that figures hold."""
+
+    def run(self, folder: Path, tell: Tell) -> JobEnd:
+        """Ride, and keep the figures."""
+        figures = self.ride(tell)
+        (folder / FIGURES_FILE).write_text(json.dumps(figures), encoding="utf-8")
+        return JobEnd({name: value for name, value in figures.items() if not isinstance(value, list | dict)})
+
+    @classmethod
+    def curve(cls, folder: Path) -> list[tuple[str, float, float]]:
+        """Return its curves; none where it has not finished."""
+        path = folder / FIGURES_FILE
+        return cls.points(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else []
+
+
 @dataclass(frozen=True)
-class EvaluateJob:
+class EvaluateJob(RidingJob):
     """An evaluation of a policy, as `bike evaluate`.
 
     Attributes:
@@ -63,7 +92,6 @@ class EvaluateJob:
     client: str
     config: SimulatorConfig
 
-    cores: ClassVar[float] = 1.0
     memory_gb: ClassVar[float] = 0.8
     axis: ClassVar[str] = "speed_m_s"
 
@@ -100,7 +128,7 @@ class EvaluateJob:
         ride = RIDE_SECONDS.get(self.config.engine, RIDE_SECONDS["pybullet"])
         return START_SECONDS + rides * ride * 0.001 / self.config.time_step
 
-    def run(self, folder: Path, tell: Tell) -> JobEnd:
+    def ride(self, tell: Tell) -> dict[str, Any]:
         """Ride all of it."""
         rider, ridden = make_rider(self.policy), 0
         total = len(self.speeds) * (1 + self.random_rides)
@@ -112,19 +140,16 @@ class EvaluateJob:
 
         client = make_client(self.client, self.config)
         try:
-            figures = evaluate(
+            return evaluate(
                 lambda request, longest: ride_through(client, rider, request, longest),
                 self.course, self.speeds, self.random_rides, self.seed, tick,
             )  # fmt: skip
         finally:
             client.close()
-        _keep(folder, figures)
-        return JobEnd({name: value for name, value in figures.items() if isinstance(value, int | float)})
 
     @staticmethod
-    def curve(folder: Path) -> list[tuple[str, float, float]]:
+    def points(figures: Mapping[str, Any]) -> list[tuple[str, float, float]]:
         """Return mean and largest distance over the speed, on the course and on random paths."""
-        figures = _kept(folder)
         return [
             (f"{prefix}{name}", float(ride["speed_m_s"]), float(ride[name]))
             for prefix, key in (("", "rides"), ("random_", "random"))
@@ -134,61 +159,53 @@ class EvaluateJob:
 
 
 @dataclass(frozen=True)
-class LapJob:
-    """Laps of a superbike with the classical rider, as `bike lap`.
+class LapJob(RidingJob):
+    """Laps of a superbike, as `bike lap`.
 
     Attributes:
         vehicle: name or file of a superbike. course: name or file of a circuit. laps: flying laps.
+        rider: name of a rider or of a policy that races, or folder of one.
     """
 
     vehicle: str
     course: str
     laps: int
+    rider: str = CLASSICAL
 
-    cores: ClassVar[float] = 1.0
     memory_gb: ClassVar[float] = 1.0
     axis: ClassVar[str] = "lap"
 
     @classmethod
     def from_entries(cls, entries: Mapping[str, Any]) -> Self:
         """Check entries: those of `bike lap`."""
-        check_kinds("lap", entries, {"vehicle": (str,), "course": (str,), "laps": (int,)})
+        check_kinds("lap", entries, {"vehicle": (str,), "course": (str,), "laps": (int,), "rider": (str,)})
         vehicle, course = entries.get("vehicle", "panigale_v4r"), entries.get("course", "barcelona")
-        laps = entries.get("laps", 3)
+        laps, rider = entries.get("laps", 3), entries.get("rider", CLASSICAL)
         check_whole("laps", laps, 1)
         if not isinstance(load_vehicle(vehicle), Superbike):
             raise ValueError(f"vehicle {show(vehicle)} is no superbike; laps are ridden on superbikes")
         load_track(course)
-        return cls(vehicle, course, laps)
+        make_rider(rider)
+        return cls(vehicle, course, laps, rider)
 
     def estimate(self) -> float:
         """Return the processor time that it will take, s."""
         return START_SECONDS + LINE_SECONDS + LAP_SECONDS * (self.laps + 1)
 
-    def run(self, folder: Path, tell: Tell) -> JobEnd:
+    def ride(self, tell: Tell) -> dict[str, Any]:
         """Ride the out-lap and the flying laps."""
-        ride = ride_laps(
+        ridden = ride_laps(
             self.vehicle,
             self.course,
             self.laps,
+            rider=make_rider(self.rider),
             tell=lambda snapshot, length: (
                 tell(snapshot.progress, length * (self.laps + 1), "") if snapshot.step % 50 == 0 else None
             ),
         )
-        figures = pair_figures(ride, self.laps)
-        _keep(folder, figures)
-        return JobEnd({name: value for name, value in figures.items() if not isinstance(value, list)})
+        return pair_figures(ridden, self.laps)
 
     @staticmethod
-    def curve(folder: Path) -> list[tuple[str, float, float]]:
+    def points(figures: Mapping[str, Any]) -> list[tuple[str, float, float]]:
         """Return the times of the flying laps, which begin with lap 2."""
-        return [("lap_s", float(lap), float(time)) for lap, time in enumerate(_kept(folder).get("laps_s", []), start=2)]
-
-
-def _keep(folder: Path, figures: dict[str, Any]) -> None:
-    (folder / FIGURES_FILE).write_text(json.dumps(figures), encoding="utf-8")
-
-
-def _kept(folder: Path) -> dict[str, Any]:
-    path = folder / FIGURES_FILE
-    return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+        return [("lap_s", float(lap), float(time)) for lap, time in enumerate(figures["laps_s"], start=2)]

@@ -215,7 +215,7 @@ def _absolute(found: tuple[str, dict[str, Any]], folder: Path) -> tuple[str, dic
     near = {
         key: str((folder / value).resolve())
         for key, value in entries.items()
-        if isinstance(value, str) and key in ("vehicle", "course", "policy") and (folder / value).exists()
+        if isinstance(value, str) and key in ("vehicle", "course", "policy", "rider") and (folder / value).exists()
     }
     return task, {**entries, **near}
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+import math
+from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -160,3 +161,34 @@ class Task(Protocol):
 def sum_of(terms: Mapping[str, FloatArray]) -> FloatArray:
     """Return the reward that its terms make."""
     return functools.reduce(np.add, terms.values())
+
+
+def check_weights(weights: Mapping[str, float], known: Collection[str], negative: bool = False) -> None:
+    """Check the weights of a reward.
+
+    Args:
+        weights: of the terms by name.
+        known: names of all terms.
+        negative: whether weights may be less than 0.
+
+    Raises:
+        ValueError: naming the term and its weight.
+    """
+    unknown = sorted(set(weights) - set(known))
+    if unknown or not weights:
+        raise ValueError(f"reward has unknown terms {unknown}; there are {', '.join(known)}")
+    wanted = "finite" if negative else "finite and not negative"
+    for name, weight in weights.items():
+        if not (math.isfinite(weight) and (negative or weight >= 0.0)):
+            raise ValueError(f"weight of the reward term {name} must be {wanted}, got {weight!r}")
+
+
+def check_positive_settings(task: Any, names: Collection[str]) -> None:
+    """Check that settings of a task are positive.
+
+    Raises:
+        ValueError: naming the setting and its value.
+    """
+    for name in names:
+        if not getattr(task, name) > 0:
+            raise ValueError(f"{name} must be positive, got {getattr(task, name)!r}")

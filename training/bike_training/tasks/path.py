@@ -21,7 +21,7 @@ from bike_sim.physics.state import ROLL
 from bike_sim.sim import look as lk
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.vehicles.bicycle import Vehicle
-from bike_training.tasks.base import FloatArray, Verdict
+from bike_training.tasks.base import FloatArray, Verdict, check_positive_settings, check_weights
 
 DISTANCE_THRESHOLD: Final = 3.5
 """eta_y, m."""
@@ -103,17 +103,10 @@ class PathTask:
         Raises:
             ValueError: naming the value.
         """
-        unknown = sorted(set(self.weights) - set(REWARD_TERMS))
-        if unknown or not self.weights:
-            raise ValueError(f"reward has unknown terms {unknown}; there are {', '.join(REWARD_TERMS)}")
-        for name, weight in self.weights.items():
-            if not math.isfinite(weight):
-                raise ValueError(f"weight of the reward term {name} must be finite, got {weight!r}")
+        check_weights(self.weights, REWARD_TERMS, negative=True)
         if self.contact not in ("rear", "front"):
             raise ValueError(f"contact must be rear or front, got {self.contact!r}")
-        for name in ("max_steps", "sharpness", "max_steer"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive, got {getattr(self, name)!r}")
+        check_positive_settings(self, ("max_steps", "sharpness", "max_steer"))
 
     @property
     def preview(self) -> Preview:

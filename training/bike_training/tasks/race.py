@@ -26,7 +26,7 @@ from bike_sim.physics.state import ROLL, ROLL_RATE, STEER
 from bike_sim.sim import look as lk
 from bike_sim.sim.request import COURSE_POINTS, Preview, ResetRequest
 from bike_sim.vehicles.bicycle import Vehicle
-from bike_training.tasks.base import FloatArray, Verdict
+from bike_training.tasks.base import FloatArray, Verdict, check_positive_settings, check_weights
 
 HISTORY_LEAST: Final = 0.014
 HISTORY_SLOPE: Final = 182.883569
@@ -178,15 +178,8 @@ class RaceTask:
         Raises:
             ValueError: naming the value.
         """
-        unknown = sorted(set(self.weights) - set(REWARD_TERMS))
-        if unknown or not self.weights:
-            raise ValueError(f"reward has unknown terms {unknown}; there are {', '.join(REWARD_TERMS)}")
-        for name, weight in self.weights.items():
-            if not (math.isfinite(weight) and weight >= 0.0):
-                raise ValueError(f"weight of the reward term {name} must be finite and not negative, got {weight!r}")
-        for name in ("max_steps", "largest_lean", "lean_scale", "validation_duration"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive, got {getattr(self, name)!r}")
+        check_weights(self.weights, REWARD_TERMS)
+        check_positive_settings(self, ("max_steps", "largest_lean", "lean_scale", "validation_duration"))
         for name in ("off_track_time", "wrong_way_time", "stalled_time"):
             if not getattr(self, name) >= 0.0:
                 raise ValueError(f"{name} must not be negative, got {getattr(self, name)!r}")

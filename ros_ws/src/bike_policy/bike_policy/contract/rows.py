@@ -7,15 +7,13 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from bike_policy.contract.observation import Blocks, FloatArray
 
 
-class RowBlocks(Protocol):
-    """Blocks of vehicles side by side, as a batch has them; one row each.
+class RowBlocks(Blocks, Protocol):
+    """Named blocks of vehicles side by side, as a batch has them; one row each, with what circuits and machines add.
 
     Attributes:
-        state: minimal states, shape (n, 10). look: derived quantities, shape (n, 12).
-        preview_y: lateral offsets of the preview points, m, shape (n, points).
         signals: telemetry, shape (n, signals).
         place: position relative to the centre line of a circuit, m, shape (n, 4); NaN elsewhere.
         circuit: position relative to the limits, shape (n, k); NaN elsewhere.
@@ -23,12 +21,6 @@ class RowBlocks(Protocol):
         fallen: which rides are over, shape (n,).
     """
 
-    @property
-    def state(self) -> FloatArray: ...  # noqa: D102
-    @property
-    def look(self) -> FloatArray: ...  # noqa: D102
-    @property
-    def preview_y(self) -> FloatArray: ...  # noqa: D102
     @property
     def signals(self) -> FloatArray: ...  # noqa: D102
     @property
