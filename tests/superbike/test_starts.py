@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as some
 
 from bike_sim.physics import state as st
@@ -38,6 +38,7 @@ def machine() -> Iterator[Simulator]:
     heading=some.floats(-0.3, 0.3),
     line=some.sampled_from((0.0, 0.5, 1.0)),
 )
+@example(progress=0.0, share=0.5, offset=2.0, heading=0.0, line=1.0)  # 0.9 m outside, on the bumps of the grass
 @QUICK
 def test_a_start_is_where_and_as_fast_as_asked(
     machine: Simulator, circuit: Path, progress: float, share: float, offset: float, heading: float, line: float

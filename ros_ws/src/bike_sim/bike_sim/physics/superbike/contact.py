@@ -48,6 +48,7 @@ class Contact(NamedTuple):
     Attributes:
         point: lowest of the undeformed tyre, m. gap: its distance from the ground, m, negative when pressed in.
         heading: unit vector. left: unit vector. normal: of the ground, unit vector, upward.
+        smooth: the same as if there were no bumps.
         lean: sine of the camber.
         radius: rolling radius R_e, m.
     """
@@ -57,6 +58,7 @@ class Contact(NamedTuple):
     heading: Vec
     left: Vec
     normal: Vec
+    smooth: Vec
     lean: float
     radius: float
 
@@ -215,7 +217,7 @@ def wheel_contact(centre: Vec, axle: Vec, radius: float, crown: float, patch: Re
     left = left[0] / k, left[1] / k, left[2] / k
     heading = cross(left, normal)
     gap = (point[2] - ground.height) * normal[2]
-    return Contact(point, gap, heading, left, normal, lean, radius - crown + crown * k)
+    return Contact(point, gap, heading, left, normal, ground.smooth, lean, radius - crown + crown * k)
 
 
 @njit(cache=True)
@@ -247,7 +249,9 @@ def tyre_force(
         dt: time step, s.
         tyre: its parameters.
     """
-    load = tyres.normal_load(contact.gap, dot(wheel.velocity, contact.normal), tyre)
+    # In the machine the tyre's spring lies between the road and the suspension's damper, which so does not feel how
+    # steep a short bump is; here both act side by side, and the damper knows the road without bumps.
+    load = tyres.normal_load(contact.gap, dot(wheel.velocity, contact.smooth), tyre)
     along = dot(wheel.velocity, contact.heading)
     # the contact wanders along the ground with the wheel's centre, whatever the pitch rate of its carrier
     speed = abs(along + dot(wheel.carrier, wheel.axle) * contact.radius)

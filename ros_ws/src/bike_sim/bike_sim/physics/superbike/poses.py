@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from numba import njit
 
@@ -46,18 +47,42 @@ def read_state(
     return state_at(position, orientation, omega, grounds[0].rear, constants[0])
 
 
+class Footing(NamedTuple):
+    """The ground on which a machine is put down.
+
+    Attributes:
+        height: of the ground under the rear contact, m. normal: there, without bumps.
+        rise: of the ground under the front contact over the plane through the rear contact, m.
+        climb: slope of the road there along the heading over the plane's, without bumps.
+    """
+
+    height: float
+    normal: Vec
+    rise: float
+    climb: float
+
+
 @njit(cache=True)
-def ground_below(x: float, y: float, grounds: Record, bumps: Record) -> tuple[float, Vec]:
-    """Return height (m) and normal of the ground under the rear wheel at a point of the map, the normal without bumps.
+def footing(x: float, y: float, yaw: float, wheelbase: float, grounds: Record, bumps: Record) -> Footing:
+    """Return the ground under both wheels of a machine whose rear contact is at a point of the map.
 
     Args:
         x: m.
         y: m.
+        yaw: rad.
+        wheelbase: m.
         grounds: of `ground.GROUND`, shape (1,).
         bumps: profiles, see `ground.Ground`.
     """
-    patch = grounds[0].rear
-    return surface_at(x, y, patch, bumps[grounds[0].profile]).height, smooth_normal(x, y, patch)
+    profile = bumps[grounds[0].profile]
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    rear = surface_at(x, y, grounds[0].rear, profile)
+    plane = -(cos * rear.smooth[0] + sin * rear.smooth[1]) / rear.smooth[2]
+    reach = wheelbase / math.sqrt(1.0 + plane * plane)
+    front = surface_at(x + reach * cos, y + reach * sin, grounds[0].front, profile)
+    slope = -(cos * front.smooth[0] + sin * front.smooth[1]) / front.smooth[2]
+    rise = (front.height - rear.height - reach * plane) * rear.smooth[2]
+    return Footing(rear.height, rear.smooth, rise, slope - plane)
 
 
 @njit(cache=True)
@@ -76,7 +101,7 @@ def offsets(orientation: Quaternion, normal: Vec, constants: Record) -> tuple[Ve
 
 
 @njit(cache=True)
-def settle(roll: float, steer: float, constants: Record) -> tuple[float, float]:
+def settle(roll: float, steer: float, rise: float, constants: Record) -> tuple[float, float]:
     """Return ``(pitch, height)`` of the frame at which both tyres carry the standing machine's loads.
 
     Both are relative to the plane of the ground: pitch in rad, positive nose down; height of the frame's centre of mass
@@ -86,6 +111,7 @@ def settle(roll: float, steer: float, constants: Record) -> tuple[float, float]:
     Args:
         roll: to the plane's normal, rad.
         steer: rad.
+        rise: of the ground under the front wheel over the plane, m.
         constants: of the machine, shape (1,).
     """
     geometry, machine = constants[0].geometry, constants[0].machine
@@ -103,7 +129,7 @@ def settle(roll: float, steer: float, constants: Record) -> tuple[float, float]:
         rear_low = lowest_point(rear, ey, machine.rR, rear_crown, up)
         front_low = lowest_point(front, axle, machine.rF, front_crown, up)
         height = -geometry.rear_static - rear_low[2]
-        gap = height + front_low[2] + geometry.front_static
+        gap = height + front_low[2] - rise + geometry.front_static
         # the nose turns about the rear axle: a unit of pitch lowers the front contact by its distance ahead
         change = gap / (cr * (front_low[0] - rear_low[0]))
         pitch += change

@@ -13,7 +13,7 @@ from bike_sim.physics import kinematics, mapping
 from bike_sim.physics import state as st
 from bike_sim.physics.ground import Ground
 from bike_sim.physics.state import StateVector
-from bike_sim.physics.superbike.poses import ground_below, offsets, settle
+from bike_sim.physics.superbike.poses import Footing, footing, offsets, settle
 from bike_sim.physics.tree import Body, Slider, principal_axes, vehicle_tree
 from bike_sim.vehicles.superbike import Superbike
 
@@ -66,7 +66,7 @@ def start_of(
     """Return the motion that belongs to a minimal state, with the tyres carrying the standing machine.
 
     The rear wheel rolls without slip; yaw rate and sideways velocity are those of ideal rolling on the plane of the
-    ground. The rider hangs off as he does at this lean.
+    ground. Both wheels stand on the bumps, crest or dip that they are on. The rider hangs off as he does at this lean.
 
     Args:
         vehicle: the machine.
@@ -78,23 +78,26 @@ def start_of(
     Raises:
         ValueError: no such configuration or rolling motion exists.
     """
-    height, normal = ground_below(state[st.X], state[st.Y], *ground)
-    start, (x, y) = _start_on(vehicle, constants, tree, state, height, np.array(normal))
+    x, y, yaw = (float(state[k]) for k in (st.X, st.Y, st.YAW))
+    below = footing(x, y, yaw, vehicle.w, *ground)
+    start, (x, y) = _start_on(vehicle, constants, tree, state, below)
     # The road's slope counts where the wheel's centre is, which is not above the contact where the machine leans.
-    _, there = ground_below(x, y, *ground)
-    return start if there == normal else _start_on(vehicle, constants, tree, state, height, np.array(there))[0]
+    there = footing(x, y, yaw, vehicle.w, *ground).normal
+    if there == below.normal:
+        return start
+    return _start_on(vehicle, constants, tree, state, below._replace(normal=there))[0]
 
 
 def _start_on(
-    vehicle: Superbike, constants: NDArray[np.void], tree: tuple[Body, ...], state: StateVector, height: float,
-    normal: mapping.Vector,
-) -> tuple[Start, tuple[float, float]]:  # fmt: skip
-    """Return the start on the plane with this normal and height (m) at the rear contact, and the wheel's centre."""
+    vehicle: Superbike, constants: NDArray[np.void], tree: tuple[Body, ...], state: StateVector, ground: Footing
+) -> tuple[Start, tuple[float, float]]:
+    """Return the start on the ground under both wheels, and where the rear wheel's centre is."""
     roll, steer, yaw = state[st.ROLL], state[st.STEER], state[st.YAW]
+    normal = np.array(ground.normal)
     heading, bank = _along(yaw, normal)
     plane = state.copy()
     plane[st.ROLL] = camber = roll - bank
-    pitch, above = settle(camber, steer, constants)
+    pitch, above = settle(camber, steer, ground.rise, constants)
     if not math.isfinite(pitch):
         raise ValueError(
             f"no configuration with both wheels on the ground at roll {math.degrees(roll):.1f} deg and "
@@ -113,16 +116,18 @@ def _start_on(
     # Where the rear contact lies from the frame says where the frame must be: `above` the plane through the contact
     centre, low = offsets(tuple(orientation), tuple(normal), constants)
     aside = low[0] * normal[0] + low[1] * normal[1]
-    contact = np.array([state[st.X], state[st.Y], height])
-    position = np.array([contact[0] - low[0], contact[1] - low[1], height + (above + aside) / normal[2]])
+    contact = np.array([state[st.X], state[st.Y], ground.height])
+    position = np.array([contact[0] - low[0], contact[1] - low[1], ground.height + (above + aside) / normal[2]])
     left = mapping.rotate(frame, np.array([0.0, 1.0, 0.0]))
+    front_radius = vehicle.rF - vehicle.front_tyre.crown * (1.0 - math.cos(camber))
+    rear_radius = vehicle.rR - vehicle.rear_tyre.crown * (1.0 - math.cos(camber))
+    speed = state[st.FRONT_WHEEL_RATE] * front_radius
+    # it turns with the road into the crest or the dip that it is on
+    pitch_rate -= speed * ground.climb / vehicle.w
     # of the frame about the heading, so that the roll to the vertical has the rate of the state
     steady = heading[2] * (pitch_rate * left[2] + yaw_rate * normal[2]) / (1.0 - heading[2] ** 2)
     omega = (state[st.ROLL_RATE] + steady) * heading + pitch_rate * left
     omega = omega + yaw_rate * normal
-    front_radius = vehicle.rF - vehicle.front_tyre.crown * (1.0 - math.cos(camber))
-    rear_radius = vehicle.rR - vehicle.rear_tyre.crown * (1.0 - math.cos(camber))
-    speed = state[st.FRONT_WHEEL_RATE] * front_radius
     velocity = speed * heading + np.cross(omega, position - contact)
     slide = -vehicle.rider.slide * max(-1.0, min(1.0, math.degrees(roll) / vehicle.rider.slide_lean_deg))
     start = Start(

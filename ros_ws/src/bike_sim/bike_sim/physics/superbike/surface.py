@@ -24,10 +24,12 @@ class Surface(NamedTuple):
     Attributes:
         height: m, in the map.
         normal: unit vector, upward.
+        smooth: the same as if there were no bumps.
     """
 
     height: float
     normal: Vec
+    smooth: Vec
 
 
 @njit(cache=True)
@@ -60,11 +62,12 @@ def surface_at(x: float, y: float, patch: Record, profile: NDArray) -> Surface:
     along, left = patch.cos * dx + patch.sin * dy, patch.cos * dy - patch.sin * dx
     height = patch.height + (patch.grade + 0.5 * patch.crest * along) * along + patch.bank * left
     slope = patch.grade + patch.crest * along
+    smooth = normal = _normal(slope, patch)
     if patch.bumps != 0.0:
         bump, tilt = bump_at(patch.arc + patch.stretch * along, profile)
         height += patch.bumps * bump
-        slope += patch.bumps * patch.stretch * tilt
-    return Surface(height, _normal(slope, patch))
+        normal = _normal(slope + patch.bumps * patch.stretch * tilt, patch)
+    return Surface(height, normal, smooth)
 
 
 @njit(cache=True)
