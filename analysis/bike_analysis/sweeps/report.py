@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import pandas as pd
 from matplotlib.figure import Figure
 
-from bike_analysis.sweeps.figures import comparisons, figure_names, finished, group_figures
-from bike_analysis.sweeps.pictures import curves_figure, inline_svg, intervals_figure, profiles_figure
-from bike_analysis.sweeps.report_page import sweep_page
+from bike_analysis.sweeps.figures import GroupFigure, comparisons, figure_names, finished, group_figures
+from bike_analysis.sweeps.pictures import STEP, curves_figure, inline_svg, intervals_figure, profiles_figure
+from bike_analysis.sweeps.report_page import PictureSection, sweep_page
 from bike_analysis.sweeps.tables import read_tables
 
 PAGE_NAME: Final = "report.html"
@@ -54,30 +55,55 @@ def report_sweep(folder: str | os.PathLike[str], out: str | os.PathLike[str] | N
         return report
     target = Path(out)
     target.mkdir(parents=True, exist_ok=True)
-    names = _least_alike(runs)[:DRAWN_FIGURES]
-    drawn: dict[str, tuple[Figure, str, str]] = {}
-    for axis in curves["axis"].unique():
-        part = curves[curves["axis"] == axis]
-        quantities = _quantities(part)
-        if quantities:
-            title = "Learning curves" if axis == "step" else f"Over the {str(axis).split('_')[0]}"
-            file = CURVES_PICTURE if axis == "step" else f"curves_{axis}.png"
-            caption = (
-                "Interquartile mean over runs with its 95 % bootstrap interval, as far as all have come; thin: runs."
-            )
-            drawn[title] = (curves_figure(runs, part, quantities, str(axis)), file, caption)
-    if names:
-        caption = "Share of runs that are at least as good, with its 95 % bootstrap interval."
-        drawn["Performance profiles"] = (profiles_figure(runs, names), PROFILES_PICTURE, caption)
-        drawn["Intervals"] = (intervals_figure(figures, names[0]), INTERVALS_PICTURE, "")
-    for picture, file, _ in drawn.values():
-        picture.savefig(target / file, dpi=160)
-    svgs = {title: (inline_svg(picture, title), caption) for title, (picture, _, caption) in drawn.items()}
-    (target / PAGE_NAME).write_text(sweep_page(name, runs, figures, compared, svgs), encoding="utf-8")
+    drawings = _draw(runs, curves, figures)
+    for drawing in drawings:
+        drawing.picture.savefig(target / drawing.file, dpi=160)
+    (target / PAGE_NAME).write_text(
+        sweep_page(name, runs, figures, compared, [drawing.section() for drawing in drawings]), encoding="utf-8"
+    )
     pd.DataFrame(figures).to_csv(target / FIGURES_CSV, index=False, float_format="%.10g")
     pd.DataFrame(compared).to_csv(target / COMPARISONS_CSV, index=False, float_format="%.10g")
-    written = {"page": target / PAGE_NAME, "pictures": [target / file for _, file, _ in drawn.values()]}
-    return report | {"page": str(written["page"]), "pictures": [str(path) for path in written["pictures"]]}  # type: ignore[attr-defined]
+    pictures = [str(target / drawing.file) for drawing in drawings]
+    return report | {"page": str(target / PAGE_NAME), "pictures": pictures}
+
+
+@dataclass(frozen=True)
+class _Drawing:
+    """A picture as a file, and its panels one by one for the page, where they find their own places."""
+
+    title: str
+    caption: str
+    file: str
+    picture: Figure
+    panels: Sequence[Figure]
+
+    def section(self) -> PictureSection:
+        svgs = [inline_svg(panel, f"{self.title} {place}") for place, panel in enumerate(self.panels)]
+        return PictureSection(self.title, self.caption, svgs)
+
+
+def _draw(runs: pd.DataFrame, curves: pd.DataFrame, figures: Sequence[GroupFigure]) -> list[_Drawing]:
+    """Draw curves, profiles and intervals, as far as there is something to draw."""
+    drawings = []
+    for axis in map(str, curves["axis"].unique()):
+        part = curves[curves["axis"] == axis]
+        quantities = _quantities(part)
+        if not quantities:
+            continue
+        title, file = ("Learning curves", CURVES_PICTURE) if axis == STEP else (f"Over the {axis.split('_')[0]}", "")
+        caption = "Interquartile mean over runs with its 95 % bootstrap interval, as far as all have come; thin: runs."
+        panels = [curves_figure(runs, part, [name], axis, legend=False) for name in quantities]
+        picture = curves_figure(runs, part, quantities, axis)
+        drawings.append(_Drawing(title, caption, file or f"curves_{axis}.png", picture, panels))
+    names = _least_alike(runs)[:DRAWN_FIGURES]
+    if names:
+        caption = "Share of runs that are at least as good, with its 95 % bootstrap interval."
+        panels = [profiles_figure(runs, [name], legend=False) for name in names]
+        picture = profiles_figure(runs, names)
+        drawings.append(_Drawing("Performance profiles", caption, PROFILES_PICTURE, picture, panels))
+        interval = intervals_figure(figures, names[0])
+        drawings.append(_Drawing("Intervals", "", INTERVALS_PICTURE, interval, [interval]))
+    return drawings
 
 
 def _least_alike(runs: pd.DataFrame) -> list[str]:

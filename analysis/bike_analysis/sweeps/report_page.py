@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from html import escape
+from typing import NamedTuple
 
 import pandas as pd
 
@@ -12,7 +13,20 @@ from bike_analysis.page.html import html_text, key_html, table_html
 from bike_analysis.page.lap_page import program_version
 from bike_analysis.page.shell import page_shell
 from bike_analysis.sweeps.figures import Comparison, GroupFigure, finished
-from bike_analysis.sweeps.pictures import label_of
+from bike_analysis.sweeps.pictures import group_colours, label_of
+
+
+class PictureSection(NamedTuple):
+    """A section of the page with the panels of a picture.
+
+    Attributes:
+        title: its headline. caption: below the panels, or empty. svgs: the panels.
+    """
+
+    title: str
+    caption: str
+    svgs: Sequence[str]
+
 
 _INTERVAL = "interquartile mean over runs; in brackets its 95 % bootstrap interval"
 
@@ -22,7 +36,7 @@ def sweep_page(
     runs: pd.DataFrame,
     figures: Sequence[GroupFigure],
     compared: Sequence[Comparison],
-    pictures: Mapping[str, tuple[str, str]],
+    pictures: Sequence[PictureSection],
 ) -> str:
     """Make the page.
 
@@ -31,20 +45,36 @@ def sweep_page(
         runs: its table of runs.
         figures: of its groups.
         compared: groups that share seeds.
-        pictures: title to SVG and caption.
+        pictures: in the order of the page.
 
     Returns:
         HTML without any reference to the outside.
     """
-    parts = [_key(runs), _failures(runs)]
-    parts += [
-        f'<section><h2>{escape(title)}</h2><figure class="card">{svg}<figcaption>{escape(caption)}</figcaption>'
-        "</figure></section>"
-        for title, (svg, caption) in pictures.items()
-    ]
+    legend = _legend(runs)
+    parts = [_key(runs), _failures(runs), *(_picture(section, legend) for section in pictures)]
     parts += [_figure_table(figures), _comparison_table(compared), _run_table(runs)]
     below = f'<p class="soft">{html_text(f"{len(runs)} runs · {program_version()}")}</p>'
     return page_shell(name, below, parts, [])
+
+
+def _picture(section: PictureSection, legend: str) -> str:
+    caption = f"<figcaption>{escape(section.caption)}</figcaption>" if section.caption else ""
+    above = legend if len(section.svgs) > 1 or section.caption else ""
+    panels = f'<div class="panels">{"".join(section.svgs)}</div>'
+    return f'<section><h2>{escape(section.title)}</h2><figure class="card">{above}{panels}{caption}</figure></section>'
+
+
+def _legend(runs: pd.DataFrame) -> str:
+    """Say which colour is which group, where there are several."""
+    groups = group_colours(runs)
+    if len(groups) < 2:
+        return ""
+    counts = finished(runs)["group"].value_counts()
+    entries = "".join(
+        f'<span><i style="background:var(--{colour})"></i>{html_text(group)} ({counts[group]} runs)</span>'
+        for group, colour in groups
+    )
+    return f'<div class="legend">{entries}</div>'
 
 
 def _key(runs: pd.DataFrame) -> str:
