@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import signal
+import subprocess
 from pathlib import Path
 
 import psutil
@@ -11,6 +13,7 @@ import pytest
 
 from bike_sim.recording.in_use import claim_folder
 from bike_training.cli import main
+from bike_training.sweeps import cluster
 from bike_training.sweeps.spec import load_sweep
 from bike_training.sweeps.worker import execute
 
@@ -53,3 +56,26 @@ def test_two_sweeps_do_not_share_a_folder(tmp_path: Path, write, capsys) -> None
     with claim_folder(tmp_path):
         assert main(["sweep", str(write(tiny())), "--out", str(tmp_path)]) == 2
     assert f"in use by process {os.getpid()}" in capsys.readouterr().err
+
+
+def test_an_attempt_to_start_ray_that_fails_leaves_no_process() -> None:
+    """As on a machine that is so busy that Ray's servers come too late for it."""
+    started: list[subprocess.Popen] = []
+
+    class LateRay:
+        def init(self, **_: object) -> None:
+            started.append(subprocess.Popen(["sleep", "600"]))
+            if len(started) < 3:
+                raise Exception("it came too late")
+
+        def shutdown(self) -> None:
+            pass
+
+    cluster._start(LateRay(), {})
+    try:
+        assert [process.wait(10) for process in started[:2]] == [-signal.SIGKILL] * 2
+        assert started[2].poll() is None
+    finally:
+        for process in started:
+            process.kill()
+            process.wait()

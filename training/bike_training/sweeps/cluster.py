@@ -89,15 +89,24 @@ def ray_cluster(out: Path, address: str | None, cores: int | None) -> Iterator[A
 def _start(ray: Any, options: Mapping[str, Any]) -> None:
     """Start Ray here; it gives its processes 30 s, which a very busy machine may not.
 
+    An attempt that fails leaves the processes that it has started, until this one ends; they are ended here.
+
     Raises:
         ConnectionError: it did not start, however often it was tried.
     """
+    import psutil  # Ray brings it
+
+    me = psutil.Process()
     for attempt in range(1, START_ATTEMPTS + 1):
+        before = set(me.children())
         try:
             ray.init(**options)
             return
         except Exception as error:  # Ray raises many kinds, Exception itself among them
             ray.shutdown()
+            for child in set(me.children()) - before:
+                with suppress(psutil.Error):
+                    child.kill()
             if attempt == START_ATTEMPTS:
                 raise ConnectionError(f"Ray did not start on this machine ({_first_line(error)})") from error
 
