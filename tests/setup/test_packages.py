@@ -30,7 +30,6 @@ BY_HAND = {"mlflow"}
 WITH_ROS = re.compile(r"(rclpy|ament_index_python|builtin_interfaces|\w+_(msgs|interfaces))$")
 """What comes with ROS 2, or is built in its workspace."""
 NOT_IMPORTED = {
-    "plotly": "its script is read as a file",
     "pyarrow": "pandas writes Parquet files with it",
     "tensorboard": "stable-baselines3 writes its logs with it",
 }

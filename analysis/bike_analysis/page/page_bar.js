@@ -8,14 +8,14 @@ function buildBar(view) {
   on("out", () => view.zoom(ZOOM));
   on("whole", () => view.setRange(...view.whole()));
   on("play", () => play(view));
-  const list = view.root.querySelector(".series");
+  const list = view.root.querySelector(".series"), reference = view.root.querySelector("select.reference");
   if (list && view.several) list.replaceChildren(...view.series.map(series => seriesButton(view, series)));
+  if (reference) reference.onchange = () => { view.compareWith(view.series[reference.value]); view.moved = true; view.redraw(); };
   for (const part of view.parts) if (part.plot) makeSlider(view, part);
 }
 
 function seriesButton(view, series) {
-  const swatch = element("i", { style: `background:var(--${series.colour})` });
-  const button = element("button", { type: "button" }, swatch, series.name);
+  const button = element("button", { type: "button" }, swatch({ series, colour: series.colour }), series.name);
   button.setAttribute("aria-pressed", "true");
   button.disabled = series === view.main;
   button.onclick = () => {
@@ -23,6 +23,9 @@ function seriesButton(view, series) {
     button.setAttribute("aria-pressed", String(!series.hidden));
     view.redraw();
   };
+  const raise = one => () => { view.raised = one; view.redraw(part => part instanceof PanelPart); };
+  for (const kind of ["pointerenter", "focus"]) button.addEventListener(kind, raise(series));
+  for (const kind of ["pointerleave", "blur"]) button.addEventListener(kind, raise(null));
   return button;
 }
 

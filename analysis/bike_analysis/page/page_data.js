@@ -118,3 +118,16 @@ function span(column, first = 0, end = column.length) {
   const [low, high] = extremesIn(column, first, end);
   return low < 0 ? [0, 1] : [column[low], column[high]];
 }
+
+// A column less another one that is interpolated at the same places; missing beyond the other's ends.
+function minus(places, values, otherPlaces, otherValues) {
+  const last = otherPlaces.length - 1, result = new Float64Array(places.length);
+  for (let i = 0, k = 0; i < places.length; i++) {
+    const at = places[i];
+    while (k < last - 1 && otherPlaces[k + 1] < at) k++;
+    const from = otherPlaces[k], share = (at - from) / (otherPlaces[k + 1] - from || 1);
+    result[i] = at < otherPlaces[0] || at > otherPlaces[last] ? NaN
+      : values[i] - otherValues[k] - share * (otherValues[k + 1] - otherValues[k]);
+  }
+  return result;
+}

@@ -1,6 +1,6 @@
 """The frame that all pages share: one HTML file that needs no network, in light and dark, for desk and phone.
 
-It holds style, script, Plotly and the content security policy that blocks all network requests.
+It holds style, script, uPlot and the content security policy that blocks all network requests.
 """
 
 from __future__ import annotations
@@ -18,8 +18,9 @@ from bike_analysis.page.view import View
 _SCRIPTS: Final = (
     "page_data.js",
     "page_input.js",
-    "page_plots.js",
-    "page_sketch.js",
+    "page_chart.js",
+    "page_panels.js",
+    "page_map.js",
     "page_view.js",
     "page_bar.js",
     "follow_view.js",
@@ -68,7 +69,7 @@ def page_shell(title: str, below: str, parts: Iterable[str], views: Sequence[Vie
             *parts,
             "</main>",
             f'<script type="application/json" id="page-data">{data}</script>',
-            f"<script>{_plotly()}</script>" if views else "",
+            f"<script>{_vendored('uPlot.iife.min.js')}</script>" if views else "",
             f"<script>{page_script()}</script>",
             "</body></html>",
         ]
@@ -76,9 +77,9 @@ def page_shell(title: str, below: str, parts: Iterable[str], views: Sequence[Vie
 
 
 @cache
-def _plotly() -> str:
-    """Plotly's script as its Python package carries it."""
-    return (files("plotly") / "package_data" / "plotly.min.js").read_text(encoding="utf-8")
+def _vendored(name: str) -> str:
+    """A file of uPlot (MIT licence, in ``vendor/uPlot.LICENSE``)."""
+    return (files("bike_analysis.page") / "vendor" / name).read_text(encoding="utf-8")
 
 
 @cache
@@ -93,7 +94,8 @@ def page_script() -> str:
 def page_style() -> str:
     """Return the style sheet of report pages."""
     text = (files("bike_analysis.page") / "page.css").read_text(encoding="utf-8")
-    return text.replace("@LIGHT@", style_variables(dark=False)).replace("@DARKER@", style_variables(dark=True))
+    text = text.replace("@LIGHT@", style_variables(dark=False)).replace("@DARKER@", style_variables(dark=True))
+    return _vendored("uPlot.min.css") + text
 
 
 def _kbd(keys: str) -> str:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_analysis.page.embed import embed
+from bike_analysis.page.html import html_text
 from bike_analysis.read.tables import Floats
 from bike_analysis.read.text import shown
 
@@ -55,15 +56,31 @@ CHANNELS: Final = {
     "speed": Channel("Speed", "m/s", 2),
     "command": Channel("Steering command", "", 3, absolute=True),
     "reached": Channel("Steer reached", "", 3, absolute=True),
-    "throttle": Channel("Throttle and brake", "%", 0),
+    "throttle": Channel("Throttle", "%", 0),
+    "brake": Channel("Brake", "%", 0),
+    "gear": Channel("Gear", "", 0),
+    "engine": Channel("Engine speed", "rpm", 0),
+    "torque": Channel("Steering torque", "Nm", 1, absolute=True),
+    "roll_rate": Channel("Lean rate", "°/s", 0, absolute=True),
+    "rear_slip": Channel("Slip, rear", "%", 1, absolute=True),
+    "front_slip": Channel("Slip, front", "%", 1, absolute=True),
+    "rear_drift": Channel("Slip angle, rear", "°", 1, absolute=True),
+    "front_drift": Channel("Slip angle, front", "°", 1, absolute=True),
+    "rear_load": Channel("Load, rear", "kN", 2),
+    "front_load": Channel("Load, front", "kN", 2),
+    "rear_grip": Channel("Grip used, rear", "%", 0),
+    "front_grip": Channel("Grip used, front", "%", 0),
     "age": Channel("Age of the command", "steps", 0),
     "delta": Channel("Time lost", "s", 3),
+    "speed_delta": Channel("Difference of speed", "m/s", 2),
     "lateral": Channel("Lateral acceleration", "g", 2, absolute=True),
     "along": Channel("Longitudinal acceleration", "g", 2),
 }
 """Quantities that views show, by the name of their column."""
 KMH: Final = Channel("Speed", "km/h", 1)
 """Speed of a machine that rides on roads and circuits."""
+KMH_DIFFERENCE: Final = Channel("Difference of speed", "km/h", 1)
+"""The difference of two of them."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +117,8 @@ class Panel:
         caption: Below it.
         zero: Whether zero is always in sight.
         least: Smallest height of the shown range, in units of the axis.
+        ends: Values that are always in sight, or None.
+        bands: Keys of the view's bands that are shown along its foot.
     """
 
     key: str
@@ -110,6 +129,8 @@ class Panel:
     caption: str = ""
     zero: bool = True
     least: float = 0.0
+    ends: tuple[float, float] | None = None
+    bands: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -141,7 +162,7 @@ class MapLine:
 
 @dataclass(frozen=True)
 class Mark:
-    """Places marked on the map, with a symbol of Plotly's."""
+    """Places marked on the map: ``triangle-up``, ``square``, ``x-thin`` or ``circle-open`` in `symbol`."""
 
     name: str
     symbol: str
@@ -162,8 +183,48 @@ class Section:
 
 
 @dataclass(frozen=True)
+class Band:
+    """When something acted during the first series: `rows` are ranges, each with its first and its last row."""
+
+    key: str
+    name: str
+    colour: str
+    rows: tuple[tuple[int, int], ...]
+
+
+@dataclass(frozen=True)
+class Histogram:
+    """How often a quantity had which value.
+
+    Attributes:
+        key: Name within its view.
+        title: Above it.
+        label: Of the horizontal axis, with its unit.
+        edges: Of the bins; one more than shares.
+        shares: Share of the time in each bin, %, by name of the series.
+        caption: Below it.
+    """
+
+    key: str
+    title: str
+    label: str
+    edges: tuple[float, ...]
+    shares: dict[str, tuple[float, ...]]
+    caption: str = ""
+
+
+@dataclass(frozen=True)
+class Limit:
+    """The largest accelerations of a machine: for each of `speeds`, in `unit`, a closed curve of x and y."""
+
+    speeds: tuple[float, ...]
+    unit: str
+    curves: tuple[tuple[tuple[float, ...], tuple[float, ...]], ...]
+
+
+@dataclass(frozen=True)
 class Cloud:
-    """Points of one column over another with the same scale on both axes."""
+    """Points of one column over another with the same scale on both axes, and the limit at the cursor's speed."""
 
     title: str
     x: str
@@ -172,6 +233,7 @@ class Cloud:
     y_label: str
     box: tuple[float, float, float, float]
     caption: str
+    limit: Limit | None = None
 
 
 @dataclass(frozen=True)
@@ -192,6 +254,10 @@ class View:
         channels: Differing from `CHANNELS`.
         cloud: Or None.
         follow: Additional data of the follow view, or None.
+        bands: When something acted on the first series.
+        histograms: After the panels.
+        reference: Index of the series that the page computes ``delta`` and ``speed_delta`` against until the reader
+            chooses another; None where the columns are given, or there is nothing to compare.
     """
 
     key: str
@@ -207,6 +273,9 @@ class View:
     channels: dict[str, Channel] = field(default_factory=dict)
     cloud: Cloud | None = None
     follow: dict[str, Any] | None = None
+    bands: tuple[Band, ...] = ()
+    histograms: tuple[Histogram, ...] = ()
+    reference: int | None = None
 
     def channel(self, name: str) -> Channel:
         """The quantity of a column."""
@@ -215,6 +284,7 @@ class View:
     def data(self) -> dict[str, Any]:
         """The view as plain values for JSON."""
         names = {name for series in self.series for name in series.columns}
+        names |= {line.column for panel in self.panels for line in panel.lines}
         cloud = self.cloud
         return {
             "title": shown(self.title),
@@ -237,7 +307,14 @@ class View:
             else {
                 **{"title": cloud.title, "x": cloud.x, "y": cloud.y, "box": list(cloud.box)},
                 **{"xLabel": cloud.x_label, "yLabel": cloud.y_label},
+                "envelope": None if cloud.limit is None else asdict(cloud.limit),
             },
+            "bands": [asdict(band) for band in self.bands],
+            "histograms": [
+                {**asdict(h), "shares": {shown(name): shares for name, shares in h.shares.items()}}
+                for h in self.histograms
+            ],
+            "reference": self.reference,
             "follow": self.follow,
         }
 
@@ -287,6 +364,9 @@ def view_html(view: View) -> str:
     panels = [_figure(panel.key, panel.title, panel.caption, "panel", _unit_html(panel)) for panel in view.panels]
     if view.cloud is not None:
         panels.append(_figure("cloud", view.cloud.title, view.cloud.caption, "cloud"))
+    if view.histograms:
+        figures = [_figure(h.key, h.title, h.caption, "histogram") for h in view.histograms]
+        panels.append(f'<div class="pair">{"".join(figures)}</div>')
     return "\n".join(
         [
             f'<div class="view" id="{escape(view.key)}-view">',
@@ -352,8 +432,22 @@ def _tools_html(view: View) -> str:
         for key, text, name in buttons
     )
     series = '<div class="series" role="group" aria-label="Shown"></div>' if len(view.series) > 1 else ""
+    series += _reference_html(view)
     return (
         f'<div class="tools"><fieldset class="switch"><legend>over</legend>{axis}</fieldset>'
         f'<div class="buttons">{shown}<select class="rate" aria-label="Pace of playing">{rates}</select></div>'
         f'<p class="now"><span></span><span></span><span></span></p>{series}</div>'
+    )
+
+
+def _reference_html(view: View) -> str:
+    if view.reference is None:
+        return ""
+    options = "".join(
+        f'<option value="{k}"{" selected" if k == view.reference else ""}>{html_text(series.name)}</option>'
+        for k, series in enumerate(view.series)
+    )
+    return (
+        '<label class="choice">differences to '
+        f'<select class="reference" aria-label="Reference of the differences">{options}</select></label>'
     )

@@ -1,0 +1,293 @@
+// The one way in which plots are drawn: uPlot draws axes, grid and lines on a canvas, and what it has no word for is
+// painted on the same canvas under and over them. The same calls write SVG when a plot is saved.
+
+const narrow = matchMedia("(max-width: 46rem)");
+const phone = () => narrow.matches;
+
+// Colours and font of the style sheet, asked for once: each question has the browser look at all styles.
+const colours = new Map();
+function colour(name) {
+  if (!colours.has(name)) colours.set(name, getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim());
+  return colours.get(name);
+}
+function inkOf(name, opacity) {
+  const hex = colour(name), part = i => parseInt(hex.slice(i, i + 2), 16);
+  return `rgba(${part(1)},${part(3)},${part(5)},${opacity})`;
+}
+
+function marginsOf(asFile, labelled = false) {
+  if (asFile) return { l: 78, r: 24, t: 92, b: 56 };
+  return { l: phone() ? 46 : 58, r: 10, t: 16, b: labelled ? 40 : 24 };
+}
+
+const grouped = (value, digits) => {
+  const [whole, part] = Math.abs(value).toFixed(digits).split(".");
+  return (value < 0 && Number(value.toFixed(digits)) ? "−" : "") + whole.replace(/\B(?=(\d{3})+$)/g, "\u202f") + (part ? `.${part}` : "");
+};
+function tickTexts(ticks, increment, suffix = "") {
+  const digits = Math.max(0, -Math.floor(Math.log10(increment) + 1e-9));
+  return ticks.map(value => value === null ? "" : grouped(value, Math.min(digits, 6)) + suffix);
+}
+
+// A plot. `show` takes what is wanted:
+//   width, height, margin; x, y: ends of the axes; lines: [{ ink, width, dash, path }], where path(at) answers paths for
+//   stroke and fill; xAxis, yAxis: { space, suffix, label, grid } or null; under(g, at), over(g, at): what is painted
+//   below the grid and above the lines; title, legend: of a saved picture.
+// `at` tells places on the canvas: left, top, across, down, ratio, toX, toY.
+class Chart {
+  constructor(host) { this.host = host; }
+
+  show(wanted) {
+    this.wanted = wanted;
+    const { margin, width, height, lines, x, y } = wanted, axes = [wanted.xAxis, wanted.yAxis];
+    const kind = JSON.stringify([margin, lines.map(line => [line.width, line.dash]), axes.map(axis => axis && axis.label)]);
+    if (kind !== this.kind) {
+      this.kind = kind;
+      this.u?.destroy();
+      this.u = new uPlot(this.options(), [[0, 1], ...lines.map(() => [0, 0])], this.host);
+    }
+    this.u.batch(u => {
+      if (u.width !== width || u.height !== height) u.setSize({ width, height });
+      u.setScale("x", { min: x[0], max: x[1] });
+      u.setScale("y", { min: y[0], max: y[1] });
+      u.redraw(true, true);
+    });
+  }
+
+  // Styles are functions of what is wanted now, so that a plot lives on when its lines change their colours or ends.
+  options() {
+    const { margin, width, height, lines } = this.wanted, font = `12px ${colour("font")}`;
+    const axis = (name, side, size) => {
+      const own = () => this.wanted[name];
+      if (!own()) return { show: false };
+      const { label } = own();
+      return {
+        side, font, labelFont: font, label, labelSize: label ? 20 : 0, size: label ? size - 20 : size, gap: side === 2 ? 4 : 6,
+        stroke: () => colour("muted"), space: () => own().space, ticks: { show: false },
+        grid: { stroke: () => own().grid === false ? "transparent" : colour("grid"), width: 1 },
+        values: (u, ticks, _, __, increment) => this.fitting(u, ticks, tickTexts(ticks, increment, own().suffix), side),
+      };
+    };
+    const line = (_, k) => {
+      const now = () => this.wanted.lines[k];
+      return {
+        stroke: () => now().ink, fill: () => now().ink, width: lines[k].width, dash: lines[k].dash, points: { show: false },
+        pxAlign: 0, paths: u => now().path(placesOf(u)),
+      };
+    };
+    const painted = name => u => {
+      const paint = this.wanted[name];
+      if (!paint) return;
+      const at = placesOf(u), g = u.ctx;
+      g.save();
+      paint(g, at);
+      g.restore();
+    };
+    return {
+      width, height, padding: [margin.t, margin.r, this.wanted.xAxis ? 0 : margin.b, this.wanted.yAxis ? 0 : margin.l],
+      legend: { show: false }, cursor: { show: false }, pxAlign: 1,
+      scales: { x: { time: false, auto: false, range: (u, low, high) => this.wanted.x },
+        y: { auto: false, range: () => this.wanted.y } },
+      axes: [axis("xAxis", 2, margin.b), axis("yAxis", 3, margin.l)],
+      series: [{}, ...lines.map(line)],
+      hooks: { drawClear: [painted("head"), painted("under")], drawAxes: [painted("zero")], draw: [painted("over")] },
+    };
+  }
+
+  // Words of ticks whose ends would be cut off at the plot's edge are left out.
+  fitting(u, ticks, texts, side) {
+    if (side !== 2) return texts;
+    const { margin, width, x: [low, high] } = this.wanted, across = width - margin.l - margin.r;
+    return texts.map((text, k) => {
+      const middle = margin.l + (ticks[k] - low) / (high - low) * across, half = 3.4 * text.length;
+      return middle - half < 0 || middle + half > width ? "" : text;
+    });
+  }
+}
+
+function placesOf(u) {
+  const { left, top, width: across, height: down } = u.bbox, { x, y } = u.scales;
+  return { left, top, across, down, ratio: devicePixelRatio,
+    toX: value => left + (value - x.min) / (x.max - x.min) * across, toY: value => top + (y.max - value) / (y.max - y.min) * down };
+}
+
+// ---- painting -------------------------------------------------------------------------------------------------------
+
+function clipTo(g, { left, top, across, down }) {
+  g.beginPath();
+  g.rect(left, top, across, down);
+  g.clip();
+}
+function writeAt(g, { ratio }, text, x, y, size, ink, align = "center", weight = "") {
+  g.font = `${weight} ${size * ratio}px ${colour("font")}`.trim();
+  Object.assign(g, { fillStyle: ink, textAlign: align, textBaseline: "alphabetic" });
+  g.fillText(text, x, y);
+}
+function strokeRows(g, at, x, y, rows, ink, width, dash = []) {
+  g.beginPath();
+  let pen = false;
+  for (const row of rows) {
+    if (row < 0) { pen = false; continue; }
+    if (pen) g.lineTo(at.toX(x[row]), at.toY(y[row])); else g.moveTo(at.toX(x[row]), at.toY(y[row]));
+    pen = true;
+  }
+  strokeNow(g, at, ink, width, dash);
+}
+function strokeNow(g, { ratio }, ink, width, dash = []) {
+  Object.assign(g, { strokeStyle: ink, lineWidth: width * ratio, lineJoin: "round" });
+  g.setLineDash(dash.map(part => part * ratio));
+  g.stroke();
+  g.setLineDash([]);
+}
+const DISC = 2 * Math.PI;
+function paintSymbol(g, at, symbol, x, y, size, ink) {
+  const r = size / 2 * at.ratio, px = at.toX(x), py = at.toY(y);
+  const corners = { "triangle-up": [[0, -1.2], [1.05, 0.8], [-1.05, 0.8]], square: [[-0.9, -0.9], [0.9, -0.9], [0.9, 0.9], [-0.9, 0.9]] }[symbol];
+  g.beginPath();
+  if (corners) {
+    corners.forEach(([u, v], k) => k ? g.lineTo(px + u * r, py + v * r) : g.moveTo(px + u * r, py + v * r));
+    g.closePath();
+    g.fillStyle = ink;
+    g.fill();
+  } else if (symbol === "x-thin") {
+    for (const turn of [1, -1]) { g.moveTo(px - r, py - turn * r); g.lineTo(px + r, py + turn * r); }
+    strokeNow(g, at, ink, 2);
+  } else {
+    g.arc(px, py, r, 0, DISC);
+    strokeNow(g, at, ink, 1.5);
+  }
+}
+
+// Title and legend of a saved picture; on the page they stand beside it as text.
+function paintHead({ title, legend = [] }) {
+  return (g, at) => {
+    const { ratio } = at, x0 = 14 * ratio;
+    g.fillStyle = colour("card");
+    g.fillRect(0, 0, at.left + at.across + 400 * ratio, at.top + at.down + 400 * ratio);
+    writeAt(g, at, title, x0, 30 * ratio, 16, colour("ink"), "left", "600");
+    let x = x0, y = 56 * ratio;
+    for (const { name, ink, dash = [] } of legend) {
+      const wide = 34 * ratio + g.measureText(name).width;
+      if (x > x0 && x + wide > at.left + at.across) { x = x0; y += 18 * ratio; }
+      g.beginPath();
+      g.moveTo(x, y - 4 * ratio); g.lineTo(x + 18 * ratio, y - 4 * ratio);
+      strokeNow(g, at, ink, 3, dash);
+      writeAt(g, at, name, x + 24 * ratio, y, 12, colour("ink"), "left");
+      x += 34 * ratio + g.measureText(name).width + 8 * ratio;
+    }
+  };
+}
+
+// ---- saving ---------------------------------------------------------------------------------------------------------
+
+// Stands for a canvas's context and for its paths, and writes SVG. Knows what uPlot and this page call.
+class SvgPath {
+  constructor(other) { this.d = other?.d.slice() ?? []; }
+  put(...words) { this.d.push(words.map(word => typeof word === "number" ? Number(word.toFixed(2)) : word).join(" ")); }
+  moveTo(x, y) { this.put("M", x, y); }
+  lineTo(x, y) { this.put(this.d.length ? "L" : "M", x, y); }
+  rect(x, y, w, h) { this.put("M", x, y, "h", w, "v", h, "h", -w, "Z"); }
+  closePath() { this.put("Z"); }
+  arc(x, y, r) { this.put("M", x + r, y, "A", r, r, 0, 1, 1, x - r, y, "A", r, r, 0, 1, 1, x + r, y, "Z"); }
+}
+
+class SvgContext {
+  constructor(canvas, measure) {
+    Object.assign(this, { canvas, measure, out: [], clips: 0, stack: [], path: new SvgPath() });
+    this.state = { matrix: [1, 0, 0, 1, 0, 0], clip: "", dash: [], strokeStyle: "#000", fillStyle: "#000", lineWidth: 1, font: "12px sans-serif",
+      textAlign: "left", textBaseline: "alphabetic", globalAlpha: 1, lineJoin: "miter", lineCap: "butt" };
+    for (const name of Object.keys(this.state).slice(3)) {
+      Object.defineProperty(this, name, { get: () => this.state[name], set: value => { this.state[name] = value; } });
+    }
+  }
+  save() { this.stack.push({ ...this.state }); }
+  restore() { this.state = this.stack.pop() ?? this.state; }
+  by(a, b, c, d, e, f) {
+    const [p, q, r, s, t, u] = this.state.matrix;
+    this.state.matrix = [p * a + r * b, q * a + s * b, p * c + r * d, q * c + s * d, p * e + r * f + t, q * e + s * f + u];
+  }
+  translate(x, y) { this.by(1, 0, 0, 1, x, y); }
+  rotate(angle) { const c = Math.cos(angle), s = Math.sin(angle); this.by(c, s, -s, c, 0, 0); }
+  setLineDash(dash) { this.state.dash = [...dash]; }
+  clearRect() {}
+  beginPath() { this.path = new SvgPath(); }
+  moveTo(x, y) { this.path.moveTo(x, y); }
+  lineTo(x, y) { this.path.lineTo(x, y); }
+  rect(...box) { this.path.rect(...box); }
+  arc(...circle) { this.path.arc(...circle); }
+  closePath() { this.path.closePath(); }
+  measureText(text) { this.measure.font = this.font; return this.measure.measureText(text); }
+
+  put(tag, attributes, text = "") {
+    const { matrix, clip, globalAlpha } = this.state, all = { ...attributes };
+    if (matrix.some((value, k) => value !== [1, 0, 0, 1, 0, 0][k])) all.transform = `matrix(${matrix.map(v => +v.toFixed(4)).join(" ")})`;
+    if (clip) all["clip-path"] = `url(#${clip})`;
+    if (globalAlpha !== 1) all.opacity = globalAlpha;
+    const words = Object.entries(all).map(([name, value]) => ` ${name}="${markup(value)}"`).join("");
+    this.out.push(`<${tag}${words}>${markup(text)}</${tag}>`);
+  }
+  clip(path = this.path) {
+    const id = `clip${++this.clips}`;
+    this.out.push(`<clipPath id="${id}"><path d="${path.d.join("")}"/></clipPath>`);
+    this.state.clip = id;
+  }
+  stroke(path = this.path) {
+    if (!path.d.length) return;
+    const { strokeStyle, lineWidth, dash, lineJoin } = this.state;
+    this.put("path", { d: path.d.join(""), fill: "none", stroke: strokeStyle, "stroke-width": lineWidth, "stroke-linejoin": lineJoin,
+      ...(dash.length ? { "stroke-dasharray": dash.join(" ") } : {}) });
+  }
+  fill(path = this.path) { if (path.d.length) this.put("path", { d: path.d.join(""), fill: this.fillStyle }); }
+  fillRect(x, y, width, height) { this.put("rect", { x, y, width, height, fill: this.fillStyle }); }
+  fillText(text, x, y) {
+    const anchor = { center: "middle", right: "end", left: "start" }[this.textAlign];
+    const baseline = { top: "hanging", middle: "central", bottom: "text-after-edge" }[this.textBaseline];
+    this.put("text", { x: +x.toFixed(2), y: +y.toFixed(2), style: `font: ${this.font}`, fill: this.fillStyle, "text-anchor": anchor,
+      ...(baseline ? { "dominant-baseline": baseline } : {}) }, text);
+  }
+}
+const markup = text => String(text).replaceAll("&", "&amp;").replaceAll("<", "&lt;").replaceAll(">", "&gt;").replaceAll('"', "&quot;");
+
+// What `wanted` (see Chart) looks like, as SVG. uPlot asks for a canvas's context and for paths by their global names, so
+// for this moment they mean those that write.
+function svgOf(wanted) {
+  const host = document.createElement("div"), { Path2D } = window, { getContext } = HTMLCanvasElement.prototype;
+  const measure = document.createElement("canvas").getContext("2d");
+  let context = null;
+  HTMLCanvasElement.prototype.getContext = function () { return context = new SvgContext(this, measure); };
+  window.Path2D = SvgPath;
+  try {
+    const chart = new Chart(host);
+    const show = { ...wanted, head: paintHead(wanted) };
+    chart.show(show);
+    context.out = [];
+    chart.show(show);  // all at once and whole, whatever the first call left for later
+    chart.u.destroy();
+    Object.assign(context, { stroke() {}, fill() {}, clip() {} });  // uPlot draws once more when this task has ended
+  } finally {
+    HTMLCanvasElement.prototype.getContext = getContext;
+    window.Path2D = Path2D;
+  }
+  const { width, height } = wanted, size = [width, height].map(pixels => pixels * devicePixelRatio).join(" ");
+  const tag = "svg", head = `xmlns="http://www.w3.org/2000/svg" width="${width}" height="${height}" viewBox="0 0 ${size}"`;
+  return `<${tag} ${head}>${context.out.join("")}</${tag}>`;
+}
+
+async function save(view, part, format) {
+  const [width, height] = part.fileSize;
+  const svg = svgOf({ ...part.wanted(width, height, true), width, height });
+  let file = new Blob([svg], { type: "image/svg+xml" });
+  if (format === "png") {
+    const picture = element("img", { src: URL.createObjectURL(file) });
+    await picture.decode();
+    const canvas = element("canvas", { width: 2 * width, height: 2 * height });
+    canvas.getContext("2d").drawImage(picture, 0, 0, 2 * width, 2 * height);
+    URL.revokeObjectURL(picture.src);
+    file = await new Promise(done => canvas.toBlob(done, "image/png"));
+  }
+  const name = `${fileName(`${view.title} ${part.figure.dataset.plot}`)}.${format}`;
+  const link = element("a", { href: URL.createObjectURL(file), download: name });
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 30000);
+}
+const fileName = words => words.toLowerCase().replace(/[^a-z0-9]+/g, "-").replace(/^-|-$/g, "").slice(-100);
