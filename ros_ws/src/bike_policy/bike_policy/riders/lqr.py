@@ -28,6 +28,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bike_policy.riders.bicycle_rider import BicycleRider
 from bike_sim.course.course import Course
 from bike_sim.physics import state as st
 from bike_sim.physics.linear import state_matrix
@@ -36,7 +37,6 @@ from bike_sim.sim import look as lk
 from bike_sim.sim.request import Preview
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.bicycle import Vehicle
-from bike_sim.vehicles.superbike import Superbike
 
 FloatArray = NDArray[np.float64]
 
@@ -202,32 +202,21 @@ class Worth:
         return tangent * float(np.interp(abs(tangent), self._tangents, self._factors))
 
 
-class LqrRider:
+class LqrRider(BicycleRider):
     """Rides a bicycle along any line; implements `bike_policy.riders.rider.Rider`."""
 
     name = LQR
-    preview: Preview | None = None
 
     def __init__(self, settings: LqrSettings | None = None) -> None:
         """Take the weights."""
         self._settings = settings or LqrSettings()
         self._gains: dict[int, Gains] = {}
         self._worth: dict[int, Worth] = {}
-        self._machine: tuple[Vehicle, float] | None = None
+        super().__init__(self._gains, self._worth)
 
     def begin(self, vehicle: Vehicle, course: Course, period: float, preview: Preview) -> None:
-        """Take the line; see `Rider`.
-
-        Raises:
-            ValueError: a superbike, whose command is a lean and not a steering angle.
-        """
-        if isinstance(vehicle, Superbike):
-            raise ValueError(f"rider {self.name!r} steers bicycles by set point, and {vehicle.name!r} is a superbike")
-        if self._machine != (vehicle, period):
-            self._gains.clear()
-            self._worth.clear()
-        self._machine = (vehicle, period)
-        self._vehicle, self._course, self._period = vehicle, course, period
+        """Take the line; nothing has been answered yet."""
+        super().begin(vehicle, course, period, preview)
         self._sent: deque[float] = deque([0.0] * self._settings.delay, maxlen=self._settings.delay or 1)
         self._answered: tuple[int, float] | None = None
 

@@ -21,16 +21,14 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bike_policy.riders.bicycle_rider import BicycleRider
 from bike_policy.riders.lqr import SLOWEST, SPEED_STEP, lateral_model
-from bike_sim.course.course import Course
 from bike_sim.course.projection import curvature_at, point_at
 from bike_sim.physics import state as st
 from bike_sim.physics.steady_turn import SteadyTurns, steady_turns
 from bike_sim.sim import look as lk
-from bike_sim.sim.request import Preview
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.bicycle import Vehicle
-from bike_sim.vehicles.superbike import Superbike
 
 FloatArray = NDArray[np.float64]
 
@@ -75,30 +73,16 @@ class Loop(NamedTuple):
     sharpest: float
 
 
-class StanleyRider:
+class StanleyRider(BicycleRider):
     """Rides a bicycle along any line; implements `bike_policy.riders.rider.Rider`."""
 
     name = STANLEY
-    preview: Preview | None = None
 
     def __init__(self, settings: StanleySettings | None = None) -> None:
         """Take the gains."""
         self._settings = settings or StanleySettings()
         self._loops: dict[int, Loop] = {}
-        self._machine: tuple[Vehicle, float] | None = None
-
-    def begin(self, vehicle: Vehicle, course: Course, period: float, preview: Preview) -> None:
-        """Take the line; see `Rider`.
-
-        Raises:
-            ValueError: a superbike, whose command is a lean and not a steering angle.
-        """
-        if isinstance(vehicle, Superbike):
-            raise ValueError(f"rider {self.name!r} steers bicycles by set point, and {vehicle.name!r} is a superbike")
-        if self._machine != (vehicle, period):
-            self._loops.clear()
-        self._machine = (vehicle, period)
-        self._vehicle, self._course, self._period = vehicle, course, period
+        super().__init__(self._loops)
 
     def command(self, snapshot: Snapshot) -> tuple[float, float] | None:
         """Return the answer."""
