@@ -5,6 +5,8 @@
 BIN := .venv/bin
 SHELL_SCRIPTS := tools/setup tools/update-constraints .ci/run
 YAML_FOLDERS := ros_ws/src docker
+# Tests run in as many processes as there are processors, at most four; those of a file together, in pytest's order.
+SIDE_BY_SIDE := -n logical --maxprocesses 4 --dist loadgroup --no-loadscope-reorder
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-14s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -35,11 +37,12 @@ lap: setup ## Three laps of Barcelona on a superbike through the nodes: out/lap/
 
 test: setup-all ## Run the tests, quick ones first; Chromium is installed for those of the report page
 	@tools/setup browser
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest $(SIDE_BY_SIDE)
 
-test-long: setup-all ## The tests that take minutes, or download: not part of `make test`
+test-long: setup-all ## The tests that take minutes, or download, and the quick ones with examples drawn anew
 	@tools/setup browser
 	$(BIN)/python -m pytest -m long
+	$(BIN)/python -m pytest $(SIDE_BY_SIDE) --hypothesis-profile=explore -m 'not long and not slow and not ros'
 
 check: setup-checks ## Style, types, import rules, shell scripts, Dockerfiles, YAML
 	$(BIN)/ruff check .

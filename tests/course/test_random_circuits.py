@@ -57,7 +57,7 @@ def check_apart(track: Track) -> None:
     assert np.minimum(along, track.length - along).max() < 100.0
 
 
-@pytest.mark.slow  # 200 circuits, which riders are tuned and judged on
+@pytest.mark.long  # 200 circuits, which riders are tuned and judged on
 @pytest.mark.parametrize("seeds", [range(0, 200, 2), range(1, 200, 2)], ids=["even", "odd"])
 def test_all_seeds_for_tuning_and_judging_are_sound_and_like_real_circuits(seeds):
     radii, angles, gaps, sides = [], [], [], []

@@ -13,18 +13,7 @@ from bike_sim.course.bumps import CLASSES
 from bike_sim.course.files import load_track
 from bike_sim.course.road import GRASS_STRIP, RunOffKind, WetPatch, run_off_kinds
 from bike_sim.course.track import Track
-
-OVAL = """
-format: bike.track/1
-length_m: 1200
-width_m: 12
-elements:
-  - {straight_m: 300}
-  - {arc: {length_m: 300, angle_deg: 180}}
-  - {straight_m: 300}
-  - {arc: {length_m: 300, angle_deg: 180}}
-elevation_m: [[0, 10], [300, 14], [600, 12], [900, 8]]
-"""
+from tests.circuits import OVAL
 
 FULL = (
     OVAL

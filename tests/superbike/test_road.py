@@ -23,27 +23,22 @@ from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.sim.superbike_plant import superbike_config
 from bike_sim.sim.walls import touch_of
+from tests.circuits import OVAL
 
-OVAL = """
-format: bike.track/1
-length_m: 1200
-width_m: 12
-elements:
-  - {straight_m: 300}
-  - {arc: {length_m: 300, angle_deg: 180}}
-  - {straight_m: 300}
-  - {arc: {length_m: 300, angle_deg: 180}}
-elevation_m: [[0, 10], [300, 14], [600, 12], [900, 8]]
+BANKED = (
+    OVAL
+    + """
 banking_deg: [[0, 0], [250, 0], [330, -4], [570, -4], [650, 0]]
 run_off_kinds:
   - {from_m: 0, to_m: 250, side: both, kind: grass}
 """
+)
 
 
 @pytest.fixture(scope="module")
 def oval(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("oval") / "oval.yaml"
-    path.write_text(OVAL, encoding="utf-8")
+    path.write_text(BANKED, encoding="utf-8")
     return path
 
 
