@@ -56,8 +56,13 @@ def write_table(table: pd.DataFrame, path: Path) -> None:
     if find_spec("pyarrow") is None:
         raise ModuleNotFoundError("the tables of a sweep need pyarrow: make setup-sweep", name="pyarrow")
     unfinished = path.with_name(f"{path.name}.part")
-    table.to_parquet(unfinished, index=False, compression="zstd")
-    unfinished.replace(path)
+    try:
+        table.to_parquet(unfinished, index=False, compression="zstd")
+        unfinished.replace(path)
+    except OSError as error:
+        unfinished.unlink(missing_ok=True)
+        reason = os.strerror(error.errno) if error.errno else str(error)
+        raise OSError(error.errno, f"{path} cannot be written ({reason})") from None
 
 
 def read_tables(folder: str | os.PathLike[str]) -> tuple[pd.DataFrame, pd.DataFrame]:
