@@ -125,6 +125,13 @@ def test_a_schedule_lies_between_its_bounds(seconds: list[float], slots: int) ->
     assert span <= (ideal + max(seconds)) * (1.0 + 1e-12)
 
 
+@given(st.integers(0, 2_000_000))
+def test_a_run_until_its_end_is_never_told_to_be_further_than_it_is(made: int) -> None:
+    until = TrainJob.from_entries({"vehicle": "whipple", "until_finished": True})
+    assert TrainJob.from_entries({"vehicle": "whipple"}).expected_steps(made) == until.settings.preset.steps
+    assert min(made, until.settings.preset.steps) <= until.expected_steps(made) <= until.settings.preset.steps
+
+
 @pytest.mark.parametrize(("cores", "need", "slots"), [(2.0, 1.0, 2), (2.0, 0.5, 4), (3.0, 2.0, 1), (1.0, 4.0, 1)])
 def test_slots(cores: float, need: float, slots: int) -> None:
     assert slots_of(cores, [need]) == slots

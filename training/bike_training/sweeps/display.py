@@ -65,11 +65,11 @@ class Display(AbstractContextManager["Display"]):
         if self.console.is_terminal:
             if name not in self._lines:
                 self._lines[name] = self._bars.add_task(escape(name), total=total, completed=int(done), words=words)
-            self._bars.update(self._lines[name], completed=done, words=escape(words))
+            self._bars.update(self._lines[name], completed=done, total=total, words=escape(words))
         elif now - self._logged.get(name, began) >= LOG_EVERY and done > first:
             self._logged[name] = now
             left = (now - began) * (total - done) / (done - first)
-            self._print(f"{name}: {done:.0f} of {total:.0f}, at most {_clock(left)} left  {words}")
+            self._print(f"{name}: {done:.0f} of {total:.0f}, about {_clock(left)} left  {words}")
 
     def ended(self, name: str, record: dict[str, Any]) -> None:
         """Show how a run has ended, in one line."""

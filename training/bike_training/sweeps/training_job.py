@@ -101,17 +101,19 @@ class TrainJob:
 
     def estimate(self) -> float:
         """Return the processor time that it will take, s."""
-        preset = self.settings.preset
-        steps = min(preset.steps, FINISH_STEPS) if self.settings.until_finished else preset.steps
+        preset, steps = self.settings.preset, self.expected_steps()
         update = UPDATE_SECONDS[preset.learner] * preset.updates / preset.environments
         return START_SECONDS + steps * (STEP_SECONDS[self.settings.client] + update)
+
+    def expected_steps(self, made: int = 0) -> int:
+        """Return the learning steps that it will make in all, as far as can be said after those already made."""
+        steps = self.settings.preset.steps
+        return min(steps, max(FINISH_STEPS, round(1.1 * made))) if self.settings.until_finished else steps
 
     def run(self, folder: Path, tell: Tell) -> JobEnd:
         """Learn, or go on from the checkpoint in the folder."""
         from bike_training.learning.checkpoint import find_checkpoint
         from bike_training.learning.run import run
-
-        total = self.settings.preset.steps
 
         def report(process: LearningProcess) -> None:
             progress = process.progress
@@ -119,7 +121,9 @@ class TrainJob:
             error = progress.recent_error_m
             if self.watch is not None:
                 self.watch(process)
-            tell(process.model.num_timesteps, total, part if math.isnan(error) else f"{part}, {error:.3f} m")
+            steps = process.model.num_timesteps
+            words = part if math.isnan(error) else f"{part}, {error:.3f} m"
+            tell(steps, self.expected_steps(steps), words)
 
         summary = run(self.settings, folder, report, resume=find_checkpoint(folder) is not None)
         return JobEnd({name: summary[name] for name in _KEPT if name in summary}, summary["interrupted"])
