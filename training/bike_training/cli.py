@@ -19,6 +19,7 @@ from bike_training.interruption import SHELL_BASE, interrupt, leave_at_once, sig
 COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "ride": ("bike_training.commands.ride", "ride a course through the nodes, record it and report"),
     "train": ("bike_training.commands.train", "learn to ride"),
+    "refine": ("bike_training.commands.refine", "learn to ride exactly, through the derivatives of the bicycle"),
     "evaluate": ("bike_training.commands.evaluate", "ride a policy at 21 speeds and write down how well"),
     "export": ("bike_training.commands.export", "make a policy bundle of a run"),
     "analyze": ("bike_analysis.commands.analyze", "figures, plots and a report page from a recording"),

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_policy.contract.action import ActionLayout
-from bike_policy.contract.observation import LEAN_LAYOUT, PROP_LAYOUT, Blocks, ObservationLayout
+from bike_policy.contract.observation import FINE_LAYOUT, LEAN_LAYOUT, PROP_LAYOUT, Blocks, ObservationLayout
 from bike_policy.contract.rows import RowBlocks
 from bike_sim.course.course import Course
 from bike_sim.physics.state import ROLL
@@ -279,5 +279,6 @@ TASKS: Final[dict[str, PathTask]] = {
     "alt4": replace(PROP, weights={"path_exponential": 1.0}),
     "alt5": replace(PROP, weights={"path_linear": 0.5, "upright": 0.5}),
     "lean": PathTask(),
+    "fine": PathTask(layout=FINE_LAYOUT),
 }
 """Table 5 by name, and this project's own."""

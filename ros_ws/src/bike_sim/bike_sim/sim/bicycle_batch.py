@@ -121,6 +121,11 @@ class CompiledBatch:
         return self._plant.vehicle
 
     @property
+    def preview_x(self) -> FloatArray:
+        """Their distances ahead, m, shape (n, preview.count)."""
+        return self._points[:, 0]
+
+    @property
     def preview_y(self) -> FloatArray:
         """Lateral offsets of the preview points, m, shape (n, preview.count)."""
         return self._points[:, 1]

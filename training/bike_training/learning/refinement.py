@@ -1,0 +1,447 @@
+"""Learning through the model: an actor descends the gradient of its own rides.
+
+Soft actor-critic learns from rewards what a command is worth. Here the compiled engine says it: rides of the present
+actor come with their derivatives (`bike_training.learning.linear_rides`), a changed actor is ridden on them to first
+order, and the cost of that ride is differentiated by the actor's weights. One segment serves several updates, because
+a slightly changed actor stays close to the ride that the derivatives were taken on. Related: the stochastic value
+gradients of Heess et al. (2015), without noise and with a model that need not be learned.
+
+The cost of a control period is ``sqrt(e^2 + d^2) - d + a e^2 / (1 + |e|) + b w^2 + c (u - u')^2`` with the lateral
+error e, the steer rate w, the command u and the one before u'. In the last periods of a segment the actor is held as
+it rode, so that what a command does later counts as well.
+
+The actor is odd: a mirrored observation gives the mirrored command. So it rides a straight without an offset.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+from numpy.typing import NDArray
+
+from bike_policy.contract.actor import Actor
+from bike_policy.contract.bundle import Bundle
+from bike_policy.contract.observation import ObservationLayout
+from bike_policy.riders.learned import LearnedRider
+from bike_sim.sim.bicycle_batch import COMPILED_ENGINE
+from bike_sim.sim.config import SimulatorConfig
+from bike_training.curricula.parts import REFINEMENT, SPEED_RANGES, PartsCurriculum
+from bike_training.learning.linear_rides import DEVIATIONS, LinearRides, Segment
+from bike_training.learning.run_settings import COMPILED_TIME_STEP
+from bike_training.learning.setting_records import check_number, check_positive
+from bike_training.learning.summary import source_commit
+from bike_training.learning.validation_rides import ride_side_by_side
+from bike_training.rollout.stability import stability
+from bike_training.tasks.path import TASKS
+
+Float32Array = NDArray[np.float32]
+Weights = list[tuple[jax.Array, jax.Array]]
+"""Kernel (inputs, outputs) and bias of each layer."""
+
+TABLE: Final = "refinement.csv"
+POLICY: Final = "policy"
+"""What a refinement leaves in its folder: a row for each comparison, and the bundle of the best actor."""
+
+VEHICLE: Final = "whipple"
+"""The shipped bicycle; a refinement knows no other."""
+STABLE: Final = 0.99
+"""Largest spectral radius of an actor that is kept as the best."""
+_DEVIATION: Final = np.array([0.03, 0.01, 0.01, 0.01, 0.1, 0.1], dtype=np.float32)
+"""Largest standard deviations of the deviations that rides are given in passing: m, rad, rad/s."""
+_SMALLEST: Final = 0.03
+"""Part of them that the smallest are drawn with: the loop is to be calm about a steady ride as well."""
+_OFTEN: Final = 1.0 / 40.0
+"""How often they are, a control period."""
+_LARGEST_COST: Final = 50.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class RefinementSettings:
+    """Settings of a refinement.
+
+    Attributes:
+        task: name in :data:`bike_training.tasks.path.TASKS`; its observation.
+        layers: hidden layers of the network, which is ridden as the odd part of itself, twice as wide.
+        bicycles: that ride side by side.
+        periods: control periods of a segment. tail: of them those in which the actor is held.
+        updates: of the actor with each segment.
+        segments: in all.
+        learning_rate: at the beginning. final_learning_rate: reached in the end along a half cosine.
+        averaging: share of the averaged actor kept in an update; the average is what is compared and deployed.
+        knee: d of the cost, m. square: a, 1/m^2. steer_rate: b, s^2/rad^2. change: c.
+        push: rates that pushes leave in the rides, rad/s.
+        select_every: segments between two comparisons of actors.
+        seed: of everything.
+    """
+
+    task: str = "fine"
+    layers: tuple[int, ...] = (64, 64)
+    bicycles: int = 64
+    periods: int = 120
+    tail: int = 40
+    updates: int = 20
+    segments: int = 300
+    learning_rate: float = 2e-3
+    final_learning_rate: float = 1e-5
+    averaging: float = 0.998
+    knee: float = 0.005
+    square: float = 1.0
+    steer_rate: float = 0.002
+    change: float = 1.0
+    push: float = 0.1
+    select_every: int = 25
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Refuse values that mean nothing.
+
+        Raises:
+            ValueError: naming the setting and its value.
+        """
+        if self.task not in TASKS:
+            raise ValueError(f"setting task={self.task!r} is not one of {', '.join(TASKS)}")
+        if not self.layers or min(self.layers) < 1:
+            raise ValueError(f"setting layers={self.layers!r} must be sizes of at least 1")
+        for name in ("bicycles", "periods", "updates", "segments", "select_every"):
+            check_number(name, getattr(self, name), 1)
+        check_number("tail", self.tail, 0, self.periods - 1)
+        check_number("averaging", self.averaging, 0.0, 0.9999)
+        for name in ("learning_rate", "final_learning_rate", "knee"):
+            check_positive(name, getattr(self, name))
+        for name in ("square", "steer_rate", "change", "push", "seed"):
+            check_number(name, getattr(self, name), 0.0)
+
+
+class OddActor:
+    """A network ridden as the odd part of itself about the mirror of its observations."""
+
+    def __init__(self, layout: ObservationLayout) -> None:
+        """Take the layout that says how observations are mirrored."""
+        self._signs = layout.mirror_signs
+        self._inputs = layout.size
+
+    def draw(self, layers: tuple[int, ...], seed: int) -> Weights:
+        """Return weights of a new network, whose commands are small."""
+        key, weights = jax.random.PRNGKey(seed), []
+        sizes = (self._inputs, *layers, 1)
+        for place, (inputs, outputs) in enumerate(pairwise(sizes)):
+            key, drawn = jax.random.split(key)
+            gain = 0.01 if place == len(layers) else 1.0
+            kernel = jax.random.normal(drawn, (inputs, outputs)) * (gain * math.sqrt(2.0 / inputs))
+            weights.append((kernel, jnp.zeros(outputs)))
+        return weights
+
+    def take(self, actor: Actor) -> Weights:
+        """Return the weights of an actor.
+
+        Raises:
+            ValueError: it sees something else, or answers more than a set point.
+        """
+        if (actor.inputs, actor.outputs) != (self._inputs, 1):
+            raise ValueError(
+                f"an actor of {actor.inputs} inputs and {actor.outputs} outputs cannot begin a refinement that sees "
+                f"{self._inputs} numbers and steers"
+            )
+        whole = [(jnp.asarray(w), jnp.asarray(b)) for w, b in zip(actor.weights, actor.biases, strict=True)]
+        half = self._unfolded(whole)
+        again = self.folded(half).tensors()
+        # One that was learned like this is taken as what it was folded from, lest it grow twice as wide.
+        return half if all(np.array_equal(again[name], old) for name, old in actor.tensors().items()) else whole
+
+    @staticmethod
+    def _unfolded(weights: Weights) -> Weights:
+        """Return what :meth:`folded` made weights of, if it did."""
+        last = len(weights) - 1
+        found = []
+        for place, (kernel, bias) in enumerate(weights):
+            rows = kernel.shape[0] // (1 if place == 0 else 2)
+            columns = kernel.shape[1] // (1 if place == last else 2)
+            scale = 2.0 if place == last else 1.0
+            found.append((scale * kernel[:rows, :columns], bias[:columns]))
+        return found
+
+    def act(self, weights: Weights, seen: jax.Array) -> jax.Array:
+        """Return commands in [-1, 1] for observations of shape (..., inputs)."""
+        return jnp.tanh(0.5 * (_network(weights, seen) - _network(weights, seen * self._signs)))
+
+    def folded(self, weights: Weights) -> Actor:
+        """Return the same as one network, of layers twice as wide."""
+        kernels, biases = [], []
+        for place, (kernel, bias) in enumerate((np.asarray(k), np.asarray(b)) for k, b in weights):
+            none = np.zeros_like(kernel)
+            if place == 0:
+                kernel = np.hstack([kernel, self._signs[:, None] * kernel])
+            elif place < len(weights) - 1:
+                kernel = np.block([[kernel, none], [none, kernel]])
+            if place < len(weights) - 1:
+                kernels.append(kernel.T)
+                biases.append(np.concatenate([bias, bias]))
+            else:
+                kernels.append(0.5 * np.vstack([kernel, -kernel]).T)
+                biases.append(np.zeros_like(bias))
+        return Actor([k.astype(np.float32) for k in kernels], [b.astype(np.float32) for b in biases])
+
+
+def _network(weights: Weights, hidden: jax.Array) -> jax.Array:
+    for kernel, bias in weights[:-1]:
+        hidden = jax.nn.relu(hidden @ kernel + bias)
+    return (hidden @ weights[-1][0] + weights[-1][1])[..., 0]
+
+
+def cost(
+    settings: RefinementSettings, actor: OddActor, weights: Weights, held: Weights, segment: Segment, away: jax.Array
+) -> jax.Array:
+    """Return the mean cost of a control period of an actor on linearised rides.
+
+    Args:
+        settings: of the cost.
+        actor: what weights mean.
+        weights: of the actor.
+        held: of the one that rides the last periods of the segment.
+        segment: rides of an actor close to it.
+        away: deviations that the rides are given before each period, shape (periods, bicycles, 6).
+    """
+
+    def period(weights: Weights, carry: Any, part: Any) -> tuple[Any, jax.Array]:
+        deviation, before = carry
+        step, given = part
+        deviation = deviation + given
+        seen = step.seen + jnp.einsum("nij,nj->ni", step.sight, deviation)
+        command = actor.act(weights, seen)
+        change = jnp.concatenate([deviation, (command - step.commands)[:, None]], axis=1)
+        deviation = jnp.einsum("nij,nj->ni", step.motion, change)
+        error = step.error + step.across * deviation[:, 0]
+        rate = step.steer_rate + deviation[:, 5]
+        total = jnp.sqrt(error**2 + settings.knee**2) - settings.knee
+        total += settings.square * error**2 / (1.0 + jnp.abs(error))
+        total += settings.steer_rate * rate**2 + settings.change * (command - before) ** 2
+        return (deviation, command), jnp.minimum(total * step.whole, _LARGEST_COST)
+
+    # The derivative of what is seen belongs to the instant before a period, that of the motion to the period.
+    first = jnp.zeros_like(segment.sight[:1])
+    steps = segment._replace(seen=segment.seen[:-1], sight=jnp.concatenate([first, segment.sight[:-1]]))
+    live = segment.commands.shape[0] - settings.tail
+    carry = (jnp.zeros_like(away[0]), segment.commands[0])
+    carry, costs = jax.lax.scan(
+        lambda c, p: period(weights, c, p), carry, (Segment(*(part[:live] for part in steps)), away[:live])
+    )
+    if settings.tail:
+        rest = (Segment(*(part[live:] for part in steps)), away[live:])
+        _, later = jax.lax.scan(lambda c, p: period(held, c, p), carry, rest)
+        costs = jnp.concatenate([costs, later])
+    return costs.mean()
+
+
+class Comparison(NamedTuple):
+    """What an actor is judged by: the rides that runs of training compare actors on, and its closed loop.
+
+    Attributes:
+        ridden: of 105 rides. mean_m: of their mean distances, m. worst_mean_m: largest of them. worst_max_m: largest
+            distance. spectral_radius: largest of 2 to 7 m/s, upright and in a turn; infinite where one is missing.
+        swing_deg: set point left swinging on a straight.
+    """
+
+    ridden: int
+    mean_m: float
+    worst_mean_m: float
+    worst_max_m: float
+    spectral_radius: float
+    swing_deg: float
+
+    def better_than(self, other: Comparison | None) -> bool:
+        """Return whether it is: more rides ridden, then a stable loop, then the smaller mean."""
+        return other is None or self._rank() < other._rank()
+
+    def _rank(self) -> tuple[float, ...]:
+        return (-self.ridden, max(self.spectral_radius, STABLE), self.mean_m)
+
+
+class Refinement:
+    """A refinement from its settings to its bundle.
+
+    Attributes:
+        settings: what it is. task: what is learned. segments: that were ridden.
+        ridden: the last of them. last_cost: of its last update.
+        best: what the best actor so far was judged by, or None. seconds: time spent learning, s.
+    """
+
+    ridden: Segment
+
+    def __init__(self, settings: RefinementSettings, start: Bundle | None = None) -> None:
+        """Prepare it.
+
+        Args:
+            settings: what it is.
+            start: policy that it begins with; None begins from nothing.
+
+        Raises:
+            ValueError: a policy that sees something else than the task shows.
+        """
+        task = TASKS[settings.task]
+        if start is not None and start.layout != task.layout:
+            raise ValueError(f"policy {start.name!r} sees {start.layout.name!r}, the refinement {task.layout.name!r}")
+        self.settings, self.task, self._start = settings, task, start
+        self._config = SimulatorConfig(VEHICLE, COMPILED_ENGINE, COMPILED_TIME_STEP)
+        self._rides = LinearRides(settings.bicycles, task, REFINEMENT, self._config, settings.seed)
+        self._actor = OddActor(task.layout)
+        self._weights = (
+            self._actor.draw(settings.layers, settings.seed) if start is None else self._actor.take(start.actor)
+        )
+        self._mean = self._weights
+        self._draws = np.random.default_rng([settings.seed, 1])
+        rule = optax.chain(optax.clip_by_global_norm(1.0), optax.scale_by_adam())
+        self._moments = rule.init(self._weights)
+        self.segments = 0
+        self.best: Comparison | None = None
+        self._best_actor, self._best_at = self._folded(), 0
+        self.seconds, self.last_cost = 0.0, math.nan
+        self._commit = source_commit()  # now: sources may change while it learns
+
+        @jax.jit
+        def update(weights: Any, mean: Any, moments: Any, held: Any, segment: Any, away: Any, rate: Any) -> Any:
+            value, slope = jax.value_and_grad(lambda w: cost(settings, self._actor, w, held, segment, away))(weights)
+            move, moments = rule.update(slope, moments)
+            weights = jax.tree.map(lambda w, m: w - rate * m, weights, move)
+            keep = settings.averaging
+            mean = jax.tree.map(lambda old, new: keep * old + (1.0 - keep) * new, mean, weights)
+            return weights, mean, moments, value
+
+        self._update = update
+
+    def _folded(self) -> Actor:
+        return self._actor.folded(self._mean)
+
+    @property
+    def rate(self) -> float:
+        """The present learning rate."""
+        done = self.segments / self.settings.segments
+        first, last = self.settings.learning_rate, self.settings.final_learning_rate
+        return last + (first - last) * 0.5 * (1.0 + math.cos(math.pi * min(done, 1.0)))
+
+    def learn(self) -> None:
+        """Ride a segment and update the actor with it."""
+        settings, began = self.settings, time.monotonic()
+        held = self._weights
+        self.ridden = self._rides.ride(self._actor.folded(held), settings.periods, settings.push)
+        segment = Segment(*(jnp.asarray(part) for part in self.ridden))
+        for _ in range(settings.updates):
+            self._weights, self._mean, self._moments, value = self._update(
+                self._weights, self._mean, self._moments, held, segment, self._draw_away(), self.rate
+            )
+        self.segments += 1
+        self.last_cost = float(value)
+        self.seconds += time.monotonic() - began
+
+    def _draw_away(self) -> Float32Array:
+        """Return deviations that the rides are given: seldom, and of all sizes."""
+        shape = (self.settings.periods, self.settings.bicycles, 1)
+        size = _SMALLEST ** self._draws.random(shape) * (self._draws.random(shape) < _OFTEN)
+        away = self._draws.standard_normal((*shape[:2], len(DEVIATIONS))) * size * _DEVIATION
+        away[0] = 0.0  # what they change is seen from the second period on
+        return away.astype(np.float32)
+
+    def compare(self) -> Comparison:
+        """Judge the averaged actor, and remember it if it is the best so far."""
+        actor = self._folded()
+        requests = PartsCurriculum().selection_requests(self.task.preview)
+        track, whole = ride_side_by_side(actor, self.task, self._config, requests)
+        means = np.abs(track).mean(axis=0)
+        loop = stability(LearnedRider(self.bundle(actor, {}))) if whole.all() else {}
+        radii = [loop.get(f"worst_spectral_radius_{place}") for place in ("upright", "turn")]
+        found = Comparison(
+            int(whole.sum()),
+            float(means[whole].mean()) if whole.any() else math.inf,
+            float(means[whole].max()) if whole.any() else math.inf,
+            float(np.abs(track[:, whole]).max()) if whole.any() else math.inf,
+            max((math.inf if radius is None else radius) for radius in radii),
+            math.inf if loop.get("worst_swing_deg") is None else loop["worst_swing_deg"],
+        )
+        if found.better_than(self.best):
+            self.best, self._best_actor, self._best_at = found, actor, self.segments
+        return found
+
+    def bundle(self, actor: Actor | None = None, training: dict[str, Any] | None = None) -> Bundle:
+        """Return the best actor, or another one, as a policy."""
+        return Bundle(
+            VEHICLE,
+            self._best_actor if actor is None else actor,
+            self.task.layout,
+            self.task.action,
+            VEHICLE,
+            self._config.control_period,
+            self.summary() if training is None else training,
+        )
+
+    def summary(self) -> dict[str, Any]:
+        """Return what it did so far as plain values, for the card."""
+        settings = asdict(self.settings)
+        settings["layers"] = list(self.settings.layers)
+        return {
+            "speed_range_m_s": list(SPEED_RANGES[-1]),
+            "method": "gradient of its rides through the compiled engine",
+            "begins_with": "nothing" if self._start is None else dict(self._start.training) or self._start.name,
+            "refinement": settings,
+            "seed": self.settings.seed,
+            "commit": self._commit,
+            "segments": self.segments,
+            "updates": self.segments * self.settings.updates,
+            "steps": self.segments * self.settings.periods * self.settings.bicycles,
+            "seconds": round(self.seconds, 1),
+            "best_segment": self._best_at,
+            "best_selection": {} if self.best is None else self.best._asdict(),
+        }
+
+    def close(self) -> None:
+        """Release the engine."""
+        self._rides.close()
+
+
+def refine(
+    settings: RefinementSettings,
+    out: Path,
+    start: Bundle | None = None,
+    report: Callable[[Refinement, Comparison | None], None] = lambda *_: None,
+) -> dict[str, Any]:
+    """Refine an actor and write the best one, and a table of all comparisons.
+
+    Args:
+        settings: what it is; its result depends on them and on the start alone.
+        out: folder for TABLE and POLICY.
+        start: policy that it begins with; None begins from nothing.
+        report: called after each segment, with the comparison that was made then.
+
+    Returns:
+        The summary.
+
+    Raises:
+        ValueError: settings that do not fit together.
+    """
+    process = Refinement(settings, start)
+    try:
+        with (out / TABLE).open("w", newline="", encoding="utf-8") as file:
+            table = csv.writer(file)
+            table.writerow(["segment", "updates", "seconds", "cost", *Comparison._fields])
+            while process.segments < settings.segments:
+                process.learn()
+                found = None
+                if process.segments % settings.select_every == 0 or process.segments == settings.segments:
+                    found = process.compare()
+                    done = (process.segments, process.segments * settings.updates, round(process.seconds, 1))
+                    table.writerow([*done, process.last_cost, *found])
+                    file.flush()
+                    process.bundle().save(out / POLICY)
+                report(process, found)
+    finally:
+        process.close()
+    return process.summary()
