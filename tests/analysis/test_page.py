@@ -31,7 +31,20 @@ from bike_analysis.page.embed import MISSING, embed
 from bike_analysis.page.ride_page import write_page
 from bike_analysis.page.ride_view import panels_for, ride_view
 from bike_analysis.page.shell import page_shell
-from bike_analysis.page.view import KMH, Cloud, MapLine, Section, Series, View, growing, view_html
+from bike_analysis.page.view import (
+    KMH,
+    Band,
+    Cloud,
+    Histogram,
+    MapLine,
+    Panel,
+    PanelLine,
+    Section,
+    Series,
+    View,
+    growing,
+    view_html,
+)
 from bike_analysis.read.text import shown
 
 FLAGS = (
@@ -690,6 +703,67 @@ def test_the_map_follows_pan_and_zoom(opened: Opener, tmp_path: Path) -> None:
     assert np.ptp(zoomed_across) == pytest.approx(np.ptp(panned_across) / 1.25, abs=4.0)
     assert np.ptp(zoomed_down) == pytest.approx(np.ptp(panned_down) / 1.25, abs=4.0)
     assert np.subtract(zoomed_dot, 100) == pytest.approx(np.subtract(panned_dot, 100) / 1.25, abs=0.5)
+
+
+def test_differences_are_to_the_reference_that_is_chosen(opened: Opener, tmp_path: Path) -> None:
+    """Laps of 1 km at 20, 25 and 40 m/s: at 500 m the first has lost 5 s on the second and 12.5 s on the third."""
+    way = np.linspace(0.0, 1000.0, 2001)
+    series = tuple(
+        Series(name, {"distance": way, "time": way / v, "speed": np.full(2001, v), "x": way, "y": 0.0 * way})
+        for name, v in (("slow", 20.0), ("middle", 25.0), ("fast", 40.0))
+    )
+    lines = {name: (PanelLine(name, name, "blue"),) for name in ("delta", "speed_delta")}
+    panels = tuple(Panel(name, name, name, "", line, bands=("aid",)) for name, line in lines.items())
+    shares = {"slow": (60.0, 40.0), "fast": (0.0, 100.0)}
+    view = View(
+        *("laps", "laps", series, panels),
+        bands=(Band("aid", "an aid", "violet", ((200, 400),)),),
+        histograms=(Histogram("lean-histogram", "Lean", "lean in °", (0.0, 30.0, 60.0), shares),),
+        reference=2,
+    )
+    path = tmp_path / "laps.html"
+    path.write_text(page_shell("laps", "", [view_html(view)], [view]))
+    browser = opened(path)
+    browser.execute_script('document.querySelector(".view").view.setPlace(1000)')
+    settled(browser)
+
+    def told(key: str) -> list[str]:
+        figures = (By.CSS_SELECTOR, f'[data-plot="{key}"] .legend b')
+        values = WebDriverWait(browser, 10).until(
+            lambda b: b.find_elements(*figures)
+        )  # drawn once it is known to be seen
+        return [value.text.replace("\u2212", "-").split("\u202f")[0] for value in values]
+
+    assert [float(value) for value in told("delta")] == pytest.approx([12.5, 7.5, 0.0])
+    assert [float(value) for value in told("speed_delta")] == pytest.approx([-20.0, -15.0, 0.0])
+    choice = browser.find_element(By.CSS_SELECTOR, "select.reference")
+    choice.send_keys("middle")
+    settled(browser)
+    assert [float(value) for value in told("delta")] == pytest.approx([5.0, 0.0, -7.5])
+    shown = browser.execute_script("""const { chart } = document.querySelector('[data-plot="lean-histogram"]').drawn;
+      return [chart.u.series.length - 1, chart.wanted.found.map(one => one.y)]""")
+    assert shown == [3, [[0, 60, 60, 40, 0], [0, 0, 0, 100, 0]]]  # an area, and a line each
+    strip = browser.execute_script("""const { u } = document.querySelector('[data-plot="delta"]').drawn.chart;
+      const ink = getComputedStyle(document.documentElement).getPropertyValue("--violet").trim();
+      const foot = u.bbox.top + u.bbox.height - 4;
+      const at = place => [...u.ctx.getImageData(u.valToPos(place, "x", true), foot, 1, 1).data].slice(0, 3)
+       .map(part => part.toString(16).padStart(2, "0")).join("");
+      return [ink.slice(1), at(150), at(50), at(250)];""")
+    assert strip[0] == strip[1]
+    assert strip[0] not in strip[2:]
+
+
+def test_controls_and_rider_stay_in_sight_on_a_phone(opened: Opener, tmp_path: Path) -> None:
+    browser = opened(lap_page(tmp_path / "lap.html"), PHONE)
+    browser.execute_script("scrollTo(0, 1400)")
+    settled(browser)
+    tops = browser.execute_script("""return [".transport", ".follow"].map(name => {
+      const { top, bottom } = document.querySelector(name).getBoundingClientRect(); return [top, bottom]; })""")
+    assert (
+        browser.execute_script("return scrollY") > 1300
+    )  # the browser keeps in place what is seen, as plots get drawn
+    assert all(0 <= top < bottom < 500 for top, bottom in tops), tops
+    assert browser.execute_script("return [innerWidth, document.documentElement.scrollWidth]") == [390, 390]
 
 
 # ---- an hour --------------------------------------------------------------------------------------------------------

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bike_analysis.read.reading import Recording, read_recording
 from bike_analysis.read.rides import Ride, find_rides
@@ -39,6 +40,7 @@ class Theory:
         longitudinal: m/s^2.
         lap_time: s.
         sector_times: s.
+        machine: What the machine can do; None leaves out gear, engine speed and the limit of the g-g diagram.
     """
 
     s: Floats
@@ -47,6 +49,40 @@ class Theory:
     longitudinal: Floats
     lap_time: float
     sector_times: tuple[float, ...]
+    machine: Machine | None = None
+
+
+@dataclass(frozen=True)
+class Machine:
+    """What a machine can do, for reading its telemetry.
+
+    Attributes:
+        speeds: m/s, rising.
+        lateral: Lateral accelerations of the limit at each speed, m/s^2, positive to the right; shape (n, k). The
+            curve is closed: over the driving side from left to right, and back over the braking side.
+        along: The longitudinal ones, m/s^2, of the same shape.
+        spins: Speeds of the rear wheel, rad/s, rising from 0 in equal steps.
+        gears: The gear at each of them, 1 for the first.
+        ratios: Turns of the crank for one of the rear wheel, by gear.
+    """
+
+    speeds: Floats
+    lateral: Floats
+    along: Floats
+    spins: Floats
+    gears: NDArray[np.int64]
+    ratios: Floats
+
+    def gear(self, spin: Floats) -> Floats:
+        """The gear at speeds of the rear wheel, rad/s; NaN where they are unknown."""
+        place = np.rint(np.nan_to_num(spin) / self.spins[1]).astype(int)
+        gears = self.gears[np.clip(place, 0, len(self.gears) - 1)].astype(np.float64)
+        return np.where(np.isfinite(spin), gears, np.nan)
+
+    def crank_rpm(self, spin: Floats) -> Floats:
+        """Speed of the crank at speeds of the rear wheel, rpm, with a closed clutch."""
+        gear = self.gear(spin)
+        return spin * self.ratios[np.nan_to_num(gear, nan=1.0).astype(int) - 1] * 60.0 / (2.0 * math.pi)
 
 
 @dataclass(frozen=True)

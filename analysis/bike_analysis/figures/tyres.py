@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -80,6 +82,31 @@ def tyre_figures(ride: Ride) -> TyreFigures | None:
         steps = over(np.sum, told.values.get(name, nothing))
         figures[f"{name}_s"] = None if steps is None or not np.isfinite(period) else steps * period
     return TyreFigures(engine_power_max_w=over(np.max, told.values.get("engine_power", nothing)), **figures)
+
+
+PEAK_USE: Final = 1.5 * math.tan(math.pi / 3.0)
+"""Normalised slip at which the force is largest, for the shape of 1.5 that all shipped tyres have
+(`bike_sim.physics.tyres.peak_slip`)."""
+AIDS: Final = {
+    "traction_control": "traction control",
+    "anti_wheelie": "anti-wheelie",
+    "brake_control": "brake control",
+    "anti_stoppie": "anti-stoppie",
+}
+"""Rider aids, by column of the telemetry."""
+
+
+def grip_used(use: Floats) -> Floats:
+    """Share of the grip that a tyre uses, %.
+
+    Args:
+        use: Normalised slip s (``rear_slip_use``, ``front_slip_use``).
+
+    Returns:
+        Up to the peak, its force by the largest one, ``100 sin(1.5 atan(s / 1.5))``; beyond, where the force falls
+        again and the tyre slides, its slip by that of the peak, so that more slip is always more.
+    """
+    return np.where(use <= PEAK_USE, 100.0 * np.sin(1.5 * np.arctan(use / 1.5)), 100.0 * use / PEAK_USE)
 
 
 _LOST = ("rear_contact_lost", "front_contact_lost")

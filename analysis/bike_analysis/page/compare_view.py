@@ -12,6 +12,7 @@ from bike_analysis.figures.compare import Comparison
 from bike_analysis.figures.numbers import lap_text
 from bike_analysis.page.html import html_text
 from bike_analysis.page.ride_view import (
+    aid_bands,
     course_sections,
     is_fast,
     map_lines,
@@ -28,12 +29,8 @@ DELTA: Final = Panel(
     caption="Difference of the times at the same place along the course; where it rises, time is lost.",
     least=0.05,
 )
-_OWN_PANELS: Final = {
-    "error": "Distance to the path",
-    "lean": "Roll",
-    "speed": "Speed",
-    "throttle": "Throttle and brake",
-}
+_OWN_TITLES: Final = {"lean": "Lean"}
+_LEFT_OUT: Final = ("command", "age")
 _MAIN_COLUMN: Final = {"lean": "roll"}
 
 
@@ -66,19 +63,21 @@ def comparison_view(comparison: Comparison, key: str) -> View:
         map_caption="The full dot is the reference, rings are the ghosts of the others at the same time since the "
         "beginning. Buttons above show and hide them.",
         channels=speed_channels(fast),
+        bands=aid_bands(reference.ride, slice(0, None) if reference.lap is None else reference.lap.rows),
     )
 
 
 def comparison_panels(columns: dict[str, Floats], fast: bool) -> tuple[Panel, ...]:
-    """Panels with one line a series: error, roll, speed, throttle."""
+    """Panels with a line a series, or one for each wheel."""
     found = []
     for panel in panels_for(columns, fast):
-        if panel.key not in _OWN_PANELS:
+        if panel.key in _LEFT_OUT:
             continue
-        wanted = _MAIN_COLUMN.get(panel.key, panel.key)
-        lines = tuple(PanelLine(line.column, line.name, line.colour) for line in panel.lines if line.column == wanted)
+        wanted = _MAIN_COLUMN.get(panel.key)
+        lines = tuple(replace(line, fill="") for line in panel.lines if wanted in (None, line.column))
         if lines:
-            found.append(replace(panel, title=_OWN_PANELS[panel.key], lines=lines, caption=""))
+            title = _OWN_TITLES.get(panel.key, panel.title)
+            found.append(replace(panel, title=title, lines=lines, caption="" if wanted else panel.caption))
     return tuple(found)
 
 

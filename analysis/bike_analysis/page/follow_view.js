@@ -145,7 +145,7 @@ function followDrawing(canvas, ride, { title, lapTime, edges, line, step }) {
   function panel(x, y, w, h) { g.fillStyle = "rgba(12,15,20,.62)"; g.beginPath(); g.roundRect(x, y, w, h, 10); g.fill(); }
 
   function instruments(k) {
-    const speed = at(ride.speed, k), roll = rollAt(k), throttle = ride.throttle ? at(ride.throttle, k) : 0;
+    const speed = at(ride.speed, k), roll = rollAt(k), share = column => column ? at(column, k) / 100 : 0;
     const H = 204;                                                        // below the title, out of the machine's way
     panel(16, H - 116, 400, 100);
     text(String(Math.round(speed)), 130, H - 48, 52, "#fff", "right", 700); text("km/h", 138, H - 48, 16, "#b8c2cf");
@@ -155,7 +155,9 @@ function followDrawing(canvas, ride, { title, lapTime, edges, line, step }) {
     g.arc(cx, cy, r, -Math.PI / 2 + Math.min(0, roll), -Math.PI / 2 + Math.max(0, roll)); g.stroke();
     text(`${Math.round(Math.abs(roll) * 57.2958)}°`, cx, cy + 4, 28, "#fff", "center", 700);
     text("lean", cx, cy + 22, 13, "#b8c2cf", "center");
-    for (const [i, value, colour, name] of [[0, Math.max(0, throttle / 100), "#43c9a3", "gas"], [1, Math.max(0, -throttle / 100), "#ff5a48", "brake"]]) {
+    if (ride.gear) text(`gear ${ride.gear[Math.round(k)] || "–"}`, 138, H - 90, 16, "#ffce45");
+    if (ride.engine) text(`${(at(ride.engine, k) / 1000).toFixed(1)}k rpm`, 138, H - 70, 13, "#b8c2cf");
+    for (const [i, value, colour, name] of [[0, share(ride.throttle), "#43c9a3", "gas"], [1, share(ride.brake), "#ff5a48", "brake"]]) {
       const x = 336 + 40 * i;
       g.fillStyle = "#2c333c"; g.fillRect(x, H - 106, 20, 66);
       g.fillStyle = colour; g.fillRect(x, H - 40 - 66 * value, 20, 66 * value);

@@ -29,9 +29,10 @@ def script_json(data: Any) -> str:
     return json.dumps(data, separators=(",", ":"), allow_nan=False).translate(_BY_NUMBER)
 
 
-def table_html(head: str, rows: Sequence[str]) -> str:
-    """Return a table that scrolls horizontally on a narrow screen."""
-    return f"<div class=scroll><table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table></div>"
+def table_html(head: str, rows: Sequence[str], kind: str = "") -> str:
+    """Return a table that scrolls horizontally on a narrow screen; `kind` is its class."""
+    named = f" class={kind}" if kind else ""
+    return f"<div class=scroll><table{named}><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table></div>"
 
 
 def key_html(entries: Iterable[tuple[str, str, str]]) -> str:

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
+from bike_analysis.figures.corners import LapTrace, corner_figures
 from bike_analysis.figures.lap_recording import LapRecording, Theory, timing_agrees
 from bike_analysis.figures.numbers import best_sectors_together, best_times, lap_text
 from bike_analysis.page.html import html_text, key_html, table_html
-from bike_analysis.page.lap_view import lap_view
+from bike_analysis.page.lap_view import lap_view, theory_columns
 from bike_analysis.page.shell import page_shell
-from bike_analysis.page.view import view_html
+from bike_analysis.page.view import View, view_html
+from bike_analysis.read.tables import Floats
 from bike_analysis.read.text import LONGEST_SENTENCE
 
 PAGE_NAME: Final = "lap.html"
@@ -64,16 +67,22 @@ def render_lap_page(laps: LapRecording, theory: Theory) -> str:
     title = f"{laps.recording.vehicle} on {laps.track.name}"
     view = lap_view(laps, theory, "laps", title)
     below = f'<p class="soft">{html_text(" · ".join(_header(laps)), LONGEST_SENTENCE)}</p>'
-    parts = [_key(figures), view_html(view), "<h2>Lap and sector times</h2>", _time_table(laps, theory)]
-    return page_shell(title, below, [*parts, _agreement(figures)], [view])
+    parts = [_key(laps, figures), view_html(view), "<h2>Lap and sector times</h2>", _time_table(laps, theory)]
+    parts += [_agreement(figures), corner_tables(laps, theory, view)]
+    return page_shell(title, below, parts, [view])
 
 
 def _header(laps: LapRecording) -> list[str]:
-    """Vehicle, circuit, rider and source of the numbers. The tiles do not show an out-lap."""
+    """What was ridden, by whom, when, and with what settings. The tiles do not show an out-lap."""
     recording, track = laps.recording, laps.track
+    notes = dict(recording.notes)
     words = [f"machine {recording.vehicle}", f"circuit {track.name}, {track.length:.0f} m"]
-    words += [f"{name} {value}" for name, value in recording.notes.items() if name not in ("vehicle", "circuit")]
-    return [*words, recording.path.name, f"{recording.message_count:,} messages", program_version()]
+    words.append(f"rider {notes.pop('policy', 'unknown')}")
+    words.append(f"a command every {1e3 * float(laps.ride.states.control_period[0]):.0f} ms")
+    if "recorded" in notes:
+        words.append(f"recorded {notes.pop('recorded')}")
+    words += [f"{name} {value}" for name, value in notes.items() if name not in ("vehicle", "circuit")]
+    return [*words, recording.path.name, f"{recording.message_count:,} messages", f"page by {program_version()}"]
 
 
 def program_version() -> str:
@@ -84,45 +93,113 @@ def program_version() -> str:
         return _PROGRAM
 
 
-def _key(figures: dict[str, Any]) -> str:
-    excess = figures["excess"]
+def _key(laps: LapRecording, figures: dict[str, Any]) -> str:
+    """The tiles: numbers that stand for themselves."""
+    best, limit, ridden = figures["lap_s"], figures["limit_s"], len(figures["laps_s"])
+    rows = [row for lap in laps.flying for row in range(*laps.rows(lap).indices(len(laps.ride.states)))]
+    states = laps.ride.states.take(np.array(rows, dtype=int)) if rows else laps.ride.states
     entries = [
-        ("best lap", "–" if figures["lap_s"] is None else lap_text(figures["lap_s"]), ""),
-        ("theoretical lap", lap_text(figures["limit_s"]), ""),
-        ("slowest lap over theoretical", "–" if excess is None else f"{100 * excess:+.1f}", "%"),
-        ("laps within the limits", f"{figures['valid_laps']} of {len(figures['laps_s'])}", ""),
-        ("time off the track", f"{figures['off_track_s']:.2f}", "s"),
+        ("best lap", "–" if best is None else lap_text(best), ""),
+        ("theoretical best", lap_text(limit), ""),
+        ("best over theoretical", "–" if best is None else f"{best - limit:+.2f}".replace("-", "−"), "s"),
+        ("laps after the out-lap", str(ridden), ""),
+        ("of them inside the limits", f"{figures['valid_laps']} of {ridden}", ""),
+        ("time outside the limits", f"{figures['off_track_s']:.2f}", "s"),
+        ("top speed", f"{3.6 * float(np.nanmax(states.speed)):.0f}", "km/h"),
+        ("largest lean", f"{np.degrees(float(np.nanmax(np.abs(states.roll)))):.0f}", "°"),
         ("falls", str(figures["falls"]), ""),
-        ("wall contacts", str(figures["walls"]), ""),
+        ("touches of walls", str(figures["walls"]), ""),
     ]
     return key_html(entries)
 
 
 def _time_table(laps: LapRecording, theory: Theory) -> str:
-    """Lap and sector times by the number in the events; the best flying ones are marked, with their sum."""
+    """Lap and sector times by the number in the events, each with what it is over the best one; the best are marked."""
     names = [name for name, _ in laps.track.sectors]
-    head = "".join(f"<th>{html_text(name)}</th>" for name in ("lap", "time", *names, "off track"))
+    left = any(lap.off_track for lap in laps.timing.laps)
+    head = "".join(f"<th>{html_text(name)}</th>" for name in ("lap", "time", *names, *(["off track"] if left else [])))
     flying = [lap.sectors for lap in laps.flying]
     best = [min((lap.duration for lap in laps.flying), default=None), *best_times(flying)]
     rows = []
     for lap in laps.timing.laps:
         name = str(lap.number) if lap in laps.flying else f"{lap.number} (out)"
-        rows.append(
-            _time_row(name, (lap.duration, *lap.sectors), best, f"{lap.off_track:.2f} s" if lap.off_track else "")
-        )
+        rows.append(_time_row(name, (lap.duration, *lap.sectors), best, f"{lap.off_track:.2f} s" if left else None))
     together = best_sectors_together(flying)
     if len(flying) > 1 and together is not None:
-        rows.append(_time_row("best sectors", (together, *best[1:]), [], ""))
-    rows.append(_time_row("theoretical", (theory.lap_time, *theory.sector_times), [], ""))
-    return table_html(head, rows)
+        rows.append(_time_row("best sectors", (together, *best[1:]), [best[0]], "" if left else None))
+    rows.append(_time_row("theoretical", (theory.lap_time, *theory.sector_times), best, "" if left else None))
+    return table_html(head, rows, "times")
 
 
-def _time_row(name: str, times: Sequence[float | None], best: Sequence[float | None], last: str) -> str:
+def _time_row(name: str, times: Sequence[float | None], best: Sequence[float | None], last: str | None) -> str:
     cells = []
-    for column, time in enumerate(times):
-        mark = ' class="best"' if column < len(best) and time == best[column] else ""
-        cells.append(f"<td{mark}>{'–' if time is None else lap_text(time)}</td>")
-    return f"<tr><td>{html_text(name)}</td>{''.join(cells)}<td>{last}</td></tr>"
+    for time, least in zip_longest(times, best):
+        mark = ' class="best"' if time is not None and time == least else ""
+        over = "" if time is None or least is None or time == least else f"<small>{signed(time - least)}</small>"
+        cells.append(f"<td{mark}>{'–' if time is None else lap_text(time)}{over}</td>")
+    cells += [] if last is None else [f"<td>{last}</td>"]
+    return f"<tr><td>{html_text(name)}</td>{''.join(cells)}</tr>"
+
+
+def signed(seconds: float) -> str:
+    """A difference of times with its sign, to thousandths."""
+    return f"{round(seconds, 3) + 0.0:+.3f}".replace("-", "−")
+
+
+def corner_tables(laps: LapRecording, theory: Theory, view: View) -> str:
+    """A table of the corners for each flying lap: the best against the theoretical lap, the others against the best."""
+    by_number = {f"lap {lap.number}": lap for lap in laps.flying}
+    ridden = [series for series in view.series if series.name in by_number]
+    if not ridden or not laps.track.corners:
+        return ""
+    best, *others = ridden
+    limit = _trace(theory_columns(laps, theory), laps.track.length, theory.lap_time)
+    traces = {s.name: _trace(s.columns, laps.track.length, by_number[s.name].duration) for s in ridden}
+    parts = ["<h2>Corners</h2>"]
+    parts.append(_corner_table(laps, best.name, traces[best.name], "the theoretical lap", limit, is_open=True))
+    for other in others:
+        words = f"the best, {best.name}"
+        parts.append(_corner_table(laps, other.name, traces[other.name], words, traces[best.name]))
+    return "".join(parts)
+
+
+def _trace(columns: dict[str, Floats], length: float, duration: float) -> LapTrace:
+    """A lap from line to line: its first and last state lie a little inside, and the times of the line are known."""
+    nothing = np.zeros(len(columns["distance"]))
+    ended = [columns["speed"], columns.get("roll", nothing), columns.get("brake", nothing)]
+    way = np.concatenate([[0.0], np.clip(columns["distance"], 0.0, length), [length]])
+    time = np.concatenate([[0.0], np.clip(columns["time"], 0.0, duration), [duration]])
+    return LapTrace(way, time, *(np.pad(column, 1, mode="edge") for column in ended))
+
+
+_CORNER_HEAD: Final = (
+    "<th>corner</th><th>brakes at<br>m</th><th>before apex<br>m</th><th>entry<br>km/h</th><th>least<br>km/h</th>"
+    "<th>exit<br>km/h</th><th>lean<br>°</th><th>lost<br>s</th><th class=text>most of it in</th>"
+)
+
+
+def _corner_table(
+    laps: LapRecording, name: str, lap: LapTrace, against: str, reference: LapTrace, is_open: bool = False
+) -> str:
+    found = corner_figures(laps.track.corners, laps.track.length, lap, reference)
+    worst = max((corner.lost_s for corner in found), default=0.0)
+    rows = []
+    for corner in found:
+        cells = [
+            f"<td>{html_text(corner.name)} {corner.direction}</td>",
+            f"<td>{'–' if corner.braking_m is None else f'{corner.braking_m:.0f}'}</td>",
+            f"<td>{'–' if corner.before_apex_m is None else f'{corner.before_apex_m:.0f}'}</td>",
+            *(f"<td>{value:.0f}</td>" for value in (corner.entry_speed, corner.least_speed, corner.exit_speed)),
+            f"<td>{corner.lean_deg:.0f}</td>",
+            f"<td{' class=worst' if corner.lost_s == worst > 0.0 else ''}>{signed(corner.lost_s)}</td>",
+            f"<td class=text>{corner.lost_in}</td>",
+        ]
+        rows.append(f"<tr>{''.join(cells)}</tr>")
+    total = signed(sum(corner.lost_s for corner in found))
+    rows.append(f"<tr><td>whole lap</td>{'<td></td>' * 6}<td>{total}</td><td></td></tr>")
+    words = f"{html_text(name)}, measured against {html_text(against)}"
+    table = table_html(_CORNER_HEAD, rows, "corners")
+    return f"<details{' open' if is_open else ''}><summary>{words}</summary>{table}</details>"
 
 
 def _agreement(figures: dict[str, Any]) -> str:

@@ -7,25 +7,53 @@ from typing import Any, Final
 
 import numpy as np
 
-from bike_analysis.figures.lap_recording import LapRecording, Theory
-from bike_analysis.figures.numbers import lap_text
+from bike_analysis.figures.histograms import time_shares
+from bike_analysis.figures.lap_recording import LapRecording, Machine, Theory
+from bike_analysis.figures.numbers import lap_text, rate
 from bike_analysis.page.compare_view import comparison_panels
-from bike_analysis.page.ride_view import GRAVITY, off_track, ride_columns
-from bike_analysis.page.view import KMH, Cloud, MapLine, Panel, PanelLine, Section, Series, View, growing, series_colour
+from bike_analysis.page.ride_view import GRAVITY, aid_bands, off_track, ride_columns, speed_channels
+from bike_analysis.page.view import (
+    KMH,
+    Cloud,
+    Histogram,
+    Limit,
+    MapLine,
+    Panel,
+    PanelLine,
+    Section,
+    Series,
+    View,
+    growing,
+    series_colour,
+)
 from bike_analysis.read.tables import Floats
 from bike_analysis.read.text import shown
 from bike_sim.course.lap_timing import Lap
 
 DELTA: Final = Panel(
-    *("delta", "Time lost on the theoretical lap", "time lost", "s", (PanelLine("delta", "time lost", "orange"),)),
-    caption="Difference of the times at the same place; where it rises, time is lost.",
+    *("delta", "Time lost on the reference", "time lost", "s", (PanelLine("delta", "time lost", "orange"),)),
+    caption="Difference of the times at the same place to the lap chosen above; where it rises, time is lost.",
     least=0.05,
 )
+SPEED_DELTA: Final = Panel(
+    *("speed_delta", "Speed less that of the reference", "difference", "km/h"),
+    (PanelLine("speed_delta", "difference", "green"),),
+    least=1.0,
+)
+LEAN_BINS: Final = tuple(range(0, 71, 5))
+"""Edges of the histogram of lean, degrees."""
+GRIP_BINS: Final = tuple(range(0, 121, 10))
+"""Edges of the histograms of grip used, %."""
+CURVE_SPEED_STEP: Final = 10.0
+"""Speeds between which limits of the g-g diagram are not distinguished, km/h."""
 ROAD_STEP: Final = 4.0
 """Distance of the road's points in the ride seen from behind, m."""
 LABEL_BESIDE: Final = 22.0
-"""Distance of a corner's name from the limit, m."""
+"""Least distance of a corner's name from the limit, m."""
+LABEL_SHARE: Final = 0.03
+"""The same as a part of the circuit's extent: a map is as wide as its page allows."""
 _SMOOTHING_S: Final = 0.1
+_KMH: Final = 3.6
 
 
 def lap_view(laps: LapRecording, theory: Theory, key: str, title: str) -> View:
@@ -43,36 +71,45 @@ def lap_view(laps: LapRecording, theory: Theory, key: str, title: str) -> View:
     best = sorted(laps.flying, key=lambda lap: lap.duration)
     limit = theory_columns(laps, theory)
     series = [
-        Series(f"lap {lap.number}", lap_columns(laps, lap, limit), series_colour(n)) for n, lap in enumerate(best)
+        Series(f"lap {lap.number}", lap_columns(laps, lap, theory.machine), series_colour(n))
+        for n, lap in enumerate(best)
     ]
     if not series:
-        series = [Series("ride", lap_columns(laps, None, limit))]
+        series = [Series("ride", lap_columns(laps, None, theory.machine))]
     first = series[0].columns
+    histograms = lap_histograms(series)
     series.append(Series("theoretical", limit, "muted", theory=True))
-    panels = (_lean_from(panel) for panel in comparison_panels(first, fast=True))
     off = off_track(laps.ride, laps.outside)
+    bands = aid_bands(laps.ride, laps.rows(best[0]) if best else slice(0, None))
+    coloured = "Wider below the path: where an aid acts. " if bands else ""
     return View(
         key,
         title,
         tuple(series),
-        (DELTA, *panels),
+        (DELTA, SPEED_DELTA, *_ordered(comparison_panels(first, fast=True))),
         track_lines(laps),
         () if off is None else (off,),
         corner_labels(laps),
         corner_sections(laps, first["distance"]),
-        ("speed", "error", "roll", "throttle"),
-        "The best flying lap between the limits. Rings are the other laps at the same time since the line.",
-        {"speed": KMH},
-        gg_cloud([s.columns for s in series]),
+        tuple(name for name in ("speed", "error", "roll", "throttle", "brake", "rear_grip") if name in first),
+        f"The best flying lap between the limits. {coloured}Rings are the other laps at the same time since the line.",
+        speed_channels(fast=True),
+        gg_cloud([s.columns for s in series], theory.machine),
         follow_data(laps, best[0] if best else None),
+        bands,
+        histograms,
+        len(series) - 1,
     )
 
 
-def _lean_from(panel: Panel) -> Panel:
-    return replace(panel, caption="Positive leaning right.") if panel.key == "lean" else panel
+def _ordered(panels: tuple[Panel, ...]) -> list[Panel]:
+    """The distance to the path last, and lean with its own caption."""
+    lean = "Positive leaning right."
+    panels = tuple(replace(panel, caption=lean) if panel.key == "lean" else panel for panel in panels)
+    return sorted(panels, key=lambda panel: panel.key == "error")
 
 
-def lap_columns(laps: LapRecording, lap: Lap | None, limit: dict[str, Floats]) -> dict[str, Floats]:
+def lap_columns(laps: LapRecording, lap: Lap | None, machine: Machine | None = None) -> dict[str, Floats]:
     """Columns of a lap, over arc length along the centre line; the whole ride if None."""
     rows = slice(0, len(laps.ride.states)) if lap is None else laps.rows(lap)
     columns = ride_columns(laps.ride, rows)
@@ -82,8 +119,9 @@ def lap_columns(laps: LapRecording, lap: Lap | None, limit: dict[str, Floats]) -
     columns["distance"] = growing(way - laps.track.length * np.round(way[0] / laps.track.length))
     if lap is not None:
         columns["time"] = growing(laps.time[rows] - lap.began)
-        on_time = np.interp(columns["distance"], limit["distance"], limit["time"])
-        columns["delta"] = columns["time"] - on_time
+    if machine is not None:
+        spin = rate(laps.ride.states.rear_wheel_angle, laps.time)[rows]
+        columns |= {"gear": machine.gear(spin), "engine": machine.crank_rpm(spin)}
     columns["lateral"], columns["along"] = accelerations(laps, rows)
     return columns
 
@@ -95,7 +133,7 @@ def theory_columns(laps: LapRecording, theory: Theory) -> dict[str, Floats]:
     return {
         "distance": theory.s * laps.track.length / theory.s[-1],
         "time": time * theory.lap_time / time[-1],
-        "speed": 3.6 * speed,
+        "speed": _KMH * speed,
         "lateral": -theory.lateral / GRAVITY,
         "along": theory.longitudinal / GRAVITY,
     }
@@ -118,14 +156,43 @@ def accelerations(laps: LapRecording, rows: slice) -> tuple[Floats, Floats]:
     return smooth(-speed * np.gradient(yaw, time))[rows], smooth(np.gradient(speed, time))[rows]
 
 
-def gg_cloud(columns: list[dict[str, Floats]]) -> Cloud:
-    """The g-g diagram of these columns."""
+def lap_histograms(series: list[Series]) -> tuple[Histogram, ...]:
+    """How long each lap was at which lean, and used which share of its tyres' grip."""
+    found = []
+    for key, title, label, edges in (
+        ("roll", "Lean by time", "lean to either side in °", LEAN_BINS),
+        ("rear_grip", "Grip used by time, rear", "grip used in %", GRIP_BINS),
+        ("front_grip", "Grip used by time, front", "grip used in %", GRIP_BINS),
+    ):
+        known = {s.name: s.columns for s in series if key in s.columns}
+        if known:
+            shares = {name: time_shares(np.abs(c[key]), c["time"], edges) for name, c in known.items()}
+            found.append(Histogram(f"{key}-histogram", title, label, tuple(map(float, edges)), shares))
+    return tuple(found)
+
+
+def gg_limit(machine: Machine) -> Limit:
+    """Curves of the g-g diagram, every 10 km/h, in g."""
+    wanted = np.arange(CURVE_SPEED_STEP, _KMH * machine.speeds[-1], CURVE_SPEED_STEP)
+    rows = np.unique(np.abs(_KMH * machine.speeds[:, None] - wanted).argmin(axis=0))
+    curves = tuple((_hundredths(machine.lateral[row]), _hundredths(machine.along[row])) for row in rows)
+    return Limit(tuple(round(float(_KMH * machine.speeds[row]), 1) for row in rows), KMH.unit, curves)
+
+
+def _hundredths(accelerations: Floats) -> tuple[float, ...]:
+    return tuple(round(float(value), 3) for value in accelerations / GRAVITY)
+
+
+def gg_cloud(columns: list[dict[str, Floats]], machine: Machine | None = None) -> Cloud:
+    """The g-g diagram of these columns, with the machine's limits where they are known."""
     x = np.concatenate([c["lateral"] for c in columns])
     y = np.concatenate([c["along"] for c in columns])
     box = (float(np.nanmin(x)), float(np.nanmax(x)), float(np.nanmin(y)), float(np.nanmax(y)))
     return Cloud(
         *("Accelerations (g-g diagram)", "lateral", "along", "lateral in g, right positive", "longitudinal in g", box),
-        caption="From the recorded states: speed times yaw rate, and change of speed. The dot is the cursor.",
+        caption="From the recorded states: speed times yaw rate, and change of speed. The dot is the cursor; the "
+        "dashed curve is what the machine can do at this speed on level ground, by its tyres, engine and brakes.",
+        limit=None if machine is None else gg_limit(machine),
     )
 
 
@@ -142,13 +209,18 @@ def track_lines(laps: LapRecording) -> tuple[MapLine, ...]:
 
 
 def corner_labels(laps: LapRecording) -> tuple[dict[str, Any], ...]:
-    """Name of each corner, outside of it."""
+    """Name of each corner beside the track: outside of the corner, or where it is farthest from any part of it."""
     track = laps.track
+    road = np.concatenate([track.points(track.centre.s, w)[:, :2] for w in (track.width_left, -track.width_right)])
+    beside = max(LABEL_BESIDE, LABEL_SHARE * float(np.ptp(road, axis=0).max()))
     labels = []
     for corner in track.corners:
-        side = 1.0 if corner.angle < 0.0 else -1.0
-        width = float(track.at(track.width_left if side > 0.0 else track.width_right, corner.apex))
-        x, y, _ = track.points(np.array([corner.apex]), side * (width + LABEL_BESIDE))[0]
+        places = []
+        for side in (1.0, -1.0) if corner.angle < 0.0 else (-1.0, 1.0):
+            width = float(track.at(track.width_left if side > 0.0 else track.width_right, corner.apex))
+            places.append(track.points(np.array([corner.apex]), side * (width + beside))[0][:2])
+        room = [float(np.hypot(*(road - place).T).min()) for place in places]
+        x, y = places[0] if room[0] > 0.8 * beside else places[int(np.argmax(room))]
         labels.append({"x": round(float(x), 2), "y": round(float(y), 2), "text": corner.name})
     return tuple(labels)
 

@@ -1,7 +1,7 @@
 // What stands beside the drawings: axis, zoom, playing, series, and what is told about the cursor.
 
 function buildBar(view) {
-  const bar = view.root.querySelector(".tools");
+  const bar = view.root;
   const on = (name, action) => { bar.querySelector(`[data-do="${name}"]`).onclick = action; };
   for (const choice of bar.querySelectorAll("input[type=radio]")) choice.onchange = () => view.setAxis(choice.value);
   on("in", () => view.zoom(1 / ZOOM));

@@ -115,7 +115,7 @@ class View {
   rowIn(series, by = this.axis) {
     if (series === this.main) return this.row;
     const column = series.columns[by], wanted = this.main.columns[by][this.row];
-    if (!column || wanted > column[column.length - 1] || wanted < column[0]) return -1;
+    if (!column || wanted > 2 * column[column.length - 1] - column[column.length - 2] || wanted < 2 * column[0] - column[1]) return -1;
     return nearestRow(column, wanted);
   }
 

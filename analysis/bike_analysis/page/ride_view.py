@@ -16,7 +16,21 @@ from numpy.typing import NDArray
 from bike_analysis.figures.delays import command_ages
 from bike_analysis.figures.laps import lap_range
 from bike_analysis.figures.track_limits import beyond_limits, has_limits
-from bike_analysis.page.view import KMH, Channel, MapLine, Mark, Panel, PanelLine, Section, Series, View, growing
+from bike_analysis.figures.tyres import AIDS, grip_used, telemetry_columns
+from bike_analysis.page.view import (
+    KMH,
+    KMH_DIFFERENCE,
+    Band,
+    Channel,
+    MapLine,
+    Mark,
+    Panel,
+    PanelLine,
+    Section,
+    Series,
+    View,
+    growing,
+)
 from bike_analysis.read.messages import RecordedCourse
 from bike_analysis.read.rides import Ride
 from bike_analysis.read.tables import Floats
@@ -46,14 +60,50 @@ LEAN: Final = Panel(
 )
 SPEED: Final = Panel("speed", "Speed", "speed", "m/s", (PanelLine("speed", "speed", "green"),), zero=False, least=0.2)
 THROTTLE: Final = Panel(
-    *(
-        "throttle",
-        "Throttle and brake",
-        "throttle",
-        "%",
-        (PanelLine("throttle", "throttle", "green", "area", step=True),),
-    ),
-    caption="Below zero it brakes.",
+    *("throttle", "Throttle", "throttle", "%", (PanelLine("throttle", "throttle", "green", "area", step=True),)),
+    ends=(0.0, 100.0),
+    bands=("traction_control", "anti_wheelie"),
+)
+BRAKE: Final = Panel(
+    *("brake", "Brake", "brake", "%", (PanelLine("brake", "brake", "orange", "area", step=True),)),
+    ends=(0.0, 100.0),
+    bands=("brake_control", "anti_stoppie"),
+)
+GEAR: Final = Panel("gear", "Gear", "gear", "", (PanelLine("gear", "gear", "violet", step=True),), ends=(0.0, 6.0))
+ENGINE: Final = Panel(
+    *("engine", "Engine speed", "engine speed", "rpm", (PanelLine("engine", "engine speed", "violet"),)),
+    caption="Of the crank, with a closed clutch: from the turning of the rear wheel and the machine's gears.",
+    zero=False,
+)
+TORQUE: Final = Panel(
+    *("torque", "Steering torque", "torque", "Nm", (PanelLine("torque", "torque", "gold"),)),
+    caption="On the fork about the steering axis, positive to the left.",
+)
+ROLL_RATE: Final = Panel(
+    *("roll_rate", "Lean rate", "lean rate", "°/s", (PanelLine("roll_rate", "lean rate", "blue"),)),
+    caption="Positive while leaning further right.",
+)
+
+
+def _wheels(column: str) -> tuple[PanelLine, PanelLine]:
+    """A line for the rear wheel, and a dashed one for the front wheel."""
+    return PanelLine(f"rear_{column}", "rear", "blue"), PanelLine(f"front_{column}", "front", "orange", dash=True)
+
+
+SLIP: Final = Panel(
+    *("slip", "Longitudinal slip", "slip", "%", _wheels("slip")),
+    caption="Positive driving, negative braking.",
+    bands=("traction_control", "brake_control"),
+)
+DRIFT: Final = Panel(
+    *("drift", "Slip angle", "slip angle", "°", _wheels("drift")), caption="Positive where the wheel moves to its left."
+)
+LOAD: Final = Panel("load", "Load", "vertical load", "kN", _wheels("load"))
+GRIP: Final = Panel(
+    *("grip", "Grip used", "grip used", "%", _wheels("grip")),
+    caption="Force of the tyre by the largest that it could have; beyond 100 % it slides, and its slip by that of the "
+    "largest force is shown.",
+    ends=(0.0, 100.0),
 )
 COMMAND: Final = Panel(
     *("command", "Steering command", "command", ""),
@@ -93,7 +143,11 @@ def ride_view(ride: Ride, key: str, title: str) -> View:
         tuple(name for name in ("error", "speed", "roll", "steer", "throttle") if name in columns),
         "The path driven over the path wanted; the dot is the rear contact point at the cursor.",
         speed_channels(fast),
+        bands=aid_bands(ride, slice(0, len(ride.states))),
     )
+
+
+_CONTROLS: Final = (THROTTLE, BRAKE, GEAR, ENGINE, ROLL_RATE, TORQUE, SLIP, DRIFT, LOAD, GRIP)
 
 
 def is_fast(ride: Ride) -> bool:
@@ -104,7 +158,7 @@ def is_fast(ride: Ride) -> bool:
 
 def speed_channels(fast: bool) -> dict[str, Channel]:
     """The channel of the speed, where it is not the usual one."""
-    return {"speed": KMH} if fast else {}
+    return {"speed": KMH, "speed_delta": KMH_DIFFERENCE} if fast else {}
 
 
 def ride_columns(ride: Ride, rows: slice, begin_m: float = 0.0, begin_s: float | None = None) -> dict[str, Floats]:
@@ -136,20 +190,54 @@ def ride_columns(ride: Ride, rows: slice, begin_m: float = 0.0, begin_s: float |
         "steer": np.degrees(states.steer),
         "balance": -np.degrees(np.arctan(speed**2 * states.curvature / GRAVITY)),
         "speed": speed * (_KMH if is_fast(ride) else 1.0),
-        "throttle": 100.0 * states.throttle_command,
+        "throttle": 100.0 * np.maximum(states.throttle_command, 0.0),
+        "brake": 100.0 * np.maximum(-states.throttle_command, 0.0),
+        "torque": states.steer_torque,
+        "roll_rate": np.degrees(states.roll_rate),
         "command": states.steering_command,
         "reached": states.steer / limit,
         "age": command_ages(ride)[0][rows],
     }
     if not np.any(np.nan_to_num(states.throttle_command)):
-        del columns["throttle"]  # a vehicle without a drive
+        del columns["throttle"], columns["brake"]  # a vehicle without a drive
+    columns |= tyre_columns(ride, rows)
     return {name: column for name, column in columns.items() if np.isfinite(column).any()}
+
+
+def tyre_columns(ride: Ride, rows: slice) -> dict[str, Floats]:
+    """Telemetry of both tyres as the page shows it; empty where it was not recorded."""
+    told = telemetry_columns(ride, rows)
+    columns = {}
+    for wheel in ("rear", "front"):
+        for name, field, shown_as in (
+            ("slip", f"{wheel}_slip", lambda slip: 100.0 * slip),
+            ("drift", f"{wheel}_slip_angle_rad", np.degrees),
+            ("load", f"{wheel}_load_n", lambda load: 1e-3 * load),
+            ("grip", f"{wheel}_slip_use", grip_used),
+        ):
+            if field in told:
+                columns[f"{wheel}_{name}"] = shown_as(told[field])
+    return columns
+
+
+def aid_bands(ride: Ride, rows: slice) -> tuple[Band, ...]:
+    """When each rider aid acted, as ranges of the part's rows; aids that never did are left out."""
+    told = telemetry_columns(ride, rows)
+    bands = []
+    for (key, name), colour in zip(AIDS.items(), ("violet", "gold", "rose", "blue"), strict=True):
+        acting = np.nan_to_num(told.get(key, np.zeros(0))) > 0.5
+        edges = np.flatnonzero(np.diff(acting, prepend=False, append=False))
+        if len(edges):
+            bands.append(Band(key, name, colour, tuple(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))))
+    return tuple(bands)
 
 
 def panels_for(columns: dict[str, Floats], fast: bool) -> tuple[Panel, ...]:
     """The panels of which there is something to draw."""
     speed = replace(SPEED, unit=KMH.unit) if fast else SPEED
-    order = (ERROR, LEAN, speed, THROTTLE, COMMAND, AGE)
+    order = (
+        (ERROR, LEAN, speed, *_CONTROLS, COMMAND, AGE) if fast else (ERROR, LEAN, speed, THROTTLE, BRAKE, COMMAND, AGE)
+    )
     kept = []
     for panel in order:
         lines = tuple(line for line in panel.lines if line.column in columns)

@@ -83,6 +83,10 @@ KMH_DIFFERENCE: Final = Channel("Difference of speed", "km/h", 1)
 """The difference of two of them."""
 
 
+FOLLOWED: Final = ("speed", "roll", "throttle", "brake", "gear", "engine")
+"""What the instruments of the follow view show."""
+
+
 @dataclass(frozen=True)
 class PanelLine:
     """A line of a panel.
@@ -283,13 +287,12 @@ class View:
 
     def data(self) -> dict[str, Any]:
         """The view as plain values for JSON."""
-        names = {name for series in self.series for name in series.columns}
-        names |= {line.column for panel in self.panels for line in panel.lines}
+        names = self._drawn()
         cloud = self.cloud
         return {
             "title": shown(self.title),
             "axes": ["distance", "time"],
-            "channels": {name: asdict(self.channel(name)) for name in sorted(names | {"time", "distance"})},
+            "channels": {name: asdict(self.channel(name)) for name in sorted(names)},
             "series": [self._packed(series) for series in self.series],
             "panels": [asdict(panel) for panel in self.panels],
             "map": {
@@ -318,8 +321,19 @@ class View:
             "follow": self.follow,
         }
 
+    def _drawn(self) -> set[str]:
+        """Names of the columns that something draws; the page carries no others."""
+        names = {"distance", "time", "x", "y", "yaw", *self.colours}
+        names |= {line.column for panel in self.panels for line in panel.lines}
+        if self.cloud is not None:
+            names |= {self.cloud.x, self.cloud.y, "speed"}
+        if self.reference is not None:
+            names.add("speed")  # the page computes differences of it
+        return names | set(FOLLOWED) if self.follow is not None else names
+
     def _packed(self, series: Series) -> dict[str, Any]:
-        columns = {name: embed(column, self._quantum(name)) for name, column in series.columns.items()}
+        drawn = self._drawn()
+        columns = {n: embed(column, self._quantum(n)) for n, column in series.columns.items() if n in drawn}
         return {"name": shown(series.name), "colour": series.colour, "theory": series.theory, "columns": columns}
 
     def _quantum(self, name: str) -> float:
@@ -366,7 +380,7 @@ def view_html(view: View) -> str:
         panels.append(_figure("cloud", view.cloud.title, view.cloud.caption, "cloud"))
     if view.histograms:
         figures = [_figure(h.key, h.title, h.caption, "histogram") for h in view.histograms]
-        panels.append(f'<div class="pair">{"".join(figures)}</div>')
+        panels.append(f'<div class="row">{"".join(figures)}</div>')
     return "\n".join(
         [
             f'<div class="view" id="{escape(view.key)}-view">',
@@ -422,10 +436,10 @@ def _tools_html(view: View) -> str:
         for rate in ("0.25", "1", "4", "16", "64")
     )
     buttons = (
+        ("play", "Play", "Play or pause"),
         ("in", "+", "Zoom in"),
         ("out", "−", "Zoom out"),
-        ("whole", "Whole ride", "Show the whole ride"),
-        ("play", "Play", "Play or pause"),
+        ("whole", "All", "Show the whole ride"),
     )
     shown = "".join(
         f'<button type="button" data-do="{key}" aria-label="{name}" title="{name}">{text}</button>'
@@ -434,9 +448,10 @@ def _tools_html(view: View) -> str:
     series = '<div class="series" role="group" aria-label="Shown"></div>' if len(view.series) > 1 else ""
     series += _reference_html(view)
     return (
-        f'<div class="tools"><fieldset class="switch"><legend>over</legend>{axis}</fieldset>'
-        f'<div class="buttons">{shown}<select class="rate" aria-label="Pace of playing">{rates}</select></div>'
-        f'<p class="now"><span></span><span></span><span></span></p>{series}</div>'
+        f'<div class="tools"><div class="transport"><div class="buttons">{shown}'
+        f'<select class="rate" aria-label="Pace of playing">{rates}</select></div>'
+        f'<p class="now"><span></span><span></span><span></span></p></div>'
+        f'<fieldset class="switch"><legend>over</legend>{axis}</fieldset>{series}</div>'
     )
 
 

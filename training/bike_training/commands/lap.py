@@ -9,11 +9,12 @@ import time
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from bike_analysis.figures.lap_recording import Theory, load_laps
+from bike_analysis.figures.lap_recording import Machine, Theory, load_laps
 from bike_analysis.figures.numbers import lap_text
 from bike_analysis.page.lap_page import lap_figures, write_lap_report
 from bike_policy.riders.classical import CLASSICAL
@@ -21,8 +22,8 @@ from bike_policy.riders.rider import Rider, make_rider
 from bike_sim.course.files import shipped_tracks
 from bike_sim.recording.in_use import claim_folder
 from bike_sim.sim.snapshot import Snapshot
-from bike_sim.theory.envelope import envelope
-from bike_sim.theory.lap_limit import lap_limit
+from bike_sim.theory.envelope import Envelope, envelope
+from bike_sim.theory.lap_limit import LapLimit, lap_limit
 from bike_sim.theory.line_cache import track_with_line
 from bike_sim.vehicles.files import load_vehicle, shipped_vehicles
 from bike_sim.vehicles.superbike import Superbike
@@ -33,6 +34,8 @@ from bike_training.rollout.laps import ALLOWED_EXCESS, pair_figures, ride_laps
 SCHEMA: Final = "bike.lap/1"
 
 TABLE_WIDTH: Final = 130
+GG_POINTS: Final = 25
+"""Points of each half of a curve of the g-g diagram."""
 
 _EXAMPLES: Final = """examples:
   bike lap                                                     the Panigale V4 R, three flying laps of Barcelona
@@ -106,7 +109,7 @@ def _through_nodes(args: argparse.Namespace) -> dict[str, Any]:
     limit = lap_limit(limits, line)
     wall = ride_through_nodes(args.vehicle, args.course, line.length, args.laps, recording, limit.lap_time, args.rider)
     laps = load_laps(recording, track)
-    theory = Theory(limit.s, limit.speed, limit.lateral, limit.longitudinal, limit.lap_time, limit.sector_times)
+    theory = theory_of(machine, limits, limit)
     figures = lap_figures(laps, theory) | {"wall_s": round(wall, 1), "recording": str(recording)}
     figures["page"] = str(write_lap_report(laps, theory, args.out))
     excess = figures["excess"]
@@ -119,6 +122,29 @@ def _through_nodes(args: argparse.Namespace) -> dict[str, Any]:
         print(f"timing of the recording equals the events: {'yes' if figures['timing_agrees'] else 'no'}")
         print(f"report: {figures['page']}")
     return {"schema": SCHEMA, "ok": figures["ok"], "figures": figures}
+
+
+def theory_of(machine: Superbike, limits: Envelope, limit: LapLimit) -> Theory:
+    """Return a theoretical lap with what its machine can do, for a report."""
+    times = (limit.lap_time, limit.sector_times)
+    return Theory(limit.s, limit.speed, limit.lateral, limit.longitudinal, *times, described(machine, limits))
+
+
+def described(machine: Superbike, limits: Envelope) -> Machine:
+    """Return limits and gears of a machine, for reading its telemetry."""
+    share = np.sin(np.linspace(-0.5 * np.pi, 0.5 * np.pi, GG_POINTS))  # denser where the curve is steep
+    lateral = limits.lateral_max[:, None] * share
+    speeds = limits.speeds[:, None]
+    drive, brake = limits.drive(speeds, lateral), -limits.brake(speeds, lateral)
+    spins = np.asarray(machine.wheel_torque_spacing * np.arange(len(machine.wheel_gear)), dtype=np.float64)
+    return Machine(
+        limits.speeds,
+        np.hstack([lateral, lateral[:, ::-1], lateral[:, :1]]),
+        np.hstack([drive, brake[:, ::-1], drive[:, :1]]),
+        spins,
+        machine.wheel_gear,
+        machine.motor.ratios(),
+    )
 
 
 def shipped_superbikes() -> tuple[str, ...]:

@@ -116,7 +116,7 @@ class RecordSettings:
             "chunk_bytes": values["chunk_size"],
             "overwrite": values["overwrite"],
             "split": Split(values["max_bag_size"], values["max_bag_duration"]),
-            "notes": _notes(values["notes"]),
+            "notes": _notes(values["notes"]) | {"recorded": time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime())},
         }
         path = Path(values["path"]).expanduser()
         return cls(path, values["topics"], values["all_topics"], values["clock"] == WALL, writing)

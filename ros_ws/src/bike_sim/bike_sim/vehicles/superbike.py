@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from bike_sim.vehicles.bicycle import FORMAT, Vehicle, VehicleError, require_finite, require_keys
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 Record = Any
 """A NumPy record in compiled code: numba finds its fields by their names when it compiles."""
 
@@ -445,13 +446,25 @@ class Superbike(Vehicle):
     @cached_property
     def wheel_torque(self) -> FloatArray:
         """Full-throttle torque at the rear wheel, N m, over wheel speeds of `wheel_torque_spacing`; best gear each."""
+        table: FloatArray = self._torque_by_gear().max(axis=1)
+        table.setflags(write=False)
+        return table
+
+    @cached_property
+    def wheel_gear(self) -> IntArray:
+        """The gear of each torque of `wheel_torque`, 1 for the first; where none drives any more, the last."""
+        table = np.maximum.accumulate(1 + self._torque_by_gear().argmax(axis=1))
+        table.setflags(write=False)
+        return table
+
+    def _torque_by_gear(self) -> FloatArray:
+        """Full-throttle torque at the rear wheel, N m, shape (wheel speeds, gears)."""
         spin = self.wheel_torque_spacing * np.arange(TORQUE_SAMPLES)
         limiter = self.motor.limiter_rpm
         ratio = self.motor.ratios()
         rpm = np.maximum(spin[:, None] * ratio[None, :] / _RPM, _SHIFT_FLOOR * limiter)
-        table: FloatArray = (self.motor.crank_torque(rpm) * ratio * self.motor.efficiency).max(axis=1)
-        table.setflags(write=False)
-        return table
+        torque: FloatArray = self.motor.crank_torque(rpm) * ratio * self.motor.efficiency
+        return torque
 
     @property
     def wheel_torque_spacing(self) -> float:
