@@ -19,7 +19,7 @@ from bike_sim.physics import superbike_statics as statics
 from bike_sim.physics.superbike import equilibrium as eq
 from bike_sim.physics.superbike_engine import SuperbikeEngine
 from bike_sim.theory.envelope import envelope
-from bike_sim.theory.lap_limit import LapLimit, lap_limit
+from bike_sim.theory.lap_limit import LapLimit, corner_speed_of, lap_limit
 from bike_sim.theory.mass_path import MassPath, lean_model
 from bike_sim.theory.passing import passings
 from bike_sim.validation.superbike import at_speed, holding, ride
@@ -105,6 +105,17 @@ def test_envelope_shrinks_where_it_must(name: str) -> None:
     assert np.all(wet.lateral_max < 0.6 * limits.lateral_max)
 
 
+@given(st.floats(1e-4, 0.08), st.floats(-0.01, 0.008))
+def test_a_curve_over_a_crest_takes_all_that_there_is(bend: float, dip: float) -> None:
+    """The speed fits the load that it has itself; over a crest, taking one from the other swings for ever."""
+    speed = corner_speed_of(LIMITS.limits, bend, dip)
+    held = float(LIMITS.lateral(speed, 1.0 + dip * speed**2 / 9.81))
+    if speed < LIMITS.speeds[-1]:
+        assert held == pytest.approx(speed**2 * bend, abs=1e-5)
+    else:
+        assert held >= speed**2 * bend
+
+
 def test_a_sustained_turn_is_what_the_simulation_holds() -> None:
     # 57 deg are held at 40 m/s in simulation, 58 deg are not (docs/superbike.md).
     lateral = np.linspace(0.7, 1.0, 200) * float(LIMITS.lateral(40.0))
@@ -121,7 +132,7 @@ def follow(bend: np.ndarray, speed: float, step: float, rounds: int = 8) -> Mass
     flat = np.zeros(count)
     path = MassPath(bend, np.full(count, step), np.ones(count), flat, flat, flat)
     for _ in range(rounds):
-        path = lean_model(LIMITS).follow(bend, np.full(count, speed), step, flat, path)
+        path = lean_model(LIMITS).follow(bend, np.full(count, speed), step, flat, flat, path)
     return path
 
 
@@ -149,6 +160,18 @@ def test_what_a_line_asks_for_a_moment_hardly_moves_the_mass() -> None:
         path = follow(bend, speed, step)
         expected = amplitude / (slope + frequency**2 * LIMITS.sway)
         assert np.abs(path.lean).max() == pytest.approx(expected, rel=0.05)
+
+
+@given(st.floats(-0.008, 0.008))
+def test_on_a_crest_it_leans_more_for_the_same_curve(dip: float) -> None:
+    speed, radius, count = 20.0, 60.0, 64
+    flat, bend = np.zeros(count), np.full(count, 1.0 / radius)
+    path = MassPath(bend, np.ones(count), np.ones(count), flat, flat, flat)
+    for _ in range(8):
+        path = lean_model(LIMITS).follow(bend, np.full(count, speed), 1.0, flat, np.full(count, dip), path)
+    load = 1.0 + dip * speed**2 / 9.81
+    lateral = load * statics.steady_lateral(DUCATI, float(path.lean[0]), speed)
+    assert lateral == pytest.approx(speed**2 / radius, rel=0.01)
 
 
 def test_refinement_converges_and_mirrors() -> None:

@@ -36,6 +36,7 @@ LEAN_SPAN = 0.4
 """Time over which a lean rate counts against its limit, s: for less the contacts leave the line by centimetres."""
 _EASED = 0.4
 _CORNER_ROUNDS = 50
+_CORNER_TOLERANCE = 1e-8
 _BRAKING = 0.5
 _LEAST_BRAKING = 3.0
 _STANDSTILL = 1e-6
@@ -195,7 +196,7 @@ def _solve(
         if envelope.sway == 0.0 or (abs(spent - before) < CONVERGED * spent and number > 2):
             break
         before = spent
-        path = model.follow(bend, speed, step, slope, path)
+        path = model.follow(bend, speed, step, slope, dip, path)
         allowed = np.interp(speed, envelope.speeds, envelope.lean_rate)
         asked = np.abs(mean_rate(path.lean, speed, step, LEAN_SPAN)) / allowed
         # Slower means both less lean and more time for it; where the limit binds already it may also give way.
@@ -241,15 +242,28 @@ def _load(square: float, dip: float) -> float:
 def corner_speed_of(limits: Limits, bend: float, dip: float) -> float:
     """Return the largest speed at which the machine holds a curve, m/s."""
     highest = limits.first + limits.spacing * (limits.lateral.shape[1] - 1)
-    if highest * highest * abs(bend) <= most_lateral(limits, highest, _load(highest * highest, dip)):
+    low, high = 0.0, highest * highest
+    below, above = _spare(limits, low, bend, dip), _spare(limits, high, bend, dip)
+    if above >= 0.0:
         return highest
-    square = most_lateral(limits, highest, _load(highest * highest, dip)) / abs(bend)
-    for _ in range(_CORNER_ROUNDS):  # the limit hardly depends on speed
-        before = square
-        square = most_lateral(limits, before**0.5, _load(before, dip)) / abs(bend)
-        if abs(square - before) < 1e-9 * before:
-            break
-    return square**0.5
+    # Illinois: false position that halves the value of an end which stays, so that both ends come together. Over a
+    # crest the load falls with the speed, and taking the speed from the load before swings to and fro.
+    for _ in range(_CORNER_ROUNDS):
+        square = high - above * (high - low) / (above - below)
+        spare = _spare(limits, square, bend, dip)
+        if abs(spare) < _CORNER_TOLERANCE:
+            return square**0.5
+        if spare > 0.0:
+            low, below, above = square, spare, 0.5 * above
+        else:
+            high, above, below = square, spare, 0.5 * below
+    return low**0.5
+
+
+@njit(cache=True)
+def _spare(limits: Limits, square: float, bend: float, dip: float) -> float:
+    """Return the lateral acceleration that a curve at a squared speed leaves of the largest one, m/s^2."""
+    return most_lateral(limits, square**0.5, _load(square, dip)) - square * abs(bend)
 
 
 @njit(cache=True)

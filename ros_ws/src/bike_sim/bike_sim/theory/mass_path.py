@@ -29,6 +29,7 @@ GRAVITY = 9.81
 _LARGEST_LEAN = math.radians(80.0)
 _LEANS = 81
 _NEWTON = 4
+_LEAST_LOAD = 0.1
 _SMALL = 0.01
 _RENEWED = 0.6
 
@@ -67,7 +68,9 @@ class LeanModel:
     speeds: FloatArray
     envelope: Envelope
 
-    def follow(self, bend: FloatArray, speed: FloatArray, step: float, slope: FloatArray, before: MassPath) -> MassPath:
+    def follow(
+        self, bend: FloatArray, speed: FloatArray, step: float, slope: FloatArray, dip: FloatArray, before: MassPath
+    ) -> MassPath:
         """Return the path of the mass.
 
         Args:
@@ -75,10 +78,13 @@ class LeanModel:
             speed: of the contacts, m/s.
             step: distance of the points, m.
             slope: of the road.
+            dip: vertical curvature of the road, 1/m.
             before: the path of the round before, from which lean and roll rate are renewed in part.
         """
         spent = 2.0 * step / (speed + np.roll(speed, -1))
-        turn = bend * speed**2
+        # What presses on the road presses on the pendulum.
+        load = np.maximum(1.0 + dip * speed**2 / GRAVITY, _LEAST_LOAD)
+        turn = bend * speed**2 / load
         lean, lateral = _sway(turn, speed, spent, before.lean, self.envelope.sway, self.speeds, self.lateral)
         around = spent + np.roll(spent, 1)
         rate = (np.roll(lean, -1) - np.roll(lean, 1)) / around
@@ -93,7 +99,7 @@ class LeanModel:
         # Energy of rolling by weight: 1/2 L h rate^2 / g.
         risen = height + 0.5 * self.envelope.sway * self.envelope.height[0] * rate**2 / GRAVITY
         rise = 0.5 * (np.roll(risen, -1) - np.roll(risen, 1)) / distance
-        return MassPath(lateral / (speed * stretch) ** 2, distance, stretch, slope + rise, lean, rate)
+        return MassPath(load * lateral / (speed * stretch) ** 2, distance, stretch, slope + rise, lean, rate)
 
 
 def lean_model(envelope: Envelope) -> LeanModel:
