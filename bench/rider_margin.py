@@ -22,7 +22,7 @@ from bike_sim.vehicles.files import SHIPPED
 from bike_training.commands.lap import shipped_superbikes
 from bike_training.rollout.laps import LapRide, ride_laps
 
-GAINS: Final = ("lean_gain", "rate_gain_slow", "rate_gain_fast", "integral_gain")
+GAINS: Final = ("lean_bandwidth", "rate_time", "torso_damping")
 DAMPERS: Final = ("damper_slow", "damper_fast")
 CHANGES: Final[Mapping[str, tuple[str, Sequence[str], float]]] = {
     "as shipped": ("steering", (), 1.0),

@@ -12,7 +12,8 @@ from bike_sim.physics.compiled_superbike_engine import CompiledSuperbikeEngine
 from bike_sim.physics.engine import make_engine
 from bike_sim.physics.ground import GROUND, NO_BUMPS, flat_ground
 from bike_sim.physics.superbike.compiled import advance_rows
-from bike_sim.physics.superbike.records import MEMORY, constants_of
+from bike_sim.physics.superbike.constants import constants_of
+from bike_sim.physics.superbike.records import MEMORY
 from bike_sim.physics.superbike.start import start_of, superbike_tree, without_rider
 from bike_sim.physics.superbike_engine import SuperbikeEngine
 from bike_sim.physics.tree import Body, Joint

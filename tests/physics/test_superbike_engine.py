@@ -14,9 +14,11 @@ from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics import superbike_statics as statics
 from bike_sim.physics.engine import make_engine
 from bike_sim.physics.ground import flat_ground
+from bike_sim.physics.superbike.constants import constants_of
 from bike_sim.physics.superbike.falls import Upset, fall_of
-from bike_sim.physics.superbike.records import MEMORY, constants_of
+from bike_sim.physics.superbike.records import MEMORY
 from bike_sim.physics.superbike.start import without_rider
+from bike_sim.physics.superbike.virtual_rider import through_arms
 from bike_sim.physics.superbike_engine import SuperbikeEngine
 from bike_sim.validation.superbike import (
     Validation,
@@ -25,7 +27,9 @@ from bike_sim.validation.superbike import (
     check_pitch_limits,
     check_trail_braking,
     constant,
+    drive_shake,
     holding,
+    measure_shake,
     ride,
     without_electronics,
 )  # fmt: skip
@@ -211,6 +215,27 @@ def test_the_formulas_tell_how_much_grip_a_turn_takes(engine: SuperbikeEngine) -
 def test_checks_of_the_validation_hold(check) -> None:
     failed = [c for c in check(Validation(STEP), DUCATI) if not c.passed]
     assert not failed
+
+
+def test_what_the_rider_wants_passes_his_arms_as_through_a_system_of_3_hz() -> None:
+    rider, step = DUCATI.virtual_rider, 0.002
+    for hertz in (1.0, 3.0, 8.0):
+        w, first, second, swings = 2.0 * math.pi * hertz, 0.0, 0.0, []
+        for k in range(1500):
+            first, second = through_arms(first, second, math.sin(w * k * step), rider.arm_frequency, step)
+            swings.append(second)
+        left = 1.0 / (1.0 + (w / rider.arm_frequency) ** 2)
+        assert max(swings[750:]) == pytest.approx(left, rel=0.02)
+
+
+@pytest.mark.parametrize("name", ["panigale_v4r", "r1"])
+def test_it_shakes_neither_on_the_brake_in_a_lean_nor_at_full_drive(name: str) -> None:
+    """Under trail braking it did, with 0.2 g, before the rider had arms and camber thrust had no trail."""
+    machine = load_vehicle(name)
+    assert isinstance(machine, Superbike)
+    shakes = measure_shake(machine, STEP, speeds=(30.0, 60.0), leans=(45.0,), brakes=(0.0, 0.2, 0.4))
+    assert max(shakes.values()) < 0.05
+    assert drive_shake(machine, STEP, 45.0, 15.0, 0.0) < 0.05
 
 
 def test_a_finer_step_changes_little() -> None:

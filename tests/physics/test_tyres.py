@@ -18,7 +18,7 @@ assert isinstance(VEHICLE, Superbike)
 PLAIN = Tyre(
     crown=0.06, stiffness=100_000.0, damping=1000.0, nominal_load=2000.0, cornering=14.0, cornering_slope=9.0,
     camber=0.8, friction=1.5, friction_ratio=0.8, camber_fade=0.1, shape=1.5, slip_stiffness=20.0, relaxation=0.2,
-    slip_relaxation=0.1, trail=0.03, rolling=0.01,
+    slip_relaxation=0.1, trail=0.03, twist=0.04, rolling=0.01,
 )  # fmt: skip
 
 
@@ -53,6 +53,30 @@ def test_camber_thrust_pushes_into_the_lean() -> None:
     # small camber: Fy = -0.8 * 0.02 * 2000 = -32 N (to the right when leaning right), the curve bends by 0.01 %
     _, fy, _, _ = tyres.forces(0.0, 0.0, 0.02, 2000.0, 1.0, PLAIN_ROW)
     assert fy == pytest.approx(-32.0, rel=2e-3)
+
+
+def test_moments_by_hand() -> None:
+    # side slip alone: s = 0.466667, F = -1311.43 N (above); peak at 1.5 tan(60 deg) = 2.598076, so 0.820380 adheres
+    # Mz = 0.03 * 0.820380 * 1311.43 = 32.276 N m towards where the tyre goes, to the left
+    _, _, aligning, _ = tyres.forces(0.0, 0.05, 0.0, 2000.0, 1.0, PLAIN_ROW)
+    assert aligning == pytest.approx(32.276, abs=0.01)
+    # lean alone, 0.2 rad: mu = 1.5 / 1.004, s = 0.16 / mu = 0.107093, so 0.958780 adheres
+    # Mz = -0.958780 * 2000 * 0.04 * atan(0.3) / 1.5 = -14.903 N m, into the lean; camber thrust has no trail
+    _, _, twisting, _ = tyres.forces(0.0, 0.0, 0.2, 2000.0, 1.0, PLAIN_ROW)
+    assert twisting == pytest.approx(-14.903, abs=0.01)
+
+
+@given(cambers, loads)
+def test_camber_twists_a_tyre_into_its_lean(camber: float, load: float) -> None:
+    _, _, moment, _ = tyres.forces(0.0, 0.0, camber, load, 1.0, PLAIN_ROW)
+    assert moment * camber <= 0.0
+    assert abs(moment) <= PLAIN.twist * load * abs(camber) + 1e-9
+
+
+@given(some.floats(0.4, 3.0), cambers, loads)
+def test_a_sliding_tyre_has_no_moment(drift: float, camber: float, load: float) -> None:
+    _, _, moment, s = tyres.forces(0.0, math.copysign(drift, camber), camber, load, 1.0, PLAIN_ROW)
+    assert moment == 0.0 or s < tyres.peak_slip(PLAIN_ROW)
 
 
 def test_cornering_coefficient_falls_with_load() -> None:

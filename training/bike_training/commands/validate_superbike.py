@@ -27,10 +27,11 @@ from bike_sim.vehicles.superbike import Superbike
 from bike_training.rollout.laps import ride_laps
 
 SCHEMA: Final = "bike.validate_superbike/1"
-PICTURES: Final = ("tyres", "lean_steps", "turns", "modes", "launch_and_stop", "envelopes", "convergence")
+PICTURES: Final = ("tyres", "lean_steps", "turns", "modes", "launch_and_stop", "envelopes", "convergence", "shake")
 _G: Final = 9.81
 BOLD: Final = (0.87, 0.9)
 """Parts of the lateral limit that riders use who try the theoretical laps; the last falls at times."""
+_FALLEN: Final = 1.0  # g, drawn for a ride that ends in a fall
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -147,7 +148,7 @@ def draw(result: validation.Validation, folder: Path) -> list[Path]:
 
     painters = (
         _draw_tyres, _draw_lean_steps, _draw_turns, _draw_modes, _draw_launch_and_stop, _draw_envelopes,
-        _draw_convergence,
+        _draw_convergence, _draw_shake,
     )  # fmt: skip
     paths = []
     for name, paint in zip(PICTURES, painters, strict=True):
@@ -299,3 +300,18 @@ def _draw_convergence(result: validation.Validation, figure: Any) -> None:
     axes.set(xlabel="step, ms", ylabel="error", title="braking, turning in and driving out from 45 m/s")
     axes.grid(alpha=0.3, which="both")
     axes.legend()
+
+
+def _draw_shake(result: validation.Validation, figure: Any) -> None:
+    panels = figure.subplots(1, len(result.shakes), sharey=True)
+    for axes, (name, shakes) in zip(panels, result.shakes.items(), strict=True):
+        for brake in validation.SHAKE_BRAKES:
+            worst = [
+                max(shakes[speed, lean, brake] for speed in validation.SHAKE_SPEEDS) for lean in validation.SHAKE_LEANS
+            ]
+            axes.plot(validation.SHAKE_LEANS, np.minimum(worst, _FALLEN), "o-", markersize=3, label=f"brake {brake:g}")
+        axes.axhline(0.05, color="0.5", linewidth=0.8)
+        axes.set(title=name, xlabel="lean, deg")
+        axes.grid(alpha=0.3)
+    panels[0].set_ylabel("shake, worst of 15 to 80 m/s, g rms (top: a fall)")
+    panels[0].legend(fontsize="x-small")

@@ -7,13 +7,15 @@ rate and the error of lateral acceleration d is fed back with all four poles at 
 
     u = -(k0 e + k1 e' + k2 d + k3 d'),   (s + p)^4 = s^4 + (2w + w^2 k3) s^3 + w^2 (1 + k2) s^2 + w^2 k1 s + w^2 k0
 
-With p = w/2, k3 is zero and d' is not needed. Preview in place of this inverse is how Sharp et al. (2004), Advances in
+With p = w/2 (`RiderSettings.bandwidth`), k3 is zero and d' is not needed. Preview in place of this inverse is how Sharp et al. (2004), Advances in
 the modelling of motorcycle dynamics, Multibody System Dynamics 12, steer; the rest is textbook pole placement.
 
 Speed. The theoretical lap of the machine with some of its limits kept in reserve is the speed profile; its acceleration
 is fed forward through engine and brakes, and the error of speed fed back.
 
 Time. A command is held for a control period and so acts half of it late; both previews look that much farther ahead.
+The virtual rider's arms are late too: what is fed back is what e, e' and d will be when they have answered, at the
+present roll rate.
 The rate of e is the difference of two states. It is also late, and at full drive, with a light front wheel, a late one
 feeds the weave (5 Hz). So when the state before is old, e' is an estimate that follows the difference slowly and e'',
 which is d, at once.
@@ -56,6 +58,7 @@ class Seen:
         speed: m/s. roll: rad, positive to the right.
         progress: arc length of the line, m, of any lap.
         lateral_error: m, positive left of the line. heading_error: rad, positive to the left.
+        roll_rate: rad/s, positive to the right.
     """
 
     speed: float
@@ -63,6 +66,7 @@ class Seen:
     progress: float
     lateral_error: float
     heading_error: float
+    roll_rate: float = 0.0
 
 
 class LineController:
@@ -97,7 +101,11 @@ class LineController:
         self._length = line.length
         self._frequency = vehicle.virtual_rider.frequency
         late = 0.5 * (control_period - self.settings.period)
-        self._preview, self._speed_preview = self.settings.preview + late, self.settings.speed_preview + late
+        self._arms = 2.0 / vehicle.virtual_rider.arm_frequency
+        self._preview, self._speed_preview = (
+            self.settings.preview + self._arms + late,
+            self.settings.speed_preview + late,
+        )
         self._max_lean = math.radians(vehicle.virtual_rider.max_lean_deg)
         self.leans = SteadyLeans(vehicle)
         self.profile: LapLimit = plan_lap(vehicle, line, self.settings)
@@ -173,17 +181,28 @@ class LineController:
         early, now, late = (self._wanted(seen, middle + k * h) for k in (-1.0, 0.0, 1.0))
         ahead = now + (late - early) / (h * w) + (late - 2.0 * now + early) / (h * w) ** 2
         row = self.leans.row(seen.speed)
-        held = self._load(seen, 0.0) * float(np.interp(abs(seen.roll), self.leans.leans, row))
-        turning = -math.copysign(held, seen.roll)
-        excess = turning - self._wanted(seen, 0.0)
-        p = 0.5 * w
-        error = min(max(seen.lateral_error, -settings.lateral_trust), settings.lateral_trust)
-        self._rate, self._excess = self._error_rate(seen), excess
-        rate = min(max(self._rate, -3.0 * settings.lateral_trust), 3.0 * settings.lateral_trust)
+        p = settings.bandwidth * w
+        error, rate, excess = self._expected(seen, row)
+        error = min(max(error, -settings.lateral_trust), settings.lateral_trust)
+        rate = min(max(rate, -3.0 * settings.lateral_trust), 3.0 * settings.lateral_trust)
         back = -(p**4 * error + 4.0 * p**3 * rate) / w**2 - (6.0 * p**2 / w**2 - 1.0) * excess
         lateral = (ahead + back) / self._load(seen, middle)
         lean = min(float(np.interp(abs(lateral), row, self.leans.leans)), settings.largest_lean)
         return min(max(math.copysign(lean, lateral) / self._max_lean, -1.0), 1.0)
+
+    def _turning(self, seen: Seen, row: FloatArray, ahead: float) -> float:
+        """Return the lateral acceleration in excess of the line's after a time at the present roll rate, m/s^2."""
+        roll = seen.roll + ahead * seen.roll_rate
+        held = self._load(seen, ahead) * float(np.interp(abs(roll), self.leans.leans, row))
+        return -math.copysign(held, roll) - self._wanted(seen, ahead)
+
+    def _expected(self, seen: Seen, row: FloatArray) -> tuple[float, float, float]:
+        """Return lateral error, its rate and the excess of lateral acceleration when the arms will have answered."""
+        excess, late = self._turning(seen, row, 0.0), self._arms
+        self._rate, self._excess = self._error_rate(seen), excess
+        then = self._turning(seen, row, late)
+        rate = self._rate + 0.5 * late * (excess + then)
+        return seen.lateral_error + late * self._rate + late**2 * (excess / 3.0 + then / 6.0), rate, then
 
     # ----------------------------------------------------------------------------------------------------------- speed
 
@@ -242,6 +261,9 @@ class ClassicalRider:
             float(look[lk.PROGRESS]),
             float(look[lk.LATERAL_ERROR]),
             float(look[lk.HEADING_ERROR]),
+            float(snapshot.state[st.ROLL_RATE]),
         )
-        values = (seen.speed, seen.roll, seen.progress, seen.lateral_error, seen.heading_error)
+        values = (
+            seen.speed, seen.roll, seen.progress, seen.lateral_error, seen.heading_error, seen.roll_rate,
+        )  # fmt: skip
         return self.controller.command(seen) if all(map(math.isfinite, values)) else None

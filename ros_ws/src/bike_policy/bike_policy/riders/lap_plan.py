@@ -28,6 +28,7 @@ class RiderSettings:
             ellipse.
         lean_rate: part of the lean rate that the rider can ask for.
         preview: time from steering to lean beyond the reference model's own, s.
+        bandwidth: rate at which errors are ridden out, by the frequency of the virtual rider's reference.
         stencil: time step of the derivatives along the line, s.
         smoothing: distance over which the line's curvature is averaged, m.
         lateral_trust: largest lateral error that feedback answers in full, m.
@@ -40,10 +41,11 @@ class RiderSettings:
     """
 
     lateral: float = 0.87
-    brake: float = 0.92
-    exponent: float = 1.9
+    brake: float = 0.95
+    exponent: float = 2.2
     lean_rate: float = 0.9
     preview: float = 0.15
+    bandwidth: float = 0.5
     stencil: float = 0.2
     smoothing: float = 6.0
     lateral_trust: float = 2.0

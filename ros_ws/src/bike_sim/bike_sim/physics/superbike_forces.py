@@ -219,7 +219,7 @@ def loads_at(
     memory.front_slip, memory.front_drift = front.slip, front.drift
 
     attitude = attitude_of(motion, axes.ey, rear_contact.normal)
-    rear_torque, front_torque = drive_and_brake(
+    rear_torque, front_torque, pulled = drive_and_brake(
         command.throttle,
         attitude,
         Spinning(dot(motion.omega, axes.ey) + motion.rear_rate, rear_contact.radius, rear),
@@ -230,9 +230,7 @@ def loads_at(
         constants,
     )
     share = feel_load(front.fz, dt, memory, constants)
-    steer_torque = steering_torque(
-        command.steering, attitude, motion, front.fx, share, dt, memory, machine, constants.front_tyre.crown
-    )
+    steer_torque = steering_torque(command.steering, attitude, motion, front.fx, pulled, share, dt, memory, constants)
     fork_torque = steer_torque + damper_and_stop(motion.steer, motion.steer_rate, attitude.speed, machine)
     rider_force = slide_force(motion, memory.lean_reference, machine.rider)
 
@@ -349,6 +347,7 @@ def tell(
     telemetry.front_force_long_n, telemetry.front_force_lat_n = front.fx, front.fy
     telemetry.rear_use, telemetry.front_use = rear.use, front.use
     telemetry.lean_reference_rad = memory.lean_reference
-    telemetry.lean_reference_rate_rad_s, telemetry.rider_integral_nm = memory.lean_reference_rate, memory.integral
+    rate = machine.virtual_rider.arm_frequency * (memory.lean_eased - memory.lean_reference)
+    telemetry.lean_reference_rate_rad_s, telemetry.rider_integral_nm = rate, memory.integral
     telemetry.drive_share, telemetry.brake_share = memory.drive, memory.brake
     telemetry.rider_slide_m, telemetry.fall = motion.slide, memory.fall

@@ -53,8 +53,9 @@ class SuperbikeModes:
 
 
 def hands_off(vehicle: Superbike) -> Superbike:
-    """Return the machine with a rider who puts no torque on the bars."""
-    return replace(vehicle, virtual_rider=replace(vehicle.virtual_rider, torque=1e-12))
+    """Return the machine with a rider who does not touch the bars."""
+    rider = replace(vehicle.virtual_rider, torque=1e-12)
+    return replace(vehicle, virtual_rider=rider)
 
 
 def holding_throttle(vehicle: Superbike, speed: float) -> float:

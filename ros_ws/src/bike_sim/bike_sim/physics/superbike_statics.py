@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from bike_sim.physics import kinematics
 from bike_sim.physics import state as st
-from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics.superbike import equilibrium
+from bike_sim.physics.superbike.aids import force_limits
 from bike_sim.vehicles.superbike import Superbike, Tyre
 
 FloatArray = NDArray[np.float64]
@@ -113,16 +113,21 @@ def wheel_loads(vehicle: Superbike, lean: float, speed: float, thrust: float) ->
     return weight + down - front, front
 
 
-def friction_use(vehicle: Superbike, lean: float, speed: float) -> tuple[float, float]:
-    """Return which part of their friction the rear and the front tyre use in a steady turn; above 1 it slides out."""
+def side_forces(vehicle: Superbike, lean: float, speed: float) -> tuple[float, float]:
+    """Return the rear and the front tyre's side force of a steady turn, N, positive into the turn."""
     lateral = vehicle.mass * steady_lateral(vehicle, lean, speed)
     air = vehicle.air
     outward = 0.5 * air.density * air.down_area * speed**2 * math.sin(lean)  # downforce leans with the machine
     x, _ = vehicle.centre_of_mass
     # Drag acts well inside the line of contacts, the thrust on it: both turn the machine in and relieve the front tyre
     inside = (air.height - vehicle.rear_tyre.crown) * math.sin(lean)
-    front_side = (lateral * x + outward * air.x - drag(vehicle, speed) * inside) / vehicle.w
-    rear_side = lateral + outward - front_side
+    front = (lateral * x + outward * air.x - drag(vehicle, speed) * inside) / vehicle.w
+    return lateral + outward - front, front
+
+
+def friction_use(vehicle: Superbike, lean: float, speed: float) -> tuple[float, float]:
+    """Return which part of their friction the rear and the front tyre use in a steady turn; above 1 it slides out."""
+    rear_side, front_side = side_forces(vehicle, lean, speed)
     thrust = drag(vehicle, speed)
     rear, front = wheel_loads(vehicle, lean, speed, thrust)
     thrust += vehicle.rear_tyre.rolling * rear + vehicle.front_tyre.rolling * front
@@ -164,7 +169,7 @@ def straight_limits(vehicle: Superbike, speed: float) -> tuple[float, float]:
 
     With the wheelie and the stoppie control off a wheel may just lift.
     """
-    drive, front_brake = sf.force_limits(0.0, 0.0, speed**2, vehicle.machine, vehicle.tyres)
+    drive, front_brake = force_limits(0.0, 0.0, speed**2, vehicle.machine, vehicle.tyres)
     _, height = vehicle.centre_of_mass
     rear, front = wheel_loads(vehicle, 0.0, speed, 0.0)
     mu_rear = vehicle.rear_tyre.friction * vehicle.rear_tyre.friction_ratio

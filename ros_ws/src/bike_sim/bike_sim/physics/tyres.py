@@ -29,6 +29,8 @@ from bike_sim.vehicles.superbike import Record
 
 _LEAST_CORNERING: Final = 0.3
 """Part of the nominal cornering coefficient that stays at any load."""
+_TWIST_BEND: Final = 1.5
+"""How the twisting torque falls behind the camber: e6 of Pacejka (2012), chapter 11, 1/rad."""
 
 
 @njit(cache=True)
@@ -71,13 +73,24 @@ def forces(
     mu_x = mu_y * t.friction_ratio
     sx = t.slip_stiffness * slip / mu_x
     # Both the side slip and the lean push to the right, where they are positive
-    sy = -(cornering_coefficient(load, t) * drift + t.camber * camber) / mu_y
-    s = math.hypot(sx, sy)
+    side = cornering_coefficient(load, t) * drift
+    s = math.hypot(sx, (side + t.camber * camber) / mu_y)
     scale = math.sin(t.shape * math.atan(s / t.shape)) / s if s > 1e-9 else 1.0
-    fy = mu_y * load * scale * sy
-    # The side slip's part acts behind the middle of the contact; the trail vanishes where all of it slides.
-    trail = t.trail * max(0.0, 1.0 - s / peak_slip(t))
-    return mu_x * load * scale * sx, fy, -trail * fy, s
+    adhering = max(0.0, 1.0 - s / peak_slip(t))
+    # The side slip's part acts behind the middle of the contact, camber thrust in it; what camber adds is a twist.
+    moment = adhering * (t.trail * scale * side - twist(camber, t))
+    return mu_x * load * scale * sx, -load * scale * (side + t.camber * camber), load * moment, s
+
+
+@njit(cache=True)
+def twist(camber: float, t: Record) -> float:
+    """Return the twisting torque of a tyre that adheres, by load, m: it turns the wheel towards its lean (rad).
+
+    Where a leaning tyre touches the ground its tread would turn with the wheel's spin about the vertical, and the
+    ground holds it (Pacejka 2012, chapter 11: ``C_Mgamma atan(e6 gamma) / e6``; Cossalter 2006, Motorcycle Dynamics,
+    chapter 2).
+    """
+    return t.twist * math.atan(_TWIST_BEND * camber) / _TWIST_BEND
 
 
 @njit(cache=True)

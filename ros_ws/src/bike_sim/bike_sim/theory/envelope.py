@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from bike_sim.physics import superbike_statics as statics
 from bike_sim.physics.superbike import equilibrium as eq
+from bike_sim.physics.superbike.virtual_rider import steering_effort
 from bike_sim.vehicles.superbike import GRAVITY, Record, Superbike
 
 FloatArray = NDArray[np.float64]
@@ -30,6 +31,7 @@ LEAN_RATE_REACHED: Final = 1.1
 """Lean rate that a machine reaches, by that of its rider's reference: it follows by feedback and so passes it at times;
 over 0.4 s by at most 1.07 in rides."""
 
+_LEAST_EFFORT: Final = 1e-6
 _LEANS: Final = 121
 _LEAST_LOAD, _MOST_LOAD = 0.1, 2.5
 
@@ -308,7 +310,7 @@ def envelope(vehicle: Superbike, grip: float = 1.0) -> Envelope:
     )
     places = np.array([eq.mass_place(at, machine, rear, front) for at in np.linspace(0.0, 0.5 * math.pi, 91)])
     rider = vehicle.virtual_rider
-    gyro = vehicle.IFyy / vehicle.rF * math.cos(vehicle.lam) * speeds
+    effort = np.array([max(steering_effort(float(speed), machine)[0], _LEAST_EFFORT) for speed in speeds])
     return Envelope(
         vehicle.name,
         speeds,
@@ -321,7 +323,7 @@ def envelope(vehicle: Superbike, grip: float = 1.0) -> Envelope:
         inside=places[:, 0],
         height=places[:, 1],
         sway=statics.sway_length(vehicle),
-        lean_rate=LEAN_RATE_REACHED * np.minimum(rider.lean_rate, rider.gyro_share * rider.torque / gyro),
+        lean_rate=LEAN_RATE_REACHED * np.minimum(rider.lean_rate, rider.gyro_share * rider.torque / effort),
     )
 
 

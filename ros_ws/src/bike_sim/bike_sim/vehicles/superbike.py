@@ -59,7 +59,8 @@ class Tyre:
         slip_stiffness: longitudinal slip stiffness by load.
         relaxation: relaxation length of lateral slip, m.
         slip_relaxation: relaxation length of longitudinal slip, m.
-        trail: pneumatic trail at small slip, m.
+        trail: pneumatic trail of the side slip's force at small slip, m.
+        twist: twisting torque by load and small camber, m/rad; it turns the wheel towards its lean.
         rolling: rolling resistance coefficient.
     """
 
@@ -78,6 +79,7 @@ class Tyre:
     relaxation: float
     slip_relaxation: float
     trail: float
+    twist: float
     rolling: float
 
 
@@ -237,10 +239,19 @@ class VirtualRider:
         lean_acceleration: largest change of that rate, rad/s2.
         gyro_share: the reference is also slow enough for its gyroscopic torque to stay below this part of the limit.
         torque: largest steering torque, N m.
-        hold_torque: steering torque into the lean that a steady turn needs, by the sine of the lean, N m.
-        lean_gain: N m/rad.
-        rate_gain_slow: N m s/rad at and below `Steering.slow`. rate_gain_fast: at and above `Steering.fast`.
-        integral_gain: N m/(rad s).
+        arm_frequency: of the arms, a critically damped system from the torque that he wants to that on the bars, rad/s.
+        grip_stiffness: of arms that hold the bars at the steering angle that they are used to, N m/rad.
+        grip_damping: N m s/rad.
+        grip_memory: time in which they get used to another, s.
+        torso_damping: torque by a roll rate that the torso does not follow, N m s/rad.
+        torso_time: time in which it follows, s.
+        spin_effort: torque by lean rate that rolls the machine, by that of the front wheel's spin.
+        trail_time: how much less that is at any speed, by the torque of the standing front load at the trail, s.
+        throw: torque by acceleration of the lean, N m s2/rad.
+        lean_bandwidth: rate at which an error of lean is steered out, 1/s.
+        lean_time: effort with which an error of lean is met at any speed, by the load's torque at the trail, s.
+        rate_time: effort with which an error of lean rate is met, by the load's torque at the trail, s.
+        integral_rate: rate at which a steady error is steered out, 1/s.
         integral_torque: largest torque of the integral part, N m.
     """
 
@@ -250,11 +261,19 @@ class VirtualRider:
     lean_acceleration: float
     gyro_share: float
     torque: float
-    hold_torque: float
-    lean_gain: float
-    rate_gain_slow: float
-    rate_gain_fast: float
-    integral_gain: float
+    arm_frequency: float
+    grip_stiffness: float
+    grip_damping: float
+    grip_memory: float
+    torso_damping: float
+    torso_time: float
+    spin_effort: float
+    trail_time: float
+    throw: float
+    lean_bandwidth: float
+    lean_time: float
+    rate_time: float
+    integral_rate: float
     integral_torque: float
 
 
@@ -506,7 +525,7 @@ _POSITIVE: Final = frozenset(
         "slip_relaxation", "mass", "height", "Ixx", "Iyy", "Izz", "slide_lean_deg", "slide_frequency", "peak_power",
         "peak_torque", "peak_torque_rpm", "efficiency", "primary_ratio", "final_ratio", "gear_1", "gear_2", "gear_3",
         "gear_4", "gear_5", "gear_6", "lag", "force", "frequency", "lean_rate", "lean_acceleration", "torque",
-        "max_lean_deg", "stop_deg",
+        "max_lean_deg", "stop_deg", "arm_frequency", "grip_memory", "torso_time", "spin_effort", "lean_bandwidth",
     }
 )  # fmt: skip
 """Values that must not be zero either, in any section."""

@@ -13,7 +13,8 @@ from bike_sim.physics import state as st
 from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics.ground import flat_ground
 from bike_sim.physics.state import StateVector
-from bike_sim.physics.superbike.records import MEMORY, constants_of
+from bike_sim.physics.superbike.constants import constants_of
+from bike_sim.physics.superbike.records import MEMORY
 from bike_sim.physics.superbike.start import Start, forget, start_of, superbike_tree, without_rider
 from bike_sim.vehicles.superbike import Superbike
 
@@ -64,7 +65,7 @@ class SuperbikeBase(ABC):
         """
         state = mapping.checked_state(state)
         start = start_of(self.vehicle, self._constants, self.tree, state, self.ground)
-        forget(self.vehicle, self._constants, float(state[st.ROLL]), self._memory)
+        forget(self.vehicle, self._constants, state, self._memory)
         self._state = state.copy()
         self._place(start)
 

@@ -50,8 +50,10 @@ def _brake_torque(limit: float, spin: float, inertia: float, tyre_torque: float,
 def drive_and_brake(
     throttle: float, attitude: Attitude, rear: Spinning, front: Spinning, dt: float, memory: Record, telemetry: Record,
     constants: Record,
-) -> tuple[float, float]:  # fmt: skip
+) -> tuple[float, float, float]:  # fmt: skip
     """Return the torques of engine and brakes on the rear and the front wheel, N m, and write down what they did.
+
+    The third number is the rate of the front brake's force as lever and electronics set it, N/s.
 
     Args:
         throttle: command, drive above 0, brakes below.
@@ -66,6 +68,7 @@ def drive_and_brake(
     machine = constants.machine
     motor, brakes = machine.motor, machine.brakes
     memory.drive += (max(throttle, 0.0) - memory.drive) * -math.expm1(-dt / motor.lag)
+    before = memory.brake
     memory.brake += (max(-throttle, 0.0) - memory.brake) * -math.expm1(-dt / brakes.lag)
     drive, brake = memory.drive, memory.brake
     limits = aid_limits(
@@ -77,7 +80,9 @@ def drive_and_brake(
     drive_torque = cuts.traction * cuts.wheelie * min(available, min(limits.wheelie, limits.traction) * rear.radius)
     rear_brake = (1.0 - brakes.front_share) * brake * cuts.rear * brakes.force * machine.rR
     asked = brakes.front_share * brake * brakes.force
-    front_brake = cuts.front * cuts.stoppie * min(asked, min(limits.stoppie, limits.braking)) * machine.rF
+    allowed = min(limits.stoppie, limits.braking)
+    pulled = (min(asked, allowed) - min(brakes.front_share * before * brakes.force, allowed)) / dt
+    front_brake = cuts.front * cuts.stoppie * min(asked, allowed) * machine.rF
     # closed throttle drags like a brake, and is eased like one where the rear tyre slips; so does rolling resistance
     engine_brake = cuts.rear * (1.0 - drive) * motor.engine_brake * machine.rR
     rear_hold = rear_brake + engine_brake + constants.rear_tyre.rolling * rear.tyre.fz * rear.radius
@@ -91,7 +96,7 @@ def drive_and_brake(
     telemetry.engine_power_w = drive_torque * rear.spin / motor.efficiency
     telemetry.front_brake_nm, telemetry.rear_brake_nm = front_brake, rear_brake
     _tell_aids(drive, brake, available, asked, rear.radius, limits, cuts, telemetry)
-    return rear_torque, front_torque
+    return rear_torque, front_torque, pulled
 
 
 @njit(cache=True)

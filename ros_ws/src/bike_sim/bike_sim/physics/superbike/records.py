@@ -11,18 +11,16 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bike_sim.physics import mapping
-from bike_sim.physics.tree import principal_axes
 from bike_sim.physics.vectors import Vec
-from bike_sim.vehicles.superbike import MACHINE, TORQUE_SAMPLES, TYRE, Superbike
+from bike_sim.vehicles.superbike import MACHINE, TORQUE_SAMPLES, TYRE
 
 Quaternion = tuple[float, float, float, float]
 
 MEMORY_NAMES: Final = (
-    "rear_slip", "rear_drift", "front_slip", "front_drift", "lean_reference", "lean_reference_rate", "integral",
-    "drive", "brake", "front_load", "slide_side", "slide_age", "fall",
+    "rear_slip", "rear_drift", "front_slip", "front_drift", "lean_aim", "lean_aim_rate",
+    "lean_eased", "lean_reference", "integral",
+    "intent", "arms", "held_steer", "torso_rate", "drive", "brake", "front_load", "slide_side", "slide_age", "fall",
 )  # fmt: skip
 """What the forces remember from step to step; `fall` is an index of `falls.FALL_NAMES`."""
 
@@ -42,6 +40,10 @@ GEOMETRY: Final = np.dtype(
 is from the frame's axes to the principal ones, the tilt the steering axis'; static are the tyres' deflections of the
 standing machine, m, and the spacing is that of the table of wheel torque, rad/s."""
 
+HOLDING_SAMPLES: Final = 15
+HOLDING_LEAN: Final = math.radians(70.0)
+"""Leans at which the torque that holds a steady turn is tabulated: their number and the largest, rad."""
+
 CONSTANTS: Final = np.dtype(
     [
         ("machine", MACHINE),
@@ -49,9 +51,11 @@ CONSTANTS: Final = np.dtype(
         ("rear_tyre", TYRE),
         ("front_tyre", TYRE),
         ("wheel_torque", np.float64, (TORQUE_SAMPLES,)),
+        ("holding", np.float64, (2, HOLDING_SAMPLES)),
     ]
 )
-"""All that the forces know of a machine."""
+"""All that the forces know of a machine; `holding` is the torque that holds a steady turn by the front load, over lean
+from 0 to `HOLDING_LEAN` (`holding.holding_table`)."""
 
 
 class Motion(NamedTuple):
@@ -108,47 +112,3 @@ class Attitude(NamedTuple):
     sin_yaw: float
     speed: float
     squared_speed: float
-
-
-def constants_of(vehicle: Superbike, bare: Superbike) -> NDArray[np.void]:
-    """Return the constants of a machine, one record of `CONSTANTS`, shape (1,).
-
-    Args:
-        vehicle: the machine.
-        bare: the same whose rear body is the frame without rider; its centre of mass is the origin of the geometry.
-    """
-    reference = mapping.layout(bare)
-    origin = reference.centres[mapping.REAR_FRAME]
-    axle, head = reference.centres[mapping.REAR_WHEEL] - origin, reference.head - origin
-    hub = reference.centres[mapping.FRONT_WHEEL] - reference.head
-    cos_tilt, sin_tilt = math.cos(vehicle.lam), math.sin(vehicle.lam)
-    quaternion, _ = principal_axes(mapping.inertia_tensors(bare)[mapping.REAR_FRAME])
-    angle = 2.0 * math.atan2(quaternion[1], quaternion[3])
-    x, _ = vehicle.centre_of_mass
-    weight = vehicle.mass * vehicle.g
-    front = weight * x / vehicle.w
-    geometry = {
-        "cos_principal": math.cos(angle),
-        "sin_principal": math.sin(angle),
-        "axle_x": axle[0],
-        "axle_z": axle[2],
-        "head_x": head[0],
-        "head_z": head[2],
-        "hub": hub[0] * cos_tilt + hub[2] * sin_tilt,
-        "cos_tilt": cos_tilt,
-        "sin_tilt": sin_tilt,
-        "air_x": vehicle.air.x - origin[0],
-        "air_z": vehicle.air.height - origin[2],
-        "rear_static": (weight - front) / vehicle.rear_tyre.stiffness,
-        "front_static": front / vehicle.front_tyre.stiffness,
-        "torque_spacing": vehicle.wheel_torque_spacing,
-    }
-    constants = np.zeros(1, dtype=CONSTANTS)
-    record = constants[0]
-    record["machine"] = vehicle.machine
-    record["rear_tyre"], record["front_tyre"] = vehicle.tyres
-    record["wheel_torque"] = vehicle.wheel_torque
-    for name, value in geometry.items():
-        record["geometry"][name] = value
-    constants.setflags(write=False)
-    return constants

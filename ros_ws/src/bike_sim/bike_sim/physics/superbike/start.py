@@ -14,6 +14,7 @@ from bike_sim.physics import state as st
 from bike_sim.physics.ground import Ground
 from bike_sim.physics.state import StateVector
 from bike_sim.physics.superbike.poses import Footing, footing, offsets, settle
+from bike_sim.physics.superbike.virtual_rider import holding
 from bike_sim.physics.tree import Body, Slider, principal_axes, vehicle_tree
 from bike_sim.vehicles.superbike import Superbike
 
@@ -70,7 +71,7 @@ def start_of(
 
     Args:
         vehicle: the machine.
-        constants: from `records.constants_of`.
+        constants: from `constants.constants_of`.
         tree: from `superbike_tree`.
         state: minimal state, shape (10,).
         ground: under the wheels.
@@ -151,9 +152,19 @@ def _along(yaw: float, normal: mapping.Vector) -> tuple[mapping.Vector, float]:
     return heading, math.atan2(sin * normal[0] - cos * normal[1], over)
 
 
-def forget(vehicle: Superbike, constants: NDArray[np.void], roll: float, memory: NDArray[np.void]) -> None:
-    """Set a memory, a record of `records.MEMORY` of shape (1,), to that of a ride beginning at a lean (rad)."""
+def forget(vehicle: Superbike, constants: NDArray[np.void], state: StateVector, memory: NDArray[np.void]) -> None:
+    """Set a memory to that of a ride beginning in a state, with arms that hold the steady turn of its lean and speed.
+
+    Args:
+        vehicle: the machine.
+        constants: from `constants.constants_of`.
+        state: minimal state, shape (10,).
+        memory: a record of `records.MEMORY`, shape (1,), written.
+    """
+    roll, speed = float(state[st.ROLL]), float(state[st.FRONT_WHEEL_RATE]) * vehicle.rF
     memory.view(np.float64)[:] = 0.0
-    memory["lean_reference"] = roll
+    memory["lean_aim"] = memory["lean_eased"] = memory["lean_reference"] = roll
     memory["front_load"] = constants["geometry"]["front_static"] * vehicle.front_tyre.stiffness
+    memory["intent"] = memory["arms"] = memory["front_load"] * holding(roll, speed, constants["holding"][0])
+    memory["held_steer"] = state[st.STEER]
     memory["slide_age"] = _FRESH

@@ -3,6 +3,13 @@
 Countersteering is in the sign: a torque to the left makes the machine lean to the right. What the front tyre does with
 steering goes with its load, and so do the rider's hands. When the wheel is light he holds the bars straight, so that it
 does not land across.
+
+What the rider wants reaches the bars through his arms, a critically damped system of 3 Hz: no feedback passes them
+faster. At once act only parts of his body that hold on to the bars: the arms' stiffness and damping (Cossalter et al.
+2011, The effect of rider's passive steering impedance on motorcycle stability, Meccanica 46, 279-292) and the torso,
+which a quick roll leaves behind (that roll and steering torque are linked so was measured: Lot et al.
+2018, The link between roll and steering torque in motorcycles; the size is an estimate). Sizes follow from the machine
+by rules: `steering_effort`, and `holding` for the torque of a steady turn.
 """
 
 from __future__ import annotations
@@ -10,16 +17,21 @@ from __future__ import annotations
 import math
 from typing import Final
 
+import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from bike_sim.physics.superbike.aids import between
-from bike_sim.physics.superbike.records import Attitude, Motion
+from bike_sim.physics.superbike.records import HOLDING_LEAN, HOLDING_SAMPLES, Attitude, Motion
 from bike_sim.vehicles.superbike import Record
 
+Array = NDArray[np.float64]
+
 _FEELING_LAG: Final = 0.2  # s until the rider feels a change of the front wheel's load
-_ARM_STIFFNESS: Final = 300.0  # N m/rad of arms that hold the bars straight while the front wheel is in the air
-_ARM_DAMPING: Final = 20.0  # N m s/rad
+_ARM_STIFFNESS: Final = 400.0  # N m/rad of arms that hold the bars straight while the front wheel is in the air
+_ARM_DAMPING: Final = 4.0  # N m s/rad; more of it, like more of the steering damper, makes them weave at full drive
 _LIGHT: Final = 0.5  # part of the standing machine's front load below which the wheel feels light
+_SLOWEST: Final = 8.0  # m/s below which the torque of a steady turn is that at this speed
 _LIGHTEST_HAND: Final = 0.25  # part of the gains left when the front wheel is in the air
 _STOP_STIFFNESS: Final = 4000.0  # N m/rad of the steering stop
 _STOP_DAMPING: Final = 20.0  # N m s/rad
@@ -33,52 +45,131 @@ def feel_load(front_load: float, dt: float, memory: Record, constants: Record) -
 
 
 @njit(cache=True)
-def _advance_reference(steering: float, gyro: float, dt: float, memory: Record, rider: Record) -> tuple[float, float]:
-    """Return the reference lean (rad) and its rate after the step: critically damped, no faster than torque allows."""
-    limit = min(rider.lean_rate, rider.gyro_share * rider.torque / max(gyro, 1e-6))
+def steering_effort(speed: float, machine: Record) -> tuple[float, float]:
+    """Return the torque by lean rate that rolls the machine, N m s/rad, and the torque of the front load at the trail.
+
+    The front wheel's spin resists the lean rate with ``IFyy / rF cos(caster) u``; the trail, at which the standing
+    front load acts (N m), helps.
+    """
+    rider = machine.virtual_rider
+    spin = machine.IFyy / machine.rF * math.cos(machine.lam) * abs(speed)
+    trail = machine.c * machine.mass * machine.g * machine.com_x / machine.w
+    return max(rider.spin_effort * spin - rider.trail_time * trail, 0.0), trail
+
+
+@njit(cache=True)
+def holding(lean: float, speed: float, table: Array) -> float:
+    """Return the torque that holds a steady turn by the front load, m.
+
+    Args:
+        lean: rad.
+        speed: m/s.
+        table: of `holding.holding_table`.
+    """
+    spacing = HOLDING_LEAN / (HOLDING_SAMPLES - 1)
+    slow = 1.0 / max(speed, _SLOWEST) ** 2
+    at = min(abs(lean) / spacing, HOLDING_SAMPLES - 1.001)
+    i = int(at)
+    before, after = table[0, i] + slow * table[1, i], table[0, i + 1] + slow * table[1, i + 1]
+    return math.copysign(1.0, lean) * (before + (at - i) * (after - before))
+
+
+@njit(cache=True)
+def _advance_reference(
+    steering: float, effort: float, dt: float, memory: Record, rider: Record
+) -> tuple[float, float, float]:
+    """Return the reference lean (rad), its rate and acceleration after the step: critically damped.
+
+    It is no faster than torque allows.
+    """
+    limit = min(rider.lean_rate, rider.gyro_share * rider.torque / max(effort, 1e-6))
     target = -steering * math.radians(rider.max_lean_deg)
-    lean, rate, wn = memory.lean_reference, memory.lean_reference_rate, rider.frequency
-    change = wn * (wn * (target - lean) - 2.0 * rate)
-    rate += dt * min(max(change, -rider.lean_acceleration), rider.lean_acceleration)
+    lean, before, wn = memory.lean_aim, memory.lean_aim_rate, rider.frequency
+    change = wn * (wn * (target - lean) - 2.0 * before)
+    rate = before + dt * min(max(change, -rider.lean_acceleration), rider.lean_acceleration)
     rate = min(max(rate, -limit), limit)
     lean += dt * rate
-    memory.lean_reference, memory.lean_reference_rate = lean, rate
-    return lean, rate
+    memory.lean_aim, memory.lean_aim_rate = lean, rate
+    return lean, rate, (rate - before) / dt
+
+
+@njit(cache=True)
+def through_arms(first: float, second: float, wanted: float, frequency: float, dt: float) -> tuple[float, float]:
+    """Return both states of a critically damped system after a step with constant input; exact for any step."""
+    x = frequency * dt
+    left = math.exp(-x)
+    return wanted + left * (first - wanted), wanted + left * (second - wanted + x * (first - wanted))
 
 
 @njit(cache=True)
 def steering_torque(
-    steering: float, attitude: Attitude, motion: Motion, front_fx: float, load_share: float, dt: float, memory: Record,
-    machine: Record, front_crown: float,
+    steering: float, attitude: Attitude, motion: Motion, front_fx: float, pulled: float, load_share: float, dt: float,
+    memory: Record, constants: Record,
 ) -> float:  # fmt: skip
-    """Advance the rider's reference and return his steering torque, N m, positive to the left.
+    """Advance reference, arms and torso and return the torque on the bars, N m, positive to the left.
 
     Args:
         steering: command in [-1, 1], positive to the left.
         attitude: of the machine.
         motion: of its joints.
         front_fx: force along the front wheel's heading, N.
+        pulled: rate of the front brake's force, N/s.
         load_share: front load that the rider feels by that of the standing machine.
         dt: time step, s.
         memory: advanced.
-        machine: its constants.
-        front_crown: m.
+        constants: of the machine.
     """
+    machine = constants.machine
     rider = machine.virtual_rider
-    fast = between(attitude.speed, machine.steering.slow, machine.steering.fast)
-    gyro = machine.IFyy / machine.rF * math.cos(machine.lam) * abs(attitude.speed)
-    lean, rate = _advance_reference(steering, gyro, dt, memory, rider)
-    error = lean - attitude.roll
-    bound = rider.integral_torque
-    integral = min(max(memory.integral + dt * rider.integral_gain * error, -bound), bound)
-    memory.integral = integral
-    damping = rider.rate_gain_slow + fast * (rider.rate_gain_fast - rider.rate_gain_slow)
-    braking = -min(front_fx, 0.0) * front_crown * math.sin(attitude.roll) * math.cos(machine.lam)
+    effort, trail = steering_effort(attitude.speed, machine)
+    aim, aim_rate, acceleration = _advance_reference(steering, effort, dt, memory, rider)
+    # What he wants reaches the bars through the arms, so he looks for the lean that comes of it as much later
+    memory.lean_eased, memory.lean_reference = through_arms(
+        memory.lean_eased, memory.lean_reference, aim, rider.arm_frequency, dt
+    )
+    error = memory.lean_reference - attitude.roll
+    missing = rider.arm_frequency * (memory.lean_eased - memory.lean_reference) - attitude.roll_rate
     hand = min(max(load_share / _LIGHT, _LIGHTEST_HAND), 1.0)
-    ahead = hand * gyro * rate + braking - load_share * rider.hold_torque * math.sin(lean)
-    arms = (1.0 - hand) * (_ARM_STIFFNESS * motion.steer + _ARM_DAMPING * motion.steer_rate)
-    torque = hand * (rider.lean_gain * error + damping * (rate - attitude.roll_rate) + integral) + ahead - arms
+    gain = hand * rider.lean_bandwidth * (effort + rider.lean_time * trail)
+    bound = rider.integral_torque
+    memory.integral = min(max(memory.integral + dt * rider.integral_rate * gain * error, -bound), bound)
+    wanted = gain * error + hand * rider.rate_time * trail * missing + memory.integral
+    wanted += (
+        hand * effort * aim_rate
+        + rider.throw * acceleration
+        + _steady_torque(attitude, front_fx, pulled, memory, constants)
+    )
+    wanted = min(max(wanted, -rider.torque), rider.torque)
+    memory.intent, memory.arms = through_arms(memory.intent, memory.arms, wanted, rider.arm_frequency, dt)
+    torque = memory.arms + _passive_torque(hand, missing, motion, dt, memory, rider)
     return min(max(torque, -rider.torque), rider.torque)
+
+
+@njit(cache=True)
+def _steady_torque(attitude: Attitude, front_fx: float, pulled: float, memory: Record, constants: Record) -> float:
+    """Return the torque that turning and braking take at this lean, as far ahead as the arms are late, N m."""
+    machine = constants.machine
+    late = 2.0 / machine.virtual_rider.arm_frequency
+    lean = attitude.camber + late * attitude.roll_rate
+    # his own hand pulls the brake, so he knows what it will do
+    brake = late * pulled - min(front_fx, 0.0)
+    load = memory.front_load + late * pulled * machine.com_height * math.cos(attitude.camber) / machine.w
+    offset = constants.front_tyre.crown * math.sin(attitude.camber) * math.cos(machine.lam)
+    return load * holding(lean, attitude.speed, constants.holding) + brake * offset
+
+
+@njit(cache=True)
+def _passive_torque(hand: float, missing: float, motion: Motion, dt: float, memory: Record, rider: Record) -> float:
+    """Return what arms and torso do to the bars without being asked, N m: at once, as they are parts of a body.
+
+    The arms resist a steering angle that they are not used to, and more so when the front wheel is light. The torso
+    does not follow a quick roll (`missing`, rad/s, against the reference) and holds on to the bars.
+    """
+    memory.held_steer += (motion.steer - memory.held_steer) * -math.expm1(-dt / rider.grip_memory)
+    memory.torso_rate += (missing - memory.torso_rate) * -math.expm1(-dt / rider.torso_time)
+    stiffness = rider.grip_stiffness * (motion.steer - memory.held_steer) + (1.0 - hand) * _ARM_STIFFNESS * motion.steer
+    damping = (rider.grip_damping + (1.0 - hand) * _ARM_DAMPING) * motion.steer_rate
+    return hand * rider.torso_damping * (missing - memory.torso_rate) - stiffness - damping
 
 
 @njit(cache=True)
