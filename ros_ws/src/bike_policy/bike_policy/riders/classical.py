@@ -7,8 +7,9 @@ rate and the error of lateral acceleration d is fed back with all four poles at 
 
     u = -(k0 e + k1 e' + k2 d + k3 d'),   (s + p)^4 = s^4 + (2w + w^2 k3) s^3 + w^2 (1 + k2) s^2 + w^2 k1 s + w^2 k0
 
-With p = w/2 (`RiderSettings.bandwidth`), k3 is zero and d' is not needed. Preview in place of this inverse is how Sharp et al. (2004), Advances in
-the modelling of motorcycle dynamics, Multibody System Dynamics 12, steer; the rest is textbook pole placement.
+With p = w/2 (`RiderSettings.bandwidth`), k3 is zero and d' is not needed. Preview in place of this inverse is how Sharp
+et al. (2004), Advances in the modelling of motorcycle dynamics, Multibody System Dynamics 12, steer; the rest is
+textbook pole placement.
 
 Speed. The theoretical lap of the machine with some of its limits kept in reserve is the speed profile; its acceleration
 is fed forward through engine and brakes, and the error of speed fed back.
