@@ -84,7 +84,8 @@ def test_layouts_that_show_the_map_are_refused() -> None:
 
 
 def ridden(weights: Weights, actor: OddActor) -> Segment:
-    rides = LinearRides(6, TASK, REFINEMENT, COMPILED, seed=4)
+    """Return a segment of rides some of which are ridden late."""
+    rides = LinearRides(6, TASK, REFINEMENT, COMPILED, seed=4, delay=2)
     segment = rides.ride(actor.folded(weights), 16, push=0.0)
     rides.close()
     return Segment(*(jnp.asarray(part) for part in segment))
@@ -97,7 +98,9 @@ def test_the_cost_of_a_changed_actor_is_that_of_its_ride_to_first_order() -> Non
     weights[-1] = (weights[-1][0] * 30.0, weights[-1][1])  # a new network hardly steers
     segment = ridden(weights, actor)
     assert float(segment.whole.min()) == 1.0
-    judged = jax.jit(lambda changed, held, rides: cost(settings, actor, changed, held, rides, jnp.zeros((16, 6, 6))))
+    assert set(np.asarray(segment.late[0]).tolist()) == {0, 1, 2}
+    none = jnp.zeros((16, 6, 6))
+    judged = jax.jit(lambda changed, held, rides: cost(settings, actor, changed, held, rides, none, none))
 
     def first_order(changed: Weights) -> float:
         return float(judged(changed, weights, segment))

@@ -32,6 +32,8 @@ DEVIATIONS: Final = ("lateral", "heading", "roll", "steer", "roll_rate", "steer_
 LATERAL, HEADING = 0, 1
 FREE: Final = (st.ROLL, st.STEER, st.ROLL_RATE, st.STEER_RATE)
 """Coordinates of the other deviations."""
+SENSORS: Final = np.array([0.02, 0.0, 0.0087, 0.0, 0.035, 0.035])
+"""Standard deviations of what sensors of a modest bicycle add to the deviations (the disturbances ``noise``)."""
 INNER: Final = ("roll", "steer", "roll_rate", "steer_rate")
 """The features that show them."""
 
@@ -43,21 +45,26 @@ class Segment(NamedTuple):
     """Rides of a number of bicycles over a number of control periods; leading dimensions (periods, bicycles).
 
     Attributes:
-        seen: observations before each period, and in the end, shape (periods + 1, bicycles, k).
-        commands: set points of the steering angle, in parts of the largest.
+        sent: the last answers before the segment, the newest first, shape (largest delay + 1, bicycles).
+        seen: observations before each period, without noise, shape (..., k).
+        sight: their derivatives by the deviations of the same instant, shape (..., k, 6).
+        commands: set points of the steering angle that acted, in parts of the largest.
+        late: control periods by which answers act late. noise: of sensors, in parts of SENSORS.
         error: lateral error after each period, m. steer_rate: after it, rad/s.
         motion: deviations after it by those before it and by the command, shape (..., 6, 7).
-        sight: observation by the deviations of the same instant, after it, shape (..., k, 6).
         across: cosine of the heading error after it: what a lateral deviation adds to the error.
         whole: 1 until the ride has failed, then 0.
     """
 
+    sent: Float32Array
     seen: Float32Array
+    sight: Float32Array
     commands: Float32Array
+    late: NDArray[np.int32]
+    noise: Float32Array
     error: Float32Array
     steer_rate: Float32Array
     motion: Float32Array
-    sight: Float32Array
     across: Float32Array
     whole: Float32Array
 
@@ -168,7 +175,16 @@ class LinearRides:
         batch: of bicycles. task: what they ride.
     """
 
-    def __init__(self, count: int, task: PathTask, episodes: Episodes, config: SimulatorConfig, seed: int) -> None:
+    def __init__(
+        self,
+        count: int,
+        task: PathTask,
+        episodes: Episodes,
+        config: SimulatorConfig,
+        seed: int,
+        delay: int = 0,
+        noise: float = 0.0,
+    ) -> None:
         """Begin a number of rides.
 
         Args:
@@ -177,11 +193,16 @@ class LinearRides:
             episodes: where rides are drawn from.
             config: of the compiled engine.
             seed: of all draws.
+            delay: largest, control periods: half of the rides have none, the others one of 1 to this.
+            noise: largest, in parts of SENSORS: half of the rides have none, the others up to this.
         """
         self.batch = CompiledBatch(count, config, task.preview)
         self.task = task
         self._episodes, self._sight = episodes, Sight(task.layout)
         self._rng = np.random.default_rng(seed)
+        self._delay, self._largest_noise = delay, noise
+        self._late, self._noise = np.zeros(count, dtype=np.int32), np.zeros(count)
+        self._sent = np.zeros((delay + 1, count))
         for row in range(count):
             self._begin(row)
         # They end one after the other.
@@ -189,6 +210,11 @@ class LinearRides:
 
     def _begin(self, row: int) -> None:
         self.batch.reset(row, self._episodes.draw(self._rng, self.task.preview))
+        self._sent[:, row] = 0.0
+        if self._delay:
+            self._late[row] = self._rng.integers(2) * self._rng.integers(1, self._delay + 1)
+        if self._largest_noise:
+            self._noise[row] = self._rng.integers(2) * self._rng.uniform(0.0, self._largest_noise)
 
     def ride(self, actor: Actor, periods: int, push: float) -> Segment:
         """Ride on for a number of control periods.
@@ -203,38 +229,55 @@ class LinearRides:
         for row in np.flatnonzero(task.failed(batch) | (self._age >= task.max_steps)):
             self._begin(int(row))
             self._age[row] = 0
-        size, wide = task.layout.size, len(DEVIATIONS)
-        shape = (periods, count)
-        segment = Segment(
-            seen=np.zeros((periods + 1, count, size), np.float32),
-            commands=np.zeros(shape, np.float32),
-            error=np.zeros(shape, np.float32),
-            steer_rate=np.zeros(shape, np.float32),
-            motion=np.zeros((*shape, wide, wide + 1), np.float32),
-            sight=np.zeros((*shape, size, wide), np.float32),
-            across=np.zeros(shape, np.float32),
-            whole=np.zeros(shape, np.float32),
-        )
+        segment = self._blank(periods)
         whole = np.ones(count, dtype=np.bool_)
         commands = np.zeros((count, 2))
-        segment.seen[0] = task.layout.observe(batch)
         for k in range(periods):
             pushed = self._rng.random(count) < batch.time_step * batch.substeps / 2.0
             draws = push * self._rng.standard_normal((count, 2)) * pushed[:, None]
             batch.state[:, [st.ROLL_RATE, st.STEER_RATE]] += draws
-            segment.seen[k] = task.layout.observe(batch)
-            commands[:] = task.action.to_commands(actor.act_batch(segment.seen[k]), batch.vehicle.max_steer)
-            segment.commands[k], segment.whole[k] = commands[:, 0], whole
+            segment.seen[k], segment.whole[k] = task.layout.observe(batch), whole
+            segment.sight[k] = self._sight.slopes(batch.preview_x) * whole[:, None, None]
+            commands[:, 0] = self._answer(actor, segment, k)
+            segment.commands[k] = commands[:, 0]
             segment.motion[k] = motion_slopes(batch, commands[:, 0]) * whole[:, None, None]
             batch.step(commands)
             segment.error[k] = batch.look[:, lk.LATERAL_ERROR]
             segment.across[k] = np.cos(batch.look[:, lk.HEADING_ERROR])
             segment.steer_rate[k] = batch.state[:, st.STEER_RATE]
-            segment.sight[k] = self._sight.slopes(batch.preview_x) * whole[:, None, None]
-            segment.seen[k + 1] = task.layout.observe(batch)
             whole &= ~task.failed(batch)
         self._age += periods
-        return Segment(*(np.nan_to_num(part, nan=0.0, posinf=0.0, neginf=0.0) for part in segment))
+        for part in segment:  # what lies on the ground has no numbers to learn from
+            np.nan_to_num(part, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
+        return segment
+
+    def _blank(self, periods: int) -> Segment:
+        """Return room for a segment that begins now."""
+        shape, size, wide = (periods, self.batch.count), self.task.layout.size, len(DEVIATIONS)
+        return Segment(
+            sent=self._sent.astype(np.float32),
+            seen=np.zeros((*shape, size), np.float32),
+            sight=np.zeros((*shape, size, wide), np.float32),
+            commands=np.zeros(shape, np.float32),
+            late=np.tile(self._late, (periods, 1)),
+            noise=np.tile(self._noise.astype(np.float32), (periods, 1)),
+            error=np.zeros(shape, np.float32),
+            steer_rate=np.zeros(shape, np.float32),
+            motion=np.zeros((*shape, wide, wide + 1), np.float32),
+            across=np.zeros(shape, np.float32),
+            whole=np.zeros(shape, np.float32),
+        )
+
+    def _answer(self, actor: Actor, segment: Segment, k: int) -> FloatArray:
+        """Return the commands that act in a period, after the actor has answered what it was shown."""
+        shown = segment.seen[k]
+        if self._largest_noise:
+            errors = self._noise[:, None] * SENSORS * self._rng.standard_normal((len(shown), len(DEVIATIONS)))
+            shown = shown + np.einsum("nij,nj->ni", segment.sight[k], errors.astype(np.float32))
+        answers = self.task.action.to_commands(actor.act_batch(shown), self.batch.vehicle.max_steer)[:, 0]
+        self._sent = np.vstack([answers, self._sent[:-1]])
+        late: FloatArray = np.take_along_axis(self._sent, self._late[None], axis=0)[0]
+        return late
 
     def close(self) -> None:
         """Release the engine."""

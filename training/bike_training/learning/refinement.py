@@ -37,7 +37,7 @@ from bike_policy.riders.learned import LearnedRider
 from bike_sim.sim.bicycle_batch import COMPILED_ENGINE
 from bike_sim.sim.config import SimulatorConfig
 from bike_training.curricula.parts import REFINEMENT, SPEED_RANGES, PartsCurriculum
-from bike_training.learning.linear_rides import DEVIATIONS, LinearRides, Segment
+from bike_training.learning.linear_rides import DEVIATIONS, SENSORS, LinearRides, Segment
 from bike_training.learning.run_settings import COMPILED_TIME_STEP
 from bike_training.learning.setting_records import check_number, check_positive
 from bike_training.learning.summary import source_commit
@@ -81,6 +81,8 @@ class RefinementSettings:
         averaging: share of the averaged actor kept in an update; the average is what is compared and deployed.
         knee: d of the cost, m. square: a, 1/m^2. steer_rate: b, s^2/rad^2. change: c.
         push: rates that pushes leave in the rides, rad/s.
+        delay: largest by which commands act late in a half of the rides, control periods.
+        noise: largest of the sensors in a half of the rides, in parts of the disturbances ``noise``.
         select_every: segments between two comparisons of actors.
         seed: of everything.
     """
@@ -100,6 +102,8 @@ class RefinementSettings:
     steer_rate: float = 0.002
     change: float = 1.0
     push: float = 0.1
+    delay: int = 0
+    noise: float = 0.0
     select_every: int = 25
     seed: int = 0
 
@@ -119,7 +123,7 @@ class RefinementSettings:
         check_number("averaging", self.averaging, 0.0, 0.9999)
         for name in ("learning_rate", "final_learning_rate", "knee"):
             check_positive(name, getattr(self, name))
-        for name in ("square", "steer_rate", "change", "push", "seed"):
+        for name in ("square", "steer_rate", "change", "push", "delay", "noise", "seed"):
             check_number(name, getattr(self, name), 0.0)
 
 
@@ -200,7 +204,13 @@ def _network(weights: Weights, hidden: jax.Array) -> jax.Array:
 
 
 def cost(
-    settings: RefinementSettings, actor: OddActor, weights: Weights, held: Weights, segment: Segment, away: jax.Array
+    settings: RefinementSettings,
+    actor: OddActor,
+    weights: Weights,
+    held: Weights,
+    segment: Segment,
+    away: jax.Array,
+    errors: jax.Array,
 ) -> jax.Array:
     """Return the mean cost of a control period of an actor on linearised rides.
 
@@ -211,35 +221,35 @@ def cost(
         held: of the one that rides the last periods of the segment.
         segment: rides of an actor close to it.
         away: deviations that the rides are given before each period, shape (periods, bicycles, 6).
+        errors: of the sensors, as deviations, the same shape.
     """
 
     def period(weights: Weights, carry: Any, part: Any) -> tuple[Any, jax.Array]:
-        deviation, before = carry
-        step, given = part
+        deviation, sent = carry
+        step, given, error = part
         deviation = deviation + given
-        seen = step.seen + jnp.einsum("nij,nj->ni", step.sight, deviation)
-        command = actor.act(weights, seen)
-        change = jnp.concatenate([deviation, (command - step.commands)[:, None]], axis=1)
+        seen = step.seen + jnp.einsum("nij,nj->ni", step.sight, deviation + error)
+        sent = jnp.concatenate([actor.act(weights, seen)[None], sent])
+        acting = jnp.take_along_axis(sent, step.late[None], axis=0)[0]
+        change = jnp.concatenate([deviation, (acting - step.commands)[:, None]], axis=1)
         deviation = jnp.einsum("nij,nj->ni", step.motion, change)
         error = step.error + step.across * deviation[:, 0]
         rate = step.steer_rate + deviation[:, 5]
         total = jnp.sqrt(error**2 + settings.knee**2) - settings.knee
         total += settings.square * error**2 / (1.0 + jnp.abs(error))
-        total += settings.steer_rate * rate**2 + settings.change * (command - before) ** 2
-        return (deviation, command), jnp.minimum(total * step.whole, _LARGEST_COST)
+        total += settings.steer_rate * rate**2 + settings.change * (sent[0] - sent[1]) ** 2
+        return (deviation, sent[:-1]), jnp.minimum(total * step.whole, _LARGEST_COST)
 
-    # The derivative of what is seen belongs to the instant before a period, that of the motion to the period.
-    first = jnp.zeros_like(segment.sight[:1])
-    steps = segment._replace(seen=segment.seen[:-1], sight=jnp.concatenate([first, segment.sight[:-1]]))
+    # What is carried is not of a period.
+    parts = (segment._replace(sent=segment.commands), away, errors)
     live = segment.commands.shape[0] - settings.tail
-    carry = (jnp.zeros_like(away[0]), segment.commands[0])
+    carry = (jnp.zeros_like(away[0]), segment.sent)
     carry, costs = jax.lax.scan(
-        lambda c, p: period(weights, c, p), carry, (Segment(*(part[:live] for part in steps)), away[:live])
+        lambda c, p: period(weights, c, p), carry, jax.tree.map(lambda part: part[:live], parts)
     )
     if settings.tail:
-        rest = (Segment(*(part[live:] for part in steps)), away[live:])
-        _, later = jax.lax.scan(lambda c, p: period(held, c, p), carry, rest)
-        costs = jnp.concatenate([costs, later])
+        rest = jax.tree.map(lambda part: part[live:], parts)
+        costs = jnp.concatenate([costs, jax.lax.scan(lambda c, p: period(held, c, p), carry, rest)[1]])
     return costs.mean()
 
 
@@ -293,7 +303,9 @@ class Refinement:
             raise ValueError(f"policy {start.name!r} sees {start.layout.name!r}, the refinement {task.layout.name!r}")
         self.settings, self.task, self._start = settings, task, start
         self._config = SimulatorConfig(VEHICLE, COMPILED_ENGINE, COMPILED_TIME_STEP)
-        self._rides = LinearRides(settings.bicycles, task, REFINEMENT, self._config, settings.seed)
+        self._rides = LinearRides(
+            settings.bicycles, task, REFINEMENT, self._config, settings.seed, settings.delay, settings.noise
+        )
         self._actor = OddActor(task.layout)
         self._weights = (
             self._actor.draw(settings.layers, settings.seed) if start is None else self._actor.take(start.actor)
@@ -309,8 +321,8 @@ class Refinement:
         self._commit = source_commit()  # now: sources may change while it learns
 
         @jax.jit
-        def update(weights: Any, mean: Any, moments: Any, held: Any, segment: Any, away: Any, rate: Any) -> Any:
-            value, slope = jax.value_and_grad(lambda w: cost(settings, self._actor, w, held, segment, away))(weights)
+        def update(weights: Any, mean: Any, moments: Any, held: Any, given: Any, rate: Any) -> Any:
+            value, slope = jax.value_and_grad(lambda w: cost(settings, self._actor, w, held, *given))(weights)
             move, moments = rule.update(slope, moments)
             weights = jax.tree.map(lambda w, m: w - rate * m, weights, move)
             keep = settings.averaging
@@ -337,19 +349,20 @@ class Refinement:
         segment = Segment(*(jnp.asarray(part) for part in self.ridden))
         for _ in range(settings.updates):
             self._weights, self._mean, self._moments, value = self._update(
-                self._weights, self._mean, self._moments, held, segment, self._draw_away(), self.rate
+                self._weights, self._mean, self._moments, held, (segment, *self._draws_of(segment)), self.rate
             )
         self.segments += 1
         self.last_cost = float(value)
         self.seconds += time.monotonic() - began
 
-    def _draw_away(self) -> Float32Array:
-        """Return deviations that the rides are given: seldom, and of all sizes."""
-        shape = (self.settings.periods, self.settings.bicycles, 1)
-        size = _SMALLEST ** self._draws.random(shape) * (self._draws.random(shape) < _OFTEN)
-        away = self._draws.standard_normal((*shape[:2], len(DEVIATIONS))) * size * _DEVIATION
-        away[0] = 0.0  # what they change is seen from the second period on
-        return away.astype(np.float32)
+    def _draws_of(self, segment: Segment) -> tuple[Float32Array, Float32Array]:
+        """Return deviations that the rides are given, seldom and of all sizes, and errors of their sensors."""
+        shape = (*segment.noise.shape, len(DEVIATIONS))
+        often = self._draws.random((*shape[:2], 1)) < _OFTEN
+        size = _SMALLEST ** self._draws.random((*shape[:2], 1)) * often
+        away = self._draws.standard_normal(shape) * size * _DEVIATION
+        errors = np.asarray(segment.noise)[..., None] * SENSORS * self._draws.standard_normal(shape)
+        return away.astype(np.float32), errors.astype(np.float32)
 
     def compare(self) -> Comparison:
         """Judge the averaged actor, and remember it if it is the best so far."""
