@@ -24,8 +24,8 @@ class RiderSettings:
     Attributes:
         lateral: part of the machine's lateral limit that the speed profile uses.
         brake: part of the braking limit.
-        exponent: by which driving and braking leave room for turning, however much the tyres would give; 2 is an
-            ellipse.
+        drive_exponent: by which driving leaves room for turning, however much the tyres would give; 2 is an ellipse.
+        brake_exponent: the same of braking; 1 is a straight line.
         lean_rate: part of the lean rate that the rider can ask for.
         preview: time from steering to lean beyond the reference model's own, s.
         bandwidth: rate at which errors are ridden out, by the frequency of the virtual rider's reference.
@@ -42,7 +42,8 @@ class RiderSettings:
 
     lateral: float = 0.87
     brake: float = 0.95
-    exponent: float = 2.2
+    drive_exponent: float = 2.2
+    brake_exponent: float = 1.5
     lean_rate: float = 0.9
     preview: float = 0.15
     bandwidth: float = 0.5
@@ -61,12 +62,15 @@ def reserved(vehicle: Superbike, settings: RiderSettings) -> Envelope:
     limits = envelope(vehicle).within(settings.lateral)
     drag, drive, brake = limits.drag[:, None], limits.drive_table, limits.brake_table - limits.drag[:, None]
     use = np.sin(np.linspace(0.0, 0.5 * math.pi, brake.shape[2]))
-    left = np.maximum(1.0 - use**settings.exponent, 0.0) ** (1.0 / settings.exponent)
-    driven = (drive[:, :, :1] + drag[..., None]) * left[:, None] - drag[..., None]
+    driving, braking = (
+        np.maximum(1.0 - use**exponent, 0.0) ** (1.0 / exponent)
+        for exponent in (settings.drive_exponent, settings.brake_exponent)
+    )
+    driven = (drive[:, :, :1] + drag[..., None]) * driving[:, None] - drag[..., None]
     return replace(
         limits,
         drive_table=np.minimum(drive, driven),
-        brake_table=drag + settings.brake * np.maximum(np.minimum(brake, brake[:, :, :1] * left), 0.0),
+        brake_table=drag + settings.brake * np.maximum(np.minimum(brake, brake[:, :, :1] * braking), 0.0),
         lean_rate=settings.lean_rate * limits.lean_rate,
     )
 

@@ -13,7 +13,13 @@ from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.superbike import Superbike
 
 REFERENCE: Final = RiderSettings(
-    lateral=0.87, brake=0.92, exponent=1.9, lean_rate=0.9, smoothing=6.0, largest_lean=math.radians(58.0)
+    lateral=0.87,
+    brake=0.92,
+    drive_exponent=1.9,
+    brake_exponent=1.9,
+    lean_rate=0.9,
+    smoothing=6.0,
+    largest_lean=math.radians(58.0),
 )
 """How the reference is planned: fixed, so that what a policy sees does not change when the classical rider is tuned."""
 

@@ -294,7 +294,8 @@ class Electronics:
         wheelie_load_lean: kept in addition at full lean or at a roll rate of 1 rad/s, proportional below, N.
         wheelie_load_on: front load where the cut begins, N. wheelie_load_off: no drive.
         brake_control: 1 on, 0 off.
-        brake_share: part of the friction that the lean leaves which the front brake may use.
+        brake_share: part of the friction that the lean leaves which the front brake may use, upright.
+        brake_share_lean: the same from 45 deg of lean on.
         brake_slip_on: cut begins. brake_slip_off: no brake on that wheel is left.
         stoppie_control: 1 on, 0 off.
         stoppie_load: kept on the rear wheel by the limit, N.
@@ -312,6 +313,7 @@ class Electronics:
     wheelie_load_off: float
     brake_control: float
     brake_share: float
+    brake_share_lean: float
     brake_slip_on: float
     brake_slip_off: float
     stoppie_control: float

@@ -11,6 +11,7 @@ from bike_sim.physics import tyres
 from bike_sim.vehicles.superbike import Record
 
 _THROW_RATE: Final = 1.0  # rad/s of roll at which the electronics keep the front wheel as loaded as lying flat
+_LEANING: Final = math.sin(math.radians(45.0))  # sine of the lean from which the brake control is most careful
 
 
 class AidLimits(NamedTuple):
@@ -72,7 +73,8 @@ def aid_limits(
     """Return what each of the electronics allows at this lean and roll rate.
 
     Statics of the machine as a mass on two wheels, with its centre of mass lowered by the lean, drag and downforce;
-    the turn takes its part of the friction ellipse, and `traction_share` of the rest is free.
+    the turn takes its part of the friction ellipse, and `traction_share` of the rest is free; for the front brake
+    `brake_share` upright and `brake_share_lean` from 45 deg of lean on.
     """
     air, aids = machine.air, machine.electronics
     sin_lean, cos_lean = abs(math.sin(roll)), max(math.cos(roll), 0.2)
@@ -94,7 +96,9 @@ def aid_limits(
     if aids.traction_control > 0.0:
         traction = _grip_limit(roll, turn, aids.traction_share, rear, height, machine.w, rear_tyre)
     if aids.brake_control > 0.0:
-        braking = _grip_limit(roll, turn, aids.brake_share, front, height, machine.w, front_tyre)
+        # beyond half of what the lean leaves a front tyre gives up so much of its side stiffness that the machine hops
+        share = aids.brake_share + (aids.brake_share_lean - aids.brake_share) * min(1.0, sin_lean / _LEANING)
+        braking = _grip_limit(roll, turn, share, front, height, machine.w, front_tyre)
     return AidLimits(traction, wheelie, braking, stoppie)
 
 
