@@ -50,7 +50,7 @@ class Segment(NamedTuple):
         sight: their derivatives by the deviations of the same instant, shape (..., k, 6).
         commands: set points of the steering angle that acted, in parts of the largest.
         late: control periods by which answers act late. noise: of sensors, in parts of SENSORS.
-        error: lateral error after each period, m. steer_rate: after it, rad/s.
+        error: lateral error after each period, m. steer_rate: after it, rad/s. roll: after it, rad.
         motion: deviations after it by those before it and by the command, shape (..., 6, 7).
         across: cosine of the heading error after it: what a lateral deviation adds to the error.
         whole: 1 until the ride has failed, then 0.
@@ -64,6 +64,7 @@ class Segment(NamedTuple):
     noise: Float32Array
     error: Float32Array
     steer_rate: Float32Array
+    roll: Float32Array
     motion: Float32Array
     across: Float32Array
     whole: Float32Array
@@ -244,7 +245,7 @@ class LinearRides:
             batch.step(commands)
             segment.error[k] = batch.look[:, lk.LATERAL_ERROR]
             segment.across[k] = np.cos(batch.look[:, lk.HEADING_ERROR])
-            segment.steer_rate[k] = batch.state[:, st.STEER_RATE]
+            segment.steer_rate[k], segment.roll[k] = batch.state[:, st.STEER_RATE], batch.state[:, st.ROLL]
             whole &= ~task.failed(batch)
         self._age += periods
         for part in segment:  # what lies on the ground has no numbers to learn from
@@ -263,6 +264,7 @@ class LinearRides:
             noise=np.tile(self._noise.astype(np.float32), (periods, 1)),
             error=np.zeros(shape, np.float32),
             steer_rate=np.zeros(shape, np.float32),
+            roll=np.zeros(shape, np.float32),
             motion=np.zeros((*shape, wide, wide + 1), np.float32),
             across=np.zeros(shape, np.float32),
             whole=np.zeros(shape, np.float32),

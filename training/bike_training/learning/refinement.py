@@ -7,7 +7,8 @@ a slightly changed actor stays close to the ride that the derivatives were taken
 gradients of Heess et al. (2015), without noise and with a model that need not be learned.
 
 The cost of a control period is ``sqrt(e^2 + d^2) - d + a e^2 / (1 + |e|) + b w^2 + c (u - u')^2`` with the lateral
-error e, the steer rate w, the command u and the one before u'. In the last periods of a segment the actor is held as
+error e, the steer rate w, the command u and the one before u', and more for leans close to a fall and for small
+deviations that do not die away. In the last periods of a segment the actor is held as
 it rode, so that what a command does later counts as well.
 
 The actor is odd: a mirrored observation gives the mirrored command. So it rides a straight without an offset.
@@ -63,6 +64,10 @@ _SMALLEST: Final = 0.03
 """Part of them that the smallest are drawn with: the loop is to be calm about a steady ride as well."""
 _OFTEN: Final = 1.0 / 40.0
 """How often they are, a control period."""
+_STEEP: Final = math.radians(38.0)
+"""Roll from which on it costs something, rad; the steepest steady turn that is learned on leans 36 deg."""
+_SETTLED: Final = 1e-4
+"""Cost of a deviation from which on its logarithm counts, for deviations of _DEVIATION."""
 _LARGEST_COST: Final = 50.0
 
 
@@ -80,6 +85,9 @@ class RefinementSettings:
         learning_rate: at the beginning. final_learning_rate: reached in the end along a half cosine.
         averaging: share of the averaged actor kept in an update; the average is what is compared and deployed.
         knee: d of the cost, m. square: a, 1/m^2. steer_rate: b, s^2/rad^2. change: c.
+        lean: weight of the squared roll beyond 38 deg, 1/rad^2: a ride fails at 45.
+        settling: weight of what is left of infinitely small deviations, as the logarithm of their cost: a swing of half
+            a degree costs nothing else, and is to die away all the same.
         push: rates that pushes leave in the rides, rad/s.
         delay: largest by which commands act late in a half of the rides, control periods.
         noise: largest of the sensors in a half of the rides, in parts of the disturbances ``noise``.
@@ -101,6 +109,8 @@ class RefinementSettings:
     square: float = 1.0
     steer_rate: float = 0.002
     change: float = 1.0
+    lean: float = 20.0
+    settling: float = 0.01
     push: float = 0.1
     delay: int = 0
     noise: float = 0.0
@@ -123,7 +133,7 @@ class RefinementSettings:
         check_number("averaging", self.averaging, 0.0, 0.9999)
         for name in ("learning_rate", "final_learning_rate", "knee"):
             check_positive(name, getattr(self, name))
-        for name in ("square", "steer_rate", "change", "push", "delay", "noise", "seed"):
+        for name in ("square", "steer_rate", "change", "lean", "settling", "push", "delay", "noise", "seed"):
             check_number(name, getattr(self, name), 0.0)
 
 
@@ -211,6 +221,7 @@ def cost(
     segment: Segment,
     away: jax.Array,
     errors: jax.Array,
+    small: jax.Array,
 ) -> jax.Array:
     """Return the mean cost of a control period of an actor on linearised rides.
 
@@ -222,35 +233,78 @@ def cost(
         segment: rides of an actor close to it.
         away: deviations that the rides are given before each period, shape (periods, bicycles, 6).
         errors: of the sensors, as deviations, the same shape.
+        small: further deviations, of which the derivative of the ride is taken, the same shape.
     """
 
-    def period(weights: Weights, carry: Any, part: Any) -> tuple[Any, jax.Array]:
+    def ride(away: jax.Array) -> Ridden:
+        return ride_on(settings, actor, weights, held, segment, away, errors)
+
+    ridden = ride(away)
+    total = jnp.sqrt(ridden.error**2 + settings.knee**2) - settings.knee
+    total += settings.square * ridden.error**2 / (1.0 + jnp.abs(ridden.error))
+    total += settings.steer_rate * ridden.steer_rate**2 + settings.change * ridden.change**2
+    total += settings.lean * jax.nn.relu(jnp.abs(ridden.roll) - _STEEP) ** 2
+    if settings.settling:
+        _, left_over = jax.jvp(ride, (away,), (small,))
+        left = left_over.error**2 + settings.steer_rate * left_over.steer_rate**2
+        left += settings.change * left_over.change**2
+        total += settings.settling * jnp.log1p(left / _SETTLED)
+    return (jnp.minimum(total, _LARGEST_COST) * segment.whole).mean()
+
+
+class Ridden(NamedTuple):
+    """What a ride is judged by, shape (periods, bicycles) each.
+
+    Attributes:
+        error: lateral error, m. steer_rate: rad/s. roll: rad. change: of the answer since the one before.
+    """
+
+    error: jax.Array
+    steer_rate: jax.Array
+    roll: jax.Array
+    change: jax.Array
+
+
+def ride_on(
+    settings: RefinementSettings,
+    actor: OddActor,
+    weights: Weights,
+    held: Weights,
+    segment: Segment,
+    away: jax.Array,
+    errors: jax.Array,
+) -> Ridden:
+    """Ride linearised rides with an actor; see :func:`cost`."""
+
+    def period(weights: Weights, carry: Any, part: Any) -> tuple[Any, Ridden]:
         deviation, sent = carry
         step, given, error = part
         deviation = deviation + given
         seen = step.seen + jnp.einsum("nij,nj->ni", step.sight, deviation + error)
         sent = jnp.concatenate([actor.act(weights, seen)[None], sent])
         acting = jnp.take_along_axis(sent, step.late[None], axis=0)[0]
-        change = jnp.concatenate([deviation, (acting - step.commands)[:, None]], axis=1)
-        deviation = jnp.einsum("nij,nj->ni", step.motion, change)
-        error = step.error + step.across * deviation[:, 0]
-        rate = step.steer_rate + deviation[:, 5]
-        total = jnp.sqrt(error**2 + settings.knee**2) - settings.knee
-        total += settings.square * error**2 / (1.0 + jnp.abs(error))
-        total += settings.steer_rate * rate**2 + settings.change * (sent[0] - sent[1]) ** 2
-        return (deviation, sent[:-1]), jnp.minimum(total * step.whole, _LARGEST_COST)
+        moved = jnp.concatenate([deviation, (acting - step.commands)[:, None]], axis=1)
+        deviation = jnp.einsum("nij,nj->ni", step.motion, moved)
+        found = Ridden(
+            error=step.error + step.across * deviation[:, 0],
+            steer_rate=step.steer_rate + deviation[:, 5],
+            roll=step.roll + deviation[:, 2],
+            change=sent[0] - sent[1],
+        )
+        return (deviation, sent[:-1]), found
 
     # What is carried is not of a period.
     parts = (segment._replace(sent=segment.commands), away, errors)
     live = segment.commands.shape[0] - settings.tail
     carry = (jnp.zeros_like(away[0]), segment.sent)
-    carry, costs = jax.lax.scan(
+    carry, found = jax.lax.scan(
         lambda c, p: period(weights, c, p), carry, jax.tree.map(lambda part: part[:live], parts)
     )
-    if settings.tail:
-        rest = jax.tree.map(lambda part: part[live:], parts)
-        costs = jnp.concatenate([costs, jax.lax.scan(lambda c, p: period(held, c, p), carry, rest)[1]])
-    return costs.mean()
+    if not settings.tail:
+        return found
+    rest = jax.tree.map(lambda part: part[live:], parts)
+    _, later = jax.lax.scan(lambda c, p: period(held, c, p), carry, rest)
+    return Ridden(*(jnp.concatenate(pair) for pair in zip(found, later, strict=True)))
 
 
 class Comparison(NamedTuple):
@@ -355,14 +409,15 @@ class Refinement:
         self.last_cost = float(value)
         self.seconds += time.monotonic() - began
 
-    def _draws_of(self, segment: Segment) -> tuple[Float32Array, Float32Array]:
-        """Return deviations that the rides are given, seldom and of all sizes, and errors of their sensors."""
+    def _draws_of(self, segment: Segment) -> tuple[Float32Array, Float32Array, Float32Array]:
+        """Return deviations that the rides are given, errors of their sensors, and small deviations."""
         shape = (*segment.noise.shape, len(DEVIATIONS))
-        often = self._draws.random((*shape[:2], 1)) < _OFTEN
-        size = _SMALLEST ** self._draws.random((*shape[:2], 1)) * often
+        often = self._draws.random((*shape[:2], 1))
+        size = _SMALLEST ** self._draws.random((*shape[:2], 1)) * (often < _OFTEN)
         away = self._draws.standard_normal(shape) * size * _DEVIATION
         errors = np.asarray(segment.noise)[..., None] * SENSORS * self._draws.standard_normal(shape)
-        return away.astype(np.float32), errors.astype(np.float32)
+        small = self._draws.standard_normal(shape) * (often > 1.0 - _OFTEN) * _DEVIATION
+        return away.astype(np.float32), errors.astype(np.float32), small.astype(np.float32)
 
     def compare(self) -> Comparison:
         """Judge the averaged actor, and remember it if it is the best so far."""
