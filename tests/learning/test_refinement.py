@@ -178,6 +178,12 @@ def test_the_command_writes_the_same_policy_again(tmp_path: Path) -> None:
     card = load_bundle(tmp_path / "a" / "policy").training
     assert card["begins_with"] == "nothing"
     assert card["steps"] == first["steps"] == 3 * 20 * 6
+    (tmp_path / "evaluation.json").write_text('{"worst_mean_m": 0.5, "rides": []}', encoding="utf-8")
+    words = ["export", str(tmp_path / "a"), "--name", "mine", "--evaluation", str(tmp_path / "evaluation.json")]
+    assert cli.main([*words, "--out", str(tmp_path / "mine")]) == 0
+    exported = load_bundle(tmp_path / "mine")
+    assert (exported.name, exported.results) == ("mine", {"worst_mean_m": 0.5})
+    assert exported.training["steps"] == card["steps"]
     later = Refinement(SMALL, load_bundle(tmp_path / "a" / "policy"))
     assert later.summary()["begins_with"]["steps"] == card["steps"]
     later.close()

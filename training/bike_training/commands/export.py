@@ -11,20 +11,21 @@ from pathlib import Path
 from typing import Any
 
 from bike_policy.contract.actor import Actor
-from bike_policy.contract.bundle import Bundle
+from bike_policy.contract.bundle import Bundle, load_bundle
 from bike_policy.contract.race import RaceLayout
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.curricula.parts import SPEED_RANGES
 from bike_training.learning.checkpoint import Checkpoint
 from bike_training.learning.presets import Preset
 from bike_training.learning.progress import stored_actor
+from bike_training.learning.refinement_files import POLICY, TABLE
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.epilog = "example:\n  bike export runs/a --name mine && bike evaluate runs/a/policy"
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("run", type=Path, help="folder of a run of bike train")
+    parser.add_argument("run", type=Path, help="folder of a run of bike train, or of bike refine")
     parser.add_argument("--name", help="name of the policy (default: that of the vehicle)")
     parser.add_argument("--out", type=Path, help="folder of the bundle (default: RUN/policy)")
     parser.add_argument(
@@ -39,6 +40,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Write the bundle."""
+    if (args.run / TABLE).is_file():
+        return _export_refined(args)
     checkpoint = Checkpoint(args.run)
     summary = _read_table(args.run / "run.json", ("vehicle", "preset", "steps"))
     with checkpoint.reading():
@@ -77,6 +80,21 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "ok": True,
         "figures": {"out": str(out), "name": name, "steps": summary["steps"], "actor": which, "actor_step": step},
     }
+
+
+def _export_refined(args: argparse.Namespace) -> dict[str, Any]:
+    """Write the bundle of a refinement, which holds its best actor already, with name and results."""
+    if args.which not in (None, "best"):
+        raise ValueError(f"{args.run} holds a refinement, which keeps its best actor only, not the {args.which!r} one")
+    found = load_bundle(args.run / POLICY)
+    training = {**found.training, "exported": time.strftime("%Y-%m-%d")}
+    bundle = replace(found, name=args.name or found.name, training=training, results=_results(args.evaluation))
+    out = args.out or args.run / POLICY
+    bundle.save(out)
+    figures = {"out": str(out), "name": bundle.name, "steps": training["steps"], "actor": "best"}
+    if not args.json:
+        print(f"policy {bundle.name} written to {out}: the best actor, of segment {training['best_segment']}")
+    return {"schema": "bike.export/1", "ok": True, "figures": {**figures, "actor_step": training["best_segment"]}}
 
 
 def _choose(progress: Mapping[str, Any], which: str, steps: int) -> tuple[Actor | None, str, int]:

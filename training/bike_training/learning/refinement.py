@@ -20,7 +20,7 @@ import csv
 import math
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -35,10 +35,12 @@ from bike_policy.contract.actor import Actor
 from bike_policy.contract.bundle import Bundle
 from bike_policy.contract.observation import ObservationLayout
 from bike_policy.riders.learned import LearnedRider
+from bike_sim.course.random_paths import PathRanges
 from bike_sim.sim.bicycle_batch import COMPILED_ENGINE
 from bike_sim.sim.config import SimulatorConfig
-from bike_training.curricula.parts import REFINEMENT, SPEED_RANGES, PartsCurriculum
+from bike_training.curricula.parts import REFINEMENT, SPEED_RANGES, PartsCurriculum, RideRanges
 from bike_training.learning.linear_rides import DEVIATIONS, SENSORS, LinearRides, Segment
+from bike_training.learning.refinement_files import POLICY, TABLE
 from bike_training.learning.run_settings import COMPILED_TIME_STEP
 from bike_training.learning.setting_records import check_number, check_positive
 from bike_training.learning.summary import source_commit
@@ -50,16 +52,15 @@ Float32Array = NDArray[np.float32]
 Weights = list[tuple[jax.Array, jax.Array]]
 """Kernel (inputs, outputs) and bias of each layer."""
 
-TABLE: Final = "refinement.csv"
-POLICY: Final = "policy"
-"""What a refinement leaves in its folder: a row for each comparison, and the bundle of the best actor."""
-
 VEHICLE: Final = "whipple"
 """The shipped bicycle; a refinement knows no other."""
 STABLE: Final = 0.99
 """Largest spectral radius of an actor that is kept as the best."""
 _DEVIATION: Final = np.array([0.03, 0.01, 0.01, 0.01, 0.1, 0.1], dtype=np.float32)
 """Largest standard deviations of the deviations that rides are given in passing: m, rad, rad/s."""
+STRAIGHT: Final = RideRanges((1.8, 7.3), PathRanges(200.0, 1000.0, 20.0, 22.0, 0.01, 0.5))
+RIDES: Final = replace(REFINEMENT, also=(*REFINEMENT.also, STRAIGHT))
+"""What is ridden: a third of the rides hardly bend, for on bent ones a bicycle is seldom upright long enough to swing."""
 _SMALLEST: Final = 0.03
 """Part of them that the smallest are drawn with: the loop is to be calm about a steady ride as well."""
 _OFTEN: Final = 1.0 / 40.0
@@ -358,7 +359,7 @@ class Refinement:
         self.settings, self.task, self._start = settings, task, start
         self._config = SimulatorConfig(VEHICLE, COMPILED_ENGINE, COMPILED_TIME_STEP)
         self._rides = LinearRides(
-            settings.bicycles, task, REFINEMENT, self._config, settings.seed, settings.delay, settings.noise
+            settings.bicycles, task, RIDES, self._config, settings.seed, settings.delay, settings.noise
         )
         self._actor = OddActor(task.layout)
         self._weights = (
