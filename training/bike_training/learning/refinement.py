@@ -60,7 +60,7 @@ _DEVIATION: Final = np.array([0.03, 0.01, 0.01, 0.01, 0.1, 0.1], dtype=np.float3
 """Largest standard deviations of the deviations that rides are given in passing: m, rad, rad/s."""
 STRAIGHT: Final = RideRanges((1.8, 7.3), PathRanges(200.0, 1000.0, 20.0, 22.0, 0.01, 0.5))
 RIDES: Final = replace(REFINEMENT, also=(*REFINEMENT.also, STRAIGHT))
-"""What is ridden: a third of the rides hardly bend, for on bent ones a bicycle is seldom upright long enough to swing."""
+"""What is ridden: a third of the rides hardly bend, for on bent ones a bicycle is seldom upright for long."""
 _SMALLEST: Final = 0.03
 """Part of them that the smallest are drawn with: the loop is to be calm about a steady ride as well."""
 _OFTEN: Final = 1.0 / 40.0
