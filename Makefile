@@ -1,6 +1,6 @@
 # Every target sets up first what it needs; a set-up that is current costs a fraction of a second.
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-training setup-sweep setup-all setup-checks build ride lap test test-long check format bench clean distclean
+.PHONY: help setup setup-training setup-sweep setup-all setup-checks build ride lap live test test-long check format bench clean distclean
 
 BIN := .venv/bin
 SHELL_SCRIPTS := tools/setup tools/update-constraints .ci/run
@@ -34,6 +34,9 @@ ride: setup ## Ride the benchmark path with the shipped actor and write ride.mca
 
 lap: setup ## Three laps of Barcelona on a superbike through the nodes: out/lap/lap.mcap and its report
 	@$(BIN)/bike lap --nodes
+
+live: setup ## A ride in the browser: watch it, or ride yourself (V=panigale_v4r for a superbike)
+	@$(BIN)/bike live --vehicle $(or $(V),whipple)
 
 test: setup-all ## Run the tests, quick ones first; Chromium is installed for those of the report page
 	@tools/setup browser

@@ -18,6 +18,7 @@ from bike_training.interruption import SHELL_BASE, interrupt, leave_at_once, sig
 
 COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "ride": ("bike_training.commands.ride", "ride a course through the nodes, record it and report"),
+    "live": ("bike_training.commands.live", "ride in a browser: watch, steer, and compare with other riders"),
     "train": ("bike_training.commands.train", "learn to ride"),
     "refine": ("bike_training.commands.refine", "learn to ride exactly, through the derivatives of the bicycle"),
     "evaluate": ("bike_training.commands.evaluate", "ride a policy at 21 speeds and write down how well"),

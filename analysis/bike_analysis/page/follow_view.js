@@ -1,16 +1,17 @@
 // The ride seen from behind, drawn from the view's own columns. x forward, y left; roll positive leaning right.
 
 // Makes the function that draws the ride at a place (a row, or between two rows) on a canvas.
-function followDrawing(canvas, ride, { title, lapTime, edges, line, step }) {
-  const g = canvas.getContext("2d"), W = canvas.width, H = canvas.height, N = ride.x.length;
+// `columns` answers those of now: a running ride has more of them each time.
+function followDrawing(canvas, columns, { title, lapTime, edges, line, step, open = false, unit = "km/h", machine: kind = "superbike" }) {
+  const g = canvas.getContext("2d"), W = canvas.width, H = canvas.height;
+  let ride = columns();
   const BACK = 5.6, UP = 2.2, FOCAL = 640, NEAR = 1.0, FAR = 420, HORIZON = H * 0.42;
   const CAMERA_LAG = 0.04;                                             // s, between the headings that the camera follows
-  const lag = Math.max(1, Math.round(CAMERA_LAG * N / (ride.time[N - 1] - ride.time[0])));
   const [lx, ly, rx, ry] = edges, E = lx.length;
 
   const mix = (a, b, u) => a + u * (b - a);
   function at(column, k) {
-    const i = Math.max(0, Math.min(Math.floor(k), N - 2));
+    const i = Math.max(0, Math.min(Math.floor(k), column.length - 2));
     return mix(column[i], column[i + 1], k - i);
   }
 
@@ -18,6 +19,7 @@ function followDrawing(canvas, ride, { title, lapTime, edges, line, step }) {
 
   // The camera looks along a heading that follows the machine's with a little lag, from behind and above.
   function cameraAt(k) {
+    const N = ride.x.length, lag = Math.max(1, Math.round(CAMERA_LAG * N / (ride.time[N - 1] - ride.time[0] || 1)));
     let yaw = 0, weight = 0;
     for (let j = 0; j < 12; j++) {
       const w = Math.exp(-j / 4);
@@ -39,6 +41,7 @@ function followDrawing(canvas, ride, { title, lapTime, edges, line, step }) {
   }
   // A strip between two polylines, cut at the near plane.
   function strip(cam, ax, ay, bx, by, first, last, colour) {
+    if (open) { first = Math.max(first, 0); last = Math.min(last, E - 1); }
     for (let k = last - 1; k >= first; k--) {
       const i = ((k % E) + E) % E, j = (i + 1) % E;
       let quad = [[ax[i], ay[i]], [ax[j], ay[j]], [bx[j], by[j]], [bx[i], by[i]]].map(p => toCamera(cam, p[0], p[1]));
@@ -77,7 +80,7 @@ function followDrawing(canvas, ride, { title, lapTime, edges, line, step }) {
   function road(cam, k) {
     const s = Math.floor(at(ride.distance, Math.floor(k)) / step);
     const first = s - 4, last = s + Math.floor(FAR / step);
-    const kerb = q => bend[((q % E) + E) % E] > 0.04 ? (q % 2 ? "#d8412f" : "#f3f3f3") : "#6f8a4e";
+    const kerb = q => kind === "superbike" && bend[((q % E) + E) % E] > 0.04 ? (q % 2 ? "#d8412f" : "#f3f3f3") : "#6f8a4e";
     strip(cam, grassL[0], grassL[1], lx, ly, first, last, q => q % 4 < 2 ? "#5f7f45" : "#66884b");
     strip(cam, grassR[0], grassR[1], rx, ry, first, last, q => q % 4 < 2 ? "#5f7f45" : "#66884b");
     strip(cam, lx, ly, rx, ry, first, last, q => q % 6 < 3 ? "#4a4e55" : "#4d5158");
@@ -88,7 +91,7 @@ function followDrawing(canvas, ride, { title, lapTime, edges, line, step }) {
     if (!line.length) return;
     g.strokeStyle = "rgba(120,200,255,.55)"; g.lineWidth = 2; g.beginPath();
     let pen = false;
-    for (let q = s + 1; q < last; q++) {
+    for (let q = s + 1; q < (open ? Math.min(last, E) : last); q++) {
       const i = ((q % E) + E) % E, p = project(cam, line[0][i], line[1][i], 0);
       if (!p) { pen = false; continue; }
       pen ? g.lineTo(p[0], p[1]) : g.moveTo(p[0], p[1]); pen = true;
@@ -115,6 +118,7 @@ function followDrawing(canvas, ride, { title, lapTime, edges, line, step }) {
     const disc = (colour, u, v, a, b) => {
       g.fillStyle = colour; g.beginPath(); g.ellipse(u * m, -v * m, a * m, b * m, 0, 0, 7); g.fill();
     };
+    if (kind === "bicycle") { bicycle(m, shape, disc, at(ride.steer, k) * Math.PI / 180); g.restore(); return; }
     disc("#15171a", 0, 0.32, 0.10, 0.32);                                              // rear tyre
     disc("#2b2e33", 0, 0.32, 0.05, 0.22);
     shape("#8f1a12", [[-0.15, 0.42], [0.15, 0.42], [0.25, 0.75], [0.21, 0.98], [-0.21, 0.98], [-0.25, 0.75]]); // fairing
@@ -139,6 +143,22 @@ function followDrawing(canvas, ride, { title, lapTime, edges, line, step }) {
     g.restore();
   }
 
+  // A bicycle and its rider, who sits still.
+  function bicycle(m, shape, disc, steer) {
+    disc("#15171a", 0, 0.3, 0.025, 0.3);                                               // rear tyre
+    g.strokeStyle = "#22252a"; g.lineWidth = 0.035 * m; g.beginPath();
+    g.moveTo(-0.28 * m * Math.cos(steer), -0.98 * m); g.lineTo(0.28 * m * Math.cos(steer), -0.98 * m); g.stroke();  // bars
+    shape("#0b66ad", [[-0.02, 0.3], [0.02, 0.3], [0.02, 0.85], [-0.02, 0.85]]);        // frame
+    shape("#22252a", [[-0.1, 0.85], [0.1, 0.85], [0.06, 0.91], [-0.06, 0.91]]);        // saddle
+    g.strokeStyle = "#39424d"; g.lineWidth = 0.11 * m; g.lineCap = "round";
+    for (const side of [-1, 1]) { g.beginPath(); g.moveTo(0.08 * side * m, -0.9 * m); g.lineTo(0.13 * side * m, -0.3 * m); g.stroke(); }
+    shape("#1f8f6b", [[-0.14, 0.88], [0.14, 0.88], [0.21, 1.38], [-0.21, 1.38]]);      // back
+    g.strokeStyle = "#1f8f6b"; g.lineWidth = 0.08 * m;
+    for (const side of [-1, 1]) { g.beginPath(); g.moveTo(0.2 * side * m, -1.32 * m); g.lineTo(0.27 * side * m, -1.0 * m); g.stroke(); }
+    disc("#e9ebee", 0, 1.55, 0.11, 0.13);                                              // helmet
+    disc("#0b66ad", 0, 1.6, 0.06, 0.07);
+  }
+
   function text(words, x, y, size, colour = "#fff", align = "left", weight = 600) {
     g.font = `${weight} ${size}px system-ui, sans-serif`; g.fillStyle = colour; g.textAlign = align; g.fillText(words, x, y);
   }
@@ -148,7 +168,8 @@ function followDrawing(canvas, ride, { title, lapTime, edges, line, step }) {
     const speed = at(ride.speed, k), roll = rollAt(k), share = column => column ? at(column, k) / 100 : 0;
     const H = 204;                                                        // below the title, out of the machine's way
     panel(16, H - 116, 400, 100);
-    text(String(Math.round(speed)), 130, H - 48, 52, "#fff", "right", 700); text("km/h", 138, H - 48, 16, "#b8c2cf");
+    const fast = unit === "km/h";
+    text(fast ? String(Math.round(speed)) : speed.toFixed(1), 130, H - 48, 52, "#fff", "right", 700); text(unit, 138, H - 48, 16, "#b8c2cf");
     const cx = 258, cy = H - 40, r = 54;
     g.lineWidth = 6; g.strokeStyle = "#3a434e"; g.beginPath(); g.arc(cx, cy, r, -Math.PI * 5 / 6, -Math.PI / 6); g.stroke();
     g.strokeStyle = Math.abs(roll) > 0.87 ? "#ff8c5a" : "#62b0f4"; g.beginPath();
@@ -157,7 +178,7 @@ function followDrawing(canvas, ride, { title, lapTime, edges, line, step }) {
     text("lean", cx, cy + 22, 13, "#b8c2cf", "center");
     if (ride.gear) text(`gear ${ride.gear[Math.round(k)] || "–"}`, 138, H - 90, 16, "#ffce45");
     if (ride.engine) text(`${(at(ride.engine, k) / 1000).toFixed(1)}k rpm`, 138, H - 70, 13, "#b8c2cf");
-    for (const [i, value, colour, name] of [[0, share(ride.throttle), "#43c9a3", "gas"], [1, share(ride.brake), "#ff5a48", "brake"]]) {
+    if (ride.throttle) for (const [i, value, colour, name] of [[0, share(ride.throttle), "#43c9a3", "gas"], [1, share(ride.brake), "#ff5a48", "brake"]]) {
       const x = 336 + 40 * i;
       g.fillStyle = "#2c333c"; g.fillRect(x, H - 106, 20, 66);
       g.fillStyle = colour; g.fillRect(x, H - 40 - 66 * value, 20, 66 * value);
@@ -175,12 +196,13 @@ function followDrawing(canvas, ride, { title, lapTime, edges, line, step }) {
   function map(k) {
     panel(W - size - 34, 12, size + 22, (box.y1 - box.y0) * scale + 26);
     g.strokeStyle = "#cfd6de"; g.lineWidth = 2.5; g.beginPath();
-    for (let i = 0; i <= E; i++) { const j = i % E, x = mapX((lx[j] + rx[j]) / 2), y = mapY((ly[j] + ry[j]) / 2); i ? g.lineTo(x, y) : g.moveTo(x, y); }
+    for (let i = 0; i < E + (open ? 0 : 1); i++) { const j = i % E, x = mapX((lx[j] + rx[j]) / 2), y = mapY((ly[j] + ry[j]) / 2); i ? g.lineTo(x, y) : g.moveTo(x, y); }
     g.stroke();
     g.fillStyle = "#ff5a48"; g.beginPath(); g.arc(mapX(at(ride.x, k)), mapY(at(ride.y, k)), 5, 0, 7); g.fill();
   }
 
   function draw(k) {
+    ride = columns();
     const cam = cameraAt(k);
     g.clearRect(0, 0, W, H);
     g.save();
@@ -214,7 +236,7 @@ class FollowPart {
     this.view = view;
     this.figure = figure;
     const canvas = figure.querySelector("canvas");
-    this.drawing = followDrawing(canvas, view.main.columns, spec);
+    this.drawing = followDrawing(canvas, () => view.main.columns, spec);
     new ResizeObserver(() => view.redraw(part => part === this)).observe(canvas);
   }
   draw() { this.drawing(this.view.place); }

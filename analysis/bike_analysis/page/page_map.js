@@ -36,15 +36,14 @@ const mapGap = (box, width) => 1.2 * (box[1] - box[0]) / Math.max(width, 100);
 // Rows of a series or a line for a box of the map, kept until the map shows another: a zoom of the traces takes a part of them.
 const rowsKept = new WeakMap();
 function mapRows(series, box, width) {
-  const key = [...box, width].join(), kept = rowsKept.get(series);
+  const { x, y } = series.columns ?? series, key = [...box, width].join(), kept = rowsKept.get(x);
   if (kept?.key === key) return kept.rows;
-  const { x, y } = series.columns ?? series;
   const across = box[1] - box[0], up = box[3] - box[2];
   const wide = [box[0] - across, box[1] + across, box[2] - up, box[3] + up];
   const all = pathRows(x, y, 0, x.length, mapGap(box, width), wide);
   const every = Math.ceil(all.length / MAP_POINTS);
   const rows = every > 1 ? all.filter((row, k) => row < 0 || k % every === 0) : all;
-  rowsKept.set(series, { key, rows });
+  rowsKept.set(x, { key, rows });
   return rows;
 }
 // Those within [first, end), and the ends themselves.

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from functools import cache
 from html import escape
 from importlib.resources import files
-from typing import Final
+from typing import Any, Final
 
 from bike_analysis.page.html import html_text, script_json
 from bike_analysis.page.style import style_variables
@@ -26,6 +26,7 @@ _SCRIPTS: Final = (
     "follow_view.js",
     "page_main.js",
 )
+_LIVE_SCRIPT: Final = "live.js"
 _POLICY: Final = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
 _KEYS: Final = (
     ("← →", "move the cursor; with shift ten times as far"),
@@ -39,7 +40,16 @@ _KEYS: Final = (
 )
 
 
-def page_shell(title: str, below: str, parts: Iterable[str], views: Sequence[View]) -> str:
+def page_shell(
+    title: str,
+    below: str,
+    parts: Iterable[str],
+    views: Sequence[View],
+    *,
+    connect: str = "",
+    live: dict[str, Any] | None = None,
+    keys: Sequence[tuple[str, str]] = _KEYS,
+) -> str:
     """Put a page together.
 
     Args:
@@ -47,22 +57,26 @@ def page_shell(title: str, below: str, parts: Iterable[str], views: Sequence[Vie
         below: HTML under it.
         parts: HTML of the page, with the frames of the views (`bike_analysis.page.view.view_html`) in their order.
         views: Views that the script draws into them; a page without any is small.
+        connect: The only origin that the page may connect to; none if empty.
+        live: Data of a page that shows a running ride in its first view.
+        keys: Keys and gestures with what they do.
 
     Returns:
         The whole page.
     """
     data = script_json([view.data() for view in views])
-    keys = "".join(f"<dt>{_kbd(key)}</dt><dd>{escape(text)}</dd>" for key, text in _KEYS)
+    listed = "".join(f"<dt>{_kbd(key)}</dt><dd>{escape(text)}</dd>" for key, text in keys)
+    policy = f"{_POLICY}; connect-src {escape(connect, quote=True)}" if connect else _POLICY
     return "\n".join(
         [
             "<!DOCTYPE html>",
             '<html lang="en"><head><meta charset="utf-8">',
-            f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">',
+            f'<meta http-equiv="Content-Security-Policy" content="{policy}">',
             '<meta name="viewport" content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">',
             f"<title>{html_text(title)}</title><style>{page_style()}</style></head><body><main>",
             f"<header><h1>{html_text(title)}</h1>",
             f'<button id="theme" type="button" aria-label="Dark colours">Dark</button>{below}</header>',
-            f"<details><summary>Keys and gestures</summary><dl class=keys>{keys}</dl></details>" if views else "",
+            f"<details><summary>Keys and gestures</summary><dl class=keys>{listed}</dl></details>" if views else "",
             '<noscript><p class="warning">The plots need JavaScript; the tables do not.</p></noscript>'
             if views
             else "",
@@ -70,7 +84,8 @@ def page_shell(title: str, below: str, parts: Iterable[str], views: Sequence[Vie
             "</main>",
             f'<script type="application/json" id="page-data">{data}</script>',
             f"<script>{_vendored('uPlot.iife.min.js')}</script>" if views else "",
-            f"<script>{page_script()}</script>",
+            "" if live is None else f'<script type="application/json" id="live-data">{script_json(live)}</script>',
+            f"<script>{page_script(live is not None)}</script>",
             "</body></html>",
         ]
     )
@@ -83,10 +98,11 @@ def _vendored(name: str) -> str:
 
 
 @cache
-def page_script() -> str:
-    """Return the page's own script."""
+def page_script(live: bool = False) -> str:
+    """Return the page's own script; with that of a running ride if `live`."""
     here = files("bike_analysis.page")
-    parts = "\n".join((here / name).read_text(encoding="utf-8") for name in _SCRIPTS)
+    names = (*_SCRIPTS, _LIVE_SCRIPT) if live else _SCRIPTS
+    parts = "\n".join((here / name).read_text(encoding="utf-8") for name in names)
     return f'(() => {{\n"use strict";\n{parts}}})();'
 
 

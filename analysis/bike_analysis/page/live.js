@@ -1,0 +1,164 @@
+// A running ride: states from the WebSocket into the view's columns, wishes of the person at the page to the ride.
+
+const KEPT_S = 30;            // shown and kept
+const WISH_MS = 33;           // between two wishes
+const KEY_RATE = 3.5;         // full lean by keys takes this part of a second
+const MAP_EVERY = 6;          // frames; its mark moves with each
+const DEAD = 0.08;            // of a gamepad's stick
+
+class Live {
+  constructor(view, spec) {
+    Object.assign(this, { view, spec, bar: document.querySelector(".live-bar"), frames: [], delays: [], states: 0 });
+    this.keys = new Set();
+    this.pads = { steering: 0, throttle: 0 };
+    this.wish = { steering: 0, throttle: 0 };
+    this.laps = [];
+    this.clear();
+    this.listen();
+    this.connect();
+    setInterval(() => this.sendWish(), WISH_MS);
+  }
+  clear() { this.rows = Object.fromEntries(this.spec.names.map(name => [name, []])); }
+
+  connect() {
+    this.socket = new WebSocket(`ws://${location.host}${location.pathname}ws`);
+    this.socket.onmessage = event => this.take(JSON.parse(event.data));
+    this.socket.onopen = () => this.say("connected");
+    this.socket.onclose = () => {
+      this.say("no connection to the ride");
+      if (!this.over) setTimeout(() => this.connect(), 1000);
+    };
+  }
+  send(message) { if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message)); }
+
+  take({ state, sent, reset, event, lap, status, ended }) {
+    if (reset) this.clear();
+    if (state) this.add(state, sent);
+    if (lap) this.laps.push(lap);
+    if (event) this.say(event);
+    if (status) this.show(status);
+    if (ended) { this.over = true; this.say("the ride has ended"); }
+  }
+  add(state, sent) {
+    const { names, scales } = this.spec;
+    names.forEach((name, k) => this.rows[name].push(state[k] * (scales[name] ?? 1)));
+    const { time } = this.rows, old = rowOf(time, time[time.length - 1] - KEPT_S);
+    if (old > 200) for (const name of names) this.rows[name].splice(0, old);
+    this.sent = sent;
+    this.states += 1;
+    this.drawing ||= requestAnimationFrame(() => this.draw());
+  }
+
+  // The view's columns are replaced by those of the last half minute, and the cursor stands at the newest state.
+  draw() {
+    this.drawing = 0;
+    const { view } = this, { time } = this.rows;
+    if (time.length < 2) return;
+    for (const name of this.spec.names) if (view.main.columns[name]) view.main.columns[name] = Float64Array.from(this.rows[name]);
+    const last = time[time.length - 1];
+    view.range = [Math.max(last - KEPT_S, time[0]), Math.max(last, time[0] + 1)];
+    view.place = time.length - 1;
+    view.moved = true;
+    view.redraw(part => part.ranged && (!part.late || this.frames.length % MAP_EVERY === 0));
+    view.root.dataset.states = this.states;
+    this.measure();
+  }
+  // Frames a second, and the time from the state's sending to its drawing, ms.
+  measure() {
+    const now = performance.now();
+    this.frames.push(now);
+    this.delays.push(performance.timeOrigin + now - this.sent);
+    while (this.frames[0] < now - 2000) { this.frames.shift(); this.delays.shift(); }
+    if (!(this.told > now - 500)) {
+      this.told = now;
+      const middle = [...this.delays].sort((a, b) => a - b)[this.delays.length >> 1];
+      this.rate = 1000 * (this.frames.length - 1) / (now - this.frames[0] || 1);
+      this.delay = middle;
+      this.say();
+    }
+  }
+  say(words) {
+    if (words) this.words = words;
+    const figures = this.rate ? `${this.rate.toFixed(0)} frames/s, ${this.delay.toFixed(0)} ms behind` : "";
+    const lap = this.laps.length ? `last lap ${timeText(this.laps[this.laps.length - 1])}` : "";
+    write(this.bar.querySelector(".live-state"), [this.words, lap, figures].filter(Boolean).join(" · "));
+  }
+
+  // ---- controls -----------------------------------------------------------------------------------------------------
+
+  show(status) {
+    this.status = status;
+    this.bar.querySelector('[data-live="pause"]').textContent = status.paused ? "Go on" : "Pause";
+    this.bar.querySelector(`input[value="${status.hands ? "hands" : "computer"}"]`).checked = true;
+    const balance = this.bar.querySelector(".balance input");
+    if (balance) balance.checked = status.balance;
+    this.bar.querySelector("select").value = String(status.pace);
+    this.view.root.dataset.hands = status.hands ? "yes" : "no";
+  }
+  get hands() { return this.bar.querySelector('input[value="hands"]').checked; }
+
+  listen() {
+    const on = (kind, action) => { this.bar.querySelector(`[data-live="${kind}"]`).onclick = action; };
+    on("pause", () => this.send({ type: "pause", on: !this.status?.paused }));
+    on("step", () => this.send({ type: "step" }));
+    on("reset", () => this.send({ type: "reset" }));
+    this.bar.querySelector("select").onchange = event => this.send({ type: "pace", factor: Number(event.target.value) });
+    const rider = () => this.send({ type: "rider", hands: this.hands, balance: this.bar.querySelector(".balance input")?.checked ?? true });
+    for (const input of this.bar.querySelectorAll("input")) input.onchange = () => { rider(); input.blur(); };
+    this.rider = rider;
+    addEventListener("keydown", event => this.key(event, true), true);
+    addEventListener("keyup", event => this.key(event, false), true);
+    addEventListener("blur", () => this.keys.clear());
+    for (const pad of document.querySelectorAll(".pad")) this.listenToPad(pad);
+  }
+  // Before the keys of the page: here arrows ride, and do not move a cursor.
+  key(event, down) {
+    if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest?.("select, input, summary")) return;
+    const action = { " ": "pause", ".": "step", r: "reset" }[event.key];
+    if (event.key.startsWith("Arrow")) {
+      this.keys[down ? "add" : "delete"](event.key);
+      if (down) this.takeOver();
+    } else if (action) { if (down && !event.repeat) this.bar.querySelector(`[data-live="${action}"]`).click(); }
+    else return;
+    event.preventDefault();
+    event.stopPropagation();
+  }
+  // Whoever steers rides.
+  takeOver() {
+    if (this.hands) return;
+    this.bar.querySelector('input[value="hands"]').checked = true;
+    this.rider();
+  }
+  listenToPad(pad) {
+    const name = pad.dataset.pad;
+    const move = event => {
+      const box = pad.getBoundingClientRect();
+      const share = name === "steering" ? (event.clientX - box.left) / box.width : (event.clientY - box.top) / box.height;
+      this.pads[name] = Math.max(-1, Math.min(1, 1 - 2 * share));
+      pad.style.setProperty("--at", `${50 - 50 * this.pads[name]}%`);
+    };
+    const leave = () => { this.pads[name] = 0; pad.style.setProperty("--at", "50%"); };
+    pad.addEventListener("pointerdown", event => { pad.setPointerCapture(event.pointerId); this.takeOver(); move(event); });
+    pad.addEventListener("pointermove", event => { if (pad.hasPointerCapture(event.pointerId)) move(event); });
+    for (const kind of ["pointerup", "pointercancel"]) pad.addEventListener(kind, leave);
+  }
+
+  // Positive to the left, as in a command. Keys move the lean at a rate, pads and sticks set it.
+  sendWish() {
+    const pad = [...(navigator.getGamepads?.() ?? [])].find(Boolean), stick = pad?.axes[0] ?? 0;
+    const pulled = k => pad?.buttons[k]?.value ?? 0, key = name => Number(this.keys.has(name));
+    const held = key("ArrowLeft") - key("ArrowRight"), most = KEY_RATE * WISH_MS / 1000;
+    const wanted = this.pads.steering || (Math.abs(stick) > DEAD ? -stick : 0);
+    if (wanted) this.wish.steering = wanted;
+    else this.wish.steering += Math.max(-most, Math.min(most, held - this.wish.steering));
+    this.wish.throttle = this.pads.throttle || pulled(7) - pulled(6) || key("ArrowUp") - key("ArrowDown");
+    if (Math.abs(stick) > DEAD || pulled(7) > DEAD || pulled(6) > DEAD) this.takeOver();
+    if (this.hands) this.send({ type: "input", steering: this.wish.steering, throttle: Math.max(-1, Math.min(1, this.wish.throttle)) });
+  }
+}
+
+const liveSpec = document.getElementById("live-data");
+if (liveSpec) views[0].open().then(() => {
+  views[0].setAxis("time");
+  views[0].live = new Live(views[0], JSON.parse(liveSpec.textContent));
+});

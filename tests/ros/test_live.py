@@ -1,0 +1,250 @@
+"""A live ride: its page in Chromium, steered by keys, and what its server refuses."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+import socket
+import threading
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from selenium import webdriver
+from selenium.webdriver import ActionChains, Keys
+from selenium.webdriver.common.by import By
+from selenium.webdriver.support.ui import WebDriverWait
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+from bike_analysis import compare, open_ride
+from bike_analysis.page.live_page import live_view, render_live_page
+from bike_policy.riders.hands import HandRider
+from bike_policy.riders.rider import make_rider
+from bike_sim.course.course import Course
+from bike_sim.course.elements import Arc
+from bike_sim.physics.steady_turn import steady_turns
+from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.simulator import Simulator
+from bike_training.nodes.live_ride import PACES, STATE_NAMES, LiveRide, LiveSettings, checked_request
+from bike_training.nodes.live_server import LONGEST_REQUEST, LiveServer
+
+CIRCLE = """\
+format: bike.course/1
+name: small circle
+closed: true
+elements:
+  - {arc: {radius_m: 8.0, angle_deg: 360.0}, section: circle}
+"""
+
+
+# ---- what a page may ask for ----------------------------------------------------------------------------------------
+
+
+@given(
+    st.recursive(
+        st.none() | st.booleans() | st.floats() | st.text(), lambda c: st.lists(c) | st.dictionaries(st.text(), c)
+    )
+)
+def test_whatever_a_page_sends_becomes_a_request_in_bounds_or_none(message: Any) -> None:
+    for kind in ("input", "pace", "pause", "rider", "step", "reset", message):
+        asked = {"type": kind, "steering": message, "throttle": message, "factor": message, "on": message}
+        request = checked_request(asked | {"hands": message, "balance": message})
+        if request is None:
+            continue
+        assert all(abs(request.get(name, 0.0)) <= 1.0 for name in ("steering", "throttle"))
+        assert PACES[0] <= request.get("factor", 1.0) <= PACES[1]
+        assert isinstance(request.get("on", True), bool)
+    assert checked_request(message if not isinstance(message, dict) else None) is None
+
+
+def test_wishes_beyond_the_bounds_are_clipped() -> None:
+    asked = {"type": "input", "steering": 7.0, "throttle": -3}
+    assert checked_request(asked) == {"type": "input", "steering": 1.0, "throttle": -1.0}
+    assert checked_request(asked | {"steering": float("nan")}) is None
+    assert checked_request({"type": "pace", "factor": 1e9}) == {"type": "pace", "factor": PACES[1]}
+
+
+@pytest.mark.parametrize("wish", [0.4, -0.4, 0.0])
+def test_a_wish_is_a_lean_that_the_loop_balances(wish: float) -> None:
+    """The lean is that of the steady turn (`bike_sim.physics.steady_turn`); to the left is a negative roll."""
+    with closing(Simulator(SimulatorConfig(engine="whipple"))) as simulator:
+        snapshot = simulator.reset(ResetRequest(course="line", speed_range=(4.0, 4.0)))
+        rider = HandRider()
+        rider.begin(simulator.vehicle, simulator.course, 0.05, simulator.preview)
+        rider.steering = wish
+        for _ in range(120):
+            answer = rider.command(snapshot)
+            assert answer is not None
+            snapshot = simulator.step(*answer)
+        assert not snapshot.fallen
+        turns = steady_turns(simulator.vehicle, snapshot.speed)
+        curvature = abs(rider.wanted(snapshot))
+        lean = -math.copysign(float(np.interp(curvature, turns.curvature, -turns.roll)), wish)
+        assert snapshot.state[3] == pytest.approx(lean, abs=math.radians(1.5))
+        rider.balances = False
+        assert rider.command(snapshot) == (wish, 0.0)
+
+
+# ---- the server -----------------------------------------------------------------------------------------------------
+
+
+def page_of(origin: str) -> str:
+    course = Course.from_elements("ring", [Arc(8.0, 2.0 * np.pi)], closed=True)
+    return render_live_page(live_view(course, "whipple", False), "whipple", STATE_NAMES, False, origin)
+
+
+@pytest.fixture
+def served() -> Iterator[tuple[LiveServer, list[dict[str, Any]]]]:
+    asked: list[dict[str, Any]] = []
+    server = LiveServer(page_of, asked.append, lambda: {"status": {}})
+    server.start()
+    yield server, asked
+    server.close()
+
+
+def status_of(address: str, **headers: str) -> int:
+    try:
+        with urllib.request.urlopen(urllib.request.Request(address, headers=headers), timeout=5) as answer:
+            return int(answer.status)
+    except urllib.error.HTTPError as error:
+        return error.code
+
+
+def test_only_this_machine_with_the_token_gets_the_page(served: Any) -> None:
+    server, _ = served
+    bare = f"http://127.0.0.1:{server.port}/"
+    assert status_of(server.address) == 200
+    assert [status_of(bare), status_of(bare + "ws"), status_of(server.address + "x")] == [404, 404, 404]
+    assert status_of(server.address, Host="evil.example") == 421  # a name that was made to lead here
+    others = [info[4][0] for info in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)]
+    for other in {name for name in others if not name.startswith("127.")}:
+        with pytest.raises(OSError, match="refused"):
+            socket.create_connection((other, server.port), timeout=2)
+
+
+def test_only_the_pages_own_origin_may_talk(served: Any) -> None:
+    server, asked = served
+    address = server.address.replace("http", "ws") + "ws"
+    for origin in ("http://evil.example", f"http://localhost:{server.port}", None):
+        with pytest.raises(InvalidStatus, match="403"):
+            connect(address, origin=origin)
+    with connect(address, origin=f"http://127.0.0.1:{server.port}") as page:
+        assert json.loads(page.recv()) == {"status": {}}
+        page.send("[1")
+        page.send(json.dumps({"type": "rm -rf"}))
+        page.send(json.dumps({"type": "pace", "factor": 2}))
+        server.publish({"state": [1.0]})
+        assert json.loads(page.recv()) == {"state": [1.0]}
+        WebDriverWait(None, 5).until(lambda _: asked)
+        assert asked == [{"type": "pace", "factor": 2.0}]
+        page.send("x" * (LONGEST_REQUEST + 1))
+        with pytest.raises(Exception, match="1009"):
+            page.recv(timeout=5)
+
+
+# ---- a ride ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def browser(tmp_path: Path) -> Iterator[webdriver.Chrome]:
+    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if chromium is None or driver is None:
+        pytest.skip("the page tests need the Debian packages chromium and chromium-driver, which `make test` installs")
+    options = webdriver.ChromeOptions()
+    options.binary_location = chromium
+    for flag in ("--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run"):
+        options.add_argument(flag)
+    options.add_argument(f"--user-data-dir={tmp_path / 'profile'}")
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    chrome = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
+    chrome.set_window_size(1000, 800)
+    yield chrome
+    chrome.quit()
+
+
+RIDE_BY_KEYS = """
+  const view = document.querySelector(".view").view, { live } = view, names = { 1: "ArrowLeft", "-1": "ArrowRight" };
+  let held = 0;
+  const press = (kind, side) => dispatchEvent(new KeyboardEvent(kind, { key: names[side] }));
+  const look = () => {
+    const { columns } = view.main, n = columns.time.length - 1, along = columns.yaw[n] - columns.distance[n] / 8;
+    const wish = 0.24 - 0.15 * (columns.error[n] + 3 * along), off = live.wish.steering - wish;
+    const side = Math.abs(off) < 0.06 ? 0 : off > 0 ? -1 : 1;
+    if (side !== held) {
+      if (held) press("keyup", held);
+      if (side) press("keydown", side);
+      held = side;
+    }
+    if (!live.laps.length) requestAnimationFrame(look); else if (held) press("keyup", held);
+  };
+  look();"""
+"""Rides around a circle of 8 m as a person would: presses an arrow until the lean leads back to the line."""
+
+
+@pytest.mark.ros
+def test_a_lap_is_ridden_by_keys_and_lies_beside_another(browser: webdriver.Chrome, tmp_path: Path) -> None:
+    course = tmp_path / "small.yaml"
+    course.write_text(CIRCLE)
+    request = ResetRequest(course=str(course), speed_range=(4.0, 4.0))
+    told: list[dict[str, Any]] = []
+    servers: list[LiveServer] = []
+    path = tmp_path / "live.mcap"
+
+    def tell(message: dict[str, Any]) -> None:
+        told.append(message)
+        for server in servers:
+            server.publish(message)
+
+    ride = LiveRide(LiveSettings(SimulatorConfig(), request, make_rider("lqr"), path), tell)
+    laps = lambda: [message["lap"] for message in told if "lap" in message]  # noqa: E731
+    try:
+        ride.start()
+        ride.ask({"type": "pause", "on": True})
+        servers.append(LiveServer(page_of, ride.ask, ride.status))
+        servers[0].start()
+        browser.get(servers[0].address)
+        ride.ask({"type": "reset"})
+        wait = WebDriverWait(browser, 20)
+        wait.until(lambda b: "Go on" in b.find_element(By.CSS_SELECTOR, '[data-live="pause"]').text)
+        before = len([message for message in told if "state" in message])
+        browser.find_element(By.CSS_SELECTOR, '[data-live="step"]').click()
+        wait.until(lambda _: len([message for message in told if "state" in message]) == before + 1)
+        ActionChains(browser).send_keys(" ").perform()
+        wait.until(lambda b: b.find_element(By.CSS_SELECTOR, '[data-live="pause"]').text == "Pause")
+        wait.until(lambda b: b.execute_script("return +document.querySelector('.view').dataset.states") > 3)
+        ActionChains(browser).key_down(Keys.ARROW_LEFT).pause(0.05).key_up(Keys.ARROW_LEFT).perform()
+        wait.until(lambda _: ride.status()["status"]["hands"])
+        browser.execute_script(RIDE_BY_KEYS)
+        WebDriverWait(browser, 60).until(lambda _: laps(), "no lap by keys")
+        assert ride.status()["status"]["hands"]
+        ride.ask({"type": "rider", "hands": False, "balance": True})
+        ride.ask({"type": "pace", "factor": 10.0})
+        wait.until(lambda _: len(laps()) >= 3)
+        rate = browser.execute_script("return document.querySelector('.view').view.live.rate")
+        print(f"{rate:.0f} frames a second")
+        errors = [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
+        assert errors == []
+    finally:
+        ride.end()
+        for server in servers:
+            server.close()
+    ride.check()
+    recording = open_ride(path)
+    last = recording.rides[-1]
+    assert len(last.laps) >= 3
+    by_hand, by_computer = last.laps[0], last.laps[-1]
+    both = compare([by_hand, by_computer])
+    assert {run.lap.number for run in both.runs} == {by_hand.number, by_computer.number}
+    errors_m = last.table()["lateral_error_m"].abs()
+    assert errors_m.max() < 3.0
+    assert threading.active_count() < 20

@@ -1,0 +1,273 @@
+"""A ride that people watch and steer: a simulator node in lockstep at the pace of the clock, recorded as any other.
+
+A thread of its own rides. Others put requests into it and get told about states and events; nothing else is shared.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from bike_policy.riders.hands import HANDS, HandRider
+from bike_policy.riders.rider import Rider
+from bike_sim.course.course import Course
+from bike_sim.physics import state as st
+from bike_sim.sim import look as lk
+from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.events import EventKind
+from bike_sim.sim.request import ResetRequest
+from bike_training.envs.node_process import NodeProcess
+from bike_training.envs.ros_client import RosClient
+from bike_training.nodes.ride_monitor import START_TIMEOUT, RideMonitor
+
+STATE_NAMES: Final = (
+    *("time", "distance", "x", "y", "yaw", "roll", "steer", "speed", "error", "command", "throttle", "brake"),
+)
+"""What is told of each state, in order: s, m, rad and m/s; commands in [-1, 1]."""
+HELD: Final = 0.5
+"""Wall-clock time for which a wish holds, s: who is cut off rides straight on with closed throttle."""
+PACES: Final = (0.1, 10.0)
+"""Slowest and fastest ride, times the clock."""
+BEHIND: Final = 0.25
+"""Delay beyond which the ride does not try to catch up with the clock, s."""
+FRAME: Final = 1.0 / 75.0
+"""Least wall-clock time between two states that are told, s: no screen shows more, and a fast ride is not held up."""
+IDLE: Final = 0.02
+"""Time between two looks at the requests while nothing moves, s."""
+
+
+@dataclass(frozen=True)
+class LiveSettings:
+    """What is ridden.
+
+    Attributes:
+        config: of the simulator.
+        request: with which each episode begins.
+        rider: the computer's rider.
+        recording: file to write, or None.
+    """
+
+    config: SimulatorConfig
+    request: ResetRequest
+    rider: Rider
+    recording: Path | None = None
+
+
+class LiveRide:
+    """Rides until `end`; requests come through `ask`.
+
+    Attributes:
+        course: the followed line, once the ride has begun.
+    """
+
+    course: Course | None = None
+
+    def __init__(self, settings: LiveSettings, tell: Callable[[dict[str, Any]], None]) -> None:
+        """Prepare a ride.
+
+        Args:
+            settings: what is ridden.
+            tell: called from the ride's thread with each message for the page.
+        """
+        self._settings = settings
+        self._tell = tell
+        self._hands = HandRider()
+        self._by_hand = False
+        self._paused = False
+        self._steps_asked = 0
+        self._pace = 1.0
+        self._wished_at = self._told_at = 0.0
+        self._requests: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
+        self._ended = threading.Event()
+        self._begun = threading.Event()
+        self._failure: BaseException | None = None
+        self._thread = threading.Thread(target=self._run, name="live ride", daemon=True)
+
+    def start(self) -> None:
+        """Begin, and return when the first state is there.
+
+        Raises:
+            NodeLost: the simulator did not appear. ValueError: a rider that cannot ride this.
+        """
+        self._thread.start()
+        self._begun.wait()
+        self.check()
+
+    def check(self) -> None:
+        """Raise what ended the ride, if anything did."""
+        if self._failure is not None:
+            raise self._failure
+
+    def end(self) -> None:
+        """End the ride, close its recording, and wait for that."""
+        self._ended.set()
+        self._thread.join()
+
+    def ask(self, request: dict[str, Any]) -> None:
+        """Put in a request, checked by `checked_request`."""
+        self._requests.put(request)
+
+    # ------------------------------------------------------------------------------------------------ in its own thread
+
+    def _run(self) -> None:
+        try:
+            with ExitStack() as opened:
+                client = opened.enter_context(RosClient(self._settings.config))
+                recorder = self._record(opened, client)
+                self._begin(client)
+                self._begun.set()
+                self._ride(client)
+                if recorder is not None:
+                    recorder.finish()
+        except BaseException as error:
+            self._failure = error
+        finally:
+            self._begun.set()
+            self._tell({"ended": True})
+
+    def _record(self, opened: ExitStack, client: RosClient) -> NodeProcess | None:
+        path = self._settings.recording
+        if path is None:
+            return None
+        notes = [f"policy={HANDS} and {self._settings.rider.name}", f"circuit={self._settings.request.course}"]
+        record = {"path": str(path.resolve()), "overwrite": True, "notes": notes}
+        recorder = opened.enter_context(NodeProcess("bike_sim.ros.record", record, client.domain_id))
+        with RideMonitor(client.domain_id) as monitor:
+            monitor.wait_for_recorder(START_TIMEOUT, [recorder], ("state", "episode", "course"))
+        return recorder
+
+    def _begin(self, client: RosClient) -> None:
+        self._snapshot = client.reset(self._settings.request)
+        self.course = client.course
+        assert self.course is not None
+        for rider in (self._settings.rider, self._hands):
+            rider.begin(client.vehicle, self.course, self._settings.config.control_period, client.preview)
+        self._tell({"reset": True})
+        self._show()
+
+    def _ride(self, client: RosClient) -> None:
+        due = time.monotonic()
+        while not self._ended.is_set():
+            reset = self._obey()
+            if reset:
+                self._begin(client)
+            if not self._moves():
+                self._ended.wait(IDLE)
+                due = time.monotonic()
+                continue
+            self._steps_asked = max(self._steps_asked - 1, 0)
+            self._snapshot = client.step(*self._command())
+            self._show()
+            due += self._settings.config.control_period / self._pace
+            left = due - time.monotonic()
+            if left > 0.0:
+                self._ended.wait(left)
+            elif left < -BEHIND:
+                due = time.monotonic()
+
+    def _moves(self) -> bool:
+        over = self._snapshot.fallen or (self._snapshot.finished and not getattr(self.course, "closed", False))
+        return not over and (not self._paused or self._steps_asked > 0)
+
+    def _obey(self) -> bool:
+        """Do what was asked for; whether a new episode is."""
+        reset = False
+        while not self._requests.empty():
+            request = self._requests.get()
+            kind = request["type"]
+            if kind == "input":
+                self._hands.steering, self._hands.throttle = request["steering"], request["throttle"]
+                self._wished_at = time.monotonic()
+                continue
+            if kind == "pause":
+                self._paused = request["on"]
+            elif kind == "step":
+                self._steps_asked += 1
+            elif kind == "pace":
+                self._pace = request["factor"]
+            elif kind == "rider":
+                self._by_hand, self._hands.balances = request["hands"], request["balance"]
+            reset = reset or kind == "reset"
+            self._tell(self.status())
+        return reset
+
+    def status(self) -> dict[str, Any]:
+        """How the ride goes on, for the page."""
+        return {
+            "status": {
+                "paused": self._paused,
+                "pace": self._pace,
+                "hands": self._by_hand,
+                "balance": self._hands.balances,
+            }
+        }
+
+    def _command(self) -> tuple[float, float]:
+        if self._by_hand:
+            if time.monotonic() - self._wished_at > HELD:
+                self._hands.steering = self._hands.throttle = 0.0
+            return self._hands.command(self._snapshot) or (0.0, 0.0)
+        return self._settings.rider.command(self._snapshot) or (0.0, 0.0)
+
+    def _show(self) -> None:
+        snapshot = self._snapshot
+        state, look = snapshot.state, snapshot.look
+        values = (
+            snapshot.time,
+            look[lk.PROGRESS],
+            *(state[place] for place in (st.X, st.Y, st.YAW, st.ROLL, st.STEER)),
+            snapshot.speed,
+            look[lk.LATERAL_ERROR],
+            snapshot.steering,
+            max(snapshot.throttle, 0.0),
+            max(-snapshot.throttle, 0.0),
+        )
+        now = time.monotonic()
+        if now - self._told_at >= FRAME or snapshot.events or not snapshot.step:
+            self._told_at = now
+            self._tell({"state": [round(float(value), 5) for value in values], "sent": round(1e3 * time.time(), 2)})
+        for event in snapshot.events:
+            message: dict[str, Any] = {"event": event.text}
+            if event.kind is EventKind.LAP:
+                message["lap"] = event.value
+            self._tell(message)
+
+
+def checked_request(message: Any) -> dict[str, Any] | None:
+    """Return a request of the page with its values in bounds, or None if it is none.
+
+    Args:
+        message: what the page sent, decoded from JSON.
+    """
+    if not isinstance(message, dict):
+        return None
+    kind = message.get("type")
+    if kind == "input":
+        values = {name: _within(message.get(name), -1.0, 1.0) for name in ("steering", "throttle")}
+    elif kind == "pace":
+        values = {"factor": _within(message.get("factor"), *PACES)}
+    elif kind == "pause":
+        values = {"on": _flag(message.get("on"))}
+    elif kind == "rider":
+        values = {"hands": _flag(message.get("hands")), "balance": _flag(message.get("balance"))}
+    elif kind in ("step", "reset"):
+        values = {}
+    else:
+        return None
+    return None if None in values.values() else {"type": kind, **values}
+
+
+def _within(value: Any, low: float, high: float) -> float | None:
+    if isinstance(value, bool) or not isinstance(value, int | float) or value != value:
+        return None
+    return float(min(max(value, low), high))
+
+
+def _flag(value: Any) -> bool | None:
+    return value if isinstance(value, bool) else None
