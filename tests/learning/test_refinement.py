@@ -92,7 +92,7 @@ def ridden(weights: Weights, actor: OddActor) -> Segment:
 
 
 def test_the_cost_of_a_changed_actor_is_that_of_its_ride_to_first_order() -> None:
-    settings = replace(SMALL, tail=0, square=5.0, steer_rate=0.1, change=2.0, settling=0.0)
+    settings = replace(SMALL, tail=0, square=5.0, steer_rate=0.1, change=2.0)
     actor = OddActor(FINE_LAYOUT)
     weights = actor.draw((16,), seed=2)
     weights[-1] = (weights[-1][0] * 30.0, weights[-1][1])  # a new network hardly steers
@@ -100,7 +100,7 @@ def test_the_cost_of_a_changed_actor_is_that_of_its_ride_to_first_order() -> Non
     assert float(segment.whole.min()) == 1.0
     assert set(np.asarray(segment.late[0]).tolist()) == {0, 1, 2}
     none = jnp.zeros((16, 6, 6))
-    judged = jax.jit(lambda changed, held, rides: cost(settings, actor, changed, held, rides, none, none, none))
+    judged = jax.jit(lambda changed, held, rides: cost(settings, actor, changed, held, rides, none, none))
 
     def first_order(changed: Weights) -> float:
         return float(judged(changed, weights, segment))

@@ -7,8 +7,9 @@ a slightly changed actor stays close to the ride that the derivatives were taken
 gradients of Heess et al. (2015), without noise and with a model that need not be learned.
 
 The cost of a control period is ``sqrt(e^2 + d^2) - d + a e^2 / (1 + |e|) + b w^2 + c (u - u')^2`` with the lateral
-error e, the steer rate w, the command u and the one before u', and more for leans close to a fall and for small
-deviations that do not die away. In the last periods of a segment the actor is held as
+error e, the steer rate w, the command u and the one before u', and more for leans close to a fall. What is descended is
+the mean logarithm of the costs of rides: else a few violent rides would say all, and a swing on a straight next to
+nothing. In the last periods of a segment the actor is held as
 it rode, so that what a command does later counts as well.
 
 The actor is odd: a mirrored observation gives the mirrored command. So it rides a straight without an offset.
@@ -67,9 +68,9 @@ _OFTEN: Final = 1.0 / 40.0
 """How often they are, a control period."""
 _STEEP: Final = math.radians(38.0)
 """Roll from which on it costs something, rad; the steepest steady turn that is learned on leans 36 deg."""
-_SETTLED: Final = 1e-4
-"""Cost of a deviation from which on its logarithm counts, for deviations of _DEVIATION."""
 _LARGEST_COST: Final = 50.0
+_LEAST_COST: Final = 3e-4
+"""Cost of a ride below which it hardly matters how small it is."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,8 +88,6 @@ class RefinementSettings:
         averaging: share of the averaged actor kept in an update; the average is what is compared and deployed.
         knee: d of the cost, m. square: a, 1/m^2. steer_rate: b, s^2/rad^2. change: c.
         lean: weight of the squared roll beyond 38 deg, 1/rad^2: a ride fails at 45.
-        settling: weight of what is left of infinitely small deviations, as the logarithm of their cost: a swing of half
-            a degree costs nothing else, and is to die away all the same.
         push: rates that pushes leave in the rides, rad/s.
         delay: largest by which commands act late in a half of the rides, control periods.
         noise: largest of the sensors in a half of the rides, in parts of the disturbances ``noise``.
@@ -111,7 +110,6 @@ class RefinementSettings:
     steer_rate: float = 0.002
     change: float = 1.0
     lean: float = 20.0
-    settling: float = 0.01
     push: float = 0.1
     delay: int = 0
     noise: float = 0.0
@@ -134,7 +132,7 @@ class RefinementSettings:
         check_number("averaging", self.averaging, 0.0, 0.9999)
         for name in ("learning_rate", "final_learning_rate", "knee"):
             check_positive(name, getattr(self, name))
-        for name in ("square", "steer_rate", "change", "lean", "settling", "push", "delay", "noise", "seed"):
+        for name in ("square", "steer_rate", "change", "lean", "push", "delay", "noise", "seed"):
             check_number(name, getattr(self, name), 0.0)
 
 
@@ -222,9 +220,8 @@ def cost(
     segment: Segment,
     away: jax.Array,
     errors: jax.Array,
-    small: jax.Array,
 ) -> jax.Array:
-    """Return the mean cost of a control period of an actor on linearised rides.
+    """Return the mean logarithm of the costs of linearised rides, ridden by an actor.
 
     Args:
         settings: of the cost.
@@ -234,23 +231,15 @@ def cost(
         segment: rides of an actor close to it.
         away: deviations that the rides are given before each period, shape (periods, bicycles, 6).
         errors: of the sensors, as deviations, the same shape.
-        small: further deviations, of which the derivative of the ride is taken, the same shape.
     """
 
-    def ride(away: jax.Array) -> Ridden:
-        return ride_on(settings, actor, weights, held, segment, away, errors)
-
-    ridden = ride(away)
+    ridden = ride_on(settings, actor, weights, held, segment, away, errors)
     total = jnp.sqrt(ridden.error**2 + settings.knee**2) - settings.knee
     total += settings.square * ridden.error**2 / (1.0 + jnp.abs(ridden.error))
     total += settings.steer_rate * ridden.steer_rate**2 + settings.change * ridden.change**2
     total += settings.lean * jax.nn.relu(jnp.abs(ridden.roll) - _STEEP) ** 2
-    if settings.settling:
-        _, left_over = jax.jvp(ride, (away,), (small,))
-        left = left_over.error**2 + settings.steer_rate * left_over.steer_rate**2
-        left += settings.change * left_over.change**2
-        total += settings.settling * jnp.log1p(left / _SETTLED)
-    return (jnp.minimum(total, _LARGEST_COST) * segment.whole).mean()
+    each = (jnp.minimum(total, _LARGEST_COST) * segment.whole).mean(axis=0)
+    return jnp.log(each + _LEAST_COST).mean()
 
 
 class Ridden(NamedTuple):
@@ -410,15 +399,14 @@ class Refinement:
         self.last_cost = float(value)
         self.seconds += time.monotonic() - began
 
-    def _draws_of(self, segment: Segment) -> tuple[Float32Array, Float32Array, Float32Array]:
-        """Return deviations that the rides are given, errors of their sensors, and small deviations."""
+    def _draws_of(self, segment: Segment) -> tuple[Float32Array, Float32Array]:
+        """Return deviations that the rides are given, seldom and of all sizes, and errors of their sensors."""
         shape = (*segment.noise.shape, len(DEVIATIONS))
-        often = self._draws.random((*shape[:2], 1))
-        size = _SMALLEST ** self._draws.random((*shape[:2], 1)) * (often < _OFTEN)
+        often = self._draws.random((*shape[:2], 1)) < _OFTEN
+        size = _SMALLEST ** self._draws.random((*shape[:2], 1)) * often
         away = self._draws.standard_normal(shape) * size * _DEVIATION
         errors = np.asarray(segment.noise)[..., None] * SENSORS * self._draws.standard_normal(shape)
-        small = self._draws.standard_normal(shape) * (often > 1.0 - _OFTEN) * _DEVIATION
-        return away.astype(np.float32), errors.astype(np.float32), small.astype(np.float32)
+        return away.astype(np.float32), errors.astype(np.float32)
 
     def compare(self) -> Comparison:
         """Judge the averaged actor, and remember it if it is the best so far."""
