@@ -17,6 +17,7 @@ from bike_sim.physics import state as st
 from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics.state import upright_state
 from bike_sim.physics.superbike_engine import TIME_STEP, SuperbikeEngine
+from bike_sim.physics.superbike_statics import turning_state
 from bike_sim.theory.envelope import Envelope, envelope
 from bike_sim.theory.lap_limit import lap_limit
 from bike_sim.vehicles.files import load_vehicle
@@ -57,16 +58,32 @@ def circle(radius: float, spacing: float = 0.1) -> Course:
 
 
 def test_plan_keeps_its_reserve(machine: Superbike, limits: Envelope) -> None:
-    line = circle(80.0)
-    plan, limit = LineController(machine, line, 0.02).profile, lap_limit(limits, line)
-    assert 0.8 < plan.lateral.max() / limit.lateral.max() < 0.97
+    for radius in (25.0, 80.0):
+        line = circle(radius)
+        plan, limit = LineController(machine, line, 0.02).profile, lap_limit(limits, line)
+        # the limit of a circle is what is held at constant speed, 0.9 of what an apex may take for a moment
+        assert 0.8 < plan.lateral.max() / limit.lateral.max() < 0.98
+        assert np.abs(limit.lean).max() - np.abs(plan.lean).max() > math.radians(0.5)
     careful = reserved(machine, RiderSettings())
     assert np.all(careful.brake_max < limits.brake_max)
     assert np.all(careful.lateral_max < limits.lateral_max)
     assert np.all(careful.lean_rate < limits.lean_rate)
-    # However much the tyres would give, braking leaves room for turning.
+    # However much the tyres would give, braking leaves room for turning; the brake control leaves some by itself.
     turning = 0.7 * float(careful.lateral(30.0))
-    assert careful.brake(30.0, turning) < 0.8 * limits.brake(30.0, turning)
+    assert careful.brake(30.0, turning) < 0.7 * limits.brake(30.0)
+    assert careful.brake(30.0, turning) < 0.9 * limits.brake(30.0, turning)
+
+
+def test_speed_is_that_of_the_contacts(machine: Superbike) -> None:
+    """The frame leans 0.4 m inwards: on a line of 25 m radius 2 % of speed, 4 % of what the tyres have to hold."""
+    radius, speed = 25.0, 15.0
+    engine = SuperbikeEngine(machine, TIME_STEP)
+    engine.reset(turning_state(machine, speed, -math.atan(speed**2 / radius / 9.81), speed / radius))
+    told = float(engine.telemetry()[sf.T_SPEED])
+    engine.close()
+    assert told < 0.99 * speed
+    seen = Seen(told, -math.atan(speed**2 / radius / 9.81), 10.0, 0.0, 0.0)
+    assert LineController(machine, circle(radius), 0.02).rolled(seen) == pytest.approx(speed, rel=3e-3)
 
 
 def test_engine_braking_never_locks_the_rear_wheel(machine: Superbike) -> None:

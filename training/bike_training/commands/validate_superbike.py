@@ -29,7 +29,7 @@ from bike_training.rollout.laps import ride_laps
 SCHEMA: Final = "bike.validate_superbike/1"
 PICTURES: Final = ("tyres", "lean_steps", "turns", "modes", "launch_and_stop", "envelopes", "convergence", "shake")
 _G: Final = 9.81
-BOLD: Final = (0.87, 0.9)
+BOLD: Final = (0.9, 0.92)
 """Parts of the lateral limit that riders use who try the theoretical laps; the last falls at times."""
 _FALLEN: Final = 1.0  # g, drawn for a ride that ends in a fall
 

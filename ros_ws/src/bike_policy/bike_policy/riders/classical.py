@@ -7,9 +7,9 @@ rate and the error of lateral acceleration d is fed back with all four poles at 
 
     u = -(k0 e + k1 e' + k2 d + k3 d'),   (s + p)^4 = s^4 + (2w + w^2 k3) s^3 + w^2 (1 + k2) s^2 + w^2 k1 s + w^2 k0
 
-With p = w/2 (`RiderSettings.bandwidth`), k3 is zero and d' is not needed. Preview in place of this inverse is how Sharp
-et al. (2004), Advances in the modelling of motorcycle dynamics, Multibody System Dynamics 12, steer; the rest is
-textbook pole placement.
+With p = w/2, k3 is zero and d' is not needed; `RiderSettings.bandwidth` is close to that. Preview in place of this
+inverse is how Sharp et al. (2004), Advances in the modelling of motorcycle dynamics, Multibody System Dynamics 12,
+steer; the rest is textbook pole placement.
 
 Speed. The theoretical lap of the machine with some of its limits kept in reserve is the speed profile; its acceleration
 is fed forward through engine and brakes, and the error of speed fed back.
@@ -126,6 +126,7 @@ class LineController:
         self._drag = 0.5 * vehicle.air.density * vehicle.air.drag_area
         self._gravity, self._weight = vehicle.g, vehicle.mass * vehicle.g
         self._rolling = vehicle.rear_tyre.rolling * self._weight
+        self._above = vehicle.frame.height - vehicle.rear_tyre.crown
         self._engine_brake = vehicle.motor.engine_brake
         self._brake_force = vehicle.brakes.force
         self._engine_force = np.array([engine_force(vehicle, float(speed)) for speed in self.leans.speeds])
@@ -207,11 +208,16 @@ class LineController:
 
     # ----------------------------------------------------------------------------------------------------------- speed
 
+    def rolled(self, seen: Seen) -> float:
+        """Return the speed of the contacts, m/s: the frame leans inwards and is slower on a tight line."""
+        inside = -self._above * math.sin(seen.roll)
+        return seen.speed / max(0.5, 1.0 - self._at(self._curvature, seen.progress) * inside)
+
     def _throttle(self, seen: Seen) -> float:
         settings = self.settings
         s = seen.progress + seen.speed * self._speed_preview
         wanted = self._at(self.profile.speed, seen.progress)
-        acceleration = self._at(self.profile.longitudinal, s) + settings.speed_gain * (wanted - seen.speed)
+        acceleration = self._at(self.profile.longitudinal, s) + settings.speed_gain * (wanted - self.rolled(seen))
         hill = self._weight * self._at(self._grade, s)
         force = self._mass * acceleration + self._drag * seen.speed**2 + self._rolling + hill
         if force >= 0.0:

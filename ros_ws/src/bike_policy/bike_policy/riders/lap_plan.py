@@ -40,21 +40,21 @@ class RiderSettings:
         largest_lean: largest lean that is requested, rad.
     """
 
-    lateral: float = 0.87
-    brake: float = 0.95
-    drive_exponent: float = 2.2
-    brake_exponent: float = 1.5
+    lateral: float = 0.88
+    brake: float = 0.9
+    drive_exponent: float = 3.0
+    brake_exponent: float = 1.75
     lean_rate: float = 0.9
-    preview: float = 0.15
-    bandwidth: float = 0.5
+    preview: float = 0.16
+    bandwidth: float = 0.55
     stencil: float = 0.2
     smoothing: float = 6.0
     lateral_trust: float = 2.0
-    speed_gain: float = 3.0
+    speed_gain: float = 5.0
     speed_preview: float = 0.10
     period: float = 0.02
     rate_memory: float = 0.1
-    largest_lean: float = math.radians(58.0)
+    largest_lean: float = math.radians(57.3)
 
 
 def reserved(vehicle: Superbike, settings: RiderSettings) -> Envelope:
