@@ -232,7 +232,6 @@ def cost(
         away: deviations that the rides are given before each period, shape (periods, bicycles, 6).
         errors: of the sensors, as deviations, the same shape.
     """
-
     ridden = ride_on(settings, actor, weights, held, segment, away, errors)
     total = jnp.sqrt(ridden.error**2 + settings.knee**2) - settings.knee
     total += settings.square * ridden.error**2 / (1.0 + jnp.abs(ridden.error))
