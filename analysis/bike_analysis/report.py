@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,6 +17,7 @@ from bike_analysis.figures.export import aligned_table, write_csv, write_parquet
 from bike_analysis.figures.metrics import RideFigures
 from bike_analysis.figures.recorded import RecordedLap, RecordedRide, RideRecording
 from bike_analysis.figures.results import Analysis, RideEntry, comparison_figures, distance_by_speed, recording_figures
+from bike_analysis.page.film import write_film
 from bike_analysis.page.plots import overview_figure
 from bike_analysis.page.ride_page import write_page
 from bike_analysis.page.style import RC
@@ -31,6 +32,16 @@ LONGEST_HEADLINE_NAME: Final = 60
 DRAWN_RUNS: Final = 8
 """Rides or laps that are drawn side by side: the fastest ones. Figures and tables have all of them."""
 
+
+@dataclass(frozen=True)
+class Video:
+    """A moving picture: its file, where in the ride it begins, s, and how long it lasts, s (None: to the end)."""
+
+    path: Path
+    begin_s: float = 0.0
+    duration_s: float | None = None
+
+
 Paths = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
 
 
@@ -42,6 +53,7 @@ def analyze(
     csv: str | os.PathLike[str] | None = None,
     parquet: str | os.PathLike[str] | None = None,
     station_m: float | None = None,
+    video: Video | None = None,
 ) -> dict[str, Any]:
     """Analyze recordings and, where asked, write their report and tables.
 
@@ -52,6 +64,7 @@ def analyze(
         csv: File for the aligned table as CSV.
         parquet: File for the same as Parquet.
         station_m: Distance of the stations of the aligned table, m; by default about 2500 along the course.
+        video: Moving picture of the longest ride.
 
     Returns:
         Figures ready for JSON, see `bike_analysis.figures.results.Analysis`. A recording that cannot be read becomes a
@@ -60,12 +73,13 @@ def analyze(
     Raises:
         FileNotFoundError: If there is no such recording.
         RecordingError: If none of the files is a recording of a ride that can be read.
-        ValueError: If `station_m` is not positive, or a file to be written is one of the recordings.
+        ValueError: If `station_m` is not positive, a file to be written is one of the recordings, or a video cannot be
+            made of the longest ride.
         OSError: If a file cannot be read or written.
     """
     given = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
     pages = [] if out_dir is None else [Path(out_dir) / PAGE_NAME, Path(out_dir) / PICTURE_NAME]
-    _keep_recordings(given, [*pages, *(Path(path) for path in (csv, parquet) if path is not None)])
+    _keep_recordings(given, [*pages, *(Path(path) for path in (csv, parquet, video and video.path) if path)])
     recordings, unread = _open_all(given, namespace)
     comparisons, untold = _comparisons(recordings, station_m)
     several = [c for c in comparisons if len(c.runs) > 1]
@@ -88,6 +102,9 @@ def analyze(
     if out_dir is not None:
         page, picture = write_report(recordings, several, Path(out_dir))
         analysis = replace(analysis, page=str(page), picture=str(picture))
+    if video is not None:
+        longest = max(rides, key=lambda ride: ride.figures.distance_m)
+        analysis = replace(analysis, video=str(write_film(longest, video.path, video.begin_s, video.duration_s)))
     return analysis.as_dict()
 
 

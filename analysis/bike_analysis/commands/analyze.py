@@ -12,7 +12,7 @@ from typing import Any, Final
 from bike_analysis.figures.numbers import lap_text
 from bike_analysis.figures.results import SCHEMA
 from bike_analysis.read.text import LONGEST_SENTENCE, shown
-from bike_analysis.report import analyze
+from bike_analysis.report import Video, analyze
 
 MOST_SECTORS: Final = 6
 """Sectors whose times fit beside a lap. A path has a section for each of its elements, told in lines of their own."""
@@ -25,6 +25,7 @@ EPILOG = """examples:
   bike analyze lap.mcap --csv laps.csv      all laps, aligned by the way, as a table; --parquet for pandas
   bike analyze ride.mcap --json             the figures as JSON, and no files
   bike analyze recordings/ride_1 --json     a rosbag2 directory
+  bike analyze ride.mcap --video ride.mp4   the ride as seen from behind; ride.gif --begin 20 --duration 10
 
 A recording that was torn off (recorder killed, disk full) or damaged is analyzed as far as it can be read, with a
 warning. The exit code is 1 if one of several recordings could not be read at all, 2 if none could.
@@ -47,6 +48,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--csv", type=Path, metavar="FILE", help="write rides or laps, aligned by the way, as CSV")
     parser.add_argument("--parquet", type=Path, metavar="FILE", help="the same as Parquet")
     parser.add_argument("--station", type=float, metavar="M", help="distance of rows of these tables, m")
+    parser.add_argument("--video", type=Path, metavar="FILE", help="the longest ride as seen from behind, .mp4 or .gif")
+    parser.add_argument("--begin", type=float, default=0.0, metavar="S", help="where the video begins, s of the ride")
+    parser.add_argument("--duration", type=float, metavar="S", help="length of the video, s (default: to the end)")
     parser.add_argument("--vehicle", metavar="NAMESPACE", help="which vehicle, if several were recorded")
 
 
@@ -72,7 +76,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of NumPy about damaged numbers, of Matplotlib about letters without a glyph
         figures = analyze(
-            args.recordings, out, namespace=args.vehicle, csv=args.csv, parquet=args.parquet, station_m=args.station
+            args.recordings,
+            out,
+            namespace=args.vehicle,
+            csv=args.csv,
+            parquet=args.parquet,
+            station_m=args.station,
+            video=None if args.video is None else Video(args.video, args.begin, args.duration),
         )
     for warning in figures["warnings"]:
         print(f"warning: {shown(warning, LONGEST_SENTENCE)}", file=sys.stderr)
@@ -107,7 +117,7 @@ def text_of(figures: dict[str, Any]) -> str:
             lines.append(f"{name}the policy answered in {times}, by its last report")
         if recording["dropped_messages"]:
             lines.append(f"{name}the recorder dropped {recording['dropped_messages']} messages")
-    lines += [f"{name}: {figures[name]}" for name in ("page", "picture", "csv", "parquet") if name in figures]
+    lines += [f"{name}: {figures[name]}" for name in ("page", "picture", "csv", "parquet", "video") if name in figures]
     return "\n".join(shown(line, LONGEST_LINE) for line in lines)
 
 

@@ -158,6 +158,7 @@ class Analysis:
         picture: The picture, where it was written.
         csv: The aligned table as CSV, if requested.
         parquet: The same as Parquet.
+        video: Moving picture of the longest ride, if requested.
     """
 
     recordings: tuple[RecordingFigures, ...]
@@ -170,6 +171,7 @@ class Analysis:
     picture: str | None = None
     csv: str | None = None
     parquet: str | None = None
+    video: str | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """The figures as plain types, ready for JSON.
@@ -182,7 +184,7 @@ class Analysis:
         return {name: value for name, value in plain.items() if name not in WRITTEN or value is not None}
 
 
-WRITTEN: Final = ("page", "picture", "csv", "parquet")
+WRITTEN: Final = ("page", "picture", "csv", "parquet", "video")
 
 
 @dataclass(frozen=True)

@@ -4,22 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from html import escape
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
+from bike_analysis.page.follow import edge, follow_spec
 from bike_analysis.page.html import html_text
 from bike_analysis.page.ride_view import BRAKE, ERROR, SPEED, THROTTLE
 from bike_analysis.page.shell import page_shell
 from bike_analysis.page.view import KMH, MapLine, Panel, PanelLine, Series, View, view_html
 from bike_analysis.read.tables import Floats
-from bike_analysis.read.text import shown
 from bike_sim.course.course import Course
-
-ROAD_POINTS: Final = 1500
-"""Most points of each edge of the road in the view from behind."""
-PATH_HALF_WIDTH: Final = 1.5
-"""Half of the width of the road that is drawn about a path without limits, m."""
 
 _LEAN: Final = Panel(
     *("lean", "Lean and steer", "angle", "°"),
@@ -59,7 +54,8 @@ def live_view(course: Course, machine: str, powered: bool) -> View:
         **({"throttle": still, "brake": still} if powered else {}),
     }
     panels = [SPEED, _LEAN, *((THROTTLE, BRAKE) if powered else ()), _COMMAND, ERROR]
-    left, right = (_edge(course, side) for side in (1.0, -1.0))
+    limits = ((1.0, course.width_left), (-1.0, course.width_right))
+    left, right = (edge(course.x, course.y, course.heading, side, width) for side, width in limits)
     lines = [MapLine("line followed", "wanted", *_closed(course, course.x, course.y))]
     if course.width_left is not None:
         edges = (("left limit", left), ("right limit", right))
@@ -73,7 +69,9 @@ def live_view(course: Course, machine: str, powered: bool) -> View:
         colours=(),
         map_caption="Where the ride is, and its last half minute.",
         channels={"speed": KMH} if powered else {},
-        follow=_follow(course, machine, powered, left, right),
+        follow=follow_spec(
+            f"{machine}, {course.name}", (course.s, course.x, course.y), (*left, *right), course.closed, powered
+        ),
     )
 
 
@@ -83,38 +81,6 @@ def _in_kmh(panel: Panel) -> Panel:
 
 def _closed(course: Course, x: Floats, y: Floats) -> tuple[Floats, Floats]:
     return (np.append(x, x[0]), np.append(y, y[0])) if course.closed else (x, y)
-
-
-def _edge(course: Course, side: float) -> tuple[Floats, Floats]:
-    """Edge of the road on the left (1) or on the right (-1)."""
-    width = course.width_left if side > 0.0 else course.width_right
-    away = side * (np.full(len(course.s), PATH_HALF_WIDTH) if width is None else width)
-    return course.x - away * np.sin(course.heading), course.y + away * np.cos(course.heading)
-
-
-def _follow(
-    course: Course, machine: str, powered: bool, left: tuple[Floats, Floats], right: tuple[Floats, Floats]
-) -> dict[str, Any]:
-    every = max(1, -(-len(course.s) // ROAD_POINTS), round(course_step(powered) / float(course.s[1])))
-    return {
-        "title": shown(f"{machine}, {course.name}"),
-        "lapTime": "",
-        "step": float(course.s[1]) * every,
-        "edges": [_rounded(edge[::every]) for edge in (*left, *right)],
-        "line": [_rounded(course.x[::every]), _rounded(course.y[::every])],
-        "open": not course.closed,
-        "unit": "km/h" if powered else "m/s",
-        "machine": "superbike" if powered else "bicycle",
-    }
-
-
-def course_step(powered: bool) -> float:
-    """Distance of the road's points in the view from behind, m."""
-    return 4.0 if powered else 1.0
-
-
-def _rounded(values: Floats) -> list[float]:
-    return [round(float(value), 2) for value in values]
 
 
 def render_live_page(view: View, rider: str, names: Sequence[str], powered: bool, host: str) -> str:
