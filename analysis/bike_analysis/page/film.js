@@ -1,6 +1,8 @@
 // A canvas's context that writes down what `followDrawing` paints, for who has no browser: polygons, lines and words in
 // pixels. Transforms are applied here, and arcs become corners.
 
+const SLICES = 40;
+
 class FilmContext {
   constructor() { this.shapes = []; this.stack = []; this.matrix = [1, 0, 0, 1, 0, 0]; this.parts = []; }
   save() { this.stack.push([this.matrix, this.fillStyle, this.strokeStyle, this.lineWidth, this.font, this.textAlign]); }
@@ -42,12 +44,28 @@ class FilmContext {
   clip() {}  // the view clips to its own picture
   clearRect() {}
   createLinearGradient(x0, y0, x1, y1) {
-    return { from: this.at(x0, y0), to: this.at(x1, y1), stops: [], addColorStop(share, ink) { this.stops.push([share, ink]); } };
+    return { from: y0, to: y1, stops: [], addColorStop(share, ink) { this.stops.push([share, ink]); } };
+  }
+  // Colours that change downwards, as slices of one colour each.
+  fillGradient(x, y, w, h, { from, to, stops }) {
+    const colours = stops.map(([share, ink]) => [share, [1, 3, 5].map(k => parseInt(ink.slice(k, k + 2), 16))]);
+    const bounds = [y, ...Array.from({ length: SLICES - 1 }, (_, k) => from + (to - from) * (k + 1) / SLICES), y + h];
+    for (let k = 0; k < SLICES; k++) {
+      if (bounds[k + 1] <= y || bounds[k] >= y + h) continue;
+      const share = (k + 0.5) / SLICES, next = Math.max(1, colours.findIndex(([at]) => at >= share));
+      const [[a, before], [b, after]] = [colours[next - 1], colours[next]];
+      this.fillStyle = `rgb(${before.map((part, c) => Math.round(part + (after[c] - part) * (share - a) / (b - a))).join(",")})`;
+      const top = Math.max(bounds[k], y);
+      this.fillRect(x, top, w, Math.min(bounds[k + 1], y + h) - top);
+    }
   }
 
   fill() { for (const part of this.parts) if (part.length > 2) this.shapes.push(["fill", this.fillStyle, part]); }
   stroke() { for (const part of this.parts) if (part.length > 1) this.shapes.push(["line", this.strokeStyle, part, this.lineWidth * this.size]); }
-  fillRect(x, y, w, h) { this.beginPath(); this.rect(x, y, w, h); this.fill(); }
+  fillRect(x, y, w, h) {
+    if (this.fillStyle.stops) { this.fillGradient(x, y, w, h, this.fillStyle); return; }
+    this.beginPath(); this.rect(x, y, w, h); this.fill();
+  }
   fillText(words, x, y) {
     const [, size] = /(\d+)px/.exec(this.font);
     this.shapes.push(["text", this.fillStyle, this.at(x, y), words, size * this.size, this.textAlign]);

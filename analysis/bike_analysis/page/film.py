@@ -33,7 +33,6 @@ RATES: Final = {".mp4": 25, ".gif": 12}
 LONGEST: Final = {".mp4": 600.0, ".gif": 15.0}
 """Longest moving picture where no duration is asked for, s."""
 _OVERSIZE: Final = 2
-_COARSE: Final = 8
 _SCRIPTS: Final = ("page_view.js", "follow_view.js", "film.js")
 _COLUMNS: Final = ("time", "distance", "x", "y", "yaw", "roll", "steer", "speed", "throttle", "brake")
 
@@ -113,26 +112,11 @@ def _painted(shapes: list[list[Any]]) -> Image.Image:
             draw.text((x, y), words, _ink(style), _font(round(_OVERSIZE * size)), anchor)
             continue
         corners = [(_OVERSIZE * x, _OVERSIZE * y) for x, y in places]
-        if isinstance(style, dict):
-            _paint_gradient(image, corners, style)
-        elif kind == "fill":
+        if kind == "fill":
             draw.polygon(corners, _ink(style))
         else:
             draw.line(corners, _ink(style), max(1, round(_OVERSIZE * more[0])), joint="curve")
     return image.reduce(_OVERSIZE)
-
-
-def _paint_gradient(image: Image.Image, corners: list[tuple[float, float]], style: dict[str, Any]) -> None:
-    """Fill a polygon with colours that change along a line; they are worked out on a coarse grid."""
-    (x0, y0), (x1, y1) = (np.multiply(style[name], _OVERSIZE) for name in ("from", "to"))
-    down, across = np.mgrid[0 : image.height : _COARSE, 0 : image.width : _COARSE] + 0.5 * _COARSE
-    place = ((across - x0) * (x1 - x0) + (down - y0) * (y1 - y0)) / ((x1 - x0) ** 2 + (y1 - y0) ** 2)
-    shares, inks = zip(*((share, ImageColor.getrgb(ink)) for share, ink in style["stops"]), strict=True)
-    parts = [np.interp(place, shares, [ink[part] for ink in inks]) for part in range(3)]
-    colours = Image.fromarray(np.stack(parts, axis=-1).astype(np.uint8)).resize(image.size, Image.Resampling.BILINEAR)
-    mask = Image.new("1", image.size)
-    ImageDraw.Draw(mask).polygon(corners, 1)
-    image.paste(colours, mask=mask)
 
 
 @cache

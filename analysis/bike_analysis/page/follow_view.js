@@ -5,7 +5,7 @@
 function followDrawing(canvas, columns, { title, lapTime, edges, line, step, open = false, unit = "km/h", machine: kind = "superbike" }) {
   const g = canvas.getContext("2d"), W = canvas.width, H = canvas.height;
   let ride = columns();
-  const BACK = 5.6, UP = 2.2, FOCAL = 640, NEAR = 1.0, FAR = 420, HORIZON = H * 0.42;
+  const BACK = 5.6, UP = 2.2, FOCAL = 640, NEAR = 1.0, FAR = kind === "bicycle" ? 120 : 420, HORIZON = H * 0.42;
   const CAMERA_LAG = 0.04;                                             // s, between the headings that the camera follows
   const [lx, ly, rx, ry] = edges, E = lx.length;
 
