@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from bike_policy import drive
+from bike_policy import drive, joy
 from bike_sim.ros import node_settings, node_tools, record
 from bike_sim.ros.node_tools import ParameterSpec
 
@@ -47,7 +47,13 @@ def parameter_row(spec: ParameterSpec) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    ("node", "specs"), [("sim_node", node_settings.SPECS), ("drive", drive.SPECS), ("record", record.SPECS)]
+    ("node", "specs"),
+    [
+        ("sim_node", node_settings.SPECS),
+        ("drive", drive.SPECS),
+        ("joystick", joy.SPECS),
+        ("record", record.SPECS),
+    ],
 )
 def test_parameters_are_those_of_the_node(node: str, specs: tuple[ParameterSpec, ...]) -> None:
     wanted = [parameter_row(spec) for spec in specs]

@@ -17,5 +17,5 @@ setup(
     maintainer_email="maintainers@example.com",
     description="Observation, action, policy bundles, and the node that drives with them.",
     license="Apache-2.0",
-    entry_points={"console_scripts": ["drive = bike_policy.drive:main"]},
+    entry_points={"console_scripts": ["drive = bike_policy.drive:main", "joy = bike_policy.joy:main"]},
 )

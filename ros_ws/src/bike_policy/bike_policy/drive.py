@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, NoReturn
 
@@ -28,6 +29,7 @@ from bike_sim.ros.wire import StateMessage, decode_state, encode_command
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.files import load_vehicle
 
+VEHICLE: Final = ParameterSpec("vehicle", "", "YAML file of the vehicle, where it is not a shipped one.", fixed=True)
 SPECS: Final = (
     ParameterSpec(
         "policy",
@@ -35,7 +37,7 @@ SPECS: Final = (
         "Shipped policy, folder of a bundle, lqr, mpc, stanley or classical (superbikes).",
         fixed=True,
     ),
-    ParameterSpec("vehicle", "", "YAML file of the vehicle, where it is not a shipped one.", fixed=True),
+    VEHICLE,
     ParameterSpec("stale_after_s", 1.0, "Wall-clock time without a state after which a warning is given, s."),
 )
 
@@ -72,15 +74,19 @@ class StateCounts:
 class Drive(rclpy.node.Node):
     """Answers states with the commands of a policy."""
 
-    def __init__(self) -> None:
+    def __init__(self, name: str = "drive", specs: Sequence[ParameterSpec] = SPECS) -> None:
         """Load the policy.
+
+        Args:
+            name: of the node.
+            specs: its parameters.
 
         Raises:
             ValueError: an invalid parameter or bundle. FileNotFoundError: no such bundle.
         """
-        super().__init__("drive", namespace=node_tools.NAMESPACE)
-        values = node_tools.declare(self, SPECS)
-        self._rider: Rider = make_rider(values["policy"])
+        super().__init__(name, namespace=node_tools.NAMESPACE)
+        values = node_tools.declare(self, specs)
+        self._rider = self._rider_of(values)
         self._told = load_vehicle(values["vehicle"]) if values["vehicle"] else None
         self._course: Course | None = None
         self._accept(values)
@@ -96,9 +102,13 @@ class Drive(rclpy.node.Node):
         self.create_subscription(Course, "course", self._on_course, node_tools.LATCHED_QOS)
         states = self.create_subscription(BikeState, "state", self._on_state, node_tools.STREAM_QOS, raw=True)
         self.streams = (states,)
-        node_tools.on_change(self, SPECS, self._accept)
+        node_tools.on_change(self, specs, self._accept)
         node_tools.wall_timer(self, REPORT_PERIOD, self._report)
         self.get_logger().info(f"policy {self._rider.name!r} is waiting for states")
+
+    def _rider_of(self, values: dict[str, Any]) -> Rider:
+        """Make the rider that answers."""
+        return make_rider(values["policy"])
 
     def finish(self) -> None:
         """Report a last time, also in the log."""
