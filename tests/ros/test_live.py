@@ -240,6 +240,7 @@ def test_a_lap_is_ridden_by_keys_and_lies_beside_another(browser: webdriver.Chro
             server.close()
     ride.check()
     recording = open_ride(path)
+    assert [ride.course.name for ride in recording.rides] == ["small circle"] * 2  # before and after the restart
     last = recording.rides[-1]
     assert len(last.laps) >= 3
     by_hand, by_computer = last.laps[0], last.laps[-1]

@@ -28,7 +28,7 @@ function heightRange(lines, panel) {
     low = Math.min(low, below); high = Math.max(high, above);
   }
   if (!(low <= high)) [low, high] = [0, 1];
-  const room = Math.max(high - low, panel.least || 1e-9);
+  const room = Math.max(high - low, panel.least || 1e-3);
   const middle = (low + high) / 2;
   low = Math.min(low, middle - room / 2); high = Math.max(high, middle + room / 2);
   return [low - (low < 0 || !panel.zero ? 0.07 : 0.02) * room, high + 0.09 * room];

@@ -119,8 +119,8 @@ class LiveRide:
         try:
             with ExitStack() as opened:
                 client = opened.enter_context(RosClient(self._settings.config))
+                self._begin(client)  # before it is recorded: a new node stands at the beginning of some other course
                 recorder = self._record(opened, client)
-                self._begin(client)
                 self._begun.set()
                 self._ride(client)
                 if recorder is not None:
