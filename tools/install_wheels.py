@@ -36,6 +36,8 @@ LOOK_EVERY = 0.5
 """Time between two looks at what pip has done, s."""
 RATE_AFTER = 3.0
 """Time after which a rate of downloads means something, s."""
+SHARE_AFTER = 0.02
+"""Share of the whole after which it does."""
 
 _PIN = re.compile(r"^(?P<name>[A-Za-z0-9._-]+)==(?P<version>\S+)\s+#\s+(?P<stage>\w+), (?P<megabytes>[\d.]+) MB$")
 _FILE = re.compile(r"(?P<file>[^/\s]+\.(?:whl|tar\.gz|zip))(?:\s+\((?P<size>[^)]+)\))?$")
@@ -231,7 +233,7 @@ def _megabytes(text: str | None) -> float | None:
 
 def _left(seconds: float, done: float, total: float) -> str:
     """Return the time left at the rate so far as ", 1:05 left", or nothing where that would be a guess."""
-    if seconds < RATE_AFTER or done <= 0.0:
+    if seconds < RATE_AFTER or done <= SHARE_AFTER * total:
         return ""
     left = round(seconds * (total - done) / done)
     return f", {left // 60}:{left % 60:02d} left"
