@@ -51,8 +51,10 @@ BAD_INPUT_EXIT: Final = 2
 LONGEST_ARRIVAL: Final = 0.3
 """Wall-clock time that the last messages of a node get to arrive, s. One whose listener was killed never does."""
 
-LONGEST_FAREWELL: Final = 1.5
-"""Wall-clock time after a signal at which a process that is still busy is ended, s."""
+LONGEST_FAREWELL: Final = 4.0
+"""Wall-clock time after a signal at which a process that is still busy is ended, s.
+
+A busy machine holds up for more than a second what ends well; after 5 s `ros2 launch` sends a harder signal."""
 
 
 QUIET: Final = PublisherEventCallbacks(use_default_callbacks=False)
