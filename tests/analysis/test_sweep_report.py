@@ -103,6 +103,7 @@ def sweep(tmp_path: Path) -> Path:
                 | {"status": "failed" if failed else "finished", "error": "ValueError: <b>" if failed else None}
                 | {"figure_finished_at_step": None if failed else 70_000 + 9_000 * place + rng.normal(0, 5_000)}
             )
+            points.append((run, group, seed, "selection_rms_m", "step", 70_000 + seed, 0.1))  # no curve of one point
             for step in range(4_000, 80_000, 4_000):
                 for quantity, value in (("mean_error_m", 2.0 * np.exp(-step / 2e4)), ("part", 1 + step // 20_000)):
                     points.append((run, group, seed, quantity, "step", step, value * (1 + 0.1 * rng.random())))

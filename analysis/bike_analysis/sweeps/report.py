@@ -113,8 +113,8 @@ def _least_alike(runs: pd.DataFrame) -> list[str]:
 
 
 def _quantities(curves: pd.DataFrame) -> Sequence[str]:
-    """Return the curves to draw, at most four: those that have more than one place."""
-    places = curves.groupby("quantity", sort=False)["x"].nunique()
+    """Return the curves to draw, at most four: those of which a run has more than one place."""
+    places = curves.groupby(["quantity", "run"], sort=False)["x"].nunique().groupby("quantity", sort=False).max()
     known = [str(name) for name, count in places.items() if count >= _LEAST_POINTS]
     preferred = [name for name in DRAWN_QUANTITIES if name in known]
     return preferred or known[:4]

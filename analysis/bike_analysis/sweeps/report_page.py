@@ -83,7 +83,7 @@ def _key(runs: pd.DataFrame) -> str:
         ("runs finished", f"{len(done)} of {len(runs)}", ""),
         ("groups", str(runs["group"].nunique()), ""),
         ("seeds", str(runs["seed"].nunique()), ""),
-        ("processor time", f"{float(done['cpu_seconds'].sum()) / 3600.0:.2f}", "h"),
+        ("processor time of last attempts", f"{float(done['cpu_seconds'].sum()) / 3600.0:.2f}", "h"),
     ]
     return key_html(entries)
 
@@ -128,7 +128,7 @@ def _comparison_table(compared: Sequence[Comparison]) -> str:
 
 
 def _run_table(runs: pd.DataFrame) -> str:
-    names = ("run", "status", "attempts", "time s", "machine", "commit")
+    names = ("run", "status", "attempts", "last attempt s", "machine", "commit")
     rows = []
     for _, row in runs.iterrows():
         cells = [html_text(str(row["run"])), html_text(str(row["status"]))]
