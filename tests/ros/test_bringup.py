@@ -17,12 +17,14 @@ from bike_analysis.read.container import Container
 from bike_sim.ros import record
 from bike_sim.ros.node_settings import SPECS, NodeSettings
 from bike_sim.ros.node_tools import ParameterSpec
+from bike_sim.vehicles.files import load_vehicle
 from bike_training.cli import main
+from bike_training.commands.lap import shipped_superbikes
 
 ROOT = Path(__file__).parents[2]
 BRINGUP = ROOT / "ros_ws" / "src" / "bike_bringup"
 MESSAGES = ROOT / "ros_ws" / "src" / "bike_msgs" / "msg"
-TOPIC_TYPES = {"/bike/state": "BikeState", "/bike/command": "BikeCommand"}
+TOPIC_TYPES = {"/bike/state": "BikeState", "/bike/command": "BikeCommand", "/bike/telemetry": "Telemetry"}
 LAYOUT = json.loads((BRINGUP / "foxglove" / "ride.json").read_text())
 
 
@@ -40,19 +42,31 @@ def fields(message: str) -> set[str]:
     return set(re.findall(r"^[\w/]+(?:\[\])? (\w+)", (MESSAGES / f"{message}.msg").read_text(), re.MULTILINE))
 
 
-PATHS = [text for key, text in strings(LAYOUT) if key in ("value", "path") and text.startswith("/")]
+def paths(layout: Any) -> list[str]:
+    """Topics with their fields that a layout plots."""
+    return [text for key, text in strings(layout) if key in ("value", "path") and text.startswith("/")]
 
 
-@pytest.mark.parametrize("path", PATHS)
+SUPERBIKE = json.loads((BRINGUP / "foxglove" / "superbike.json").read_text())
+PATHS = paths(LAYOUT)
+
+
+@pytest.mark.parametrize("path", [*PATHS, *paths(SUPERBIKE)])
 def test_foxglove_shows_fields_that_exist(path: str) -> None:
     topic, field = path.split(".")
     assert field in fields(TOPIC_TYPES[topic])
 
 
-def test_foxglove_places_every_panel_that_it_configures_and_no_other() -> None:
-    placed = [text for key, text in strings(LAYOUT["layout"]) if key in ("first", "second")]
-    assert len(PATHS) >= 7
-    assert sorted(placed) == sorted(LAYOUT["configById"])
+@pytest.mark.parametrize("layout", [LAYOUT, SUPERBIKE])
+def test_foxglove_places_every_panel_that_it_configures_and_no_other(layout: Any) -> None:
+    placed = [text for key, text in strings(layout["layout"]) if key in ("first", "second")]
+    assert len(paths(layout)) >= 7
+    assert sorted(placed) == sorted(layout["configById"])
+
+
+def test_the_gauge_of_a_superbike_reaches_its_speeds() -> None:
+    fastest = max(vehicle.top_gear_speed for vehicle in map(load_vehicle, shipped_superbikes()))
+    assert SUPERBIKE["configById"]["Gauge!speed"]["maxValue"] > 0.85 * fastest
 
 
 def test_rviz_shows_topics_of_the_namespace_in_the_world_frame() -> None:
