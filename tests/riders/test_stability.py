@@ -12,14 +12,9 @@ from bike_sim.sim.simulator import Simulator
 from bike_training.rollout.stability import SPEEDS, _slopes_at_rest, deviations, settle, stability
 
 CLASSICAL = ("lqr", "mpc", "stanley")
-UNSTABLE = "the shipped actor keeps swinging on a straight from 4 m/s on; see docs/results.md"
-LEARNED = [
-    pytest.param(name, marks=pytest.mark.xfail(reason=UNSTABLE, strict=True) if name == "whipple" else ())
-    for name in shipped_policies()
-]
 
 
-@pytest.mark.parametrize("name", [*CLASSICAL, *LEARNED])
+@pytest.mark.parametrize("name", [*CLASSICAL, *shipped_policies()])
 def test_steady_rides_are_stable_and_a_push_is_forgotten(name: str) -> None:
     figures = stability(make_rider(name), (2.0, 4.0, 7.0) if name == "mpc" else SPEEDS)
     for row in figures["stability"]:

@@ -20,7 +20,7 @@ LOG_EVERY: Final = 10.0
 """Time between lines of progress in a log file, s."""
 
 EXAMPLES: Final = """examples:
-  bike refine --out runs/exact                          from nothing; the shipped actor is made so
+  bike refine --out runs/exact                          from nothing
   bike refine --out runs/more --from runs/exact/policy --set segments=200 --set learning_rate=3e-4
   bike evaluate runs/exact/policy
 """

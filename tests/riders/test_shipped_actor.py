@@ -1,0 +1,47 @@
+"""The shipped actor: as exact as its card says, and closer to the path than the LQR where that is worst."""
+
+from __future__ import annotations
+
+import pytest
+
+from bike_policy.contract.bundle import DEFAULT_POLICY, load_bundle
+from bike_policy.riders.rider import make_rider
+from bike_sim.course.files import load_course
+from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.simulator import Simulator
+from bike_training.rollout.riding import RideResult, ride_through, time_for
+
+MEAN, LARGEST = 0.015, 0.15
+"""Goals of any ride on the benchmark path at 2 to 7 m/s, m."""
+
+
+def ridden(name: str, speed: float) -> RideResult:
+    simulator = Simulator(SimulatorConfig(engine="whipple", time_step=0.01))
+    request = ResetRequest(course="benchmark", speed_range=(speed, speed))
+    result = ride_through(simulator, make_rider(name), request, time_for(load_course("benchmark"), speed))
+    simulator.close()
+    return result
+
+
+@pytest.mark.parametrize("speed", [2.0, 4.5, 7.0])
+def test_the_shipped_actor_rides_the_benchmark_path_exactly(speed: float) -> None:
+    figures = ridden(DEFAULT_POLICY, speed).figures()
+    assert figures["completed"]
+    assert figures["mean_m"] < MEAN
+    assert figures["max_m"] < LARGEST
+
+
+def test_at_7_m_s_it_stays_closer_to_the_path_than_the_lqr() -> None:
+    actor, lqr = (ridden(name, 7.0).figures() for name in (DEFAULT_POLICY, "lqr"))
+    assert actor["max_m"] < 0.8 * lqr["max_m"]
+
+
+def test_its_card_says_what_it_rides_and_how_it_was_made() -> None:
+    bundle = load_bundle(DEFAULT_POLICY)
+    assert bundle.results["completed_count"] == bundle.results["rides_count"] == 21
+    assert bundle.results["worst_mean_m"] < MEAN
+    assert bundle.results["worst_max_m"] < LARGEST
+    assert bundle.results["worst_spectral_radius_upright"] < 0.99
+    assert not bundle.training["commit"].endswith("-dirty")
+    assert {"seed", "steps", "updates", "seconds", "begins_with"} <= set(bundle.training)
