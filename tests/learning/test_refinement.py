@@ -164,8 +164,8 @@ def test_it_learns_to_stay_upright_from_nothing() -> None:
         process.learn()
         wholes.append(float(process.ridden.whole.mean()))
     process.close()
-    assert np.mean(wholes[:3]) < 0.75
-    assert np.mean(wholes[-5:]) > 0.9
+    assert np.mean(wholes[:3]) < 0.8  # a third of the rides hardly bend, and fall late without being steered
+    assert np.mean(wholes[-5:]) > 0.95
 
 
 def test_the_command_writes_the_same_policy_again(tmp_path: Path) -> None:
