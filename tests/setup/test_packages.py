@@ -78,7 +78,12 @@ def pinned(name: str) -> set[str]:
 
 @pytest.mark.parametrize(
     ("package", "extras"),
-    [("bike_sim", ()), ("bike_policy", ()), ("bike_analysis", ("analysis",)), ("bike_training", ("sweep", "training"))],
+    [
+        ("bike_sim", ()),
+        ("bike_policy", ()),
+        ("bike_analysis", ("analysis",)),
+        ("bike_training", ("foxglove", "sweep", "training")),
+    ],
 )
 def test_what_a_package_imports_is_declared(package: str, extras: tuple[str, ...]) -> None:
     missing = {name: file for name, file in imported(package).items() if name not in declared(*extras)}
@@ -87,7 +92,7 @@ def test_what_a_package_imports_is_declared(package: str, extras: tuple[str, ...
 
 def test_what_is_declared_is_imported() -> None:
     used = {name for package in FOLDERS for name in imported(package)} | set(NOT_IMPORTED)
-    assert declared("analysis", "parquet", "sweep", "training") == used
+    assert declared("analysis", "foxglove", "parquet", "sweep", "training") == used
 
 
 def test_all_is_all() -> None:
@@ -97,7 +102,7 @@ def test_all_is_all() -> None:
 
 def test_requirement_files_pin_what_is_declared() -> None:
     assert pinned("runtime") == declared("analysis")
-    assert pinned("training") | pinned("torch") == declared("training", "parquet") - declared()
+    assert pinned("training") | pinned("torch") == declared("training", "foxglove", "parquet") - declared()
     assert pinned("sweep") == declared("sweep") - declared("training", "parquet")
 
 

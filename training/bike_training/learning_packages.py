@@ -1,4 +1,4 @@
-"""Packages that learning, explaining, sweeps and Parquet files need and riding does not.
+"""Packages that learning, explaining, sweeps, Parquet files and Foxglove need and riding does not.
 
 The set-up for riding leaves them out because they are several times as large as all else; a second one brings them.
 """
@@ -13,6 +13,7 @@ from typing import Final
 
 PACKAGES: Final = frozenset(
     {
+        "foxglove",
         "gymnasium",
         "jax",
         "jaxlib",

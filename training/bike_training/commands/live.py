@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 import time
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from bike_analysis.page.live_page import live_view, render_live_page
 from bike_analysis.report import analyze
@@ -22,16 +23,22 @@ from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.arguments import check_positive, check_whole, make_folder
 
+if TYPE_CHECKING:
+    from bike_training.nodes.live_ride import LiveRide
+
 SUPERBIKE_PERIOD: Final = 0.02
 """Control period of superbikes, s."""
 START_SHARE: Final = 0.5
 """Speed of a superbike's start by that of the theoretical lap there."""
 LARGEST_PORT: Final = 65535
+FOXGLOVE_PORT: Final = 8765
+"""Which Foxglove's app offers when a connection is opened."""
 
 _EXAMPLES: Final = """examples:
   bike live                                               the bicycle on the benchmark path; open the address it prints
   bike live --vehicle panigale_v4r --course barcelona     a superbike; arrows, touch or a gamepad ride it
   bike live --course circle --against out/ride/ride.mcap  beside another recording in the report at the end
+  bike live --foxglove                                    its topics for Foxglove's app as well, at ws://127.0.0.1:8765
 
 The page is served at 127.0.0.1 only, and its address has a token. Ctrl-C ends the ride and writes the report."""
 
@@ -45,6 +52,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rider", help=f"the computer's rider (default: {DEFAULT_POLICY}; {CLASSICAL} for superbikes)")
     parser.add_argument("--speed", type=float, default=4.0, help="of a bicycle, m/s (default: %(default)s)")
     parser.add_argument("--port", type=int, default=0, help="port of the page (default: a free one)")
+    parser.add_argument(
+        "--foxglove",
+        type=int,
+        nargs="?",
+        const=FOXGLOVE_PORT,
+        metavar="PORT",
+        help="serve the ride's topics to Foxglove's app as well (default port: %(const)s; 0: a free one)",
+    )
     parser.add_argument("--seconds", type=float, help="end after this wall-clock time (default: at Ctrl-C)")
     parser.add_argument("--against", type=Path, nargs="*", default=[], help="recordings to compare with at the end")
     parser.add_argument("--out", type=Path, default=Path("out/live"), help="folder of recording and report")
@@ -59,6 +74,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """
     check_positive("--speed", args.speed, "m/s")
     check_whole("--port", args.port, 0, LARGEST_PORT)
+    if args.foxglove is not None:
+        from bike_training.nodes import foxglove_bridge  # noqa: F401 - a missing package is told before the ride
+
+        check_whole("--foxglove", args.foxglove, 0, LARGEST_PORT)
     if args.seconds is not None:
         check_positive("--seconds", args.seconds, "s")
     make_folder("--out", args.out)
@@ -94,6 +113,7 @@ def _live(args: argparse.Namespace, recording: Path) -> dict[str, Any]:
 
     server: LiveServer | None = None
     states = 0
+    opened = ExitStack()
 
     def tell(message: dict[str, Any]) -> None:
         nonlocal states
@@ -110,6 +130,8 @@ def _live(args: argparse.Namespace, recording: Path) -> dict[str, Any]:
         server = LiveServer(page, ride.ask, ride.status, args.port)
         server.start()
         print(f"open {server.address}", flush=True)
+        if args.foxglove is not None:
+            print(f"Foxglove: open connection {_bridge(opened, ride, args.foxglove)}", flush=True)
         begun = time.monotonic()
         while args.seconds is None or time.monotonic() - begun < args.seconds:
             time.sleep(0.1)
@@ -118,8 +140,18 @@ def _live(args: argparse.Namespace, recording: Path) -> dict[str, Any]:
     except KeyboardInterrupt:
         wall = time.monotonic() - begun
     finally:
+        opened.close()
         ride.end()
         if server is not None:
             server.close()
     ride.check()
     return {"states": states, "wall_s": round(wall, 1), "rider": rider.name, "course": course}
+
+
+def _bridge(opened: ExitStack, ride: LiveRide, port: int) -> str:
+    """Serve a ride's topics until `opened` is closed; return the address."""
+    from bike_training.nodes.foxglove_bridge import FoxgloveBridge  # only who asks for it needs the package
+
+    bridge = FoxgloveBridge(ride.domain_id, port)
+    opened.callback(bridge.close)
+    return bridge.address

@@ -64,9 +64,11 @@ class LiveRide:
 
     Attributes:
         course: the followed line, once the ride has begun.
+        domain_id: ROS domain of its nodes, likewise.
     """
 
     course: Course | None = None
+    domain_id = 0
 
     def __init__(self, settings: LiveSettings, tell: Callable[[dict[str, Any]], None]) -> None:
         """Prepare a ride.
@@ -119,6 +121,7 @@ class LiveRide:
         try:
             with ExitStack() as opened:
                 client = opened.enter_context(RosClient(self._settings.config))
+                self.domain_id = client.domain_id
                 self._begin(client)  # before it is recorded: a new node stands at the beginning of some other course
                 recorder = self._record(opened, client)
                 self._begun.set()

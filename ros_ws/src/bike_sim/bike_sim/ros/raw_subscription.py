@@ -6,6 +6,7 @@ The subscriptions here never wake it: their owner takes all that waits, a hundre
 
 from __future__ import annotations
 
+import importlib
 from typing import Any, Final
 
 from rclpy.callback_groups import CallbackGroup
@@ -98,6 +99,19 @@ class RawSubscription:
         """Unsubscribe."""
         self._losses.destroy_when_not_in_use()
         self._node.destroy_subscription(self._subscription)
+
+
+def class_of(kind: str) -> type:
+    """Return the class of a message type.
+
+    Args:
+        kind: Full name, ``package/msg/Type``.
+
+    Raises:
+        ImportError, AttributeError: It is not installed.
+    """
+    package, _, name = kind.partition("/msg/")
+    return getattr(importlib.import_module(f"{package}.msg"), name)
 
 
 def matching_qos(ends: list[TopicEndpointInfo]) -> QoSProfile:

@@ -7,7 +7,6 @@ chunk, and after a full disk it is a complete file.
 
 from __future__ import annotations
 
-import importlib
 import math
 import struct
 import time
@@ -23,7 +22,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from bike_sim.recording import CHUNK_BYTES, FLUSH_PERIOD_S, MessageType, RideRecorder, Split, message_type
 from bike_sim.ros import node_tools
 from bike_sim.ros.node_tools import CannotGoOn, ParameterSpec
-from bike_sim.ros.raw_subscription import RawSubscription, asks_too_much, described_qos, matching_qos
+from bike_sim.ros.raw_subscription import RawSubscription, asks_too_much, class_of, described_qos, matching_qos
 from bike_sim.ros.stamps import NANOSECONDS
 
 SIMULATED, WALL = "simulated", "wall"
@@ -225,7 +224,7 @@ class Record(rclpy.node.Node):
         if not ends:
             return
         try:
-            message_class = _message_class(kinds[0])
+            message_class = class_of(kinds[0])
             kind = message_type(kinds[0])
         except (ImportError, AttributeError, ValueError, FileNotFoundError) as error:
             self._refused.add(name)
@@ -376,11 +375,6 @@ def _notes(entries: tuple[str, ...]) -> dict[str, str]:
             raise ValueError(f"parameter notes: {entry!r} is not of the form name=text")
         notes[name.strip()] = text.strip()
     return notes
-
-
-def _message_class(kind: str) -> type:
-    package, _, name = kind.partition("/msg/")
-    return getattr(importlib.import_module(f"{package}.msg"), name)
 
 
 def _begins_with_stamp(message_class: Any) -> bool:
