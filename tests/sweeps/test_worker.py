@@ -115,7 +115,8 @@ def test_tables_have_every_run_and_the_points_of_its_curves(tmp_path: Path) -> N
 
 def test_mlflow_has_each_finished_run_once(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setenv("MLFLOW_ALLOW_FILE_STORE", "true")
-    mlflow = pytest.importorskip("mlflow")
+    import mlflow  # takes seconds, and only this test needs it
+
     execute(RUN, tmp_path / "runs" / RUN.name)
     plan, uri = make_plan(SWEEP, tmp_path), f"file://{tmp_path / 'mlruns'}"
     assert log_runs(plan, "seeds", uri) == 1
