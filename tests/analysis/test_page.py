@@ -219,9 +219,11 @@ def test_every_plot_is_drawn_and_nothing_is_asked_for(opened: Opener, ride_page:
     assert [key for key, _ in drawn] == ["map", "error", "lean", "speed", "command", "age"]
     assert all(pixels > 500 for _, pixels in drawn), drawn
     messages = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
-    asked = [m["params"]["request"]["url"] for m in messages if m["method"] == "Network.requestWillBeSent"]
+    # The browser's first tab, which a fresh profile opens before the page, may still be loading what is its own.
+    sent = [m["params"] for m in messages if m["method"] == "Network.requestWillBeSent"]
+    asked = [params["request"]["url"] for params in sent if params["documentURL"] == ride_page.as_uri()]
     assert asked, "the performance log shows at least the page itself"
-    assert all(url.startswith(("file:", "data:", "blob:")) for url in asked)
+    assert not [url for url in asked if not url.startswith(("file:", "data:", "blob:"))]
 
 
 def test_the_policy_refuses_requests(opened: Opener, ride_page: Path) -> None:

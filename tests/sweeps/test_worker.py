@@ -86,13 +86,16 @@ def test_a_store_brings_a_run_to_a_machine_that_has_never_seen_it(tmp_path: Path
     assert sorted(path.name for path in (tmp_path / "store").iterdir()) == [f"{RUN.name}.tar"]
 
 
-def test_nothing_in_a_store_gets_out_of_the_folder_of_its_run(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "kind"), [("../../escaped", tarfile.REGTYPE), ("link", tarfile.SYMTYPE), ("pipe", tarfile.FIFOTYPE)]
+)
+def test_nothing_in_a_store_gets_out_of_the_folder_of_its_run(tmp_path: Path, name: str, kind: bytes) -> None:
     store, folder = tmp_path / "store", tmp_path / "runs" / "a"
     store.mkdir()
     folder.mkdir(parents=True)
     with tarfile.open(store / "a.tar", "w") as archive:
-        entry = tarfile.TarInfo("../../escaped")
-        entry.size = 1
+        entry = tarfile.TarInfo(name)
+        entry.type, entry.linkname, entry.size = kind, "/etc/passwd", int(kind == tarfile.REGTYPE)
         archive.addfile(entry, io.BytesIO(b"x"))
     with pytest.raises(ValueError, match="no archive of a run"):
         Store(f"file://{store}").pull(folder)

@@ -69,7 +69,7 @@ class Store:
             self._files.get_file(source, str(packed))
             try:
                 with tarfile.open(packed) as archive:
-                    archive.extractall(fresh, filter="data")  # nothing outside of the folder, no device, no link out
+                    _unpack(archive, fresh)
             except tarfile.TarError as error:
                 raise ValueError(f"{source} is no archive of a run ({error})") from None
             packed.unlink()
@@ -81,3 +81,26 @@ class Store:
 
     def _place(self, name: str) -> Any:
         return f"{self._root.rstrip('/')}/{name}.tar"
+
+
+def _unpack(archive: tarfile.TarFile, folder: Path) -> None:
+    """Write the files of an archive into a folder: none outside of it, no device, no link.
+
+    Python has a filter for this from 3.11.4 on; Debian 12 has 3.11.2.
+
+    Raises:
+        tarfile.TarError: there is something else in it.
+    """
+    root = folder.resolve()
+    for entry in archive:
+        target = (root / entry.name).resolve()
+        if not target.is_relative_to(root) or not (entry.isfile() or entry.isdir()):
+            raise tarfile.TarError(f"{entry.name!r} is no file of its own folder")
+        if entry.isdir():
+            target.mkdir(parents=True, exist_ok=True)
+            continue
+        target.parent.mkdir(parents=True, exist_ok=True)
+        content = archive.extractfile(entry)
+        assert content is not None  # of a regular file
+        with content, target.open("wb") as file:
+            shutil.copyfileobj(content, file)
