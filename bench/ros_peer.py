@@ -10,6 +10,7 @@ import os
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Final, Self
@@ -17,9 +18,10 @@ from typing import Final, Self
 import rclpy
 from bike_msgs.msg import BikeCommand, BikeState
 from rclpy.context import Context
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.signals import SignalHandlerOptions
 
 from bike_sim.ros.isolation import DOMAIN_VARIABLE, DomainLease, prepare_discovery
 from bike_sim.ros.parent import end_with_this_process, parent_is_gone
@@ -116,17 +118,16 @@ class Peer:
 def main() -> None:
     """Answer every command with a state until the end of the program that asks."""
     prepare_discovery()
-    rclpy.init()
+    # Without handlers SIGTERM ends the process at once; rclpy's would shut the context down under a waiting executor.
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = Node("answering_peer", start_parameter_services=False)
     states = node.create_publisher(BikeState, "state", QOS)
     node.create_subscription(BikeCommand, "command", lambda _: states.publish(BikeState()), QOS)
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    try:
+    with suppress(KeyboardInterrupt):
         while not parent_is_gone():
             executor.spin_once(timeout_sec=1.0)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
 
 
 if __name__ == "__main__":
