@@ -15,10 +15,10 @@ from bike_policy.contract.bundle import DEFAULT_POLICY
 from bike_policy.riders.classical import CLASSICAL
 from bike_policy.riders.rider import make_rider
 from bike_sim.course.files import load_course, shipped_tracks
-from bike_sim.physics.superbike_engine import TIME_STEP
 from bike_sim.recording.in_use import claim_folder
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import Preview, ResetRequest
+from bike_sim.sim.superbike_plant import superbike_config
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.arguments import check_positive, check_whole, make_folder
@@ -26,8 +26,6 @@ from bike_training.arguments import check_positive, check_whole, make_folder
 if TYPE_CHECKING:
     from bike_training.nodes.live_ride import LiveRide
 
-SUPERBIKE_PERIOD: Final = 0.02
-"""Control period of superbikes, s."""
 START_SHARE: Final = 0.5
 """Speed of a superbike's start by that of the theoretical lap there."""
 LARGEST_PORT: Final = 65535
@@ -103,9 +101,7 @@ def _live(args: argparse.Namespace, recording: Path) -> dict[str, Any]:
     course = args.course or ("barcelona" if powered else "benchmark")
     if course not in shipped_tracks():
         load_course(course)  # refuses an unknown one before anything starts
-    config = SimulatorConfig(vehicle=args.vehicle)
-    if powered:
-        config = SimulatorConfig(vehicle=args.vehicle, time_step=TIME_STEP, control_period=SUPERBIKE_PERIOD)
+    config = superbike_config(args.vehicle) if powered else SimulatorConfig(vehicle=args.vehicle)
     begin: dict[str, Any] = {"speed_range": (args.speed, args.speed)}
     if powered and course in shipped_tracks():
         begin = {"speed_share": START_SHARE}
@@ -114,6 +110,7 @@ def _live(args: argparse.Namespace, recording: Path) -> dict[str, Any]:
     server: LiveServer | None = None
     states = 0
     opened = ExitStack()
+    begun = time.monotonic()
 
     def tell(message: dict[str, Any]) -> None:
         nonlocal states

@@ -12,6 +12,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
 
+import psutil
+
 from bike_training.interruption import interrupt, signals_handled
 
 OBJECT_STORE: Final = 100 * 2**20
@@ -94,8 +96,6 @@ def _start(ray: Any, options: Mapping[str, Any]) -> None:
     Raises:
         ConnectionError: it did not start, however often it was tried.
     """
-    import psutil  # Ray brings it
-
     me = psutil.Process()
     for attempt in range(1, START_ATTEMPTS + 1):
         before = set(me.children())
