@@ -6,11 +6,18 @@ import json
 import re
 import socket
 import struct
+import time
 from collections.abc import Iterator
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any, Final
 
 import pytest
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import String
+from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
@@ -28,20 +35,23 @@ OF_SUPERBIKES: Final = {"/bike/telemetry"}
 
 
 @pytest.fixture(scope="module")
-def bridge() -> Iterator[FoxgloveBridge]:
-    """A bridge beside the ride of a bicycle."""
+def ride() -> Iterator[LiveRide]:
+    """The ride of a bicycle."""
     request = ResetRequest(course="circle", speed_range=(4.0, 4.0))
     ride = LiveRide(LiveSettings(SimulatorConfig(), request, make_rider("lqr")), lambda _: None)
     try:
         ride.start()
-        bridge = FoxgloveBridge(ride.domain_id, 0)
-        try:
-            yield bridge
-        finally:
-            bridge.close()
+        yield ride
     finally:
         ride.end()
     ride.check()
+
+
+@pytest.fixture(scope="module")
+def bridge(ride: LiveRide) -> Iterator[FoxgloveBridge]:
+    """A bridge beside it."""
+    with closing(FoxgloveBridge(ride.domain_id, 0)) as bridge:
+        yield bridge
 
 
 def channels(client: ClientConnection, wanted: set[str]) -> dict[str, dict[str, Any]]:
@@ -69,6 +79,15 @@ def next_message(client: ClientConnection, channel: dict[str, Any]) -> Any:
                 return MessageSchema(channel["schemaName"], channel["schema"]).decode(message[13:])
 
 
+def connected_again(bridge: FoxgloveBridge) -> ClientConnection:
+    """A new connection to a server that starts again."""
+    for _ in range(100):
+        with suppress(OSError):
+            return connect(bridge.address, subprotocols=[PROTOCOL], max_size=None)
+        time.sleep(0.1)
+    raise AssertionError("the bridge did not come back within 10 s")
+
+
 @pytest.mark.ros
 def test_a_client_sees_the_layouts_topics_and_receives_states(bridge: FoxgloveBridge) -> None:
     shown = {topic for file in LAYOUTS.glob("*.json") for topic in re.findall(r"/bike/\w+", file.read_text())}
@@ -79,7 +98,9 @@ def test_a_client_sees_the_layouts_topics_and_receives_states(bridge: FoxgloveBr
         assert (state["encoding"], state["schemaEncoding"]) == ("cdr", "ros2msg")
         assert state["schemaName"] == "bike_msgs/msg/BikeState"
         subscribe(client, state)
-        first, second = next_message(client, state), next_message(client, state)
+        first = second = next_message(client, state)
+        while second.step == first.step:  # the latest is sent again to who comes in between two
+            second = next_message(client, state)
         assert second.step == first.step + 1
         assert second.speed == pytest.approx(4.0, abs=0.5)
 
@@ -91,6 +112,32 @@ def test_who_comes_late_gets_what_was_sent_once(bridge: FoxgloveBridge) -> None:
             course = channels(client, {"/bike/course"})["/bike/course"]
             subscribe(client, course)
             assert next_message(client, course).name == "circle"
+
+
+@pytest.mark.ros
+def test_a_topic_that_appears_later_is_there_when_the_client_comes_back(ride: LiveRide, bridge: FoxgloveBridge) -> None:
+    """A client that stays connected could be refused the new channel, so it has to come back, as the app does."""
+    port = bridge.port
+    context = Context()
+    context.init(args=[], domain_id=ride.domain_id)
+    node = Node("late", context=context, enable_rosout=False, start_parameter_services=False)
+    try:
+        with connect(bridge.address, subprotocols=[PROTOCOL], max_size=None) as client:
+            subscribe(client, channels(client, {"/bike/state"})["/bike/state"])
+            publisher = node.create_publisher(
+                String, "/bike/late", QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+            )
+            publisher.publish(String(data="here"))
+            with pytest.raises(ConnectionClosed):
+                channels(client, {"/bike/late"})
+        with connected_again(bridge) as client:
+            late = channels(client, {"/bike/late", "/bike/state"})["/bike/late"]
+            subscribe(client, late)
+            assert next_message(client, late).data == "here"
+        assert bridge.port == port
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
 
 
 @pytest.mark.ros
