@@ -16,13 +16,15 @@ from bike_policy.contract.actor import Actor
 from bike_policy.contract.bundle import load_bundle
 from bike_policy.contract.observation import FINE_LAYOUT, PROP_LAYOUT
 from bike_sim.physics import state as st
+from bike_sim.physics.whipple_engine import WhippleEngine
 from bike_sim.sim import look as lk
 from bike_sim.sim.bicycle_batch import CompiledBatch
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_training import cli
 from bike_training.curricula.parts import REFINEMENT
-from bike_training.learning.linear_rides import FREE, LinearRides, Segment, Sight, motion_slopes
+from bike_training.learning import linear_rides
+from bike_training.learning.linear_rides import FREE, LinearRides, Segment, Sight, motion_slopes, push_sideways
 from bike_training.learning.refinement import (
     Comparison,
     OddActor,
@@ -76,6 +78,37 @@ def test_slopes_are_those_of_the_engine_and_of_what_is_seen() -> None:
         # Observations have single precision; 25 points 0.1 s apart make second differences of their last digit.
         np.testing.assert_allclose(told, (seen[1] - seen[0]).astype(float), atol=0.04 * far + 3e-6)
     batch.close()
+
+
+def test_a_push_leaves_what_the_disturbance_leaves() -> None:
+    batch = CompiledBatch(2, COMPILED, TASK.preview)
+    for row in range(2):
+        batch.reset(row, ResetRequest(seed=row, course="line", speed_range=(3.0, 3.0), preview=TASK.preview))
+    push_sideways(batch, 1, 60.0)
+    engine = WhippleEngine(batch.vehicle, 1e-4)
+    engine.reset(batch.state[0])
+    engine.push(0.0, 60.0 / 1e-4, 0.3, 0.9)
+    np.testing.assert_allclose(batch.state[1], engine.state(), rtol=1e-9)
+    assert batch.state[1, st.ROLL_RATE] < -0.3  # pushed to the left, it falls to the left
+    batch.close()
+
+
+def test_pushed_rides_count_in_a_comparison() -> None:
+    process = Refinement(replace(SMALL, impulse=60.0), load_bundle("whipple"))
+    hit: list[int] = []
+
+    def strike(batch: object, row: int, impulse: float) -> None:
+        hit.append(row)
+        assert abs(impulse) <= 60.0
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(linear_rides, "push_sideways", strike)
+        process._rides.ride(process._folded(), 200, 0.0)
+    assert {row % 2 for row in hit} == {1}
+    found = process.compare()
+    assert 0 < found.pushed <= found.ridden
+    assert found.pushed_mean_m > found.mean_m
+    process.close()
 
 
 def test_layouts_that_show_the_map_are_refused() -> None:
@@ -152,6 +185,7 @@ def test_an_actor_is_better_by_rides_then_by_stability_then_by_distance() -> Non
     assert calm._replace(mean_m=0.01).better_than(calm)
     assert not calm._replace(mean_m=0.01, spectral_radius=1.2).better_than(calm)
     assert not calm._replace(ridden=104, mean_m=0.01).better_than(calm)
+    assert calm._replace(ridden=104, pushed=105).better_than(calm._replace(pushed=103))
     assert not calm._replace(spectral_radius=0.8, mean_m=0.021).better_than(calm)
 
 

@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 from bike_policy.contract.actor import Actor
 from bike_policy.contract.observation import ObservationLayout, SeenBlocks
 from bike_sim.physics import state as st
-from bike_sim.physics.whipple_engine import advance
+from bike_sim.physics.whipple_engine import advance, pushed
 from bike_sim.sim import look as lk
 from bike_sim.sim.bicycle_batch import CompiledBatch
 from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.disturbances import Impulses
 from bike_training.curricula.base import Episodes
 from bike_training.tasks.path import PathTask
 
@@ -37,6 +38,8 @@ SENSORS: Final = np.array([0.02, 0.0, 0.0087, 0.0, 0.035, 0.035])
 INNER: Final = ("roll", "steer", "roll_rate", "steer_rate")
 """The features that show them."""
 
+_BETWEEN: Final = 4.0
+"""Mean time between two impulses, s."""
 _STEP: Final = 1e-4
 """Of the differences, rad, rad/s, or parts of the largest command."""
 
@@ -169,6 +172,19 @@ class Sight:
         return out
 
 
+def push_sideways(batch: CompiledBatch, row: int, impulse: float) -> None:
+    """Push one bicycle of a batch as the disturbances ``impulses`` do, but at once: the rates take up its momentum.
+
+    Args:
+        batch: of bicycles.
+        row: of the one that is pushed.
+        impulse: to its left, N s.
+    """
+    where = Impulses()
+    change = pushed(batch.state[row], 0.0, impulse, where.ahead_m, where.height_m, batch.vehicle.parameters)
+    batch.state[row, [st.ROLL_RATE, st.STEER_RATE, st.FRONT_WHEEL_RATE]] += change
+
+
 class LinearRides:
     """Bicycles that ride segment after segment, and begin anew where a ride has failed or was long enough.
 
@@ -185,6 +201,7 @@ class LinearRides:
         seed: int,
         delay: int = 0,
         noise: float = 0.0,
+        impulse: float = 0.0,
     ) -> None:
         """Begin a number of rides.
 
@@ -196,12 +213,13 @@ class LinearRides:
             seed: of all draws.
             delay: largest, control periods: half of the rides have none, the others one of 1 to this.
             noise: largest, in parts of SENSORS: half of the rides have none, the others up to this.
+            impulse: largest sideways push on half of the rides, N s, about every four seconds.
         """
         self.batch = CompiledBatch(count, config, task.preview)
         self.task = task
         self._episodes, self._sight = episodes, Sight(task.layout)
         self._rng = np.random.default_rng(seed)
-        self._delay, self._largest_noise = delay, noise
+        self._delay, self._largest_noise, self._impulse = delay, noise, impulse
         self._late, self._noise = np.zeros(count, dtype=np.int32), np.zeros(count)
         self._sent = np.zeros((delay + 1, count))
         for row in range(count):
@@ -234,9 +252,11 @@ class LinearRides:
         whole = np.ones(count, dtype=np.bool_)
         commands = np.zeros((count, 2))
         for k in range(periods):
-            pushed = self._rng.random(count) < batch.time_step * batch.substeps / 2.0
-            draws = push * self._rng.standard_normal((count, 2)) * pushed[:, None]
+            struck = self._rng.random(count) < batch.time_step * batch.substeps / 2.0
+            draws = push * self._rng.standard_normal((count, 2)) * struck[:, None]
             batch.state[:, [st.ROLL_RATE, st.STEER_RATE]] += draws
+            if self._impulse:
+                self._hit(whole)
             segment.seen[k], segment.whole[k] = task.layout.observe(batch), whole
             segment.sight[k] = self._sight.slopes(batch.preview_x) * whole[:, None, None]
             commands[:, 0] = self._answer(actor, segment, k)
@@ -251,6 +271,13 @@ class LinearRides:
         for part in segment:  # what lies on the ground has no numbers to learn from
             np.nan_to_num(part, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
         return segment
+
+    def _hit(self, whole: NDArray[np.bool_]) -> None:
+        """Push some of the bicycles that still ride; every second one is never pushed."""
+        period = self.batch.time_step * self.batch.substeps
+        hit = whole & (self._rng.random(len(whole)) < period / _BETWEEN) & (np.arange(len(whole)) % 2 == 1)
+        for row in np.flatnonzero(hit):
+            push_sideways(self.batch, int(row), self._impulse * self._rng.uniform(-1.0, 1.0))
 
     def _blank(self, periods: int) -> Segment:
         """Return room for a segment that begins now."""

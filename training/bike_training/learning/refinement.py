@@ -37,10 +37,11 @@ from bike_policy.contract.bundle import Bundle
 from bike_policy.contract.observation import ObservationLayout
 from bike_policy.riders.learned import LearnedRider
 from bike_sim.course.random_paths import PathRanges
-from bike_sim.sim.bicycle_batch import COMPILED_ENGINE
+from bike_sim.sim.batch import Batch
+from bike_sim.sim.bicycle_batch import COMPILED_ENGINE, CompiledBatch
 from bike_sim.sim.config import SimulatorConfig
 from bike_training.curricula.parts import REFINEMENT, SPEED_RANGES, PartsCurriculum, RideRanges
-from bike_training.learning.linear_rides import DEVIATIONS, SENSORS, LinearRides, Segment
+from bike_training.learning.linear_rides import DEVIATIONS, SENSORS, LinearRides, Segment, push_sideways
 from bike_training.learning.refinement_files import POLICY, TABLE
 from bike_training.learning.run_settings import COMPILED_TIME_STEP
 from bike_training.learning.setting_records import check_number, check_positive
@@ -68,6 +69,10 @@ _OFTEN: Final = 1.0 / 40.0
 """How often they are, a control period."""
 _STEEP: Final = math.radians(38.0)
 """Roll from which on it costs something, rad; the steepest steady turn that is learned on leans 36 deg."""
+PUSHED: Final = 60.0
+"""Sideways impulse of the rides that actors are compared on under pushes, N s."""
+_PUSH_EVERY: Final = 100
+"""Control periods between two of them."""
 _LARGEST_COST: Final = 50.0
 _LEAST_COST: Final = 3e-4
 """Cost of a ride below which it hardly matters how small it is."""
@@ -91,6 +96,8 @@ class RefinementSettings:
         push: rates that pushes leave in the rides, rad/s.
         delay: largest by which commands act late in a half of the rides, control periods.
         noise: largest of the sensors in a half of the rides, in parts of the disturbances ``noise``.
+        impulse: largest sideways push on a half of the rides, N s. Where it is not 0, actors are compared under pushes
+            as well.
         select_every: segments between two comparisons of actors.
         seed: of everything.
     """
@@ -113,6 +120,7 @@ class RefinementSettings:
     push: float = 0.1
     delay: int = 0
     noise: float = 0.0
+    impulse: float = 0.0
     select_every: int = 25
     seed: int = 0
 
@@ -132,7 +140,7 @@ class RefinementSettings:
         check_number("averaging", self.averaging, 0.0, 0.9999)
         for name in ("learning_rate", "final_learning_rate", "knee"):
             check_positive(name, getattr(self, name))
-        for name in ("square", "steer_rate", "change", "lean", "push", "delay", "noise", "seed"):
+        for name in ("square", "steer_rate", "change", "lean", "push", "delay", "noise", "impulse", "seed"):
             check_number(name, getattr(self, name), 0.0)
 
 
@@ -303,6 +311,8 @@ class Comparison(NamedTuple):
         ridden: of 105 rides. mean_m: of their mean distances, m. worst_mean_m: largest of them. worst_max_m: largest
             distance. spectral_radius: largest of 2 to 7 m/s, upright and in a turn; infinite where one is missing.
         swing_deg: set point left swinging on a straight.
+        pushed: of 105 rides with a push of PUSHED N s every five seconds, where actors are compared under pushes.
+        pushed_mean_m: of their mean distances, m.
     """
 
     ridden: int
@@ -311,13 +321,15 @@ class Comparison(NamedTuple):
     worst_max_m: float
     spectral_radius: float
     swing_deg: float
+    pushed: int = 0
+    pushed_mean_m: float = math.nan
 
     def better_than(self, other: Comparison | None) -> bool:
-        """Return whether it is: more rides ridden, then a stable loop, then the smaller mean."""
+        """Return whether it is: more rides ridden, pushed or not, then a stable loop, then the smaller mean."""
         return other is None or self._rank() < other._rank()
 
     def _rank(self) -> tuple[float, ...]:
-        return (-self.ridden, max(self.spectral_radius, STABLE), self.mean_m)
+        return (-self.ridden - self.pushed, max(self.spectral_radius, STABLE), self.mean_m)
 
 
 class Refinement:
@@ -347,7 +359,14 @@ class Refinement:
         self.settings, self.task, self._start = settings, task, start
         self._config = SimulatorConfig(VEHICLE, COMPILED_ENGINE, COMPILED_TIME_STEP)
         self._rides = LinearRides(
-            settings.bicycles, task, RIDES, self._config, settings.seed, settings.delay, settings.noise
+            settings.bicycles,
+            task,
+            RIDES,
+            self._config,
+            settings.seed,
+            settings.delay,
+            settings.noise,
+            settings.impulse,
         )
         self._actor = OddActor(task.layout)
         self._weights = (
@@ -423,6 +442,10 @@ class Refinement:
             max((math.inf if radius is None else radius) for radius in radii),
             math.inf if loop.get("worst_swing_deg") is None else loop["worst_swing_deg"],
         )
+        if self.settings.impulse:
+            track, whole = ride_side_by_side(actor, self.task, self._config, requests, _push_now_and_then)
+            mean = float(np.abs(track[:, whole]).mean()) if whole.any() else math.inf
+            found = found._replace(pushed=int(whole.sum()), pushed_mean_m=mean)
         if found.better_than(self.best):
             self.best, self._best_actor, self._best_at = found, actor, self.segments
         return found
@@ -461,6 +484,14 @@ class Refinement:
     def close(self) -> None:
         """Release the engine."""
         self._rides.close()
+
+
+def _push_now_and_then(batch: Batch, step: int, riding: NDArray[np.bool_]) -> None:
+    """Push bicycles that ride by PUSHED every five seconds, one to the left and the next one to the right."""
+    assert isinstance(batch, CompiledBatch)
+    if step and step % _PUSH_EVERY == 0:
+        for row in np.flatnonzero(riding):
+            push_sideways(batch, int(row), PUSHED * (-1.0) ** (row + step // _PUSH_EVERY // 2))
 
 
 def refine(

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
 from bike_policy.contract.actor import Actor
 from bike_policy.contract.rows import row_of
-from bike_sim.sim.batch import make_batch
+from bike_sim.sim.batch import Batch, make_batch
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_training.envs.clients import Client
@@ -26,9 +28,21 @@ def validate_batch(actor: Actor, task: Task, config: SimulatorConfig, requests: 
 
 
 def ride_side_by_side(
-    actor: Actor, task: Task, config: SimulatorConfig, requests: list[ResetRequest]
+    actor: Actor,
+    task: Task,
+    config: SimulatorConfig,
+    requests: list[ResetRequest],
+    disturb: Callable[[Batch, int, NDArray[np.bool_]], None] = lambda *_: None,
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Ride a batch; return the errors, shape (control periods, rides), and which rides did not fail."""
+    """Ride a batch; return the errors, shape (control periods, rides), and which rides did not fail.
+
+    Args:
+        actor: who rides.
+        task: what the actor sees, and what is a failure.
+        config: of the batch.
+        requests: a ride each.
+        disturb: called before each control period with the batch, the period's number and which rides go on.
+    """
     batch = make_batch(len(requests), config, task.preview)
     try:
         rides = task.strict().rides(len(requests), batch.vehicle)
@@ -43,6 +57,7 @@ def ride_side_by_side(
                 actions = actor.act_batch(rides.observe(batch))
                 rides.act(batch, actions)
                 commands = task.action.to_commands(actions, batch.vehicle.max_steer)
+            disturb(batch, step, alive)
             batch.step(commands)
             rides.advance(batch)
             track[step] = rides.error(batch)

@@ -233,6 +233,17 @@ def generalised_force(
     return power
 
 
+def pushed(
+    state: StateVector, along: float, left: float, ahead: float, height: float, p: Parameters
+) -> NDArray[np.float64]:
+    """Return how fast a force on the rear frame changes the rates of roll, steer and front wheel, rad/s^2.
+
+    The arguments are those of :func:`generalised_force`.
+    """
+    work = generalised_force(state, along, left, ahead, height, p)
+    return np.linalg.solve(mass_matrix(state, p), work)
+
+
 class WhippleEngine:
     """The compiled bicycle behind the engine interface.
 
@@ -290,9 +301,8 @@ class WhippleEngine:
     def push(self, along: float, left: float, ahead: float, height: float) -> None:
         """Push the rear frame as during one step: the rates take up its momentum; see `engine.BicycleEngine`."""
         if not self.lying:
-            work = generalised_force(self._state, along, left, ahead, height, self.vehicle.parameters)
-            mass = mass_matrix(self._state, self.vehicle.parameters)
-            self._state[list(_RATES)] += self.time_step * np.linalg.solve(mass, work)
+            force = (along, left, ahead, height)
+            self._state[list(_RATES)] += self.time_step * pushed(self._state, *force, self.vehicle.parameters)
 
     def state(self) -> StateVector:
         """Return a copy of the minimal state."""
