@@ -17,8 +17,8 @@ ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "ros.md").read_text()
 NODES = ("sim_node", "drive", "record")
 EVERY_NODE_HAS = ("/rosout", "/parameter_events")
-ONLY_WITH = {"/tf", "/bike/telemetry"}
-"""Published where tf2_msgs is installed, which the wheels do not bring, and with a superbike."""
+ONLY_WITH = {"/tf", "/bike/telemetry", "/bike/disturbances"}
+"""Published where tf2_msgs is installed, which the wheels do not bring, with a superbike, and in a disturbed ride."""
 
 
 def table(heading: str) -> list[list[str]]:

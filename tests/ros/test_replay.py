@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
 import pytest
 from stable_baselines3.common.vec_env import DummyVecEnv
 
+from bike_policy.riders.disturbed import DisturbedRider
+from bike_policy.riders.rider import make_rider
+from bike_sim.physics import state as st
 from bike_sim.physics.superbike_engine import TIME_STEP
+from bike_sim.sim.batch import make_batch
 from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.disturbances import load_disturbances
 from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.simulator import Simulator
 from bike_training.curricula.parts import PartsCurriculum
 from bike_training.envs.env import BikeEnv
 from bike_training.learning.episode_recording import Standing, TrainingRecorder
 from bike_training.replay.recorded_rides import read_rides
 from bike_training.replay.replaying import Replay, ride_again
+from bike_training.rollout.rollout import rollout
 from bike_training.tasks.path import TASKS
 
 pytestmark = pytest.mark.ros
@@ -52,6 +60,62 @@ def test_rides_in_lockstep_come_out_the_same(stage, policy, tmp_path: Path) -> N
         assert [replay.same for replay in found] == [True, True]
         assert all(replay.states == replay.recorded_states > 25 for replay in found)
         assert (found[0].config.engine, found[0].config.time_step, found[0].learned) == ("pybullet", 0.005, 0)
+
+
+DISTURBANCES = """format: bike.disturbances/1
+seed: 3
+wind: {force_n: 5.0, gust_n: 5.0}
+impulses: {impulse_ns: 8.0, every_s: 0.5}
+noise: {roll: 0.002, lateral: 0.01}
+bias: {roll: 0.003}
+command_delay_s: 0.05
+drive_torque_nm: 6.0
+vehicle: {mB: 1.1}
+"""
+
+
+def test_a_disturbed_ride_is_the_same_everywhere(stage, policy, tmp_path: Path) -> None:
+    """One file: through the nodes, replayed from their recording, in this process, and in a batch."""
+    path, file = tmp_path / "ride.mcap", tmp_path / "rough.yaml"
+    file.write_text(DISTURBANCES)
+    recorder = stage.start("bike_sim.ros.record", path=str(path))
+    simulator = stage.simulator(course="circle", disturbances=str(file))
+    ears = stage.ears()
+    ears.pause(True)
+    driver = stage.start("bike_policy.drive", policy=policy, disturbances=str(file))
+    ears.until(lambda: ears.records("episode", "state", "command", "disturbances"))
+    ears.pause(False)
+    ears.until(lambda: ears.states[-1].step > 60 or ears.states[-1].fallen)
+    end(driver, recorder, simulator)
+    (recorded,) = read_rides(path)[1]
+    known = load_disturbances(file)
+    assert recorded.disturbances == known
+    replay = ride_again(recorded)
+    assert replay.same
+    assert replay.states == replay.recorded_states > 40
+    assert recorded.start is not None
+    assert not ride_again(dataclasses.replace(recorded, disturbances=None)).same
+    steps = replay.states - 1
+    here = Simulator(CONFIG, known)
+    snapshots = rollout(here, DisturbedRider(make_rider(policy), known), recorded.start.request)
+    ride = [snapshot for snapshot, _ in zip(snapshots, range(steps + 1), strict=False)]
+    here.close()
+    batch = make_batch(2, CONFIG, recorded.start.request.preview, known)
+    for row in range(2):
+        batch.reset(row, recorded.start.request)
+    for snapshot in ride[1:]:
+        batch.step(np.full((2, 2), [snapshot.steering, snapshot.throttle]))
+    for row in range(2):
+        np.testing.assert_array_equal(batch.state[row], ride[-1].state)
+    batch.close()
+    for name, place in (("x", st.X), ("roll", st.ROLL), ("steer_rate", st.STEER_RATE)):
+        np.testing.assert_array_equal(recorded.columns[name][: steps + 1], [one.state[place] for one in ride])
+
+
+def test_disturbances_that_are_none_stop_the_node(stage, tmp_path: Path) -> None:
+    node = stage.simulator(disturbances=str(tmp_path / "none.yaml"))
+    assert node.wait() == 2
+    assert "none.yaml" in node.words
 
 
 def test_a_ride_of_a_learner_behind_ros_comes_out_the_same(tmp_path: Path) -> None:

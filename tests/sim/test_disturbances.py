@@ -16,7 +16,14 @@ from bike_sim.physics.engine import make_engine
 from bike_sim.physics.whipple_engine import energy, mass_matrix
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
-from bike_sim.sim.disturbances import Disturbances, Impulses, Wind, load_disturbances, shipped_disturbances
+from bike_sim.sim.disturbances import (
+    Disturbances,
+    Impulses,
+    Wind,
+    load_disturbances,
+    read_disturbances,
+    shipped_disturbances,
+)
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.vehicles.files import load_vehicle
@@ -122,6 +129,32 @@ def test_commands_and_sight_come_late_by_whole_periods() -> None:
     with pytest.raises(ValueError, match="not a whole number of periods"):
         next(rollout(simulator, DisturbedRider(rider, Disturbances(command_delay_s=0.06)), ResetRequest(course="line")))
     simulator.close()
+
+
+def test_a_snapshot_that_was_missed_or_comes_again_shifts_nothing() -> None:
+    known = Disturbances(noise={"roll": 0.01}, command_delay_s=0.1)
+    whole, gappy = DisturbedRider(LqrRider(), known), DisturbedRider(LqrRider(), known)
+    simulator = Simulator(COMPILED)
+    snapshots = [simulator.reset(ResetRequest(course="line", speed_range=(4.0, 4.0)))]
+    assert simulator.course is not None
+    for rider in (whole, gappy):
+        rider.begin(simulator.vehicle, simulator.course, 0.05, simulator.preview)
+    for _ in range(12):
+        snapshots.append(simulator.step(0.001))
+    simulator.close()
+    answers = [whole.command(snapshot) for snapshot in snapshots]
+    assert len(set(answers)) > 8
+    for step, snapshot in enumerate(snapshots):
+        if step != 5:
+            assert gappy.command(snapshot) == gappy.command(snapshot)
+            if step != 7:  # then the answer to the one that was missed would have acted
+                assert gappy.command(snapshot) == answers[step]
+
+
+def test_a_document_is_read_again_as_the_same() -> None:
+    known = Disturbances("rough", 3, Wind(45.0, 3.0), Impulses(5.0), {"roll": 0.1}, {"speed": -0.1}, 0.05, 0.1)
+    for each in (known, replace(known, drive_torque_nm=2.5, vehicle={"mB": 1.1}), Disturbances()):
+        assert read_disturbances(each.to_text(), "other") == each
 
 
 def test_a_measured_snapshot_is_that_of_a_displaced_bicycle() -> None:

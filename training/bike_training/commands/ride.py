@@ -16,6 +16,7 @@ from bike_sim.course.files import load_course
 from bike_sim.recording.in_use import claim_folder
 from bike_sim.ros.isolation import DomainLease
 from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.disturbances import load_disturbances, shipped_disturbances
 from bike_training.arguments import check_positive, check_whole, make_folder
 from bike_training.rollout.riding import time_for
 
@@ -25,6 +26,7 @@ LARGEST_DOMAIN: Final = 232
 EXAMPLES = """examples:
   bike ride                                   the benchmark path at 4 m/s with the shipped policy
   bike ride --speed 6.5 --course junction --out out/junction
+  bike ride --disturbances wind               in the wind, which the recording keeps for bike replay
   bike ride --real-time                       at the pace of the clock, to watch it in Foxglove or RViz
 """
 
@@ -39,6 +41,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--engine", choices=["pybullet", "whipple"], default="pybullet")
     parser.add_argument("--time-step", type=float, default=0.001, help="integration step, s (default: %(default)s)")
     parser.add_argument(
+        "--disturbances", metavar="FILE", help=f"a YAML file, or {', '.join(shipped_disturbances())}; also recorded"
+    )
+    parser.add_argument(
         "--real-time", action="store_true", help="ride at the pace of the clock, not as fast as it goes"
     )
     parser.add_argument("--domain", type=int, help="ROS domain (default: a free one, so that rides do not meet)")
@@ -51,6 +56,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if args.domain is not None:
         check_whole("--domain", args.domain, 0, LARGEST_DOMAIN)
     SimulatorConfig(engine=args.engine, time_step=args.time_step)  # refuses an invalid step
+    if args.disturbances is not None:
+        load_disturbances(args.disturbances)
     rider = make_rider(args.policy)
     warn_of_speed(rider, args.speed)
     course = load_course(args.course)
@@ -88,10 +95,15 @@ def _ride(args: argparse.Namespace, domain: int, recording: Path, length: float,
         "mode": "free" if args.real_time else "lockstep",
         "auto_reset": "never",
     }
+    disturbed = {} if args.disturbances is None else {"disturbances": args.disturbances}
     # By its full path, so that the note serves from anywhere; shipped policies by name.
     policy = str(Path(args.policy).resolve()) if Path(args.policy).is_dir() else args.policy
     record = {"path": str(recording.resolve()), "overwrite": True, "notes": [f"policy={policy}"]}
-    from bike_training.nodes.ride_monitor import ride_recorded  # only rides through nodes need ROS
+    from bike_training.nodes.ride_monitor import NEEDED_TOPICS, ride_recorded  # only rides through nodes need ROS
 
+    needed = (*NEEDED_TOPICS, *disturbed)
     title = f"{args.course} at {args.speed:g} m/s"
-    return ride_recorded(domain, record, simulator, {"policy": args.policy}, title=title, way=length, longest=longest)
+    drive = {"policy": args.policy, **disturbed}
+    return ride_recorded(
+        domain, record, simulator | disturbed, drive, title=title, way=length, longest=longest, needed=needed
+    )

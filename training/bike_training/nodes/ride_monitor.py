@@ -56,6 +56,7 @@ def ride_recorded(
     way: float,
     longest: float,
     is_over: Callable[[BikeState], bool] = has_ended,
+    needed: Sequence[str] = NEEDED_TOPICS,
 ) -> float:
     """Start recorder, simulator and policy, show the progress of the ride until it ends, and stop them.
 
@@ -68,6 +69,7 @@ def ride_recorded(
         way: distance travelled, m.
         longest: longest ride, s of simulated time.
         is_over: whether a state ends the ride.
+        needed: topics that must be in the recording before the ride continues.
 
     Returns:
         Wall-clock time of the ride, s.
@@ -80,7 +82,7 @@ def ride_recorded(
             monitor.pause(True, START_TIMEOUT, [sim, recorder])
             with NodeProcess("bike_policy.drive", drive, domain) as policy:
                 # The simulator holds the first command until both it and the state are in the recording.
-                monitor.wait_for_recorder(START_TIMEOUT, [sim, recorder, policy])
+                monitor.wait_for_recorder(START_TIMEOUT, [sim, recorder, policy], needed)
                 begun = time.monotonic()
                 monitor.pause(False, START_TIMEOUT, [sim, recorder, policy])
                 with way_bar(title, way) as bar:

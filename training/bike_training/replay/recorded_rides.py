@@ -20,6 +20,7 @@ from bike_sim.course.random_paths import PathRanges
 from bike_sim.physics import state as st
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.disturbances import Disturbances, read_disturbances
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_training.tasks.path import PathTask
 
@@ -104,6 +105,7 @@ class RideSource:
         vehicle: name of the vehicle in the states.
         start: how it began, or None where that was not recorded.
         columns: fields of EXACT, one row per state of ``ride.states``.
+        disturbances: of what was ridden, or None.
         learned: steps of learning, or None where it is no ride of training.
     """
 
@@ -112,6 +114,7 @@ class RideSource:
     start: Start | None
     columns: Columns
     learned: Learned | None
+    disturbances: Disturbances | None = None
 
 
 def read_rides(path: Path, namespace: str | None = None) -> tuple[Recording, tuple[RideSource, ...]]:
@@ -148,7 +151,16 @@ def _recorded(ride: Ride, recording: Recording, raw: _Raw) -> RideSource:
         start=Start.from_message(start) if start is not None else None,
         columns={name: values[rows] for name, values in raw.columns.items()},
         learned=_learned(ride, recording, raw),
+        disturbances=_disturbances(raw, first),
     )
+
+
+def _disturbances(raw: _Raw, first: int) -> Disturbances | None:
+    """Return the disturbances of the simulator that a ride was recorded from: those told nearest to its begin."""
+    if not raw.disturbed:
+        return None
+    message = min(raw.disturbed, key=lambda pair: abs(pair[0] - first))[1]
+    return read_disturbances(str(message.data), "recorded")
 
 
 def _learned(ride: Ride, recording: Recording, raw: _Raw) -> Learned | None:
@@ -176,6 +188,7 @@ class _Raw:
         columns: fields of EXACT of all states.
         starts: messages of how episodes began, each with its index.
         learned: steps of learning, each with its index.
+        disturbed: what simulators told of their disturbances, each with its index.
     """
 
     def __init__(self, files: tuple[Path, ...], namespace: str) -> None:
@@ -183,7 +196,12 @@ class _Raw:
         orders: list[Integers] = []
         self.starts: list[tuple[int, Any]] = []
         self.learned: list[tuple[int, Any]] = []
-        lists = {f"{namespace}/episode": self.starts, f"{namespace}/learning/step": self.learned}
+        self.disturbed: list[tuple[int, Any]] = []
+        lists = {
+            f"{namespace}/episode": self.starts,
+            f"{namespace}/learning/step": self.learned,
+            f"{namespace}/disturbances": self.disturbed,
+        }
         for topic, schema, block, rows, before in blocks_of(files, {f"{namespace}/state", *lists}):
             if topic in lists:
                 for row in rows.tolist():

@@ -117,7 +117,7 @@ def ride_again(
     config = config if time_step is None else replace(config, time_step=time_step)
     steering, throttle, stopped = _commands(recorded)
     ridden = _Ridden(recorded.learned)
-    simulator = Simulator(config)
+    simulator = Simulator(config, recorded.disturbances)
     try:
         for snapshot in rollout(simulator, RecordedCommands(steering, throttle), start.request):
             ridden.note(snapshot)

@@ -26,6 +26,7 @@ from bike_sim.ros.command_gate import Command
 from bike_sim.ros.messages import course_from_message
 from bike_sim.ros.node_tools import CannotGoOn, ParameterSpec
 from bike_sim.ros.wire import StateMessage, decode_state, encode_command
+from bike_sim.sim.disturbances import load_disturbances
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.files import load_vehicle
 
@@ -38,6 +39,12 @@ SPECS: Final = (
         fixed=True,
     ),
     VEHICLE,
+    ParameterSpec(
+        "disturbances",
+        "",
+        "Bicycles: shipped disturbances or a YAML file; errors of sensors and delays act here.",
+        fixed=True,
+    ),
     ParameterSpec("stale_after_s", 1.0, "Wall-clock time without a state after which a warning is given, s."),
 )
 
@@ -108,7 +115,12 @@ class Drive(rclpy.node.Node):
 
     def _rider_of(self, values: dict[str, Any]) -> Rider:
         """Make the rider that answers."""
-        return make_rider(values["policy"])
+        rider = make_rider(values["policy"])
+        if not values["disturbances"]:
+            return rider
+        from bike_policy.riders.disturbed import DisturbedRider  # late: a ride is seldom disturbed
+
+        return DisturbedRider(rider, load_disturbances(values["disturbances"]))
 
     def finish(self) -> None:
         """Report a last time, also in the log."""
@@ -198,7 +210,7 @@ class Drive(rclpy.node.Node):
         except (ValueError, FileNotFoundError) as error:
             self.get_logger().error(f"the policy does not fit the simulator: {error}")
             raise CannotGoOn(f"the policy does not fit the simulator: {error}") from error
-        rider = self._rider
+        rider = getattr(self._rider, "rider", self._rider)  # of a disturbed one, the one that is disturbed
         warning = rider.bundle.speed_warning(message.snapshot.speed) if isinstance(rider, LearnedRider) else None
         if warning is not None:
             self.get_logger().warning(warning)

@@ -29,11 +29,14 @@ class DisturbedRider:
     """A rider that sees late and with errors, and whose commands act late; implements `bike_policy.riders.rider.Rider`.
 
     Until the first command has arrived, the set point is straight ahead.
+
+    Attributes:
+        rider: the one that is disturbed.
     """
 
     def __init__(self, rider: Rider, disturbances: Disturbances) -> None:
         """Take a rider and what disturbs it."""
-        self._rider, self._disturbances = rider, disturbances
+        self.rider, self._disturbances = rider, disturbances
         self._noise = np.array([disturbances.noise.get(name, 0.0) for name in CHANNELS])
         self._bias = np.array([disturbances.bias.get(name, 0.0) for name in CHANNELS])
         self.name, self.preview = rider.name, rider.preview
@@ -44,24 +47,47 @@ class DisturbedRider:
         Raises:
             ValueError: a delay that is not a whole number of control periods.
         """
-        self._rider.begin(vehicle, course, period, preview)
+        self.rider.begin(vehicle, course, period, preview)
         known = self._disturbances
-        self._seen: deque[Snapshot] = deque(maxlen=1 + known.periods(known.observation_delay_s, period))
-        late = known.periods(known.command_delay_s, period)
-        self._sent: deque[tuple[float, float]] = deque([(0.0, 0.0)] * late)
+        self._seen_late = known.periods(known.observation_delay_s, period)
+        self._acts_late = known.periods(known.command_delay_s, period)
+        self._seen: deque[Snapshot] = deque()
+        self._sent: deque[tuple[int, tuple[float, float]]] = deque([(-self._acts_late, (0.0, 0.0))])
         self._draws: np.random.Generator | None = None
+        self._answered: tuple[int, tuple[float, float] | None] | None = None
 
     def command(self, snapshot: Snapshot) -> tuple[float, float] | None:
-        """Return the command that acts now."""
+        """Return the command that acts now; the same again for a snapshot that is shown again.
+
+        Delays count control periods, not snapshots, so that one that was missed shifts nothing.
+        """
+        if self._answered is not None and self._answered[0] == snapshot.step:
+            return self._answered[1]
+        self._see(measured(snapshot, self._errors(snapshot)))
+        answer = self.rider.command(self._seen[0])
+        if answer is not None:
+            self._sent.append((snapshot.step, answer))
+        while len(self._sent) > 1 and self._sent[1][0] <= snapshot.step - self._acts_late:
+            self._sent.popleft()
+        acting = None if answer is None else self._sent[0][1]
+        self._answered = snapshot.step, acting
+        return acting
+
+    def _errors(self, snapshot: Snapshot) -> FloatArray:
+        """Return the errors of the sensors at a snapshot; those of steps that were missed are drawn and passed over."""
         if self._draws is None:
             self._draws = self._disturbances.generator(snapshot.state, _SENSORS)
-        errors = self._bias + self._noise * self._draws.standard_normal(len(CHANNELS))
-        self._seen.append(measured(snapshot, errors))
-        answer = self._rider.command(self._seen[0])
-        if answer is None:
-            return None
-        self._sent.append(answer)
-        return self._sent.popleft()
+            self._drawn = snapshot.step - 1
+        drawn = self._draws.standard_normal((max(snapshot.step - self._drawn, 1), len(CHANNELS)))
+        self._drawn = snapshot.step
+        errors: FloatArray = self._bias + self._noise * drawn[-1]
+        return errors
+
+    def _see(self, snapshot: Snapshot) -> None:
+        """Keep a snapshot until it is seen, and drop those that are too old."""
+        self._seen.append(snapshot)
+        while len(self._seen) > 1 and self._seen[1].step <= snapshot.step - self._seen_late:
+            self._seen.popleft()
 
 
 def measured(snapshot: Snapshot, errors: FloatArray) -> Snapshot:

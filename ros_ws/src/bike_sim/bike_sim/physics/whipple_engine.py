@@ -241,7 +241,7 @@ def pushed(
     The arguments are those of :func:`generalised_force`.
     """
     work = generalised_force(state, along, left, ahead, height, p)
-    return np.linalg.solve(mass_matrix(state, p), work)
+    return np.asarray(np.linalg.solve(mass_matrix(state, p), work), dtype=np.float64)
 
 
 class WhippleEngine:

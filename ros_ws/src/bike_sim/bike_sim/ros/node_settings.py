@@ -10,6 +10,7 @@ from typing import Any, Final
 from bike_sim.physics.engine import ENGINE_KINDS
 from bike_sim.ros.node_tools import ParameterSpec
 from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.disturbances import Disturbances, load_disturbances
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.vehicles.files import load_vehicle
@@ -77,6 +78,12 @@ SPECS: Final = (
         "When a new episode begins by itself: never, after a fall, or at any end (fall, off course, course ridden).",
         choices=(NEVER, FALL, END),
     ),
+    ParameterSpec(
+        "disturbances",
+        "",
+        "Bicycles: shipped disturbances or a YAML file; wind, pushes, drive and wrong parameters act here.",
+        fixed=True,
+    ),
     ParameterSpec("publish_markers", True, "Publish markers for RViz and Foxglove where someone listens.", fixed=True),
 )
 
@@ -95,6 +102,7 @@ class NodeSettings:
         command_timeout: s of simulated time, 0 for never.
         auto_reset: NEVER, FALL or END.
         publish_markers: whether markers are published.
+        disturbances: of what is ridden, or None.
     """
 
     simulator: SimulatorConfig
@@ -106,13 +114,14 @@ class NodeSettings:
     command_timeout: float
     auto_reset: str
     publish_markers: bool
+    disturbances: Disturbances | None
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> NodeSettings:
         """Check parameters, one by one and together.
 
         Raises:
-            ValueError: a value that is wrong. FileNotFoundError: an unknown vehicle.
+            ValueError: a value that is wrong. FileNotFoundError: an unknown vehicle, or no such disturbances.
         """
         for name in ("real_time_factor", "command_timeout_s", "control_period", "speed"):
             if not math.isfinite(values[name]) or values[name] < 0.0:
@@ -149,6 +158,7 @@ class NodeSettings:
             command_timeout=values["command_timeout_s"],
             auto_reset=values["auto_reset"],
             publish_markers=values["publish_markers"],
+            disturbances=load_disturbances(values["disturbances"]) if values["disturbances"] else None,
         )
 
     def request(self, simulator: Simulator) -> ResetRequest:

@@ -29,6 +29,7 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 from visualization_msgs.msg import Marker, MarkerArray
 
 from bike_sim.course.course import Course
@@ -81,7 +82,7 @@ class SimNode(rclpy.node.Node):
         """
         super().__init__("sim_node", namespace=node_tools.NAMESPACE)
         self._settings = NodeSettings.from_parameters(node_tools.declare(self, SPECS))
-        self._simulator = Simulator(self._settings.simulator)
+        self._simulator = Simulator(self._settings.simulator, self._settings.disturbances)
         self._request = self._settings.request(self._simulator)
         warm_up(self._simulator, self._request)
         self._period = round(self._settings.simulator.control_period * NANOSECONDS)
@@ -126,6 +127,9 @@ class SimNode(rclpy.node.Node):
         self._course_marker_topic = open_topic(Marker, "course_marker", latched)
         self._event_topic = open_topic(RideEvent, "events", node_tools.EVENT_QOS)
         self._diagnostics = node_tools.Diagnostics(self)
+        if self._settings.disturbances is not None:
+            told = open_topic(String, "disturbances", latched)
+            told.publish(String(data=self._settings.disturbances.to_text()))
         # Topics that are only made where someone listens: they cost more than the state itself.
         self._extras: list[tuple[Publisher, Callable[[Snapshot], Any]]] = []
 
@@ -362,11 +366,12 @@ class SimNode(rclpy.node.Node):
         return "running"
 
     def _describe(self) -> str:
-        config = self._simulator.config
+        config, disturbed = self._simulator.config, self._settings.disturbances
         return (
             f"{config.vehicle} on course {self._course.name!r} ({self._course.length:.0f} m) at "
             f"{self._request.speed_range[0]:g} m/s, {config.engine} at {config.time_step * 1e3:g} ms, "
             f"a command every {config.control_period * 1e3:g} ms, {self._settings.mode}"
+            + (f", disturbed by {disturbed.name}" if disturbed is not None else "")
         )
 
 

@@ -14,6 +14,7 @@ from bike_sim.course.course import Course
 from bike_sim.sim.bicycle_batch import COMPILED_ENGINE as COMPILED_ENGINE
 from bike_sim.sim.bicycle_batch import CompiledBatch
 from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.disturbances import Disturbances
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.sim.simulator_batch import SimulatorBatch
 from bike_sim.vehicles.bicycle import Vehicle
@@ -125,12 +126,22 @@ class CircuitBatch(Batch, Protocol):
         ...
 
 
-def make_batch(count: int, config: SimulatorConfig, preview: Preview) -> Batch:
-    """Return a batch of vehicles, compiled where the engine is.
+def make_batch(
+    count: int, config: SimulatorConfig, preview: Preview, disturbances: Disturbances | None = None
+) -> Batch:
+    """Return a batch of vehicles, compiled where the engine is and nothing disturbs its vehicles.
+
+    Args:
+        count: number of vehicles.
+        config: vehicle, engine and steps.
+        preview: points of the path ahead.
+        disturbances: of what is ridden, drawn for each row as its `Simulator` draws them.
 
     Raises:
         ValueError: an invalid parameter. FileNotFoundError: an unknown vehicle.
     """
+    if disturbances is not None and disturbances.acts_on_bicycle:
+        return SimulatorBatch(count, config, preview, disturbances)
     if config.engine == COMPILED_ENGINE:
         return CompiledBatch(count, config, preview)
     return make_circuit_batch(count, config, preview)

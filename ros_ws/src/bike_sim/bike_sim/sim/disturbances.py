@@ -7,10 +7,11 @@ the same ride is disturbed in the same way wherever it is ridden. Forces, drive 
 
 from __future__ import annotations
 
+import json
 import math
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any, Final
@@ -176,6 +177,11 @@ class Disturbances:
                 raise ValueError(f"disturbances: vehicle {vehicle.name!r} has no parameter {name!r} that may be wrong")
         return replace(vehicle, **{name: getattr(vehicle, name) * factor for name, factor in self.vehicle.items()})
 
+    def to_text(self) -> str:
+        """Return a document of it for recordings; it is read again as exactly the same."""
+        values = {name: value for name, value in asdict(self).items() if value != math.inf}
+        return json.dumps({"format": FORMAT, **values})
+
     def generator(self, state: NDArray[np.float64], branch: int) -> np.random.Generator:
         """Return the draws of a ride.
 
@@ -214,13 +220,26 @@ def shipped_disturbances() -> tuple[str, ...]:
 
 
 def _read(path: Path) -> Disturbances:
-    document = parse_yaml(read_text(path, MAX_YAML_SIZE))
+    return read_disturbances(read_text(path, MAX_YAML_SIZE), path.stem)
+
+
+def read_disturbances(text: str, name: str) -> Disturbances:
+    """Read the text of a YAML file, or what :meth:`Disturbances.to_text` wrote.
+
+    Args:
+        text: of the file.
+        name: where the text gives none.
+
+    Raises:
+        ValueError: it is not YAML, has a key too many, or a value that means nothing.
+    """
+    document = parse_yaml(text)
     if not isinstance(document, dict) or document.get("format") != FORMAT:
-        raise DocumentError(f"{show(str(path))} holds no disturbances: its format must be {FORMAT}")
+        raise DocumentError(f"{show(name)} holds no disturbances: its format must be {FORMAT}")
     values = {key: value for key, value in document.items() if key not in ("format", "description")}
     if "description" in document:
         check_text(document["description"], "description of the disturbances")
-    values.setdefault("name", path.stem)
+    values.setdefault("name", name)
     for key, kind in (("wind", Wind), ("impulses", Impulses)):
         if key in values:
             values[key] = kind(**_numbers(values[key], f"disturbances: {key}", [spec.name for spec in fields(kind)]))

@@ -11,6 +11,7 @@ from bike_sim.course.course import Course
 from bike_sim.physics.state import STATE_SIZE
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.disturbances import Disturbances
 from bike_sim.sim.events import Event
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.sim.simulator import Simulator
@@ -30,10 +31,12 @@ class SimulatorBatch:
         points: course points, shape (n, 3, lk.STATIONS, 3); NaN where there is no circuit.
     """
 
-    def __init__(self, count: int, config: SimulatorConfig, preview: Preview) -> None:
-        """Start the simulators; see `bicycle_batch.CompiledBatch`."""
+    def __init__(
+        self, count: int, config: SimulatorConfig, preview: Preview, disturbances: Disturbances | None = None
+    ) -> None:
+        """Start the simulators; see `bicycle_batch.CompiledBatch`. Disturbances are as in `Simulator`."""
         self.count = count
-        self.simulators = [Simulator(config) for _ in range(count)]
+        self.simulators = [Simulator(config, disturbances) for _ in range(count)]
         plant = self.simulators[0].plant
         self.preview = plant.preview or preview
         # One store of courses for all rows, so that a circuit's line is computed and kept once.
