@@ -7,9 +7,10 @@ import math
 import shutil
 import socket
 import threading
+import time
 import urllib.error
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -152,6 +153,27 @@ def test_only_the_pages_own_origin_may_talk(served: Any) -> None:
             page.recv(timeout=5)
 
 
+def test_a_slow_page_misses_states_and_no_lap(served: Any) -> None:
+    server, _ = served
+    address = server.address.replace("http", "ws") + "ws"
+    with connect(address, origin=f"http://127.0.0.1:{server.port}", max_queue=1) as page:
+        assert json.loads(page.recv()) == {"status": {}}
+        server.publish({"lap": 12.5})
+        long = "x" * 100_000  # so that the sockets' buffers do not take them all
+        for number in range(400):
+            server.publish({"state": [number, long]})
+        server.publish({"lap": 13.5})
+        laps, states = [], []
+        while len(laps) < 2:
+            message = json.loads(page.recv(timeout=20))
+            (laps if "lap" in message else states).append(message)
+        assert [message["lap"] for message in laps] == [12.5, 13.5]
+        numbers = [message["state"][0] for message in states]
+        assert numbers == sorted(numbers)
+        assert numbers[-1] == 399
+        assert len(numbers) < 400
+
+
 # ---- a ride ---------------------------------------------------------------------------------------------------------
 
 
@@ -185,10 +207,31 @@ RIDE_BY_KEYS = """
       if (side) press("keydown", side);
       held = side;
     }
-    if (!live.laps.length) requestAnimationFrame(look); else if (held) press("keyup", held);
+    if (!live.laps.length) return requestAnimationFrame(look);
+    if (held) press("keyup", held);
+    live.ridden = true;
   };
   look();"""
 """Rides around a circle of 8 m as a person would: presses an arrow until the lean leads back to the line."""
+
+
+LONGEST_RIDE = 90.0
+"""Simulated time in which a test's laps must be ridden, s; a lap takes 13."""
+SILENCE = 30.0
+"""Wall-clock time without a new state after which a ride has stopped, s."""
+
+
+def ridden_until(done: Callable[[], Any], told: list[dict[str, Any]]) -> None:
+    """Wait for something in the ride's own time: a busy machine rides slower, and a page that stutters is slowed."""
+    states = lambda: [message["state"] for message in told if "state" in message]  # noqa: E731
+    begun, last, heard_at = states()[-1][0], None, time.monotonic()
+    while not done():
+        now = states()[-1][0]
+        if now != last:
+            last, heard_at = now, time.monotonic()
+        assert now - begun < LONGEST_RIDE, f"not within {LONGEST_RIDE} s of the ride"
+        assert time.monotonic() - heard_at < SILENCE, f"the ride stopped: {[m for m in told if 'event' in m][-3:]}"
+        time.sleep(0.2)
 
 
 @pytest.mark.ros
@@ -215,6 +258,8 @@ def test_a_lap_is_ridden_by_keys_and_lies_beside_another(browser: webdriver.Chro
         browser.get(servers[0].address)
         ride.ask({"type": "reset"})
         wait = WebDriverWait(browser, 20)
+        kinds = lambda: [next(iter(message)) for message in told]  # noqa: E731
+        wait.until(lambda _: kinds().count("reset") == 2 and "state" in kinds()[-kinds()[::-1].index("reset") :])
         wait.until(lambda b: "Go on" in b.find_element(By.CSS_SELECTOR, '[data-live="pause"]').text)
         before = len([message for message in told if "state" in message])
         browser.find_element(By.CSS_SELECTOR, '[data-live="step"]').click()
@@ -224,13 +269,18 @@ def test_a_lap_is_ridden_by_keys_and_lies_beside_another(browser: webdriver.Chro
         wait.until(lambda b: b.execute_script("return +document.querySelector('.view').dataset.states") > 3)
         ActionChains(browser).key_down(Keys.ARROW_LEFT).pause(0.05).key_up(Keys.ARROW_LEFT).perform()
         wait.until(lambda _: ride.status()["status"]["hands"])
+        page = "return document.querySelector('.view').view.live."
+        rate = wait.until(lambda b: b.execute_script(page + "rate"))
+        ride.ask(
+            {"type": "pace", "factor": min(1.0, rate * SimulatorConfig().control_period)}
+        )  # who sees less rides slower
         browser.execute_script(RIDE_BY_KEYS)
-        WebDriverWait(browser, 60).until(lambda _: laps(), "no lap by keys")
+        ridden_until(lambda: laps() and browser.execute_script(page + "ridden"), told)
         assert ride.status()["status"]["hands"]
         ride.ask({"type": "rider", "hands": False, "balance": True})
         ride.ask({"type": "pace", "factor": 10.0})
-        wait.until(lambda _: len(laps()) >= 3)
-        rate = browser.execute_script("return document.querySelector('.view').view.live.rate")
+        ridden_until(lambda: len(laps()) >= 3, told)
+        rate = browser.execute_script(page + "rate")
         print(f"{rate:.0f} frames a second")
         errors = [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
         assert errors == []

@@ -12,6 +12,7 @@ import http
 import json
 import secrets
 import threading
+from collections import deque
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -26,9 +27,32 @@ HOST: Final = "127.0.0.1"
 LONGEST_REQUEST: Final = 1000
 """Largest message of a page, bytes."""
 QUEUED: Final = 120
-"""Messages that wait for a slow page; then the oldest are dropped."""
+"""Messages that wait for a slow page; then the oldest states are dropped, and events, laps and status are kept."""
 MOST_PAGES: Final = 8
 """Pages that are open at the same time."""
+
+
+class _Mailbox:
+    """Messages on their way to one page, in the server's thread."""
+
+    def __init__(self) -> None:
+        self._messages: deque[tuple[bool, str]] = deque()
+        self._filled = asyncio.Event()
+
+    def put(self, text: str, passing: bool) -> None:
+        """Add a message; in a full box the oldest of those goes that the next one of their kind replaces."""
+        if len(self._messages) >= QUEUED:
+            oldest = next((place for place, (passes, _) in enumerate(self._messages) if passes), 0)
+            del self._messages[oldest]
+        self._messages.append((passing, text))
+        self._filled.set()
+
+    async def get(self) -> str:
+        """Take the oldest message, as soon as there is one."""
+        while not self._messages:
+            self._filled.clear()
+            await self._filled.wait()
+        return self._messages.popleft()[1]
 
 
 class LiveServer:
@@ -60,7 +84,7 @@ class LiveServer:
         self._requests = requests
         self._wanted_port = port
         self._token = secrets.token_urlsafe(16)
-        self._pages: set[asyncio.Queue[str]] = set()
+        self._pages: set[_Mailbox] = set()
         self._loop = asyncio.new_event_loop()
         self._listening = threading.Event()
         self._failure: OSError | None = None
@@ -92,7 +116,18 @@ class LiveServer:
     def publish(self, message: dict[str, Any]) -> None:
         """Send a message to all pages, from any thread."""
         if self._thread.is_alive() and not self._loop.is_closed():
-            self._loop.call_soon_threadsafe(self._put, json.dumps(message, separators=(",", ":")))
+            text = json.dumps(message, separators=(",", ":"))
+            self._loop.call_soon_threadsafe(self._put, text, "state" in message)
+
+    def renew(self, page: Callable[[str], str]) -> None:
+        """Serve another page from now on, from any thread; pages that are open stay until they load it."""
+        if self._thread.is_alive() and not self._loop.is_closed():
+            text = page(self._origin).encode()
+            self._loop.call_soon_threadsafe(setattr, self, "_page", text)
+
+    @property
+    def _origin(self) -> str:
+        return f"ws://{HOST}:{self.port}"
 
     # --------------------------------------------------------------------------------- in the server's thread
 
@@ -113,7 +148,7 @@ class LiveServer:
             return
         async with server:
             self.port = next(iter(server.sockets)).getsockname()[1]
-            self._page = self._make_page(f"ws://{HOST}:{self.port}").encode()
+            self._page = self._make_page(self._origin).encode()
             self._listening.set()
             await self._stopped.wait()
 
@@ -142,8 +177,8 @@ class LiveServer:
         return Response(200, "OK", headers, self._page)
 
     async def _talk(self, connection: ServerConnection) -> None:
-        messages: asyncio.Queue[str] = asyncio.Queue(QUEUED)
-        messages.put_nowait(json.dumps(self._greeting()))
+        messages = _Mailbox()
+        messages.put(json.dumps(self._greeting()), passing=False)
         self._pages.add(messages)
         sending = asyncio.create_task(self._send(connection, messages))
         try:
@@ -163,15 +198,13 @@ class LiveServer:
         if request is not None:
             self._requests(request)
 
-    async def _send(self, connection: ServerConnection, messages: asyncio.Queue[str]) -> None:
+    async def _send(self, connection: ServerConnection, messages: _Mailbox) -> None:
         while True:
             try:
                 await connection.send(await messages.get())
             except ConnectionClosed:
                 return
 
-    def _put(self, text: str) -> None:
+    def _put(self, text: str, passing: bool) -> None:
         for messages in self._pages:
-            if messages.full():
-                messages.get_nowait()
-            messages.put_nowait(text)
+            messages.put(text, passing)
