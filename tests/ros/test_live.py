@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import math
 import shutil
@@ -33,11 +34,16 @@ from bike_policy.riders.rider import make_rider
 from bike_sim.course.course import Course
 from bike_sim.course.elements import Arc
 from bike_sim.physics.steady_turn import steady_turns
+from bike_sim.ros.isolation import DomainLease
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
+from bike_training.commands import live
+from bike_training.envs.node_process import NodeLost, NodeProcess
+from bike_training.nodes import live_watch
 from bike_training.nodes.live_ride import PACES, STATE_NAMES, LiveRide, LiveSettings, checked_request
 from bike_training.nodes.live_server import LONGEST_REQUEST, LiveServer
+from bike_training.nodes.live_watch import LiveWatch
 
 CIRCLE = """\
 format: bike.course/1
@@ -153,6 +159,13 @@ def test_only_the_pages_own_origin_may_talk(served: Any) -> None:
             page.recv(timeout=5)
 
 
+def test_another_course_is_another_page(served: Any) -> None:
+    server, _ = served
+    server.renew(lambda origin: f"a page for {origin}")
+    with urllib.request.urlopen(server.address, timeout=5) as answer:
+        assert answer.read() == f"a page for ws://127.0.0.1:{server.port}".encode()
+
+
 def test_a_slow_page_misses_states_and_no_lap(served: Any) -> None:
     server, _ = served
     address = server.address.replace("http", "ws") + "ws"
@@ -266,7 +279,7 @@ def test_a_lap_is_ridden_by_keys_and_lies_beside_another(browser: webdriver.Chro
         wait.until(lambda _: len([message for message in told if "state" in message]) == before + 1)
         ActionChains(browser).send_keys(" ").perform()
         wait.until(lambda b: b.find_element(By.CSS_SELECTOR, '[data-live="pause"]').text == "Pause")
-        wait.until(lambda b: b.execute_script("return +document.querySelector('.view').dataset.states") > 3)
+        wait.until(lambda b: b.execute_script("return +(document.querySelector('.view').dataset.states ?? 0)") > 3)
         ActionChains(browser).key_down(Keys.ARROW_LEFT).pause(0.05).key_up(Keys.ARROW_LEFT).perform()
         wait.until(lambda _: ride.status()["status"]["hands"])
         page = "return document.querySelector('.view').view.live."
@@ -299,3 +312,106 @@ def test_a_lap_is_ridden_by_keys_and_lies_beside_another(browser: webdriver.Chro
     errors_m = last.table()["lateral_error_m"].abs()
     assert errors_m.max() < 3.0
     assert threading.active_count() < 20
+
+
+# ---- a ride of others -----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def ridden_by_others() -> Iterator[int]:
+    """ROS domain in which a simulator is ridden by the policy node in lockstep, as fast as they can."""
+    with DomainLease() as lease:
+        simulator = {"course": "circle", "speed": 4.0}
+        with (
+            NodeProcess("bike_sim.ros.sim_node", simulator, lease.domain_id),
+            NodeProcess("bike_policy.drive", {"policy": "lqr"}, lease.domain_id),
+        ):
+            yield lease.domain_id
+
+
+@pytest.mark.ros
+def test_a_simulator_that_runs_is_watched_paused_and_restarted(
+    ridden_by_others: int, browser: webdriver.Chrome
+) -> None:
+    told: list[dict[str, Any]] = []
+    servers: list[LiveServer] = []
+
+    def tell(message: dict[str, Any]) -> None:
+        told.append(message)
+        for server in servers:
+            server.publish(message)
+
+    def page(origin: str) -> str:
+        assert watch.course is not None
+        return render_live_page(live_view(watch.course, watch.machine, False), None, STATE_NAMES, False, origin)
+
+    times = lambda: [message["state"][0] for message in told if "state" in message]  # noqa: E731
+    watch = LiveWatch(ridden_by_others, "bike", tell)
+    try:
+        watch.start()
+        assert watch.course is not None
+        assert (watch.machine, watch.course.name, watch.powered) == ("whipple", "circle", False)
+        servers.append(LiveServer(page, watch.ask, watch.status))
+        servers[0].start()
+        browser.get(servers[0].address)
+        wait = WebDriverWait(browser, 30)
+        wait.until(lambda b: b.execute_script("return +(document.querySelector('.view').dataset.states ?? 0)") > 10)
+        assert times() == sorted(times())
+        assert not browser.find_elements(By.CSS_SELECTOR, ".pad, .live-bar input, .live-bar select, [data-live=step]")
+        ActionChains(browser).send_keys(Keys.ARROW_LEFT).send_keys(" ").perform()
+        wait.until(lambda b: b.find_element(By.CSS_SELECTOR, '[data-live="pause"]').text == "Go on")
+        stands_at = still(times)
+        watch.ask({"type": "input", "steering": 1.0, "throttle": 0.0})  # a watcher has no commands
+        browser.find_element(By.CSS_SELECTOR, '[data-live="pause"]').click()
+        wait.until(lambda _: times()[-1] > stands_at)
+        assert len([message for message in told if "reset" in message]) == 1
+        ActionChains(browser).send_keys("r").perform()
+        wait.until(lambda _: len([message for message in told if "reset" in message]) == 2)
+        again = max(place for place, message in enumerate(told) if "reset" in message)
+        wait.until(lambda _: any("state" in message for message in told[again:]))
+        assert next(message["state"][0] for message in told[again:] if "state" in message) < stands_at
+        assert browser.get_log("browser") == []
+    finally:
+        watch.end()
+        for server in servers:
+            server.close()
+    watch.check()
+
+
+def still(times: Callable[[], list[float]]) -> float:
+    """The last time of a ride that stands, s; fails if it goes on."""
+    for _ in range(50):
+        before = times()[-1]
+        time.sleep(0.5)
+        if times()[-1] == before:
+            return before
+    raise AssertionError("a paused ride goes on")
+
+
+@pytest.mark.ros
+def test_where_no_simulator_runs_it_is_told_in_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(live_watch, "START_TIMEOUT", 1.0)
+    with DomainLease() as lease:
+        watch = LiveWatch(lease.domain_id, "other", lambda _: None)
+        with pytest.raises(NodeLost, match=f"no simulator at /other in ROS domain {lease.domain_id} within 1 s"):
+            watch.start()
+        watch.end()
+
+
+@pytest.mark.parametrize(
+    ("given", "complaint"),
+    [
+        (["--attach", "--course", "circle"], "--course is for a ride"),
+        (["--domain", "7"], "belong to --attach"),
+        (["--attach", "--domain", "233"], "--domain must be 0 to 232"),
+    ],
+)
+def test_options_of_the_other_kind_are_refused(given: list[str], complaint: str) -> None:
+    with pytest.raises(ValueError, match=complaint):
+        live.run(parsed(given))
+
+
+def parsed(given: list[str]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser()
+    live.configure(parser)
+    return parser.parse_args(given)

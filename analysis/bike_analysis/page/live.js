@@ -16,7 +16,7 @@ class Live {
     this.clear();
     this.listen();
     this.connect();
-    setInterval(() => this.sendWish(), WISH_MS);
+    if (!spec.watched) setInterval(() => this.sendWish(), WISH_MS);
   }
   clear() { this.rows = Object.fromEntries(this.spec.names.map(name => [name, []])); }
 
@@ -31,7 +31,8 @@ class Live {
   }
   send(message) { if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message)); }
 
-  take({ state, sent, reset, event, lap, status, ended }) {
+  take({ state, sent, reset, event, lap, status, ended, course }) {
+    if (course) location.reload();  // the server has the page of the new one
     if (reset) this.clear();
     if (state) this.add(state, sent);
     if (lap) this.laps.push(lap);
@@ -89,26 +90,28 @@ class Live {
   show(status) {
     this.status = status;
     this.bar.querySelector('[data-live="pause"]').textContent = status.paused ? "Go on" : "Pause";
+    if (this.spec.watched) return;
     this.bar.querySelector(`input[value="${status.hands ? "hands" : "computer"}"]`).checked = true;
     const balance = this.bar.querySelector(".balance input");
     if (balance) balance.checked = status.balance;
     this.bar.querySelector("select").value = String(status.pace);
     this.view.root.dataset.hands = status.hands ? "yes" : "no";
   }
-  get hands() { return this.bar.querySelector('input[value="hands"]').checked; }
+  get hands() { return !this.spec.watched && this.bar.querySelector('input[value="hands"]').checked; }
 
   listen() {
     const on = (kind, action) => { this.bar.querySelector(`[data-live="${kind}"]`).onclick = action; };
     on("pause", () => this.send({ type: "pause", on: !this.status?.paused }));
-    on("step", () => this.send({ type: "step" }));
     on("reset", () => this.send({ type: "reset" }));
+    addEventListener("keydown", event => this.key(event, true), true);
+    addEventListener("keyup", event => this.key(event, false), true);
+    addEventListener("blur", () => this.keys.clear());
+    if (this.spec.watched) return;
+    on("step", () => this.send({ type: "step" }));
     this.bar.querySelector("select").onchange = event => this.send({ type: "pace", factor: Number(event.target.value) });
     const rider = () => this.send({ type: "rider", hands: this.hands, balance: this.bar.querySelector(".balance input")?.checked ?? true });
     for (const input of this.bar.querySelectorAll("input")) input.onchange = () => { rider(); input.blur(); };
     this.rider = rider;
-    addEventListener("keydown", event => this.key(event, true), true);
-    addEventListener("keyup", event => this.key(event, false), true);
-    addEventListener("blur", () => this.keys.clear());
     for (const pad of document.querySelectorAll(".pad")) this.listenToPad(pad);
   }
   // Before the keys of the page: here arrows ride, and do not move a cursor.
@@ -116,9 +119,10 @@ class Live {
     if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest?.("select, input, summary")) return;
     const action = { " ": "pause", ".": "step", r: "reset" }[event.key];
     if (event.key.startsWith("Arrow")) {
+      if (this.spec.watched) return;
       this.keys[down ? "add" : "delete"](event.key);
       if (down) this.takeOver();
-    } else if (action) { if (down && !event.repeat) this.bar.querySelector(`[data-live="${action}"]`).click(); }
+    } else if (action) { if (down && !event.repeat) this.bar.querySelector(`[data-live="${action}"]`)?.click(); }
     else return;
     event.preventDefault();
     event.stopPropagation();

@@ -26,13 +26,9 @@ _COMMAND: Final = Panel(
     caption="In [−1, 1], positive to the left.",
     ends=(-1.0, 1.0),
 )
-_KEYS: Final = (
-    ("← →", "lean"),
-    ("↑ ↓", "throttle, brake"),
-    ("space", "pause, go on"),
-    (".", "one step while paused"),
-    ("r", "from the start again"),
-    ("t", "light or dark"),
+_STEER_KEYS: Final = (("← →", "lean"), ("↑ ↓", "throttle, brake"), (".", "one step while paused"))
+_KEYS: Final = (("space", "pause, go on"), ("r", "from the start again"), ("t", "light or dark"))
+_OTHER_HANDS: Final = (
     ("gamepad", "left stick leans, right trigger is the throttle, left trigger the brake"),
     ("touch", "drag in the two fields below the view: lean, and throttle or brake"),
 )
@@ -83,41 +79,57 @@ def _closed(course: Course, x: Floats, y: Floats) -> tuple[Floats, Floats]:
     return (np.append(x, x[0]), np.append(y, y[0])) if course.closed else (x, y)
 
 
-def render_live_page(view: View, rider: str, names: Sequence[str], powered: bool, host: str) -> str:
+def render_live_page(
+    view: View, rider: str | None, names: Sequence[str], powered: bool, host: str, words: str = ""
+) -> str:
     """Return the page.
 
     Args:
         view: By `live_view`.
-        rider: Name of the computer's rider.
+        rider: Name of the computer's rider; None where somebody else's ride is watched: the page cannot steer it then,
+            and has no controls but pause and restart.
         names: Columns of the states that come through the WebSocket, in order.
         powered: Whether the vehicle has throttle and brake.
         host: Origin of the WebSocket, for the content security policy.
+        words: Said below the title instead of the rider.
     """
     title = view.title
     scales = {"roll": 180.0 / np.pi, "steer": 180.0 / np.pi, "throttle": 100.0, "brake": 100.0}
     if powered:
         scales["speed"] = 3.6
-    spec = {"names": list(names), "scales": scales, "powered": powered}
-    parts = [_controls(rider, powered), view_html(view), _pads(powered)]
-    below = f'<p class="soft">{html_text(f"rider of the computer: {rider}")} · recorded as it is ridden</p>'
-    return page_shell(title, below, parts, [view], connect=host, live=spec, keys=_KEYS)
+    steers = rider is not None
+    spec = {"names": list(names), "scales": scales, "powered": powered, "watched": not steers}
+    parts = [_controls(rider, powered), view_html(view), *([_pads(powered)] if steers else [])]
+    words = words or f"rider of the computer: {rider} · recorded as it is ridden"
+    keys = (*_STEER_KEYS, *_KEYS, *_OTHER_HANDS) if steers else _KEYS
+    return page_shell(
+        title, f'<p class="soft">{html_text(words)}</p>', parts, [view], connect=host, live=spec, keys=keys
+    )
 
 
-def _controls(rider: str, powered: bool) -> str:
+def _controls(rider: str | None, powered: bool) -> str:
+    pause = '<button type="button" data-live="pause">Pause</button>'
+    reset = '<button type="button" data-live="reset">Restart</button>'
+    hands = _hands(rider, powered) if rider is not None else ""
+    step = '<button type="button" data-live="step">Step</button>' if rider is not None else ""
+    return (
+        f'<div class="live-bar" role="group" aria-label="The ride">{pause}{step}{reset}{hands}'
+        '<p class="now live-state" role="status"></p></div>'
+    )
+
+
+def _hands(rider: str, powered: bool) -> str:
+    """Return pace and who rides."""
     paces = "".join(
         f'<option value="{pace}"{" selected" if pace == "1" else ""}>{pace} ×</option>'
         for pace in ("0.1", "0.25", "0.5", "1", "2", "4")
     )
     balance = "" if powered else '<label class="balance"><input type="checkbox" checked> the computer balances</label>'
     return (
-        '<div class="live-bar" role="group" aria-label="The ride">'
-        '<button type="button" data-live="pause">Pause</button><button type="button" data-live="step">Step</button>'
-        '<button type="button" data-live="reset">Restart</button>'
         f'<select aria-label="Pace of the ride">{paces}</select>'
         '<fieldset class="switch"><legend>who rides</legend>'
         f'<label><input type="radio" name="who" value="computer" checked>{escape(rider)}</label>'
         f'<label><input type="radio" name="who" value="hands">you</label></fieldset>{balance}'
-        '<p class="now live-state" role="status"></p></div>'
     )
 
 

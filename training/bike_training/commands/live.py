@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import time
 from contextlib import ExitStack
 from functools import partial
@@ -22,21 +23,32 @@ from bike_sim.sim.superbike_plant import superbike_config
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.arguments import check_positive, check_whole, make_folder
+from bike_training.commands.ride import LARGEST_DOMAIN
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from bike_training.nodes.live_ride import LiveRide
+    from bike_training.nodes.live_server import LiveServer
+    from bike_training.nodes.live_watch import LiveWatch
 
 START_SHARE: Final = 0.5
 """Speed of a superbike's start by that of the theoretical lap there."""
 LARGEST_PORT: Final = 65535
 FOXGLOVE_PORT: Final = 8765
 """Which Foxglove's app offers when a connection is opened."""
+NAMESPACE: Final = "bike"
+"""Of a simulator's topics, as in `bike_sim.ros.node_tools`, which only live rides load."""
+
+OF_RIDES: Final = ("vehicle", "course", "rider", "speed", "against", "out")
+"""Options that only a ride of its own has."""
 
 _EXAMPLES: Final = """examples:
   bike live                                               the bicycle on the benchmark path; open the address it prints
   bike live --vehicle panigale_v4r --course barcelona     a superbike; arrows, touch or a gamepad ride it
   bike live --course circle --against out/ride/ride.mcap  beside another recording in the report at the end
   bike live --foxglove                                    its topics for Foxglove's app as well, at ws://127.0.0.1:8765
+  bike live --attach --domain 7                           watch the simulator that runs in that ROS domain
 
 The page is served at 127.0.0.1 only, and its address has a token. Ctrl-C ends the ride and writes the report."""
 
@@ -58,18 +70,22 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="PORT",
         help="serve the ride's topics to Foxglove's app as well (default port: %(const)s; 0: a free one)",
     )
+    parser.add_argument("--attach", action="store_true", help="watch a simulator that already runs, ridden by others")
+    parser.add_argument("--domain", type=int, help="its ROS domain (default: ROS_DOMAIN_ID, or 0)")
+    parser.add_argument("--namespace", help="of its topics (default: bike)")
     parser.add_argument("--seconds", type=float, help="end after this wall-clock time (default: at Ctrl-C)")
     parser.add_argument("--against", type=Path, nargs="*", default=[], help="recordings to compare with at the end")
     parser.add_argument("--out", type=Path, default=Path("out/live"), help="folder of recording and report")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Serve the ride until it is ended, then write its report.
+    """Serve the ride until it is ended, then write its report; of a ride that is only watched there is none.
 
     Raises:
         ValueError: a broken file or value. FileNotFoundError: an unknown vehicle or course. OSError: the port is taken.
-        NodeLost: the simulator or the recorder ended.
+        NodeLost: the simulator or the recorder ended, or no simulator was found to watch.
     """
+    _check_kind(args)
     check_positive("--speed", args.speed, "m/s")
     check_whole("--port", args.port, 0, LARGEST_PORT)
     if args.foxglove is not None:
@@ -78,6 +94,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         check_whole("--foxglove", args.foxglove, 0, LARGEST_PORT)
     if args.seconds is not None:
         check_positive("--seconds", args.seconds, "s")
+    if args.attach:
+        return {"schema": "bike.live/1", "ok": True, "figures": _watch(args)}
     make_folder("--out", args.out)
     recording = args.out / "live.mcap"
     with claim_folder(args.out):
@@ -88,6 +106,24 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         print(f"recording: {recording}")
         print(f"report: {figures['analysis']['page']}")
     return {"schema": "bike.live/1", "ok": True, "figures": figures}
+
+
+def _check_kind(args: argparse.Namespace) -> None:
+    """Check that what is given belongs to a ride of its own, or to one that is watched.
+
+    Raises:
+        ValueError: an option of the other kind.
+    """
+    if args.domain is not None:
+        check_whole("--domain", args.domain, 0, LARGEST_DOMAIN)
+    if args.attach:
+        plain = argparse.ArgumentParser()
+        configure(plain)
+        given = [name for name in OF_RIDES if getattr(args, name) != plain.get_default(name)]
+        if given:
+            raise ValueError(f"--{given[0]} is for a ride that `bike live` starts; --attach watches one that runs")
+    elif args.domain is not None or args.namespace is not None:
+        raise ValueError("--domain and --namespace belong to --attach; a ride that `bike live` starts is on its own")
 
 
 def _live(args: argparse.Namespace, recording: Path) -> dict[str, Any]:
@@ -107,48 +143,96 @@ def _live(args: argparse.Namespace, recording: Path) -> dict[str, Any]:
         begin = {"speed_share": START_SHARE}
     request = ResetRequest(course=course, preview=rider.preview or Preview(), **begin)
 
-    server: LiveServer | None = None
-    states = 0
-    opened = ExitStack()
-    begun = time.monotonic()
+    tally = _Tally()
+    ride = LiveRide(LiveSettings(config, request, rider, recording), tally.tell)
 
-    def tell(message: dict[str, Any]) -> None:
-        nonlocal states
-        states += "state" in message
-        if server is not None:
-            server.publish(message)
-
-    ride = LiveRide(LiveSettings(config, request, rider, recording), tell)
-    try:
-        ride.start()
+    def serve() -> LiveServer:
         assert ride.course is not None
         view = live_view(ride.course, machine.name, powered)
         page = partial(render_live_page, view, rider.name, STATE_NAMES, powered)
-        server = LiveServer(page, ride.ask, ride.status, args.port)
-        server.start()
-        print(f"open {server.address}", flush=True)
-        if args.foxglove is not None:
-            print(f"Foxglove: open connection {_bridge(opened, ride, args.foxglove)}", flush=True)
-        begun = time.monotonic()
-        while args.seconds is None or time.monotonic() - begun < args.seconds:
-            time.sleep(0.1)
-            ride.check()
+        return LiveServer(page, ride.ask, ride.status, args.port)
+
+    wall = _serve(args, ride, tally, serve)
+    return {"states": tally.states, "wall_s": round(wall, 1), "rider": rider.name, "course": course}
+
+
+def _watch(args: argparse.Namespace) -> dict[str, Any]:
+    """Serve a page of a simulator that others ride; return what was counted."""
+    from bike_sim.ros.isolation import DOMAIN_VARIABLE
+    from bike_training.nodes.live_ride import STATE_NAMES
+    from bike_training.nodes.live_server import LiveServer
+    from bike_training.nodes.live_watch import LiveWatch
+
+    domain = args.domain if args.domain is not None else int(os.environ.get(DOMAIN_VARIABLE) or 0)
+    tally = _Tally()
+    watch = LiveWatch(domain, args.namespace or NAMESPACE, tally.tell)
+
+    def page(origin: str) -> str:
+        assert watch.course is not None
+        view = live_view(watch.course, watch.machine, watch.powered)
+        words = f"watched at {watch.namespace} in ROS domain {domain} · who started it rides and records"
+        return render_live_page(view, None, STATE_NAMES, watch.powered, origin, words)
+
+    tally.page = page
+    wall = _serve(args, watch, tally, lambda: LiveServer(page, watch.ask, watch.status, args.port))
+    assert watch.course is not None
+    return {"states": tally.states, "wall_s": round(wall, 1), "vehicle": watch.machine, "course": watch.course.name}
+
+
+class _Tally:
+    """Hands the messages of a ride to its page, once there is one, and counts the states."""
+
+    def __init__(self) -> None:
+        self.states = 0
+        self.server: LiveServer | None = None
+        self.page: Callable[[str], str] | None = None
+
+    def tell(self, message: dict[str, Any]) -> None:
+        """Take a message, in the ride's thread."""
+        self.states += "state" in message
+        if self.server is None:
+            return
+        if "course" in message and self.page is not None:
+            self.server.renew(self.page)
+        self.server.publish(message)
+
+    def close(self) -> None:
+        """Close the page."""
+        if self.server is not None:
+            self.server.close()
+
+
+def _serve(
+    args: argparse.Namespace, ride: LiveRide | LiveWatch, tally: _Tally, make_server: Callable[[], LiveServer]
+) -> float:
+    """Start a ride or a watch and serve it until the time is up or Ctrl-C; return the wall-clock time, s."""
+    begun = time.monotonic()
+    with ExitStack() as opened:
+        try:
+            opened.callback(tally.close)  # after the ride, whose end is still told
+            opened.callback(ride.end)
+            ride.start()
+            server = make_server()
+            server.start()
+            tally.server = server
+            print(f"open {server.address}", flush=True)
+            if args.foxglove is not None:
+                print(f"Foxglove: open connection {_bridge(opened, ride, args)}", flush=True)
+            begun = time.monotonic()
+            while args.seconds is None or time.monotonic() - begun < args.seconds:
+                time.sleep(0.1)
+                ride.check()
+        except KeyboardInterrupt:
+            pass
         wall = time.monotonic() - begun
-    except KeyboardInterrupt:
-        wall = time.monotonic() - begun
-    finally:
-        opened.close()
-        ride.end()
-        if server is not None:
-            server.close()
     ride.check()
-    return {"states": states, "wall_s": round(wall, 1), "rider": rider.name, "course": course}
+    return wall
 
 
-def _bridge(opened: ExitStack, ride: LiveRide, port: int) -> str:
+def _bridge(opened: ExitStack, ride: LiveRide | LiveWatch, args: argparse.Namespace) -> str:
     """Serve a ride's topics until `opened` is closed; return the address."""
     from bike_training.nodes.foxglove_bridge import FoxgloveBridge  # only who asks for it needs the package
 
-    bridge = FoxgloveBridge(ride.domain_id, port)
+    bridge = FoxgloveBridge(ride.domain_id, args.foxglove, args.namespace or NAMESPACE)
     opened.callback(bridge.close)
     return bridge.address

@@ -22,6 +22,7 @@ from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.events import EventKind
 from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.snapshot import Snapshot
 from bike_training.envs.node_process import NodeProcess
 from bike_training.envs.ros_client import RosClient
 from bike_training.nodes.ride_monitor import START_TIMEOUT, RideMonitor
@@ -220,26 +221,31 @@ class LiveRide:
 
     def _show(self) -> None:
         snapshot = self._snapshot
-        state, look = snapshot.state, snapshot.look
-        values = (
-            snapshot.time,
-            look[lk.PROGRESS],
-            *(state[place] for place in (st.X, st.Y, st.YAW, st.ROLL, st.STEER)),
-            snapshot.speed,
-            look[lk.LATERAL_ERROR],
-            snapshot.steering,
-            max(snapshot.throttle, 0.0),
-            max(-snapshot.throttle, 0.0),
-        )
         now = time.monotonic()
         if now - self._told_at >= FRAME or snapshot.events or not snapshot.step:
             self._told_at = now
-            self._tell({"state": [round(float(value), 5) for value in values], "sent": round(1e3 * time.time(), 2)})
+            self._tell({"state": state_values(snapshot), "sent": round(1e3 * time.time(), 2)})
         for event in snapshot.events:
             message: dict[str, Any] = {"event": event.text}
             if event.kind is EventKind.LAP:
                 message["lap"] = event.value
             self._tell(message)
+
+
+def state_values(snapshot: Snapshot) -> list[float]:
+    """Return what is told of a state, in the order of `STATE_NAMES`."""
+    state, look = snapshot.state, snapshot.look
+    values = (
+        snapshot.time,
+        look[lk.PROGRESS],
+        *(state[place] for place in (st.X, st.Y, st.YAW, st.ROLL, st.STEER)),
+        snapshot.speed,
+        look[lk.LATERAL_ERROR],
+        snapshot.steering,
+        max(snapshot.throttle, 0.0),
+        max(-snapshot.throttle, 0.0),
+    )
+    return [round(float(value), 5) for value in values]
 
 
 def checked_request(message: Any) -> dict[str, Any] | None:

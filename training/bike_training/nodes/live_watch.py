@@ -1,0 +1,267 @@
+"""Watches a simulator that somebody else started and rides, for the same page as a live ride.
+
+It takes states as bytes and decodes only those that a screen can show. It never sends a command: pause and restart go
+through the simulator's services, which any node may call.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+from bike_msgs.msg import BikeState, EpisodeStart, RideEvent
+from bike_msgs.msg import Course as CourseMessage
+from bike_msgs.srv import Pause, Reset
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from bike_sim.course.course import Course
+from bike_sim.ros import messages, node_tools, wire
+from bike_sim.ros.isolation import prepare_discovery
+from bike_sim.ros.raw_subscription import RawSubscription
+from bike_sim.sim.events import EventKind
+from bike_sim.vehicles.files import load_vehicle
+from bike_training.envs.node_process import NodeLost
+from bike_training.nodes.live_ride import FRAME, state_values
+
+PERIOD: Final = 0.01
+"""Wall-clock time between two visits to the states, s."""
+MOST_AT_ONCE: Final = 1000
+"""States of one visit."""
+START_TIMEOUT: Final = 30.0
+"""Longest wait for a simulator, s."""
+GONE_AFTER: Final = 2.0
+"""Wall-clock time without a state after which the simulator is looked for, s: one that waits repeats its last state."""
+POSSIBLE: Final = ("pause", "reset")
+"""Requests of the page that a watcher can pass on."""
+
+
+class LiveWatch:
+    """Tells about the rides of a simulator until `end`; a simulator that is started again is found again.
+
+    Attributes:
+        course: the followed line, once the simulator is found.
+        machine: name of the vehicle.
+        powered: whether it has throttle and brake.
+        domain_id: ROS domain of the simulator.
+    """
+
+    course: Course | None = None
+    machine = ""
+    powered = False
+
+    def __init__(self, domain_id: int, namespace: str, tell: Callable[[dict[str, Any]], None]) -> None:
+        """Prepare to watch.
+
+        Args:
+            domain_id: ROS domain of the simulator.
+            namespace: of its topics.
+            tell: called from the watcher's thread with each message for the page. ``{"course": True}`` says that the
+                page was made for another course than that of the states that follow.
+        """
+        self.domain_id = domain_id
+        self.namespace = f"/{namespace.strip('/')}"
+        self._tell = tell
+        self._requests: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
+        self._ended = threading.Event()
+        self._begun = threading.Event()
+        self._failure: BaseException | None = None
+        self._start: EpisodeStart | None = None
+        self._course_message: CourseMessage | None = None
+        self._events: list[RideEvent] = []
+        self._latest: bytes | None = None
+        self._shown: tuple[int, int] | None = None
+        self._paused = self._gone = False
+        self._told_at = self._heard_at = 0.0
+        self._thread = threading.Thread(target=self._run, name="live watch", daemon=True)
+
+    def start(self) -> None:
+        """Begin, and return when course and first state are there.
+
+        Raises:
+            NodeLost: no simulator appeared.
+        """
+        self._thread.start()
+        self._begun.wait()
+        self.check()
+
+    def check(self) -> None:
+        """Raise what ended the watch, if anything did."""
+        if self._failure is not None:
+            raise self._failure
+
+    def end(self) -> None:
+        """Leave the domain; the simulator goes on."""
+        self._ended.set()
+        self._thread.join()
+
+    def ask(self, request: dict[str, Any]) -> None:
+        """Put in a request, checked by `checked_request`; one that a watcher cannot pass on does nothing."""
+        if request["type"] in POSSIBLE:
+            self._requests.put(request)
+
+    def status(self) -> dict[str, Any]:
+        """What of the ride is known, for the page."""
+        return {"status": {"paused": self._paused, "pace": 1.0, "hands": False, "balance": True}}
+
+    # ------------------------------------------------------------------------------------------------ in its own thread
+
+    def _run(self) -> None:
+        try:
+            prepare_discovery()
+            context = Context()
+            context.init(args=[], domain_id=self.domain_id)
+            try:
+                self._watch(context)
+            finally:
+                context.try_shutdown()
+        except BaseException as error:
+            self._failure = error
+        finally:
+            self._begun.set()
+            self._tell({"ended": True})
+
+    def _watch(self, context: Context) -> None:
+        node = Node(
+            "live_watch", context=context, namespace=self.namespace, enable_rosout=False, start_parameter_services=False
+        )
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(node)
+        # Before the subscriptions: a matched simulator knows where to send its answers; earlier ones are dropped.
+        self._pause_service = node.create_client(Pause, "pause")
+        self._reset_service = node.create_client(Reset, "reset")
+        node.create_subscription(EpisodeStart, "episode", self._on_episode, node_tools.LATCHED_QOS)
+        node.create_subscription(CourseMessage, "course", self._on_course, node_tools.LATCHED_QOS)
+        node.create_subscription(RideEvent, "events", self._events.append, node_tools.EVENT_QOS)
+        states = RawSubscription(node, BikeState, "state", node_tools.SENDER_QOS)
+        try:
+            self._find(executor, states)
+            self._begun.set()
+            while not self._ended.wait(PERIOD):
+                executor.spin_once(timeout_sec=0.0)
+                self._take(states)
+                self._pass_on(node)
+                self._obey()
+        finally:
+            states.close()
+            executor.shutdown()
+            node.destroy_node()
+
+    def _find(self, executor: SingleThreadedExecutor, states: RawSubscription) -> None:
+        until = time.monotonic() + START_TIMEOUT
+        while not self._ready():
+            executor.spin_once(timeout_sec=PERIOD)
+            self._take(states)
+            if self._ended.is_set() or time.monotonic() > until:
+                raise NodeLost(
+                    f"no simulator at {self.namespace} in ROS domain {self.domain_id} within {START_TIMEOUT:g} s; "
+                    "is it running, and is this its domain and namespace?"
+                )
+        self._enter()
+
+    def _ready(self) -> bool:
+        """Whether the present episode's start, course and a state of it are there."""
+        if self._start is None or self._course_message is None or self._latest is None:
+            return False
+        return self._start.episode == self._course_message.episode
+
+    def _enter(self) -> None:
+        """Take over the course and the vehicle of the present episode."""
+        assert self._start is not None
+        self.course = messages.course_from_message(self._course_message)
+        self.powered = bool(self._start.signal_names)
+        try:
+            self.machine = load_vehicle(self._start.vehicle).name
+        except (FileNotFoundError, ValueError):  # a file of the simulator's that is not readable from here
+            self.machine = Path(self._start.vehicle).stem
+
+    def _take(self, states: RawSubscription) -> None:
+        taken: list[tuple[int, Any, bytes]] = []
+        states.take(taken, None, MOST_AT_ONCE)
+        if taken:
+            self._latest, self._heard_at = taken[-1][2], time.monotonic()
+
+    def _pass_on(self, node: Node) -> None:
+        """Tell about the newest state and all events; a lockstep that waits repeats a state, which is told once."""
+        now = time.monotonic()
+        self._look_for(node, now)
+        if self._latest is not None and self._ready() and now - self._told_at >= FRAME:
+            received = wire.decode_state(self._latest)
+            self._latest = None
+            snapshot = received.snapshot
+            if self._start is not None and snapshot.episode == self._start.episode:
+                self._show(snapshot, now)
+        for event in self._events:
+            message: dict[str, Any] = {"event": event.text}
+            if event.kind == EventKind.LAP:
+                message["lap"] = event.value
+            self._tell(message)
+        self._events.clear()
+
+    def _show(self, snapshot: Any, now: float) -> None:
+        if self._shown is None or snapshot.episode != self._shown[0]:
+            known = self.course
+            self._enter()
+            if self._shown is not None and not _same_line(known, self.course):
+                self._tell({"course": True})
+            self._tell({"reset": True})
+        if (snapshot.episode, snapshot.step) != self._shown:
+            self._shown, self._told_at = (snapshot.episode, snapshot.step), now
+            self._tell({"state": state_values(snapshot), "sent": round(1e3 * time.time(), 2)})
+
+    def _look_for(self, node: Node, now: float) -> None:
+        gone = now - self._heard_at > GONE_AFTER and not node.count_publishers(f"{self.namespace}/state")
+        if gone and not self._gone:
+            self._tell({"event": "the simulator is gone"})
+            self._shown = self._start = self._course_message = None
+            self._paused = False
+        if self._gone and not gone:
+            self._tell({"event": "the simulator is back"})
+        self._gone = gone
+
+    def _obey(self) -> None:
+        while not self._requests.empty():
+            request = self._requests.get()
+            if request["type"] == "pause" and self._pause_service.service_is_ready():
+                future = self._pause_service.call_async(Pause.Request(paused=request["on"]))
+                future.add_done_callback(lambda _, on=request["on"]: self._on_paused(on))
+            elif request["type"] == "reset" and self._start is not None and self._reset_service.service_is_ready():
+                self._reset_service.call_async(again(self._start)).add_done_callback(self._on_reset)
+
+    def _on_paused(self, on: bool) -> None:
+        self._paused = on
+        self._tell(self.status())
+
+    def _on_reset(self, future: Any) -> None:
+        response = future.result()
+        if response is not None and not response.success:
+            self._tell({"event": f"restart refused: {response.message}"})
+
+    def _on_episode(self, message: EpisodeStart) -> None:
+        self._start = message
+
+    def _on_course(self, message: CourseMessage) -> None:
+        self._course_message = message
+
+
+def again(start: EpisodeStart) -> Reset.Request:
+    """Return the request that begins an episode as it began before.
+
+    Args:
+        start: how it began; it has all fields of a request.
+    """
+    request = Reset.Request()
+    for name in request.get_fields_and_field_types():
+        setattr(request, name, getattr(start, name))
+    return request
+
+
+def _same_line(one: Course | None, other: Course | None) -> bool:
+    if one is None or other is None:
+        return one is other
+    return one.name == other.name and len(one.x) == len(other.x) and bool((one.x == other.x).all())
