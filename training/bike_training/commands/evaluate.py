@@ -15,8 +15,7 @@ from tqdm import tqdm
 
 from bike_policy.contract.bundle import DEFAULT_POLICY
 from bike_policy.riders.disturbed import DisturbedRider
-from bike_policy.riders.learned import LearnedRider
-from bike_policy.riders.rider import RIDERS, Rider, make_rider
+from bike_policy.riders.rider import RIDERS, Rider, bundle_of, make_rider
 from bike_sim.course.files import load_course
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.disturbances import Disturbances, load_disturbances, shipped_disturbances
@@ -86,8 +85,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     riders = [make_rider(name) for name in names]
     config = SimulatorConfig(engine=args.engine, time_step=args.time_step)
     for rider in riders:
-        if isinstance(rider, LearnedRider):
-            rider.bundle.check_fit(config.vehicle, config.control_period)
+        bundle = bundle_of(rider)
+        if bundle is not None:
+            bundle.check_fit(config.vehicle, config.control_period)
     disturbances = [load_disturbances(name) for name in args.disturbances]
     if disturbances and args.client != "local":
         raise ValueError(f"--disturbances act on rides in this process, not with --client {args.client}")

@@ -10,8 +10,7 @@ from typing import Any, Final
 from bike_analysis.commands.analyze import text_of
 from bike_analysis.report import analyze
 from bike_policy.contract.bundle import DEFAULT_POLICY
-from bike_policy.riders.learned import LearnedRider
-from bike_policy.riders.rider import Rider, make_rider
+from bike_policy.riders.rider import Rider, bundle_of, make_rider
 from bike_sim.course.files import load_course
 from bike_sim.recording.in_use import claim_folder
 from bike_sim.ros.isolation import DomainLease
@@ -80,7 +79,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def warn_of_speed(rider: Rider, speed: float) -> None:
     """Print a warning where a learned rider was not trained for a speed, m/s."""
-    warning = rider.bundle.speed_warning(speed) if isinstance(rider, LearnedRider) else None
+    bundle = bundle_of(rider)
+    warning = None if bundle is None else bundle.speed_warning(speed)
     if warning is not None:
         print(f"warning: {warning}", file=sys.stderr)
 

@@ -11,8 +11,7 @@ from typing import Any, ClassVar, Final, Self
 
 from bike_policy.contract.bundle import DEFAULT_POLICY
 from bike_policy.riders.classical import CLASSICAL
-from bike_policy.riders.learned import LearnedRider
-from bike_policy.riders.rider import make_rider
+from bike_policy.riders.rider import bundle_of, make_rider
 from bike_sim.course.files import load_course, load_track
 from bike_sim.documents import show
 from bike_sim.physics.engine import ENGINE_KINDS
@@ -118,8 +117,9 @@ class EvaluateJob(RidingJob):
         load_vehicle(config.vehicle)
         load_course(course)
         rider = make_rider(policy)
-        if isinstance(rider, LearnedRider):
-            rider.bundle.check_fit(config.vehicle, config.control_period)
+        bundle = bundle_of(rider)
+        if bundle is not None:
+            bundle.check_fit(config.vehicle, config.control_period)
         return cls(policy, course, tuple(map(float, speeds)), rides, seed, client, config)
 
     def estimate(self) -> float:

@@ -1,9 +1,9 @@
 """The policy as a ROS 2 node: a state comes, its command goes.
 
 Each state is answered once. A repeated state means that it or its answer was lost, and is answered again; but
-not more often than REANSWER_AFTER, so that two copies of a state cannot breed two copies of the next. The node keeps
-nothing from one state to the next that matters to the ride: it may be killed and started again at any time, and so may
-the simulator.
+not more often than REANSWER_AFTER, so that two copies of a state cannot breed two copies of the next. The node may be
+killed and started again at any time, and so may the simulator: what it keeps from one state to the next is what its
+observer has found of delays and sensors, which a new one finds again.
 """
 
 from __future__ import annotations
@@ -19,8 +19,7 @@ import rclpy.node
 from bike_msgs.msg import BikeCommand, BikeState, Course
 
 from bike_policy.contract.bundle import DEFAULT_POLICY
-from bike_policy.riders.learned import LearnedRider
-from bike_policy.riders.rider import Rider, make_rider
+from bike_policy.riders.rider import Rider, bundle_of, make_rider
 from bike_sim.ros import node_tools
 from bike_sim.ros.command_gate import Command
 from bike_sim.ros.messages import course_from_message
@@ -210,8 +209,8 @@ class Drive(rclpy.node.Node):
         except (ValueError, FileNotFoundError) as error:
             self.get_logger().error(f"the policy does not fit the simulator: {error}")
             raise CannotGoOn(f"the policy does not fit the simulator: {error}") from error
-        rider = getattr(self._rider, "rider", self._rider)  # of a disturbed one, the one that is disturbed
-        warning = rider.bundle.speed_warning(message.snapshot.speed) if isinstance(rider, LearnedRider) else None
+        bundle = bundle_of(self._rider)
+        warning = None if bundle is None else bundle.speed_warning(message.snapshot.speed)
         if warning is not None:
             self.get_logger().warning(warning)
         self.get_logger().info(f"driving episode {message.snapshot.episode} from step {message.snapshot.step}")

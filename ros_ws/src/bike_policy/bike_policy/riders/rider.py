@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from importlib import import_module
 from typing import Final, Protocol
 
-from bike_policy.contract.bundle import load_bundle
+from bike_policy.contract.bundle import Bundle, load_bundle
 from bike_policy.riders.learned import LearnedRider
+from bike_policy.riders.observed import ObservedRider
 from bike_sim.course.course import Course
 from bike_sim.sim.request import Preview
 from bike_sim.sim.snapshot import Snapshot
@@ -54,8 +55,12 @@ RIDERS: Final[Mapping[str, tuple[str, str]]] = {
 solvers take longer to load than all else that a learned rider needs."""
 
 
+OBSERVED: Final = ("lqr", "mpc")
+"""Those of them that an observer helps (`bike_policy.riders.observed`); learned riders of bicycles are the others."""
+
+
 def make_rider(name: str) -> Rider:
-    """Return the rider of a name.
+    """Return the rider of a name; on a bicycle with an observer, which changes no bit of a ride that is not disturbed.
 
     Args:
         name: a key of RIDERS, a shipped bundle, or the folder of one.
@@ -63,8 +68,17 @@ def make_rider(name: str) -> Rider:
     Raises:
         ValueError: a bundle that cannot be used. FileNotFoundError: no such rider or bundle.
     """
-    if name not in RIDERS:
-        return LearnedRider(load_bundle(name))
-    module, kind = RIDERS[name]
-    rider: Rider = getattr(import_module(module), kind)()
-    return rider
+    rider: Rider
+    if name in RIDERS:
+        module, kind = RIDERS[name]
+        rider = getattr(import_module(module), kind)()
+        return ObservedRider(rider) if name in OBSERVED else rider
+    rider = LearnedRider(load_bundle(name))
+    return rider if rider.preview is None else ObservedRider(rider)
+
+
+def bundle_of(rider: Rider) -> Bundle | None:
+    """Return the policy of a learned rider, also of one that is observed or disturbed; None where it is not learned."""
+    while not isinstance(rider, LearnedRider) and hasattr(rider, "rider"):
+        rider = rider.rider
+    return rider.bundle if isinstance(rider, LearnedRider) else None

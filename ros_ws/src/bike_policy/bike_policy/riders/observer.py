@@ -1,0 +1,231 @@
+"""What a bicycle's states and a rider's commands tell: delay, noise and an offset of the roll, and the state itself.
+
+A rider knows its bicycle, and so it can compute what each command should have done. From the differences follow
+
+- the **delay** of its commands: the one whose commands explain how the steering angle moved;
+- the **noise** of each measurement, by the median of its differences, which single pushes do not change;
+- the **state** and an **offset of the roll** (an inclinometer that is mounted askew, or a steady side force), by an
+  extended Kalman filter about the nonlinear bicycle, with that noise. A difference far beyond what the filter expects
+  is a push and not an error of a sensor: then the rates are believed.
+
+Source of the filter: Simon (2006), Optimal State Estimation, Wiley, Sects. 13.2 and 10.4.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_sim.physics import state as st
+from bike_sim.physics.whipple_engine import advance
+from bike_sim.vehicles.bicycle import Vehicle
+
+FloatArray = NDArray[np.float64]
+
+MEASURED: Final = ("left", "yaw", "roll", "steer", "roll_rate", "steer_rate")
+"""What is measured: m to the left of the bicycle, rad, rad/s."""
+LONGEST_DELAY: Final = 4
+"""Control periods; later commands are not told apart from a bicycle that is another one."""
+
+_FREE: Final = (st.ROLL, st.STEER, st.ROLL_RATE, st.STEER_RATE)
+_SIZE: Final = len(MEASURED)
+_OFFSET: Final = _SIZE
+"""Place of the roll's offset after the measured quantities."""
+_ROLL, _STEER, _RATES = 2, 3, (4, 5)
+
+_EXACT: Final = np.array([2e-3, 2e-3, 1e-3, 2e-3, 1.5e-2, 3e-2])
+"""Standard deviations below which measurements count as exact: more than wind and another engine make."""
+_TRUST: Final = np.array([5e-4, 5e-4, 2e-4, 5e-4, 1e-3, 2e-3])
+"""Standard deviations of exact measurements for the filter."""
+_UNKNOWN: Final = np.array([5e-4, 5e-4, 5e-4, 1e-3, 8e-3, 2e-2, 7e-4])
+"""Standard deviations of what a control period adds that the model does not know; the last one is the offset's."""
+_FIRST_OFFSET: Final = 0.03
+"""Standard deviation of the offset at the begin, rad."""
+_PUSHED: Final = 5.0
+"""Differences beyond so many standard deviations are pushes."""
+_WINDOW: Final = 40
+"""Control periods over which noise is judged."""
+_LEAST: Final = 12
+"""Control periods before it is."""
+_FORGET: Final = 0.98
+"""Share of the evidence on delays that is kept in a control period."""
+_CONVINCED: Final = 12.0
+"""Difference of the squared normalised errors by which another delay is believed."""
+_DRIVE: Final = np.array([1e-3, 2e-2])
+"""Standard deviations of steer and steer rate by which delays are told apart, besides noise."""
+_SPEED_SHARE: Final = 0.1
+"""Share of a measured wheel rate that is believed where sensors are noisy."""
+_STEP: Final = 1e-4
+"""Of the differences that the filter's transition is made of, rad and rad/s."""
+
+
+class Observer:
+    """Follows one ride; see the module.
+
+    Attributes:
+        state: estimated minimal state at the last measurement.
+        delay: control periods by which commands act late.
+        noise: standard deviations of the measurements (MEASURED); 0 where they count as exact.
+    """
+
+    def __init__(self, vehicle: Vehicle, period: float) -> None:
+        """Begin a ride.
+
+        Args:
+            vehicle: as the rider knows it.
+            period: control period, s.
+        """
+        self._vehicle, self._period = vehicle, period
+        self._substeps = max(math.ceil(period / 0.01 - 1e-9), 1)
+        self._sent: deque[float] = deque([0.0] * (LONGEST_DELAY + 1), maxlen=LONGEST_DELAY + 1)
+        self.delay = 0
+        self.noise = np.zeros(_SIZE)
+        self._against = np.zeros(LONGEST_DELAY + 1)
+        self._last: st.StateVector | None = None
+        self.state = np.zeros(st.STATE_SIZE)
+
+    @property
+    def offset(self) -> float:
+        """What a measured roll shows too much, rad."""
+        return self._offset
+
+    @property
+    def offset_deviation(self) -> float:
+        """Standard deviation of the offset, rad."""
+        return math.sqrt(self._spread[_OFFSET, _OFFSET])
+
+    @property
+    def noisy(self) -> bool:
+        """Whether a measurement does not count as exact."""
+        return bool(self.noise.any())
+
+    def answered(self, steer_set: float) -> None:
+        """Take the command that was given after the last measurement, rad."""
+        self._sent.append(steer_set)
+
+    def measure(self, measured: st.StateVector) -> None:
+        """Take the state that is measured one control period after the last one.
+
+        Args:
+            measured: minimal state with the errors of sensors.
+        """
+        if self._last is None:
+            self._begin(measured)
+        else:
+            self._judge_delay(measured)
+            self._judge_noise(measured, self._last)
+            self._filter(measured)
+        self._last = measured.copy()
+
+    def ahead(self) -> st.StateVector:
+        """Return the state at which the next answer will act: after the commands that are still on their way."""
+        state = self.state.copy()
+        for late in range(self.delay, 0, -1):
+            self._advance(state, self._sent[-late])
+        return state
+
+    def _begin(self, measured: st.StateVector) -> None:
+        self.state, self._offset = measured.copy(), 0.0
+        spread = np.zeros((_SIZE + 1, _SIZE + 1))
+        spread[:_SIZE, :_SIZE] = np.diag(_TRUST**2)
+        # The roll is as unsure as the offset that the measured one contains.
+        spread[np.ix_((_ROLL, _OFFSET), (_ROLL, _OFFSET))] += _FIRST_OFFSET**2 * np.array([[1.0, -1.0], [-1.0, 1.0]])
+        self._spread = spread
+        self._differences: deque[FloatArray] = deque(maxlen=_WINDOW)
+        self.noise = np.zeros(_SIZE)
+
+    def _advance(self, state: st.StateVector, steer_set: float) -> None:
+        advance(state, steer_set, self._period / self._substeps, self._substeps, self._vehicle.parameters)
+
+    def _judge_delay(self, measured: st.StateVector) -> None:
+        """Compare what the steering did with what commands of each age would have done."""
+        deviation = np.hypot(_DRIVE, self.noise[[_STEER, _RATES[1]]])
+        known: dict[float, float] = {}
+        for late in range(LONGEST_DELAY + 1):
+            steer_set = self._sent[-1 - late]
+            if steer_set not in known:
+                state = self.state.copy()
+                self._advance(state, steer_set)
+                errors = (measured - state)[[st.STEER, st.STEER_RATE]] / deviation
+                known[steer_set] = min(float(errors @ errors), 25.0)
+            self._against[late] = _FORGET * self._against[late] + known[steer_set]
+        best = int(np.argmin(self._against))
+        if self._against[self.delay] - self._against[best] > _CONVINCED:
+            self.delay = best
+            assert self._last is not None
+            self._begin(self._last)
+
+    def _judge_noise(self, measured: st.StateVector, last: st.StateVector) -> None:
+        """Judge how far measurements lie from what the measurements before them let expect."""
+        expected = last.copy()
+        self._advance(expected, self._sent[-1 - self.delay])
+        self._differences.append(_difference(measured, expected))
+        if len(self._differences) < _LEAST:
+            return
+        found = np.array(self._differences)
+        # Both measurements err, hence the root of 2; 1.4826 is the normal distribution's.
+        deviation = 1.4826 / math.sqrt(2.0) * np.median(np.abs(found - np.median(found, axis=0)), axis=0)
+        least = np.where(self.noise > 0.0, 0.5 * _EXACT, _EXACT)
+        self.noise = np.where(deviation > least, deviation, 0.0)
+
+    def _filter(self, measured: st.StateVector) -> None:
+        before, steer_set = self.state, self._sent[-1 - self.delay]
+        expected = before.copy()
+        self._advance(expected, steer_set)
+        moves = self._transition(before, expected, steer_set)
+        spread = moves @ self._spread @ moves.T + np.diag(_UNKNOWN**2)
+        difference = _difference(measured, expected)
+        difference[_ROLL] -= self._offset
+        shown = np.hstack([np.eye(_SIZE), np.zeros((_SIZE, 1))])
+        shown[_ROLL, _OFFSET] = 1.0
+        errors = np.diag(np.maximum(self.noise, _TRUST) ** 2)
+        size = np.sqrt(np.diag(shown @ spread @ shown.T + errors))
+        if any(abs(difference[k]) > _PUSHED * size[k] for k in (_ROLL, *_RATES)):
+            for k in (_ROLL, _STEER, *_RATES):
+                spread[k, k] += difference[k] ** 2
+        gain = np.linalg.solve(shown @ spread @ shown.T + errors, shown @ spread).T
+        change = gain @ difference
+        self._spread = (np.eye(_SIZE + 1) - gain @ shown) @ spread
+        self._spread = 0.5 * (self._spread + self._spread.T)
+        self._offset += float(change[_OFFSET])
+        self.state = _displaced(expected, measured, change, self.noisy)
+
+    def _transition(self, before: st.StateVector, after: st.StateVector, steer_set: float) -> FloatArray:
+        """Return how deviations before a control period change those after it, shape (7, 7)."""
+        moves = np.eye(_SIZE + 1)
+        sin, cos = math.sin(after[st.YAW]), math.cos(after[st.YAW])
+        way = after[[st.X, st.Y]] - before[[st.X, st.Y]]
+        moves[0, 0] = math.cos(after[st.YAW] - before[st.YAW])
+        moves[0, 1] = cos * way[0] + sin * way[1]
+        for column, place in enumerate(_FREE, start=2):
+            varied = before.copy()
+            varied[place] += _STEP
+            advance(varied, steer_set, self._period / 2, 2, self._vehicle.parameters)
+            moves[:_SIZE, column] = _difference(varied, after) / _STEP
+        return moves
+
+
+def _difference(state: st.StateVector, other: st.StateVector) -> FloatArray:
+    """Return by how much a state differs from another one in what is measured."""
+    sin, cos = math.sin(other[st.YAW]), math.cos(other[st.YAW])
+    x, y = state[st.X] - other[st.X], state[st.Y] - other[st.Y]
+    return np.array([cos * y - sin * x, state[st.YAW] - other[st.YAW], *(state - other)[list(_FREE)]])
+
+
+def _displaced(expected: st.StateVector, measured: st.StateVector, change: FloatArray, noisy: bool) -> st.StateVector:
+    """Return a state after a change of what is measured; the way along, wheels and speed come from the measured one."""
+    state = measured.copy()
+    sin, cos = math.sin(expected[st.YAW]), math.cos(expected[st.YAW])
+    along = cos * (measured[st.X] - expected[st.X]) + sin * (measured[st.Y] - expected[st.Y])
+    state[st.X] = expected[st.X] + along * cos - change[0] * sin
+    state[st.Y] = expected[st.Y] + along * sin + change[0] * cos
+    state[st.YAW] = expected[st.YAW] + change[1]
+    state[list(_FREE)] = expected[list(_FREE)] + change[2:_SIZE]
+    if noisy:  # the speed as well is seldom measured exactly then
+        last = expected[st.FRONT_WHEEL_RATE]
+        state[st.FRONT_WHEEL_RATE] = last + _SPEED_SHARE * (measured[st.FRONT_WHEEL_RATE] - last)
+    return state

@@ -1,0 +1,97 @@
+"""The observer: silent where nothing disturbs, and otherwise it finds delay, noise and the roll's offset."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bike_policy.contract.bundle import DEFAULT_POLICY
+from bike_policy.riders.disturbed import DisturbedRider
+from bike_policy.riders.observed import ObservedRider
+from bike_policy.riders.rider import bundle_of, make_rider
+from bike_sim.physics import state as st
+from bike_sim.sim import look as lk
+from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.disturbances import Disturbances, load_disturbances
+from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.simulator import Simulator
+from bike_sim.sim.snapshot import Snapshot
+from bike_training.rollout.rollout import rollout
+
+ENGINES = {
+    "whipple": SimulatorConfig(engine="whipple", time_step=0.01),
+    "pybullet": SimulatorConfig(engine="pybullet", time_step=0.005),
+}
+
+
+def ride(
+    name: str, known: Disturbances, speed: float, engine: str = "whipple", steps: int = 300, plain: bool = False
+) -> tuple[list[Snapshot], ObservedRider]:
+    """Ride part of the benchmark path; plain without the observer."""
+    observed = make_rider(name)
+    assert isinstance(observed, ObservedRider)
+    simulator = Simulator(ENGINES[engine], known)
+    rider = DisturbedRider(observed.rider if plain else observed, known)
+    snapshots = rollout(simulator, rider, ResetRequest(course="benchmark", speed_range=(speed, speed)))
+    found = [snapshot for snapshot, _ in zip(snapshots, range(steps), strict=False)]
+    simulator.close()
+    return found, observed
+
+
+def mean_error(snapshots: list[Snapshot]) -> float:
+    return float(np.mean([abs(snapshot.look[lk.LATERAL_ERROR]) for snapshot in snapshots]))
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("name", ["lqr", DEFAULT_POLICY])
+def test_it_changes_no_bit_of_a_ride_that_nothing_disturbs(name: str, engine: str) -> None:
+    for speed in (2.0, 7.0):
+        observed, plain = (ride(name, Disturbances(), speed, engine, plain=plain)[0] for plain in (False, True))
+        np.testing.assert_array_equal([s.state for s in observed], [s.state for s in plain])
+
+
+@pytest.mark.parametrize("name", ["lqr", DEFAULT_POLICY])
+@pytest.mark.parametrize(("late", "seen"), [(0.15, 0.0), (0.05, 0.05)])
+def test_a_delay_is_found_and_costs_little(name: str, late: float, seen: float) -> None:
+    known = Disturbances(command_delay_s=late, observation_delay_s=seen)
+    for speed in (3.0, 7.0):
+        late_ride, rider = ride(name, known, speed)
+        assert len(late_ride) == 300
+        assert rider.observer.delay == round((late + seen) / 0.05)
+        assert mean_error(late_ride) < mean_error(ride(name, Disturbances(), speed)[0]) + 0.002
+
+
+def test_an_offset_of_the_roll_is_found() -> None:
+    askew = Disturbances(bias={"roll": 0.0349})
+    for speed in (3.0, 6.0):
+        snapshots, rider = ride("lqr", askew, speed)
+        assert rider.observer.offset == pytest.approx(0.0349, abs=1e-3)
+        assert mean_error(snapshots) < 0.3 * mean_error(ride("lqr", askew, speed, plain=True)[0])
+
+
+def test_noise_is_found_and_filtered() -> None:
+    noise = load_disturbances("noise")
+    snapshots, rider = ride("lqr", noise, 4.0)
+    wanted = [noise.noise.get(name, 0.0) for name in ("lateral", "heading", "roll", "steer", "roll_rate", "steer_rate")]
+    found = rider.observer.noise
+    for wanted_one, found_one in zip(wanted, found, strict=True):
+        assert found_one == pytest.approx(wanted_one, rel=0.6, abs=1e-3)
+    plain = ride("lqr", noise, 4.0, plain=True)[0]
+    rates = [np.std([snapshot.state[st.STEER_RATE] for snapshot in each]) for each in (snapshots, plain)]
+    assert rates[0] < 0.6 * rates[1]
+
+
+def test_pushes_are_no_noise() -> None:
+    _, rider = ride("lqr", load_disturbances("impulses"), 5.0)
+    assert not rider.observer.noisy
+    assert rider.observer.delay == 0
+    assert abs(rider.observer.offset) < 0.008
+
+
+def test_a_policy_is_known_behind_what_lies_before_it() -> None:
+    rider = make_rider(DEFAULT_POLICY)
+    bundle = bundle_of(DisturbedRider(rider, Disturbances()))
+    assert bundle is not None
+    assert bundle.name == DEFAULT_POLICY
+    assert bundle_of(make_rider("lqr")) is None
+    assert bundle_of(make_rider("classical")) is None
