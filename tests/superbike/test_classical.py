@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,7 @@ import pytest
 
 from bike_policy.riders.classical import LineController, Seen
 from bike_policy.riders.lap_plan import RiderSettings, reserved
+from bike_policy.riders.line_law import P_SPEED
 from bike_sim.course.course import Course
 from bike_sim.physics import state as st
 from bike_sim.physics import superbike_forces as sf
@@ -83,7 +83,7 @@ def test_speed_is_that_of_the_contacts(machine: Superbike) -> None:
     engine.close()
     assert told < 0.99 * speed
     seen = Seen(told, -math.atan(speed**2 / radius / 9.81), 10.0, 0.0, 0.0)
-    assert LineController(machine, circle(radius), 0.02).rolled(seen) == pytest.approx(speed, rel=3e-3)
+    assert LineController(machine, circle(radius), 0.02).law.rolled(0, np.array(seen)) == pytest.approx(speed, rel=3e-3)
 
 
 def test_engine_braking_never_locks_the_rear_wheel(machine: Superbike) -> None:
@@ -102,8 +102,11 @@ def test_engine_braking_never_locks_the_rear_wheel(machine: Superbike) -> None:
 def test_steady_on_the_line_asks_for_the_lean_of_the_turn(machine: Superbike) -> None:
     rider = LineController(machine, circle(80.0), 0.02)
     speed = 25.0
-    lean = float(rider.leans.of(np.array([speed**2 / 80.0]), np.array([speed]))[0])
-    rider.profile = replace(rider.profile, speed=np.full_like(rider.profile.speed, speed))
+    lean = float(rider.law.leans.of(np.array([speed**2 / 80.0]), np.array([speed]))[0])
+    table = rider.plan.table.copy()
+    table[:, P_SPEED] = speed
+    rider.plan = rider.plan._replace(table=table)
+    rider.reset()
     steering, _ = rider.command(Seen(speed, -lean, 40.0, 0.0, 0.0))
     assert steering == pytest.approx(lean / math.radians(machine.virtual_rider.max_lean_deg), abs=0.01)
 

@@ -80,19 +80,20 @@ class SteadyLeans:
 
     Attributes:
         speeds: m/s. leans: rad, from 0 to the largest that the rider may request.
+        table: lateral accelerations, m/s^2, shape (speeds, leans).
     """
 
     def __init__(self, vehicle: Superbike) -> None:
         """Compute the table."""
         self.speeds = np.linspace(5.0, 1.1 * vehicle.top_gear_speed, 24)
         self.leans = np.linspace(0.0, math.radians(vehicle.virtual_rider.max_lean_deg), 31)
-        self._table = np.array([[steady_lateral(vehicle, lean, speed) for lean in self.leans] for speed in self.speeds])
+        self.table = np.array([[steady_lateral(vehicle, lean, speed) for lean in self.leans] for speed in self.speeds])
 
     def row(self, speed: float) -> FloatArray:
         """Return the lateral accelerations of the leans at a speed, m/s^2."""
         u = float(np.interp(speed, self.speeds, np.arange(len(self.speeds))))
         i = min(int(u), len(self.speeds) - 2)
-        return np.asarray(self._table[i] + (u - i) * (self._table[i + 1] - self._table[i]))
+        return np.asarray(self.table[i] + (u - i) * (self.table[i + 1] - self.table[i]))
 
     def of(self, lateral: FloatArray, speed: FloatArray) -> FloatArray:
         """Return the leans at which lateral accelerations (m/s^2, positive left) are steady, rad, positive left."""

@@ -1,0 +1,345 @@
+"""The classical rider's law, compiled: from what is seen of machines side by side to their commands.
+
+`bike_policy.riders.classical` says what the law is and why. One compiled function answers for every row, so a single
+rider, a guide of a learner's thirty-two machines, and a replay of any of them get the same numbers bit for bit.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_policy.riders.lap_plan import RiderSettings, SteadyLeans, plan_lap, smooth_around
+from bike_sim.course.course import Course
+from bike_sim.kernels import njit
+from bike_sim.physics.superbike_statics import engine_force, inertial_mass
+from bike_sim.theory.lap_limit import LapLimit
+from bike_sim.vehicles.superbike import Superbike
+
+FloatArray = NDArray[np.float64]
+
+LONGEST_GAP: Final = 0.3
+"""Time without states after which the last one is not used for the lateral error's rate, s."""
+
+SPEED, ROLL, PROGRESS, LATERAL_ERROR, HEADING_ERROR, ROLL_RATE, SEEN = range(7)
+"""Inputs of the law: m/s; rad, positive to the right; m, of any lap; m, positive left of the line; rad, positive to the
+left; rad/s, positive to the right. SEEN is their number."""
+KNOWN, RATE, EXCESS, STEERING, THROTTLE, OFFSET, PACE, OFFSET_RATE, MEMORY = range(SEEN, SEEN + 9)
+"""What the law remembers behind the inputs of the state before: whether there is one, rate of the lateral error (m/s),
+excess of lateral acceleration (m/s^2), its answer, and its way to the targets: distance from the line (m, positive to
+the left), change of the planned speed as a part of it, rate of that distance (m/s). MEMORY is the length of all of
+it."""
+P_SPEED, P_LONGITUDINAL, P_CURVATURE, P_GRADE, P_CREST, PLAN_COLUMNS = range(6)
+"""Columns of a plan at even distances along its line."""
+LATE: Final = 0.5
+"""A command is held for a control period and so acts this part of it late."""
+
+
+TARGET_TIME: Final = 0.3
+"""Time constant with which targets are approached, twice over, s: line and speed then bend without a jump."""
+
+
+class LinePlan(NamedTuple):
+    """What the law follows: a closed line at even distances, the last sample repeating the first.
+
+    Attributes:
+        profile: the planned lap. spacing: of the samples, m.
+        table: speed (m/s), longitudinal acceleration (m/s^2), curvature (1/m), grade and crest (1/m), shape (n, 5).
+    """
+
+    profile: LapLimit
+    spacing: float
+    table: FloatArray
+
+
+def plan_line(vehicle: Superbike, line: Course, settings: RiderSettings) -> LinePlan:
+    """Plan a lap of a closed line.
+
+    Raises:
+        ValueError: the line is open.
+    """
+    profile = plan_lap(vehicle, line, settings)
+    spacing = float(profile.s[1])
+    curvature = smooth_around(profile.lateral / profile.speed**2, spacing, settings.smoothing)
+    grade, crest = (np.interp(profile.s, line.s, column) for column in (line.grade, line.crest))
+    return LinePlan(profile, spacing, np.stack((profile.speed, profile.longitudinal, curvature, grade, crest), axis=1))
+
+
+class _Law(NamedTuple):
+    """Constants of the law for one machine, settings and control period; lengths in m, times in s, forces in N."""
+
+    frequency: float
+    bandwidth: float
+    preview: float
+    speed_preview: float
+    arms: float
+    stencil: float
+    trust: float
+    largest_lean: float
+    max_lean: float
+    speed_gain: float
+    period: float
+    usual_period: float
+    rate_memory: float
+    mass: float
+    drag: float
+    gravity: float
+    weight: float
+    rolling: float
+    above: float
+    engine_brake: float
+    brake_force: float
+
+
+class LineLaw:
+    """The law of one machine for rides side by side, with what it remembers of each.
+
+    Attributes:
+        leans: leans of the machine's steady turns.
+    """
+
+    def __init__(self, vehicle: Superbike, period: float, settings: RiderSettings, count: int = 1) -> None:
+        """Prepare for a number of rides.
+
+        Args:
+            vehicle: the machine.
+            period: control period, s.
+            settings: how to ride.
+            count: number of rides.
+        """
+        self.leans = SteadyLeans(vehicle)
+        late = LATE * (period - settings.period)
+        arms = 2.0 / vehicle.virtual_rider.arm_frequency
+        weight = vehicle.mass * vehicle.g
+        self._law = _Law(
+            frequency=vehicle.virtual_rider.frequency,
+            bandwidth=settings.bandwidth,
+            preview=settings.preview + arms + late,
+            speed_preview=settings.speed_preview + late,
+            arms=arms,
+            stencil=settings.stencil,
+            trust=settings.lateral_trust,
+            largest_lean=settings.largest_lean,
+            max_lean=math.radians(vehicle.virtual_rider.max_lean_deg),
+            speed_gain=settings.speed_gain,
+            period=period,
+            usual_period=settings.period,
+            rate_memory=settings.rate_memory,
+            mass=inertial_mass(vehicle),
+            drag=0.5 * vehicle.air.density * vehicle.air.drag_area,
+            gravity=vehicle.g,
+            weight=weight,
+            rolling=vehicle.rear_tyre.rolling * weight,
+            above=vehicle.frame.height - vehicle.rear_tyre.crown,
+            engine_brake=vehicle.motor.engine_brake,
+            brake_force=vehicle.brakes.force,
+        )
+        engine = np.array([engine_force(vehicle, float(speed)) for speed in self.leans.speeds])
+        self._tables: Tables = (self.leans.table, self.leans.speeds, self.leans.leans, engine)
+        self._known: dict[int, tuple[int, LinePlan]] = {}
+        places = np.zeros(count, dtype=np.int64)
+        self._plan: Plans = (np.zeros((2, PLAN_COLUMNS)), places, places.copy(), np.ones(count))
+        self.memory = np.zeros((count, MEMORY))
+
+    def begin(self, row: int, plan: LinePlan) -> None:
+        """Let a ride follow a plan from now on, without a past."""
+        table, offset, last, spacing = self._plan
+        # By identity: a line is planned once and then handed out again; keeping it keeps its id from being reused.
+        known = self._known.get(id(plan.table))
+        if known is None:
+            known = len(table), plan
+            self._known[id(plan.table)] = known
+            self._plan = np.concatenate((table, plan.table)), offset, last, spacing
+        offset[row], last[row], spacing[row] = known[0], len(plan.table) - 2, plan.spacing
+        self.memory[row] = 0.0
+
+    def commands(self, seen: FloatArray, targets: FloatArray | None = None) -> FloatArray:
+        """Return steering and throttle in [-1, 1], shape (n, 2); the same ones again for a repeated state.
+
+        Args:
+            seen: of each ride, columns SPEED to ROLL_RATE, shape (n, SEEN).
+            targets: distance from the line to ride at, m, and change of the planned speed as a part of it, shape
+                (n, 2); None for the line as planned.
+        """
+        targets = np.zeros((len(seen), 2)) if targets is None else targets
+        _answer(seen, targets, self.memory, self._law, self._tables, self._plan)
+        return self.memory[:, STEERING:OFFSET].copy()
+
+    def rolled(self, row: int, seen: FloatArray) -> float:
+        """Return the speed of a ride's contacts, m/s; see `_rolled`."""
+        return float(_rolled(seen, self._law, self._plan, row))
+
+
+Tables = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+"""Of a machine: lateral accelerations by speed and lean, the speeds, the leans, and the engine's force by speed."""
+Plans = tuple[FloatArray, NDArray[np.int64], NDArray[np.int64], FloatArray]
+"""Tables of all lines, and of each ride its first row in them, its number of intervals less one, and their length."""
+
+
+@njit(cache=True)
+def _answer(seen: FloatArray, targets: FloatArray, memory: FloatArray, law: _Law, tables: Tables, plans: Plans) -> None:
+    """Write the answer of each ride into the memory, beside what it was the answer to."""
+    for row in range(len(seen)):
+        same = memory[row, KNOWN] > 0.0
+        for column in range(SEEN):
+            same = same and memory[row, column] == seen[row, column]
+        if same:
+            continue
+        _approach(memory[row], targets[row], law)
+        turning = _turning_row(seen[row, SPEED], tables)
+        steering = _steer(seen[row], memory[row], law, tables[2], turning, plans, row)
+        throttle = _throttle(seen[row], memory[row], law, tables, plans, row)
+        memory[row, :SEEN] = seen[row]
+        memory[row, KNOWN], memory[row, STEERING], memory[row, THROTTLE] = 1.0, steering, throttle
+
+
+@njit(cache=True)
+def _approach(memory: FloatArray, target: FloatArray, law: _Law) -> None:
+    """Move towards the targets: critically damped to the line, with one lag to the speed."""
+    memory[PACE] += (1.0 - math.exp(-law.period / TARGET_TIME)) * (target[1] - memory[PACE])
+    rate = 1.0 / TARGET_TIME
+    memory[OFFSET_RATE] += law.period * rate * (rate * (target[0] - memory[OFFSET]) - 2.0 * memory[OFFSET_RATE])
+    memory[OFFSET] += law.period * memory[OFFSET_RATE]
+
+
+@njit(cache=True)
+def _bend(memory: FloatArray, plans: Plans, row: int, s: float) -> float:
+    """Return the curvature of the line that lies beside the planned one, 1/m."""
+    curvature = _at(plans, row, P_CURVATURE, s)
+    return curvature / max(0.5, 1.0 - curvature * memory[OFFSET])
+
+
+@njit(cache=True)
+def _at(plans: Plans, row: int, column: int, s: float) -> float:
+    """Return a column of a ride's plan at an arc length of any lap."""
+    table, offset, last, spacing = plans
+    u = (s % (spacing[row] * (last[row] + 1))) / spacing[row]
+    i = min(int(u), last[row])
+    u -= i
+    i += offset[row]
+    return float(table[i, column] + u * (table[i + 1, column] - table[i, column]))
+
+
+@njit(cache=True)
+def _between(x: float, xs: FloatArray, ys: FloatArray) -> float:
+    """Return `numpy.interp` of one value in a growing table."""
+    if x <= xs[0]:
+        return float(ys[0])
+    if x >= xs[-1]:
+        return float(ys[-1])
+    i = np.searchsorted(xs, x, side="right") - 1
+    return float(ys[i] + (x - xs[i]) * ((ys[i + 1] - ys[i]) / (xs[i + 1] - xs[i])))
+
+
+@njit(cache=True)
+def _turning_row(speed: float, tables: Tables) -> FloatArray:
+    """Return the lateral accelerations of the leans at a speed, m/s^2."""
+    table, speeds = tables[0], tables[1]
+    step = speeds[1] - speeds[0]
+    u = min(max((speed - speeds[0]) / step, 0.0), float(len(speeds) - 1))
+    i = min(int(u), len(speeds) - 2)
+    return table[i] + (u - i) * (table[i + 1] - table[i])
+
+
+@njit(cache=True)
+def _wanted(seen: FloatArray, memory: FloatArray, plans: Plans, row: int, ahead: float) -> float:
+    """Return the lateral acceleration that the line requires after a time, m/s^2."""
+    here = _at(plans, row, P_SPEED, seen[PROGRESS])
+    s = seen[PROGRESS] + seen[SPEED] * ahead
+    speed = max(1.0, seen[SPEED] + (1.0 + memory[PACE]) * (_at(plans, row, P_SPEED, s) - here))
+    return _bend(memory, plans, row, s) * speed**2
+
+
+@njit(cache=True)
+def _load(seen: FloatArray, law: _Law, plans: Plans, row: int, ahead: float) -> float:
+    """Return the load after a time by that on level ground: less over a crest, more in a dip."""
+    s = seen[PROGRESS] + seen[SPEED] * ahead
+    return max(0.3, 1.0 + _at(plans, row, P_CREST, s) * seen[SPEED] ** 2 / law.gravity)
+
+
+@njit(cache=True)
+def _error_rate(seen: FloatArray, memory: FloatArray, law: _Law) -> float:
+    """Return the rate of the lateral error, m/s: measured, or of the heading at the first step.
+
+    The heading alone is a poor measure: it knows nothing of the side slip.
+    """
+    way = seen[PROGRESS] - memory[PROGRESS]
+    longest = max(LONGEST_GAP, 4.0 * law.period)
+    if memory[KNOWN] == 0.0 or abs(way) > longest * seen[SPEED] + 1.0:
+        return seen[SPEED] * math.sin(seen[HEADING_ERROR])
+    # States in between may have been lost: the distance shows how many periods ago the previous one was.
+    elapsed = law.period * max(1.0, np.rint(way / (max(1.0, seen[SPEED]) * law.period)))
+    measured = (seen[LATERAL_ERROR] - memory[LATERAL_ERROR]) / elapsed
+    if elapsed <= law.usual_period:
+        return measured
+    predicted = memory[RATE] + elapsed * memory[EXCESS]
+    return measured + math.exp(-elapsed / law.rate_memory) * (predicted - measured)
+
+
+@njit(cache=True)
+def _turning(
+    seen: FloatArray,
+    memory: FloatArray,
+    law: _Law,
+    leans: FloatArray,
+    turning: FloatArray,
+    plans: Plans,
+    row: int,
+    ahead: float,
+) -> float:
+    """Return the lateral acceleration in excess of the line's after a time at the present roll rate, m/s^2."""
+    roll = seen[ROLL] + ahead * seen[ROLL_RATE]
+    held = _load(seen, law, plans, row, ahead) * _between(abs(roll), leans, turning)
+    return -math.copysign(held, roll) - _wanted(seen, memory, plans, row, ahead)
+
+
+@njit(cache=True)
+def _steer(
+    seen: FloatArray, memory: FloatArray, law: _Law, leans: FloatArray, turning: FloatArray, plans: Plans, row: int
+) -> float:
+    """Return the steering: the lean that the line will require, and feedback of what is expected by then."""
+    w, h, middle, late = law.frequency, law.stencil, law.preview, law.arms
+    before = _wanted(seen, memory, plans, row, middle - h)
+    now = _wanted(seen, memory, plans, row, middle)
+    after = _wanted(seen, memory, plans, row, middle + h)
+    ahead = now + (after - before) / (h * w) + (after - 2.0 * now + before) / (h * w) ** 2
+    excess = _turning(seen, memory, law, leans, turning, plans, row, 0.0)
+    then = _turning(seen, memory, law, leans, turning, plans, row, late)
+    memory[RATE], memory[EXCESS] = _error_rate(seen, memory, law), excess
+    # lateral error and its rate when the arms will have answered
+    error = seen[LATERAL_ERROR] + late * memory[RATE] + late**2 * (excess / 3.0 + then / 6.0)
+    error -= memory[OFFSET] + late * memory[OFFSET_RATE]
+    rate = memory[RATE] + 0.5 * late * (excess + then) - memory[OFFSET_RATE]
+    error = min(max(error, -law.trust), law.trust)
+    rate = min(max(rate, -3.0 * law.trust), 3.0 * law.trust)
+    p = law.bandwidth * w
+    back = -(p**4 * error + 4.0 * p**3 * rate) / w**2 - (6.0 * p**2 / w**2 - 1.0) * then
+    lateral = (ahead + back) / _load(seen, law, plans, row, middle)
+    lean = min(_between(abs(lateral), turning, leans), law.largest_lean)
+    return min(max(math.copysign(lean, lateral) / law.max_lean, -1.0), 1.0)
+
+
+@njit(cache=True)
+def _rolled(seen: FloatArray, law: _Law, plans: Plans, row: int) -> float:
+    """Return the speed of the contacts, m/s: the frame leans inwards and is slower on a tight line."""
+    inside = -law.above * math.sin(seen[ROLL])
+    return seen[SPEED] / max(0.5, 1.0 - _at(plans, row, P_CURVATURE, seen[PROGRESS]) * inside)
+
+
+@njit(cache=True)
+def _throttle(seen: FloatArray, memory: FloatArray, law: _Law, tables: Tables, plans: Plans, row: int) -> float:
+    """Return throttle or brake: the force of the plan's acceleration, and of the error of speed."""
+    s = seen[PROGRESS] + seen[SPEED] * law.speed_preview
+    pace = 1.0 + memory[PACE]
+    missing = pace * _at(plans, row, P_SPEED, seen[PROGRESS]) - _rolled(seen, law, plans, row)
+    acceleration = pace**2 * _at(plans, row, P_LONGITUDINAL, s) + law.speed_gain * missing
+    hill = law.weight * _at(plans, row, P_GRADE, s)
+    force = law.mass * acceleration + law.drag * seen[SPEED] ** 2 + law.rolling + hill
+    if force >= 0.0:
+        most = _between(seen[SPEED], tables[1], tables[3])
+        # A closed throttle drags by the engine's brake, which fades as the throttle opens.
+        return min(1.0, (force + law.engine_brake) / max(most + law.engine_brake, 1.0))
+    return -min(1.0, max(0.0, (-force - law.engine_brake) / law.brake_force))
