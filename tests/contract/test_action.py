@@ -7,7 +7,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bike_policy.contract.action import DRIVE, LEAN_REQUEST, MEANINGS, STEERING_SET_VALUE, ActionColumn, ActionLayout
+from bike_policy.contract.action import (
+    DRIVE,
+    LEAN_REQUEST,
+    LINE_OFFSET,
+    MEANINGS,
+    PACE,
+    STEERING_SET_VALUE,
+    ActionColumn,
+    ActionLayout,
+)
 
 SUPERBIKE = ActionLayout((ActionColumn(LEAN_REQUEST), ActionColumn(DRIVE, 0.8)))
 LAYOUTS = (ActionLayout.steering(math.radians(70.0)), SUPERBIKE, ActionLayout(SUPERBIKE.columns[::-1]))
@@ -64,5 +73,21 @@ def test_foreign_cards_are_refused_by_name(card, message):
 
 def test_every_meaning_has_a_command_and_a_sign():
     assert {command for command, _ in MEANINGS.values()} == {"steering", "throttle"}
-    assert {name: sign for name, (command, sign) in MEANINGS.items() if command == "throttle"} == {DRIVE: 1.0}
+    assert {name: sign for name, (command, sign) in MEANINGS.items() if command == "throttle"} == {DRIVE: 1.0, PACE: 1.0}
     assert {sign for command, sign in MEANINGS.values() if command == "steering"} == {-1.0}
+
+
+def test_targets_of_a_guide_are_scaled_and_mirror():
+    layout = ActionLayout((ActionColumn(LINE_OFFSET, 1.5), ActionColumn(PACE, 0.06)))
+    actions = np.array([[0.5, -1.0], [1.0, 0.25]], dtype=np.float32)
+    np.testing.assert_allclose(layout.to_targets(actions), [[0.75, -0.06], [1.5, 0.015]])
+    np.testing.assert_array_equal(layout.mirror_signs, [-1.0, 1.0])
+    assert layout.guided
+    assert not SUPERBIKE.guided
+    assert ActionLayout.from_card(layout.to_card()) == layout
+
+
+@pytest.mark.parametrize("meanings", [(LINE_OFFSET,), (LEAN_REQUEST, PACE), (PACE, LINE_OFFSET)])
+def test_targets_come_in_pairs(meanings):
+    with pytest.raises(ValueError, match="an action for a guide needs the columns line_offset, pace"):
+        ActionLayout(tuple(ActionColumn(meaning) for meaning in meanings))

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from bike_policy.contract.bundle import layout_from_card
-from bike_policy.contract.race import BLOCKS, COMPACT, RACE_LAYOUTS, RaceEyes, RaceLayout
+from bike_policy.contract.race import BLOCKS, COMPACT, GUIDED, RACE_LAYOUTS, RaceEyes, RaceLayout
 from bike_policy.contract.reference import OPEN, Reference, ReferenceRows
 from bike_policy.contract.rows import Row
 from bike_sim.physics.state import MIRROR_SIGNS
@@ -70,8 +70,20 @@ def reference(seed=0, sign=1.0):
     return Reference(5.0, curvature, speed)
 
 
+class Beside:
+    """A guide that rides on one side of the line."""
+
+    def __init__(self, count, sign):
+        self.count, self.sign = count, sign
+
+    def shown(self):
+        return np.tile([0.3 * self.sign, 0.5, 0.7 * self.sign, -0.05], (self.count, 1))
+
+
 def eyes_of(layout, rows, sign=1.0, actions=()):
-    eyes = RaceEyes(layout, len(rows.state), SIGNALS)
+    eyes = RaceEyes(
+        layout, len(rows.state), SIGNALS, Beside(len(rows.state), sign) if "guide" in layout.blocks else None
+    )
     for row in range(len(rows.state)):
         eyes.begin(row, rows, reference(row, sign))
     for action in actions:
@@ -117,7 +129,7 @@ def test_a_machine_is_seen_the_same_alone_and_among_others():
     together = eyes_of(ALL, rows).observe(rows)
     for i in range(7):
         alone = Row(*(part[i : i + 1] for part in rows))
-        eyes = RaceEyes(ALL, 1, SIGNALS)
+        eyes = RaceEyes(ALL, 1, SIGNALS, Beside(1, 1.0))
         eyes.begin(0, alone, reference(i))
         np.testing.assert_array_equal(eyes.observe(alone)[0], together[i])
 
@@ -191,3 +203,8 @@ def test_foreign_layouts_are_refused_by_name(change, message):
 def test_missing_telemetry_is_named():
     with pytest.raises(ValueError, match="rear_slip"):
         RaceEyes(COMPACT, 1, [name for name in SIGNALS if name != "rear_slip"])
+
+
+def test_a_layout_that_shows_the_guide_needs_one():
+    with pytest.raises(ValueError, match="'guided' shows what the guide does"):
+        RaceEyes(GUIDED, 1, GUIDED.signals)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bike_policy.contract.race import COMPACT
+from bike_policy.contract.race import COMPACT, GUIDED
 from bike_policy.contract.rows import Row, row_of
 from bike_sim.physics import superbike_forces as sf
 from bike_sim.sim import look as lk
@@ -32,6 +32,7 @@ COMPILED = replace(superbike_config("panigale_v4r"), engine="compiled")
 ALL = dict.fromkeys(REWARD_TERMS, 1.0)
 PERIOD = COMPILED.control_period
 TASK = RaceTask(weights=ALL)
+GUIDED_TASK = RaceTask(GUIDED, weights=ALL, guided=True)
 
 
 @pytest.fixture(scope="module")
@@ -204,10 +205,10 @@ def test_overspeed_is_beyond_the_share_and_the_limit(start):
 
 def test_a_limiter_closes_the_throttle_beyond_the_speed_asked(start):
     row, _, _ = start
-    commands = np.array([[0.3, 0.9]])
-    limited = rides_of(start, replace(TASK, limiter=True), RaceContext(v_max=30.0)).limit(row, commands)
-    np.testing.assert_array_equal(limited, [[0.3, 0.0]])
-    np.testing.assert_array_equal(rides_of(start, context=RaceContext(v_max=30.0)).limit(row, commands), commands)
+    for task, throttle in ((replace(TASK, limiter=True), 0.0), (TASK, 0.9)):
+        rides = rides_of(start, task, RaceContext(v_max=30.0))
+        rides.act(row, np.array([[0.3, 0.9]]))
+        np.testing.assert_array_equal(rides.commands(row), [[0.3 * task.lean_scale, throttle]])
 
 
 @given(a=st.floats(-0.3, 0.3), b=st.floats(-0.3, 0.3))
@@ -240,19 +241,20 @@ def test_the_error_of_a_validation_is_time_over_the_planned_lap():
     assert TASK.selection_error(track, whole) > 1.0 > TASK.selection_error(track, np.ones(4, dtype=bool))
 
 
-def test_one_ride_is_shown_and_judged_as_in_a_batch():
+@pytest.mark.parametrize("task", [TASK, GUIDED_TASK], ids=["alone", "guided"])
+def test_one_ride_is_shown_and_judged_as_in_a_batch(task):
     """A simulator of its own and a compiled batch give the same observations and rewards, bit for bit."""
     requests = [
         ResetRequest(course="barcelona", speed_range=(v, v), progress=p) for v, p in ((30.0, 0.0), (25.0, 900.0))
     ]
-    batch = make_batch(2, COMPILED, TASK.preview)
+    batch = make_batch(2, COMPILED, task.preview)
     simulator = Simulator(COMPILED)
-    together = TASK.rides(2, batch.vehicle)
+    together = task.rides(2, batch.vehicle)
     for row, request in enumerate(requests):
         batch.reset(row, request)
         together.begin(row, batch, request, batch.course(row))
     row = row_of(simulator.reset(requests[1]))
-    alone = TASK.rides(1, simulator.vehicle)
+    alone = task.rides(1, simulator.vehicle)
     assert simulator.course is not None
     alone.begin(0, row, requests[1], simulator.course)
     rng = np.random.default_rng(1)
@@ -261,10 +263,10 @@ def test_one_ride_is_shown_and_judged_as_in_a_batch():
         np.testing.assert_array_equal(together.observe(batch)[1], alone.observe(row)[0])
         together.act(batch, actions)
         alone.act(row, actions[1:])
-        for _ in range(TASK.repeat):
-            batch.step(TASK.action.to_commands(actions, 1.0))
+        for _ in range(task.repeat):
+            batch.step(together.commands(batch))
             together.advance(batch)
-            row = row_of(simulator.step(*TASK.action.to_command(actions[1], 1.0)))
+            row = row_of(simulator.step(*alone.commands(row)[0].tolist()))
             alone.advance(row)
         many, one = together.judge(batch), alone.judge(row)
         for name, term in many.terms.items():

@@ -105,7 +105,6 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         before = self.snapshot
         if before is None:
             raise RuntimeError("call reset before step")
-        command = self._action.to_command(action, self._max_steer)
         row, states = row_of(before), []
         observation = None if self.watch is None else self.rides.observe(row)[0]
         self.rides.act(row, np.asarray(action)[None])
@@ -113,12 +112,12 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         for _ in range(self.task.repeat):
             if snapshot.fallen:
                 break  # a node ends its ride with the fall
-            snapshot = self.client.step(*self.rides.limit(row, np.array([command]))[0].tolist())
+            snapshot = self.client.step(*self.rides.commands(row)[0].tolist())
             row = row_of(snapshot)
             self.rides.advance(row)
             states.append(snapshot.state)
         if self.watch is not None and observation is not None:
-            self.watch.stepped(observation, action, command, states)
+            self.watch.stepped(observation, action, states)
         self.snapshot = snapshot
         self._steps += 1
         terms, failed = self.rides.judge(row)

@@ -90,7 +90,6 @@ class BatchVecEnv(VecEnv):
         self.returns = np.zeros(count)
         self._requests: list[ResetRequest] = [ResetRequest()] * count
         self._actions = np.zeros((count, task.action.size), dtype=np.float32)
-        self._commands = np.zeros((count, 2))
 
     def set_episodes(self, episodes: Episodes) -> None:
         """Draw new episodes from elsewhere from now on."""
@@ -166,7 +165,6 @@ class BatchVecEnv(VecEnv):
     def step_async(self, actions: NDArray[np.float32]) -> None:
         """Take the actions of the next step, shape (n, columns of the action)."""
         self._actions = actions
-        self._commands = self.task.action.to_commands(actions, self.batch.vehicle.max_steer)
 
     def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
         """Step every vehicle; rides that ended have started again in the returned observations."""
@@ -174,13 +172,12 @@ class BatchVecEnv(VecEnv):
         self.rides.act(self.batch, self._actions)
         states = []
         for _ in range(self.task.repeat):
-            self.batch.step(self.rides.limit(self.batch, self._commands))
+            self.batch.step(self.rides.commands(self.batch))
             self.rides.advance(self.batch)
             if watched is not None:
                 states.append(self.batch.state[0].copy())
         if watched is not None and self.watch is not None:
-            steering, throttle = self._commands[0].tolist()
-            self.watch.stepped(watched, self._actions[0].astype(np.float64), (steering, throttle), states)
+            self.watch.stepped(watched, self._actions[0].astype(np.float64), states)
         self.steps += 1
         terms, terminated = self.rides.judge(self.batch)
         rewards = sum_of(terms).astype(np.float32)

@@ -25,7 +25,6 @@ class RideWatch(Protocol):
         self,
         observation: NDArray[np.float32],
         action: NDArray[np.floating],
-        command: tuple[float, float],
         states: Sequence[NDArray[np.float64]],
     ) -> None:
         """Take note of a decision.
@@ -33,7 +32,6 @@ class RideWatch(Protocol):
         Args:
             observation: of the policy.
             action: of the policy, in [-1, 1], one number per column of the task's action.
-            command: steering and throttle that it became, in [-1, 1].
             states: minimal state at the end of each control period that it was held.
         """
         ...

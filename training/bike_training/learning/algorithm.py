@@ -31,6 +31,7 @@ class Algorithm:
         learning_starts: steps with random actions before the first update.
         policy_delay: updates of the critics for each one of the actor (sbx only).
         target_entropy: entropy that the temperature is tuned to, nat; smaller means less noise.
+        temperature: what the entropy is worth at the start, in units of reward.
         mirror: learn each transition as often mirrored left to right as it happened.
         averaging: share of the averaged actor kept in an update of the average; 0 deploys the actor itself.
         steps: learning steps in all.
@@ -50,6 +51,7 @@ class Algorithm:
     learning_starts: int = 100
     policy_delay: int = 1
     target_entropy: float = -1.0
+    temperature: float = 1.0
     mirror: bool = False
     averaging: float = 0.0
     steps: int = 1_000_000
@@ -70,7 +72,7 @@ class Algorithm:
         for name in ("learning_rate", "final_learning_rate", "gamma", "tau", "averaging"):
             check_number(name, getattr(self, name), 0.0, 1.0)
         check_number("target_entropy", self.target_entropy)
-        for name in ("learning_rate", "tau"):
+        for name in ("learning_rate", "tau", "temperature"):
             check_positive(name, getattr(self, name))
         if self.averaging == 1.0:
             raise ValueError("preset setting averaging=1.0 would never take in the actor")

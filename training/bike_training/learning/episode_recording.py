@@ -134,16 +134,14 @@ class EpisodeWriter:
         self,
         observation: NDArray[np.float32],
         action: NDArray[np.floating],
-        command: tuple[float, float],
         standing: Standing,
         deterministic: bool,
     ) -> list[Snapshot]:
-        """Hold a command for one decision; write down it, the step of learning, and what comes of it.
+        """Hold an action for one decision; write down its commands, the step of learning, and what comes of it.
 
         Args:
             observation: what the policy saw.
             action: what it answered, in [-1, 1].
-            command: steering and throttle that it became, in [-1, 1].
             standing: where learning stood.
             deterministic: whether the action is the mean of the policy.
         """
@@ -155,30 +153,30 @@ class EpisodeWriter:
         learned.deterministic = deterministic
         learned.feature_names = list(self._task.layout.names)
         learned.observation = array("f", observation.tobytes())
-        learned.action, learned.steering = float(action[0]), command[0]
+        learned.action = float(action[0])
         learned.steer_set = float(action[0]) * self._task.action.columns[0].scale
-        held: list[Snapshot] = []
+        held: list[tuple[Snapshot, Command]] = []
         while len(held) < self._task.repeat and not self.snapshot.fallen:
+            command = self._rides.commands(row_of(self.snapshot))[0].tolist()
+            given = Command(self.snapshot.episode, self.snapshot.step, *command)
             self.snapshot = self._simulator.step(*command)
             self._rides.advance(row_of(self.snapshot))
-            held.append(self.snapshot)
+            held.append((self.snapshot, given))
+        learned.steering = held[0][1].steering if held else 0.0
         self._judge(learned)
-        self._write_held(before, held, command, learned)
-        return held
+        self._write_held(before, held, learned)
+        return [snapshot for snapshot, _ in held]
 
     def observe(self) -> NDArray[np.float32]:
         """Return what a policy sees now."""
         return self._rides.observe(row_of(self.snapshot))[0]
 
-    def _write_held(
-        self, before: Snapshot, held: Sequence[Snapshot], command: tuple[float, float], learned: LearningStep
-    ) -> None:
+    def _write_held(self, before: Snapshot, held: Sequence[tuple[Snapshot, Command]], learned: LearningStep) -> None:
         """Write the control periods of a decision in the order of time; what was learned stands before its states."""
-        for snapshot in held:
+        for snapshot, given in held:
             stamp = self._stamp_of(before)
-            given = Command(before.episode, before.step, *command)
             self._write_bytes("command", wire.encode_command(given, stamp), stamp)
-            if snapshot is held[0]:
+            if snapshot is held[0][0]:
                 self._write("learning/step", learned, stamp)
             stamp = self._stamp_of(snapshot)
             self._write_bytes("state", wire.encode_state(snapshot, self._facts, stamp), stamp)
@@ -254,8 +252,7 @@ def record_ride(
             for _ in range(steps // task.repeat):
                 observation = writer.observe()
                 action = actor.act(observation)
-                command = task.action.to_command(action, simulator.vehicle.max_steer)
-                writer.step(observation, action, command, standing, True)
+                writer.step(observation, action, standing, True)
                 if writer.failed:
                     break
 
@@ -307,14 +304,13 @@ class TrainingRecorder:
         self,
         observation: NDArray[np.float32],
         action: NDArray[np.floating],
-        command: tuple[float, float],
         states: Sequence[NDArray[np.float64]],
     ) -> None:
         """Write a step down; the recording ends with a warning where the simulator leaves the ride of the training."""
         if self._writer is None or self._path is None:
             return
         with _warning_of_disk(self._path, self.close):
-            held = self._writer.step(observation, action, command, self._standing(), False)
+            held = self._writer.step(observation, action, self._standing(), False)
             # A fallen vehicle lies still in a batch; the ride of its own ends there.
             if any(not np.array_equal(snapshot.state, state) for snapshot, state in zip(held, states, strict=False)):
                 warnings.warn(f"recording {self._path} ends: its ride has left that of the training", stacklevel=2)

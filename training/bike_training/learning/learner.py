@@ -90,6 +90,7 @@ def build_model(algorithm: Algorithm, task: Task, env: VecEnv, seed: int) -> Off
         "train_freq": 1,
         "gradient_steps": algorithm.updates,
         "target_entropy": algorithm.target_entropy,
+        "ent_coef": f"auto_{algorithm.temperature}",
         "policy_kwargs": {"net_arch": list(algorithm.layers)},
         "seed": seed,
         **buffer,

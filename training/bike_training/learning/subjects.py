@@ -155,6 +155,8 @@ class RaceSettings:
         repeat: control periods that a decision is held.
         max_steps: decisions of an episode.
         lean_scale: part of the virtual rider's largest lean that action 1 asks for.
+        guided: whether actions are targets of a guide. offset: farthest from the followed line, m.
+        pace: largest change of the planned speed as a part of it.
         limiter: whether the speed asked cuts the throttle.
         any_tyre: whether one contact point outside the limits is off the track; else both.
         masked: whether progress counts on the track only.
@@ -167,6 +169,9 @@ class RaceSettings:
     repeat: int = 3
     max_steps: int = 500
     lean_scale: float = 0.95
+    guided: bool = False
+    offset: float = 1.0
+    pace: float = 0.08
     limiter: bool = False
     any_tyre: bool = True
     masked: bool = True
@@ -192,6 +197,9 @@ class RaceSettings:
             layout=replace(RACE_LAYOUTS[self.observation], repeat=self.repeat),
             max_steps=self.max_steps,
             lean_scale=self.lean_scale,
+            guided=self.guided,
+            offset=self.offset,
+            pace=self.pace,
             limiter=self.limiter,
             any_tyre=self.any_tyre,
             masked=self.masked,

@@ -56,9 +56,8 @@ def ride_side_by_side(
             if step % task.repeat == 0:
                 actions = actor.act_batch(rides.observe(batch))
                 rides.act(batch, actions)
-                commands = task.action.to_commands(actions, batch.vehicle.max_steer)
             disturb(batch, step, alive)
-            batch.step(commands)
+            batch.step(rides.commands(batch))
             rides.advance(batch)
             track[step] = rides.error(batch)
             if (step + 1) % task.repeat == 0:
@@ -84,13 +83,11 @@ def _ride(actor: Actor, task: Task, simulator: Client, request: ResetRequest) ->
     rides.begin(0, row, request, simulator.course)
     track: list[float] = []
     steps = round(task.validation_duration / simulator.config.control_period)
-    command = (0.0, 0.0)
     for step in range(steps):
         if step % task.repeat == 0:
             action = actor.act(rides.observe(row)[0])
             rides.act(row, action[None])
-            command = task.action.to_command(action, simulator.vehicle.max_steer)
-        snapshot = simulator.step(*command)
+        snapshot = simulator.step(*rides.commands(row)[0].tolist())
         row = row_of(snapshot)
         rides.advance(row)
         track.append(float(rides.error(row)[0]))

@@ -98,7 +98,7 @@ def ride_races(
         raise ValueError(f"policy {bundle.name!r} follows paths; it cannot race")
     layout = bundle.layout if share is None else replace(bundle.layout, share=share)
     config = replace(superbike_config(vehicle), engine=SUPERBIKE_ENGINE)
-    task = RaceTask(layout)
+    task = RaceTask.of(layout, bundle.action)
     ground = Ground(load_vehicle(vehicle), [circuit])
     batch = CompiledSuperbikeBatch(starts, config)
     rides = task.rides(starts, batch.vehicle)
@@ -114,7 +114,7 @@ def ride_races(
         if step % layout.repeat == 0:
             actions = bundle.actor.act_batch(rides.observe(batch))
             rides.act(batch, actions)
-            commands = bundle.action.to_commands(actions, batch.vehicle.max_steer)
+        commands = rides.commands(batch)
         riding = ~batch.fallen & (_finished(batch) < laps)
         if not riding.any():
             break

@@ -36,7 +36,7 @@ class Verdict(NamedTuple):
 class Rides(Protocol):
     """What a task shows and judges of vehicles side by side, with what it must remember of their rides.
 
-    A decision is: :meth:`observe`, :meth:`act`, control periods between :meth:`limit` and :meth:`advance`, then
+    A decision is: :meth:`observe`, :meth:`act`, control periods between :meth:`commands` and :meth:`advance`, then
     :meth:`judge`.
     """
 
@@ -56,11 +56,11 @@ class Rides(Protocol):
         ...
 
     def act(self, blocks: RowBlocks, actions: NDArray[np.floating]) -> None:
-        """Take note of actions before they are held, shape (n, action.size)."""
+        """Take actions that are held from now on, shape (n, action.size)."""
         ...
 
-    def limit(self, blocks: RowBlocks, commands: FloatArray) -> FloatArray:
-        """Return commands as the task lets them through at the beginning of a control period, shape (n, 2)."""
+    def commands(self, blocks: RowBlocks) -> FloatArray:
+        """Return what the actions become in a control period: steering and throttle in [-1, 1], shape (n, 2)."""
         ...
 
     def advance(self, blocks: RowBlocks) -> None:

@@ -125,7 +125,7 @@ class PathTask:
 
     def rides(self, count: int, vehicle: Vehicle) -> PathRides:
         """Return what it shows and judges of a number of bicycles."""
-        return PathRides(self)
+        return PathRides(self, vehicle.max_steer)
 
     def strict(self) -> PathTask:
         """Return itself: a validation fails where learning does."""
@@ -196,9 +196,10 @@ class PathTask:
 class PathRides:
     """What a path task shows and judges: each instant by itself; implements `bike_training.tasks.base.Rides`."""
 
-    def __init__(self, task: PathTask) -> None:
-        """Show and judge for a task."""
-        self._task = task
+    def __init__(self, task: PathTask, max_steer: float) -> None:
+        """Show and judge for a task, of bicycles whose command 1 is a steering set point of `max_steer` (rad)."""
+        self._task, self._max_steer = task, max_steer
+        self._actions: NDArray[np.floating] = np.zeros((0, 1))
 
     def begin(self, row: int, blocks: RowBlocks, request: ResetRequest, course: Course) -> None:
         """Need nothing of how a ride begins."""
@@ -208,11 +209,12 @@ class PathRides:
         return self._task.layout.observe(blocks)
 
     def act(self, blocks: RowBlocks, actions: NDArray[np.floating]) -> None:
-        """Need nothing of the actions."""
+        """Hold actions; see `Rides`."""
+        self._actions = actions
 
-    def limit(self, blocks: RowBlocks, commands: FloatArray) -> FloatArray:
-        """Let all commands through."""
-        return commands
+    def commands(self, blocks: RowBlocks) -> FloatArray:
+        """Return the same commands in each control period; see `Rides`."""
+        return self._task.action.to_commands(self._actions, self._max_steer)
 
     def advance(self, blocks: RowBlocks) -> None:
         """Need nothing between decisions."""

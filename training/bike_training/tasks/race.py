@@ -15,10 +15,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_policy.contract.action import DRIVE, LEAN_REQUEST, ActionColumn, ActionLayout
+from bike_policy.contract.action import DRIVE, LEAN_REQUEST, LINE_OFFSET, PACE, ActionColumn, ActionLayout
 from bike_policy.contract.race import COMPACT, RaceEyes, RaceLayout
 from bike_policy.contract.reference import OPEN
 from bike_policy.contract.rows import RowBlocks
+from bike_policy.riders.race_guide import RaceGuide
 from bike_policy.riders.race_reference import References
 from bike_sim.course.course import Course
 from bike_sim.physics import superbike_forces as sf
@@ -47,6 +48,7 @@ class Passed:
 
     Attributes:
         way: along the followed line, m; negative where the machine heads the wrong way.
+        gain: time gained on the planned lap, s.
         off_track: speed times time with a contact point outside, m. fully_off: s with both outside.
         energy: kinetic energy per mass in a collision with a wall, m^2/s^2.
         line: distance to the line times time, m s. overspeed: beyond the speed asked, times time, m.
@@ -55,12 +57,13 @@ class Passed:
             saturation, times time, s.
         motion: vertical and sideways speed of the machine, times time, m.
         steer_change: rad. lean_change: rad. rate_change: of the angular velocity, rad/s.
-        steering_change: of the command. throttle_change: of the command.
+        steering_change: of the action. throttle_change: of the action. effort: sum of the squares of the action.
         steer_history: 0 to 1. lean_history: 0 to 1.
         fell: 1 where the ride is over. ended: 1 where the episode fails for any reason.
     """
 
     way: FloatArray
+    gain: FloatArray
     off_track: FloatArray
     fully_off: FloatArray
     energy: FloatArray
@@ -76,6 +79,7 @@ class Passed:
     rate_change: FloatArray
     steering_change: FloatArray
     throttle_change: FloatArray
+    effort: FloatArray
     steer_history: FloatArray
     lean_history: FloatArray
     fell: FloatArray
@@ -89,6 +93,7 @@ class Passed:
 
 REWARD_TERMS: Final[Mapping[str, Callable[[Passed], FloatArray]]] = {
     "progress": lambda passed: passed.way,
+    "gain": lambda passed: passed.gain,
     "off_track": lambda passed: -passed.off_track,
     "wall": lambda passed: -passed.energy,
     "steer_change": lambda passed: -passed.steer_change,
@@ -105,10 +110,11 @@ REWARD_TERMS: Final[Mapping[str, Callable[[Passed], FloatArray]]] = {
     "overspeed": lambda passed: -passed.overspeed,
     "steering_change": lambda passed: -(passed.steering_change**2),
     "throttle_change": lambda passed: -(passed.throttle_change**2),
+    "effort": lambda passed: -passed.effort,
     "fall": lambda passed: -passed.fell,
     "failure": lambda passed: -passed.ended,
 }
-"""Terms of the reward by name; all but progress are at most 0."""
+"""Terms of the reward by name; all but progress and gain are at most 0."""
 
 PAPER_WEIGHTS: Final[Mapping[str, float]] = {
     "progress": 1.0,
@@ -151,6 +157,8 @@ class RaceTask:
         max_steps: decisions of an episode.
         largest_lean: of the term ``max_lean``, rad.
         lean_scale: part of the virtual rider's largest lean that action 1 asks for.
+        guided: whether actions are targets of a guide, as far as these: offset from the followed line, m.
+        pace: change of the planned speed as a part of it.
         any_tyre: whether one contact point outside the limits is off the track, as published; else both.
         masked: whether progress counts on the track only (Wurman et al. 2022).
         off_track_time: penalty timer, s: time with both contact points outside that ends an episode.
@@ -164,6 +172,9 @@ class RaceTask:
     max_steps: int = MAX_STEPS
     largest_lean: float = math.radians(58.0)
     lean_scale: float = 0.95
+    guided: bool = False
+    offset: float = 1.0
+    pace: float = 0.08
     any_tyre: bool = True
     masked: bool = True
     off_track_time: float = 1.0
@@ -179,7 +190,9 @@ class RaceTask:
             ValueError: naming the value.
         """
         check_weights(self.weights, REWARD_TERMS)
-        check_positive_settings(self, ("max_steps", "largest_lean", "lean_scale", "validation_duration"))
+        check_positive_settings(
+            self, ("max_steps", "largest_lean", "lean_scale", "offset", "pace", "validation_duration")
+        )
         for name in ("off_track_time", "wrong_way_time", "stalled_time"):
             if not getattr(self, name) >= 0.0:
                 raise ValueError(f"{name} must not be negative, got {getattr(self, name)!r}")
@@ -191,7 +204,9 @@ class RaceTask:
 
     @property
     def action(self) -> ActionLayout:
-        """Lean request, and throttle or brake."""
+        """Lean request, and throttle or brake; or line and pace of a guide."""
+        if self.guided:
+            return ActionLayout((ActionColumn(LINE_OFFSET, self.offset), ActionColumn(PACE, self.pace)))
         return ActionLayout((ActionColumn(LEAN_REQUEST, self.lean_scale), ActionColumn(DRIVE)))
 
     @property
@@ -231,6 +246,14 @@ class RaceTask:
         """Return the mean excess of the rides; one that fails counts as much as all others being twice as slow."""
         errors = [self.validation_error(track[:, i], bool(whole[i])) for i in range(len(whole))]
         return float(np.mean(errors) + np.sum(~whole))
+
+    @classmethod
+    def of(cls, layout: RaceLayout, action: ActionLayout) -> RaceTask:
+        """Return the task of a policy, for rides that are not learned from."""
+        first, second = (column.scale for column in action.columns)
+        if action.guided:
+            return cls(layout, guided=True, offset=first, pace=second)
+        return cls(layout, lean_scale=first)
 
     def to_card(self) -> dict[str, Any]:
         """Return plain values for recordings."""
@@ -292,8 +315,10 @@ class RaceRides:
         """
         self._task = task
         self._references = References(vehicle)
-        self._period = vehicle.control_period
-        self.eyes = RaceEyes(task.layout, count, sf.TELEMETRY_NAMES)
+        self._period, self._max_steer = vehicle.control_period, vehicle.max_steer
+        self._guide = RaceGuide(vehicle, vehicle.control_period, count) if task.guided else None
+        self._action = task.action
+        self.eyes = RaceEyes(task.layout, count, sf.TELEMETRY_NAMES, self._guide)
         self._passed = Passed.nothing(count)
         self._count = count
         self._progress = np.zeros(count)
@@ -311,6 +336,8 @@ class RaceRides:
         context = RaceContext.of(request)
         share, cap = (None, OPEN) if context is None else (context.share, context.v_max)
         self.eyes.begin(row, blocks, self._references.of(course), share, cap)
+        if self._guide is not None:
+            self._guide.begin(row, course)
         self._progress[row] = blocks.look[row, lk.PROGRESS]
         self._rate[row] = 1.0
         self._angles[row], self._omega[row] = blocks.state[row, [STEER, ROLL]], _omega(blocks)[row]
@@ -328,15 +355,19 @@ class RaceRides:
         self._passed = Passed.nothing(self._count)
         change = np.abs(self.eyes.actions[:, 0] - before)
         self._passed.steering_change, self._passed.throttle_change = change[:, 0], change[:, 1]
+        self._passed.effort = np.sum(self.eyes.actions[:, 0] ** 2, axis=1)
 
-    def limit(self, blocks: RowBlocks, commands: FloatArray) -> FloatArray:
+    def commands(self, blocks: RowBlocks) -> FloatArray:
         """Return commands, with the throttle closed beyond the speed asked where the task has a limiter."""
-        if not self._task.limiter:
-            return commands
-        _, asked = self.eyes.references.at(blocks.look[:, lk.PROGRESS])
-        limited = commands.copy()
-        limited[:, 1] = np.where(blocks.look[:, lk.SPEED] > asked, np.minimum(commands[:, 1], 0.0), commands[:, 1])
-        return limited
+        if self._guide is None:
+            commands = self._action.to_commands(self.eyes.actions[:, 0], self._max_steer)
+        else:
+            commands = self._guide.commands(blocks, self._action.to_targets(self.eyes.actions[:, 0]))
+        if self._task.limiter:
+            _, asked = self.eyes.references.at(blocks.look[:, lk.PROGRESS])
+            closed = np.minimum(commands[:, 1], 0.0)
+            commands[:, 1] = np.where(blocks.look[:, lk.SPEED] > asked, closed, commands[:, 1])
+        return commands
 
     def advance(self, blocks: RowBlocks) -> None:
         """Add a control period; see `Rides`."""
@@ -352,7 +383,11 @@ class RaceRides:
         _, asked = self.eyes.references.at(self._progress)
         self._rate = way / (dt * asked / self.eyes.references.share)
         counted = np.where(wrong, -way, way)
-        passed.way += running * (np.where(both_off, np.minimum(counted, 0.0), counted) if task.masked else counted)
+        gained = np.where(wrong, -1.0, self._rate - 1.0) * dt
+        if task.masked:
+            counted, gained = (np.where(both_off, np.minimum(part, 0.0), part) for part in (counted, gained))
+        passed.way += running * counted
+        passed.gain += running * gained
         passed.off_track += running * off * speed * dt
         passed.line += running * error * dt
         passed.overspeed += running * np.maximum(0.0, speed - asked) * dt
@@ -392,11 +427,15 @@ class RaceRides:
 
     def state_dict(self) -> dict[str, Any]:
         """Return the memory; see `Rides`."""
-        return {"eyes": self.eyes.state_dict(), **{name: getattr(self, f"_{name}").copy() for name in _MEMORY}}
+        guide = {} if self._guide is None else self._guide.state_dict()
+        own = {name: getattr(self, f"_{name}").copy() for name in _MEMORY}
+        return {"eyes": self.eyes.state_dict(), "guide": guide, **own}
 
     def restore(self, stored: Mapping[str, Any]) -> None:
         """Take up the memory; see `Rides`."""
         self.eyes.restore(stored["eyes"])
+        if self._guide is not None:
+            self._guide.restore(stored["guide"])
         for name in _MEMORY:
             getattr(self, f"_{name}")[...] = stored[name]
 

@@ -18,12 +18,21 @@ LEAN_REQUEST: Final = "lean_request"
 DRIVE: Final = "throttle_and_brake"
 """Above 0 part of the engine's torque, below 0 part of the brakes' force; scale 1 is all."""
 
+LINE_OFFSET: Final = "line_offset"
+"""Where a guide is to ride: distance from the followed line, positive to the left; its scale is in m."""
+PACE: Final = "pace"
+"""How fast a guide is to ride: change of the planned speed as a part of it."""
+
 MEANINGS: Final[Mapping[str, tuple[str, float]]] = {
     STEERING_SET_VALUE: ("steering", -1.0),
     LEAN_REQUEST: ("steering", -1.0),
     DRIVE: ("throttle", 1.0),
+    LINE_OFFSET: ("steering", -1.0),
+    PACE: ("throttle", 1.0),
 }
-"""Which command each meaning drives, and its sign in the mirrored ride."""
+"""Which command each meaning drives, itself or through a guide, and its sign in the mirrored ride."""
+GUIDED: Final = (LINE_OFFSET, PACE)
+"""Meanings that are targets of a guide, which makes the commands."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +78,8 @@ class ActionLayout:
         commands = [MEANINGS[column.meaning][0] for column in self.columns]
         if not commands or len(set(commands)) != len(commands):
             raise ValueError(f"an action needs one column for each command that it gives, got {commands}")
+        if any(name in GUIDED for name in self.names) and self.names != GUIDED:
+            raise ValueError(f"an action for a guide needs the columns {', '.join(GUIDED)}, got {self.names}")
 
     @classmethod
     def steering(cls, max_steer: float) -> ActionLayout:
@@ -84,6 +95,19 @@ class ActionLayout:
     def names(self) -> tuple[str, ...]:
         """Meaning of each column."""
         return tuple(column.meaning for column in self.columns)
+
+    @property
+    def guided(self) -> bool:
+        """Whether a guide makes the commands, and actions are its targets."""
+        return self.names == GUIDED
+
+    def to_targets(self, actions: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Return the targets of a guide for actions in [-1, 1], shape (n, 2).
+
+        Returns:
+            Distance from the followed line, m, positive to the left, and change of the planned speed as a part of it.
+        """
+        return np.asarray(actions, dtype=np.float64) * [column.scale for column in self.columns]
 
     @cached_property
     def mirror_signs(self) -> NDArray[np.float32]:

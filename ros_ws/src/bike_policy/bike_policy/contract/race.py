@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,7 +66,7 @@ class Sight(NamedTuple):
         blocks: of the vehicles. layout: of the observation. signal: telemetry by name. rolls: of the decisions before,
             newest first, rad, shape (n, history). steers: of the decision before, rad, shape (n,).
         actions: the last one and the one before, shape (n, 2, 2). references: what the vehicles follow.
-        speed: at least LEAST_SPEED, m/s.
+        speed: at least LEAST_SPEED, m/s. guide: what `Guide.shown` says; zeros without one.
     """
 
     blocks: RowBlocks
@@ -77,6 +77,18 @@ class Sight(NamedTuple):
     actions: FloatArray
     references: ReferenceRows
     speed: FloatArray
+    guide: FloatArray
+
+
+class Guide(Protocol):
+    """Who turns targets of a policy into commands."""
+
+    def shown(self) -> FloatArray:
+        """Return its last steering and throttle, and where it is on the way to its targets, shape (n, 4).
+
+        The last two columns are distance from the followed line, m, and change of the planned speed as a part of it.
+        """
+        ...
 
 
 class Block(NamedTuple):
@@ -258,6 +270,10 @@ BLOCKS: Final[Mapping[str, Block]] = {
     "corridor": Block(_corridor_columns, _corridor),
     "speed_margin": Block(_own(speed_margin=1.0), _margin),
     "stations": Block(_station_columns, _stations),
+    "guide": Block(
+        _own(guide_steering=-1.0, guide_throttle=1.0, guide_offset=-1.0, guide_pace=1.0),
+        lambda sight: sight.guide / [1.0, 1.0, 2.0, 0.1],
+    ),
 }  # fmt: skip
 """All blocks by name."""
 
@@ -374,20 +390,24 @@ class RaceEyes:
     """Makes the observations of vehicles side by side, and remembers what no single instant shows.
 
     Attributes:
-        layout: of the observation. references: what the vehicles follow.
+        layout: of the observation. references: what the vehicles follow. guide: who makes the commands, or None.
     """
 
-    def __init__(self, layout: RaceLayout, count: int, signal_names: Sequence[str]) -> None:
+    def __init__(self, layout: RaceLayout, count: int, signal_names: Sequence[str], guide: Guide | None = None) -> None:
         """Prepare to see.
 
         Args:
             layout: of the observation.
             count: number of vehicles.
             signal_names: of the telemetry that they have.
+            guide: who turns the policy's targets into commands, if somebody does.
 
         Raises:
-            ValueError: telemetry that the layout needs is missing.
+            ValueError: telemetry that the layout needs is missing, or a guide.
         """
+        if guide is None and "guide" in layout.blocks:
+            raise ValueError(f"layout {layout.name!r} shows what the guide does, and there is none")
+        self.guide = guide
         missing = [name for name in layout.signals if name not in signal_names]
         if missing:
             raise ValueError(f"layout {layout.name!r} needs telemetry {missing}, which this vehicle does not have")
@@ -420,7 +440,8 @@ class RaceEyes:
             return blocks.signals[:, self._places[name]]
 
         speed = np.maximum(blocks.look[:, SPEED], LEAST_SPEED)
-        sight = Sight(blocks, self.layout, signal, self.rolls, self.steers, self.actions, self.references, speed)
+        guide = np.zeros((len(speed), 4)) if self.guide is None else self.guide.shown()
+        sight = Sight(blocks, self.layout, signal, self.rolls, self.steers, self.actions, self.references, speed, guide)
         parts = [BLOCKS[block].values(sight) for block in self.layout.blocks]
         return np.clip(np.concatenate(parts, axis=1), -1.0, 1.0).astype(np.float32)
 
@@ -470,5 +491,7 @@ Lean and speed that the line asks for ahead stand in for 60 points, from which t
 of the tyres and lags of rider and actuators tell how much is left. Stations are denser near the machine, for a corner
 begins to within a tenth of a second.
 """
-RACE_LAYOUTS: Final[Mapping[str, RaceLayout]] = {layout.name: layout for layout in (COMPACT, PAPER_RACE)}
+GUIDED: Final = RaceLayout("guided", (*COMPACT.blocks, "guide"))
+"""The same, and what the guide does."""
+RACE_LAYOUTS: Final[Mapping[str, RaceLayout]] = {layout.name: layout for layout in (COMPACT, GUIDED, PAPER_RACE)}
 """Shipped layouts by name."""

@@ -17,14 +17,14 @@ from bike_sim.vehicles.bicycle import Vehicle
 
 
 class Sight(Protocol):
-    """How a rider comes from snapshots to decisions."""
+    """How a rider comes from snapshots to commands."""
 
-    def begin(self, vehicle: Vehicle, course: Course, preview: Preview) -> None:
+    def begin(self, vehicle: Vehicle, course: Course, period: float, preview: Preview) -> None:
         """Prepare for a ride; see `Rider`."""
         ...
 
-    def decide(self, snapshot: Snapshot) -> NDArray[np.float32]:
-        """Return the action for a snapshot.
+    def command(self, snapshot: Snapshot) -> tuple[float, float]:
+        """Return steering and throttle for a snapshot, in [-1, 1].
 
         Raises:
             ValueError: an observation that is not finite.
@@ -37,19 +37,22 @@ class InstantSight:
 
     def __init__(self, bundle: Bundle, layout: ObservationLayout) -> None:
         """Answer a made-up observation once: the first answer of a process takes longer than all others."""
-        self._actor, self._layout = bundle.actor, layout
+        self._actor, self._layout, self._action = bundle.actor, layout, bundle.action
+        self._max_steer = 1.0
         self._picked: NDArray[np.intp] | None = None
         self._actor.act(layout.observe(SeenBlocks(np.zeros(10), np.zeros(12), np.zeros(layout.preview_count))))
 
-    def begin(self, vehicle: Vehicle, course: Course, preview: Preview) -> None:
+    def begin(self, vehicle: Vehicle, course: Course, period: float, preview: Preview) -> None:
         """Pick the preview points; see `Sight`."""
+        self._max_steer = vehicle.max_steer
         picked = self._layout.pick_preview(preview.by_time, preview.interval, preview.count)
         whole = len(picked) == preview.count and bool((picked == np.arange(preview.count)).all())
         self._picked = None if whole else picked
 
-    def decide(self, snapshot: Snapshot) -> NDArray[np.float32]:
-        """Return the action for a snapshot; see `Sight`."""
-        return self._actor.act(self._layout.observe(snapshot, self._picked))
+    def command(self, snapshot: Snapshot) -> tuple[float, float]:
+        """Return the command for a snapshot; see `Sight`."""
+        action = self._actor.act(self._layout.observe(snapshot, self._picked))
+        return self._action.to_command(action.tolist(), self._max_steer)
 
 
 class LearnedRider:
@@ -74,18 +77,15 @@ class LearnedRider:
         else:
             self.preview = Preview(layout.preview_by_time, layout.preview_interval, layout.preview_count)
             self._sight = InstantSight(bundle, layout)
-        self._max_steer = 1.0
 
     def begin(self, vehicle: Vehicle, course: Course, period: float, preview: Preview) -> None:
         """Check that vehicle, control period and preview are those of the policy; see `Rider`."""
         self.bundle.check_fit(vehicle.name, period)
-        self._max_steer = vehicle.max_steer
-        self._sight.begin(vehicle, course, preview)
+        self._sight.begin(vehicle, course, period, preview)
 
     def command(self, snapshot: Snapshot) -> tuple[float, float] | None:
         """Return the actor's answer; None where the observation is not finite."""
         try:
-            action = self._sight.decide(snapshot)
+            return self._sight.command(snapshot)
         except ValueError:  # an observation that is not finite
             return None
-        return self.bundle.action.to_command(action.tolist(), self._max_steer)

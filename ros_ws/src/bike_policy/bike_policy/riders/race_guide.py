@@ -1,0 +1,116 @@
+"""The guide of a racing policy: the classical law, to which the policy says how fast and how far from the line to ride.
+
+A policy with a guide begins as a rider that laps, and learns what to do otherwise (as in residual policy learning,
+Johannink et al. 2019; Silver et al. 2018). Its decisions are targets that last, so that each of them tells in lap time;
+what a single command of 20 ms is worth drowns in the noise of a critic.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_policy.contract.rows import RowBlocks
+from bike_policy.riders import line_law as ll
+from bike_policy.riders.lap_plan import RiderSettings
+from bike_policy.riders.line_law import LineLaw, LinePlan, plan_line
+from bike_sim.course.course import Course
+from bike_sim.physics import state as st
+from bike_sim.sim import look as lk
+from bike_sim.vehicles.bicycle import Vehicle
+from bike_sim.vehicles.superbike import Superbike
+
+FloatArray = NDArray[np.float64]
+
+GUIDE: Final = RiderSettings(
+    lateral=0.88,
+    brake=0.9,
+    drive_exponent=3.0,
+    brake_exponent=1.75,
+    lean_rate=0.9,
+    preview=0.16,
+    bandwidth=0.55,
+    stencil=0.2,
+    smoothing=6.0,
+    lateral_trust=2.0,
+    speed_gain=5.0,
+    speed_preview=0.10,
+    period=0.02,
+    rate_memory=0.1,
+    largest_lean=math.radians(57.3),
+)
+"""How the guide rides: fixed, so that what a policy answers beside does not change when the classical rider is tuned.
+"""
+
+
+class RaceGuide:
+    """The guide of machines side by side."""
+
+    def __init__(self, vehicle: Vehicle, period: float, count: int) -> None:
+        """Prepare to guide a number of machines.
+
+        Args:
+            vehicle: the machine.
+            period: control period, s.
+            count: number of machines.
+
+        Raises:
+            ValueError: a vehicle that is no superbike.
+        """
+        if not isinstance(vehicle, Superbike):
+            raise ValueError(f"the guide of races rides superbikes, and {vehicle.name!r} is none")
+        self._vehicle = vehicle
+        self._law = LineLaw(vehicle, period, GUIDE, count)
+        self._known: dict[int, tuple[Course, LinePlan]] = {}
+
+    def begin(self, row: int, line: Course) -> None:
+        """Let a machine follow a line from now on; a line is planned once.
+
+        Raises:
+            ValueError: the line is open.
+        """
+        known = self._known.get(id(line))
+        if known is None:
+            known = line, plan_line(self._vehicle, line, GUIDE)
+            self._known[id(line)] = known
+        self._law.begin(row, known[1])
+
+    def commands(self, blocks: RowBlocks, targets: FloatArray) -> FloatArray:
+        """Return steering and throttle in [-1, 1], shape (n, 2); the same ones again for the same blocks.
+
+        Args:
+            blocks: of the machines.
+            targets: distance from the followed line to ride at, m, positive to the left, and change of the planned
+                speed as a part of it, shape (n, 2).
+        """
+        state, look = blocks.state, blocks.look
+        return self._law.commands(
+            np.stack(
+                (
+                    look[:, lk.SPEED],
+                    state[:, st.ROLL],
+                    look[:, lk.PROGRESS],
+                    look[:, lk.LATERAL_ERROR],
+                    look[:, lk.HEADING_ERROR],
+                    state[:, st.ROLL_RATE],
+                ),
+                axis=1,
+            ),
+            targets,
+        )
+
+    def shown(self) -> FloatArray:
+        """Return what a policy sees of the guide; see `bike_policy.contract.race.Guide`."""
+        return self._law.memory[:, [ll.STEERING, ll.THROTTLE, ll.OFFSET, ll.PACE]]
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return what is remembered of the rides."""
+        return {"memory": self._law.memory.copy()}
+
+    def restore(self, stored: Mapping[str, Any]) -> None:
+        """Take up what :meth:`state_dict` returned, after each row has begun again."""
+        self._law.memory[...] = stored["memory"]

@@ -1,0 +1,133 @@
+"""The guide of racing policies: the classical law for many machines, the same for one; mirrored rides, mirrored."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bike_policy.riders.classical import LineController, Seen
+from bike_policy.riders.line_law import LineLaw, plan_line
+from bike_policy.riders.race_guide import GUIDE, RaceGuide
+from bike_sim.course.course import Course
+from bike_sim.course.files import load_course
+from bike_sim.physics import state as ps
+from bike_sim.sim import look as lk
+from bike_sim.sim.batch import SUPERBIKE_ENGINE
+from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.superbike_batch import CompiledSuperbikeBatch
+from bike_sim.sim.superbike_plant import superbike_config
+from bike_sim.vehicles.files import load_vehicle
+from bike_sim.vehicles.superbike import Superbike
+from tests.superbike.test_classical import circle
+
+
+@pytest.fixture(scope="module")
+def machine() -> Superbike:
+    machine = load_vehicle("panigale_v4r")
+    assert isinstance(machine, Superbike)
+    return machine
+
+
+@pytest.fixture(scope="module")
+def law(machine: Superbike) -> LineLaw:
+    return LineLaw(machine, 0.02, GUIDE, 4)
+
+
+def oval(turn: float) -> Course:
+    """A circle that turns to the left (1) or to the right (-1)."""
+    left = circle(60.0, 1.0)
+    return replace(left, y=turn * left.y, heading=turn * left.heading, curvature=turn * left.curvature)
+
+
+@settings(max_examples=50, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_one_is_answered_as_among_others(machine: Superbike, law: LineLaw, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    plan = plan_line(machine, circle(60.0, 1.0), GUIDE)
+    alone = LineController(machine, circle(60.0, 1.0), 0.02, GUIDE)
+    for row in range(4):
+        law.begin(row, plan)
+    for step in range(5):
+        seen = np.stack(
+            (
+                rng.uniform(5.0, 60.0, 4), rng.uniform(-1.0, 1.0, 4), 30.0 + step + rng.uniform(0.0, 0.3, 4),
+                rng.normal(size=4), 0.1 * rng.normal(size=4), rng.normal(size=4),
+            ),
+            axis=1,
+        )  # fmt: skip
+        answers = law.commands(seen)
+        assert np.all(np.abs(answers) <= 1.0)
+        np.testing.assert_array_equal(law.commands(seen), answers)
+        assert alone.command(Seen(*seen[2].tolist())) == tuple(answers[2].tolist())
+
+
+@settings(max_examples=50, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_the_mirrored_ride_gets_the_mirrored_answer(machine: Superbike, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    left, right = (LineController(machine, oval(turn), 0.02, GUIDE) for turn in (1.0, -1.0))
+    for step in range(3):
+        speed, roll, error, heading, rate = rng.uniform(10.0, 50.0), *rng.uniform(-0.5, 0.5, 4)
+        way = 40.0 + 0.5 * step
+        steering, throttle = left.command(Seen(speed, roll, way, error, heading, rate))
+        other = right.command(Seen(speed, -roll, way, -error, -heading, -rate))
+        assert other == pytest.approx((-steering, throttle), abs=1e-9)
+
+
+def test_a_guide_answers_again_the_same_and_goes_on_from_its_memory(machine: Superbike) -> None:
+    class Blocks:
+        state, look = np.zeros((2, 10)), np.zeros((2, 12))
+
+    def ride(guide: RaceGuide, steps: range) -> list[np.ndarray]:
+        answers = []
+        for step in steps:
+            Blocks.look[:, lk.SPEED], Blocks.look[:, lk.PROGRESS] = 30.0, 0.6 * step
+            Blocks.look[:, lk.LATERAL_ERROR] = [math.sin(0.3 * step), 0.2]
+            Blocks.state[:, ps.ROLL] = -0.4
+            targets = np.array([[0.5, 0.02], [-0.1 * step, 0.0]])
+            answers.append(guide.commands(Blocks, targets))
+            np.testing.assert_array_equal(guide.commands(Blocks, targets), answers[-1])
+            np.testing.assert_array_equal(guide.shown()[:, :2], answers[-1])
+        return answers
+
+    line = load_course("barcelona")
+    whole, first, second = (RaceGuide(machine, 0.02, 2) for _ in range(3))
+    for guide in (whole, first, second):
+        for row in range(2):
+            guide.begin(row, line)
+    ride(first, range(5))
+    second.restore(first.state_dict())
+    np.testing.assert_array_equal(ride(whole, range(10))[5:], ride(second, range(5, 10)))
+
+
+@pytest.mark.parametrize(("offset", "pace"), [(0.8, -0.1), (-0.8, -0.1), (0.0, -0.05), (0.0, -0.1)])
+def test_targets_are_reached(offset: float, pace: float) -> None:
+    """Where the throttle is not all open, a machine rides beside the line, and as fast, as it is told to."""
+    config = replace(superbike_config("panigale_v4r"), engine=SUPERBIKE_ENGINE)
+    batch = CompiledSuperbikeBatch(1, config)
+    guide = RaceGuide(batch.vehicle, config.control_period, 1)
+    batch.reset(0, ResetRequest(course="barcelona", progress=4000.0, speed_range=(25.0, 25.0)))
+    guide.begin(0, batch.course(0))
+    plan = plan_line(batch.vehicle, batch.course(0), GUIDE).profile
+    errors, paces = [], []
+    for step in range(1000):
+        commands = guide.commands(batch, np.array([[offset, pace]]))
+        batch.step(commands)
+        if step > 200 and commands[0, 1] < 1.0:
+            errors.append(batch.look[0, lk.LATERAL_ERROR])
+            paces.append(batch.look[0, lk.SPEED] / float(plan.speed_at(batch.look[0, lk.PROGRESS])) - 1.0)
+    assert not batch.fallen[0]
+    batch.close()
+    assert len(errors) > 100
+    assert np.mean(errors) == pytest.approx(offset, abs=0.15)
+    assert np.mean(paces) == pytest.approx(pace, abs=0.01)
+
+
+def test_a_bicycle_is_refused() -> None:
+    with pytest.raises(ValueError, match="'whipple' is none"):
+        RaceGuide(load_vehicle("whipple"), 0.02, 1)
