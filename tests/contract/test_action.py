@@ -73,7 +73,8 @@ def test_foreign_cards_are_refused_by_name(card, message):
 
 def test_every_meaning_has_a_command_and_a_sign():
     assert {command for command, _ in MEANINGS.values()} == {"steering", "throttle"}
-    assert {name: sign for name, (command, sign) in MEANINGS.items() if command == "throttle"} == {DRIVE: 1.0, PACE: 1.0}
+    driving = {name: sign for name, (command, sign) in MEANINGS.items() if command == "throttle"}
+    assert driving == {DRIVE: 1.0, PACE: 1.0}
     assert {sign for command, sign in MEANINGS.values() if command == "steering"} == {-1.0}
 
 
