@@ -25,6 +25,7 @@ from bike_sim.ros import messages, node_tools, wire
 from bike_sim.ros.isolation import prepare_discovery
 from bike_sim.ros.raw_subscription import RawSubscription
 from bike_sim.sim.events import EventKind
+from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.envs.node_process import NodeLost
 from bike_training.nodes.live_ride import FRAME, state_values
@@ -74,7 +75,7 @@ class LiveWatch:
         self._start: EpisodeStart | None = None
         self._course_message: CourseMessage | None = None
         self._events: list[RideEvent] = []
-        self._latest: bytes | None = None
+        self._latest: tuple[int, bytes] | None = None  # wall-clock time of its publication, ns
         self._shown: tuple[int, int] | None = None
         self._paused = self._gone = False
         self._told_at = self._heard_at = 0.0
@@ -184,18 +185,18 @@ class LiveWatch:
         taken: list[tuple[int, Any, bytes]] = []
         states.take(taken, None, MOST_AT_ONCE)
         if taken:
-            self._latest, self._heard_at = taken[-1][2], time.monotonic()
+            self._latest, self._heard_at = (taken[-1][0], taken[-1][2]), time.monotonic()
 
     def _pass_on(self, node: Node) -> None:
         """Tell about the newest state and all events; a lockstep that waits repeats a state, which is told once."""
         now = time.monotonic()
         self._look_for(node, now)
         if self._latest is not None and self._ready() and now - self._told_at >= FRAME:
-            received = wire.decode_state(self._latest)
+            sent, data = self._latest
             self._latest = None
-            snapshot = received.snapshot
+            snapshot = wire.decode_state(data).snapshot
             if self._start is not None and snapshot.episode == self._start.episode:
-                self._show(snapshot, now)
+                self._show(snapshot, now, sent)
         for event in self._events:
             message: dict[str, Any] = {"event": event.text}
             if event.kind == EventKind.LAP:
@@ -203,7 +204,7 @@ class LiveWatch:
             self._tell(message)
         self._events.clear()
 
-    def _show(self, snapshot: Any, now: float) -> None:
+    def _show(self, snapshot: Snapshot, now: float, sent: int) -> None:
         if self._shown is None or snapshot.episode != self._shown[0]:
             known = self.course
             self._enter()
@@ -212,7 +213,7 @@ class LiveWatch:
             self._tell({"reset": True})
         if (snapshot.episode, snapshot.step) != self._shown:
             self._shown, self._told_at = (snapshot.episode, snapshot.step), now
-            self._tell({"state": state_values(snapshot), "sent": round(1e3 * time.time(), 2)})
+            self._tell({"state": state_values(snapshot), "sent": round(1e-6 * sent, 2)})
 
     def _look_for(self, node: Node, now: float) -> None:
         gone = now - self._heard_at > GONE_AFTER and not node.count_publishers(f"{self.namespace}/state")
