@@ -423,6 +423,10 @@ def test_traces_over_time_keep_the_stretch(opened: Opener, ride_page: Path) -> N
 def test_a_phone_needs_no_horizontal_scrolling(opened: Opener, page: str, request: pytest.FixtureRequest) -> None:
     browser = opened(request.getfixturevalue(page), PHONE)
     assert browser.execute_script("return [innerWidth, document.documentElement.scrollWidth]") == [390, 390]
+    cut = browser.execute_script("""
+      const tables = [...document.querySelectorAll(".scroll")];
+      return tables.filter(table => table.scrollWidth > table.clientWidth).map(table => table.innerText);""")
+    assert cut == []
 
 
 def test_a_finger_moves_the_cursor_and_two_zoom(opened: Opener, ride_page: Path) -> None:

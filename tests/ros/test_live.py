@@ -207,6 +207,45 @@ def browser(tmp_path: Path) -> Iterator[webdriver.Chrome]:
     chrome.quit()
 
 
+def touch(browser: webdriver.Chrome, kind: str, *points: tuple[float, float]) -> None:
+    at = [{"x": x, "y": y, "id": number} for number, (x, y) in enumerate(points)]
+    browser.execute_cdp_cmd("Input.dispatchTouchEvent", {"type": kind, "touchPoints": at})
+
+
+def test_two_thumbs_lean_and_brake(browser: webdriver.Chrome) -> None:
+    asked: list[dict[str, Any]] = []
+    course = Course.from_elements("ring", [Arc(8.0, 2.0 * np.pi)], closed=True)
+    page = lambda origin: render_live_page(live_view(course, "r1", True), "classical", STATE_NAMES, True, origin)  # noqa: E731
+    server = LiveServer(page, asked.append, lambda: {"status": {"hands": False, "pace": 1.0}})
+    server.start()
+    try:
+        phone = {"width": 390, "height": 844, "deviceScaleFactor": 2, "mobile": True}
+        browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", phone)
+        browser.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": True, "maxTouchPoints": 2})
+        browser.get(server.address)
+        wait = WebDriverWait(browser, 20)
+        wait.until(
+            lambda b: b.execute_script("return document.querySelector('.view').view.live?.socket.readyState") == 1
+        )
+        find = "return ['steering', 'throttle'].map(name => document.querySelector(`[data-pad=${name}]`))"
+        boxes = browser.execute_script(f"{find}.map(pad => pad.getBoundingClientRect())")
+        left, right = ((box["x"], box["y"], box["width"], box["height"]) for box in boxes)
+        at = lambda box, x, y: (box[0] + x * box[2], box[1] + y * box[3])  # noqa: E731
+        inputs = lambda: [{k: round(v, 1) for k, v in a.items() if k != "type"} for a in asked if a["type"] == "input"]  # noqa: E731
+        touch(browser, "touchStart", at(left, 0.25, 0.5))
+        wait.until(lambda _: {"steering": 0.5, "throttle": 0.0} in inputs())
+        assert asked[0] == {"type": "rider", "hands": True, "balance": True}
+        touch(browser, "touchStart", at(left, 0.25, 0.5), at(right, 0.5, 0.9))
+        wait.until(lambda _: inputs()[-1] == {"steering": 0.5, "throttle": -0.8})
+        touch(browser, "touchMove", at(left, 0.7, 0.2), at(right, 0.5, 0.1))
+        wait.until(lambda _: inputs()[-1] == {"steering": -0.4, "throttle": 0.8})
+        assert browser.execute_script("return scrollY") == 0, "who rides does not scroll"
+        touch(browser, "touchEnd")
+        wait.until(lambda _: inputs()[-1] == {"steering": 0.0, "throttle": 0.0})
+    finally:
+        server.close()
+
+
 RIDE_BY_KEYS = """
   const view = document.querySelector(".view").view, { live } = view, names = { 1: "ArrowLeft", "-1": "ArrowRight" };
   let held = 0;

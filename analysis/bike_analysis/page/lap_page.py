@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from importlib.metadata import PackageNotFoundError, version
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Final
@@ -15,14 +14,12 @@ from bike_analysis.figures.lap_recording import LapRecording, Theory, timing_agr
 from bike_analysis.figures.numbers import best_sectors_together, best_times, lap_text
 from bike_analysis.page.html import html_text, key_html, table_html
 from bike_analysis.page.lap_view import lap_view, theory_columns
-from bike_analysis.page.shell import page_shell
+from bike_analysis.page.shell import page_shell, program_version
 from bike_analysis.page.view import View, view_html
 from bike_analysis.read.tables import Floats
 from bike_analysis.read.text import LONGEST_SENTENCE
 
 PAGE_NAME: Final = "lap.html"
-
-_PROGRAM: Final = "two-wheeler-lab"
 
 
 def lap_figures(laps: LapRecording, theory: Theory) -> dict[str, Any]:
@@ -83,14 +80,6 @@ def _header(laps: LapRecording) -> list[str]:
         words.append(f"recorded {notes.pop('recorded')}")
     words += [f"{name} {value}" for name, value in notes.items() if name not in ("vehicle", "circuit")]
     return [*words, recording.path.name, f"{recording.message_count:,} messages", f"page by {program_version()}"]
-
-
-def program_version() -> str:
-    """Name and version of the program that makes the page, as installed."""
-    try:
-        return f"{_PROGRAM} {version(_PROGRAM)}"
-    except PackageNotFoundError:
-        return _PROGRAM
 
 
 def _key(laps: LapRecording, figures: dict[str, Any]) -> str:

@@ -13,7 +13,7 @@ from bike_analysis.figures.recorded import RecordedRide, RideRecording, folder_p
 from bike_analysis.page.compare_view import comparison_view, comparison_words, sector_table
 from bike_analysis.page.html import html_text, key_html, table_html
 from bike_analysis.page.ride_view import ride_view
-from bike_analysis.page.shell import page_shell
+from bike_analysis.page.shell import page_shell, program_version
 from bike_analysis.page.view import View, view_html
 from bike_analysis.read.rides import Ride
 from bike_analysis.read.text import LONGEST_SENTENCE
@@ -75,7 +75,8 @@ def render_page(recordings: Sequence[RideRecording], comparison: Comparison | No
         view = ride_view(rides[index].judged, f"ride-{index + 1}", f"{labels[index]} on {_course(rides[index])}")
         views.append(view)
         parts.append(_ride(rides[index], names[index], view))
-    return page_shell(title, "".join(map(_subtitle, recordings, sources)), parts, views)
+    below = [*map(_subtitle, recordings, sources), f'<p class="soft">page by {html_text(program_version())}</p>']
+    return page_shell(title, "".join(below), parts, views)
 
 
 def _course(ride: RecordedRide) -> str:
@@ -100,8 +101,15 @@ def _subtitle(recording: RideRecording, file: str) -> str:
     words += [f"{total:.1f} s of simulated time", f"{way:.0f} m", f"{recording.data.message_count:,} messages"]
     if recording.vehicle:
         words.append(f"vehicle {recording.vehicle}")
+    words += [f"a command every {1e3 * period:.0f} ms" for period in _periods(recording)]
     words += [f"{name} {value}" for name, value in recording.data.notes.items() if name != "vehicle"]
     return f'<p class="soft">{html_text(" · ".join(words), LONGEST_SENTENCE)}</p>'
+
+
+def _periods(recording: RideRecording) -> list[float]:
+    """Control periods of a recording's rides, s; those of messages that do not tell theirs are left out."""
+    told = {float(period) for ride in recording.rides for period in ride.data.states.control_period[:1]}
+    return sorted(period for period in told if period > 0.0)
 
 
 def _warnings(recording: RideRecording, file: str) -> str:
@@ -130,7 +138,7 @@ def _overview(rides: Sequence[RecordedRide], names: Sequence[str], drawn: Sequen
     note = ""
     if len(drawn) < len(rides):
         note = f'<p class="soft">Drawn below are the {len(drawn)} with falls or the largest errors.</p>'
-    return f"<h2>All rides</h2>{note}{table_html(head, rows)}"
+    return f"<h2>All rides</h2>{note}{table_html(head, rows, 'rides')}"
 
 
 def _ride(ride: RecordedRide, name: str, view: View) -> str:

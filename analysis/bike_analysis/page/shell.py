@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from functools import cache
 from html import escape
+from importlib.metadata import PackageNotFoundError, version
 from importlib.resources import files
 from typing import Any, Final
 
@@ -26,6 +27,7 @@ _SCRIPTS: Final = (
     "follow_view.js",
     "page_main.js",
 )
+_PROGRAM: Final = "two-wheeler-lab"
 _LIVE_SCRIPT: Final = "live.js"
 _POLICY: Final = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
 _KEYS: Final = (
@@ -116,3 +118,11 @@ def page_style() -> str:
 
 def _kbd(keys: str) -> str:
     return " ".join(f"<kbd>{escape(key)}</kbd>" for key in keys.split())
+
+
+def program_version() -> str:
+    """Name and version of the program that makes the page, as installed."""
+    try:
+        return f"{_PROGRAM} {version(_PROGRAM)}"
+    except PackageNotFoundError:
+        return _PROGRAM

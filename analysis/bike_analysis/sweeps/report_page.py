@@ -10,8 +10,7 @@ import pandas as pd
 
 from bike_analysis.figures.numbers import significant
 from bike_analysis.page.html import html_text, key_html, table_html
-from bike_analysis.page.lap_page import program_version
-from bike_analysis.page.shell import page_shell
+from bike_analysis.page.shell import page_shell, program_version
 from bike_analysis.sweeps.figures import Comparison, GroupFigure, finished
 from bike_analysis.sweeps.pictures import group_colours, label_of
 
