@@ -69,9 +69,7 @@ class Rates:
             if status.name.endswith("sim_node"):
                 figures = {value.key: value.value for value in status.values}
                 spent = sum(sum(process.cpu_times()[:2]) for process in self._processes)
-                self._reports.append(
-                    (float(figures["control_steps_per_s"]), float(figures["commands_taken"]), spent)
-                )
+                self._reports.append((float(figures["control_steps_per_s"]), float(figures["commands_taken"]), spent))
 
     def wait(self, seconds: float) -> None:
         """Let time pass."""
