@@ -14,9 +14,10 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from bike_analysis.figures.lap_recording import Machine, Theory, load_laps
+from bike_analysis.figures.lap_recording import LapRecording, Machine, Theory, load_laps
 from bike_analysis.figures.numbers import lap_text
 from bike_analysis.page.lap_page import lap_figures, write_lap_report
+from bike_analysis.report import analyze
 from bike_policy.riders.classical import CLASSICAL
 from bike_policy.riders.rider import Rider, make_rider
 from bike_sim.course.files import shipped_tracks
@@ -42,6 +43,7 @@ _EXAMPLES: Final = """examples:
   bike lap --vehicle r1 --course monza.csv --laps 1            a circuit from a CSV file
   bike lap --nodes --out out/lap                               through the nodes: lap.mcap and the report lap.html
   bike lap --rider runs/r/policy                               a learned rider
+  bike lap --nodes --rider racer --beside classical            both through the nodes, and where each is faster
   bike lap --all --json                                        all machines on all circuits, as one JSON object
 
 The first lap, from a rolling start, is not counted. Lines once computed are kept in $BIKE_CACHE, else ~/.cache/bike."""
@@ -63,6 +65,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--nodes", action="store_true", help="through simulator, policy and recorder nodes, with recording and report"
     )
     parser.add_argument(
+        "--beside", metavar="RIDER", help="with --nodes: who laps as well, to be compared by arc length in ride.html"
+    )
+    parser.add_argument(
         "--out", type=Path, default=Path("out/lap"), help="with --nodes: folder of recording and report (%(default)s)"
     )
     parser.add_argument("--all", action="store_true", help="all shipped superbikes on all shipped circuits")
@@ -75,6 +80,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         ValueError: a broken file. FileNotFoundError: an unknown vehicle or circuit.
     """
     check_whole("--laps", args.laps, 1)
+    if args.beside is not None and not args.nodes:
+        raise ValueError(f"--beside {args.beside} compares recordings, which only --nodes makes")
     if args.nodes:
         if args.all:
             raise ValueError("--nodes rides one machine on one circuit; leave --all out")
@@ -108,20 +115,42 @@ def _through_nodes(args: argparse.Namespace) -> dict[str, Any]:
     line = track.line(1.0)
     limit = lap_limit(limits, line)
     wall = ride_through_nodes(args.vehicle, args.course, line.length, args.laps, recording, limit.lap_time, args.rider)
+    other = args.out / "beside.mcap"
+    if args.beside is not None:
+        ride_through_nodes(args.vehicle, args.course, line.length, args.laps, other, limit.lap_time, args.beside)
     laps = load_laps(recording, track)
     theory = theory_of(machine, limits, limit)
     figures = lap_figures(laps, theory) | {"wall_s": round(wall, 1), "recording": str(recording)}
     figures["page"] = str(write_lap_report(laps, theory, args.out))
+    if args.beside is not None:
+        figures |= _beside(load_laps(other, track), theory, figures, analyze([recording, other], args.out))
     excess = figures["excess"]
     clean = figures["falls"] == 0 and figures["walls"] == 0 and len(figures["laps_s"]) >= args.laps
     figures["ok"] = bool(clean and excess is not None and excess <= ALLOWED_EXCESS and figures["timing_agrees"])
     if not args.json:
         for number, lap in enumerate(figures["laps_s"], start=2):  # the out-lap is lap 1, as in the events
             print(f"lap {number}: {lap_text(lap)}")
+        if args.beside is not None:
+            print(f"best lap: {lap_text(figures['lap_s'])}, {args.beside}'s: {lap_text(figures['beside_lap_s'])}")
+            print(f"where each is faster: {figures['comparison']}")
         print(f"theoretical lap: {lap_text(limit.lap_time)}")
         print(f"timing of the recording equals the events: {'yes' if figures['timing_agrees'] else 'no'}")
         print(f"report: {figures['page']}")
     return {"schema": SCHEMA, "ok": figures["ok"], "figures": figures}
+
+
+def _beside(laps: LapRecording, theory: Theory, figures: dict[str, Any], analysis: dict[str, Any]) -> dict[str, Any]:
+    """Return what the other rider's laps were, by sectors as well, and where both are compared.
+
+    Raises:
+        ValueError: one of the two finished no flying lap.
+    """
+    other = lap_figures(laps, theory)
+    for who, found in (("the rider", figures), ("who rides beside", other)):
+        if found["lap_s"] is None:
+            raise ValueError(f"{who} finished no flying lap; there is nothing to compare")
+    gained = [theirs - own for own, theirs in zip(figures["sectors_s"], other["sectors_s"], strict=True)]
+    return {"beside_lap_s": other["lap_s"], "sectors_gained_s": gained, "comparison": analysis["page"]}
 
 
 def theory_of(machine: Superbike, limits: Envelope, limit: LapLimit) -> Theory:

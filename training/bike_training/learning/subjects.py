@@ -170,8 +170,8 @@ class RaceSettings:
     max_steps: int = 500
     lean_scale: float = 0.95
     guided: bool = False
-    offset: float = 1.0
-    pace: float = 0.08
+    offset: float = 0.6
+    pace: float = 0.05
     limiter: bool = False
     any_tyre: bool = True
     masked: bool = True

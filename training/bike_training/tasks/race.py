@@ -144,7 +144,20 @@ RACE_WEIGHTS: Final[Mapping[str, float]] = {
     "throttle_change": 0.1,
     "failure": 5.0,
 }
-"""Those of the default preset: fewer terms, a reference for speed and line, and calm commands."""
+"""Those of policies that command the machine themselves: fewer terms, a reference for speed and line, calm commands."""
+
+GUIDED_WEIGHTS: Final[Mapping[str, float]] = {
+    "gain": 30.0,
+    "off_track": 0.5,
+    "tyre_use": 0.5,
+    "effort": 0.03,
+    "failure": 30.0,
+}
+"""Those of policies with a guide: lap time, against what a failure costs, one second.
+
+What the plan needs anyhow is left out of ``gain``, so that the critics have to tell hundredths of a second from nothing,
+and not from the speed of a straight. Effort keeps the policy at the guide's own pace where another gains nothing.
+"""
 
 
 @dataclass(frozen=True)
@@ -173,8 +186,8 @@ class RaceTask:
     largest_lean: float = math.radians(58.0)
     lean_scale: float = 0.95
     guided: bool = False
-    offset: float = 1.0
-    pace: float = 0.08
+    offset: float = 0.6
+    pace: float = 0.05
     any_tyre: bool = True
     masked: bool = True
     off_track_time: float = 1.0
