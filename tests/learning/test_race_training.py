@@ -14,7 +14,7 @@ from bike_sim.vehicles.files import load_vehicle
 from bike_training.curricula.base import EndedEpisode
 from bike_training.curricula.race import Ground, RaceCurriculum, SpeedCurriculum
 from bike_training.curricula.spdl import SpdlCurriculum
-from bike_training.learning.presets import RACE, RACE_PAPER, Preset
+from bike_training.learning.presets import RACE, RACE_DIRECT, RACE_PAPER, Preset
 from bike_training.learning.process import LearningProcess
 from bike_training.learning.run_settings import RunSettings
 from bike_training.learning.validation_rides import ride_side_by_side
@@ -41,7 +41,7 @@ def final_actor(preset: Preset, out: Path, steps: int, resume: bool = False) -> 
 
 def test_throttle_is_learned_in_seconds(tmp_path: Path, ground: Ground) -> None:
     """Rewarded for the way alone, the actor opens the throttle: it is much faster on the straight than at first."""
-    preset = RACE.override({**SMALL, "weights": "progress:3", "max_steps": "20", "gamma": "0.9", "repeat": "5"})
+    preset = RACE_DIRECT.override({**SMALL, "weights": "progress:3", "max_steps": "20", "gamma": "0.9", "repeat": "5"})
     preset = replace(preset, learning_rate=3e-3, final_learning_rate=3e-3, learning_starts=200, averaging=0.0)
     task = replace(preset.task.make(), validation_duration=2.0)
     request = ResetRequest(course="barcelona", speed_range=(30.0, 30.0), progress=300.0)
@@ -52,9 +52,14 @@ def test_throttle_is_learned_in_seconds(tmp_path: Path, ground: Ground) -> None:
     assert after[0] < before[0] - 0.08
 
 
-def test_a_resumed_run_is_the_uninterrupted_one(tmp_path: Path) -> None:
-    preset = RACE.override({**SMALL, "curriculum": "spdl", "iteration": "80", "max_steps": "12"})
-    preset = replace(preset, learning_starts=60, final_learning_rate=RACE.learning_rate)  # the same for any length
+@pytest.mark.parametrize(
+    ("preset", "changes"),
+    [(RACE_DIRECT, {"curriculum": "spdl", "iteration": "80"}), (RACE, {})],
+    ids=["spdl", "guided"],
+)
+def test_a_resumed_run_is_the_uninterrupted_one(tmp_path: Path, preset: Preset, changes: dict[str, str]) -> None:
+    preset = preset.override({**SMALL, "max_steps": "12", **changes})
+    preset = replace(preset, learning_starts=60, final_learning_rate=preset.learning_rate)  # the same for any length
     whole = final_actor(preset, tmp_path / "whole", 240)
     final_actor(preset, tmp_path / "parts", 120)
     resumed = final_actor(preset, tmp_path / "parts", 240, resume=True)
@@ -131,4 +136,4 @@ def test_presets_name_their_circuits_and_refuse_bicycles(tmp_path: Path) -> None
     with pytest.raises(ValueError, match=r"'race' is for superbikes on circuits, and '.*' is none"):
         LearningProcess(RunSettings(RACE_PAPER, "whipple"), tmp_path / "run", 10)
     with pytest.raises(FileNotFoundError, match="nowhere"):
-        LearningProcess(settings(RACE.override({"circuits": "nowhere"})), tmp_path / "run", 10)
+        LearningProcess(settings(RACE_DIRECT.override({"circuits": "nowhere"})), tmp_path / "run", 10)

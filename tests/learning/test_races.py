@@ -9,8 +9,9 @@ import pytest
 
 from bike_policy.contract.actor import Actor
 from bike_policy.contract.bundle import Bundle, load_bundle
-from bike_policy.contract.race import COMPACT, RaceLayout
+from bike_policy.contract.race import COMPACT, GUIDED, RaceLayout
 from bike_training.cli import main
+from bike_training.rollout.laps import ride_laps
 from bike_training.rollout.races import ride_races
 from bike_training.tasks.race import RaceTask
 
@@ -32,6 +33,17 @@ def test_rides_that_leave_the_track_are_not_whole() -> None:
     assert 60.0 < figures["theory_s"] < 110.0
 
 
+def test_an_actor_that_answers_nothing_rides_as_its_guide() -> None:
+    task = RaceTask(GUIDED, guided=True)
+    actor = Actor([np.zeros((2, GUIDED.size), dtype=np.float32)], [np.zeros(2, dtype=np.float32)])
+    policy = Bundle("nothing", actor, task.layout, task.action, "panigale_v4r", 0.02)
+    result = ride_races(policy, "panigale_v4r", "barcelona", starts=4)
+    assert (result.whole, result.falls, result.off_track) == (4, 0, 0.0)
+    classical = ride_laps("panigale_v4r", "barcelona", laps=1, engine="compiled").best
+    assert classical is not None
+    assert result.times[0] == pytest.approx(classical.duration, rel=0.02)
+
+
 def test_a_bicycle_policy_is_refused() -> None:
     with pytest.raises(ValueError, match="follows paths; it cannot race"):
         ride_races(load_bundle("whipple"), "panigale_v4r", "barcelona", 1)
@@ -41,7 +53,8 @@ def test_a_run_becomes_a_bundle_with_its_share_that_is_evaluated(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run = tmp_path / "run"
-    words = ["train", "superbike", "--out", str(run), "--steps", "60", "--record-every", "0", "--json"]
+    words = ["train", "superbike", "--preset", "race_direct", "--out", str(run), "--steps", "60", "--json"]
+    words += ["--record-every", "0"]
     for setting in ("learner=sb3", "layers=8", "environments=2", "updates=1", "learning_starts=20", "share=0.9"):
         words += ["--set", setting]
     assert main(words) == 0

@@ -156,7 +156,8 @@ GUIDED_WEIGHTS: Final[Mapping[str, float]] = {
 """Those of policies with a guide: lap time, against what a failure costs, one second.
 
 What the plan needs anyhow is left out of ``gain``, so that the critics have to tell hundredths of a second from
-nothing, and not from the speed of a straight. Effort keeps the policy at the guide's own pace where another gains nothing.
+nothing, and not from the speed of a straight. Effort keeps the policy at the guide's own pace where another gains
+nothing.
 """
 
 
