@@ -32,6 +32,7 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "bench": ("bike_training.commands.bench", "measure speeds and compare them"),
     "sweep": ("bike_training.commands.sweep", "do many runs from one file, and go on where they stopped"),
     "report": ("bike_analysis.commands.report", "tables with intervals, curves and a page of a sweep"),
+    "reproduce": ("bike_training.commands.reproduce", "do the experiments of a publication again"),
     "curves": ("bike_training.commands.curves", "learning curves of several runs"),
 }
 """Name, module and one line of each command. Modules are loaded when they are called."""

@@ -1,0 +1,1 @@
+"""Experiments of publications, done again by one command."""
