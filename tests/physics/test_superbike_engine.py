@@ -20,11 +20,13 @@ from bike_sim.physics.superbike.records import MEMORY
 from bike_sim.physics.superbike.start import without_rider
 from bike_sim.physics.superbike.virtual_rider import through_arms
 from bike_sim.physics.superbike_engine import SuperbikeEngine
+from bike_sim.physics.superbike_modes import measure_modes
 from bike_sim.validation.superbike import (
     Validation,
     at_speed,
     check_mirror,
     check_pitch_limits,
+    check_road,
     check_trail_braking,
     constant,
     drive_shake,
@@ -211,10 +213,21 @@ def test_the_formulas_tell_how_much_grip_a_turn_takes(engine: SuperbikeEngine) -
         assert used == pytest.approx(statics.friction_use(DUCATI, lean, speed)[index], abs=0.04)
 
 
-@pytest.mark.parametrize("check", [check_pitch_limits, check_mirror, check_trail_braking])
+@pytest.mark.parametrize("check", [check_pitch_limits, check_mirror, check_trail_braking, check_road])
 def test_checks_of_the_validation_hold(check) -> None:
     failed = [c for c in check(Validation(STEP), DUCATI) if not c.passed]
     assert not failed
+
+
+@pytest.mark.parametrize("speed", [20.0, 60.0])
+def test_hands_on_the_bars_keep_weave_and_wobble_damped(speed: float) -> None:
+    off, on = (measure_modes(DUCATI, speed, hands=hands) for hands in (False, True))
+    assert on.weave.real < -1.0
+    assert on.wobble.real < -5.0
+    # what he answers through his arms moves the modes of the machine, but is none of them
+    assert on.weave.imag == pytest.approx(off.weave.imag, abs=2.0 * math.pi * 1.5)
+    assert on.weave.imag > 2.0 * math.pi * 2.0
+    assert abs(on.weave - off.weave) > 0.1
 
 
 def test_what_the_rider_wants_passes_his_arms_as_through_a_system_of_3_hz() -> None:

@@ -46,6 +46,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         status.update("measuring: theoretical laps")
         result.checks.extend(bound_checks())
     console.print(_table(result))
+    console.print(_ranges(result))
     answer = as_dict(result)
     if args.out is not None:
         args.out.mkdir(parents=True, exist_ok=True)
@@ -103,6 +104,17 @@ def as_dict(result: validation.Validation) -> dict[str, Any]:
         }
         for name, launch in result.launches.items()
     ]
+    figures["ranges"] = [
+        {
+            "name": row.name,
+            "low": _number(row.low),
+            "high": _number(row.high),
+            "published_low": row.published_low,
+            "published_high": row.published_high,
+            "within": bool(row.within),
+        }
+        for row in result.ranges
+    ]
     return {
         "schema": SCHEMA,
         "ok": result.passed,
@@ -138,6 +150,19 @@ def _table(result: validation.Validation) -> Table:
         digits = ".4g" if abs(check.measured) >= 1e-3 or not check.measured else ".0e"
         verdict = "[green]pass[/green]" if check.passed else "[bold red]FAIL[/bold red]"
         table.add_row(check.title, format(float(check.measured), digits), allowed, verdict)
+    return table
+
+
+def _ranges(result: validation.Validation) -> Table:
+    """Return frequencies beside published ones as a table for people."""
+    table = Table(title="beside published ranges", box=box.SIMPLE, pad_edge=False)
+    table.add_column("figure")
+    for heading in ("measured", "published", ""):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for row in result.ranges:
+        verdict = "within" if row.within else "[yellow]outside[/yellow]"
+        published = f"{row.published_low:g} to {row.published_high:g}"
+        table.add_row(row.title, f"{row.low:.2f} to {row.high:.2f}", published, verdict)
     return table
 
 

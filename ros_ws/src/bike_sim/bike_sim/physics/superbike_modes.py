@@ -1,8 +1,9 @@
-"""Weave, wobble and capsize of a superbike in straight running, measured on the engine with the rider's hands off.
+"""Weave, wobble and capsize of a superbike in straight running, measured on the engine with hands off and on the bars.
 
 The machine is brought to a steady speed. Then each of its ten lateral states is pushed a little to either side and the
 engine runs for a few steps. Central differences give the discrete transition matrix, whose eigenvalues give those in
-continuous time. The steering damper works, the rider sits still in his slide but holds nothing.
+continuous time. The steering damper works and the rider sits still in his slide. With the hands off he holds nothing;
+with the hands on he rides straight on, and the five states of arms and torso are pushed too.
 """
 
 from __future__ import annotations
@@ -29,11 +30,14 @@ LATERAL_NAMES: Final = (
     "roll", "steer", "slide", "side_speed", "roll_rate", "yaw_rate", "steer_rate", "slide_rate", "rear_drift",
     "front_drift",
 )  # fmt: skip
+RIDER_NAMES: Final = ("integral", "intent", "arms", "held_steer", "torso_rate")
+"""What the rider remembers of the sideways motion, of `records.MEMORY_NAMES`; his reference rests on a straight."""
 _PERIOD: Final = 0.006  # s; e^-4 of the fastest relaxation is left after it
 _PUSH: Final = 1e-5
 _SETTLE: Final = 2.0  # s
 _LEAST_FREQUENCY: Final = 0.1  # Hz
 _WOBBLE_FROM: Final = 5.5  # Hz
+_RIDER_UP_TO: Final = 1.0  # Hz; below it lies how a rider with his hands on answers lean
 
 
 @dataclass(frozen=True)
@@ -64,9 +68,16 @@ def holding_throttle(vehicle: Superbike, speed: float) -> float:
     return min(1.0, need / (statics.engine_force(vehicle, speed) + vehicle.motor.engine_brake))
 
 
-def measure_modes(vehicle: Superbike, speed: float, time_step: float = 0.0005) -> SuperbikeModes:
-    """Return the modes at a speed (m/s), from an engine of its own with a fine step (s)."""
-    eigenvalues = lateral_eigenvalues(vehicle, speed, time_step)
+def measure_modes(vehicle: Superbike, speed: float, time_step: float = 0.0005, hands: bool = False) -> SuperbikeModes:
+    """Return the modes at a speed, from an engine of its own.
+
+    Args:
+        vehicle: the machine.
+        speed: m/s.
+        time_step: of the engine, s; a fine one.
+        hands: whether the rider holds the bars. Below 1 Hz then lies how he answers lean, which is no weave.
+    """
+    eigenvalues = lateral_eigenvalues(vehicle, speed, time_step, hands)
     frequency = eigenvalues.imag / (2.0 * math.pi)
     oscillating = eigenvalues[frequency > _LEAST_FREQUENCY]
     bands = frequency[frequency > _LEAST_FREQUENCY]
@@ -75,22 +86,23 @@ def measure_modes(vehicle: Superbike, speed: float, time_step: float = 0.0005) -
     def least_damped(values: FloatArray) -> complex:
         return complex(values[np.argmax(values.real)]) if values.size else complex(math.nan, math.nan)
 
-    weave = least_damped(oscillating[bands < _WOBBLE_FROM])
+    weave = least_damped(oscillating[(bands < _WOBBLE_FROM) & (bands > (_RIDER_UP_TO if hands else 0.0))])
     wobble = least_damped(oscillating[(bands >= _WOBBLE_FROM) & (bands < 20.0)])
     return SuperbikeModes(speed, weave, wobble, float(real.max()) if real.size else math.nan)
 
 
-def lateral_eigenvalues(vehicle: Superbike, speed: float, time_step: float) -> FloatArray:
-    """Return the ten eigenvalues of the lateral states about straight running, 1/s."""
-    engine = SuperbikeEngine(hands_off(vehicle), time_step)
+def lateral_eigenvalues(vehicle: Superbike, speed: float, time_step: float, hands: bool = False) -> FloatArray:
+    """Return the eigenvalues of the lateral states, and with the hands on of the rider's, in straight running, 1/s."""
+    engine = SuperbikeEngine(vehicle if hands else hands_off(vehicle), time_step)
+    names = LATERAL_NAMES + (RIDER_NAMES if hands else ())
     try:
         throttle = holding_throttle(vehicle, speed)
         engine.reset(st.upright_state(speed, vehicle.rF))
         engine.advance_commands(0.0, throttle, round(_SETTLE / time_step))
         steps = max(1, round(_PERIOD / time_step))
-        start = _Snapshot(engine)
-        matrix = np.empty((len(LATERAL_NAMES),) * 2)
-        for column in range(len(LATERAL_NAMES)):
+        start = _Snapshot(engine, names)
+        matrix = np.empty((len(names),) * 2)
+        for column in range(len(names)):
             ends = []
             for push in (_PUSH, -_PUSH):
                 start.restore(column, push)
@@ -105,8 +117,8 @@ def lateral_eigenvalues(vehicle: Superbike, speed: float, time_step: float) -> F
 class _Snapshot:
     """The whole motion of an engine, to put back with one lateral state pushed, and to look at."""
 
-    def __init__(self, engine: SuperbikeEngine) -> None:
-        self.engine = engine
+    def __init__(self, engine: SuperbikeEngine, names: tuple[str, ...]) -> None:
+        self.engine, self.names = engine, names
         body, client = engine.body, engine.client
         self.pose = bullet.getBasePositionAndOrientation(body, client)
         self.twist = bullet.getBaseVelocity(body, client)
@@ -114,8 +126,8 @@ class _Snapshot:
         self.memory = engine.memory.copy()
 
     def restore(self, index: int, push: float) -> None:
-        """Put the motion back with one of `LATERAL_NAMES` pushed (rad, m and s)."""
-        name = LATERAL_NAMES[index]
+        """Put the motion back with one of the states pushed (rad, m, s and N m)."""
+        name = self.names[index]
         position, orientation = (np.array(part) for part in self.pose)
         velocity, omega = (np.array(part) for part in self.twist)
         joints = [list(joint) for joint in self.joints]
@@ -126,7 +138,7 @@ class _Snapshot:
             velocity[1] += push * (name == "side_speed")
             omega[0] += push * (name == "roll_rate")
             omega[2] += push * (name == "yaw_rate")
-        elif name in ("rear_drift", "front_drift"):
+        elif name in MEMORY_NAMES:
             self.engine.memory[MEMORY_NAMES.index(name)] += push
         else:
             joints[FORK if name.startswith("steer") else SLIDER][name.endswith("rate")] += push
@@ -137,7 +149,7 @@ class _Snapshot:
             bullet.resetJointState(body, link, value, rate, client)
 
     def look(self) -> FloatArray:
-        """Return the lateral states, in the order of `LATERAL_NAMES`."""
+        """Return the states, in the order of their names."""
         body, client = self.engine.body, self.engine.client
         state = self.engine.state()
         velocity, omega = bullet.getBaseVelocity(body, client)
@@ -148,6 +160,6 @@ class _Snapshot:
         return np.array(
             [
                 state[st.ROLL], state[st.STEER], slide[0], side, state[st.ROLL_RATE], omega[2], state[st.STEER_RATE],
-                slide[1], *(memory[MEMORY_NAMES.index(name)] for name in ("rear_drift", "front_drift")),
+                slide[1], *(memory[MEMORY_NAMES.index(name)] for name in self.names if name in MEMORY_NAMES),
             ]
         )  # fmt: skip

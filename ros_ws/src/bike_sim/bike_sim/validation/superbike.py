@@ -25,6 +25,7 @@ from bike_sim.physics.superbike_engine import TIME_STEP, SuperbikeEngine
 from bike_sim.physics.superbike_modes import SuperbikeModes, holding_throttle, measure_modes
 from bike_sim.theory.envelope import envelope
 from bike_sim.validation.bicycle import Check
+from bike_sim.validation.superbike_road import road_errors
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
 
@@ -36,6 +37,12 @@ MACHINES: Final = ("panigale_v4r", "zx10rr", "cbr1000rr_r", "r1", "m1000rr")
 SPEEDS: Final = (10.0, 20.0, 30.0, 40.0, 60.0, 80.0, 90.0)
 LEANS: Final = (30.0, 50.0, 55.0)
 MODE_SPEEDS: Final = tuple(np.linspace(10.0, 90.0, 17))
+PUBLISHED_FROM: Final = 20.0
+"""Speed from which frequencies are compared with published ones, m/s; weave slows towards standstill."""
+WEAVE_HZ: Final = (1.7, 4.5)
+WOBBLE_HZ: Final = (7.0, 10.0)
+"""Ranges of Sharp (1971, The stability and control of motorcycles, J. Mech. Eng. Sci. 13) and of Cossalter (2006,
+Motorcycle Dynamics, chapter 7) at speed, Hz."""
 TRAIL_BRAKING: Final = ((30.0, 0.8), (40.0, 0.6), (45.0, 0.5), (50.0, 0.5), (30.0, 1.0), (50.0, 1.0))
 """Lean, deg, and brake command, from 50 m/s."""
 DRIVE_OUT: Final = ((30.0, 1.0), (45.0, 0.7), (45.0, 1.0), (50.0, 1.0))
@@ -93,6 +100,29 @@ class ManoeuvreTrace:
         return ManoeuvreTrace(self.time[rows], self.telemetry[rows], self.states[rows], self.fall)
 
 
+@dataclass(frozen=True)
+class Range:
+    """A range of figures beside a published one, for a reader to judge; it fails no validation.
+
+    Attributes:
+        name: figure's name with its unit as suffix. title: what it is, for people.
+        low: smallest. high: largest.
+        published_low: smallest published. published_high: largest published.
+    """
+
+    name: str
+    title: str
+    low: float
+    high: float
+    published_low: float
+    published_high: float
+
+    @property
+    def within(self) -> bool:
+        """Whether all of it lies in the published range."""
+        return self.published_low <= self.low and self.high <= self.published_high
+
+
 @dataclass
 class Validation:
     """All that was measured.
@@ -102,7 +132,8 @@ class Validation:
         checks: in the order of measurement.
         steps: lean steps of the first machine, by lean (deg) and speed (m/s).
         launches: full throttle from 10 m/s, by machine. stops: full brake from 80 m/s, by machine.
-        modes: over speed, by machine.
+        modes: over speed, hands off, by machine. held_modes: with the rider's hands on the bars.
+        ranges: frequencies beside published ones.
         turns: rows of lean (deg), speed (m/s), lateral acceleration measured and by formula (g).
         convergence: rows of step (s), largest error of lean (deg), error of position (m).
         shakes: by machine, from `measure_shake`.
@@ -114,6 +145,8 @@ class Validation:
     launches: dict[str, ManoeuvreTrace] = field(default_factory=dict)
     stops: dict[str, ManoeuvreTrace] = field(default_factory=dict)
     modes: dict[str, list[SuperbikeModes]] = field(default_factory=dict)
+    held_modes: dict[str, list[SuperbikeModes]] = field(default_factory=dict)
+    ranges: list[Range] = field(default_factory=list)
     turns: list[tuple[float, float, float, float]] = field(default_factory=list)
     convergence: list[tuple[float, float, float]] = field(default_factory=list)
     shakes: dict[str, dict[tuple[float, float, float], float]] = field(default_factory=dict)
@@ -214,6 +247,7 @@ def validate(time_step: float = TIME_STEP, report: Callable[[str], None] = lambd
         ("compiled against Bullet", check_compiled),
         ("speed of computing", check_real_time),
         ("five machines: launch and stop", check_machines),
+        ("five machines: slopes and banking", check_road),
         ("five machines: modes", check_modes),
     )
     for title, part in parts:
@@ -543,16 +577,47 @@ def _time_error(
     return abs(float(measured[0] - measured[1]) / expected - 1.0)
 
 
-def check_modes(result: Validation, vehicle: Superbike) -> Iterator[Check]:
-    """Weave, wobble and capsize with the hands off, in straight running."""
-    weave, wobble, capsize = -math.inf, -math.inf, -math.inf
+def check_road(result: Validation, vehicle: Superbike) -> Iterator[Check]:
+    """Slopes and banked rings against closed-form solutions, all five machines."""
+    errors = []
     for name in MACHINES:
-        machine = load_vehicle(name)
-        assert isinstance(machine, Superbike)
-        result.modes[name] = [measure_modes(machine, float(speed)) for speed in MODE_SPEEDS]
-        weave = max(weave, max(modes.weave.real for modes in result.modes[name]))
-        wobble = max(wobble, max(modes.wobble.real for modes in result.modes[name]))
-        capsize = max(capsize, max(modes.capsize for modes in result.modes[name]))
-    yield Check("weave_real_1_s", "weave, least damped of five machines, 10 to 90 m/s, 1/s", weave, -math.inf, 0.0)
-    yield Check("wobble_real_1_s", "wobble, least damped, 1/s", wobble, -math.inf, 0.0)
-    yield Check("capsize_1_s", "capsize, fastest, 1/s; a rider catches it easily", capsize, -math.inf, 3.5)
+        engine = SuperbikeEngine(_machine(name), result.time_step)
+        errors.append(road_errors(engine))
+        engine.close()
+
+    def largest(part: str) -> float:
+        return max(float(getattr(error, part)) for error in errors)
+
+    yield Check("slope_error", "acceleration by slopes of 8 %, share off the formula", largest("slope"), 0.0, 0.01)
+    yield Check("slope_load_error", "load on them, share off the formula", largest("slope_load"), 0.0, 0.01)
+    turn = "steady turn on rings banked by -8 to 8 deg"
+    yield Check("bank_side_error", f"{turn}: side force, share of the weight off", largest("side"), 0.0, 0.01)
+    yield Check("bank_load_error", "load there, share of the weight off", largest("load"), 0.0, 0.01)
+    yield Check("bank_camber_error_deg", "lean to the road there, deg", largest("camber"), 0.0, 0.1)
+
+
+def check_modes(result: Validation, vehicle: Superbike) -> Iterator[Check]:
+    """Weave, wobble and capsize in straight running, with the hands off and on the bars."""
+    for hands, found in ((False, result.modes), (True, result.held_modes)):
+        for name in MACHINES:
+            found[name] = [measure_modes(_machine(name), float(speed), hands=hands) for speed in MODE_SPEEDS]
+        points = [modes for row in found.values() for modes in row]
+        fast = [modes for modes in points if modes.speed >= PUBLISHED_FROM]
+        prefix, how = ("held_", "hands on") if hands else ("", "hands off")
+        for mode, published in (("weave", WEAVE_HZ), ("wobble", WOBBLE_HZ)):
+            values = np.array([getattr(modes, mode) for modes in points])
+            hertz = np.array([getattr(modes, mode) for modes in fast]).imag / (2.0 * math.pi)
+            title = f"{mode}, {how}, least damped of five machines, 10 to 90 m/s, 1/s"
+            yield Check(f"{prefix}{mode}_real_1_s", title, float(values.real.max()), -math.inf, 0.0)
+            result.ranges.append(
+                Range(f"{prefix}{mode}_hz", f"{mode}, {how}, 20 to 90 m/s, Hz", hertz.min(), hertz.max(), *published)
+            )
+        if not hands:
+            capsize = max(modes.capsize for modes in points)
+            yield Check("capsize_1_s", "capsize, fastest, 1/s; a rider catches it easily", capsize, -math.inf, 3.5)
+
+
+def _machine(name: str) -> Superbike:
+    machine = load_vehicle(name)
+    assert isinstance(machine, Superbike)
+    return machine
