@@ -13,6 +13,7 @@ from bike_sim.course.lap_timing import Timing, time_laps
 from bike_sim.course.placing import EXACT, samples_of
 from bike_sim.physics import state as st
 from bike_sim.physics.superbike_statics import turning_state
+from bike_sim.sim import beginning
 from bike_sim.sim import look as lk
 from bike_sim.sim.circuit_scene import CircuitScene, FollowedLine, start_speed
 from bike_sim.sim.config import SimulatorConfig
@@ -336,3 +337,21 @@ def test_lines_are_computed_where_no_cache_can_be(
     (tmp_path / "file").write_text("in the way")
     monkeypatch.setenv("BIKE_CACHE", str(tmp_path / "file" / "lines"))
     assert track_with_line(circuit, machine.plant.envelope).ideal is not None
+
+
+def test_lines_that_nobody_asks_for_are_forgotten(
+    machine: Simulator, circuit: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(beginning, "LINES_KEPT", 2)
+    courses = beginning.Courses()
+
+    def line(lam: float) -> FollowedLine:
+        return courses.line(machine.plant, str(circuit), lam)
+
+    first, second = line(1.0), line(0.0)
+    assert line(1.0) is first
+    line(0.5)  # one too many: the second was not asked for the longest
+    assert line(1.0) is first
+    again = line(0.0)
+    assert again is not second
+    assert (again.stations == second.stations).all()

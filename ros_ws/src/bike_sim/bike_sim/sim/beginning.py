@@ -35,8 +35,15 @@ class Beginning(NamedTuple):
     state: st.StateVector
 
 
+LINES_KEPT: Final = 32
+"""Lines of circuits that are kept; one of 4.6 km takes 15 MB."""
+
+
 class Courses:
-    """Courses that a simulator has loaded, so that the next episode on one of them begins without its file."""
+    """Courses that a simulator has loaded, so that the next episode on one of them begins without its file.
+
+    Of circuits the lines that were ridden last are kept, `LINES_KEPT` of them.
+    """
 
     def __init__(self) -> None:
         self._path: tuple[str, Course] | None = None
@@ -82,7 +89,11 @@ class Courses:
         if known is None:
             same = next((line.track for (name, _), line in self._lines.items() if name == circuit), None)
             known = FollowedLine(same or track_with_line(circuit, plant.envelope), lam)
-            self._lines[circuit, lam] = known
+        # The last one asked for goes to the end; the first is the one that was not asked for the longest.
+        self._lines.pop((circuit, lam), None)
+        self._lines[circuit, lam] = known
+        if len(self._lines) > LINES_KEPT:
+            del self._lines[next(iter(self._lines))]
         return known
 
 
