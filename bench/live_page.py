@@ -35,7 +35,7 @@ from bike_analysis.page.live_page import live_view, render_live_page
 from bike_sim.ros import node_tools
 from bike_sim.ros.isolation import DomainLease, prepare_discovery
 from bike_training.envs.node_process import NodeProcess
-from bike_training.nodes.live_ride import STATE_NAMES
+from bike_training.nodes.live_ride import state_names
 from bike_training.nodes.live_server import LiveServer
 from bike_training.nodes.live_watch import LiveWatch
 
@@ -133,7 +133,9 @@ def watching(domain: int, page_open: webdriver.Chrome | None) -> Iterator[None]:
         assert watch.course is not None
         view = live_view(watch.course, watch.machine, watch.powered)
         server = LiveServer(
-            lambda origin: render_live_page(view, None, STATE_NAMES, watch.powered, origin), watch.ask, watch.status
+            lambda origin: render_live_page(view, None, state_names(watch.powered), watch.powered, origin),
+            watch.ask,
+            watch.status,
         )
         server.start()
         opened.callback(server.close)

@@ -429,6 +429,19 @@ def test_a_phone_needs_no_horizontal_scrolling(opened: Opener, page: str, reques
     assert cut == []
 
 
+def test_ticks_say_where_they_stand(opened: Opener, ride_page: Path) -> None:
+    browser = opened(ride_page)
+    for ticks, increment, texts in (
+        ([5, 7.5, 10], 2.5, ["5.0", "7.5", "10.0"]),
+        ([-0.25, 0.5], 0.25, ["−0.25", "0.50"]),
+        ([0, 20], 20, ["0", "20"]),
+        ([0.2, 0.4], 0.2, ["0.2", "0.4"]),
+    ):
+        values = "const { u } = document.querySelector('.view').view.parts.find(p => p.chart?.u?.axes[1].values).chart;"
+        values += "return u.axes[1].values(u, arguments[0], 1, 0, arguments[1]);"
+        assert browser.execute_script(values, ticks, increment) == texts
+
+
 def test_a_finger_moves_the_cursor_and_two_zoom(opened: Opener, ride_page: Path) -> None:
     browser = opened(ride_page, PHONE)
     browser.execute_script("""document.querySelector('[data-plot="error"]').scrollIntoView({block: "end"})""")

@@ -41,7 +41,7 @@ from bike_sim.sim.simulator import Simulator
 from bike_training.commands import live
 from bike_training.envs.node_process import NodeLost, NodeProcess
 from bike_training.nodes import live_watch
-from bike_training.nodes.live_ride import PACES, STATE_NAMES, LiveRide, LiveSettings, checked_request
+from bike_training.nodes.live_ride import PACES, STATE_NAMES, LiveRide, LiveSettings, checked_request, state_names
 from bike_training.nodes.live_server import LONGEST_REQUEST, LiveServer
 from bike_training.nodes.live_watch import LiveWatch
 
@@ -215,7 +215,7 @@ def touch(browser: webdriver.Chrome, kind: str, *points: tuple[float, float]) ->
 def test_two_thumbs_lean_and_brake(browser: webdriver.Chrome) -> None:
     asked: list[dict[str, Any]] = []
     course = Course.from_elements("ring", [Arc(8.0, 2.0 * np.pi)], closed=True)
-    page = lambda origin: render_live_page(live_view(course, "r1", True), "classical", STATE_NAMES, True, origin)  # noqa: E731
+    page = lambda origin: render_live_page(live_view(course, "r1", True), "classical", state_names(True), True, origin)  # noqa: E731
     server = LiveServer(page, asked.append, lambda: {"status": {"hands": False, "pace": 1.0}})
     server.start()
     try:

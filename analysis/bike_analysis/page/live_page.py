@@ -10,7 +10,7 @@ import numpy as np
 
 from bike_analysis.page.follow import edge, follow_spec
 from bike_analysis.page.html import html_text
-from bike_analysis.page.ride_view import BRAKE, ERROR, SPEED, THROTTLE
+from bike_analysis.page.ride_view import BRAKE, ERROR, LOAD, SLIP, SPEED, THROTTLE
 from bike_analysis.page.shell import page_shell
 from bike_analysis.page.view import KMH, MapLine, Panel, PanelLine, Series, View, view_html
 from bike_analysis.read.tables import Floats
@@ -26,6 +26,8 @@ _COMMAND: Final = Panel(
     caption="In [−1, 1], positive to the left.",
     ends=(-1.0, 1.0),
 )
+_DRIVEN: Final = ("throttle", "brake", "rear_slip", "front_slip", "rear_load", "front_load")
+"""Columns of a vehicle with throttle and brake."""
 _STEER_KEYS: Final = (("← →", "lean"), ("↑ ↓", "throttle, brake"), (".", "one step while paused"))
 _KEYS: Final = (("space", "pause, go on"), ("r", "from the start again"), ("t", "light or dark"))
 _OTHER_HANDS: Final = (
@@ -47,9 +49,9 @@ def live_view(course: Course, machine: str, powered: bool) -> View:
         **{name: still for name in ("time", "distance", "yaw", "roll", "steer", "speed", "error", "command")},
         "x": np.full(2, course.x[0]),
         "y": np.full(2, course.y[0]),
-        **({"throttle": still, "brake": still} if powered else {}),
+        **({name: still for name in _DRIVEN} if powered else {}),
     }
-    panels = [SPEED, _LEAN, *((THROTTLE, BRAKE) if powered else ()), _COMMAND, ERROR]
+    panels = [SPEED, _LEAN, *((THROTTLE, BRAKE, SLIP, LOAD) if powered else ()), _COMMAND, ERROR]
     limits = ((1.0, course.width_left), (-1.0, course.width_right))
     left, right = (edge(course.x, course.y, course.heading, side, width) for side, width in limits)
     lines = [MapLine("line followed", "wanted", *_closed(course, course.x, course.y))]
@@ -96,7 +98,7 @@ def render_live_page(
     title = view.title
     scales = {"roll": 180.0 / np.pi, "steer": 180.0 / np.pi, "throttle": 100.0, "brake": 100.0}
     if powered:
-        scales["speed"] = 3.6
+        scales |= {"speed": 3.6, "rear_slip": 100.0, "front_slip": 100.0, "rear_load": 1e-3, "front_load": 1e-3}
     steers = rider is not None
     spec = {"names": list(names), "scales": scales, "powered": powered, "watched": not steers}
     parts = [_controls(rider, powered), view_html(view), *([_pads(powered)] if steers else [])]

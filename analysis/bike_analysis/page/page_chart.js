@@ -25,7 +25,9 @@ const grouped = (value, digits) => {
   return (value < 0 && Number(value.toFixed(digits)) ? "−" : "") + whole.replace(/\B(?=(\d{3})+$)/g, "\u202f") + (part ? `.${part}` : "");
 };
 function tickTexts(ticks, increment, suffix = "") {
-  const digits = Math.max(0, -Math.floor(Math.log10(increment) + 1e-9));
+  let digits = Math.max(0, -Math.floor(Math.log10(increment) + 1e-9));
+  const whole = increment * 10 ** digits;
+  if (Math.abs(whole - Math.round(whole)) > 1e-6) digits += 1;  // steps of 2.5
   return ticks.map(value => value === null ? "" : grouped(value, Math.min(digits, 6)) + suffix);
 }
 

@@ -128,7 +128,7 @@ def _check_kind(args: argparse.Namespace) -> None:
 
 def _live(args: argparse.Namespace, recording: Path) -> dict[str, Any]:
     """Ride and serve; return what was counted."""
-    from bike_training.nodes.live_ride import STATE_NAMES, LiveRide, LiveSettings  # only live rides need ROS
+    from bike_training.nodes.live_ride import LiveRide, LiveSettings, state_names  # only live rides need ROS
     from bike_training.nodes.live_server import LiveServer
 
     machine = load_vehicle(args.vehicle)
@@ -149,7 +149,7 @@ def _live(args: argparse.Namespace, recording: Path) -> dict[str, Any]:
     def serve() -> LiveServer:
         assert ride.course is not None
         view = live_view(ride.course, machine.name, powered)
-        page = partial(render_live_page, view, rider.name, STATE_NAMES, powered)
+        page = partial(render_live_page, view, rider.name, state_names(powered), powered)
         return LiveServer(page, ride.ask, ride.status, args.port)
 
     wall = _serve(args, ride, tally, serve)
@@ -159,7 +159,7 @@ def _live(args: argparse.Namespace, recording: Path) -> dict[str, Any]:
 def _watch(args: argparse.Namespace) -> dict[str, Any]:
     """Serve a page of a simulator that others ride; return what was counted."""
     from bike_sim.ros.isolation import DOMAIN_VARIABLE
-    from bike_training.nodes.live_ride import STATE_NAMES
+    from bike_training.nodes.live_ride import state_names
     from bike_training.nodes.live_server import LiveServer
     from bike_training.nodes.live_watch import LiveWatch
 
@@ -171,7 +171,7 @@ def _watch(args: argparse.Namespace) -> dict[str, Any]:
         assert watch.course is not None
         view = live_view(watch.course, watch.machine, watch.powered)
         words = f"watched at {watch.namespace} in ROS domain {domain} · who started it rides and records"
-        return render_live_page(view, None, STATE_NAMES, watch.powered, origin, words)
+        return render_live_page(view, None, state_names(watch.powered), watch.powered, origin, words)
 
     tally.page = page
     wall = _serve(args, watch, tally, lambda: LiveServer(page, watch.ask, watch.status, args.port))

@@ -8,7 +8,7 @@ from __future__ import annotations
 import queue
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +23,8 @@ from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.events import EventKind
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.snapshot import Snapshot
+from bike_sim.sim.superbike_plant import SuperbikePlant
+from bike_sim.vehicles.superbike import Superbike
 from bike_training.envs.node_process import NodeProcess
 from bike_training.envs.ros_client import RosClient
 from bike_training.nodes.ride_monitor import START_TIMEOUT, RideMonitor
@@ -31,6 +33,10 @@ STATE_NAMES: Final = (
     *("time", "distance", "x", "y", "yaw", "roll", "steer", "speed", "error", "command", "throttle", "brake"),
 )
 """What is told of each state, in order: s, m, rad and m/s; commands in [-1, 1]."""
+WHEELS: Final = {
+    **{"rear_slip": "rear_slip", "front_slip": "front_slip", "rear_load": "rear_load_n", "front_load": "front_load_n"}
+}
+"""What is told after these of a superbike, with the names of its signals: slip, and loads in N."""
 HELD: Final = 0.5
 """Wall-clock time for which a wish holds, s: who is cut off rides straight on with closed throttle."""
 PACES: Final = (0.1, 10.0)
@@ -150,6 +156,7 @@ class LiveRide:
         self._snapshot = client.reset(self._settings.request)
         self.course = client.course
         assert self.course is not None
+        self._places = places_of(SuperbikePlant.signal_names if isinstance(client.vehicle, Superbike) else ())
         for rider in (self._settings.rider, self._hands):
             rider.begin(client.vehicle, self.course, self._settings.config.control_period, client.preview)
         self._tell({"reset": True})
@@ -224,7 +231,7 @@ class LiveRide:
         now = time.monotonic()
         if now - self._told_at >= FRAME or snapshot.events or not snapshot.step:
             self._told_at = now
-            self._tell({"state": state_values(snapshot), "sent": round(1e3 * time.time(), 2)})
+            self._tell({"state": state_values(snapshot, self._places), "sent": round(1e3 * time.time(), 2)})
         for event in snapshot.events:
             message: dict[str, Any] = {"event": event.text}
             if event.kind is EventKind.LAP:
@@ -232,8 +239,18 @@ class LiveRide:
             self._tell(message)
 
 
-def state_values(snapshot: Snapshot) -> list[float]:
-    """Return what is told of a state, in the order of `STATE_NAMES`."""
+def state_names(powered: bool) -> tuple[str, ...]:
+    """Return the names of what is told of a state, in order; of vehicles with signals it is more."""
+    return (*STATE_NAMES, *WHEELS) if powered else STATE_NAMES
+
+
+def places_of(signals: Sequence[str]) -> list[int]:
+    """Return where the signals of `WHEELS` stand among a vehicle's; none where it has no signals."""
+    return [list(signals).index(name) for name in WHEELS.values()] if len(signals) else []
+
+
+def state_values(snapshot: Snapshot, places: Sequence[int]) -> list[float]:
+    """Return what is told of a state, in the order of `state_names`, with the signals at some places."""
     state, look = snapshot.state, snapshot.look
     values = (
         snapshot.time,
@@ -244,6 +261,7 @@ def state_values(snapshot: Snapshot) -> list[float]:
         snapshot.steering,
         max(snapshot.throttle, 0.0),
         max(-snapshot.throttle, 0.0),
+        *(snapshot.signals[place] for place in places),
     )
     return [round(float(value), 5) for value in values]
 

@@ -28,7 +28,7 @@ from bike_sim.sim.events import EventKind
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.envs.node_process import NodeLost
-from bike_training.nodes.live_ride import FRAME, state_values
+from bike_training.nodes.live_ride import FRAME, places_of, state_values
 
 PERIOD: Final = 0.01
 """Wall-clock time between two visits to the states, s."""
@@ -176,6 +176,7 @@ class LiveWatch:
         assert self._start is not None
         self.course = messages.course_from_message(self._course_message)
         self.powered = bool(self._start.signal_names)
+        self._places = places_of(self._start.signal_names)
         try:
             self.machine = load_vehicle(self._start.vehicle).name
         except (FileNotFoundError, ValueError):  # a file of the simulator's that is not readable from here
@@ -213,7 +214,7 @@ class LiveWatch:
             self._tell({"reset": True})
         if (snapshot.episode, snapshot.step) != self._shown:
             self._shown, self._told_at = (snapshot.episode, snapshot.step), now
-            self._tell({"state": state_values(snapshot), "sent": round(1e-6 * sent, 2)})
+            self._tell({"state": state_values(snapshot, self._places), "sent": round(1e-6 * sent, 2)})
 
     def _look_for(self, node: Node, now: float) -> None:
         gone = now - self._heard_at > GONE_AFTER and not node.count_publishers(f"{self.namespace}/state")
