@@ -28,7 +28,8 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from bike_analysis import compare, open_ride
-from bike_analysis.page.live_page import live_view, render_live_page
+from bike_analysis.page.live_page import Ghost, ghost_of, live_view, render_live_page
+from bike_analysis.page.view import Series
 from bike_policy.riders.hands import HandRider
 from bike_policy.riders.rider import make_rider
 from bike_sim.course.course import Course
@@ -246,6 +247,43 @@ def test_two_thumbs_lean_and_brake(browser: webdriver.Chrome) -> None:
         server.close()
 
 
+def test_a_ghost_rides_along_and_begins_again_with_each_lap(browser: webdriver.Chrome) -> None:
+    course = Course.from_elements("ring", [Arc(8.0, 2.0 * np.pi)], closed=True)
+    time_s = np.linspace(0.0, 10.0, 201)
+    angle = 0.5 * time_s
+    columns = {"time": time_s, "distance": 8.0 * angle, "x": 8.0 * np.sin(angle), "y": 8.0 - 8.0 * np.cos(angle)}
+    columns |= {"yaw": angle, "roll": -10.0 * np.ones(201), "speed": 4.0 * np.ones(201)}
+    ghost = Ghost(Series("a lap", columns, "orange"), is_lap=True)
+    view = live_view(course, "whipple", False, ghost)
+    page = lambda origin: render_live_page(view, "lqr", STATE_NAMES, False, origin, laps=True)  # noqa: E731
+    server = LiveServer(page, lambda _: None, lambda: {"status": {"hands": False, "pace": 1.0}})
+    server.start()
+    where = """const { view } = document.querySelector(".view"), map = view.parts.find(part => part.marks);
+      const row = view.rowIn(view.series[1], "time"), { x, y } = view.series[1].columns;
+      return [row, row < 0 ? null : [x[row], y[row]], view.main.columns.time.at(-1)];"""
+
+    def ghost_at(seconds: float) -> Any:
+        for now in (seconds - 0.1, seconds):
+            server.publish({"state": [now, *[0.0] * (len(STATE_NAMES) - 1)], "sent": 1e3 * time.time()})
+        WebDriverWait(browser, 20).until(lambda b: b.execute_script(where)[2] == pytest.approx(seconds))
+        return browser.execute_script(where)[1]
+
+    try:
+        browser.get(server.address)
+        live = "return document.querySelector('.view').view?.live?.socket.readyState"
+        WebDriverWait(browser, 20).until(lambda b: b.execute_script(live) == 1)
+        server.publish({"reset": True})
+        assert ghost_at(3.0) == pytest.approx([8.0 * math.sin(1.5), 8.0 - 8.0 * math.cos(1.5)], abs=0.2)
+        server.publish({"event": "lap 1", "lap": 3.0})
+        assert ghost_at(4.0) == pytest.approx([8.0 * math.sin(0.5), 8.0 - 8.0 * math.cos(0.5)], abs=0.2)
+        assert ghost_at(14.0) is None, "it has ended its lap"
+        server.publish({"reset": True})
+        assert ghost_at(2.0) == pytest.approx([8.0 * math.sin(1.0), 8.0 - 8.0 * math.cos(1.0)], abs=0.2)
+        assert browser.get_log("browser") == []
+    finally:
+        server.close()
+
+
 RIDE_BY_KEYS = """
   const view = document.querySelector(".view").view, { live } = view, names = { 1: "ArrowLeft", "-1": "ArrowRight" };
   let held = 0;
@@ -348,6 +386,13 @@ def test_a_lap_is_ridden_by_keys_and_lies_beside_another(browser: webdriver.Chro
     by_hand, by_computer = last.laps[0], last.laps[-1]
     both = compare([by_hand, by_computer])
     assert {run.lap.number for run in both.runs} == {by_hand.number, by_computer.number}
+    course_ridden = ride.course
+    assert course_ridden is not None
+    ghost = ghost_of(both, course_ridden)
+    assert ghost is not None
+    assert ghost.is_lap
+    assert ghost.series.columns["time"][0] == pytest.approx(0.0, abs=0.06)
+    assert ghost_of(both, Course.from_elements("ring", [Arc(8.0, 2.0 * np.pi)], closed=True)) is None
     errors_m = last.table()["lateral_error_m"].abs()
     assert errors_m.max() < 3.0
     assert threading.active_count() < 20

@@ -46,7 +46,7 @@ def comparison_view(comparison: Comparison, key: str) -> View:
     """
     runs = comparison.runs
     order = [comparison.reference, *(i for i in range(len(runs)) if i != comparison.reference)]
-    columns = [_columns(comparison, i) for i in order]
+    columns = [run_columns(comparison, i) for i in order]
     reference = runs[comparison.reference]
     fast = is_fast(reference.ride)
     series = tuple(
@@ -81,7 +81,8 @@ def comparison_panels(columns: dict[str, Floats], fast: bool) -> tuple[Panel, ..
     return tuple(found)
 
 
-def _columns(comparison: Comparison, index: int) -> dict[str, Floats]:
+def run_columns(comparison: Comparison, index: int) -> dict[str, Floats]:
+    """Columns of a compared run as pages show them, from its beginning; with the time that it lost on the reference."""
     run = comparison.runs[index]
     rows = slice(0, len(run.ride.states)) if run.lap is None else run.lap.rows
     columns = ride_columns(run.ride, rows, run.begin_m, run.begin_s)

@@ -13,12 +13,16 @@ class Live {
     this.pads = { steering: 0, throttle: 0 };
     this.wish = { steering: 0, throttle: 0 };
     this.laps = [];
+    this.ghost = view.series[1];
+    this.ghostTime = this.ghost?.columns.time;
     this.clear();
     this.listen();
     this.connect();
     if (!spec.watched) setInterval(() => this.sendWish(), WISH_MS);
   }
-  clear() { this.rows = Object.fromEntries(this.spec.names.map(name => [name, []])); }
+  // The ghost begins with the ride, and again with each lap if it is one.
+  startGhost(at) { if (this.ghost) this.ghost.columns.time = this.ghostTime.map(time => time + at); }
+  clear() { this.startGhost(0); this.rows = Object.fromEntries(this.spec.names.map(name => [name, []])); }
 
   connect() {
     this.socket = new WebSocket(`ws://${location.host}${location.pathname}ws`);
@@ -35,7 +39,10 @@ class Live {
     if (course) location.reload();  // the server has the page of the new one
     if (reset) this.clear();
     if (state) this.add(state, sent);
-    if (lap) this.laps.push(lap);
+    if (lap) {
+      this.laps.push(lap);
+      if (this.spec.ghostLaps) this.startGhost(this.rows.time[this.rows.time.length - 1] ?? 0);
+    }
     if (event) this.say(event);
     if (status) this.show(status);
     if (ended) { this.over = true; this.say("the ride has ended"); }

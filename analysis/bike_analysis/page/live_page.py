@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from html import escape
 from typing import Final
 
 import numpy as np
 
+from bike_analysis.figures.compare import Comparison
+from bike_analysis.page.compare_view import run_columns
 from bike_analysis.page.follow import edge, follow_spec
 from bike_analysis.page.html import html_text
 from bike_analysis.page.ride_view import BRAKE, ERROR, LOAD, SLIP, SPEED, THROTTLE
 from bike_analysis.page.shell import page_shell
-from bike_analysis.page.view import KMH, MapLine, Panel, PanelLine, Series, View, view_html
+from bike_analysis.page.view import KMH, MapLine, Panel, PanelLine, Series, View, series_colour, view_html
 from bike_analysis.read.tables import Floats
 from bike_sim.course.course import Course
 
@@ -26,8 +29,14 @@ _COMMAND: Final = Panel(
     caption="In [−1, 1], positive to the left.",
     ends=(-1.0, 1.0),
 )
+_MOVING: Final = ("time", "distance", "yaw", "roll", "steer", "speed", "error", "command")
 _DRIVEN: Final = ("throttle", "brake", "rear_slip", "front_slip", "rear_load", "front_load")
 """Columns of a vehicle with throttle and brake."""
+_GHOST_WORDS: Final = (
+    " The ring is the ghost, at the same time since the beginning.",
+    " The ring is the ghost, at the same time since the beginning of the lap.",
+)
+_SHOWN: Final = (*_MOVING, *_DRIVEN, "x", "y")
 _STEER_KEYS: Final = (("← →", "lean"), ("↑ ↓", "throttle, brake"), (".", "one step while paused"))
 _KEYS: Final = (("space", "pause, go on"), ("r", "from the start again"), ("t", "light or dark"))
 _OTHER_HANDS: Final = (
@@ -36,17 +45,45 @@ _OTHER_HANDS: Final = (
 )
 
 
-def live_view(course: Course, machine: str, powered: bool) -> View:
+@dataclass(frozen=True)
+class Ghost:
+    """A recorded ride or lap that rides along.
+
+    Attributes:
+        series: Its columns; time and distance count from its beginning.
+        is_lap: Whether it begins again with each lap.
+    """
+
+    series: Series
+    is_lap: bool
+
+
+def ghost_of(comparison: Comparison, course: Course) -> Ghost | None:
+    """Return the fastest of compared runs as a ghost, or None where it was ridden on another course.
+
+    Args:
+        comparison: Of recordings.
+        course: The line that the live ride follows.
+    """
+    run = comparison.runs[comparison.reference]
+    if comparison.course != course.name or run.ride.course is None:
+        return None
+    columns = {name: column for name, column in run_columns(comparison, comparison.reference).items() if name in _SHOWN}
+    return Ghost(Series(run.label, columns, series_colour(1)), run.lap is not None)
+
+
+def live_view(course: Course, machine: str, powered: bool, ghost: Ghost | None = None) -> View:
     """Return the view of a ride that has not begun.
 
     Args:
         course: The line that is followed.
         machine: Name of the vehicle.
         powered: Whether it has throttle and brake; its speed is shown in km/h.
+        ghost: Who rides along, on the map and in the traces.
     """
     still = np.zeros(2)
     columns = {
-        **{name: still for name in ("time", "distance", "yaw", "roll", "steer", "speed", "error", "command")},
+        **{name: still for name in _MOVING},
         "x": np.full(2, course.x[0]),
         "y": np.full(2, course.y[0]),
         **({name: still for name in _DRIVEN} if powered else {}),
@@ -61,11 +98,11 @@ def live_view(course: Course, machine: str, powered: bool) -> View:
     return View(
         "live",
         f"{machine} on {course.name}",
-        (Series("live", columns),),
+        (Series("this ride", columns), *((ghost.series,) if ghost else ())),
         tuple(_in_kmh(panel) if powered and panel.key == "speed" else panel for panel in panels),
         tuple(lines),
         colours=(),
-        map_caption="Where the ride is, and its last half minute.",
+        map_caption="Where the ride is, and its last half minute." + (_GHOST_WORDS[ghost.is_lap] if ghost else ""),
         channels={"speed": KMH} if powered else {},
         follow=follow_spec(
             f"{machine}, {course.name}", (course.s, course.x, course.y), (*left, *right), course.closed, powered
@@ -82,7 +119,7 @@ def _closed(course: Course, x: Floats, y: Floats) -> tuple[Floats, Floats]:
 
 
 def render_live_page(
-    view: View, rider: str | None, names: Sequence[str], powered: bool, host: str, words: str = ""
+    view: View, rider: str | None, names: Sequence[str], powered: bool, host: str, words: str = "", laps: bool = False
 ) -> str:
     """Return the page.
 
@@ -94,13 +131,14 @@ def render_live_page(
         powered: Whether the vehicle has throttle and brake.
         host: Origin of the WebSocket, for the content security policy.
         words: Said below the title instead of the rider.
+        laps: Whether the view's ghost begins again with each lap.
     """
     title = view.title
     scales = {"roll": 180.0 / np.pi, "steer": 180.0 / np.pi, "throttle": 100.0, "brake": 100.0}
     if powered:
         scales |= {"speed": 3.6, "rear_slip": 100.0, "front_slip": 100.0, "rear_load": 1e-3, "front_load": 1e-3}
     steers = rider is not None
-    spec = {"names": list(names), "scales": scales, "powered": powered, "watched": not steers}
+    spec = {"names": list(names), "scales": scales, "powered": powered, "watched": not steers, "ghostLaps": laps}
     parts = [_controls(rider, powered), view_html(view), *([_pads(powered)] if steers else [])]
     words = words or f"rider of the computer: {rider} · recorded as it is ridden"
     keys = (*_STEER_KEYS, *_KEYS, *_OTHER_HANDS) if steers else _KEYS

@@ -10,7 +10,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from bike_analysis.page.live_page import live_view, render_live_page
+from bike_analysis import compare
+from bike_analysis.page.live_page import ghost_of, live_view, render_live_page
 from bike_analysis.report import analyze
 from bike_policy.contract.bundle import DEFAULT_POLICY
 from bike_policy.riders.classical import CLASSICAL
@@ -74,7 +75,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--domain", type=int, help="its ROS domain (default: ROS_DOMAIN_ID, or 0)")
     parser.add_argument("--namespace", help="of its topics (default: bike)")
     parser.add_argument("--seconds", type=float, help="end after this wall-clock time (default: at Ctrl-C)")
-    parser.add_argument("--against", type=Path, nargs="*", default=[], help="recordings to compare with at the end")
+    parser.add_argument(
+        "--against", type=Path, nargs="*", default=[], help="recordings: a ghost now, a comparison at the end"
+    )
     parser.add_argument("--out", type=Path, default=Path("out/live"), help="folder of recording and report")
 
 
@@ -141,6 +144,7 @@ def _live(args: argparse.Namespace, recording: Path) -> dict[str, Any]:
     begin: dict[str, Any] = {"speed_range": (args.speed, args.speed)}
     if powered and course in shipped_tracks():
         begin = {"speed_share": START_SHARE}
+    against = compare(args.against) if args.against else None  # refuses a broken recording before anything starts
     request = ResetRequest(course=course, preview=rider.preview or Preview(), **begin)
 
     tally = _Tally()
@@ -148,8 +152,11 @@ def _live(args: argparse.Namespace, recording: Path) -> dict[str, Any]:
 
     def serve() -> LiveServer:
         assert ride.course is not None
-        view = live_view(ride.course, machine.name, powered)
-        page = partial(render_live_page, view, rider.name, state_names(powered), powered)
+        ghost = ghost_of(against, ride.course) if against is not None else None
+        view = live_view(ride.course, machine.name, powered, ghost)
+        page = partial(
+            render_live_page, view, rider.name, state_names(powered), powered, laps=ghost is not None and ghost.is_lap
+        )
         return LiveServer(page, ride.ask, ride.status, args.port)
 
     wall = _serve(args, ride, tally, serve)

@@ -28,10 +28,11 @@ from bike_sim.sim.events import EventKind
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.envs.node_process import NodeLost
-from bike_training.nodes.live_ride import FRAME, places_of, state_values
+from bike_training.nodes.live_ride import places_of, state_values
 
-PERIOD: Final = 0.01
-"""Wall-clock time between two visits to the states, s."""
+PERIOD: Final = 1.0 / 40.0
+"""Wall-clock time between two visits to the states, s. Each tells at most one: the page must not take the processors
+from a simulator that rides as fast as it can."""
 MOST_AT_ONCE: Final = 1000
 """States of one visit."""
 START_TIMEOUT: Final = 30.0
@@ -78,7 +79,7 @@ class LiveWatch:
         self._latest: tuple[int, bytes] | None = None  # wall-clock time of its publication, ns
         self._shown: tuple[int, int] | None = None
         self._paused = self._gone = False
-        self._told_at = self._heard_at = 0.0
+        self._heard_at = 0.0
         self._thread = threading.Thread(target=self._run, name="live watch", daemon=True)
 
     def start(self) -> None:
@@ -192,12 +193,12 @@ class LiveWatch:
         """Tell about the newest state and all events; a lockstep that waits repeats a state, which is told once."""
         now = time.monotonic()
         self._look_for(node, now)
-        if self._latest is not None and self._ready() and now - self._told_at >= FRAME:
+        if self._latest is not None and self._ready():
             sent, data = self._latest
             self._latest = None
             snapshot = wire.decode_state(data).snapshot
             if self._start is not None and snapshot.episode == self._start.episode:
-                self._show(snapshot, now, sent)
+                self._show(snapshot, sent)
         for event in self._events:
             message: dict[str, Any] = {"event": event.text}
             if event.kind == EventKind.LAP:
@@ -205,7 +206,7 @@ class LiveWatch:
             self._tell(message)
         self._events.clear()
 
-    def _show(self, snapshot: Snapshot, now: float, sent: int) -> None:
+    def _show(self, snapshot: Snapshot, sent: int) -> None:
         if self._shown is None or snapshot.episode != self._shown[0]:
             known = self.course
             self._enter()
@@ -213,7 +214,7 @@ class LiveWatch:
                 self._tell({"course": True})
             self._tell({"reset": True})
         if (snapshot.episode, snapshot.step) != self._shown:
-            self._shown, self._told_at = (snapshot.episode, snapshot.step), now
+            self._shown = (snapshot.episode, snapshot.step)
             self._tell({"state": state_values(snapshot, self._places), "sent": round(1e-6 * sent, 2)})
 
     def _look_for(self, node: Node, now: float) -> None:
