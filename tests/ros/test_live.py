@@ -297,7 +297,8 @@ RIDE_BY_KEYS = """
       if (side) press("keydown", side);
       held = side;
     }
-    if (!live.laps.length) return requestAnimationFrame(look);
+    const near = Math.abs(columns.error[n]) < 0.7 && Math.abs(along) < 0.15;  // fit to be taken over
+    if (!live.laps.length || !near) return requestAnimationFrame(look);
     if (held) press("keyup", held);
     live.ridden = true;
   };

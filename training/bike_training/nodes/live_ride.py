@@ -158,16 +158,23 @@ class LiveRide:
         assert self.course is not None
         self._places = places_of(SuperbikePlant.signal_names if isinstance(client.vehicle, Superbike) else ())
         for rider in (self._settings.rider, self._hands):
-            rider.begin(client.vehicle, self.course, self._settings.config.control_period, client.preview)
+            self._prepare(client, rider)
         self._tell({"reset": True})
         self._show()
+
+    def _prepare(self, client: RosClient, rider: Rider) -> None:
+        assert self.course is not None
+        rider.begin(client.vehicle, self.course, self._settings.config.control_period, client.preview)
 
     def _ride(self, client: RosClient) -> None:
         due = time.monotonic()
         while not self._ended.is_set():
+            hands = self._by_hand
             reset = self._obey()
             if reset:
                 self._begin(client)
+            elif hands and not self._by_hand:  # its observer has seen none of what the hands did
+                self._prepare(client, self._settings.rider)
             if not self._moves():
                 self._ended.wait(IDLE)
                 due = time.monotonic()
