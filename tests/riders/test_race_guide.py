@@ -90,8 +90,8 @@ def test_a_guide_answers_again_the_same_and_goes_on_from_its_memory(machine: Sup
             Blocks.look[:, lk.LATERAL_ERROR] = [math.sin(0.3 * step), 0.2]
             Blocks.state[:, ps.ROLL] = -0.4
             targets = np.array([[0.5, 0.02], [-0.1 * step, 0.0]])
-            answers.append(guide.commands(Blocks, targets))
-            np.testing.assert_array_equal(guide.commands(Blocks, targets), answers[-1])
+            answers.append(guide.commands(Blocks, targets, np.ones(2)))
+            np.testing.assert_array_equal(guide.commands(Blocks, targets, np.ones(2)), answers[-1])
             np.testing.assert_array_equal(guide.shown()[:, :2], answers[-1])
         return answers
 
@@ -105,8 +105,10 @@ def test_a_guide_answers_again_the_same_and_goes_on_from_its_memory(machine: Sup
     np.testing.assert_array_equal(ride(whole, range(10))[5:], ride(second, range(5, 10)))
 
 
-@pytest.mark.parametrize(("offset", "pace"), [(0.8, -0.1), (-0.8, -0.1), (0.0, -0.05), (0.0, -0.1)])
-def test_targets_are_reached(offset: float, pace: float) -> None:
+@pytest.mark.parametrize(
+    ("offset", "pace", "share"), [(0.8, -0.1, 1.0), (-0.8, -0.1, 1.0), (0.0, -0.05, 1.0), (0.0, 0.0, 0.9)]
+)
+def test_targets_are_reached(offset: float, pace: float, share: float) -> None:
     """Where the throttle is not all open, a machine rides beside the line, and as fast, as it is told to."""
     config = replace(superbike_config("panigale_v4r"), engine=SUPERBIKE_ENGINE)
     batch = CompiledSuperbikeBatch(1, config)
@@ -116,7 +118,7 @@ def test_targets_are_reached(offset: float, pace: float) -> None:
     plan = plan_line(batch.vehicle, batch.course(0), GUIDE).profile
     errors, paces = [], []
     for step in range(1000):
-        commands = guide.commands(batch, np.array([[offset, pace]]))
+        commands = guide.commands(batch, np.array([[offset, pace]]), np.array([share]))
         batch.step(commands)
         if step > 200 and commands[0, 1] < 1.0:
             errors.append(batch.look[0, lk.LATERAL_ERROR])
@@ -125,7 +127,7 @@ def test_targets_are_reached(offset: float, pace: float) -> None:
     batch.close()
     assert len(errors) > 100
     assert np.mean(errors) == pytest.approx(offset, abs=0.15)
-    assert np.mean(paces) == pytest.approx(pace, abs=0.01)
+    assert np.mean(paces) == pytest.approx(share * (1.0 + pace) - 1.0, abs=0.01)
 
 
 def test_a_bicycle_is_refused() -> None:

@@ -376,7 +376,8 @@ class RaceRides:
         if self._guide is None:
             commands = self._action.to_commands(self.eyes.actions[:, 0], self._max_steer)
         else:
-            commands = self._guide.commands(blocks, self._action.to_targets(self.eyes.actions[:, 0]))
+            targets = self._action.to_targets(self.eyes.actions[:, 0])
+            commands = self._guide.commands(blocks, targets, self.eyes.references.share)
         if self._task.limiter:
             _, asked = self.eyes.references.at(blocks.look[:, lk.PROGRESS])
             closed = np.minimum(commands[:, 1], 0.0)

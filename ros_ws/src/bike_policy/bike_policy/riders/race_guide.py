@@ -79,14 +79,16 @@ class RaceGuide:
             self._known[id(line)] = known
         self._law.begin(row, known[1])
 
-    def commands(self, blocks: RowBlocks, targets: FloatArray) -> FloatArray:
+    def commands(self, blocks: RowBlocks, targets: FloatArray, share: FloatArray) -> FloatArray:
         """Return steering and throttle in [-1, 1], shape (n, 2); the same ones again for the same blocks.
 
         Args:
             blocks: of the machines.
             targets: distance from the followed line to ride at, m, positive to the left, and change of the planned
                 speed as a part of it, shape (n, 2).
+            share: part of the planned speed that is asked, shape (n,); what the targets change is the speed asked.
         """
+        targets = np.stack((targets[:, 0], share * (1.0 + targets[:, 1]) - 1.0), axis=1)
         state, look = blocks.state, blocks.look
         return self._law.commands(
             np.stack(

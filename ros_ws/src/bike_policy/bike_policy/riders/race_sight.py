@@ -69,7 +69,8 @@ class RaceSight:
         if self._guide is None:
             commands = self._columns.to_commands(action, self._vehicle.max_steer)
         else:
-            commands = self._guide.commands(row, self._columns.to_targets(action))
+            assert self._eyes is not None
+            commands = self._guide.commands(row, self._columns.to_targets(action), self._eyes.references.share)
         steering, throttle = commands[0].tolist()
         if not math.isfinite(steering + throttle):
             raise ValueError("the guide has no answer to a state that is not finite")
