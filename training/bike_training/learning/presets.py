@@ -157,14 +157,15 @@ RACE: Final = replace(
     task=RaceSettings(observation="guided", guided=True, weights=GUIDED_WEIGHTS, repeat=10, max_steps=200),
     curriculum=RaceCurriculumSettings(failure_share=0.25, validate_every=20_000, select_every=50_000),
     updates=16,
+    layers=(128, 128),
     gamma=0.95,
     temperature=0.02,
-    target_entropy=-1.5,
+    target_entropy=-1.0,
     steps=200_000,
 )
 """The default of superbikes: line and pace of a guide, decided every 0.2 s and rewarded by lap time.
 
-Its noise is large (a target entropy of -1.5 instead of -6), for the guide smooths it: with less, actors ran into the
+Its noise is large (a target entropy of -1 instead of -6), for the guide smooths it: with less, actors ran into the
 ends of their range before the critics could tell one action from another.
 """
 

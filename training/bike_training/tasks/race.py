@@ -150,10 +150,12 @@ GUIDED_WEIGHTS: Final[Mapping[str, float]] = {
     "gain": 30.0,
     "off_track": 0.5,
     "tyre_use": 0.5,
-    "effort": 0.03,
-    "failure": 30.0,
+    "effort": 0.05,
+    "steering_change": 0.02,
+    "throttle_change": 0.02,
+    "failure": 60.0,
 }
-"""Those of policies with a guide: lap time, against what a failure costs, one second.
+"""Those of policies with a guide: lap time, against what a failure costs, two seconds.
 
 What the plan needs anyhow is left out of ``gain``, so that the critics have to tell hundredths of a second from
 nothing, and not from the speed of a straight. Effort keeps the policy at the guide's own pace where another gains
