@@ -128,6 +128,26 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     return compiled
 
 
+def entry_of(function: Any, args: tuple[Any, ...]) -> Any:
+    """Return the compiled function itself for arguments of these types, compiled if it was not yet.
+
+    Numba's own call looks at the type of every argument first, which for records costs as much as a good part of a
+    control step. Who calls with the same types every time may do without; what is called is the same machine code.
+    Arguments of other types, other layouts of arrays included, must never reach it.
+
+    Args:
+        function: decorated with `njit`; one that is not compiled is returned as it is.
+        args: such as it will be called with.
+    """
+    if not hasattr(function, "get_overload"):
+        return function
+    import numba
+
+    types = tuple(numba.typeof(value) for value in args)
+    function.compile(types)
+    return function.get_overload(types)
+
+
 def full_name(function: Callable[..., Any]) -> str:
     """Return a name that no other function has."""
     return f"{function.__module__}.{function.__qualname__}"

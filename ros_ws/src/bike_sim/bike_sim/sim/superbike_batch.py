@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from bike_sim.course import timing_account as acc
 from bike_sim.course.course import Course
 from bike_sim.course.lap_timing import LapLog
+from bike_sim.kernels import entry_of
 from bike_sim.physics import articulated
 from bike_sim.physics import state as st
 from bike_sim.physics.compiled_superbike_engine import CompiledSuperbikeEngine
@@ -95,6 +96,7 @@ class CompiledSuperbikeBatch:
         self._told: dict[int, tuple[Event, ...]] = {}
         self._episodes = [0] * count
         self._ridden: list[Course | None] = [None] * count
+        self._step_rows: Any = None
         self._show()
 
     def _show(self) -> None:
@@ -268,10 +270,13 @@ class CompiledSuperbikeBatch:
         if commands.shape != (self.count, 2) or not (np.abs(commands) <= 1.0).all():
             raise ValueError(f"commands must be {self.count} pairs in [-1, 1], got {commands!r}")
         config, rows = self.config, self._rows
-        step_rows(
-            commands, config.time_step, config.substeps, config.control_period, self._stacked, self._grounds,
-            rows, self._scratch,
+        args = (
+            commands, float(config.time_step), config.substeps, float(config.control_period), self._stacked,
+            self._grounds, rows, self._scratch,
         )  # fmt: skip
+        if self._step_rows is None:
+            self._step_rows = entry_of(step_rows, args)
+        self._step_rows(*args)
         self._told = {
             index: circuit_events(rows.events[index, : rows.told[index]], self._logs[index])
             for index in np.flatnonzero(rows.told).tolist()
