@@ -51,6 +51,8 @@ _WINDOW: Final = 40
 """Control periods over which noise is judged."""
 _LEAST: Final = 12
 """Control periods before it is."""
+_SELDOM: Final = 4
+"""Control periods between two judgements: medians cost as much as all the rest."""
 _FORGET: Final = 0.98
 """Share of the evidence on delays that is kept in a control period."""
 _CONVINCED: Final = 12.0
@@ -136,6 +138,7 @@ class Observer:
         spread[np.ix_((_ROLL, _OFFSET), (_ROLL, _OFFSET))] += _FIRST_OFFSET**2 * np.array([[1.0, -1.0], [-1.0, 1.0]])
         self._spread = spread
         self._differences: deque[FloatArray] = deque(maxlen=_WINDOW)
+        self._judged = 0
         self.noise = np.zeros(_SIZE)
 
     def _advance(self, state: st.StateVector, steer_set: float) -> None:
@@ -164,7 +167,8 @@ class Observer:
         expected = last.copy()
         self._advance(expected, self._sent[-1 - self.delay])
         self._differences.append(_difference(measured, expected))
-        if len(self._differences) < _LEAST:
+        self._judged += 1
+        if len(self._differences) < _LEAST or self._judged % _SELDOM:
             return
         found = np.array(self._differences)
         # Both measurements err, hence the root of 2; 1.4826 is the normal distribution's.
