@@ -103,6 +103,21 @@ def test_a_wish_is_a_lean_that_the_loop_balances(wish: float) -> None:
         assert rider.command(snapshot) == (wish, 0.0)
 
 
+@pytest.mark.parametrize("speed", [3.0, 4.0, 6.0])
+def test_no_wishes_throw_off_who_is_balanced(speed: float) -> None:
+    with closing(Simulator(SimulatorConfig(engine="whipple"))) as simulator:
+        for held in (4, 12, 30, 60):
+            snapshot = simulator.reset(ResetRequest(course="line", speed_range=(speed, speed)))
+            rider = HandRider()
+            rider.begin(simulator.vehicle, simulator.course, 0.05, simulator.preview)
+            for k in range(240):
+                rider.steering = 1.0 if k // held % 2 else -1.0
+                answer = rider.command(snapshot)
+                assert answer is not None
+                snapshot = simulator.step(*answer)
+                assert not snapshot.fallen, f"each wish held for {held} commands"
+
+
 # ---- the server -----------------------------------------------------------------------------------------------------
 
 
@@ -290,7 +305,7 @@ RIDE_BY_KEYS = """
   const press = (kind, side) => dispatchEvent(new KeyboardEvent(kind, { key: names[side] }));
   const look = () => {
     const { columns } = view.main, n = columns.time.length - 1, along = columns.yaw[n] - columns.distance[n] / 8;
-    const wish = 0.24 - 0.15 * (columns.error[n] + 3 * along), off = live.wish.steering - wish;
+    const wish = 0.44 - 0.27 * (columns.error[n] + 3 * along), off = live.wish.steering - wish;
     const side = Math.abs(off) < 0.06 ? 0 : off > 0 ? -1 : 1;
     if (side !== held) {
       if (held) press("keyup", held);

@@ -173,8 +173,8 @@ class LiveRide:
             reset = self._obey()
             if reset:
                 self._begin(client)
-            elif hands and not self._by_hand:  # its observer has seen none of what the hands did
-                self._prepare(client, self._settings.rider)
+            elif hands != self._by_hand:  # who takes over has seen none of what the other did
+                self._prepare(client, self._hands if self._by_hand else self._settings.rider)
             if not self._moves():
                 self._ended.wait(IDLE)
                 due = time.monotonic()
