@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bike_policy.riders.classical import ClassicalRider
-from bike_policy.riders.lap_plan import RiderSettings
+from bike_policy.riders.lap_plan import CLASSICAL_SETTINGS
 from bike_sim.course.course import Course
 from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics import superbike_statics as statics
@@ -241,7 +241,9 @@ def test_passings_tell_gains_that_are_lost_again_from_those_that_are_not() -> No
 
 
 def check_bound(name: str, course: str | Path, lateral: float) -> None:
-    ride = ride_laps(name, course, 1, rider=ClassicalRider(RiderSettings(lateral=lateral)), engine="compiled")
+    ride = ride_laps(
+        name, course, 1, rider=ClassicalRider(replace(CLASSICAL_SETTINGS, lateral=lateral)), engine="compiled"
+    )
     if ride.excess is not None and ride.closest_excess is not None:
         assert ride.excess > -0.001
         assert ride.closest_excess > -0.001

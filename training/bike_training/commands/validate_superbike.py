@@ -6,6 +6,7 @@ import argparse
 import json
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,7 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bike_policy.riders.classical import ClassicalRider
-from bike_policy.riders.lap_plan import RiderSettings
+from bike_policy.riders.lap_plan import CLASSICAL_SETTINGS
 from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics import superbike_statics as statics
 from bike_sim.physics import tyres
@@ -61,7 +62,7 @@ def bound_checks() -> Iterator[Check]:
     margin, passed, unpaid, tightest = math.inf, 0.0, 0, math.inf
     for seed, vehicle in enumerate(validation.MACHINES):
         for lateral in BOLD:
-            rider = ClassicalRider(RiderSettings(lateral=lateral))
+            rider = ClassicalRider(replace(CLASSICAL_SETTINGS, lateral=lateral))
             ride = ride_laps(vehicle, f"random_circuit:{seed}", 1, rider=rider, engine="compiled")
             passed = max([passed, *(passing.excess for passing in ride.passings)])
             unpaid += sum(not passing.repaid for passing in ride.passings)

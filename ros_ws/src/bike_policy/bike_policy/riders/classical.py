@@ -31,7 +31,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from bike_policy.riders.lap_plan import RiderSettings
+from bike_policy.riders.lap_plan import CLASSICAL_SETTINGS, RiderSettings
 from bike_policy.riders.line_law import LineLaw, plan_line
 from bike_sim.course.course import Course
 from bike_sim.physics import state as st
@@ -90,7 +90,7 @@ class LineController:
         Raises:
             ValueError: the line is open.
         """
-        settings = settings or RiderSettings()
+        settings = settings or CLASSICAL_SETTINGS
         self.plan = plan_line(vehicle, line, settings)
         self.law = LineLaw(vehicle, control_period, settings)
         self.reset()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,13 +20,18 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class RiderSettings:
-    """How a classical rider rides; the same for all machines and circuits.
+    """How a rider with a plan rides; the same for all machines and circuits.
 
     Attributes:
         lateral: part of the machine's lateral limit that the speed profile uses.
         brake: part of the braking limit.
+        brake_upright: part of this that is used upright, where a wheel that lifts or locks is nearest.
         drive_exponent: by which driving leaves room for turning, however much the tyres would give; 2 is an ellipse.
         brake_exponent: the same of braking; 1 is a straight line.
+        brake_decline: power of what turning leaves for braking; None for one by the exponent, which is a superellipse.
+            Larger, with a larger exponent, it brakes more in a moderate lean and less in the deepest, where a machine
+            on the brake hops.
+        dip: part of the load of a dip that the plan counts on; the tyres have to take up the change first.
         lean_rate: part of the lean rate that the rider can ask for.
         preview: time from steering to lean beyond the reference model's own, s.
         bandwidth: rate at which errors are ridden out, by the frequency of the virtual rider's reference.
@@ -44,6 +50,9 @@ class RiderSettings:
     brake: float = 0.9
     drive_exponent: float = 3.0
     brake_exponent: float = 1.75
+    brake_upright: float = 1.0
+    brake_decline: float | None = None
+    dip: float = 0.0
     lean_rate: float = 0.9
     preview: float = 0.16
     bandwidth: float = 0.55
@@ -57,15 +66,21 @@ class RiderSettings:
     largest_lean: float = math.radians(57.3)
 
 
+CLASSICAL_SETTINGS: Final = RiderSettings(
+    brake=0.94, brake_upright=0.957, brake_exponent=3.2, brake_decline=0.8, dip=0.5
+)
+"""How the classical rider rides, tuned on random circuits. The defaults above are not: others plan with them, whose
+plans a policy has learned to see."""
+
+
 def reserved(vehicle: Superbike, settings: RiderSettings) -> Envelope:
     """Return a machine's limits minus the rider's reserve."""
     limits = envelope(vehicle).within(settings.lateral)
     drag, drive, brake = limits.drag[:, None], limits.drive_table, limits.brake_table - limits.drag[:, None]
     use = np.sin(np.linspace(0.0, 0.5 * math.pi, brake.shape[2]))
-    driving, braking = (
-        np.maximum(1.0 - use**exponent, 0.0) ** (1.0 / exponent)
-        for exponent in (settings.drive_exponent, settings.brake_exponent)
-    )
+    decline = 1.0 / settings.brake_exponent if settings.brake_decline is None else settings.brake_decline
+    driving = _left(use, settings.drive_exponent, 1.0 / settings.drive_exponent)
+    braking = settings.brake_upright * _left(use, settings.brake_exponent, decline)
     driven = (drive[:, :, :1] + drag[..., None]) * driving[:, None] - drag[..., None]
     return replace(
         limits,
@@ -73,6 +88,11 @@ def reserved(vehicle: Superbike, settings: RiderSettings) -> Envelope:
         brake_table=drag + settings.brake * np.maximum(np.minimum(brake, brake[:, :, :1] * braking), 0.0),
         lean_rate=settings.lean_rate * limits.lean_rate,
     )
+
+
+def _left(use: FloatArray, exponent: float, decline: float) -> FloatArray:
+    """Return the part that turning leaves of driving or braking, over the used part of the lateral limit."""
+    return np.asarray(np.maximum(1.0 - use**exponent, 0.0) ** decline)
 
 
 class SteadyLeans:
@@ -112,8 +132,8 @@ def plan_lap(vehicle: Superbike, line: Course, settings: RiderSettings) -> LapLi
     Raises:
         ValueError: the line is open.
     """
-    # what a dip adds to the load is left as a reserve: the tyres have to take up the change
-    return lap_limit(reserved(vehicle, settings), line, crest=np.minimum(line.crest, 0.0))
+    crest = np.where(line.crest > 0.0, settings.dip * line.crest, line.crest)
+    return lap_limit(reserved(vehicle, settings), line, crest=crest)
 
 
 def smooth_around(values: FloatArray, spacing: float, distance: float) -> FloatArray:
