@@ -34,7 +34,7 @@ SPECS: Final = (
     ParameterSpec(
         "policy",
         DEFAULT_POLICY,
-        "Shipped policy, folder of a bundle, lqr, mpc, stanley or classical (superbikes).",
+        "Shipped policy, folder of a bundle, lqr, mpc, stanley, or for superbikes classical or racer.",
         fixed=True,
     ),
     VEHICLE,

@@ -1,0 +1,34 @@
+"""The shipped racing policy: whole laps from anywhere, faster than the classical rider, on machines it never rode."""
+
+from __future__ import annotations
+
+import pytest
+
+from bike_policy.contract.bundle import load_bundle
+from bike_policy.contract.race import RaceLayout
+from bike_training.rollout.laps import ride_laps
+from bike_training.rollout.races import ride_races
+
+NAME = "racer"
+
+
+@pytest.mark.parametrize(("vehicle", "circuit"), [("panigale_v4r", "barcelona"), ("r1", "phillip_island")])
+def test_it_laps_from_all_around_faster_than_the_classical_rider(vehicle: str, circuit: str) -> None:
+    result = ride_races(load_bundle(NAME), vehicle, circuit, starts=8)
+    assert (result.whole, result.falls, result.walls) == (8, 0, 0)
+    assert result.off_track == 0.0
+    assert result.line < 0.6
+    classical = ride_laps(vehicle, circuit, laps=1, engine="compiled").best
+    assert classical is not None
+    assert result.times[0] < classical.duration
+
+
+def test_its_card_says_what_it_saw_and_how_it_was_made() -> None:
+    bundle = load_bundle(NAME)
+    assert isinstance(bundle.layout, RaceLayout)
+    assert bundle.action.guided
+    assert not bundle.training["commit"].endswith("-dirty")
+    assert {"seed", "steps", "updates", "seconds"} <= set(bundle.training)
+    circuits = bundle.training["preset"]["curriculum"]["circuits"].split(",")
+    assert all(circuit.startswith("random_circuit:") for circuit in circuits)  # the three real ones are unseen
+    assert bundle.results["barcelona_panigale_v4r_rides"] == bundle.results["barcelona_panigale_v4r_whole"]
