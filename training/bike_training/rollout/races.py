@@ -20,7 +20,7 @@ from bike_sim.theory.envelope import envelope
 from bike_sim.theory.line_cache import closest_lap
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.curricula.race import Ground
-from bike_training.tasks.race import RaceTask
+from bike_training.tasks.race import RaceRides, RaceTask
 
 SPEED_SHARES: Final = (0.5, 0.9)
 """Starts are at shares of the theoretical speed from this interval."""
@@ -98,10 +98,10 @@ def ride_races(
         raise ValueError(f"policy {bundle.name!r} follows paths; it cannot race")
     layout = bundle.layout if share is None else replace(bundle.layout, share=share)
     config = replace(superbike_config(vehicle), engine=SUPERBIKE_ENGINE)
-    task = RaceTask.of(layout, bundle.action)
+    task = RaceTask(layout)
     ground = Ground(load_vehicle(vehicle), [circuit])
     batch = CompiledSuperbikeBatch(starts, config)
-    rides = task.rides(starts, batch.vehicle)
+    rides = RaceRides(task, starts, batch.vehicle, bundle.action)
     for row in range(starts):
         request = _start(ground, circuit, row, starts)
         batch.reset(row, request)

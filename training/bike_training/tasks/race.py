@@ -19,7 +19,7 @@ from bike_policy.contract.action import DRIVE, LEAN_REQUEST, LINE_OFFSET, PACE, 
 from bike_policy.contract.race import COMPACT, RaceEyes, RaceLayout
 from bike_policy.contract.reference import OPEN
 from bike_policy.contract.rows import RowBlocks
-from bike_policy.riders.race_guide import RaceGuide
+from bike_policy.riders.race_guide import RaceGuide, commands_of
 from bike_policy.riders.race_reference import References
 from bike_sim.course.course import Course
 from bike_sim.physics import superbike_forces as sf
@@ -263,14 +263,6 @@ class RaceTask:
         errors = [self.validation_error(track[:, i], bool(whole[i])) for i in range(len(whole))]
         return float(np.mean(errors) + np.sum(~whole))
 
-    @classmethod
-    def of(cls, layout: RaceLayout, action: ActionLayout) -> RaceTask:
-        """Return the task of a policy, for rides that are not learned from."""
-        first, second = (column.scale for column in action.columns)
-        if action.guided:
-            return cls(layout, guided=True, offset=first, pace=second)
-        return cls(layout, lean_scale=first)
-
     def to_card(self) -> dict[str, Any]:
         """Return plain values for recordings."""
         return {**asdict(self), "weights": dict(self.weights), "layout": self.layout.to_card()}
@@ -323,8 +315,14 @@ class RaceRides:
         eyes: make the observations.
     """
 
-    def __init__(self, task: RaceTask, count: int, vehicle: Vehicle) -> None:
+    def __init__(self, task: RaceTask, count: int, vehicle: Vehicle, action: ActionLayout | None = None) -> None:
         """Plan for a machine.
+
+        Args:
+            task: to be ridden.
+            count: number of machines.
+            vehicle: the machine.
+            action: what actions mean; None for the task's.
 
         Raises:
             ValueError: it is no superbike.
@@ -332,8 +330,8 @@ class RaceRides:
         self._task = task
         self._references = References(vehicle)
         self._period, self._max_steer = vehicle.control_period, vehicle.max_steer
-        self._guide = RaceGuide(vehicle, vehicle.control_period, count) if task.guided else None
-        self._action = task.action
+        self._action = task.action if action is None else action
+        self._guide = RaceGuide(vehicle, vehicle.control_period, count) if self._action.guided else None
         self.eyes = RaceEyes(task.layout, count, sf.TELEMETRY_NAMES, self._guide)
         self._passed = Passed.nothing(count)
         self._count = count
@@ -375,11 +373,7 @@ class RaceRides:
 
     def commands(self, blocks: RowBlocks) -> FloatArray:
         """Return commands, with the throttle closed beyond the speed asked where the task has a limiter."""
-        if self._guide is None:
-            commands = self._action.to_commands(self.eyes.actions[:, 0], self._max_steer)
-        else:
-            targets = self._action.to_targets(self.eyes.actions[:, 0])
-            commands = self._guide.commands(blocks, targets, self.eyes.references.share)
+        commands = commands_of(self._action, self._guide, self.eyes, blocks, self._max_steer)
         if self._task.limiter:
             _, asked = self.eyes.references.at(blocks.look[:, lk.PROGRESS])
             closed = np.minimum(commands[:, 1], 0.0)

@@ -14,6 +14,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from bike_policy.contract.action import ActionLayout
+from bike_policy.contract.race import RaceEyes
 from bike_policy.contract.rows import RowBlocks
 from bike_policy.riders import line_law as ll
 from bike_policy.riders.lap_plan import RiderSettings
@@ -116,3 +118,20 @@ class RaceGuide:
     def restore(self, stored: Mapping[str, Any]) -> None:
         """Take up what :meth:`state_dict` returned, after each row has begun again."""
         self._law.memory[...] = stored["memory"]
+
+
+def commands_of(
+    action: ActionLayout, guide: RaceGuide | None, eyes: RaceEyes, blocks: RowBlocks, max_steer: float
+) -> FloatArray:
+    """Return what the last decisions become in a control period: steering and throttle in [-1, 1], shape (n, 2).
+
+    Args:
+        action: what the decisions mean.
+        guide: who makes the commands, where they are targets.
+        eyes: that remember the decisions.
+        blocks: of the machines, at the beginning of the control period.
+        max_steer: of the vehicle, rad.
+    """
+    if guide is None:
+        return action.to_commands(eyes.actions[:, 0], max_steer)
+    return guide.commands(blocks, action.to_targets(eyes.actions[:, 0]), eyes.references.share)

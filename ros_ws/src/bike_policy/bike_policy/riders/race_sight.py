@@ -9,7 +9,7 @@ import numpy as np
 from bike_policy.contract.bundle import Bundle
 from bike_policy.contract.race import RaceEyes, RaceLayout
 from bike_policy.contract.rows import Row, row_of
-from bike_policy.riders.race_guide import RaceGuide
+from bike_policy.riders.race_guide import RaceGuide, commands_of
 from bike_policy.riders.race_reference import References
 from bike_sim.course.course import Course
 from bike_sim.physics.superbike_forces import TELEMETRY_NAMES
@@ -35,7 +35,6 @@ class RaceSight:
         self._vehicle: Vehicle | None = None
         self._course: Course | None = None
         self._decided: tuple[int, int] | None = None
-        self._action = np.zeros(2, dtype=np.float32)
         self._actor.act(np.zeros(layout.size, dtype=np.float32))
 
     def begin(self, vehicle: Vehicle, course: Course, period: float, preview: Preview) -> None:
@@ -65,12 +64,8 @@ class RaceSight:
         if number != self._decided:
             self._decide(snapshot, row)
             self._decided = number
-        action = self._action[None]
-        if self._guide is None:
-            commands = self._columns.to_commands(action, self._vehicle.max_steer)
-        else:
-            assert self._eyes is not None
-            commands = self._guide.commands(row, self._columns.to_targets(action), self._eyes.references.share)
+        assert self._eyes is not None
+        commands = commands_of(self._columns, self._guide, self._eyes, row, self._vehicle.max_steer)
         steering, throttle = commands[0].tolist()
         if not math.isfinite(steering + throttle):
             raise ValueError("the guide has no answer to a state that is not finite")
@@ -86,5 +81,4 @@ class RaceSight:
             if self._guide is not None:
                 self._guide.begin(0, self._course)
             self._eyes.begin(0, row, self._references.of(self._course))
-        self._action = self._actor.act(self._eyes.observe(row)[0])
-        self._eyes.act(row, self._action[None])
+        self._eyes.act(row, self._actor.act(self._eyes.observe(row)[0])[None])
