@@ -39,7 +39,10 @@ FORGET: Final = 0.98
 LINE_STEPS: Final = 20
 """Lines between median and ideal line are rounded to this many, for each must be planned."""
 VALIDATION_STARTS: Final = 4
+"""Starts of a validation on each of its circuits."""
 SELECTION_STARTS: Final = 32
+LEAST_STARTS: Final = 8
+"""Starts of a comparison of actors on one circuit, and on each of many."""
 SELECTION_SEED: Final = 2**32
 
 
@@ -166,6 +169,7 @@ class RaceCurriculum:
     Attributes:
         ground: the circuits. share: part of the planned speed that is asked. spread: see `RaceEpisodes`.
         failure_share: see `RaceEpisodes`.
+        sampled: most circuits that a validation rides, drawn anew for each; comparisons ride the first ones.
         part: always 1. finished_at: learning step of the first validation with all rides whole, or None.
     """
 
@@ -173,6 +177,7 @@ class RaceCurriculum:
     share: float = 1.0
     spread: float = 0.0
     failure_share: float = 0.0
+    sampled: int = 12
     part: int = 1
     finished_at: int | None = None
 
@@ -194,17 +199,24 @@ class RaceCurriculum:
         return True
 
     def validation_requests(self, preview: Preview, rng: np.random.Generator) -> list[ResetRequest]:
-        """Draw rides from places around each circuit."""
-        shift = float(rng.random())
-        return self._around(VALIDATION_STARTS, shift, 0.8, preview, int(rng.integers(2**31)))
+        """Draw circuits, and rides from places around each of them."""
+        shift, seed = float(rng.random()), int(rng.integers(2**31))
+        names = self.ground.names
+        if len(names) > self.sampled:
+            names = tuple(names[i] for i in sorted(rng.choice(len(names), self.sampled, replace=False)))
+        return self._around(names, VALIDATION_STARTS, shift, 0.8, preview, seed)
 
     def selection_requests(self, preview: Preview) -> list[ResetRequest]:
         """Return rides from the same places around each circuit, at speeds from 0.5 to 0.9 of the theoretical."""
-        return self._around(SELECTION_STARTS, 0.0, None, preview, SELECTION_SEED)
+        names = self.ground.names[: self.sampled]
+        count = max(LEAST_STARTS, SELECTION_STARTS // len(names))
+        return self._around(names, count, 0.0, None, preview, SELECTION_SEED)
 
-    def _around(self, count: int, shift: float, share: float | None, preview: Preview, seed: int) -> list[ResetRequest]:
+    def _around(
+        self, names: Sequence[str], count: int, shift: float, share: float | None, preview: Preview, seed: int
+    ) -> list[ResetRequest]:
         found = []
-        for name in self.ground.names:
+        for name in names:
             length = self.ground.length(name)
             for k in range(count):
                 progress = (k + shift) / count * length % length

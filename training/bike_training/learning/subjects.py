@@ -230,6 +230,7 @@ class RaceCurriculumSettings:
         threshold: expected return of an episode that ``spdl`` keeps (delta).
         kl: largest divergence of an update of ``spdl``, nat.
         iteration: learning steps between two of its updates.
+        sampled: most circuits that a validation rides, drawn anew for each; comparisons ride the first ones.
         validate_every: least learning steps between two validations.
         select_every: learning steps between two comparisons of actors, once a validation was whole.
     """
@@ -243,6 +244,7 @@ class RaceCurriculumSettings:
     threshold: float = 500.0
     kl: float = 0.05
     iteration: int = 5000
+    sampled: int = 12
     validate_every: int = 10_000
     select_every: int = 30_000
 
@@ -259,7 +261,7 @@ class RaceCurriculumSettings:
         check_number("spread", self.spread, 0.0, 0.9 * self.share)
         check_number("failure_share", self.failure_share, 0.0, 1.0)
         check_number("threshold", self.threshold)
-        for name in ("iteration", "validate_every", "select_every"):
+        for name in ("iteration", "sampled", "validate_every", "select_every"):
             check_number(name, getattr(self, name), 1, math.inf)
         if not all(name.strip() for name in self.circuits.split(",")):
             raise ValueError(f"preset setting circuits={self.circuits!r} must name circuits, with commas between them")
@@ -268,18 +270,21 @@ class RaceCurriculumSettings:
         """Return the curriculum at its beginning; see `CurriculumSettings`."""
         ground = Ground(vehicle, [name.strip() for name in self.circuits.split(",")])
         if self.curriculum == "speed":
-            return SpeedCurriculum(ground, self.share, self.spread, self.failure_share, first=self.first_share)
+            return SpeedCurriculum(
+                ground, self.share, self.spread, self.failure_share, self.sampled, first=self.first_share
+            )
         if self.curriculum == "spdl":
             return SpdlCurriculum(
                 ground,
                 self.share,
                 self.spread,
                 self.failure_share,
+                self.sampled,
                 threshold=self.threshold,
                 kl=self.kl,
                 iteration=self.iteration,
             )
-        return RaceCurriculum(ground, self.share, self.spread, self.failure_share)
+        return RaceCurriculum(ground, self.share, self.spread, self.failure_share, self.sampled)
 
 
 TASK_SETTINGS: Final[dict[str, type[Any]]] = {**dict.fromkeys(TASKS, PathSettings), "race": RaceSettings}

@@ -32,7 +32,7 @@ KNOWN, RATE, EXCESS, STEERING, THROTTLE, OFFSET, PACE, OFFSET_RATE, MEMORY = ran
 excess of lateral acceleration (m/s^2), its answer, and its way to the targets: distance from the line (m, positive to
 the left), change of the planned speed as a part of it, rate of that distance (m/s). MEMORY is the length of all of
 it."""
-P_SPEED, P_LONGITUDINAL, P_CURVATURE, P_GRADE, P_CREST, PLAN_COLUMNS = range(6)
+P_SPEED, P_LONGITUDINAL, P_CURVATURE, P_GRADE, P_CREST, P_LEFT, P_RIGHT, PLAN_COLUMNS = range(8)
 """Columns of a plan at even distances along its line."""
 LATE: Final = 0.5
 """A command is held for a control period and so acts this part of it late."""
@@ -40,6 +40,13 @@ LATE: Final = 0.5
 
 TARGET_TIME: Final = 0.3
 """Time constant with which targets are approached, twice over, s: line and speed then bend without a jump."""
+CLEARANCE: Final = 0.7
+"""Distance from the limits that no target may ask for, m; a line keeps 0.9 m, and what feedback leaves comes on top."""
+CLEARING: Final = 1.0
+"""A target beside the line must be clear of the limits so long ahead, s; it is looked at so many times."""
+LOOKS: Final = 5
+UNLIMITED: Final = 1e3
+"""Room beside a line without limits, m."""
 
 
 class LinePlan(NamedTuple):
@@ -47,7 +54,8 @@ class LinePlan(NamedTuple):
 
     Attributes:
         profile: the planned lap. spacing: of the samples, m.
-        table: speed (m/s), longitudinal acceleration (m/s^2), curvature (1/m), grade and crest (1/m), shape (n, 5).
+        table: speed (m/s), longitudinal acceleration (m/s^2), curvature (1/m), grade, crest (1/m), and the room for
+            targets on the left and on the right (m), shape (n, 7).
     """
 
     profile: LapLimit
@@ -65,7 +73,16 @@ def plan_line(vehicle: Superbike, line: Course, settings: RiderSettings) -> Line
     spacing = float(profile.s[1])
     curvature = smooth_around(profile.lateral / profile.speed**2, spacing, settings.smoothing)
     grade, crest = (np.interp(profile.s, line.s, column) for column in (line.grade, line.crest))
-    return LinePlan(profile, spacing, np.stack((profile.speed, profile.longitudinal, curvature, grade, crest), axis=1))
+    rooms = (_room(profile.s, line.s, width) for width in (line.width_left, line.width_right))
+    columns = (profile.speed, profile.longitudinal, curvature, grade, crest, *rooms)
+    return LinePlan(profile, spacing, np.stack(columns, axis=1))
+
+
+def _room(places: FloatArray, s: FloatArray, width: FloatArray | None) -> FloatArray:
+    """Return how far beside the line targets may lie towards a limit, m; without limits as far as they like."""
+    if width is None:
+        return np.full(len(places), UNLIMITED)
+    return np.maximum(np.interp(places, s, width) - CLEARANCE, 0.0)
 
 
 class _Law(NamedTuple):
@@ -188,7 +205,7 @@ def _answer(seen: FloatArray, targets: FloatArray, memory: FloatArray, law: _Law
             same = same and memory[row, column] == seen[row, column]
         if same:
             continue
-        _approach(memory[row], targets[row], law)
+        _approach(seen[row], memory[row], targets[row], law, plans, row)
         turning = _turning_row(seen[row, SPEED], tables)
         steering = _steer(seen[row], memory[row], law, tables[2], turning, plans, row)
         throttle = _throttle(seen[row], memory[row], law, tables, plans, row)
@@ -197,12 +214,24 @@ def _answer(seen: FloatArray, targets: FloatArray, memory: FloatArray, law: _Law
 
 
 @njit(cache=True)
-def _approach(memory: FloatArray, target: FloatArray, law: _Law) -> None:
+def _approach(seen: FloatArray, memory: FloatArray, target: FloatArray, law: _Law, plans: Plans, row: int) -> None:
     """Move towards the targets: critically damped to the line, with one lag to the speed."""
     memory[PACE] += (1.0 - math.exp(-law.period / TARGET_TIME)) * (target[1] - memory[PACE])
     rate = 1.0 / TARGET_TIME
-    memory[OFFSET_RATE] += law.period * rate * (rate * (target[0] - memory[OFFSET]) - 2.0 * memory[OFFSET_RATE])
+    aim = _within_limits(seen, target[0], plans, row)
+    memory[OFFSET_RATE] += law.period * rate * (rate * (aim - memory[OFFSET]) - 2.0 * memory[OFFSET_RATE])
     memory[OFFSET] += law.period * memory[OFFSET_RATE]
+
+
+@njit(cache=True)
+def _within_limits(seen: FloatArray, offset: float, plans: Plans, row: int) -> float:
+    """Return a distance from the line that stays clear of the limits for a while, m."""
+    column = P_LEFT if offset > 0.0 else P_RIGHT
+    size = abs(offset)
+    for look in range(LOOKS + 1):
+        way = seen[SPEED] * CLEARING * look / LOOKS
+        size = min(size, _at(plans, row, column, seen[PROGRESS] + way))
+    return math.copysign(size, offset)
 
 
 @njit(cache=True)
