@@ -93,6 +93,21 @@ def test_starts_lie_all_around_and_lead_up_to_failures(ground: Ground) -> None:
     assert near > 3 * sum(1500.0 < request.progress < 2000.0 for request in even)
 
 
+def test_validations_ride_some_of_many_circuits(ground: Ground) -> None:
+    preview = RaceTask().preview
+    many = Ground(load_vehicle("panigale_v4r"), ["barcelona", "cremona", "phillip_island"])
+    curriculum = RaceCurriculum(many, sampled=2)
+    rng = np.random.default_rng(0)
+    drawn = [curriculum.validation_requests(preview, rng) for _ in range(20)]
+    assert {len(requests) for requests in drawn} == {8}
+    assert {len({request.course for request in requests}) for requests in drawn} == {2}
+    assert {request.course for requests in drawn for request in requests} == set(many.names)
+    compared = curriculum.selection_requests(preview)
+    assert compared == curriculum.selection_requests(preview)
+    assert [request.course for request in compared] == ["barcelona"] * 16 + ["cremona"] * 16
+    assert len(RaceCurriculum(ground).selection_requests(preview)) == 32
+
+
 def test_the_share_of_the_speed_rises_while_episodes_stay_whole(ground: Ground) -> None:
     curriculum = SpeedCurriculum(ground, share=0.7, first=0.6)
     request = curriculum.episodes(0).draw(np.random.default_rng(0), RaceTask().preview)

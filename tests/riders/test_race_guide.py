@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bike_policy.riders.classical import LineController, Seen
-from bike_policy.riders.line_law import LineLaw, plan_line
+from bike_policy.riders.line_law import CLEARANCE, OFFSET, LineLaw, plan_line
 from bike_policy.riders.race_guide import GUIDE, RaceGuide
 from bike_sim.course.course import Course
 from bike_sim.course.files import load_course
@@ -114,8 +114,9 @@ def test_targets_are_reached(offset: float, pace: float, share: float) -> None:
     batch = CompiledSuperbikeBatch(1, config)
     guide = RaceGuide(batch.vehicle, config.control_period, 1)
     batch.reset(0, ResetRequest(course="barcelona", progress=4000.0, speed_range=(25.0, 25.0)))
-    guide.begin(0, batch.course(0))
-    plan = plan_line(batch.vehicle, batch.course(0), GUIDE).profile
+    line = replace(batch.course(0), width_left=None, width_right=None)  # targets beyond the limits are cut
+    guide.begin(0, line)
+    plan = plan_line(batch.vehicle, line, GUIDE).profile
     errors, paces = [], []
     for step in range(1000):
         commands = guide.commands(batch, np.array([[offset, pace]]), np.array([share]))
@@ -128,6 +129,23 @@ def test_targets_are_reached(offset: float, pace: float, share: float) -> None:
     assert len(errors) > 100
     assert np.mean(errors) == pytest.approx(offset, abs=0.15)
     assert np.mean(paces) == pytest.approx(share * (1.0 + pace) - 1.0, abs=0.01)
+
+
+@settings(max_examples=30, deadline=None)
+@given(width=st.floats(0.2, 4.0), target=st.floats(-3.0, 3.0))
+def test_targets_stay_clear_of_the_limits(machine: Superbike, width: float, target: float) -> None:
+    """Beside a line that lies near one limit, what is ridden to ends before it; on the other side nothing changes."""
+    line = circle(60.0, 1.0)
+    near, far = np.full(len(line.s), width), np.full(len(line.s), 9.0)
+    law = LineLaw(machine, 0.02, GUIDE, 2)
+    law.begin(0, plan_line(machine, replace(line, width_left=near, width_right=far), GUIDE))
+    law.begin(1, plan_line(machine, replace(line, width_left=far, width_right=near), GUIDE))
+    for step in range(200):
+        seen = np.array([[20.0, -0.5, 0.4 * step, 0.0, 0.0, 0.0]] * 2)
+        law.commands(seen, np.array([[target, 0.0], [-target, 0.0]]))
+    room = max(width - CLEARANCE, 0.0)
+    expected = min(target, room)
+    np.testing.assert_allclose(law.memory[:, OFFSET], [expected, -expected], atol=0.01)
 
 
 def test_a_bicycle_is_refused() -> None:
