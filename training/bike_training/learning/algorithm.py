@@ -22,6 +22,7 @@ class Algorithm:
         updates: gradient updates after each step of all vehicles.
         layers: hidden layers of actor and critics.
         layer_norm: normalise the critics' hidden layers (sbx only).
+        precondition: networks see observations in coordinates of order one, see `preconditioning` (sbx only).
         batch_size: transitions of an update.
         learning_rate: of actor, critics and temperature.
         final_learning_rate: reached linearly at the end of the run.
@@ -42,6 +43,7 @@ class Algorithm:
     updates: int = 1
     layers: tuple[int, ...] = (256, 256)
     layer_norm: bool = False
+    precondition: bool = False
     batch_size: int = 256
     learning_rate: float = 3e-4
     final_learning_rate: float = 3e-4

@@ -100,7 +100,11 @@ def build_model(algorithm: Algorithm, task: Task, env: VecEnv, seed: int) -> Off
         return SAC("MlpPolicy", env, device="cpu", **common)
     from sbx import SAC as JaxSAC
 
+    from bike_training.learning.preconditioning import preconditioned_networks
+
     common["policy_kwargs"]["layer_norm"] = algorithm.layer_norm
+    if algorithm.precondition:
+        common["policy_kwargs"] |= preconditioned_networks(task.layout)
     return JaxSAC("MlpPolicy", env, policy_delay=algorithm.policy_delay, **common)
 
 
@@ -121,8 +125,11 @@ def actor_tensors(model: OffPolicyAlgorithm) -> tuple[list[NDArray[np.float32]],
     dense = model.policy.actor_state.params["params"]  # type: ignore[union-attr]
     # The last two layers are heads on the same hidden layer: mean, then log standard deviation.
     names = sorted(dense, key=lambda name: int(name.split("_")[1]))[:-1]
+    from bike_training.learning.preconditioning import taken_in
+
+    kernels = [np.asarray(dense[name]["kernel"]).T.copy() for name in names]
     return (
-        [np.asarray(dense[name]["kernel"]).T.copy() for name in names],
+        [taken_in(kernels[0], model.policy.actor), *kernels[1:]],  # type: ignore[union-attr]
         [np.asarray(dense[name]["bias"]).copy() for name in names],
     )
 

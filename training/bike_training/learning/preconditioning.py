@@ -1,0 +1,116 @@
+"""Networks that see an observation in other coordinates: each number of order one, the preview as its differences.
+
+The paper's observation holds roll angles of a tenth beside wheel angles of hundreds, and preview points of metres whose
+second differences of centimetres say how the path bends. Networks whose weights all learn at one pace first learn of what
+is large. The change of coordinates is linear, fixed and invertible, so nothing is shown or hidden by it; it belongs to
+the networks, and the actor that is deployed has it in its first layer and takes the observation as it is.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any, Final
+
+import flax.linen as nn
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+from sbx.common.policies import SquashedGaussianActor, VectorCritic
+
+from bike_policy.contract.observation import GRAVITY, ObservationLayout
+
+_SIZES: Final = {
+    "x": 100.0,
+    "y": 100.0,
+    "yaw": 3.0,
+    "yaw_wrapped": 3.0,
+    "roll": 0.5,
+    "steer": 0.5,
+    "rear_wheel": 300.0,
+    "front_wheel": 300.0,
+    "steer_rate": 2.0,
+    "front_wheel_rate": 10.0,
+    "speed": 4.0,
+}
+"""Typical sizes of features that are not of order one in SI units, in rides of a minute at 2 to 7 m/s."""
+
+Matrix = tuple[tuple[float, ...], ...]
+
+
+def coordinates(layout: object) -> NDArray[np.float32]:
+    """Return the matrix that an observation, as a row, is multiplied by, shape (layout size, layout size).
+
+    Raises:
+        ValueError: it is not the observation of a path task.
+    """
+    if not isinstance(layout, ObservationLayout):
+        raise ValueError("preset setting precondition=True is for tasks on paths")
+    sizes = [abs(scale) * _SIZES.get(name, 1.0) for name, scale in zip(layout.features, layout.scales, strict=True)]
+    matrix = np.diag([1.0 / size for size in sizes] + [1.0] * layout.preview_count)
+    if layout.preview_kind == "points":
+        first = len(layout.features)
+        matrix[first:, first:] = _differences(layout).T / layout.preview_scale
+    return matrix.astype(np.float32)
+
+
+def _differences(layout: ObservationLayout) -> NDArray[np.float64]:
+    """Return what turns preview points (m) into the offset, the first difference and the second ones.
+
+    By time they are a lateral velocity (m/s) and tangents of the lean that the path asks for, as in the ``lean`` preview.
+    """
+    count, step = layout.preview_count, layout.preview_interval
+    matrix = np.eye(count)
+    once, twice = (step, GRAVITY * step**2) if layout.preview_by_time else (step, 1.0)
+    if count > 1:
+        matrix[1, :2] = np.array([-1.0, 1.0]) / once
+    for row in range(2, count):
+        matrix[row, row - 2 : row + 1] = np.array([1.0, -2.0, 1.0]) / twice
+    return matrix
+
+
+class PreconditionedActor(SquashedGaussianActor):
+    """Actor of sbx that sees its inputs in other coordinates.
+
+    Attributes:
+        matrix: that inputs, as rows, are multiplied by.
+    """
+
+    matrix: Matrix = ()
+
+    def __call__(self, x: jnp.ndarray) -> Any:
+        """Return the distribution of actions."""
+        return super().__call__(x @ jnp.asarray(self.matrix))
+
+
+class PreconditionedCritics(VectorCritic):
+    """Critics of sbx that see their observations in other coordinates.
+
+    Attributes:
+        matrix: that observations, as rows, are multiplied by.
+    """
+
+    matrix: Matrix = ()
+
+    def __call__(self, obs: jnp.ndarray, action: jnp.ndarray) -> Any:
+        """Return the values of observations and actions."""
+        return super().__call__(obs @ jnp.asarray(self.matrix), action)
+
+
+def preconditioned_networks(layout: object) -> dict[str, Any]:
+    """Return arguments of sbx's policy for networks that see a layout in other coordinates.
+
+    Raises:
+        ValueError: it is not the observation of a path task.
+    """
+    matrix = tuple(tuple(map(float, row)) for row in coordinates(layout))
+    return {
+        "actor_class": partial(PreconditionedActor, matrix=matrix),
+        "vector_critic_class": partial(PreconditionedCritics, matrix=matrix),
+    }
+
+
+def taken_in(kernel: NDArray[np.float32], actor: nn.Module) -> NDArray[np.float32]:
+    """Return the weights (outputs, inputs) of an actor's first layer for observations as they are."""
+    if not isinstance(actor, PreconditionedActor):
+        return kernel
+    return (kernel.astype(np.float64) @ np.asarray(actor.matrix).T).astype(np.float32)
