@@ -16,11 +16,30 @@ from typing import Any, Final
 import yaml
 from tqdm import tqdm
 
-from bike_policy.contract.bundle import Bundle
+from bike_policy.contract.bundle import Bundle, load_bundle
 from bike_policy.riders.learned import LearnedRider
 from bike_sim.recording.in_use import claim_folder
 from bike_training.arguments import check_whole, make_folder
-from bike_training.reproduce.data import Data, Rides, Run, Validation, read_data, read_rows, write_data, write_rows
+from bike_training.reproduce.data import (
+    Data,
+    Impact,
+    Instant,
+    Rides,
+    Run,
+    Validation,
+    read_data,
+    read_rows,
+    write_data,
+    write_rows,
+)
+from bike_training.reproduce.detail import (
+    front_directions,
+    full_circles,
+    impacts,
+    instants,
+    ride_benchmark,
+    steering_step,
+)
 from bike_training.reproduce.experiment import (
     QUICK,
     SETTINGS,
@@ -33,6 +52,7 @@ from bike_training.reproduce.experiment import (
 )
 from bike_training.reproduce.figures import draw_all
 from bike_training.reproduce.statements import NO, OPEN, STATEMENTS, YES, controller_1, table
+from bike_training.reproduce.tables import all_tables
 from bike_training.sweeps.display import Display
 from bike_training.sweeps.driver import Place, do_runs
 from bike_training.sweeps.plan import Plan, PlannedRun, make_plan, schedule, slots_of
@@ -43,6 +63,9 @@ DATA: Final = "data"
 RIDES: Final = "rides.csv"
 """Rides of the controller of a run, in its folder."""
 STATEMENTS_FILE: Final = "statements.md"
+TABLES_FILE: Final = "tables.md"
+SHIPPED: Final = "whipple"
+"""Actor that is explained beside controller 1 of prop."""
 
 EXAMPLES: Final = """examples:
   bike reproduce bicycle --out runs/paper --plan             how long it will take; starts nothing
@@ -57,7 +80,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.epilog = EXAMPLES
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("paper", choices=["bicycle"], help="Weyrer et al. (2026), Sects. 5.1 to 5.3")
+    parser.add_argument("paper", choices=["bicycle"], help="Weyrer et al. (2026), Sects. 5.1 to 5.5")
     parser.add_argument("--out", type=Path, required=True, help="folder; what it holds already is kept")
     parser.add_argument("--settings", nargs="+", choices=SETTINGS, help="of Table 5 (default: all)")
     parser.add_argument("--seeds", type=int, help="runs of each setting (default: 5)")
@@ -142,10 +165,37 @@ def _collect(plan: Plan, experiment: Experiment, quiet: bool) -> Data:
             else:
                 write_rows(path, Rides, ride_all(bundle, setting, seed, experiment, partial(_advance, bar)))
             rides += read_rows(path, Rides)
-    data = Data(tuple(runs), tuple(validations), tuple(rides), ())
-    best = [(name, controller_1(data, name)) for name in ("prop", "alt3")]
-    riders = [(name, LearnedRider(bundles[name, seed])) for name, seed in best if seed is not None]
-    return replace(data, tracks=tuple(ride_junction([*riders, *classical_riders()])))
+    data = Data(tuple(runs), tuple(validations), tuple(rides))
+    chosen = [(name, controller_1(data, name)) for name in ("prop", "alt3")]
+    best = {name: bundles[name, seed] for name, seed in chosen if seed is not None}
+    return _look_closely(data, best, experiment)
+
+
+def _look_closely(data: Data, best: dict[str, Bundle], experiment: Experiment) -> Data:
+    """Return the tables with those of Figs. 11 to 14 and 16, Table 8 and Sect. 6.
+
+    Args:
+        data: of runs and rides.
+        best: controllers 1 by setting.
+        experiment: what is done.
+    """
+    riders = [(name, LearnedRider(bundle)) for name, bundle in best.items()]
+    ride: tuple[Instant, ...] = ()
+    shares: list[Impact] = []
+    for name, bundle in {**({"prop": best["prop"]} if "prop" in best else {}), SHIPPED: load_bundle(SHIPPED)}.items():
+        ridden = ride_benchmark(bundle, experiment.longest)
+        if name == "prop":
+            ride = tuple(instants(ridden))
+        shares += impacts(name, bundle, ridden, experiment.explained, experiment.permutations)
+    return replace(
+        data,
+        tracks=tuple(ride_junction([*riders, *classical_riders()])),
+        ride=ride,
+        impacts=tuple(shares),
+        directions=tuple(front_directions()),
+        steering=tuple(steering_step()),
+        chances=(full_circles(experiment.paths),),
+    )
 
 
 def _advance(bar: Any) -> None:
@@ -186,10 +236,11 @@ def _outcome(args: argparse.Namespace, data: Data, ok: bool) -> dict[str, Any]:
     drawn = draw_all(data, args.out)
     text = table(data)
     (args.out / STATEMENTS_FILE).write_text(text, encoding="utf-8")
+    (args.out / TABLES_FILE).write_text(all_tables(data), encoding="utf-8")
     verdicts = [statement.find(data).agrees for statement in STATEMENTS]
     if not args.json:
         print(text)
-        print(f"figures, {STATEMENTS_FILE} and tables in {args.out}")
+        print(f"figures, {STATEMENTS_FILE} and {TABLES_FILE} in {args.out}")
         if not ok:
             print("the same command does what is missing")
     figures = {

@@ -15,7 +15,7 @@ from bike_training.explain.shap_values import Explanation
 SHOWN: Final = 10
 """Rows of the picture; the features of least weight share the last one."""
 
-_SYMBOLS: Final = {
+SYMBOLS: Final = {
     "roll": "roll φ",
     "steer": "steer δ",
     "roll_rate": "roll rate dφ/dt",
@@ -24,6 +24,7 @@ _SYMBOLS: Final = {
     "yaw_cos": "cos ψ",
     "yaw_sin": "sin ψ",
 }
+"""Readable names of features."""
 
 
 def labels(layout: ObservationLayout) -> list[str]:
@@ -35,7 +36,7 @@ def labels(layout: ObservationLayout) -> list[str]:
     else:  # a second difference belongs to its middle point
         preview = ["t_p0: offset", "t_p1: lateral velocity"]
         preview += [f"t_p{k}: lean {ahead[k - 1]} ahead" for k in range(2, layout.preview_count)]
-    return [_SYMBOLS.get(feature, feature) for feature in layout.features] + preview
+    return [SYMBOLS.get(feature, feature) for feature in layout.features] + preview
 
 
 def draw(explanation: Explanation, title: str, path: Path) -> None:

@@ -68,7 +68,12 @@ def build_model(algorithm: Algorithm, task: Task, env: VecEnv, seed: int) -> Off
         task: what is learned.
         env: vector environment.
         seed: seed of networks and samples.
+
+    Raises:
+        ValueError: a setting that this learner or this task has not.
     """
+    if algorithm.precondition and algorithm.learner != "sbx":
+        raise ValueError(f"preset setting precondition=True needs learner=sbx, not {algorithm.learner}")
     buffer: dict[str, Any] = {}
     if algorithm.mirror:
         buffer = {

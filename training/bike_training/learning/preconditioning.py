@@ -1,8 +1,8 @@
 """Networks that see an observation in other coordinates: each number of order one, the preview as its differences.
 
 The paper's observation holds roll angles of a tenth beside wheel angles of hundreds, and preview points of metres whose
-second differences of centimetres say how the path bends. Networks whose weights all learn at one pace first learn of what
-is large. The change of coordinates is linear, fixed and invertible, so nothing is shown or hidden by it; it belongs to
+second differences of centimetres say how the path bends. Networks whose weights all learn at one pace first learn of
+what is large. The change of coordinates is linear, fixed and invertible, so it shows and hides nothing; it belongs to
 the networks, and the actor that is deployed has it in its first layer and takes the observation as it is.
 """
 
@@ -56,7 +56,7 @@ def coordinates(layout: object) -> NDArray[np.float32]:
 def _differences(layout: ObservationLayout) -> NDArray[np.float64]:
     """Return what turns preview points (m) into the offset, the first difference and the second ones.
 
-    By time they are a lateral velocity (m/s) and tangents of the lean that the path asks for, as in the ``lean`` preview.
+    By time they are a lateral velocity (m/s) and tangents of the lean that the path asks for, as with ``lean``.
     """
     count, step = layout.preview_count, layout.preview_interval
     matrix = np.eye(count)

@@ -1,4 +1,4 @@
-"""What the experiments leave: four tables as CSV, small enough to ship, from which figures are drawn again."""
+"""What the experiments leave: tables as CSV, small enough to ship, from which figures are drawn again."""
 
 from __future__ import annotations
 
@@ -81,25 +81,114 @@ class Track:
     completed: bool
 
 
-Row = TypeVar("Row", Run, Validation, Rides, Track)
+@dataclass(frozen=True)
+class Instant:
+    """An instant of the ride of Figs. 12 and 13.
+
+    Attributes:
+        progress: along the path, m. x, y: rear contact, m. front_x, front_y: front contact, m. roll: rad. steer: rad.
+        curvature: of the path at the rear contact, 1/m.
+    """
+
+    progress: float
+    x: float
+    y: float
+    front_x: float
+    front_y: float
+    roll: float
+    steer: float
+    curvature: float
+
+
+@dataclass(frozen=True)
+class Impact:
+    """What a feature of an observation does to the set point of the steering angle (Fig. 14).
+
+    Attributes:
+        policy: setting, or name of a shipped actor. observation: number. feature: name in the layout.
+        value: of the feature, in its unit. shap: share in the set point, rad.
+    """
+
+    policy: str
+    observation: int
+    feature: str
+    value: float
+    shap: float
+
+
+@dataclass(frozen=True)
+class Direction:
+    """A row of Table 8, in degrees.
+
+    Attributes:
+        roll, steer: posture. published: direction of the front contact. formula: by Eq. (A.10).
+        whipple, pybullet: measured by rolling in an engine.
+    """
+
+    roll: float
+    steer: float
+    published: float
+    formula: float
+    whipple: float
+    pybullet: float
+
+
+@dataclass(frozen=True)
+class SteeringStep:
+    """An instant of the step response of Fig. 16.
+
+    Attributes:
+        time: s. whipple, pybullet: steering angle in an engine, deg.
+    """
+
+    time: float
+    whipple: float
+    pybullet: float
+
+
+@dataclass(frozen=True)
+class Chance:
+    """How often learning meets a full circle (Sect. 6).
+
+    Attributes:
+        paths: drawn from part 4. length: least length of each, m. circles: paths with five bends in a row to one side.
+    """
+
+    paths: int
+    length: float
+    circles: int
+
+
+Row = TypeVar("Row", Run, Validation, Rides, Track, Instant, Impact, Direction, SteeringStep, Chance)
 
 
 @dataclass(frozen=True)
 class Data:
     """All tables."""
 
-    runs: tuple[Run, ...]
-    validations: tuple[Validation, ...]
-    rides: tuple[Rides, ...]
-    tracks: tuple[Track, ...]
+    runs: tuple[Run, ...] = ()
+    validations: tuple[Validation, ...] = ()
+    rides: tuple[Rides, ...] = ()
+    tracks: tuple[Track, ...] = ()
+    ride: tuple[Instant, ...] = ()
+    impacts: tuple[Impact, ...] = ()
+    directions: tuple[Direction, ...] = ()
+    steering: tuple[SteeringStep, ...] = ()
+    chances: tuple[Chance, ...] = ()
 
 
-FILES: Final[dict[str, type]] = {
-    "runs.csv": Run,
-    "validations.csv": Validation,
-    "rides.csv": Rides,
-    "junction.csv": Track,
+FILES: Final[dict[str, tuple[str, Any]]] = {
+    "runs": ("runs.csv", Run),
+    "validations": ("validations.csv", Validation),
+    "rides": ("rides.csv", Rides),
+    "tracks": ("junction.csv", Track),
+    "ride": ("ride.csv", Instant),
+    "impacts": ("impacts.csv", Impact),
+    "directions": ("table8.csv", Direction),
+    "steering": ("steering_step.csv", SteeringStep),
+    "chances": ("full_circles.csv", Chance),
 }
+"""File and kind of row of each table of `Data`."""
 
 
 def write_rows(path: Path, kind: type[Row], rows: Iterable[Row]) -> None:
@@ -139,10 +228,8 @@ def _value(text: str, kind: type, path: Path) -> Any:
 
 def write_data(folder: Path, data: Data) -> None:
     """Write all tables into a folder."""
-    write_rows(folder / "runs.csv", Run, data.runs)
-    write_rows(folder / "validations.csv", Validation, data.validations)
-    write_rows(folder / "rides.csv", Rides, data.rides)
-    write_rows(folder / "junction.csv", Track, data.tracks)
+    for table, (name, kind) in FILES.items():
+        write_rows(folder / name, kind, getattr(data, table))
 
 
 def read_data(folder: Path) -> Data:
@@ -151,9 +238,4 @@ def read_data(folder: Path) -> Data:
     Raises:
         FileNotFoundError: one is missing. ValueError: one is of another kind.
     """
-    return Data(
-        read_rows(folder / "runs.csv", Run),
-        read_rows(folder / "validations.csv", Validation),
-        read_rows(folder / "rides.csv", Rides),
-        read_rows(folder / "junction.csv", Track),
-    )
+    return Data(**{table: read_rows(folder / name, kind) for table, (name, kind) in FILES.items()})

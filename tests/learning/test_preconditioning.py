@@ -1,0 +1,58 @@
+"""Networks that see observations in other coordinates: nothing is lost, and the deployed actor is the learner's."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bike_policy.contract.actor import Actor
+from bike_policy.contract.observation import LEAN_LAYOUT, PROP_LAYOUT, ObservationLayout, SeenBlocks
+from bike_sim.sim.batch import COMPILED_ENGINE
+from bike_sim.sim.config import SimulatorConfig
+from bike_training.curricula.parts import PartsCurriculum
+from bike_training.envs.vec_env import BatchVecEnv
+from bike_training.learning.learner import actor_tensors, build_model
+from bike_training.learning.preconditioning import coordinates
+from bike_training.learning.presets import FAST, PRESETS
+from bike_training.tasks.path import TASKS
+
+
+def test_preview_points_become_the_lean_preview() -> None:
+    """The same line, seen as points every 0.2 s and as leans, is the same to the networks."""
+    rng = np.random.default_rng(0)
+    seen = SeenBlocks(rng.normal(size=10), rng.normal(size=12), rng.normal(size=LEAN_LAYOUT.preview_count))
+    points = ObservationLayout(
+        "points", PROP_LAYOUT.features, PROP_LAYOUT.scales, preview_interval=0.2, preview_count=11
+    )
+    as_lean = LEAN_LAYOUT.observe(seen)[len(LEAN_LAYOUT.features) :]
+    changed = (points.observe(seen) @ coordinates(points))[len(points.features) :]
+    assert changed == pytest.approx(as_lean, abs=1e-4)
+
+
+@pytest.mark.parametrize("name", ["prop", "alt1", "alt2", "lean"])
+def test_nothing_is_lost(name: str) -> None:
+    assert np.linalg.cond(coordinates(TASKS[name].layout).astype(np.float64)) < 1e4
+
+
+def test_only_paths_and_only_one_learner() -> None:
+    with pytest.raises(ValueError, match="precondition=True is for tasks on paths"):
+        coordinates(PRESETS["race"].task.make().layout)
+    with pytest.raises(ValueError, match="needs learner=sbx, not sb3"):
+        build_model(PRESETS["paper"].override({"precondition": "true"}), TASKS["prop"], None, 0)  # type: ignore[arg-type]
+
+
+def test_the_deployed_actor_answers_as_the_one_that_learns() -> None:
+    pytest.importorskip("sbx")
+    task = TASKS["prop"]
+    preset = FAST.override({"precondition": "true", "environments": "2", "buffer_size": "100", "layers": "16,16"})
+    episodes = PartsCurriculum().episodes(0)
+    env = BatchVecEnv(2, task, episodes, SimulatorConfig(engine=COMPILED_ENGINE, time_step=0.01), 0)
+    try:
+        model = build_model(preset, task, env, 3)
+        observations = env.reset()
+        wanted, _ = model.predict(observations, deterministic=True)
+        found = Actor(*actor_tensors(model)).act_batch(observations)
+    finally:
+        env.close()
+    assert np.abs(wanted).max() > 1e-3
+    assert found == pytest.approx(wanted, abs=1e-5)
