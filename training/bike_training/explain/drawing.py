@@ -11,20 +11,10 @@ import shap  # type: ignore[import-untyped]
 
 from bike_policy.contract.observation import ObservationLayout
 from bike_training.explain.shap_values import Explanation
+from bike_training.explain.symbols import SYMBOLS
 
 SHOWN: Final = 10
 """Rows of the picture; the features of least weight share the last one."""
-
-SYMBOLS: Final = {
-    "roll": "roll φ",
-    "steer": "steer δ",
-    "roll_rate": "roll rate dφ/dt",
-    "steer_rate": "steer rate dδ/dt",
-    "front_wheel_rate": "front wheel rate",
-    "yaw_cos": "cos ψ",
-    "yaw_sin": "sin ψ",
-}
-"""Readable names of features."""
 
 
 def labels(layout: ObservationLayout) -> list[str]:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_policy.contract.bundle import Bundle
+from bike_policy.contract.observation import ObservationLayout
 from bike_policy.riders.learned import LearnedRider
 from bike_sim.course.course import Course
 from bike_sim.course.elements import Arc, Element
@@ -28,8 +29,6 @@ from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.validation import bicycle as validation
 from bike_sim.vehicles.files import load_vehicle
-from bike_training.explain.observations import path_layout
-from bike_training.explain.shap_values import explain
 from bike_training.reproduce.data import Chance, Direction, Impact, Instant, SteeringStep
 from bike_training.rollout.riding import time_for
 from bike_training.rollout.rollout import rollout
@@ -87,11 +86,14 @@ def impacts(
         observations: how many, evenly spread over the slalom; they are the background as well.
         permutations: orders in which features are put in.
     """
-    layout = path_layout(bundle)
+    layout = bundle.layout
+    assert isinstance(layout, ObservationLayout), "it follows paths"
     begin, end = _section(load_course(COURSE), SECTION)
     seen = [layout.observe(each) for each in ride if begin <= each.look[lk.PROGRESS] < end]
     if len(seen) < 2:
         return []
+    from bike_training.explain.shap_values import explain  # late: shap takes seconds to import
+
     chosen = np.unique(np.linspace(0, len(seen) - 1, min(observations, len(seen))).round().astype(int))
     found = explain(
         bundle, np.array(seen)[chosen], permutations=permutations, background=len(chosen), silent=True

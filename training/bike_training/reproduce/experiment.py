@@ -19,7 +19,6 @@ from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.learning.algorithm import Algorithm
-from bike_training.learning.checkpoint import Checkpoint, find_checkpoint
 from bike_training.learning.presets import FAST, PAPER, PRESETS
 from bike_training.learning.progress import stored_actor
 from bike_training.reproduce.data import Rides, Track
@@ -143,6 +142,8 @@ def controller(folder: Path, setting: str, which: str) -> Bundle | None:
         setting: name in Table 5.
         which: see `Experiment`.
     """
+    from bike_training.learning.checkpoint import Checkpoint, find_checkpoint  # late: PyTorch takes seconds
+
     if find_checkpoint(folder) is None:
         return None
     checkpoint = Checkpoint(folder)

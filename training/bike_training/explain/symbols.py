@@ -1,0 +1,16 @@
+"""Readable names of what a policy sees, for pictures."""
+
+from __future__ import annotations
+
+from typing import Final
+
+SYMBOLS: Final = {
+    "roll": "roll φ",
+    "steer": "steer δ",
+    "roll_rate": "roll rate dφ/dt",
+    "steer_rate": "steer rate dδ/dt",
+    "front_wheel_rate": "front wheel rate",
+    "yaw_cos": "cos ψ",
+    "yaw_sin": "sin ψ",
+}
+"""Readable names of features."""
