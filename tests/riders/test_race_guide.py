@@ -23,6 +23,7 @@ from bike_sim.sim.superbike_batch import CompiledSuperbikeBatch
 from bike_sim.sim.superbike_plant import superbike_config
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
+from bike_training.curricula.race import Ground
 from tests.superbike.test_classical import circle
 
 
@@ -146,6 +147,60 @@ def test_targets_stay_clear_of_the_limits(machine: Superbike, width: float, targ
     room = max(width - CLEARANCE, 0.0)
     expected = min(target, room)
     np.testing.assert_allclose(law.memory[:, OFFSET], [expected, -expected], atol=0.01)
+
+
+def test_a_slow_machine_leans_for_the_speed_that_it_will_have(machine: Superbike, law: LineLaw) -> None:
+    """As it catches up it asks for more lean than at the same speed held, but not for a speed beyond the planned."""
+    plan = plan_line(machine, circle(60.0, 1.0), GUIDE)
+    fast = float(plan.profile.speed_at(30.0))
+
+    def asked(speed: float, gain: float) -> float:
+        law.begin(0, plan)
+        for step in range(20):
+            now = speed - gain * 0.02 * (19 - step)
+            seen = np.zeros((4, 6))
+            seen[:, 0], seen[:, 1], seen[:, 2] = now, -0.7, 30.0 + now * 0.02 * step
+            answer = law.commands(seen)
+        return float(answer[0, 0])
+
+    held, catching = asked(0.85 * fast, 0.0), asked(0.85 * fast, 3.0)
+    assert catching > held + 0.005
+    assert asked(fast + 0.01, 3.0) < asked(fast + 0.01, 0.0) + 0.002
+
+
+def test_a_machine_that_leans_as_far_as_it_may_does_not_catch_up(machine: Superbike, law: LineLaw) -> None:
+    plan = plan_line(machine, circle(60.0, 1.0), GUIDE)
+    fast = float(plan.profile.speed_at(30.0))
+
+    def throttle(error: float) -> float:
+        law.begin(0, plan)
+        seen = np.zeros((4, 6))
+        seen[:, 0], seen[:, 1], seen[:, 2], seen[:, 3] = 0.9 * fast, -0.8, 30.0, error
+        return float(law.commands(seen)[0, 1])
+
+    outside, inside = throttle(-3.0), throttle(0.5)  # the circle turns to the left, its outside is to the right
+    assert inside > outside + 0.1
+    assert abs(outside) < 0.35  # what holds the speed
+
+
+def test_few_slow_starts_throw_the_guide_down() -> None:
+    """Starts at half to nine tenths of the theoretical speed, where a machine that only speeds up runs wide."""
+    config = replace(superbike_config("panigale_v4r"), engine=SUPERBIKE_ENGINE)
+    count = 128
+    batch = CompiledSuperbikeBatch(count, config)
+    guide = RaceGuide(batch.vehicle, config.control_period, count)
+    ground = Ground(batch.vehicle, ["barcelona"])
+    for row in range(count):
+        progress, share = (row + 0.5) / count * ground.length("barcelona"), 0.5 + 0.4 * ((row * 0.6180339887) % 1.0)
+        speed = ground.start("barcelona", 1.0, progress, share)
+        batch.reset(row, ResetRequest(course="barcelona", progress=progress, speed_range=(speed, speed), perturb=True))
+        guide.begin(row, batch.course(row))
+    for _ in range(500):
+        commands = guide.commands(batch, np.zeros((count, 2)), np.ones(count))
+        batch.step(np.where(batch.fallen[:, None], 0.0, commands))
+    fallen = int(batch.fallen.sum())
+    batch.close()
+    assert fallen <= 1
 
 
 def test_a_bicycle_is_refused() -> None:

@@ -27,11 +27,11 @@ LONGEST_GAP: Final = 0.3
 SPEED, ROLL, PROGRESS, LATERAL_ERROR, HEADING_ERROR, ROLL_RATE, SEEN = range(7)
 """Inputs of the law: m/s; rad, positive to the right; m, of any lap; m, positive left of the line; rad, positive to the
 left; rad/s, positive to the right. SEEN is their number."""
-KNOWN, RATE, EXCESS, STEERING, THROTTLE, OFFSET, PACE, OFFSET_RATE, MEMORY = range(SEEN, SEEN + 9)
+KNOWN, RATE, EXCESS, STEERING, THROTTLE, OFFSET, PACE, OFFSET_RATE, MISSING, CLOSING, MEMORY = range(SEEN, SEEN + 11)
 """What the law remembers behind the inputs of the state before: whether there is one, rate of the lateral error (m/s),
-excess of lateral acceleration (m/s^2), its answer, and its way to the targets: distance from the line (m, positive to
-the left), change of the planned speed as a part of it, rate of that distance (m/s). MEMORY is the length of all of
-it."""
+excess of lateral acceleration (m/s^2), its answer, its way to the targets: distance from the line (m, positive to
+the left), change of the planned speed as a part of it, rate of that distance (m/s); and the speed that is missing to
+the planned one (m/s) and how fast the machine catches up (m/s^2). MEMORY is the length of all of it."""
 P_SPEED, P_LONGITUDINAL, P_CURVATURE, P_GRADE, P_CREST, P_LEFT, P_RIGHT, PLAN_COLUMNS = range(8)
 """Columns of a plan at even distances along its line."""
 LATE: Final = 0.5
@@ -47,6 +47,11 @@ CLEARING: Final = 1.0
 LOOKS: Final = 5
 UNLIMITED: Final = 1e3
 """Room beside a line without limits, m."""
+CLOSING_MEMORY: Final = 0.15
+"""Time constant with which the rate of catching up with the plan is measured, s."""
+LEAN_ROOM: Final = math.radians(1.3)
+"""Lean left to ask for, rad, below which a machine that is slower than planned catches up less; with none, not at all.
+That is 5 % of the lateral acceleration in the deepest lean; with 10 % a lap takes 0.1 % longer."""
 
 
 class LinePlan(NamedTuple):
@@ -207,8 +212,10 @@ def _answer(seen: FloatArray, targets: FloatArray, memory: FloatArray, law: _Law
             continue
         _approach(seen[row], memory[row], targets[row], law, plans, row)
         turning = _turning_row(seen[row, SPEED], tables)
+        _catch_up(seen[row], memory[row], law, plans, row)
         steering = _steer(seen[row], memory[row], law, tables[2], turning, plans, row)
-        throttle = _throttle(seen[row], memory[row], law, tables, plans, row)
+        room = (law.largest_lean - abs(steering) * law.max_lean) / LEAN_ROOM
+        throttle = _throttle(seen[row], memory[row], min(max(room, 0.0), 1.0), law, tables, plans, row)
         memory[row, :SEEN] = seen[row]
         memory[row, KNOWN], memory[row, STEERING], memory[row, THROTTLE] = 1.0, steering, throttle
 
@@ -232,6 +239,39 @@ def _within_limits(seen: FloatArray, offset: float, plans: Plans, row: int) -> f
         way = seen[SPEED] * CLEARING * look / LOOKS
         size = min(size, _at(plans, row, column, seen[PROGRESS] + way))
     return math.copysign(size, offset)
+
+
+@njit(cache=True)
+def _catch_up(seen: FloatArray, memory: FloatArray, law: _Law, plans: Plans, row: int) -> None:
+    """Remember how much speed is missing, and how fast the machine catches up."""
+    missing = (1.0 + memory[PACE]) * _at(plans, row, P_SPEED, seen[PROGRESS]) - _rolled(seen, law, plans, row)
+    elapsed = _elapsed(seen, memory, law)
+    if elapsed == 0.0:
+        memory[CLOSING] = 0.0
+    else:
+        closing = (memory[MISSING] - missing) / elapsed
+        memory[CLOSING] += (1.0 - math.exp(-elapsed / CLOSING_MEMORY)) * (closing - memory[CLOSING])
+    memory[MISSING] = missing
+
+
+@njit(cache=True)
+def _elapsed(seen: FloatArray, memory: FloatArray, law: _Law) -> float:
+    """Return the time since the state before, s; 0 where there is none, or one too old to compare with.
+
+    States in between may have been lost: the distance shows how many periods ago the previous one was.
+    """
+    way = seen[PROGRESS] - memory[PROGRESS]
+    longest = max(LONGEST_GAP, 4.0 * law.period)
+    if memory[KNOWN] == 0.0 or abs(way) > longest * seen[SPEED] + 1.0:
+        return 0.0
+    return float(law.period * max(1.0, np.rint(way / (max(1.0, seen[SPEED]) * law.period))))
+
+
+@njit(cache=True)
+def _caught(memory: FloatArray, ahead: float) -> float:
+    """Return how much of the missing speed the machine will have caught up after a time (s), m/s."""
+    caught, missing = memory[CLOSING] * ahead, memory[MISSING]
+    return min(max(caught, min(missing, 0.0)), max(missing, 0.0))
 
 
 @njit(cache=True)
@@ -278,7 +318,8 @@ def _wanted(seen: FloatArray, memory: FloatArray, plans: Plans, row: int, ahead:
     """Return the lateral acceleration that the line requires after a time, m/s^2."""
     here = _at(plans, row, P_SPEED, seen[PROGRESS])
     s = seen[PROGRESS] + seen[SPEED] * ahead
-    speed = max(1.0, seen[SPEED] + (1.0 + memory[PACE]) * (_at(plans, row, P_SPEED, s) - here))
+    planned = (1.0 + memory[PACE]) * (_at(plans, row, P_SPEED, s) - here)
+    speed = max(1.0, seen[SPEED] + planned + _caught(memory, ahead))
     return _bend(memory, plans, row, s) * speed**2
 
 
@@ -295,12 +336,9 @@ def _error_rate(seen: FloatArray, memory: FloatArray, law: _Law) -> float:
 
     The heading alone is a poor measure: it knows nothing of the side slip.
     """
-    way = seen[PROGRESS] - memory[PROGRESS]
-    longest = max(LONGEST_GAP, 4.0 * law.period)
-    if memory[KNOWN] == 0.0 or abs(way) > longest * seen[SPEED] + 1.0:
+    elapsed = _elapsed(seen, memory, law)
+    if elapsed == 0.0:
         return seen[SPEED] * math.sin(seen[HEADING_ERROR])
-    # States in between may have been lost: the distance shows how many periods ago the previous one was.
-    elapsed = law.period * max(1.0, np.rint(way / (max(1.0, seen[SPEED]) * law.period)))
     measured = (seen[LATERAL_ERROR] - memory[LATERAL_ERROR]) / elapsed
     if elapsed <= law.usual_period:
         return measured
@@ -359,11 +397,17 @@ def _rolled(seen: FloatArray, law: _Law, plans: Plans, row: int) -> float:
 
 
 @njit(cache=True)
-def _throttle(seen: FloatArray, memory: FloatArray, law: _Law, tables: Tables, plans: Plans, row: int) -> float:
-    """Return throttle or brake: the force of the plan's acceleration, and of the error of speed."""
+def _throttle(
+    seen: FloatArray, memory: FloatArray, room: float, law: _Law, tables: Tables, plans: Plans, row: int
+) -> float:
+    """Return throttle or brake: the force of the plan's acceleration, and of the error of speed.
+
+    Of the speed that is missing it asks for a part `room`: a machine that leans as far as it may would run wide.
+    """
     s = seen[PROGRESS] + seen[SPEED] * law.speed_preview
     pace = 1.0 + memory[PACE]
-    missing = pace * _at(plans, row, P_SPEED, seen[PROGRESS]) - _rolled(seen, law, plans, row)
+    missing = memory[MISSING]
+    missing *= room if missing > 0.0 else 1.0
     acceleration = pace**2 * _at(plans, row, P_LONGITUDINAL, s) + law.speed_gain * missing
     hill = law.weight * _at(plans, row, P_GRADE, s)
     force = law.mass * acceleration + law.drag * seen[SPEED] ** 2 + law.rolling + hill
