@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from stable_baselines3.common.vec_env import DummyVecEnv
 
+from bike_policy.contract.bundle import load_bundle
+from bike_policy.contract.race import RACE_LAYOUTS
 from bike_policy.riders.disturbed import DisturbedRider
 from bike_policy.riders.rider import make_rider
 from bike_sim.physics import state as st
@@ -20,6 +22,7 @@ from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_training.curricula.parts import PartsCurriculum
 from bike_training.envs.env import BikeEnv
+from bike_training.explain.race_rides import read_race
 from bike_training.learning.episode_recording import Standing, TrainingRecorder
 from bike_training.replay.recorded_rides import read_rides
 from bike_training.replay.replaying import Replay, ride_again
@@ -181,3 +184,8 @@ def test_a_superbike_comes_out_the_same(stage, tmp_path: Path, monkeypatch: pyte
     (replay,) = replays(path)
     assert replay.same
     assert replay.states == replay.recorded_states == 151
+    seen = read_race(path, load_bundle("racer"))  # what a policy that races would have seen of it
+    assert seen.observations.shape == (15, RACE_LAYOUTS["guided"].size)
+    assert seen.differ > 0.1
+    with pytest.raises(ValueError, match="no section 'chicane'"):
+        read_race(path, load_bundle("racer"), "chicane")

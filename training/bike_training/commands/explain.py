@@ -10,13 +10,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rich.console import Console
+from rich.progress import Progress
 
 from bike_analysis import read_recording
 from bike_policy.contract.bundle import Bundle, load_bundle
+from bike_policy.contract.race import RaceLayout
 from bike_training.arguments import make_folder
+from bike_training.explain.block_drawing import UNITS, draw_blocks
+from bike_training.explain.block_values import BlockExplanation, explain_blocks
 from bike_training.explain.drawing import draw
 from bike_training.explain.findings import Statement, correlation, state_findings
 from bike_training.explain.observations import WHOLE_RIDE, RecordedObservations, policy_of, read_observations
+from bike_training.explain.race_rides import RaceObservations, read_race
 from bike_training.explain.shap_values import Explanation, explain, set_values
 
 EXAMPLES = """examples:
@@ -24,7 +30,11 @@ EXAMPLES = """examples:
   bike explain out/ride/ride.mcap --section "full circle" --out out/circle
   bike explain ride.mcap --policy runs/mine/policy       what another policy makes of the same states
   bike explain episode.mcap --policy runs/mine/policy --section all
+  bike explain out/lap/racer/ride.mcap                   a racing policy: which blocks make it choose line and pace
 """
+
+SECTION = "slalom"
+"""Of paths; races are explained whole."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -35,7 +45,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("recording", type=Path, help="an .mcap file or a rosbag2 directory")
     parser.add_argument("--policy", help="name or folder of a policy (default: the one the recording names)")
     parser.add_argument(
-        "--section", default="slalom", help=f"section of the course, or {WHOLE_RIDE} (default: %(default)s)"
+        "--section", help=f"section of the course, or {WHOLE_RIDE} (default: {SECTION}; of a race {WHOLE_RIDE})"
     )
     parser.add_argument("--ride", type=int, default=1, help="which ride of the recording (default: %(default)s)")
     parser.add_argument(
@@ -51,7 +61,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     named = args.policy
     bundle = _policy(policy_of(read_recording(args.recording).notes, args.recording) if named is None else named)
     make_folder("--out", args.out)
-    seen = read_observations(args.recording, bundle, args.section, args.ride)
+    if isinstance(bundle.layout, RaceLayout):
+        return _explain_race(args, bundle)
+    seen = read_observations(args.recording, bundle, args.section or SECTION, args.ride)
     explanation = explain(bundle, seen.observations, silent=args.json)
     differ = _answers_differ(bundle, seen)
     statement = state_findings(explanation, differ)
@@ -62,6 +74,84 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         print(_text(bundle, seen, explanation, statement))
         print(f"picture and figures: {args.out}")
     return {"schema": "bike.explain/1", "ok": explanation.additivity_error < 1e-5, "figures": figures}
+
+
+def _explain_race(args: argparse.Namespace, bundle: Bundle) -> dict[str, Any]:
+    """Explain a policy that races; not ok when the values do not sum to its actions."""
+    with Progress(console=Console(stderr=True), disable=args.json, transient=True) as progress:
+        riding = progress.add_task("riding again")
+        seen = read_race(
+            args.recording,
+            bundle,
+            args.section,
+            args.ride,
+            lambda step, steps: progress.update(riding, completed=step, total=steps),
+        )
+    explanation = explain_blocks(bundle, seen.observations, silent=args.json)
+    headline = f"{bundle.name} on {seen.course or 'a circuit'}" + (
+        "" if seen.section == WHOLE_RIDE else f", {seen.section}"
+    )
+    figures = _race_figures(bundle, seen, explanation)
+    (args.out / "explanation.json").write_text(json.dumps(figures, indent=1), encoding="utf-8")
+    draw_blocks(explanation, f"{headline}: what makes it decide", args.out / "explanation.png")
+    if not args.json:
+        print(f"{headline}: {len(explanation.outputs)} of {len(seen.observations)} decisions\n")
+        print(_race_text(seen, explanation))
+        print(f"picture and figures: {args.out}")
+    return {"schema": "bike.explain/1", "ok": explanation.additivity_error < 1e-5, "figures": figures}
+
+
+def _race_figures(bundle: Bundle, seen: RaceObservations, explanation: BlockExplanation) -> dict[str, Any]:
+    return {
+        "recording": str(seen.recording),
+        "policy": bundle.name,
+        "course": seen.course,
+        "section": seen.section,
+        "decisions_count": len(seen.observations),
+        "observations_count": len(explanation.outputs),
+        "background_count": explanation.background,
+        "permutations_count": explanation.permutations,
+        "seconds": round(explanation.seconds, 2),
+        "commands_differ": seen.differ,
+        "additivity_error": explanation.additivity_error,
+        "actions": [
+            {
+                "action": action,
+                "base": float(explanation.base[column]),
+                "blocks": [
+                    {
+                        "name": explanation.blocks[i],
+                        "mean_abs": float(explanation.mean_abs[i, column]),
+                        "share": float(explanation.shares[i, column]),
+                    }
+                    for i in np.argsort(-explanation.mean_abs[:, column])
+                ],
+            }
+            for column, action in enumerate(explanation.actions)
+        ],
+    }
+
+
+def _race_text(seen: RaceObservations, explanation: BlockExplanation) -> str:
+    lines = []
+    for column, action in enumerate(explanation.actions):
+        unit, sizes = UNITS[action], explanation.mean_abs[:, column]
+        parts = [
+            f"{explanation.blocks[i].replace('_', ' ')} {unit.factor * sizes[i]:.2g} {unit.unit} "
+            f"({explanation.shares[i, column]:.0%})"
+            for i in np.argsort(-sizes)[:5]
+        ]
+        lines.append(f"- {unit.name}: {', '.join(parts)}")
+    if seen.differ > 1e-6:
+        lines.append(
+            "- This policy did not drive the ride: its commands differ from the recorded ones by up to "
+            f"{seen.differ:.2f}. It is explained on what another rider got to see."
+        )
+    lines.append(
+        "- A block is put in as a whole against those of other moments of the ride, so that the policy is also asked "
+        "about mixtures that no ride has. The values are sizes, and say nothing of causes on the track."
+    )
+    return "\n".join(textwrap.fill(line, 110, subsequent_indent="  ") for line in lines)
 
 
 def _policy(name: str) -> Bundle:

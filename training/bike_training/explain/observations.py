@@ -80,7 +80,7 @@ def read_observations(path: Path, bundle: Bundle, section: str, number: int = 1)
         raise ValueError(f"{recording.path} has {len(rides)} ride(s), there is no ride {number}")
     ride = rides[number - 1]
     bundle.check_fit(recording.vehicle, float(ride.states.control_period[0]))
-    rows = np.flatnonzero(_rows_of(ride, section, recording.path) & ~ride.states.fallen)
+    rows = np.flatnonzero(rows_of(ride, section, recording.path) & ~ride.states.fallen)
     if len(rows) < 2:
         raise ValueError(
             f"{recording.path}: section {section!r} of ride {number} has {len(rows)} states, at least 2 needed"
@@ -99,8 +99,17 @@ def read_observations(path: Path, bundle: Bundle, section: str, number: int = 1)
     )
 
 
-def _rows_of(ride: Ride, section: str, path: Path) -> NDArray[np.bool_]:
-    """Return which states of a ride are in a section."""
+def rows_of(ride: Ride, section: str, path: Path) -> NDArray[np.bool_]:
+    """Return which states of a ride are in a section.
+
+    Args:
+        ride: of a recording.
+        section: name of a section of its course, or WHOLE_RIDE.
+        path: of the recording, for messages.
+
+    Raises:
+        ValueError: the course has no such section.
+    """
     if section == WHOLE_RIDE:
         return np.ones(len(ride.states), dtype=bool)
     course = ride.course

@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from bike_policy.riders.rider import Rider
 from bike_sim.course.course import Course
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import Preview
@@ -128,6 +129,32 @@ def ride_again(
     finally:
         simulator.close()
     return _compare(recorded, config, ridden, stopped)
+
+
+def ride_with(
+    recorded: RideSource, rider: Callable[[RecordedCommands], Rider], tell: Callable[[int, int], None] | None = None
+) -> None:
+    """Ride a recorded ride again, with a rider that looks on.
+
+    Args:
+        recorded: the ride.
+        rider: makes the rider of the recorded commands.
+        tell: called with steps ridden and steps in all, to show progress.
+
+    Raises:
+        ValueError: the ride cannot be ridden again to its end. FileNotFoundError: its vehicle or course is not here.
+    """
+    start = _start_of(recorded)
+    steering, throttle, stopped = _commands(recorded)
+    if stopped:
+        raise ValueError(stopped)
+    simulator = Simulator(start.config, recorded.disturbances)
+    try:
+        for snapshot in rollout(simulator, rider(RecordedCommands(steering, throttle)), start.request):
+            if tell is not None:
+                tell(snapshot.step, len(steering))
+    finally:
+        simulator.close()
 
 
 class RecordedCommands:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bike_policy.contract.bundle import Bundle
 from bike_policy.contract.race import RaceEyes, RaceLayout
@@ -23,7 +24,12 @@ class RaceSight:
 
     A decision belongs to the steps from a multiple of ``repeat`` on, counted from the reset. Where states are lost, or
     the rider is started in the middle of a ride, it decides at once: memory begins with what it sees then.
+
+    Attributes:
+        seen: observation of the last decision, shape (layout size,); None before the first.
     """
+
+    seen: NDArray[np.float32] | None = None
 
     def __init__(self, bundle: Bundle, layout: RaceLayout) -> None:
         """Answer a made-up observation once; the first one of a process takes longer than all others."""
@@ -81,4 +87,5 @@ class RaceSight:
             if self._guide is not None:
                 self._guide.begin(0, self._course)
             self._eyes.begin(0, row, self._references.of(self._course))
-        self._eyes.act(row, self._actor.act(self._eyes.observe(row)[0])[None])
+        self.seen = self._eyes.observe(row)[0]
+        self._eyes.act(row, self._actor.act(self.seen)[None])
