@@ -7,7 +7,6 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from bike_policy.contract.action import LINE_OFFSET, PACE, ActionColumn, ActionLayout
 from bike_policy.contract.actor import Actor
