@@ -29,9 +29,8 @@ from bike_training.commands.ride import LARGEST_DOMAIN
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from bike_training.nodes.live_ride import LiveRide
     from bike_training.nodes.live_server import LiveServer
-    from bike_training.nodes.live_watch import LiveWatch
+    from bike_training.nodes.live_thread import LiveThread
 
 START_SHARE: Final = 0.5
 """Speed of a superbike's start by that of the theoretical lap there."""
@@ -131,7 +130,8 @@ def _check_kind(args: argparse.Namespace) -> None:
 
 def _live(args: argparse.Namespace, recording: Path) -> dict[str, Any]:
     """Ride and serve; return what was counted."""
-    from bike_training.nodes.live_ride import LiveRide, LiveSettings, state_names  # only live rides need ROS
+    from bike_training.nodes.live_messages import state_names  # only live rides need ROS
+    from bike_training.nodes.live_ride import LiveRide, LiveSettings
     from bike_training.nodes.live_server import LiveServer
 
     machine = load_vehicle(args.vehicle)
@@ -166,7 +166,7 @@ def _live(args: argparse.Namespace, recording: Path) -> dict[str, Any]:
 def _watch(args: argparse.Namespace) -> dict[str, Any]:
     """Serve a page of a simulator that others ride; return what was counted."""
     from bike_sim.ros.isolation import DOMAIN_VARIABLE
-    from bike_training.nodes.live_ride import state_names
+    from bike_training.nodes.live_messages import state_names
     from bike_training.nodes.live_server import LiveServer
     from bike_training.nodes.live_watch import LiveWatch
 
@@ -209,9 +209,7 @@ class _Tally:
             self.server.close()
 
 
-def _serve(
-    args: argparse.Namespace, ride: LiveRide | LiveWatch, tally: _Tally, make_server: Callable[[], LiveServer]
-) -> float:
+def _serve(args: argparse.Namespace, ride: LiveThread, tally: _Tally, make_server: Callable[[], LiveServer]) -> float:
     """Start a ride or a watch and serve it until the time is up or Ctrl-C; return the wall-clock time, s."""
     begun = time.monotonic()
     with ExitStack() as opened:
@@ -236,7 +234,7 @@ def _serve(
     return wall
 
 
-def _bridge(opened: ExitStack, ride: LiveRide | LiveWatch, args: argparse.Namespace) -> str:
+def _bridge(opened: ExitStack, ride: LiveThread, args: argparse.Namespace) -> str:
     """Serve a ride's topics until `opened` is closed; return the address."""
     from bike_training.nodes.foxglove_bridge import FoxgloveBridge  # only who asks for it needs the package
 

@@ -1,14 +1,9 @@
-"""A ride that people watch and steer: a simulator node in lockstep at the pace of the clock, recorded as any other.
-
-A thread of its own rides. Others put requests into it and get told about states and events; nothing else is shared.
-"""
+"""A ride that people watch and steer: a simulator node in lockstep at the pace of the clock, recorded as any other."""
 
 from __future__ import annotations
 
-import queue
-import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,31 +11,18 @@ from typing import Any, Final
 
 from bike_policy.riders.hands import HANDS, HandRider
 from bike_policy.riders.rider import Rider
-from bike_sim.course.course import Course
-from bike_sim.physics import state as st
-from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
-from bike_sim.sim.events import EventKind
 from bike_sim.sim.request import ResetRequest
-from bike_sim.sim.snapshot import Snapshot
 from bike_sim.sim.superbike_plant import SuperbikePlant
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.envs.node_process import NodeProcess
 from bike_training.envs.ros_client import RosClient
+from bike_training.nodes.live_messages import event_message, places_of, state_values
+from bike_training.nodes.live_thread import LiveThread
 from bike_training.nodes.ride_monitor import START_TIMEOUT, RideMonitor
 
-STATE_NAMES: Final = (
-    *("time", "distance", "x", "y", "yaw", "roll", "steer", "speed", "error", "command", "throttle", "brake"),
-)
-"""What is told of each state, in order: s, m, rad and m/s; commands in [-1, 1]."""
-WHEELS: Final = {
-    **{"rear_slip": "rear_slip", "front_slip": "front_slip", "rear_load": "rear_load_n", "front_load": "front_load_n"}
-}
-"""What is told after these of a superbike, with the names of its signals: slip, and loads in N."""
 HELD: Final = 0.5
 """Wall-clock time for which a wish holds, s: who is cut off rides straight on with closed throttle."""
-PACES: Final = (0.1, 10.0)
-"""Slowest and fastest ride, times the clock."""
 BEHIND: Final = 0.25
 """Delay beyond which the ride does not try to catch up with the clock, s."""
 FRAME: Final = 1.0 / 75.0
@@ -66,16 +48,10 @@ class LiveSettings:
     recording: Path | None = None
 
 
-class LiveRide:
-    """Rides until `end`; requests come through `ask`.
+class LiveRide(LiveThread):
+    """Rides until `end`."""
 
-    Attributes:
-        course: the followed line, once the ride has begun.
-        domain_id: ROS domain of its nodes, likewise.
-    """
-
-    course: Course | None = None
-    domain_id = 0
+    thread_name = "live ride"
 
     def __init__(self, settings: LiveSettings, tell: Callable[[dict[str, Any]], None]) -> None:
         """Prepare a ride.
@@ -84,62 +60,27 @@ class LiveRide:
             settings: what is ridden.
             tell: called from the ride's thread with each message for the page.
         """
+        super().__init__(tell)
         self._settings = settings
-        self._tell = tell
         self._hands = HandRider()
         self._by_hand = False
         self._paused = False
         self._steps_asked = 0
         self._pace = 1.0
         self._wished_at = self._told_at = 0.0
-        self._requests: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
-        self._ended = threading.Event()
-        self._begun = threading.Event()
-        self._failure: BaseException | None = None
-        self._thread = threading.Thread(target=self._run, name="live ride", daemon=True)
-
-    def start(self) -> None:
-        """Begin, and return when the first state is there.
-
-        Raises:
-            NodeLost: the simulator did not appear. ValueError: a rider that cannot ride this.
-        """
-        self._thread.start()
-        self._begun.wait()
-        self.check()
-
-    def check(self) -> None:
-        """Raise what ended the ride, if anything did."""
-        if self._failure is not None:
-            raise self._failure
-
-    def end(self) -> None:
-        """End the ride, close its recording, and wait for that."""
-        self._ended.set()
-        self._thread.join()
-
-    def ask(self, request: dict[str, Any]) -> None:
-        """Put in a request, checked by `checked_request`."""
-        self._requests.put(request)
 
     # ------------------------------------------------------------------------------------------------ in its own thread
 
-    def _run(self) -> None:
-        try:
-            with ExitStack() as opened:
-                client = opened.enter_context(RosClient(self._settings.config))
-                self.domain_id = client.domain_id
-                self._begin(client)  # before it is recorded: a new node stands at the beginning of some other course
-                recorder = self._record(opened, client)
-                self._begun.set()
-                self._ride(client)
-                if recorder is not None:
-                    recorder.finish()
-        except BaseException as error:
-            self._failure = error
-        finally:
+    def _live(self) -> None:
+        with ExitStack() as opened:
+            client = opened.enter_context(RosClient(self._settings.config))
+            self.domain_id = client.domain_id
+            self._begin(client)  # before it is recorded: a new node stands at the beginning of some other course
+            recorder = self._record(opened, client)
             self._begun.set()
-            self._tell({"ended": True})
+            self._ride(client)
+            if recorder is not None:
+                recorder.finish()
 
     def _record(self, opened: ExitStack, client: RosClient) -> NodeProcess | None:
         path = self._settings.recording
@@ -196,8 +137,7 @@ class LiveRide:
     def _obey(self) -> bool:
         """Do what was asked for; whether a new episode is."""
         reset = False
-        while not self._requests.empty():
-            request = self._requests.get()
+        for request in self._asked():
             kind = request["type"]
             if kind == "input":
                 self._hands.steering, self._hands.throttle = request["steering"], request["throttle"]
@@ -240,68 +180,4 @@ class LiveRide:
             self._told_at = now
             self._tell({"state": state_values(snapshot, self._places), "sent": round(1e3 * time.time(), 2)})
         for event in snapshot.events:
-            message: dict[str, Any] = {"event": event.text}
-            if event.kind is EventKind.LAP:
-                message["lap"] = event.value
-            self._tell(message)
-
-
-def state_names(powered: bool) -> tuple[str, ...]:
-    """Return the names of what is told of a state, in order; of vehicles with signals it is more."""
-    return (*STATE_NAMES, *WHEELS) if powered else STATE_NAMES
-
-
-def places_of(signals: Sequence[str]) -> list[int]:
-    """Return where the signals of `WHEELS` stand among a vehicle's; none where it has no signals."""
-    return [list(signals).index(name) for name in WHEELS.values()] if len(signals) else []
-
-
-def state_values(snapshot: Snapshot, places: Sequence[int]) -> list[float]:
-    """Return what is told of a state, in the order of `state_names`, with the signals at some places."""
-    state, look = snapshot.state, snapshot.look
-    values = (
-        snapshot.time,
-        look[lk.PROGRESS],
-        *(state[place] for place in (st.X, st.Y, st.YAW, st.ROLL, st.STEER)),
-        snapshot.speed,
-        look[lk.LATERAL_ERROR],
-        snapshot.steering,
-        max(snapshot.throttle, 0.0),
-        max(-snapshot.throttle, 0.0),
-        *(snapshot.signals[place] for place in places),
-    )
-    return [round(float(value), 5) for value in values]
-
-
-def checked_request(message: Any) -> dict[str, Any] | None:
-    """Return a request of the page with its values in bounds, or None if it is none.
-
-    Args:
-        message: what the page sent, decoded from JSON.
-    """
-    if not isinstance(message, dict):
-        return None
-    kind = message.get("type")
-    if kind == "input":
-        values = {name: _within(message.get(name), -1.0, 1.0) for name in ("steering", "throttle")}
-    elif kind == "pace":
-        values = {"factor": _within(message.get("factor"), *PACES)}
-    elif kind == "pause":
-        values = {"on": _flag(message.get("on"))}
-    elif kind == "rider":
-        values = {"hands": _flag(message.get("hands")), "balance": _flag(message.get("balance"))}
-    elif kind in ("step", "reset"):
-        values = {}
-    else:
-        return None
-    return None if None in values.values() else {"type": kind, **values}
-
-
-def _within(value: Any, low: float, high: float) -> float | None:
-    if isinstance(value, bool) or not isinstance(value, int | float) or value != value:
-        return None
-    return float(min(max(value, low), high))
-
-
-def _flag(value: Any) -> bool | None:
-    return value if isinstance(value, bool) else None
+            self._tell(event_message(event.kind, event.text, event.value))

@@ -6,8 +6,6 @@ through the simulator's services, which any node may call.
 
 from __future__ import annotations
 
-import queue
-import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -24,11 +22,11 @@ from bike_sim.course.course import Course
 from bike_sim.ros import messages, node_tools, wire
 from bike_sim.ros.isolation import prepare_discovery
 from bike_sim.ros.raw_subscription import RawSubscription
-from bike_sim.sim.events import EventKind
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.envs.node_process import NodeLost
-from bike_training.nodes.live_ride import places_of, state_values
+from bike_training.nodes.live_messages import event_message, places_of, state_values
+from bike_training.nodes.live_thread import LiveThread
 
 PERIOD: Final = 1.0 / 40.0
 """Wall-clock time between two visits to the states, s. Each tells at most one: the page must not take the processors
@@ -43,17 +41,15 @@ POSSIBLE: Final = ("pause", "reset")
 """Requests of the page that a watcher can pass on."""
 
 
-class LiveWatch:
-    """Tells about the rides of a simulator until `end`; a simulator that is started again is found again.
+class LiveWatch(LiveThread):
+    """Tells about the rides of a simulator until `end`, which goes on; one that is started again is found again.
 
     Attributes:
-        course: the followed line, once the simulator is found.
         machine: name of the vehicle.
         powered: whether it has throttle and brake.
-        domain_id: ROS domain of the simulator.
     """
 
-    course: Course | None = None
+    thread_name = "live watch"
     machine = ""
     powered = False
 
@@ -66,13 +62,9 @@ class LiveWatch:
             tell: called from the watcher's thread with each message for the page. ``{"course": True}`` says that the
                 page was made for another course than that of the states that follow.
         """
+        super().__init__(tell)
         self.domain_id = domain_id
         self.namespace = f"/{namespace.strip('/')}"
-        self._tell = tell
-        self._requests: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
-        self._ended = threading.Event()
-        self._begun = threading.Event()
-        self._failure: BaseException | None = None
         self._start: EpisodeStart | None = None
         self._course_message: CourseMessage | None = None
         self._events: list[RideEvent] = []
@@ -80,32 +72,11 @@ class LiveWatch:
         self._shown: tuple[int, int] | None = None
         self._paused = self._gone = False
         self._heard_at = 0.0
-        self._thread = threading.Thread(target=self._run, name="live watch", daemon=True)
-
-    def start(self) -> None:
-        """Begin, and return when course and first state are there.
-
-        Raises:
-            NodeLost: no simulator appeared.
-        """
-        self._thread.start()
-        self._begun.wait()
-        self.check()
-
-    def check(self) -> None:
-        """Raise what ended the watch, if anything did."""
-        if self._failure is not None:
-            raise self._failure
-
-    def end(self) -> None:
-        """Leave the domain; the simulator goes on."""
-        self._ended.set()
-        self._thread.join()
 
     def ask(self, request: dict[str, Any]) -> None:
         """Put in a request, checked by `checked_request`; one that a watcher cannot pass on does nothing."""
         if request["type"] in POSSIBLE:
-            self._requests.put(request)
+            super().ask(request)
 
     def status(self) -> dict[str, Any]:
         """What of the ride is known, for the page."""
@@ -113,20 +84,14 @@ class LiveWatch:
 
     # ------------------------------------------------------------------------------------------------ in its own thread
 
-    def _run(self) -> None:
+    def _live(self) -> None:
+        prepare_discovery()
+        context = Context()
+        context.init(args=[], domain_id=self.domain_id)
         try:
-            prepare_discovery()
-            context = Context()
-            context.init(args=[], domain_id=self.domain_id)
-            try:
-                self._watch(context)
-            finally:
-                context.try_shutdown()
-        except BaseException as error:
-            self._failure = error
+            self._watch(context)
         finally:
-            self._begun.set()
-            self._tell({"ended": True})
+            context.try_shutdown()
 
     def _watch(self, context: Context) -> None:
         node = Node(
@@ -200,10 +165,7 @@ class LiveWatch:
             if self._start is not None and snapshot.episode == self._start.episode:
                 self._show(snapshot, sent)
         for event in self._events:
-            message: dict[str, Any] = {"event": event.text}
-            if event.kind == EventKind.LAP:
-                message["lap"] = event.value
-            self._tell(message)
+            self._tell(event_message(event.kind, event.text, event.value))
         self._events.clear()
 
     def _show(self, snapshot: Snapshot, sent: int) -> None:
@@ -228,8 +190,7 @@ class LiveWatch:
         self._gone = gone
 
     def _obey(self) -> None:
-        while not self._requests.empty():
-            request = self._requests.get()
+        for request in self._asked():
             if request["type"] == "pause" and self._pause_service.service_is_ready():
                 future = self._pause_service.call_async(Pause.Request(paused=request["on"]))
                 future.add_done_callback(lambda _, on=request["on"]: self._on_paused(on))
