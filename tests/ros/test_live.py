@@ -29,6 +29,7 @@ from websockets.sync.client import connect
 
 from bike_analysis import compare, open_ride
 from bike_analysis.page.live_page import Ghost, ghost_of, live_view, render_live_page
+from bike_analysis.page.settings import recorded_settings, settings_words
 from bike_analysis.page.view import Series
 from bike_policy.riders.hands import HandRider
 from bike_policy.riders.rider import make_rider
@@ -398,6 +399,9 @@ def test_a_lap_is_ridden_by_keys_and_lies_beside_another(browser: webdriver.Chro
     ride.check()
     recording = open_ride(path)
     assert [ride.course.name for ride in recording.rides] == ["small circle"] * 2  # before and after the restart
+    told = settings_words(*ride.settings)
+    assert told == ["a command every 50 ms", "engine pybullet", "steps of 1 ms"]
+    assert recorded_settings(recording.data) == told
     last = recording.rides[-1]
     assert len(last.laps) >= 3
     by_hand, by_computer = last.laps[0], last.laps[-1]
@@ -444,7 +448,8 @@ def test_a_simulator_that_runs_is_watched_paused_and_restarted(
 
     def page(origin: str) -> str:
         assert watch.course is not None
-        return render_live_page(live_view(watch.course, watch.machine, False), None, STATE_NAMES, False, origin)
+        view, words = live_view(watch.course, watch.machine, False), settings_words(*watch.settings)
+        return render_live_page(view, None, STATE_NAMES, False, origin, words)
 
     times = lambda: [message["state"][0] for message in told if "state" in message]  # noqa: E731
     watch = LiveWatch(ridden_by_others, "bike", tell)
@@ -452,10 +457,13 @@ def test_a_simulator_that_runs_is_watched_paused_and_restarted(
         watch.start()
         assert watch.course is not None
         assert (watch.machine, watch.course.name, watch.powered) == ("whipple", "circle", False)
+        assert settings_words(*watch.settings) == ["a command every 50 ms", "engine pybullet", "steps of 1 ms"]
         servers.append(LiveServer(page, watch.ask, watch.status))
         servers[0].start()
         browser.get(servers[0].address)
         wait = WebDriverWait(browser, 30)
+        header = browser.find_element(By.TAG_NAME, "header").text
+        assert "a command every 50 ms · engine pybullet · steps of 1 ms · page by two-wheeler-lab" in header
         wait.until(lambda b: b.execute_script("return +(document.querySelector('.view').dataset.states ?? 0)") > 10)
         assert times() == sorted(times())
         assert not browser.find_elements(By.CSS_SELECTOR, ".pad, .live-bar input, .live-bar select, [data-live=step]")

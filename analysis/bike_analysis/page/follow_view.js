@@ -39,8 +39,9 @@ function followDrawing(canvas, columns, { title, lapTime, edges, line, step, ope
     const dx = x - cam.x, dy = y - cam.y;
     return [cam.c * dx + cam.s * dy, -cam.s * dx + cam.c * dy];
   }
-  // A strip between two polylines, cut at the near plane.
+  // A strip between two polylines, cut at the near plane; all of one colour is one path, which is filled much sooner than many.
   function strip(cam, ax, ay, bx, by, first, last, colour) {
+    const corners = new Map();
     if (open) { first = Math.max(first, 0); last = Math.min(last, E - 1); }
     for (let k = last - 1; k >= first; k--) {
       const i = ((k % E) + E) % E, j = (i + 1) % E;
@@ -55,13 +56,21 @@ function followDrawing(canvas, columns, { title, lapTime, edges, line, step, ope
         }
       }
       if (cut.length < 3) continue;
-      g.fillStyle = typeof colour === "function" ? colour(k) : colour;
+      const ink = typeof colour === "function" ? colour(k) : colour;
+      if (!corners.has(ink)) corners.set(ink, []);
+      corners.get(ink).push(cut);
+    }
+    for (const [ink, quads] of corners) {
+      g.fillStyle = ink;
       g.beginPath();
-      cut.forEach((p, q) => {
-        const X = W / 2 - FOCAL * p[1] / p[0], Y = HORIZON + FOCAL * UP / p[0];
-        q ? g.lineTo(X, Y) : g.moveTo(X, Y);
-      });
-      g.closePath(); g.fill();
+      for (const cut of quads) {
+        cut.forEach((p, q) => {
+          const X = W / 2 - FOCAL * p[1] / p[0], Y = HORIZON + FOCAL * UP / p[0];
+          q ? g.lineTo(X, Y) : g.moveTo(X, Y);
+        });
+        g.closePath();
+      }
+      g.fill();
     }
   }
   function beside(u) {           // a polyline between the limits: 0 left, 1 right
@@ -204,6 +213,8 @@ function followDrawing(canvas, columns, { title, lapTime, edges, line, step, ope
   function draw(k) {
     ride = columns();
     const cam = cameraAt(k);
+    g.save();
+    g.scale(canvas.width / W, canvas.height / H);
     g.clearRect(0, 0, W, H);
     g.save();
     g.beginPath(); g.rect(0, 0, W, H); g.clip();
@@ -227,6 +238,7 @@ function followDrawing(canvas, columns, { title, lapTime, edges, line, step, ope
     const enlarged = Math.min(1.4, Math.max(1, 560 / (canvas.clientWidth || W)));   // to be read on a phone
     g.save(); g.scale(enlarged, enlarged); instruments(k); g.restore();
     g.save(); g.translate(W, 0); g.scale(enlarged, enlarged); g.translate(-W, 0); map(k); g.restore();
+    g.restore();
   }
   return draw;
 }
@@ -235,9 +247,16 @@ class FollowPart {
   constructor(view, figure, spec) {
     this.view = view;
     this.figure = figure;
-    const canvas = figure.querySelector("canvas");
-    this.drawing = followDrawing(canvas, () => view.main.columns, spec);
-    new ResizeObserver(() => view.redraw(part => part === this)).observe(canvas);
+    this.canvas = figure.querySelector("canvas");
+    this.shape = [this.canvas.width, this.canvas.height];
+    this.drawing = followDrawing(this.canvas, () => view.main.columns, spec);
+    new ResizeObserver(() => this.refit()).observe(this.canvas);
+  }
+  // Pixels that nobody sees are not painted: without a graphics processor they are most of what a frame takes.
+  refit() {
+    const { canvas, shape: [most, high] } = this, width = Math.min(most, Math.round(canvas.clientWidth * devicePixelRatio));
+    if (width && width !== canvas.width) Object.assign(canvas, { width, height: Math.round(width * high / most) });
+    this.view.redraw(part => part === this);
   }
   draw() { this.drawing(this.view.place); }
   point() { if (this.seen && this.view.moved) this.draw(); }

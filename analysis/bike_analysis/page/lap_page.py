@@ -14,6 +14,7 @@ from bike_analysis.figures.lap_recording import LapRecording, Theory, timing_agr
 from bike_analysis.figures.numbers import best_sectors_together, best_times, lap_text
 from bike_analysis.page.html import html_text, key_html, table_html
 from bike_analysis.page.lap_view import lap_view, theory_columns
+from bike_analysis.page.settings import recorded_settings
 from bike_analysis.page.shell import page_shell, program_version
 from bike_analysis.page.view import View, view_html
 from bike_analysis.read.tables import Floats
@@ -75,7 +76,7 @@ def _header(laps: LapRecording) -> list[str]:
     notes = dict(recording.notes)
     words = [f"machine {recording.vehicle}", f"circuit {track.name}, {track.length:.0f} m"]
     words.append(f"rider {notes.pop('policy', 'unknown')}")
-    words.append(f"a command every {1e3 * float(laps.ride.states.control_period[0]):.0f} ms")
+    words += recorded_settings(recording)
     if "recorded" in notes:
         words.append(f"recorded {notes.pop('recorded')}")
     words += [f"{name} {value}" for name, value in notes.items() if name not in ("vehicle", "circuit")]

@@ -4,11 +4,12 @@ const KEPT_S = 30;            // shown and kept
 const WISH_MS = 33;           // between two wishes
 const KEY_RATE = 3.5;         // full lean by keys takes this part of a second
 const MAP_EVERY = 6;          // frames; its mark moves with each
+const PANELS_EVERY = 3;       // likewise, each in its turn: half a minute of traces moves by less than a pixel in a frame
 const DEAD = 0.08;            // of a gamepad's stick
 
 class Live {
   constructor(view, spec) {
-    Object.assign(this, { view, spec, bar: document.querySelector(".live-bar"), frames: [], delays: [], states: 0 });
+    Object.assign(this, { view, spec, bar: document.querySelector(".live-bar"), frames: [], delays: [], states: 0, drawn: 0 });
     this.keys = new Set();
     this.pads = { steering: 0, throttle: 0 };
     this.wish = { steering: 0, throttle: 0 };
@@ -66,8 +67,10 @@ class Live {
     const last = time[time.length - 1];
     view.range = [Math.max(last - KEPT_S, time[0]), Math.max(last, time[0] + 1)];
     view.place = time.length - 1;
-    view.moved = true;
-    view.redraw(part => part.ranged && (!part.late || this.frames.length % MAP_EVERY === 0));
+    this.drawn += 1;
+    view.redraw((part, k) => (this.drawn + k) % (part.late ? MAP_EVERY : part.ranged ? PANELS_EVERY : 1) === 0);
+    for (const part of view.parts) if (part.late) part.point();
+    view.frameNow();
     view.root.dataset.states = this.states;
     this.measure();
   }

@@ -14,9 +14,10 @@ from bike_analysis.page.compare_view import run_columns
 from bike_analysis.page.follow import edge, follow_spec
 from bike_analysis.page.html import html_text
 from bike_analysis.page.ride_view import BRAKE, ERROR, LOAD, SLIP, SPEED, THROTTLE
-from bike_analysis.page.shell import page_shell
+from bike_analysis.page.shell import page_shell, program_version
 from bike_analysis.page.view import KMH, MapLine, Panel, PanelLine, Series, View, series_colour, view_html
 from bike_analysis.read.tables import Floats
+from bike_analysis.read.text import LONGEST_SENTENCE
 from bike_sim.course.course import Course
 
 _LEAN: Final = Panel(
@@ -119,7 +120,13 @@ def _closed(course: Course, x: Floats, y: Floats) -> tuple[Floats, Floats]:
 
 
 def render_live_page(
-    view: View, rider: str | None, names: Sequence[str], powered: bool, host: str, words: str = "", laps: bool = False
+    view: View,
+    rider: str | None,
+    names: Sequence[str],
+    powered: bool,
+    host: str,
+    words: Sequence[str] = (),
+    laps: bool = False,
 ) -> str:
     """Return the page.
 
@@ -130,7 +137,7 @@ def render_live_page(
         names: Columns of the states that come through the WebSocket, in order.
         powered: Whether the vehicle has throttle and brake.
         host: Origin of the WebSocket, for the content security policy.
-        words: Said below the title instead of the rider.
+        words: Said below the title, after the rider if there is one.
         laps: Whether the view's ghost begins again with each lap.
     """
     title = view.title
@@ -140,11 +147,10 @@ def render_live_page(
     steers = rider is not None
     spec = {"names": list(names), "scales": scales, "powered": powered, "watched": not steers, "ghostLaps": laps}
     parts = [_controls(rider, powered), view_html(view), *([_pads(powered)] if steers else [])]
-    words = words or f"rider of the computer: {rider} · recorded as it is ridden"
+    told = [f"rider of the computer: {rider}", "recorded as it is ridden"] if rider is not None else []
+    below = html_text(" · ".join([*told, *words, f"page by {program_version()}"]), LONGEST_SENTENCE)
     keys = (*_STEER_KEYS, *_KEYS, *_OTHER_HANDS) if steers else _KEYS
-    return page_shell(
-        title, f'<p class="soft">{html_text(words)}</p>', parts, [view], connect=host, live=spec, keys=keys
-    )
+    return page_shell(title, f'<p class="soft">{below}</p>', parts, [view], connect=host, live=spec, keys=keys)
 
 
 def _controls(rider: str | None, powered: bool) -> str:

@@ -153,10 +153,11 @@ class View {
   }
 
   redraw(which = () => true) {
-    for (const part of this.parts) if (which(part)) this.dirty.add(part);
+    this.parts.forEach((part, k) => { if (which(part, k)) this.dirty.add(part); });
     this.ask();
   }
   ask() { this.asked ||= requestAnimationFrame(() => this.frame()); }
+  frameNow() { cancelAnimationFrame(this.asked); this.frame(); }
   // Draws what is due of the seen parts, as far as the time of a frame allows; first what has the pointer or the focus.
   frame() {
     this.asked = 0;

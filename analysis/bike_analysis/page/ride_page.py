@@ -13,6 +13,7 @@ from bike_analysis.figures.recorded import RecordedRide, RideRecording, folder_p
 from bike_analysis.page.compare_view import comparison_view, comparison_words, sector_table
 from bike_analysis.page.html import html_text, key_html, table_html
 from bike_analysis.page.ride_view import ride_view
+from bike_analysis.page.settings import recorded_settings
 from bike_analysis.page.shell import page_shell, program_version
 from bike_analysis.page.view import View, view_html
 from bike_analysis.read.rides import Ride
@@ -101,15 +102,9 @@ def _subtitle(recording: RideRecording, file: str) -> str:
     words += [f"{total:.1f} s of simulated time", f"{way:.0f} m", f"{recording.data.message_count:,} messages"]
     if recording.vehicle:
         words.append(f"vehicle {recording.vehicle}")
-    words += [f"a command every {1e3 * period:.0f} ms" for period in _periods(recording)]
+    words += recorded_settings(recording.data)
     words += [f"{name} {value}" for name, value in recording.data.notes.items() if name != "vehicle"]
     return f'<p class="soft">{html_text(" · ".join(words), LONGEST_SENTENCE)}</p>'
-
-
-def _periods(recording: RideRecording) -> list[float]:
-    """Control periods of a recording's rides, s; those of messages that do not tell theirs are left out."""
-    told = {float(period) for ride in recording.rides for period in ride.data.states.control_period[:1]}
-    return sorted(period for period in told if period > 0.0)
 
 
 def _warnings(recording: RideRecording, file: str) -> str:

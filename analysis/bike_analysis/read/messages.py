@@ -1,4 +1,4 @@
-"""Messages that are decoded one by one: courses, events, and what nodes report on diagnostics."""
+"""Messages that are decoded one by one: beginnings, courses, events, and what nodes report on diagnostics."""
 
 from __future__ import annotations
 
@@ -15,12 +15,28 @@ EVENT_KINDS: Final = ("reset", "fall", "off_course", "wall", "lap", "finish", "s
 """Names of ``RideEvent.kind``, by number."""
 LONGEST_COURSE: Final = 1e7
 """m."""
-DECODED_BY_MESSAGE: Final = ("bike_msgs/msg/Course", "bike_msgs/msg/RideEvent", "diagnostic_msgs/msg/DiagnosticArray")
+DECODED_BY_MESSAGE: Final = (
+    *("bike_msgs/msg/EpisodeStart", "bike_msgs/msg/Course", "bike_msgs/msg/RideEvent"),
+    "diagnostic_msgs/msg/DiagnosticArray",
+)
 """Types of these messages."""
 
 _LATENCY_KEY: Final = re.compile(r"^(?:\w+_)?latency_(median|p50|p99)_(s|ms|us)$")
 _COUNT: Final = re.compile(r"[0-9]{1,18}")
 _SECONDS: Final = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """How the motion was computed (``bike_msgs/EpisodeStart``).
+
+    Attributes:
+        engine: Physics engine; empty where it was not recorded.
+        time_step: Integration step, s; 0 where it was not recorded.
+    """
+
+    engine: str
+    time_step: float
 
 
 @dataclass(frozen=True)
@@ -102,6 +118,18 @@ class Latency:
 
 def _floats(values: Any) -> Floats:
     return np.array(values, dtype=np.float64)
+
+
+def simulation_of(_: int, message: Any) -> Simulation:
+    """How an episode's motion was computed; nothing that it does not tell.
+
+    Raises:
+        ValueError: If its step is no time.
+    """
+    time_step = float(getattr(message, "time_step", 0.0))
+    if not 0.0 <= time_step <= LARGEST:
+        raise ValueError(f"a time step of {time_step:.3g} s")
+    return Simulation(str(getattr(message, "engine", "")), time_step)
 
 
 def course_of(order: int, message: Any) -> RecordedCourse:

@@ -24,12 +24,14 @@ from bike_analysis.read.messages import (
     RecordedCourse,
     RecordedEvent,
     Report,
+    Simulation,
     course_of,
     dropped_messages,
     event_of,
     latency_of,
     own_reports,
     reports_of,
+    simulation_of,
 )
 from bike_analysis.read.motion import MOTION_TYPES, Motion, states_of_motion
 from bike_analysis.read.sorting import MessageSorter
@@ -71,6 +73,7 @@ class Recording:
         message_count: Messages read, of all topics.
         telemetry: What tyres and engine did, or None where it was not recorded.
         topics: Number of messages read by topic.
+        simulations: How motion was computed, each way once; one way for most recordings, none without beginnings.
         dropped_messages: Messages that the recorder had to give up, as it reported them; None without a report.
     """
 
@@ -88,6 +91,7 @@ class Recording:
     message_count: int
     telemetry: Telemetry | None = None
     topics: dict[str, int] = field(default_factory=dict)
+    simulations: tuple[Simulation, ...] = ()
     dropped_messages: int | None = None
 
 
@@ -143,6 +147,7 @@ class _Reader:
             warnings=tuple(found.warnings),
             message_count=found.message_count,
             telemetry=self._telemetry(f"{name}/telemetry"),
+            simulations=tuple(dict.fromkeys(self._converted(f"{name}/episode", simulation_of))),
             topics=dict(sorted(found.counts.items())),
             dropped_messages=dropped_messages(reports, name),
         )

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from bike_analysis import compare
 from bike_analysis.page.live_page import ghost_of, live_view, render_live_page
+from bike_analysis.page.settings import settings_words
 from bike_analysis.report import analyze
 from bike_policy.contract.bundle import DEFAULT_POLICY
 from bike_policy.riders.classical import CLASSICAL
@@ -154,9 +155,8 @@ def _live(args: argparse.Namespace, recording: Path) -> dict[str, Any]:
         assert ride.course is not None
         ghost = ghost_of(against, ride.course) if against is not None else None
         view = live_view(ride.course, machine.name, powered, ghost)
-        page = partial(
-            render_live_page, view, rider.name, state_names(powered), powered, laps=ghost is not None and ghost.is_lap
-        )
+        words, is_lap = settings_words(*ride.settings), ghost is not None and ghost.is_lap
+        page = partial(render_live_page, view, rider.name, state_names(powered), powered, words=words, laps=is_lap)
         return LiveServer(page, ride.ask, ride.status, args.port)
 
     wall = _serve(args, ride, tally, serve)
@@ -177,7 +177,8 @@ def _watch(args: argparse.Namespace) -> dict[str, Any]:
     def page(origin: str) -> str:
         assert watch.course is not None
         view = live_view(watch.course, watch.machine, watch.powered)
-        words = f"watched at {watch.namespace} in ROS domain {domain} · who started it rides and records"
+        words = [f"watched at {watch.namespace} in ROS domain {domain}", "who started it rides and records"]
+        words += settings_words(*watch.settings)
         return render_live_page(view, None, state_names(watch.powered), watch.powered, origin, words)
 
     tally.page = page

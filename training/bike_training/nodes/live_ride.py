@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from bike_analysis.read.messages import Simulation
 from bike_policy.riders.hands import HANDS, HandRider
 from bike_policy.riders.rider import Rider
 from bike_sim.sim.config import SimulatorConfig
@@ -61,6 +62,8 @@ class LiveRide(LiveThread):
             tell: called from the ride's thread with each message for the page.
         """
         super().__init__(tell)
+        config = settings.config
+        self.settings = (config.control_period, Simulation(config.engine, config.time_step))
         self._settings = settings
         self._hands = HandRider()
         self._by_hand = False

@@ -11,6 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from typing import Any, ClassVar
 
+from bike_analysis.read.messages import Simulation
 from bike_sim.course.course import Course
 
 
@@ -20,11 +21,13 @@ class LiveThread(ABC):
     Attributes:
         course: the followed line, once the ride has begun.
         domain_id: ROS domain of its nodes, likewise.
+        settings: control period, s, and how the motion is computed, likewise.
     """
 
     thread_name: ClassVar[str]
     course: Course | None = None
     domain_id = 0
+    settings: tuple[float, Simulation | None] = (0.0, None)
 
     def __init__(self, tell: Callable[[dict[str, Any]], None]) -> None:
         """Prepare.

@@ -18,6 +18,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
+from bike_analysis.read.messages import Simulation
 from bike_sim.course.course import Course
 from bike_sim.ros import messages, node_tools, wire
 from bike_sim.ros.isolation import prepare_discovery
@@ -28,7 +29,7 @@ from bike_training.envs.node_process import NodeLost
 from bike_training.nodes.live_messages import event_message, places_of, state_values
 from bike_training.nodes.live_thread import LiveThread
 
-PERIOD: Final = 1.0 / 40.0
+PERIOD: Final = 1.0 / 30.0
 """Wall-clock time between two visits to the states, s. Each tells at most one: the page must not take the processors
 from a simulator that rides as fast as it can."""
 MOST_AT_ONCE: Final = 1000
@@ -141,6 +142,7 @@ class LiveWatch(LiveThread):
         """Take over the course and the vehicle of the present episode."""
         assert self._start is not None
         self.course = messages.course_from_message(self._course_message)
+        self.settings = (self._start.control_period, Simulation(self._start.engine, self._start.time_step))
         self.powered = bool(self._start.signal_names)
         self._places = places_of(self._start.signal_names)
         try:
