@@ -205,6 +205,12 @@ def circle() -> Callable[..., SyntheticRide]:
 
 
 @pytest.fixture(scope="session")
+def old_recording() -> Path:
+    """A ride that an older version recorded; see `test_old_recordings.py`."""
+    return Path(__file__).parent / "recordings" / "ride_of_2be20ba.mcap"
+
+
+@pytest.fixture(scope="session")
 def evil_names() -> tuple[str, ...]:
     return EVIL_NAMES
 

@@ -46,6 +46,7 @@ from bike_analysis.page.view import (
     view_html,
 )
 from bike_analysis.read.text import shown
+from bike_analysis.report import analyze
 
 FLAGS = (
     *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--hide-scrollbars"),
@@ -207,15 +208,25 @@ def settled(browser: webdriver.Chrome) -> None:
       requestAnimationFrame(() => requestAnimationFrame(look));""")
 
 
-def test_every_plot_is_drawn_and_nothing_is_asked_for(opened: Opener, ride_page: Path) -> None:
-    browser = opened(ride_page)
-    drawn = browser.execute_script("""
+def inked_pixels(browser: webdriver.Chrome, where: str = "main") -> list[tuple[str, int]]:
+    """Opaque pixels of each plot of a part of the page."""
+    drawn = browser.execute_script(
+        """
       const inked = f => new Uint32Array(canvasData(f).buffer).filter(pixel => pixel >>> 24 > 200).length;
       const canvasData = f => {
         const canvas = f.querySelector("canvas");
         return canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
       };
-      return [...document.querySelectorAll("figure[data-plot]")].map(f => [f.dataset.plot, inked(f)])""")
+      const figures = document.querySelectorAll(`${arguments[0]} figure[data-plot]`);
+      return [...figures].map(f => [f.dataset.plot, inked(f)])""",
+        where,
+    )
+    return [(str(key), int(pixels)) for key, pixels in drawn]
+
+
+def test_every_plot_is_drawn_and_nothing_is_asked_for(opened: Opener, ride_page: Path) -> None:
+    browser = opened(ride_page)
+    drawn = inked_pixels(browser)
     assert [key for key, _ in drawn] == ["map", "error", "lean", "speed", "command", "age"]
     assert all(pixels > 500 for _, pixels in drawn), drawn
     messages = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
@@ -224,6 +235,24 @@ def test_every_plot_is_drawn_and_nothing_is_asked_for(opened: Opener, ride_page:
     asked = [params["request"]["url"] for params in sent if params["documentURL"] == ride_page.as_uri()]
     assert asked, "the performance log shows at least the page itself"
     assert not [url for url in asked if not url.startswith(("file:", "data:", "blob:"))]
+
+
+def test_a_recording_of_an_older_version_is_drawn(opened: Opener, old_recording: Path, tmp_path: Path) -> None:
+    """Alone, and beside another ride of the course; `test_old_recordings.py` reads its figures."""
+    analyze([old_recording], tmp_path / "alone")
+    browser = opened(tmp_path / "alone" / "ride.html")
+    drawn = inked_pixels(browser)
+    assert [key for key, _ in drawn] == ["map", "error", "lean", "speed", "command", "age"]
+    assert all(pixels > 500 for _, pixels in drawn), drawn
+    words = browser.find_element(By.TAG_NAME, "header").text
+    assert "a command every 50 ms" in words
+    assert "engine" not in words, "it does not tell"
+    again = shutil.copy(old_recording, tmp_path / "again.mcap")
+    analyze([old_recording, again], tmp_path / "both")
+    browser = opened(tmp_path / "both" / "ride.html")
+    beside = inked_pixels(browser, "#comparison")
+    assert {key for key, pixels in beside if pixels > 500} >= {"map", "error", "lean", "speed"}, beside
+    assert not [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
 
 
 def test_the_policy_refuses_requests(opened: Opener, ride_page: Path) -> None:
