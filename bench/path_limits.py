@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from bike_policy.riders.rider import make_rider
+from bike_policy.riders.making import make_rider
 from bike_sim.course import projection
 from bike_sim.course.course import Course
 from bike_sim.course.files import load_course

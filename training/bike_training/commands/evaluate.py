@@ -15,7 +15,8 @@ from tqdm import tqdm
 
 from bike_policy.contract.bundle import DEFAULT_POLICY
 from bike_policy.riders.disturbed import DisturbedRider
-from bike_policy.riders.rider import RIDERS, Rider, bundle_of, make_rider
+from bike_policy.riders.making import RIDERS, bundle_of, make_rider
+from bike_policy.riders.rider import Rider
 from bike_sim.course.files import load_course
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.disturbances import Disturbances, load_disturbances, shipped_disturbances

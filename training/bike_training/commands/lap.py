@@ -19,7 +19,8 @@ from bike_analysis.figures.numbers import lap_text
 from bike_analysis.page.lap_page import lap_figures, write_lap_report
 from bike_analysis.report import analyze
 from bike_policy.riders.classical import CLASSICAL
-from bike_policy.riders.rider import Rider, make_rider
+from bike_policy.riders.making import make_rider
+from bike_policy.riders.rider import Rider
 from bike_sim.course.files import shipped_tracks
 from bike_sim.recording.in_use import claim_folder
 from bike_sim.sim.snapshot import Snapshot

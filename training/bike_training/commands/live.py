@@ -16,7 +16,7 @@ from bike_analysis.page.settings import settings_words
 from bike_analysis.report import analyze
 from bike_policy.contract.bundle import DEFAULT_POLICY
 from bike_policy.riders.classical import CLASSICAL
-from bike_policy.riders.rider import make_rider
+from bike_policy.riders.making import make_rider
 from bike_sim.course.files import load_course, shipped_tracks
 from bike_sim.recording.in_use import claim_folder
 from bike_sim.sim.config import SimulatorConfig

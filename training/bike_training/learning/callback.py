@@ -6,16 +6,15 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
-from typing import TYPE_CHECKING, Final
+from typing import Final, Protocol
 
 from stable_baselines3.common.callbacks import BaseCallback
 
 from bike_training.curricula.base import EndedEpisode
 from bike_training.interruption import signals_handled
 from bike_training.learning import selection
-
-if TYPE_CHECKING:
-    from bike_training.learning.process import LearningProcess
+from bike_training.learning.progress import Progress
+from bike_training.learning.run_settings import RunSettings
 
 LOG_EVERY: Final = 1000
 """Learning steps between two rows of the logs."""
@@ -23,6 +22,29 @@ LOG_EVERY: Final = 1000
 
 class StopLearning(Exception):
     """Ends a run at a point where a checkpoint is whole."""
+
+
+class Run(Protocol):
+    """What of a run the learner's loop calls between two steps.
+
+    Attributes:
+        progress: of the run. settings: of the run.
+    """
+
+    progress: Progress
+    settings: RunSettings
+
+    def validate(self) -> None:
+        """Validate the present actor."""
+        ...
+
+    def select(self) -> None:
+        """Compare the present actor with the best one."""
+        ...
+
+    def save(self) -> None:
+        """Write a checkpoint."""
+        ...
 
 
 class LearningCallback(BaseCallback):
@@ -33,7 +55,7 @@ class LearningCallback(BaseCallback):
         stop_wanted: whether the run is to end before the next step.
     """
 
-    def __init__(self, process: LearningProcess, report: Callable[[LearningProcess], None] | None) -> None:
+    def __init__(self, process: Run, report: Callable[[], None] | None) -> None:
         """Serve a run; `report` is called between two steps."""
         super().__init__()
         self.process = process
@@ -70,7 +92,7 @@ class LearningCallback(BaseCallback):
             self.saved_at = self.num_timesteps
             process.save()
         if self.report:
-            self.report(process)
+            self.report()
         if self.stop_wanted:
             raise KeyboardInterrupt
         if process.settings.until_finished and progress.curriculum.finished:

@@ -155,7 +155,7 @@ class LearningProcess:
             NodeLost: a simulator behind ROS was lost; with a checkpoint too, for its rides begin anew anyway.
         """
         done = self.model.num_timesteps
-        callback = LearningCallback(self, report)
+        callback = LearningCallback(self, None if report is None else lambda: report(self))
         try:
             if done < self.steps:
                 self._open_logs()

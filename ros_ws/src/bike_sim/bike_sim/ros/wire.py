@@ -19,9 +19,9 @@ from bike_sim.ros.cdr import Codec
 from bike_sim.ros.command_gate import Command
 from bike_sim.ros.stamps import NANOSECONDS
 from bike_sim.sim import look as lk
-from bike_sim.sim.events import Event, EventKind
+from bike_sim.sim.events import Event, EventKind, WallHit
 from bike_sim.sim.request import Preview
-from bike_sim.sim.snapshot import CircuitView, Snapshot, WallHit
+from bike_sim.sim.snapshot import CircuitView, Snapshot
 from bike_sim.vehicles.bicycle import Vehicle
 
 FloatArray = NDArray[np.float64]

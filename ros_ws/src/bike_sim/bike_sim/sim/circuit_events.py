@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from bike_sim.course import timing_account as acc
 from bike_sim.course.lap_timing import LapLog
 from bike_sim.sim import circuit_look as cl
-from bike_sim.sim.events import Event, EventKind, fall_event, scrape_event, wall_event
-from bike_sim.sim.snapshot import WallHit
+from bike_sim.sim.events import Event, EventKind, WallHit, fall_event, scrape_event, wall_event
 
 
 def circuit_events(rows: NDArray[np.float64], log: LapLog) -> tuple[Event, ...]:

@@ -24,11 +24,12 @@ from bike_sim.physics.ground import flat_ground
 from bike_sim.sim import circuit_look as cl
 from bike_sim.sim import look as lk
 from bike_sim.sim.circuit_events import circuit_events
+from bike_sim.sim.events import WallHit
 from bike_sim.sim.ground import Road, lay_ground, road_of
 from bike_sim.sim.plant import Plant
 from bike_sim.sim.request import Preview
 from bike_sim.sim.scene import View
-from bike_sim.sim.snapshot import CircuitView, WallHit
+from bike_sim.sim.snapshot import CircuitView
 from bike_sim.theory.envelope import Envelope
 from bike_sim.theory.lap_limit import LapLimit, lap_limit
 

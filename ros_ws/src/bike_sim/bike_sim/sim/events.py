@@ -6,15 +6,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from bike_sim.course.course import Course
 from bike_sim.course.lap_timing import TimingEvent, TimingKind
 from bike_sim.course.line_crossings import LineCrossings
 from bike_sim.course.track import Track
-
-if TYPE_CHECKING:
-    from bike_sim.sim.snapshot import WallHit
 
 
 class EventKind(IntEnum):
@@ -29,6 +26,26 @@ class EventKind(IntEnum):
     SECTOR = 6
     BACK_ON_COURSE = 7
     SCRAPE = 8
+
+
+@dataclass(frozen=True, slots=True)
+class WallHit:
+    """A touch of a wall: a scrape, or the hit that ends a ride.
+
+    Attributes:
+        speed: m/s.
+        angle: between velocity and wall, rad, 0 along it.
+        energy: total kinetic energy, J.
+    """
+
+    speed: float
+    angle: float
+    energy: float
+
+    @property
+    def across(self) -> float:
+        """Part of the kinetic energy that goes across the wall, J."""
+        return self.energy * math.sin(self.angle) ** 2
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_sim.sim import look as lk
-from bike_sim.sim.events import Event
+from bike_sim.sim.events import Event, WallHit
 
 FloatArray = NDArray[np.float64]
 
@@ -26,26 +25,6 @@ DIVERGED: Final = "diverged"
 NO_SIGNALS: Final = np.zeros(0)
 """Signals of a vehicle that has none."""
 NO_SIGNALS.setflags(write=False)
-
-
-@dataclass(frozen=True, slots=True)
-class WallHit:
-    """A touch of a wall: a scrape, or the hit that ends a ride.
-
-    Attributes:
-        speed: m/s.
-        angle: between velocity and wall, rad, 0 along it.
-        energy: total kinetic energy, J.
-    """
-
-    speed: float
-    angle: float
-    energy: float
-
-    @property
-    def across(self) -> float:
-        """Part of the kinetic energy that goes across the wall, J."""
-        return self.energy * math.sin(self.angle) ** 2
 
 
 @dataclass(frozen=True, slots=True)
