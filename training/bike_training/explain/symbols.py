@@ -9,6 +9,8 @@ SYMBOLS: Final = {
     "steer": "steer δ",
     "roll_rate": "roll rate dφ/dt",
     "steer_rate": "steer rate dδ/dt",
+    "rear_wheel": "rear wheel angle",
+    "front_wheel": "front wheel angle",
     "front_wheel_rate": "front wheel rate",
     "yaw_cos": "cos ψ",
     "yaw_sin": "sin ψ",

@@ -18,8 +18,8 @@ _PREVIEW: Final = 4.0 * 0.4
 _SHOWN: Final = 8
 """Rows of Fig. 14 for each policy."""
 _FRAMES: Final = (
-    ("a", "full circle", -0.5),
-    ("b", "slalom", 31.4),
+    ("a", "full circle", -3.0),
+    ("b", "slalom", 23.6),
     ("c", "flat curve", 31.4),
     ("d", "soft lane change", 2.0),
     ("e", "hard lane change", 2.0),
@@ -57,7 +57,7 @@ def roll_and_steer(data: Data, plt: Any) -> Any:
 
 def frames(data: Data, plt: Any) -> Any:
     """Fig. 13: track of the rear contact, and six instants from above with the preview points."""
-    figure, axes = plt.subplot_mosaic("TTT;abc;def", figsize=(9, 11), layout="constrained", height_ratios=(3, 2, 2))
+    figure, axes = plt.subplot_mosaic("TTT;abc;def", figsize=(9, 10), layout="constrained", height_ratios=(4, 3, 3))
     course = load_course("benchmark")
     track = axes["T"]
     track.plot(course.x, course.y, color="0.75", lw=3, label="path")

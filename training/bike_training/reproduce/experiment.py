@@ -136,7 +136,9 @@ def setting_of(preset: str) -> str:
 
 
 def controller(folder: Path, setting: str, which: str) -> Bundle | None:
-    """Return the controller that a run deploys; None where it has none yet.
+    """Return the controller that a run deploys; None where it has none.
+
+    In the paper a run that has not ended its curriculum has none: two of alt(5) ride (Sect. 5.3.1).
 
     Args:
         folder: of the run.
@@ -149,7 +151,10 @@ def controller(folder: Path, setting: str, which: str) -> Bundle | None:
         return None
     checkpoint = Checkpoint(folder)
     with checkpoint.reading():
-        actor = stored_actor(checkpoint.run["progress"], which)
+        progress = checkpoint.run["progress"]
+        if which == "latest_success" and progress["curriculum"]["finished_at"] is None:
+            return None
+        actor = stored_actor(progress, which)
     if actor is None:
         return None
     task = PRESETS["paper" if setting == "prop" else setting].task.make()

@@ -86,7 +86,9 @@ def _learning(data: Data, plt: Any) -> Any:
                 continue
             steps = np.array([row.step for row in rows], float)
             curves.append((steps, _averaged([row.error for row in rows])))
-            bottom.step(steps, [row.part for row in rows], where="post", color=_COLOURS[name], lw=1)
+            ends = [run.finished_at for run in data.runs if (run.setting, run.seed) == (name, seed)]
+            parts = [*((row.step, row.part) for row in rows), *((end, 5) for end in ends if end >= 0)]
+            bottom.step(*zip(*parts, strict=True), where="post", color=_COLOURS[name], lw=1)
         if curves:
             grid = np.linspace(min(c[0][0] for c in curves), max(c[0][-1] for c in curves), 200)
             each = np.array([np.interp(grid, *curve, left=np.nan, right=np.nan) for curve in curves])
@@ -119,7 +121,7 @@ def _averaged(values: Sequence[float]) -> Any:
 def _distances(data: Data, plt: Any) -> Any:
     """Fig. 10: T(v) on random paths and on the benchmark path, and mean and maximum of the best controllers."""
     figure, (top, middle, bottom) = plt.subplots(3, 1, figsize=(7, 10), sharex=True, layout="constrained")
-    for axes, course in ((top, "random"), (middle, "benchmark")):
+    for axes, course, kind in ((top, "random", "paths"), (middle, "benchmark", "path")):
         for name in _settings(data):
             points = mean_distance(data, name, course)
             if not points:
@@ -128,7 +130,7 @@ def _distances(data: Data, plt: Any) -> Any:
             for speed, (mean, whole) in points.items():
                 axes.plot(speed, mean, "o", color=_COLOURS[name], alpha=1.0 if whole else 0.3, ms=4)
             axes.plot([], [], "o", color=_COLOURS[name], label=name)
-        axes.set(ylabel="T(v) / m", title=f"Fig. 10: {course} paths (pale: a controller fails)", ylim=(0, None))
+        axes.set(ylabel="T(v) / m", title=f"Fig. 10: {course} {kind} (pale: a controller fails)", ylim=(0, None))
         if axes.has_data():
             axes.legend()
     for name in ("prop", "alt3"):
@@ -154,6 +156,7 @@ def _junction(data: Data, plt: Any) -> Any:
         colour = _COLOURS.get(name, f"C{6 + place}")
         axes.plot([row.front_x for row in rows], [row.front_y for row in rows], color=colour, label=name)
         axes.plot([row.x for row in rows], [row.y for row in rows], ":", color=colour, lw=1)
-    axes.set(aspect="equal", xlabel="x / m", ylabel="y / m", title="Fig. 11: junction at 4 m/s (dotted: rear contact)")
-    axes.legend()
+    axes.set(xlabel="x / m", ylabel="y / m", title="Fig. 11: junction at 4 m/s (dotted: rear contact)")
+    axes.set(aspect="equal", xlim=(-4.0, 20.0), ylim=(-12.0, 5.0))
+    axes.legend(loc="lower right")
     return figure

@@ -116,7 +116,7 @@ def _needs_more(setting: str) -> Callable[[Data], Found]:
         low, high = _ratio(ours, prop)
         mean = ours.mean() / prop.mean()
         text += f"; {'at least ' if done < total else ''}{mean:.2f} times prop.'s steps ({low:.2f} to {high:.2f})"
-        if low <= 1.0 <= high:
+        if not (low > 1.0 or high < 1.0):
             return Found(text, OPEN)
         return Found(text, YES if low > 1.0 else NO)
 
@@ -321,6 +321,19 @@ def _pulls_down(features: Sequence[str]) -> Callable[[Data], Found]:
     return find
 
 
+def _pulls_together(data: Data) -> Found:
+    rows = [row for row in data.impacts if row.policy == "prop" and row.feature in ("t_p2", "t_p3", "t_p4")]
+    if not rows:
+        return Found("no controller", OPEN)
+    numbers = sorted({row.observation for row in rows})
+    sums = [
+        [sum(part) for part in zip(*((r.value, r.shap) for r in rows if r.observation == n), strict=True)]
+        for n in numbers
+    ]
+    found = float(np.corrcoef(np.array(sums).T)[0, 1])
+    return Found(f"correlation {found:+.2f}", YES if found < -0.5 else NO)
+
+
 def _hardly_any_weight(features: Sequence[str]) -> Callable[[Data], Found]:
     def find(data: Data) -> Found:
         means = weights(data.impacts, "prop")
@@ -402,9 +415,10 @@ STATEMENTS: Final = (
     Statement("Fig. 12", "the roll is proportional to the negated curvature", _leans_with_curvature),
     Statement("Fig. 12", "before the circle to the left it steers right and leans left", _counter_steers),
     Statement("Fig. 14", "the roll has the greatest impact", _weightiest_is_roll),
-    Statement("Fig. 14", "then t_P3; with t_P2, roll rate and t_P4 these five weigh most", _weightiest),
+    Statement("Fig. 14", "roll, t_P3, t_P2, roll rate and t_P4 weigh most", _weightiest),
     Statement("Sect. 5.5", "steers into the fall: roll pulls to the other sign", _pulls_down(["roll"])),
-    Statement("Sect. 5.5", "counter-steers: t_P3 and t_P2 pull to the other sign", _pulls_down(["t_p3", "t_p2"])),
+    Statement("Sect. 5.5", "t_P3 and t_P2 pull to the other sign", _pulls_down(["t_p3", "t_p2"])),
+    Statement("Sect. 6", "counter-steers: t_P2 to t_P4 together pull to the other sign", _pulls_together),
     Statement(
         "Sects. 5.5 and 6",
         "yaw and front wheel rate are among the others",
