@@ -11,6 +11,8 @@ import hypothesis
 import pytest
 
 from bike_sim import kernels
+from bike_sim.vehicles.files import load_vehicle
+from bike_sim.vehicles.superbike import Superbike
 
 ROOT = Path(__file__).parents[1]
 
@@ -64,3 +66,10 @@ def prepared_kernels() -> None:
     if kernels.load_library() is None:
         subprocess.run([sys.executable, ROOT / "tools" / "prepare_kernels.py"], check=True, timeout=250)
     assert kernels.load_library() is not None
+
+
+@pytest.fixture(scope="session")
+def panigale() -> Superbike:
+    machine = load_vehicle("panigale_v4r")
+    assert isinstance(machine, Superbike)
+    return machine

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from bike_policy.contract.bundle import layout_from_card
+from bike_policy.contract.line_tables import KEPT
 from bike_policy.contract.race import BLOCKS, COMPACT, GUIDED, RACE_LAYOUTS, RaceEyes, RaceLayout
 from bike_policy.contract.reference import OPEN, Reference, ReferenceRows
 from bike_policy.contract.rows import Row
@@ -169,6 +170,29 @@ def test_a_reference_is_sampled_linearly_around_the_lap(progress, share, cap):
     assert speed[1] == pytest.approx(min(cap, share * np.interp(at, s, plan.speed)), abs=1e-7)
     many, _ = rows.at(np.full((2, 4), progress))
     np.testing.assert_array_equal(many[1], np.full(4, curvature[1]))
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=20, deadline=None)
+def test_however_many_lines_come_and_go_each_row_sees_its_own(seed):
+    """Rows change lines, lines come back, and what nobody rides on is not kept for ever."""
+    rng = np.random.default_rng(seed)
+    rows, count = ReferenceRows(3), 2 * KEPT
+    lines = [
+        Reference(5.0, np.full(size, float(k)), np.full(size, 1.0 + k))
+        for k, size in enumerate(rng.integers(3, 50, count))
+    ]
+    followed = [0, 1, 2]
+    for row in range(3):
+        rows.begin(row, lines[row])
+    for line in (*range(3, count), *rng.integers(count, size=20).tolist()):
+        row = int(rng.integers(1, 3))  # the first stays where it is
+        rows.begin(row, lines[line])
+        followed[row] = line
+        curvature, speed = rows.at(rng.uniform(0.0, 1e4, 3))
+        np.testing.assert_allclose(curvature, followed, rtol=1e-12)
+        np.testing.assert_allclose(speed, 1.0 + np.array(followed), rtol=1e-12)
+    assert len(rows.lines.samples) <= 50 * (KEPT + 1)
 
 
 @pytest.mark.parametrize(("share", "cap"), [(0.0, OPEN), (1.0, -1.0)])

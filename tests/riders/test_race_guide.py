@@ -28,15 +28,8 @@ from tests.superbike.test_classical import circle
 
 
 @pytest.fixture(scope="module")
-def machine() -> Superbike:
-    machine = load_vehicle("panigale_v4r")
-    assert isinstance(machine, Superbike)
-    return machine
-
-
-@pytest.fixture(scope="module")
-def law(machine: Superbike) -> LineLaw:
-    return LineLaw(machine, 0.02, GUIDE, 4)
+def law(panigale: Superbike) -> LineLaw:
+    return LineLaw(panigale, 0.02, GUIDE, 4)
 
 
 def oval(turn: float) -> Course:
@@ -47,10 +40,10 @@ def oval(turn: float) -> Course:
 
 @settings(max_examples=50, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
-def test_one_is_answered_as_among_others(machine: Superbike, law: LineLaw, seed: int) -> None:
+def test_one_is_answered_as_among_others(panigale: Superbike, law: LineLaw, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    plan = plan_line(machine, circle(60.0, 1.0), GUIDE)
-    alone = LineController(machine, circle(60.0, 1.0), 0.02, GUIDE)
+    plan = plan_line(panigale, circle(60.0, 1.0), GUIDE)
+    alone = LineController(panigale, circle(60.0, 1.0), 0.02, GUIDE)
     for row in range(4):
         law.begin(row, plan)
     for step in range(5):
@@ -69,9 +62,9 @@ def test_one_is_answered_as_among_others(machine: Superbike, law: LineLaw, seed:
 
 @settings(max_examples=50, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
-def test_the_mirrored_ride_gets_the_mirrored_answer(machine: Superbike, seed: int) -> None:
+def test_the_mirrored_ride_gets_the_mirrored_answer(panigale: Superbike, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    left, right = (LineController(machine, oval(turn), 0.02, GUIDE) for turn in (1.0, -1.0))
+    left, right = (LineController(panigale, oval(turn), 0.02, GUIDE) for turn in (1.0, -1.0))
     for step in range(3):
         speed, roll, error, heading, rate = rng.uniform(10.0, 50.0), *rng.uniform(-0.5, 0.5, 4)
         way = 40.0 + 0.5 * step
@@ -80,7 +73,7 @@ def test_the_mirrored_ride_gets_the_mirrored_answer(machine: Superbike, seed: in
         assert other == pytest.approx((-steering, throttle), abs=1e-9)
 
 
-def test_a_guide_answers_again_the_same_and_goes_on_from_its_memory(machine: Superbike) -> None:
+def test_a_guide_answers_again_the_same_and_goes_on_from_its_memory(panigale: Superbike) -> None:
     class Blocks:
         state, look = np.zeros((2, 10)), np.zeros((2, 12))
 
@@ -97,7 +90,7 @@ def test_a_guide_answers_again_the_same_and_goes_on_from_its_memory(machine: Sup
         return answers
 
     line = load_course("barcelona")
-    whole, first, second = (RaceGuide(machine, 0.02, 2) for _ in range(3))
+    whole, first, second = (RaceGuide(panigale, 0.02, 2) for _ in range(3))
     for guide in (whole, first, second):
         for row in range(2):
             guide.begin(row, line)
@@ -134,13 +127,13 @@ def test_targets_are_reached(offset: float, pace: float, share: float) -> None:
 
 @settings(max_examples=30, deadline=None)
 @given(width=st.floats(0.2, 4.0), target=st.floats(-3.0, 3.0))
-def test_targets_stay_clear_of_the_limits(machine: Superbike, width: float, target: float) -> None:
+def test_targets_stay_clear_of_the_limits(panigale: Superbike, width: float, target: float) -> None:
     """Beside a line that lies near one limit, what is ridden to ends before it; on the other side nothing changes."""
     line = circle(60.0, 1.0)
     near, far = np.full(len(line.s), width), np.full(len(line.s), 9.0)
-    law = LineLaw(machine, 0.02, GUIDE, 2)
-    law.begin(0, plan_line(machine, replace(line, width_left=near, width_right=far), GUIDE))
-    law.begin(1, plan_line(machine, replace(line, width_left=far, width_right=near), GUIDE))
+    law = LineLaw(panigale, 0.02, GUIDE, 2)
+    law.begin(0, plan_line(panigale, replace(line, width_left=near, width_right=far), GUIDE))
+    law.begin(1, plan_line(panigale, replace(line, width_left=far, width_right=near), GUIDE))
     for step in range(200):
         seen = np.array([[20.0, -0.5, 0.4 * step, 0.0, 0.0, 0.0]] * 2)
         law.commands(seen, np.array([[target, 0.0], [-target, 0.0]]))
@@ -149,9 +142,9 @@ def test_targets_stay_clear_of_the_limits(machine: Superbike, width: float, targ
     np.testing.assert_allclose(law.memory[:, OFFSET], [expected, -expected], atol=0.01)
 
 
-def test_a_slow_machine_leans_for_the_speed_that_it_will_have(machine: Superbike, law: LineLaw) -> None:
+def test_a_slow_machine_leans_for_the_speed_that_it_will_have(panigale: Superbike, law: LineLaw) -> None:
     """As it catches up it asks for more lean than at the same speed held, but not for a speed beyond the planned."""
-    plan = plan_line(machine, circle(60.0, 1.0), GUIDE)
+    plan = plan_line(panigale, circle(60.0, 1.0), GUIDE)
     fast = float(plan.profile.speed_at(30.0))
 
     def asked(speed: float, gain: float) -> float:
@@ -168,8 +161,8 @@ def test_a_slow_machine_leans_for_the_speed_that_it_will_have(machine: Superbike
     assert asked(fast + 0.01, 3.0) < asked(fast + 0.01, 0.0) + 0.002
 
 
-def test_a_machine_that_leans_as_far_as_it_may_does_not_catch_up(machine: Superbike, law: LineLaw) -> None:
-    plan = plan_line(machine, circle(60.0, 1.0), GUIDE)
+def test_a_machine_that_leans_as_far_as_it_may_does_not_catch_up(panigale: Superbike, law: LineLaw) -> None:
+    plan = plan_line(panigale, circle(60.0, 1.0), GUIDE)
     fast = float(plan.profile.speed_at(30.0))
 
     def throttle(error: float) -> float:

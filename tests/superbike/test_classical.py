@@ -29,15 +29,8 @@ from tests.superbike.conftest import write_circuit
 
 
 @pytest.fixture(scope="module")
-def machine() -> Superbike:
-    machine = load_vehicle("panigale_v4r")
-    assert isinstance(machine, Superbike)
-    return machine
-
-
-@pytest.fixture(scope="module")
-def limits(machine: Superbike) -> Envelope:
-    return envelope(machine)
+def limits(panigale: Superbike) -> Envelope:
+    return envelope(panigale)
 
 
 def circle(radius: float, spacing: float = 0.1) -> Course:
@@ -57,14 +50,14 @@ def circle(radius: float, spacing: float = 0.1) -> Course:
     )
 
 
-def test_plan_keeps_its_reserve(machine: Superbike, limits: Envelope) -> None:
+def test_plan_keeps_its_reserve(panigale: Superbike, limits: Envelope) -> None:
     for radius in (25.0, 80.0):
         line = circle(radius)
-        plan, limit = LineController(machine, line, 0.02).profile, lap_limit(limits, line)
+        plan, limit = LineController(panigale, line, 0.02).profile, lap_limit(limits, line)
         # the limit of a circle is what is held at constant speed, 0.9 of what an apex may take for a moment
         assert 0.8 < plan.lateral.max() / limit.lateral.max() < 0.98
         assert np.abs(limit.lean).max() - np.abs(plan.lean).max() > math.radians(0.5)
-    careful = reserved(machine, CLASSICAL_SETTINGS)
+    careful = reserved(panigale, CLASSICAL_SETTINGS)
     assert np.all(careful.brake_max < limits.brake_max)
     assert np.all(careful.lateral_max < limits.lateral_max)
     assert np.all(careful.lean_rate < limits.lean_rate)
@@ -78,21 +71,23 @@ def test_plan_keeps_its_reserve(machine: Superbike, limits: Envelope) -> None:
         least = float(careful.brake(30.0, turning))
 
 
-def test_speed_is_that_of_the_contacts(machine: Superbike) -> None:
+def test_speed_is_that_of_the_contacts(panigale: Superbike) -> None:
     """The frame leans 0.4 m inwards: on a line of 25 m radius 2 % of speed, 4 % of what the tyres have to hold."""
     radius, speed = 25.0, 15.0
-    engine = SuperbikeEngine(machine, TIME_STEP)
-    engine.reset(turning_state(machine, speed, -math.atan(speed**2 / radius / 9.81), speed / radius))
+    engine = SuperbikeEngine(panigale, TIME_STEP)
+    engine.reset(turning_state(panigale, speed, -math.atan(speed**2 / radius / 9.81), speed / radius))
     told = float(engine.telemetry()[sf.T_SPEED])
     engine.close()
     assert told < 0.99 * speed
     seen = Seen(told, -math.atan(speed**2 / radius / 9.81), 10.0, 0.0, 0.0)
-    assert LineController(machine, circle(radius), 0.02).law.rolled(0, np.array(seen)) == pytest.approx(speed, rel=3e-3)
+    assert LineController(panigale, circle(radius), 0.02).law.rolled(0, np.array(seen)) == pytest.approx(
+        speed, rel=3e-3
+    )
 
 
-def test_engine_braking_never_locks_the_rear_wheel(machine: Superbike) -> None:
-    engine = SuperbikeEngine(machine, 0.002)
-    engine.reset(upright_state(60.0, machine.rF))
+def test_engine_braking_never_locks_the_rear_wheel(panigale: Superbike) -> None:
+    engine = SuperbikeEngine(panigale, 0.002)
+    engine.reset(upright_state(60.0, panigale.rF))
     slips = []
     for _ in range(150):
         engine.advance_commands(0.0, -0.8, 10)
@@ -103,8 +98,8 @@ def test_engine_braking_never_locks_the_rear_wheel(machine: Superbike) -> None:
     engine.close()
 
 
-def test_steady_on_the_line_asks_for_the_lean_of_the_turn(machine: Superbike) -> None:
-    rider = LineController(machine, circle(80.0), 0.02)
+def test_steady_on_the_line_asks_for_the_lean_of_the_turn(panigale: Superbike) -> None:
+    rider = LineController(panigale, circle(80.0), 0.02)
     speed = 25.0
     lean = float(rider.law.leans.of(np.array([speed**2 / 80.0]), np.array([speed]))[0])
     table = rider.plan.table.copy()
@@ -112,12 +107,12 @@ def test_steady_on_the_line_asks_for_the_lean_of_the_turn(machine: Superbike) ->
     rider.plan = rider.plan._replace(table=table)
     rider.reset()
     steering, _ = rider.command(Seen(speed, -lean, 40.0, 0.0, 0.0))
-    assert steering == pytest.approx(lean / math.radians(machine.virtual_rider.max_lean_deg), abs=0.01)
+    assert steering == pytest.approx(lean / math.radians(panigale.virtual_rider.max_lean_deg), abs=0.01)
 
 
-def test_turns_back_to_the_line_and_mirrors(machine: Superbike) -> None:
+def test_turns_back_to_the_line_and_mirrors(panigale: Superbike) -> None:
     line = circle(5000.0)
-    rider = LineController(machine, line, 0.02)
+    rider = LineController(panigale, line, 0.02)
     speed = 40.0
 
     def steering(error: float, heading: float) -> float:
@@ -131,8 +126,8 @@ def test_turns_back_to_the_line_and_mirrors(machine: Superbike) -> None:
     assert left == pytest.approx(-right, rel=0.1)
 
 
-def test_brakes_when_too_fast_and_drives_when_too_slow(machine: Superbike) -> None:
-    rider = LineController(machine, circle(80.0), 0.02)
+def test_brakes_when_too_fast_and_drives_when_too_slow(panigale: Superbike) -> None:
+    rider = LineController(panigale, circle(80.0), 0.02)
     wanted = float(rider.profile.speed_at(10.0))
     _, brake = rider.command(Seen(wanted + 8.0, -0.5, 10.0, 0.0, 0.0))
     _, drive = rider.command(Seen(wanted - 8.0, -0.5, 10.0, 0.0, 0.0))
@@ -140,15 +135,15 @@ def test_brakes_when_too_fast_and_drives_when_too_slow(machine: Superbike) -> No
     assert drive > 0.3
 
 
-def test_same_state_again_gets_the_same_answer(machine: Superbike) -> None:
-    rider = LineController(machine, circle(80.0), 0.02)
+def test_same_state_again_gets_the_same_answer(panigale: Superbike) -> None:
+    rider = LineController(panigale, circle(80.0), 0.02)
     rider.command(Seen(25.0, -0.6, 40.0, 0.3, 0.01))
     seen = Seen(25.0, -0.6, 40.5, 0.32, 0.01)
     assert rider.command(seen) == rider.command(seen)
 
 
-def test_lost_states_do_not_steepen_the_rate_of_the_error(machine: Superbike) -> None:
-    rider = LineController(machine, circle(80.0), 0.01)
+def test_lost_states_do_not_steepen_the_rate_of_the_error(panigale: Superbike) -> None:
+    rider = LineController(panigale, circle(80.0), 0.01)
 
     def last_answer(every: int) -> float:
         rider.reset()
@@ -160,13 +155,13 @@ def test_lost_states_do_not_steepen_the_rate_of_the_error(machine: Superbike) ->
 
 @pytest.mark.parametrize("period", [0.01, 0.02, 0.05])
 def test_front_does_not_shake_at_full_drive_whatever_the_control_period(period: float) -> None:
-    machine = load_vehicle("r1")  # the machine with the lightest front wheel
-    assert isinstance(machine, Superbike)
+    panigale = load_vehicle("r1")  # the machine with the lightest front wheel
+    assert isinstance(panigale, Superbike)
     radius, speed = 5000.0, 40.0
-    rider = LineController(machine, circle(radius, 1.0), period)
-    engine = SuperbikeEngine(machine, TIME_STEP)
-    state = upright_state(speed, machine.rF)
-    state[st.Y], state[st.ROLL] = 1.0, -math.atan(speed**2 / radius / machine.g)  # one metre inside the line
+    rider = LineController(panigale, circle(radius, 1.0), period)
+    engine = SuperbikeEngine(panigale, TIME_STEP)
+    state = upright_state(speed, panigale.rF)
+    state[st.Y], state[st.ROLL] = 1.0, -math.atan(speed**2 / radius / panigale.g)  # one metre inside the line
     engine.reset(state)
     rates = []
     for _ in range(round(5.0 / period)):

@@ -9,11 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bike_policy.contract.line_tables import KEPT
 from bike_sim.course.files import shipped_tracks
 from bike_sim.sim.circuit_scene import FollowedLine
 from bike_sim.sim.request import IDEAL, Preview, ResetRequest
@@ -66,7 +68,7 @@ class Ground:
         self.names = tuple(circuits)
         self._limits: Envelope = envelope(vehicle)
         self._tracks = {name: track_with_line(name, self._limits) for name in circuits}
-        self._lines: dict[tuple[str, float], FollowedLine] = {}
+        self._lines = lru_cache(KEPT)(lambda name, lam: FollowedLine(self._tracks[name], lam))
 
     def length(self, name: str) -> float:
         """Return the length of a circuit's centre line, m."""
@@ -74,9 +76,7 @@ class Ground:
 
     def line(self, name: str, lam: float) -> FollowedLine:
         """Return a line of a circuit, 0 the median, 1 the ideal line."""
-        if (name, lam) not in self._lines:
-            self._lines[name, lam] = FollowedLine(self._tracks[name], lam)
-        return self._lines[name, lam]
+        return self._lines(name, lam)
 
     def start(self, name: str, lam: float, progress: float, share: float) -> float:
         """Return a share of the theoretical speed at a progress along the centre line (m), m/s."""

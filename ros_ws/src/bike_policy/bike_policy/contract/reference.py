@@ -11,6 +11,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bike_policy.contract.line_tables import LineTables
+
 FloatArray = NDArray[np.float64]
 
 OPEN: Final = 1000.0
@@ -36,18 +38,16 @@ class ReferenceRows:
 
     Attributes:
         share: part of the planned speed that is asked of each row. cap: speed limit of each row, m/s.
+        lines: that the rows follow.
     """
 
     def __init__(self, count: int) -> None:
         """Make room for a number of vehicles."""
         self.share = np.ones(count)
         self.cap = np.full(count, OPEN)
-        self._places: dict[int, tuple[int, Reference]] = {}
-        self._curvature, self._speed = np.zeros(2), np.ones(2)
-        self._offset = np.zeros(count, dtype=np.int64)
-        self._last = np.zeros(count, dtype=np.int64)
-        self._spacing = np.ones(count)
-        self._length = np.ones(count)
+        self.lines = LineTables[Reference](
+            count, (0.0, 1.0), lambda line: np.stack((line.curvature, line.speed), axis=1)
+        )
 
     def begin(self, row: int, reference: Reference, share: float = 1.0, cap: float = OPEN) -> None:
         """Let a row follow a line from now on.
@@ -68,17 +68,7 @@ class ReferenceRows:
             )
         if not share > 0.0 or not cap > 0.0:
             raise ValueError(f"share of the planned speed and speed limit must be positive, got {share!r} and {cap!r}")
-        # By identity: a line is planned once and then handed out again; keeping it keeps its id from being reused.
-        known = self._places.get(id(reference.speed))
-        if known is None:
-            known = len(self._speed), reference
-            self._places[id(reference.speed)] = known
-            self._curvature = np.concatenate((self._curvature, reference.curvature))
-            self._speed = np.concatenate((self._speed, reference.speed))
-        self._offset[row] = known[0]
-        self._last[row] = len(reference.speed) - 2
-        self._spacing[row] = reference.spacing
-        self._length[row] = reference.spacing * (len(reference.speed) - 1)
+        self.lines.begin(row, reference, reference.spacing)
         self.share[row], self.cap[row] = share, cap
 
     def at(self, progress: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -88,10 +78,12 @@ class ReferenceRows:
             progress: arc length of the line, of any lap, m, shape (n,) or (n, k).
         """
         many = (slice(None),) + (None,) * (progress.ndim - 1)
-        u = np.mod(progress, self._length[many]) / self._spacing[many]
-        i = np.minimum(u.astype(np.int64), self._last[many])
+        lines = self.lines
+        length = lines.spacing * (lines.last + 1)
+        u = np.mod(progress, length[many]) / lines.spacing[many]
+        i = np.minimum(u.astype(np.int64), lines.last[many])
         u -= i
-        i += self._offset[many]
-        curvature = self._curvature[i] + u * (self._curvature[i + 1] - self._curvature[i])
-        speed = self._speed[i] + u * (self._speed[i + 1] - self._speed[i])
+        i += lines.offset[many]
+        here, step = lines.samples[i], lines.samples[i + 1] - lines.samples[i]
+        curvature, speed = np.moveaxis(here + u[..., None] * step, -1, 0)
         return curvature, np.minimum(self.share[many] * speed, self.cap[many])

@@ -12,6 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bike_policy.contract.line_tables import LineTables
 from bike_policy.riders.lap_plan import RiderSettings, SteadyLeans, plan_lap, smooth_around
 from bike_sim.course.course import Course
 from bike_sim.kernels import njit
@@ -161,21 +162,12 @@ class LineLaw:
         )
         engine = np.array([engine_force(vehicle, float(speed)) for speed in self.leans.speeds])
         self._tables: Tables = (self.leans.table, self.leans.speeds, self.leans.leans, engine)
-        self._known: dict[int, tuple[int, LinePlan]] = {}
-        places = np.zeros(count, dtype=np.int64)
-        self._plan: Plans = (np.zeros((2, PLAN_COLUMNS)), places, places.copy(), np.ones(count))
+        self._lines = LineTables[LinePlan](count, [0.0] * PLAN_COLUMNS, lambda plan: plan.table)
         self.memory = np.zeros((count, MEMORY))
 
     def begin(self, row: int, plan: LinePlan) -> None:
         """Let a ride follow a plan from now on, without a past."""
-        table, offset, last, spacing = self._plan
-        # By identity: a line is planned once and then handed out again; keeping it keeps its id from being reused.
-        known = self._known.get(id(plan.table))
-        if known is None:
-            known = len(table), plan
-            self._known[id(plan.table)] = known
-            self._plan = np.concatenate((table, plan.table)), offset, last, spacing
-        offset[row], last[row], spacing[row] = known[0], len(plan.table) - 2, plan.spacing
+        self._lines.begin(row, plan, plan.spacing)
         self.memory[row] = 0.0
 
     def commands(self, seen: FloatArray, targets: FloatArray | None = None) -> FloatArray:
@@ -187,12 +179,17 @@ class LineLaw:
                 (n, 2); None for the line as planned.
         """
         targets = np.zeros((len(seen), 2)) if targets is None else targets
-        _answer(seen, targets, self.memory, self._law, self._tables, self._plan)
+        _answer(seen, targets, self.memory, self._law, self._tables, self._plans)
         return self.memory[:, STEERING:OFFSET].copy()
 
     def rolled(self, row: int, seen: FloatArray) -> float:
         """Return the speed of a ride's contacts, m/s; see `_rolled`."""
-        return float(_rolled(seen, self._law, self._plan, row))
+        return float(_rolled(seen, self._law, self._plans, row))
+
+    @property
+    def _plans(self) -> Plans:
+        lines = self._lines
+        return lines.samples, lines.offset, lines.last, lines.spacing
 
 
 Tables = tuple[FloatArray, FloatArray, FloatArray, FloatArray]

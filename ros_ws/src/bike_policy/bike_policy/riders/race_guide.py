@@ -19,7 +19,8 @@ from bike_policy.contract.race import RaceEyes
 from bike_policy.contract.rows import RowBlocks
 from bike_policy.riders import line_law as ll
 from bike_policy.riders.lap_plan import RiderSettings
-from bike_policy.riders.line_law import LineLaw, LinePlan, plan_line
+from bike_policy.riders.line_law import LineLaw, plan_line
+from bike_policy.riders.planned_lines import PlannedLines
 from bike_sim.course.course import Course
 from bike_sim.physics import state as st
 from bike_sim.sim import look as lk
@@ -65,21 +66,16 @@ class RaceGuide:
         """
         if not isinstance(vehicle, Superbike):
             raise ValueError(f"the guide of races rides superbikes, and {vehicle.name!r} is none")
-        self._vehicle = vehicle
         self._law = LineLaw(vehicle, period, GUIDE, count)
-        self._known: dict[int, tuple[Course, LinePlan]] = {}
+        self._planned = PlannedLines(lambda line: plan_line(vehicle, line, GUIDE))
 
     def begin(self, row: int, line: Course) -> None:
-        """Let a machine follow a line from now on; a line is planned once.
+        """Let a machine follow a line from now on.
 
         Raises:
             ValueError: the line is open.
         """
-        known = self._known.get(id(line))
-        if known is None:
-            known = line, plan_line(self._vehicle, line, GUIDE)
-            self._known[id(line)] = known
-        self._law.begin(row, known[1])
+        self._law.begin(row, self._planned.of(line))
 
     def commands(self, blocks: RowBlocks, targets: FloatArray, share: FloatArray) -> FloatArray:
         """Return steering and throttle in [-1, 1], shape (n, 2); the same ones again for the same blocks.

@@ -7,6 +7,7 @@ from typing import Final
 
 from bike_policy.contract.reference import Reference
 from bike_policy.riders.lap_plan import RiderSettings, plan_lap, smooth_around
+from bike_policy.riders.planned_lines import PlannedLines
 from bike_sim.course.course import Course
 from bike_sim.theory.lap_limit import LapLimit
 from bike_sim.vehicles.bicycle import Vehicle
@@ -25,7 +26,7 @@ REFERENCE: Final = RiderSettings(
 
 
 class References:
-    """References of one machine, each planned once."""
+    """References of one machine."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         """Prepare to plan.
@@ -35,8 +36,7 @@ class References:
         """
         if not isinstance(vehicle, Superbike):
             raise ValueError(f"a race needs a superbike with tyres to plan a lap, and {vehicle.name!r} is none")
-        self._vehicle = vehicle
-        self._known: dict[int, tuple[Course, Reference]] = {}
+        self._planned = PlannedLines(lambda line: reference_of(plan_lap(vehicle, line, REFERENCE)))
 
     def of(self, line: Course) -> Reference:
         """Return the reference of a closed line.
@@ -44,12 +44,7 @@ class References:
         Raises:
             ValueError: the line is open.
         """
-        known = self._known.get(id(line))
-        if known is None:
-            profile = plan_lap(self._vehicle, line, REFERENCE)
-            known = line, reference_of(profile)
-            self._known[id(line)] = known
-        return known[1]
+        return self._planned.of(line)
 
 
 def reference_of(profile: LapLimit) -> Reference:
