@@ -287,8 +287,8 @@ def nearest_turn(angle: float, near: float) -> float:
 
 def multiply(first: Vector, second: Vector) -> Vector:
     """Return the quaternion product: the rotation `second`, then `first`."""
-    x1, y1, z1, w1 = first
-    x2, y2, z2, w2 = second
+    x1, y1, z1, w1 = map(float, first)
+    x2, y2, z2, w2 = map(float, second)
     return np.array(
         [
             w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
@@ -301,12 +301,21 @@ def multiply(first: Vector, second: Vector) -> Vector:
 
 def axis_angle(axis: Vector, angle: float) -> Vector:
     """Return the quaternion of a rotation by `angle` (rad) about a unit vector."""
-    return np.append(np.sin(0.5 * angle) * axis, math.cos(0.5 * angle))
+    x, y, z = map(float, axis)
+    sin = float(np.sin(0.5 * angle))
+    return np.array([sin * x, sin * y, sin * z, math.cos(0.5 * angle)])
+
+
+def cross(first: Vector, second: Vector) -> Vector:
+    """Return the cross product; `numpy.cross` costs a hundred times as much for three numbers."""
+    a, b, c = map(float, first)
+    x, y, z = map(float, second)
+    return np.array([b * z - c * y, c * x - a * z, a * y - b * x])
 
 
 def rotate(quaternion: Vector, vector: Vector) -> Vector:
     """Return the vector turned by a unit quaternion."""
-    # Component by component: np.cross costs a hundred times as much for three numbers, and starts need this often.
+    # component by component, see `cross`
     x, y, z, w = map(float, quaternion)
     a, b, c = map(float, vector)
     ta, tb, tc = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)

@@ -36,6 +36,17 @@ def steady_lateral(vehicle: Superbike, lean: float, speed: float) -> float:
     return float(equilibrium.steady_lateral(lean, speed, vehicle.g, spread(vehicle), vehicle.machine, rear, front))
 
 
+def steady_lean(vehicle: Superbike, lateral: float, speed: float) -> float:
+    """Return the lean of a steady turn with a lateral acceleration (m/s^2, > 0) at a speed (m/s), rad.
+
+    NaN where it takes the largest lean that the machine's rider asks for, or more.
+    """
+    rear, front = vehicle.tyres
+    high = math.radians(vehicle.virtual_rider.max_lean_deg)
+    turn = lateral, high, speed, vehicle.g, spread(vehicle)
+    return float(equilibrium.steady_lean(*turn, vehicle.machine, rear, front))
+
+
 def turning_state(vehicle: Superbike, speed: float, roll: float, yaw_rate: float) -> st.StateVector:
     """Return the minimal state at the origin in which a machine rolls through a turn at a given lean.
 
@@ -53,10 +64,13 @@ def turning_state(vehicle: Superbike, speed: float, roll: float, yaw_rate: float
     state[st.ROLL] = roll
     if yaw_rate != 0.0:
         low, high = 0.0, math.copysign(vehicle.max_steer, yaw_rate)
+        parameters, wanted = vehicle.parameters, abs(yaw_rate)
         for _ in range(50):
-            state[st.STEER] = 0.5 * (low + high)
-            slower = abs(kinematics.yaw_rate(state, vehicle.parameters)) < abs(yaw_rate)
-            low, high = (state[st.STEER], high) if slower else (low, state[st.STEER])
+            state[st.STEER] = steer = 0.5 * (low + high)
+            if abs(kinematics.yaw_rate(state, parameters)) < wanted:
+                low = steer
+            else:
+                high = steer
     return state
 
 

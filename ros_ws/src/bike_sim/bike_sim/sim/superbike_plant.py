@@ -17,7 +17,7 @@ from bike_sim.physics.engine import Engine
 from bike_sim.physics.ground import Ground
 from bike_sim.physics.superbike.base import SuperbikeBase
 from bike_sim.physics.superbike_engine import TIME_STEP
-from bike_sim.physics.superbike_statics import steady_lateral, turning_state
+from bike_sim.physics.superbike_statics import steady_lean, turning_state
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import COURSE_POINTS, Preview, Start
@@ -30,10 +30,6 @@ FloatArray = NDArray[np.float64]
 ROLL_SPREAD: Final = 0.05
 YAW_SPREAD: Final = 0.02
 """Half widths of a superbike's perturbed start, rad."""
-
-
-LATERAL_TOLERANCE: Final = 1e-9
-"""How well a start's lean fits the bend, m/s^2."""
 
 
 class SuperbikePlant:
@@ -81,21 +77,10 @@ class SuperbikePlant:
         """Return the lean at which a lateral acceleration is steady, rad."""
         if lateral == 0.0:
             return 0.0
-        low, high = 0.0, math.radians(self.vehicle.virtual_rider.max_lean_deg)
-        if lateral >= steady_lateral(self.vehicle, high, speed):
+        lean = steady_lean(self.vehicle, lateral, speed)
+        if math.isnan(lean):
             raise ValueError(f"a start at {speed:.1f} m/s is too fast for the curve at {s:.0f} m of the followed line")
-        # Illinois: false position that halves the value of an end which stays, so that both ends come together
-        below, above = -lateral, steady_lateral(self.vehicle, high, speed) - lateral
-        for _ in range(40):
-            middle = high - above * (high - low) / (above - below)
-            value = steady_lateral(self.vehicle, middle, speed) - lateral
-            if abs(value) < LATERAL_TOLERANCE:
-                return middle
-            if value < 0.0:
-                low, below, above = middle, value, 0.5 * above
-            else:
-                high, above, below = middle, value, 0.5 * below
-        return high
+        return lean
 
     def reset(self, state: st.StateVector, ground: Ground) -> None:
         """Set a state, with the tyres carrying the standing machine."""

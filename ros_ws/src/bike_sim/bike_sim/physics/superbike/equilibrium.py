@@ -23,6 +23,8 @@ from bike_sim.physics.superbike.aids import aid_limits
 from bike_sim.vehicles.superbike import Record
 
 _HALVINGS: Final = 30
+LATERAL_TOLERANCE: Final = 1e-9
+"""How well a lean fits a lateral acceleration, m/s^2."""
 
 
 class Turn(NamedTuple):
@@ -102,6 +104,39 @@ def steady_lateral(
     for _ in range(20):
         a = pull / (linear - quadratic * a)
     return a
+
+
+@njit(cache=True)
+def steady_lean(
+    lateral: float, high: float, speed: float, gravity: float, spread: float, m: Record, rear: Record, front: Record
+) -> float:
+    """Return the lean at which a lateral acceleration is steady, rad; NaN if it takes as much as `high` (rad) or more.
+
+    Args:
+        lateral: m/s^2, > 0.
+        high: largest lean, rad.
+        speed: m/s.
+        gravity: m/s^2.
+        spread: see `steady_lateral`, and for what follows.
+        m: `Superbike.machine`.
+        rear: its rear tyre.
+        front: its front tyre.
+    """
+    low, below = 0.0, -lateral
+    above = steady_lateral(high, speed, gravity, spread, m, rear, front) - lateral
+    if above <= 0.0:
+        return math.nan
+    # Illinois: false position that halves the value of an end which stays, so that both ends come together
+    for _ in range(40):
+        middle = high - above * (high - low) / (above - below)
+        value = steady_lateral(middle, speed, gravity, spread, m, rear, front) - lateral
+        if abs(value) < LATERAL_TOLERANCE:
+            return middle
+        if value < 0.0:
+            low, below, above = middle, value, 0.5 * above
+        else:
+            high, above, below = middle, value, 0.5 * below
+    return high
 
 
 @njit(cache=True)

@@ -129,7 +129,7 @@ def _start_on(
     steady = heading[2] * (pitch_rate * left[2] + yaw_rate * normal[2]) / (1.0 - heading[2] ** 2)
     omega = (state[st.ROLL_RATE] + steady) * heading + pitch_rate * left
     omega = omega + yaw_rate * normal
-    velocity = speed * heading + np.cross(omega, position - contact)
+    velocity = speed * heading + mapping.cross(omega, position - contact)
     slide = -vehicle.rider.slide * max(-1.0, min(1.0, math.degrees(roll) / vehicle.rider.slide_lean_deg))
     start = Start(
         position,
