@@ -8,8 +8,13 @@ import pytest
 
 from bike_sim.physics import linear, modes
 from bike_sim.physics import state as st
+from bike_sim.physics.compiled_superbike_engine import CompiledSuperbikeEngine
 from bike_sim.physics.engine import make_engine
+from bike_sim.physics.superbike.turn_modes import modes_now
+from bike_sim.physics.superbike_modes import holding_throttle, measure_modes
+from bike_sim.validation.superbike import at_speed
 from bike_sim.vehicles.files import load_vehicle
+from bike_sim.vehicles.superbike import Superbike
 
 VEHICLE = replace(load_vehicle("whipple"), P=0.0, D=0.0)
 
@@ -87,3 +92,32 @@ def test_state_matrix_does_not_depend_on_the_direction_of_time_step_rounding() -
     coarse, fine = (make_engine("whipple", VEHICLE, step) for step in (0.0301, 0.001))
     assert modes.measured_modes(coarse, 5.0).weave == pytest.approx(modes.measured_modes(fine, 5.0).weave, rel=1e-3)
     assert math.isfinite(modes.measured_modes(coarse, 5.0).castering)
+
+
+@pytest.mark.parametrize("speed", [20.0, 45.0])
+def test_modes_of_a_moment_are_those_of_straight_running(speed: float) -> None:
+    """The compiled engine pushed in all its states, and Bullet in the lateral ones, tell the same weave and wobble."""
+    machine = load_vehicle("panigale_v4r")
+    assert isinstance(machine, Superbike)
+    engine = at_speed(CompiledSuperbikeEngine(machine, 0.0005), speed, 0.0, 2.0)
+    before = engine.motion.copy(), engine.memory.copy()
+    found = modes_now(engine, (0.0, holding_throttle(machine, speed)))
+    np.testing.assert_array_equal(engine.motion, before[0])
+    np.testing.assert_array_equal(engine.memory, before[1])
+    expected = measure_modes(machine, speed, hands=True)
+    assert found.weave == pytest.approx(expected.weave, rel=0.01)
+    assert found.wobble == pytest.approx(expected.wobble, rel=0.01)
+
+
+def test_weave_of_a_turn_loses_its_damping_where_the_tyres_are_used_up() -> None:
+    machine = load_vehicle("panigale_v4r")
+    assert isinstance(machine, Superbike)
+    growth = {}
+    for lean in (45.0, 55.0):
+        engine = at_speed(CompiledSuperbikeEngine(machine, 0.001), 50.0, lean, 2.0)
+        command = (-lean / machine.virtual_rider.max_lean_deg, -0.2)
+        engine.advance_commands(*command, 300)
+        growth[lean] = modes_now(engine, command).weave
+    assert growth[45.0].real < -0.5
+    assert growth[55.0].real > 0.3
+    assert 1.8 < growth[55.0].imag / (2.0 * math.pi) < 2.8
