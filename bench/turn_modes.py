@@ -5,6 +5,7 @@ rider, the arms and the electronics in the loop.
 
     python -m bench.turn_modes
     python -m bench.turn_modes --vehicle r1 --speed 50
+    python -m bench.turn_modes --scale rear_tyre.cornering=1.2 --scale front_tyre.cornering=1.2
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 from bike_sim.physics import state as st
@@ -29,6 +31,21 @@ LEANS: Final = (20.0, 45.0, 50.0, 55.0, 57.0)
 BRAKES: Final = (0.0, 0.2, 0.7)
 PULLED: Final = 0.3
 """Time for which the brake has been pulled, s."""
+
+
+def scaled(vehicle: Superbike, change: str) -> Superbike:
+    """Return a machine with one of its numbers multiplied, ``section.key=factor``.
+
+    Raises:
+        ValueError: another form, or no such number.
+    """
+    place, _, factor = change.partition("=")
+    section, _, key = place.partition(".")
+    try:
+        values = getattr(vehicle, section)
+        return replace(vehicle, **{section: replace(values, **{key: float(factor) * getattr(values, key)})})
+    except (AttributeError, TypeError, ValueError):
+        raise ValueError(f"{change!r} is not section.key=factor of a number in a vehicle's file") from None
 
 
 def moment(vehicle: Superbike, speed: float, lean: float, brake: float) -> tuple[CompiledSuperbikeEngine, float]:
@@ -50,9 +67,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description="Weave and wobble in turns.")
     parser.add_argument("--vehicle", default="panigale_v4r", choices=shipped_superbikes())
     parser.add_argument("--speed", type=float, action="append", help="m/s (default: 20, 35, 50)")
+    parser.add_argument("--scale", action="append", default=[], help="multiply a number: section.key=factor")
     args = parser.parse_args(arguments)
     vehicle = load_vehicle(args.vehicle)
     assert isinstance(vehicle, Superbike)
+    try:
+        for change in args.scale:
+            vehicle = scaled(vehicle, change)
+    except ValueError as error:
+        parser.error(str(error))
     print("m/s  deg  brake  lean  use front, rear   weave 1/s, Hz    wobble 1/s, Hz")
     for speed in args.speed or SPEEDS:
         for lean in LEANS:

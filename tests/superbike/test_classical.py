@@ -62,7 +62,7 @@ def test_plan_keeps_its_reserve(panigale: Superbike, limits: Envelope) -> None:
     assert np.all(careful.lateral_max < limits.lateral_max)
     assert np.all(careful.lean_rate < limits.lean_rate)
     # However much the tyres would give, braking leaves room for turning, in a deep lean most of all: there a machine
-    # on the brake hops.
+    # on the brake weaves.
     least = float(limits.brake(30.0))
     for use, room in ((0.5, 0.96), (0.7, 0.96), (0.9, 0.7), (0.97, 0.4)):
         turning = use * float(careful.lateral(30.0))

@@ -30,7 +30,7 @@ class RiderSettings:
         brake_exponent: the same of braking; 1 is a straight line.
         brake_decline: power of what turning leaves for braking; None for one by the exponent, which is a superellipse.
             Larger, with a larger exponent, it brakes more in a moderate lean and less in the deepest, where a machine
-            on the brake hops.
+            on the brake weaves.
         dip: part of the load of a dip that the plan counts on; the tyres have to take up the change first.
         lean_rate: part of the lean rate that the rider can ask for.
         preview: time from steering to lean beyond the reference model's own, s.
