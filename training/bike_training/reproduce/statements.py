@@ -20,6 +20,10 @@ FloatArray = NDArray[np.float64]
 YES, NO, OPEN = "yes", "no", "open"
 """Whether it agrees; open where the runs do not say."""
 _DRAWS: Final = 10_000
+_LEAST_RUNS: Final = 3
+"""Runs of a setting from which on intervals decide; the bootstrap interval of two values is only their range."""
+_ALIKE: Final = 0.5
+"""Share of prop.'s steps within which a difference must lie to count as none."""
 _SEED: Final = 0
 RODE_ALL: Final = ("prop", "alt1", "alt2", "alt3", "alt4")
 """Settings all of whose controllers ride random paths in the paper."""
@@ -99,9 +103,23 @@ def _all_end(settings: Sequence[str]) -> Callable[[Data], Found]:
         )
         if not all(ended(data, name) for name in settings):
             return Found(text, OPEN)
-        return Found(text, YES if all(len(values) == totals[name] for name, values in means.items()) else NO)
+        if all(len(values) == totals[name] for name, values in means.items()):
+            return Found(text, YES)
+        return Found(*_told_of_cut(data, settings, text))
 
     return find
+
+
+def _told_of_cut(data: Data, settings: Sequence[str], text: str) -> tuple[str, str]:
+    """Return the text and the verdict where runs have not ended: none if they had too few steps to say so.
+
+    The paper's n_tot is twice what its *prop.* needs and more.
+    """
+    prop = finished_at(data, "prop")
+    steps = [run.steps for run in data.runs if run.setting in settings and run.finished_at < 0]
+    if not len(prop) or min(steps) < 2.0 * prop.mean():
+        return f"{text}; others were cut off after {min(steps):,} steps, less than twice prop.'s", OPEN
+    return text, NO
 
 
 def _needs_more(setting: str) -> Callable[[Data], Found]:
@@ -116,7 +134,7 @@ def _needs_more(setting: str) -> Callable[[Data], Found]:
         low, high = _ratio(ours, prop)
         mean = ours.mean() / prop.mean()
         text += f"; {'at least ' if done < total else ''}{mean:.2f} times prop.'s steps ({low:.2f} to {high:.2f})"
-        if not (low > 1.0 or high < 1.0):
+        if not (low > 1.0 or high < 1.0) or min(len(ours), len(prop)) < _LEAST_RUNS:
             return Found(text, OPEN)
         return Found(text, YES if low > 1.0 else NO)
 
@@ -142,12 +160,16 @@ def _ratio(ours: FloatArray, others: FloatArray) -> tuple[float, float]:
 def _no_difference(setting: str) -> Callable[[Data], Found]:
     def find(data: Data) -> Found:
         ours, prop = finished_at(data, setting), finished_at(data, "prop")
-        if min(len(ours), len(prop)) < 2:
-            return Found(f"{len(ours)} and {len(prop)} runs finished", OPEN)
+        totals = [sum(run.setting == name for run in data.runs) for name in (setting, "prop")]
+        if min(len(ours), len(prop)) < 2 or [len(ours), len(prop)] != totals:
+            text = f"{len(ours)} of {totals[0]} and {len(prop)} of {totals[1]} runs end"
+            return Found(text, OPEN)
         rng = np.random.default_rng(_SEED)
         draws = [rng.choice(values, (_DRAWS, len(values))).mean(axis=1) for values in (ours, prop)]
         low, high = np.percentile(draws[0] - draws[1], [2.5, 97.5])
         text = f"difference of the means {low:+,.0f} to {high:+,.0f} steps (95 %)"
+        if min(totals) < _LEAST_RUNS or (low <= 0.0 <= high and max(-low, high) > _ALIKE * prop.mean()):
+            return Found(text, OPEN)
         return Found(text, YES if low <= 0.0 <= high else NO)
 
     return find
@@ -175,7 +197,11 @@ def _part_two(data: Data) -> Found:
 def _few_finish(data: Data) -> Found:
     runs = [run for run in data.runs if run.setting == "alt5"]
     done = sum(run.finished_at >= 0 for run in runs)
-    return Found(f"{done} of {len(runs)}", OPEN if not ended(data, "alt5") else YES if done < len(runs) else NO)
+    text = f"{done} of {len(runs)}"
+    if not ended(data, "alt5") or done == len(runs):
+        return Found(text, NO if runs and done == len(runs) else OPEN)
+    text, verdict = _told_of_cut(data, ["alt5"], text)
+    return Found(text, YES if verdict == NO else OPEN)
 
 
 def _all_ridden(settings: Sequence[str], course: str) -> Callable[[Data], Found]:
