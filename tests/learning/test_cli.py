@@ -7,7 +7,7 @@ import pytest
 
 from bike_policy.contract.action import ActionLayout
 from bike_policy.contract.actor import Actor
-from bike_policy.contract.bundle import Bundle
+from bike_policy.contract.bundle import Bundle, load_bundle
 from bike_policy.contract.observation import LEAN_LAYOUT
 from bike_sim.sim.simulator import Simulator
 from bike_training.cli import COMMANDS, main
@@ -102,6 +102,12 @@ def test_train_export_and_evaluate(tmp_path, capsys):
     assert "one JSON object" in capsys.readouterr().err
     code, result = run_json(capsys, "export", run, "--which", "last", "--name", "mine")
     assert code == 0
+    for parts in ("0.5,0.7", "0", "half"):
+        assert main(["export", run, "--which", "last", "--range", parts]) == 2
+        assert f"--range {parts}: needs a part" in capsys.readouterr().err
+    run_json(capsys, "export", run, "--which", "last", "--range", "0.5", "--out", str(tmp_path / "half"))
+    whole, half = (load_bundle(folder).action.columns[0].scale for folder in (run + "/policy", tmp_path / "half"))
+    assert half == 0.5 * whole
     words = ["evaluate", run + "/policy", "--speeds", "4", "--engine", "whipple", "--time-step", "0.01"]
     code, result = run_json(capsys, *words, "--out", str(tmp_path / "out"))
     assert result["figures"]["policy"] == "mine"

@@ -35,6 +35,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "one that passed every ride of a validation (as the paper does), or the last one (default: success for the "
         "paper's presets, else best)",
     )
+    parser.add_argument(
+        "--range",
+        help="parts of the range of each action that the policy keeps, as 0.5,0.7: less of line and pace of a race are "
+        "slower and safer than what it learned with (default: all)",
+    )
     parser.add_argument("--evaluation", type=Path, help="evaluation.json whose summary goes into the card")
 
 
@@ -54,12 +59,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     vehicle = load_vehicle(summary["vehicle"])
     task = preset.task.make()
     name = args.name or vehicle.name
+    parts = _parts(args.range, task.action.size)
     share = getattr(preset.curriculum, "share", 1.0)  # of the planned speed, of races
     bundle = Bundle(
         name=name,
         actor=actor,
         layout=replace(task.layout, share=share) if isinstance(task.layout, RaceLayout) else task.layout,
-        action=task.action,
+        action=task.action.narrowed(parts),
         vehicle=vehicle.name,
         control_period=vehicle.control_period,
         training={
@@ -67,6 +73,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             **summary,
             "actor": which,
             "actor_step": step,
+            "range": parts,
             "exported": time.strftime("%Y-%m-%d"),
         },
         results=_results(args.evaluation),
@@ -84,6 +91,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _export_refined(args: argparse.Namespace) -> dict[str, Any]:
     """Write the bundle of a refinement, which holds its best actor already, with name and results."""
+    if args.range is not None:
+        raise ValueError(f"--range {args.range}: {args.run} holds a refinement, whose actor needs all of its range")
     if args.which not in (None, "best"):
         raise ValueError(f"{args.run} holds a refinement, which keeps its best actor only, not the {args.which!r} one")
     found = load_bundle(args.run / POLICY)
@@ -95,6 +104,25 @@ def _export_refined(args: argparse.Namespace) -> dict[str, Any]:
     if not args.json:
         print(f"policy {bundle.name} written to {out}: the best actor, of segment {training['best_segment']}")
     return {"schema": "bike.export/1", "ok": True, "figures": {**figures, "actor_step": training["best_segment"]}}
+
+
+def _parts(text: str | None, count: int) -> list[float]:
+    """Return the part of its range that each action keeps.
+
+    Raises:
+        ValueError: the text is no such list.
+    """
+    if text is None:
+        return [1.0] * count
+    try:
+        parts = [float(word) for word in text.split(",")]
+    except ValueError:
+        parts = []
+    if len(parts) != count or not all(0.0 < part <= 1.0 for part in parts):
+        raise ValueError(
+            f"--range {text}: needs a part above 0 and up to 1 for each action of the policy, which has {count}"
+        )
+    return parts
 
 
 def _choose(progress: Mapping[str, Any], which: str, steps: int) -> tuple[Actor | None, str, int]:

@@ -101,6 +101,15 @@ class ActionLayout:
         """Whether a guide makes the commands, and actions are its targets."""
         return self.names == GUIDED
 
+    def narrowed(self, parts: Sequence[float]) -> ActionLayout:
+        """Return a layout whose actions ask for less.
+
+        Args:
+            parts: of each column's scale that remains.
+        """
+        pairs = zip(self.columns, parts, strict=True)
+        return ActionLayout(tuple(ActionColumn(column.meaning, part * column.scale) for column, part in pairs))
+
     def to_targets(self, actions: NDArray[np.floating]) -> NDArray[np.float64]:
         """Return the targets of a guide for actions in [-1, 1], shape (n, 2).
 
