@@ -13,13 +13,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import shap  # type: ignore[import-untyped]
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from bike_policy.contract.bundle import Bundle
 from bike_policy.contract.race import BLOCKS, RaceLayout
-from bike_training.explain.shap_values import BACKGROUND, PERMUTATIONS
+from bike_training.explain.shap_values import BACKGROUND, PERMUTATIONS, ShapValues, permute, spread
 
 FloatArray = NDArray[np.float64]
 
@@ -27,44 +25,23 @@ OBSERVATIONS: Final = 200
 """Observations, evenly spread over the ride, that are explained at most."""
 
 
-@dataclass(frozen=True)
-class BlockExplanation:
-    """SHAP values of g blocks of n observations for the m numbers of an action.
+@dataclass(frozen=True, kw_only=True)
+class BlockExplanation(ShapValues):
+    """SHAP values of g blocks in the m numbers of an action, each in its own unit.
 
     Attributes:
         blocks: names, in the order of the observation.
         actions: meanings of the action's numbers.
-        values: share of each block in each number of the action, in its own unit, shape (n, g, m).
-        base: mean action over the background, shape (m,).
-        outputs: actions, shape (n, m).
-        background: observations in the background.
-        permutations: orders tried for each observation.
-        seconds: wall-clock time it took, s.
     """
 
     blocks: tuple[str, ...]
     actions: tuple[str, ...]
-    values: FloatArray
     base: FloatArray
-    outputs: FloatArray
-    background: int
-    permutations: int
-    seconds: float
-
-    @property
-    def mean_abs(self) -> FloatArray:
-        """Mean magnitude of each block's values, shape (g, m)."""
-        return np.abs(self.values).mean(axis=0)
 
     @property
     def shares(self) -> FloatArray:
         """Part of each block in the sum of the mean magnitudes, shape (g, m)."""
         return self.mean_abs / np.maximum(self.mean_abs.sum(axis=0), np.finfo(float).tiny)
-
-    @property
-    def additivity_error(self) -> float:
-        """Largest difference of base and values to the outputs; not zero by rounding only."""
-        return float(np.abs(self.base + self.values.sum(axis=1) - self.outputs).max())
 
 
 def block_places(layout: RaceLayout) -> list[NDArray[np.intp]]:
@@ -98,13 +75,16 @@ def explain_blocks(
     layout = bundle.layout
     assert isinstance(layout, RaceLayout), "the caller has chosen by the layout"
     inputs = np.asarray(observations, dtype=np.float64)
-    explained, behind = (inputs[_spread(len(inputs), count)] for count in (most, background))
-    explainer = shap.explainers.Permutation(
-        lambda batch: _actions(bundle, batch), _Blocks(behind, block_places(layout)), seed=seed
+    explained, behind = spread(inputs, most), spread(inputs, background)
+    found = permute(
+        lambda batch: _actions(bundle, batch),
+        _Blocks(behind, block_places(layout)),
+        explained,
+        parts=len(layout.blocks),
+        permutations=permutations,
+        seed=seed,
+        silent=silent,
     )
-    evaluations = permutations * (2 * len(layout.blocks) + 1)
-    with threadpool_limits(1):  # many small products
-        found = explainer(explained, max_evals=evaluations, silent=silent)
     return BlockExplanation(
         blocks=layout.blocks,
         actions=bundle.action.names,
@@ -121,11 +101,6 @@ def _actions(bundle: Bundle, observations: FloatArray) -> FloatArray:
     """Return what a policy asks for, in the units of its action's columns, shape (n, m)."""
     actions = bundle.actor.act_batch(np.asarray(observations, dtype=np.float32))
     return np.asarray(actions, dtype=np.float64) * [column.scale for column in bundle.action.columns]
-
-
-def _spread(length: int, most: int) -> NDArray[np.intp]:
-    """Return places evenly spread over a length."""
-    return np.unique(np.linspace(0, length - 1, min(most, length)).round().astype(np.intp))
 
 
 class _Blocks:

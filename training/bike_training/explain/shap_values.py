@@ -10,8 +10,9 @@ ride through a slalom.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import shap  # type: ignore[import-untyped]
@@ -30,25 +31,21 @@ BACKGROUND: Final = 100
 """Observations, evenly spread over the section, that stand for features not put in yet."""
 
 
-@dataclass(frozen=True)
-class Explanation:
-    """SHAP values of a policy on n observations of k features.
+@dataclass(frozen=True, kw_only=True)
+class ShapValues:
+    """SHAP values of a policy on n observations.
 
     Attributes:
-        layout: of the observation.
-        features: values of the features in their own units (rad, rad/s, m, m/s, tangent), shape (n, k).
-        values: SHAP values: share of each feature in the set point of the steering angle, rad, shape (n, k).
-        base: mean set point over the background, rad.
-        outputs: set point that the actor requests, rad, shape (n,).
+        values: share of each part of an observation in the output, in the output's unit, shape (n, parts, ...).
+        base: mean output over the background.
+        outputs: of the policy, shape (n, ...).
         background: observations in the background.
         permutations: orders tried for each observation.
         seconds: wall-clock time it took, s.
     """
 
-    layout: ObservationLayout
-    features: FloatArray
     values: FloatArray
-    base: float
+    base: FloatArray | float
     outputs: FloatArray
     background: int
     permutations: int
@@ -56,13 +53,27 @@ class Explanation:
 
     @property
     def mean_abs(self) -> FloatArray:
-        """Mean magnitude of each feature's values, rad, shape (k,)."""
+        """Mean magnitude of each part's values, in the output's unit, shape (parts, ...)."""
         return np.abs(self.values).mean(axis=0)
 
     @property
     def additivity_error(self) -> float:
-        """Largest difference of base and values to the outputs, rad; not zero by rounding only."""
+        """Largest difference of base and values to the outputs; not zero by rounding only."""
         return float(np.abs(self.base + self.values.sum(axis=1) - self.outputs).max())
+
+
+@dataclass(frozen=True, kw_only=True)
+class Explanation(ShapValues):
+    """SHAP values of k features in the set point of the steering angle, rad.
+
+    Attributes:
+        layout: of the observation.
+        features: values of the features in their own units (rad, rad/s, m, m/s, tangent), shape (n, k).
+    """
+
+    layout: ObservationLayout
+    features: FloatArray
+    base: float
 
 
 def set_values(bundle: Bundle, observations: NDArray[np.floating]) -> FloatArray:
@@ -97,24 +108,58 @@ def explain(
     """
     begun = time.monotonic()
     inputs = np.asarray(observations, dtype=np.float64)
-    chosen = np.unique(np.linspace(0, len(inputs) - 1, min(background, len(inputs))).round().astype(int))
-    explainer = shap.explainers.Permutation(
-        lambda batch: set_values(bundle, batch), _Background(inputs[chosen]), seed=seed
+    behind = spread(inputs, background)
+    found = permute(
+        lambda batch: set_values(bundle, batch),
+        _Background(behind),
+        inputs,
+        parts=inputs.shape[1],
+        permutations=permutations,
+        seed=seed,
+        silent=silent,
     )
-    evaluations = permutations * (2 * inputs.shape[1] + 1)
-    # Many small products: threads of the linear algebra cost more than they give, six times as much on a busy machine.
-    with threadpool_limits(1):
-        found = explainer(inputs, max_evals=evaluations, silent=silent)
     return Explanation(
         layout=path_layout(bundle),
         features=inputs / _scales(path_layout(bundle)),
         values=np.asarray(found.values, dtype=np.float64),
         base=float(np.mean(found.base_values)),
         outputs=set_values(bundle, observations),
-        background=len(chosen),
+        background=len(behind),
         permutations=permutations,
         seconds=time.monotonic() - begun,
     )
+
+
+def spread(rows: FloatArray, most: int) -> FloatArray:
+    """Return so many rows at most, evenly spread."""
+    return rows[np.unique(np.linspace(0, len(rows) - 1, min(most, len(rows))).round().astype(np.intp))]
+
+
+def permute(
+    model: Callable[[FloatArray], FloatArray],
+    masker: Any,
+    rows: FloatArray,
+    *,
+    parts: int,
+    permutations: int,
+    seed: int,
+    silent: bool,
+) -> Any:
+    """Return what shap's permutation explainer finds.
+
+    Args:
+        model: to be explained.
+        masker: takes out what is not put in.
+        rows: inputs to explain it on.
+        parts: of an input, that are put in one after the other.
+        permutations: orders to try for each row.
+        seed: of the orders.
+        silent: show no progress.
+    """
+    explainer = shap.explainers.Permutation(model, masker, seed=seed)
+    # Many small products: threads of the linear algebra cost more than they give, six times as much on a busy machine.
+    with threadpool_limits(1):
+        return explainer(rows, max_evals=permutations * (2 * parts + 1), silent=silent)
 
 
 class _Background:
