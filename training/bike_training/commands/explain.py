@@ -30,7 +30,7 @@ EXAMPLES = """examples:
   bike explain out/ride/ride.mcap --section "full circle" --out out/circle
   bike explain ride.mcap --policy runs/mine/policy       what another policy makes of the same states
   bike explain episode.mcap --policy runs/mine/policy --section all
-  bike explain out/lap/racer/ride.mcap                   a racing policy: which blocks make it choose line and pace
+  bike explain out/lap/lap.mcap --policy racer           a racing policy: which blocks make it choose line and pace
 """
 
 SECTION = "slalom"
