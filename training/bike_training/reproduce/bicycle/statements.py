@@ -3,50 +3,22 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import fisher_exact
 
 from bike_sim.course.files import load_course
-from bike_training.reproduce.data import Data, Rides
-from bike_training.reproduce.detail_figures import weights
+from bike_training.reproduce.bicycle.data import Data, Rides
+from bike_training.reproduce.bicycle.detail_figures import weights
+from bike_training.reproduce.statement import LEAST_RUNS, NO, OPEN, YES, FloatArray, Found, Statement, interval
 
-FloatArray = NDArray[np.float64]
-
-YES, NO, OPEN = "yes", "no", "open"
-"""Whether it agrees; open where the runs do not say."""
-_DRAWS: Final = 10_000
-_LEAST_RUNS: Final = 3
-"""Runs of a setting from which on intervals decide; the bootstrap interval of two values is only their range."""
 _ALIKE: Final = 0.5
 """Share of prop.'s steps within which a difference must lie to count as none."""
-_SEED: Final = 0
 RODE_ALL: Final = ("prop", "alt1", "alt2", "alt3", "alt4")
 """Settings all of whose controllers ride random paths in the paper."""
-
-
-class Found(NamedTuple):
-    """What was found, and whether the paper agrees."""
-
-    text: str
-    agrees: str
-
-
-@dataclass(frozen=True)
-class Statement:
-    """A statement of the paper.
-
-    Attributes:
-        source: section, figure or table. paper: what it says. find: what the tables say.
-    """
-
-    source: str
-    paper: str
-    find: Callable[[Data], Found]
 
 
 def finished_at(data: Data, setting: str) -> FloatArray:
@@ -58,15 +30,6 @@ def ended(data: Data, setting: str) -> bool:
     """Return whether there are runs of a setting, and all of them have ended."""
     runs = [run for run in data.runs if run.setting == setting]
     return bool(runs) and all(run.status == "finished" for run in runs)
-
-
-def interval(values: FloatArray) -> tuple[float, float]:
-    """Return the 95 % percentile bootstrap interval of a mean; NaN where there are fewer than two values."""
-    if len(values) < 2:
-        return float("nan"), float("nan")
-    draws = np.random.default_rng(_SEED).choice(values, (_DRAWS, len(values))).mean(axis=1)
-    low, high = np.percentile(draws, [2.5, 97.5])
-    return float(low), float(high)
 
 
 def mean_distance(data: Data, setting: str, course: str) -> dict[float, tuple[float, bool]]:
@@ -131,10 +94,10 @@ def _needs_more(setting: str) -> Callable[[Data], Found]:
         text = f"{done} of {total} runs end"
         if not (ended(data, setting) and ended(data, "prop") and len(prop)):
             return Found(text, OPEN)
-        low, high = _ratio(ours, prop)
+        low, high = interval(ours, prop, rule=operator.truediv)
         mean = ours.mean() / prop.mean()
         text += f"; {'at least ' if done < total else ''}{mean:.2f} times prop.'s steps ({low:.2f} to {high:.2f})"
-        if not (low > 1.0 or high < 1.0) or min(len(ours), len(prop)) < _LEAST_RUNS:
+        if not (low > 1.0 or high < 1.0) or min(len(ours), len(prop)) < LEAST_RUNS:
             return Found(text, OPEN)
         return Found(text, YES if low > 1.0 else NO)
 
@@ -147,16 +110,6 @@ def _at_least(data: Data, setting: str) -> FloatArray:
     return np.array([run.finished_at if run.finished_at >= 0 else run.steps for run in runs], float)
 
 
-def _ratio(ours: FloatArray, others: FloatArray) -> tuple[float, float]:
-    """Return the 95 % bootstrap interval of the ratio of two means."""
-    if min(len(ours), len(others)) < 2:
-        return float("nan"), float("nan")
-    rng = np.random.default_rng(_SEED)
-    draws = [rng.choice(values, (_DRAWS, len(values))).mean(axis=1) for values in (ours, others)]
-    low, high = np.percentile(draws[0] / draws[1], [2.5, 97.5])
-    return float(low), float(high)
-
-
 def _no_difference(setting: str) -> Callable[[Data], Found]:
     def find(data: Data) -> Found:
         ours, prop = finished_at(data, setting), finished_at(data, "prop")
@@ -164,11 +117,9 @@ def _no_difference(setting: str) -> Callable[[Data], Found]:
         if min(len(ours), len(prop)) < 2 or [len(ours), len(prop)] != totals:
             text = f"{len(ours)} of {totals[0]} and {len(prop)} of {totals[1]} runs end"
             return Found(text, OPEN)
-        rng = np.random.default_rng(_SEED)
-        draws = [rng.choice(values, (_DRAWS, len(values))).mean(axis=1) for values in (ours, prop)]
-        low, high = np.percentile(draws[0] - draws[1], [2.5, 97.5])
+        low, high = interval(ours, prop, rule=operator.sub)
         text = f"difference of the means {low:+,.0f} to {high:+,.0f} steps (95 %)"
-        if min(totals) < _LEAST_RUNS or (low <= 0.0 <= high and max(-low, high) > _ALIKE * prop.mean()):
+        if min(totals) < LEAST_RUNS or (low <= 0.0 <= high and max(-low, high) > _ALIKE * prop.mean()):
             return Found(text, OPEN)
         return Found(text, YES if low <= 0.0 <= high else NO)
 
@@ -455,12 +406,3 @@ STATEMENTS: Final = (
     Statement("Appendix B", "P = 9 Nm, D = 1.6 Nms overshoot by at most 10 %", _overshoot),
 )
 """Statements that the experiments can answer."""
-
-
-def table(data: Data) -> str:
-    """Return the table "paper says, found, agrees" as Markdown."""
-    lines = ["| source | the paper says | found here | agrees |", "|---|---|---|---|"]
-    for statement in STATEMENTS:
-        found = statement.find(data)
-        lines.append(f"| {statement.source} | {statement.paper} | {found.text} | {found.agrees} |")
-    return "\n".join(lines) + "\n"

@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 
-from bike_training.reproduce.data import Data
-from bike_training.reproduce.statements import controller_1, finished_at, interval, worst_of
+from bike_training.reproduce.bicycle.data import Data
+from bike_training.reproduce.bicycle.statements import controller_1, finished_at, worst_of
+from bike_training.reproduce.statement import with_interval
 
 _PUBLISHED_6 = {"prop": ("0.69 m at 7 m/s", "0.09 m at 7 m/s"), "alt3": ("0.58 m at 7 m/s", "0.13 m at 2.25 m/s")}
-
-
-def all_tables(data: Data) -> str:
-    """Return all tables as Markdown, with headings."""
-    parts = {
-        "Settings, means with 95 % bootstrap intervals": _settings(data),
-        "Table 6: controller 1 on the benchmark path": _table_6(data),
-        "Table 8: direction of the front contact, degrees": _table_8(data),
-    }
-    return "\n".join(f"### {title}\n\n{text}" for title, text in parts.items())
 
 
 def _settings(data: Data) -> str:
@@ -35,7 +28,7 @@ def _settings(data: Data) -> str:
         }
         ridden = " | ".join(f"{sum(each)} of {len(each)}" for each in rides.values())
         lines.append(
-            f"| {name} | {len(done)} of {len(runs)} | {_with_interval(done, ',.0f')} | {_with_interval(means, '.3f')} "
+            f"| {name} | {len(done)} of {len(runs)} | {with_interval(done, ',.0f')} | {with_interval(means, '.3f')} "
             f"| {ridden} |"
         )
     return "\n".join(lines) + "\n"
@@ -48,15 +41,6 @@ def _means(data: Data, setting: str) -> list[float]:
         float(np.mean([ride.mean for ride in rides if ride.seed == seed]))
         for seed in sorted({ride.seed for ride in rides})
     ]
-
-
-def _with_interval(values: np.ndarray, form: str) -> str:
-    if not len(values):
-        return "-"
-    low, high = interval(values)
-    if not np.isfinite(low):
-        return f"{values.mean():{form}}"
-    return f"{values.mean():{form}} ({low:{form}} to {high:{form}})"
 
 
 def _table_6(data: Data) -> str:
@@ -81,3 +65,11 @@ def _table_8(data: Data) -> str:
         found = " | ".join(f"{value:.3f}" for value in (row.formula, row.whipple, row.pybullet))
         lines.append(f"| {row.roll:g} | {row.steer:g} | {row.published:g} | {found} |")
     return "\n".join(lines) + "\n"
+
+
+TABLES: Final = {
+    "Settings, means with 95 % bootstrap intervals": _settings,
+    "Table 6: controller 1 on the benchmark path": _table_6,
+    "Table 8: direction of the front contact, degrees": _table_8,
+}
+"""All tables as Markdown, by their headings."""

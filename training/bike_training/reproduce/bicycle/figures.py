@@ -3,46 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, Final
 
-import matplotlib as mpl
 import numpy as np
 
 from bike_sim.course.files import load_course
-from bike_training.reproduce import detail_figures
-from bike_training.reproduce.data import Data
-from bike_training.reproduce.statements import controller_1, finished_at, interval, mean_distance
+from bike_training.reproduce.bicycle import detail_figures
+from bike_training.reproduce.bicycle.data import Data
+from bike_training.reproduce.bicycle.statements import controller_1, finished_at, mean_distance
+from bike_training.reproduce.statement import interval
 
 _COLOURS: Final = {name: f"C{place}" for place, name in enumerate(("prop", "alt1", "alt2", "alt3", "alt4", "alt5"))}
 _SMOOTH: Final = 3
 """Validations of the moving average of Fig. 9; the paper, whose runs are ten times as long, takes 20."""
 _LEARNING: Final = ("prop", "alt1", "alt2", "alt5")
 """Settings of Fig. 9; with the others nothing could be told apart."""
-
-
-def draw_all(data: Data, out: Path) -> list[Path]:
-    """Draw all figures and return their files."""
-    mpl.use("Agg")
-    parts = {
-        "fig8.png": _steps,
-        "fig9.png": _learning,
-        "fig10.png": _distances,
-        "fig11.png": _junction,
-        "fig12.png": detail_figures.roll_and_steer,
-        "fig13.png": detail_figures.frames,
-        "fig14.png": detail_figures.impact,
-        "fig16.png": detail_figures.step_response,
-    }
-    paths = []
-    for name, draw in parts.items():
-        from matplotlib import pyplot as plt
-
-        figure = draw(data, plt)
-        figure.savefig(out / name, dpi=90)
-        plt.close(figure)
-        paths.append(out / name)
-    return paths
 
 
 def _settings(data: Data) -> list[str]:
@@ -160,3 +135,16 @@ def _junction(data: Data, plt: Any) -> Any:
     axes.set(aspect="equal", xlim=(-4.0, 20.0), ylim=(-12.0, 5.0))
     axes.legend(loc="lower right")
     return figure
+
+
+FIGURES: Final = {
+    "fig8.png": _steps,
+    "fig9.png": _learning,
+    "fig10.png": _distances,
+    "fig11.png": _junction,
+    "fig12.png": detail_figures.roll_and_steer,
+    "fig13.png": detail_figures.frames,
+    "fig14.png": detail_figures.impact,
+    "fig16.png": detail_figures.step_response,
+}
+"""What draws each figure, by its file."""

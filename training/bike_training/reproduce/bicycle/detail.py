@@ -29,7 +29,7 @@ from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.validation import bicycle as validation
 from bike_sim.vehicles.files import load_vehicle
-from bike_training.reproduce.data import Chance, Direction, Impact, Instant, SteeringStep
+from bike_training.reproduce.bicycle.data import Chance, Direction, Impact, Instant, SteeringStep
 from bike_training.rollout.riding import time_for
 from bike_training.rollout.rollout import rollout
 

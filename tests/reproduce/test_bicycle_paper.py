@@ -14,25 +14,15 @@ import pytest
 from bike_policy.contract.bundle import load_bundle
 from bike_training.cli import main
 from bike_training.learning.presets import PRESETS
-from bike_training.reproduce.data import (
-    Chance,
-    Data,
-    Direction,
-    Impact,
-    Instant,
-    Rides,
-    Run,
-    SteeringStep,
-    Track,
-    Validation,
-    read_data,
-    write_data,
-)
-from bike_training.reproduce.detail import front_directions, full_circles, impacts, ride_benchmark
-from bike_training.reproduce.detail_figures import weights
-from bike_training.reproduce.experiment import Experiment
-from bike_training.reproduce.statements import STATEMENTS, controller_1, mean_distance, table
-from bike_training.reproduce.tables import all_tables
+from bike_training.reproduce.bicycle.data import Chance, Data, Direction, Impact, Instant, Rides, SteeringStep, Track
+from bike_training.reproduce.bicycle.detail import front_directions, full_circles, impacts, ride_benchmark
+from bike_training.reproduce.bicycle.detail_figures import weights
+from bike_training.reproduce.bicycle.experiment import BicycleExperiment
+from bike_training.reproduce.bicycle.paper import BICYCLE
+from bike_training.reproduce.bicycle.statements import STATEMENTS, controller_1, mean_distance
+from bike_training.reproduce.data import Run, Validation, read_data, write_data
+from bike_training.reproduce.report import all_tables
+from bike_training.reproduce.statement import verdict_table
 from bike_training.rollout.evaluation import SPEEDS
 
 
@@ -138,7 +128,7 @@ def test_runs_that_were_cut_off_say_nothing(steps: int, verdict: str) -> None:
 
 def test_nothing_is_said_of_what_was_not_done() -> None:
     assert set(verdicts(Data())) <= {"open"}
-    assert table(Data()).count("\n") == len(STATEMENTS) + 2
+    assert verdict_table(STATEMENTS, Data()).count("\n") == len(STATEMENTS) + 2
 
 
 def test_controller_1_has_the_smallest_largest_distance_and_rides_all() -> None:
@@ -150,7 +140,7 @@ def test_controller_1_has_the_smallest_largest_distance_and_rides_all() -> None:
 
 
 def test_all_settings_are_those_of_the_paper_but_for_the_learner() -> None:
-    runs = [run.job().settings for run in Experiment(seeds=1).sweep().runs]  # type: ignore[attr-defined]
+    runs = [run.job().settings for run in BicycleExperiment(seeds=1).sweep().runs]  # type: ignore[attr-defined]
     assert [run.preset.name for run in runs] == ["paper", "alt1", "alt2", "alt3", "alt4", "alt5"]
     for run in runs:
         published = PRESETS[run.preset.name]
@@ -162,16 +152,19 @@ def test_all_settings_are_those_of_the_paper_but_for_the_learner() -> None:
 
 def test_the_page_says_what_its_data_say() -> None:
     docs = Path(__file__).parents[2] / "docs"
-    page, data = (docs / "bicycle_paper.md").read_text(encoding="utf-8"), read_data(docs / "data" / "bicycle_paper")
-    assert table(data).strip() in page
-    assert all_tables(data).strip() in page
+    page, data = (
+        (docs / "bicycle_paper.md").read_text(encoding="utf-8"),
+        read_data(docs / "data" / "bicycle_paper", Data),
+    )
+    assert verdict_table(STATEMENTS, data).strip() in page
+    assert all_tables(BICYCLE, data).strip() in page
 
 
 def test_tables_come_back_and_are_drawn_without_learning(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     data, folder = paper_like(), tmp_path / "data"
     folder.mkdir()
     write_data(folder, data)
-    back = read_data(folder)
+    back = read_data(folder, Data)
     assert (back.runs, back.validations, back.tracks[0].rider) == (data.runs, data.validations, "alt3")
     assert (back.directions, back.chances, back.impacts[3].feature) == (data.directions, data.chances, "roll_rate")
     assert [ride.completed for ride in back.rides] == [ride.completed for ride in data.rides]
@@ -218,9 +211,9 @@ def test_the_whole_way_and_again(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert done.returncode == 0, done.stderr
     figures = json.loads(done.stdout)["figures"]
     assert (figures["runs"], figures["runs_finished"], figures["rides"]) == (1, 1, 4)
-    data = read_data(tmp_path / "data")
+    data = read_data(tmp_path / "data", Data)
     assert {track.rider for track in data.tracks} == {"prop", "stanley", "lqr"}
     before = {path: path.stat().st_mtime_ns for path in tmp_path.glob("runs/*/*.csv")}
     assert main(words) == 0
     assert {path: path.stat().st_mtime_ns for path in tmp_path.glob("runs/*/*.csv")} == before
-    assert read_data(tmp_path / "data") == data
+    assert read_data(tmp_path / "data", Data) == data

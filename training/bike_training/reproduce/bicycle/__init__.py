@@ -1,0 +1,1 @@
+"""The bicycle paper: Weyrer et al. (2026)."""
