@@ -37,7 +37,7 @@ def samples_of(
         front_begin: progress near the first front contact point, m.
     """
     centre = track.centre
-    near, front_near = begin, front_begin
+    near, front_near = float(begin), float(front_begin)  # what times laps is compiled for floats
     for k in range(len(time)):
         reach = window(REACH, math.dist(rear[k], rear[max(k - 1, 0)]), centre.length)
         found = [

@@ -127,6 +127,8 @@ class Envelope:
         if not self.sway >= 0.0:
             raise ValueError(f"envelope '{self.name}': sway = {self.sway} must not be negative")
 
+    # Copies, below: arrays that may not be written are another type to compiled code, which would compile once more.
+
     @property
     def limits(self) -> Limits:
         """The tables for compiled code."""
@@ -158,7 +160,7 @@ class Envelope:
     def lateral(self, speed: FloatArray | float, load: float = 1.0) -> FloatArray:
         """Return the largest lateral acceleration at a speed (m/s) and load (1 on level ground), m/s^2."""
         speeds = np.asarray(speed, dtype=np.float64)
-        return _lateral_of(self.limits, np.atleast_1d(speeds).ravel(), load).reshape(speeds.shape)
+        return _lateral_of(self.limits, speeds.flatten(), load).reshape(speeds.shape)
 
     def drive(
         self, speed: FloatArray | float, lateral: FloatArray | float = 0.0, load: float = 1.0, roll_rate: float = 0.0
@@ -172,12 +174,12 @@ class Envelope:
             roll_rate: rad/s.
         """
         speeds, sides = np.broadcast_arrays(np.asarray(speed, dtype=np.float64), np.asarray(lateral, dtype=np.float64))
-        return _drive_of(self.limits, speeds.ravel(), np.abs(sides).ravel(), load, roll_rate).reshape(speeds.shape)
+        return _drive_of(self.limits, speeds.flatten(), np.abs(sides).flatten(), load, roll_rate).reshape(speeds.shape)
 
     def brake(self, speed: FloatArray | float, lateral: FloatArray | float = 0.0, load: float = 1.0) -> FloatArray:
         """Return the largest deceleration, resistance included, m/s^2; see `drive`."""
         speeds, sides = np.broadcast_arrays(np.asarray(speed, dtype=np.float64), np.asarray(lateral, dtype=np.float64))
-        return _brake_of(self.limits, speeds.ravel(), np.abs(sides).ravel(), load).reshape(speeds.shape)
+        return _brake_of(self.limits, speeds.flatten(), np.abs(sides).flatten(), load).reshape(speeds.shape)
 
     def within(self, share: float) -> Envelope:
         """Return the envelope of somebody who turns with no more than a share of the lateral limit.
