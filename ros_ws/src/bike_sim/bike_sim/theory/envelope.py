@@ -127,8 +127,6 @@ class Envelope:
         if not self.sway >= 0.0:
             raise ValueError(f"envelope '{self.name}': sway = {self.sway} must not be negative")
 
-    # Copies, below: arrays that may not be written are another type to compiled code, which would compile once more.
-
     @property
     def limits(self) -> Limits:
         """The tables for compiled code."""
@@ -160,6 +158,7 @@ class Envelope:
     def lateral(self, speed: FloatArray | float, load: float = 1.0) -> FloatArray:
         """Return the largest lateral acceleration at a speed (m/s) and load (1 on level ground), m/s^2."""
         speeds = np.asarray(speed, dtype=np.float64)
+        # a copy: an array that may not be written is another type to compiled code, which would compile once more
         return _lateral_of(self.limits, speeds.flatten(), load).reshape(speeds.shape)
 
     def drive(
