@@ -1,6 +1,7 @@
 """A run that is stopped and resumed is the run that was not stopped."""
 
 import csv
+import math
 import os
 import shutil
 import signal
@@ -23,6 +24,7 @@ from bike_training.learning.learner import AveragedActor, actor_tensors, build_m
 from bike_training.learning.presets import FAST, PAPER
 from bike_training.learning.process import LearningProcess
 from bike_training.learning.run_settings import RunSettings
+from bike_training.learning.selection import kept
 from bike_training.tasks.path import TASKS
 
 TINY = {
@@ -287,6 +289,28 @@ def test_each_session_logs_episodes_in_a_table_of_its_own(tmp_path, monkeypatch)
         second = (folder / "tensorboard" / "progress_from_000000210.csv").read_text()
         assert [row["time/total_timesteps"] for row in csv.DictReader(second.splitlines())] == ["410"]
     assert not open_files(tmp_path)
+
+
+def test_actors_of_some_steps_stay_also_in_a_run_that_goes_on(tmp_path):
+    process = tiny_process(tmp_path / "whole", keep_every=70)
+    process.run()
+    assert sorted(int(path.stem) for path in (tmp_path / "whole" / "actors").iterdir()) == [70, 140, 210, 280, 350]
+    parts = tiny_process(tmp_path / "parts", keep_every=70)
+
+    def stop(process: LearningProcess) -> None:
+        if process.model.num_timesteps >= 150:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        parts.run(stop)
+    assert kept(tmp_path / "parts", 141) is None
+    LearningProcess(parts.settings, tmp_path / "parts", 400, resume=True).run()
+    for step in (70, 71, 350):
+        (at, actor), (other_at, other) = kept(tmp_path / "whole", step), kept(tmp_path / "parts", step)
+        assert at == other_at == math.ceil(step / 70) * 70
+        for name, tensor in other.tensors().items():
+            np.testing.assert_array_equal(actor.tensors()[name], tensor)
+    assert kept(tmp_path / "whole", 351) is None
 
 
 def test_rows_that_a_kill_left_behind_the_checkpoint_are_dropped(tmp_path):

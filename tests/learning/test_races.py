@@ -28,6 +28,8 @@ def test_rides_that_leave_the_track_are_not_whole() -> None:
     result = ride_races(bundle(0.3), "panigale_v4r", "barcelona", starts=4)
     assert (result.rides, result.whole, result.times) == (4, 0, ())
     assert result.falls + result.walls >= 3
+    assert (result.finished, result.off_track) == (0, 0.0)  # no lap whose time off the track could count
+    assert 0.02 <= result.outside < 4 * 60.0
     figures = result.figures()
     assert figures["best_s"] is None
     assert 60.0 < figures["theory_s"] < 110.0
@@ -38,7 +40,7 @@ def test_an_actor_that_answers_nothing_rides_as_its_guide() -> None:
     actor = Actor([np.zeros((2, GUIDED.size), dtype=np.float32)], [np.zeros(2, dtype=np.float32)])
     policy = Bundle("nothing", actor, task.layout, task.action, "panigale_v4r", 0.02)
     result = ride_races(policy, "panigale_v4r", "barcelona", starts=4)
-    assert (result.whole, result.falls, result.off_track) == (4, 0, 0.0)
+    assert (result.whole, result.falls, result.finished, result.off_track, result.outside) == (4, 0, 4, 0.0, 0.0)
     classical = ride_laps("panigale_v4r", "barcelona", laps=1, engine="compiled").best
     assert classical is not None
     assert result.times[0] == pytest.approx(classical.duration, rel=0.02)

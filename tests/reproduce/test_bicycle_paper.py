@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -202,14 +200,9 @@ def test_postures_and_circles() -> None:
 
 
 @pytest.mark.slow
-def test_the_whole_way_and_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """In a process of its own the first time: Ray takes its secret from the environment that it is imported in."""
-    pytest.importorskip("ray")
+def test_the_whole_way_and_again(tmp_path: Path, capsys: pytest.CaptureFixture[str], whole_way) -> None:
     words = ["reproduce", "bicycle", "--out", str(tmp_path), "--quick", "--cores", "1", "--json"]
-    program = "import sys; from bike_training.cli import main; main()"
-    done = subprocess.run([sys.executable, "-c", program, *words], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    figures = json.loads(done.stdout)["figures"]
+    figures = whole_way(words)
     assert (figures["runs"], figures["runs_finished"], figures["rides"]) == (1, 1, 4)
     data = read_data(tmp_path / "data", Data)
     assert {track.rider for track in data.tracks} == {"prop", "stanley", "lqr"}

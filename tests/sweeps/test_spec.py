@@ -135,3 +135,8 @@ def test_a_run_until_its_end_is_never_told_to_be_further_than_it_is(made: int) -
 @pytest.mark.parametrize(("cores", "need", "slots"), [(2.0, 1.0, 2), (2.0, 0.5, 4), (3.0, 2.0, 1), (1.0, 4.0, 1)])
 def test_slots(cores: float, need: float, slots: int) -> None:
     assert slots_of(cores, [need]) == slots
+
+
+def test_a_superbike_learns_on_the_compiled_engine_as_it_does_by_itself() -> None:
+    job = TrainJob.from_entries({"vehicle": "panigale_v4r", "preset": "race_direct"})
+    assert job.settings.compiled

@@ -5,19 +5,18 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from bike_policy.contract.actor import Actor
 from bike_policy.contract.bundle import Bundle, load_bundle
 from bike_policy.contract.race import RaceLayout
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.curricula.parts import SPEED_RANGES
 from bike_training.learning.checkpoint import Checkpoint
 from bike_training.learning.presets import Preset
-from bike_training.learning.progress import stored_actor
+from bike_training.learning.progress import chosen_actor
 from bike_training.learning.refinement_files import POLICY, TABLE
 
 
@@ -52,7 +51,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     with checkpoint.reading():
         preset = Preset.from_card(summary["preset"])
         wanted = args.which or ("success" if preset.published else "best")
-        actor, which, step = _choose(checkpoint.run["progress"], wanted, summary["steps"])
+        actor, which, step = chosen_actor(checkpoint.run["progress"], wanted, summary["steps"])
     if actor is None:
         advice = "" if wanted == "last" else ", or export --which last"
         raise ValueError(f"{args.run}: there is no {wanted!r} actor yet; train longer{advice}")
@@ -123,15 +122,6 @@ def _parts(text: str | None, count: int) -> list[float]:
             f"--range {text}: needs a part above 0 and up to 1 for each action of the policy, which has {count}"
         )
     return parts
-
-
-def _choose(progress: Mapping[str, Any], which: str, steps: int) -> tuple[Actor | None, str, int]:
-    """Return an actor of a stored progress, which one it is, and the learning step that it is of."""
-    if which == "best" and progress["best"] is not None:
-        return stored_actor(progress, "best"), "best", progress["best_step"]
-    if which in ("best", "success"):
-        return stored_actor(progress, "latest_success"), "success", progress["success_step"]
-    return stored_actor(progress, "averaged"), "last", steps  # none before learning began
 
 
 def _results(path: Path | None) -> dict[str, Any]:

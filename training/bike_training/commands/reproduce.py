@@ -20,12 +20,13 @@ from bike_training.reproduce.experiment import Experiment
 from bike_training.reproduce.paper import Paper
 from bike_training.reproduce.report import all_tables, draw_all
 from bike_training.reproduce.statement import NO, OPEN, YES, verdict_table
+from bike_training.reproduce.superbike.paper import SUPERBIKE
 from bike_training.sweeps.display import Display
 from bike_training.sweeps.driver import Place, do_runs
 from bike_training.sweeps.plan import Plan, make_plan, schedule, slots_of
 from bike_training.sweeps.training_job import TrainJob
 
-PAPERS: Final[dict[str, Paper[Any, Any]]] = {paper.name: paper for paper in (BICYCLE,)}
+PAPERS: Final[dict[str, Paper[Any, Any]]] = {paper.name: paper for paper in (BICYCLE, SUPERBIKE)}
 DATA: Final = "data"
 STATEMENTS_FILE: Final = "statements.md"
 TABLES_FILE: Final = "tables.md"
@@ -36,6 +37,7 @@ EXAMPLES: Final = """examples:
   bike reproduce bicycle --out runs/paper --settings prop alt3 --seeds 2 --steps 200000
   bike reproduce bicycle --out drawn --data runs/paper/data  draw figures and tables again, without learning
   bike reproduce bicycle --out tried --quick                 the whole way in seconds; learns nothing
+  bike reproduce superbike --out runs/race --settings spdl sac   SPDL and SAC in Barcelona alone
 """
 
 

@@ -42,6 +42,10 @@ class Run(Protocol):
         """Compare the present actor with the best one."""
         ...
 
+    def keep(self) -> None:
+        """Keep the present actor on disk."""
+        ...
+
     def save(self) -> None:
         """Write a checkpoint."""
         ...
@@ -81,8 +85,8 @@ class LearningCallback(BaseCallback):
         process, progress = self.process, self.process.progress
         self._tick()
         if progress.handled_at != self.num_timesteps:
-            progress.handled_at = self.num_timesteps
-            self._take_step()
+            before, progress.handled_at = progress.handled_at, self.num_timesteps
+            self._take_step(before)
         if self.num_timesteps - self.logged_at >= LOG_EVERY:
             self.logged_at = self.num_timesteps
             for name, value in progress.curriculum.figures().items():
@@ -101,8 +105,12 @@ class LearningCallback(BaseCallback):
         self.training_env.env_method("set_episodes", episodes)
         self.consistent = False
 
-    def _take_step(self) -> None:
-        """Average the actor after a step, and validate and compare it where that is due."""
+    def _take_step(self, before: int) -> None:
+        """Average the actor after a step, and validate, compare and keep it where that is due.
+
+        Args:
+            before: learning step of the one before.
+        """
         process, progress = self.process, self.process.progress
         preset = process.settings.preset
         if self.num_timesteps > preset.learning_starts:
@@ -111,6 +119,9 @@ class LearningCallback(BaseCallback):
             process.validate()
         if selection.is_due(progress, self.num_timesteps, preset.curriculum.select_every):
             process.select()
+        every = process.settings.keep_every
+        if every and self.num_timesteps // every > max(before, 0) // every:
+            process.keep()
 
     def _may_validate(self) -> bool:
         every = self.process.settings.preset.curriculum.validate_every

@@ -243,6 +243,10 @@ class LearningProcess:
         self._tables.add_selection(step, error)
         self.model.logger.record(f"selection/{self.task.error_name}", error)
 
+    def keep(self) -> None:
+        """Keep the present actor on disk."""
+        selection.keep(self.out, self.actor(), self.model.num_timesteps)
+
     def _standing(self) -> Standing:
         """Return where learning stands, for recordings."""
         from bike_training.learning.episode_recording import Standing

@@ -125,3 +125,19 @@ def stored_actor(stored: Mapping[str, Any], name: str) -> Actor | None:
         return averaged.actor() if averaged.count else None
     tensors = stored[name]
     return None if tensors is None else Actor.from_tensors(tensors)
+
+
+def chosen_actor(stored: Mapping[str, Any], which: str, steps: int) -> tuple[Actor | None, str, int]:
+    """Return an actor of a stored progress, which one it is, and the learning step that it is of.
+
+    Args:
+        stored: what :meth:`Progress.state_dict` returned.
+        which: ``best`` of those that were compared (``success`` where none was), ``success`` for the most recent one
+            that passed a validation, or ``last``.
+        steps: learning steps so far.
+    """
+    if which == "best" and stored["best"] is not None:
+        return stored_actor(stored, "best"), "best", stored["best_step"]
+    if which in ("best", "success"):
+        return stored_actor(stored, "latest_success"), "success", stored["success_step"]
+    return stored_actor(stored, "averaged"), "last", steps  # none before learning began

@@ -41,6 +41,7 @@ class RunSettings:
         checkpoint_every: learning steps between checkpoints.
         record_every: validations between recorded rides; 0 records none.
         until_finished: stop when the curriculum is finished.
+        keep_every: learning steps between actors that are kept in ``actors/``; 0 keeps those that are compared alone.
     """
 
     preset: Preset
@@ -52,6 +53,7 @@ class RunSettings:
     checkpoint_every: int = 50_000
     record_every: int = 0
     until_finished: bool = False
+    keep_every: int = 0
 
     def __post_init__(self) -> None:
         """Refuse values that mean nothing.
@@ -69,6 +71,8 @@ class RunSettings:
             raise ValueError(f"time_step must be positive and finite, got {self.time_step!r} s")
         if self.checkpoint_every < 1:
             raise ValueError(f"checkpoint_every must be at least 1 learning step, got {self.checkpoint_every}")
+        if self.keep_every < 0:
+            raise ValueError(f"keep_every must be 0 or more learning steps, got {self.keep_every}")
         if self.record_every < 0:
             raise ValueError(f"record_every must be 0 or more validations, got {self.record_every}")
 

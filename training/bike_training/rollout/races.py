@@ -36,8 +36,8 @@ class RaceResult:
         vehicle: its name. circuit: its name. rides: number of starts. laps: that each of them was to finish.
         whole: rides that finished them with never both contact points outside the limits.
         falls: rides that ended with a fall. walls: with a wall.
-        times: of the flying laps of whole rides, s, sorted.
-        off_track: time with both contact points outside over all flying laps, s.
+        finished: flying laps that were finished, of all rides. times: of those of whole rides, s, sorted.
+        off_track: time with both contact points outside over all flying laps, s. outside: over all of the rides, s.
         line: mean distance to the followed line, m. activity: mean change of steering and of throttle from one
             control period to the next.
         theory: theoretical lap of the closest line, s.
@@ -50,8 +50,10 @@ class RaceResult:
     whole: int
     falls: int
     walls: int
+    finished: int
     times: tuple[float, ...]
     off_track: float
+    outside: float
     line: float
     activity: tuple[float, float]
     theory: float
@@ -71,6 +73,7 @@ class RaceResult:
             "theory_s": self.theory,
             "median_excess": None if median is None else median / self.theory - 1.0,
             "off_track_s": self.off_track,
+            "outside_s": self.outside,
             "line_distance_m": self.line,
             "steering_change": self.activity[0],
             "throttle_change": self.activity[1],
@@ -108,7 +111,7 @@ def ride_races(
         rides.begin(row, batch, request, batch.course(row))
     theory = closest_lap(circuit, envelope(batch.vehicle))
     whole = np.ones(starts, dtype=bool)
-    distance, activity, moments = 0.0, np.zeros(2), 0
+    distance, activity, moments, outside = 0.0, np.zeros(2), 0, 0
     before = np.zeros((starts, 2))
     for step in range(round(TIME * theory * (laps + 1) / config.control_period)):
         if step % layout.repeat == 0:
@@ -123,6 +126,7 @@ def ride_races(
         distance += float(np.abs(batch.look[riding, lk.LATERAL_ERROR]).sum())
         activity += np.abs(commands - before)[riding].sum(axis=0)
         moments += int(riding.sum())
+        outside += int((riding & batch.off_course).sum())
         before = commands
     finished: list[list[Lap]] = [batch.log(row).laps[:laps] for row in range(starts)]
     whole &= np.array([len(done) == laps for done in finished])
@@ -135,8 +139,10 @@ def ride_races(
         whole=int(whole.sum()),
         falls=sum(end != WALL for end in ends),
         walls=sum(end == WALL for end in ends),
+        finished=sum(map(len, finished)),
         times=tuple(sorted(lap.duration for row, done in enumerate(finished) if whole[row] for lap in done)),
         off_track=float(sum(lap.off_track for done in finished for lap in done)),
+        outside=outside * config.control_period,
         line=distance / max(1, moments),
         activity=(float(activity[0]) / max(1, moments), float(activity[1]) / max(1, moments)),
         theory=theory,

@@ -14,7 +14,7 @@ from bike_sim.documents import show
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.learning.presets import PRESETS
 from bike_training.learning.run_settings import RunSettings
-from bike_training.learning.simulators import with_simulator
+from bike_training.learning.simulators import SUPERBIKE_ENGINES, with_simulator
 from bike_training.sweeps.job_parts import JobEnd, Tell, check_kinds
 
 if TYPE_CHECKING:
@@ -33,6 +33,7 @@ _KINDS: Final[Mapping[str, tuple[type, ...]]] = {
     "until_finished": (bool,),
     "checkpoint_every": (int,),
     "record_every": (int,),
+    "keep_every": (int,),
 }
 _KEPT: Final = (
     "steps",
@@ -86,11 +87,14 @@ class TrainJob:
             preset = replace(preset, steps=entries["steps"])
         chosen = {
             key: entries[key]
-            for key in ("vehicle", "seed", "until_finished", "checkpoint_every", "record_every")
+            for key in ("vehicle", "seed", "until_finished", "checkpoint_every", "record_every", "keep_every")
             if key in entries
         }
+        begun = RunSettings(preset, **chosen)
+        if begun.superbike:
+            begun = replace(begun, engine=SUPERBIKE_ENGINES["local"])
         settings = with_simulator(
-            RunSettings(preset, **chosen),
+            begun,
             entries.get("client"),
             entries.get("engine"),
             entries.get("time_step"),

@@ -1,0 +1,1 @@
+"""The superbike paper: SAC with a self-paced curriculum, and without."""
