@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 
@@ -26,6 +27,21 @@ def check_whole(option: str, value: int, least: int, most: int | None = None) ->
     if value < least or (most is not None and value > most):
         wanted = f"at least {least}" if most is None else f"{least} to {most}"
         raise ValueError(f"{option} must be {wanted}, got {value}")
+
+
+def seeds_of(option: str, text: str) -> tuple[int, ...]:
+    """Return seeds: of ``N`` those from 0 to N - 1, of ``A-B`` those from A to B, both ends included.
+
+    Raises:
+        ValueError: it is neither, or there would be no seed.
+    """
+    match = re.fullmatch(r"\s*(\d+)\s*(?:-\s*(\d+)\s*)?", text, re.ASCII)
+    if match is None:
+        raise ValueError(f"{option} must be a number of seeds, as 5, or a range of seeds, as 2-4; got {text!r}")
+    first, last = (0, int(match[1]) - 1) if match[2] is None else (int(match[1]), int(match[2]))
+    if last < first:
+        raise ValueError(f"{option} {text} holds no seed")
+    return tuple(range(first, last + 1))
 
 
 def make_folder(option: str, path: Path) -> None:

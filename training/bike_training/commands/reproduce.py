@@ -12,7 +12,7 @@ from typing import Any, Final
 import yaml
 
 from bike_sim.recording.in_use import claim_folder
-from bike_training.arguments import check_whole, make_folder
+from bike_training.arguments import check_whole, make_folder, seeds_of
 from bike_training.reproduce.bicycle.paper import BICYCLE
 from bike_training.reproduce.collecting import collect
 from bike_training.reproduce.data import read_data, write_data
@@ -49,7 +49,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("paper", choices=PAPERS, help=sources)
     parser.add_argument("--out", type=Path, required=True, help="folder; what it holds already is kept")
     parser.add_argument("--settings", nargs="+", metavar="SETTING", help="what is learned (default: all)")
-    parser.add_argument("--seeds", type=int, help="runs of each setting (default: 5)")
+    parser.add_argument("--seeds", help="of each setting: 5 for seeds 0 to 4, 2-4 for some of them (default: 5)")
     steps = ", ".join(f"{name} {paper.experiment.steps:,}" for name, paper in PAPERS.items())
     parser.add_argument("--steps", type=int, help=f"most learning steps of a run (default: {steps})")
     parser.add_argument("--cores", type=int, help="processor cores to use (default: all)")
@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     Raises:
         ValueError, FileNotFoundError: an argument, or a table. ModuleNotFoundError: packages of sweeps are missing.
     """
-    for name, least in (("seeds", 1), ("steps", 1), ("cores", 1)):
+    for name, least in (("steps", 1), ("cores", 1)):
         value = getattr(args, name)
         if value is not None:
             check_whole(f"--{name}", value, least)
@@ -109,7 +109,9 @@ def _experiment(args: argparse.Namespace) -> Experiment:
     unknown = [name for name in args.settings or () if name not in known]
     if unknown:
         raise ValueError(f"--settings {unknown[0]}: the {paper.name} paper has {', '.join(known)}")
-    asked = {"settings": args.settings and tuple(args.settings), "seeds": args.seeds, "steps": args.steps}
+    asked: dict[str, Any] = {"settings": args.settings and tuple(args.settings), "steps": args.steps}
+    if args.seeds is not None:
+        asked["seeds"] = seeds_of("--seeds", args.seeds)
     experiment: Experiment = paper.quick if args.quick else paper.experiment
     return replace(experiment, **{name: value for name, value in asked.items() if value})
 

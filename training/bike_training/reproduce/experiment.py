@@ -14,11 +14,11 @@ class Experiment(ABC):
     """What is done.
 
     Attributes:
-        settings: that are learned, by name. seeds: runs of each setting. steps: most learning steps of a run.
+        settings: that are learned, by name. seeds: of the runs of each setting. steps: most learning steps of a run.
     """
 
     settings: tuple[str, ...]
-    seeds: int = 5
+    seeds: tuple[int, ...] = tuple(range(5))
     steps: int
 
     @property
@@ -36,7 +36,7 @@ class Experiment(ABC):
 
     def named(self) -> list[tuple[str, int]]:
         """Return setting and seed of every run, one seed of all settings first: what is interrupted shows them all."""
-        return [(name, seed) for seed in range(self.seeds) for name in self.settings]
+        return [(name, seed) for seed in self.seeds for name in self.settings]
 
     def document(self) -> dict[str, Any]:
         """Return the file of the sweep that learns it all; its runs are in the order of `named`."""
