@@ -30,7 +30,7 @@ from bike_analysis import compare, open_ride
 from bike_analysis.page.embed import MISSING, embed
 from bike_analysis.page.ride_page import write_page
 from bike_analysis.page.ride_view import panels_for, ride_view
-from bike_analysis.page.shell import page_shell
+from bike_analysis.page.shell import page_shell, program_version
 from bike_analysis.page.view import (
     KMH,
     Band,
@@ -235,6 +235,16 @@ def test_every_plot_is_drawn_and_nothing_is_asked_for(opened: Opener, ride_page:
     asked = [params["request"]["url"] for params in sent if params["documentURL"] == ride_page.as_uri()]
     assert asked, "the performance log shows at least the page itself"
     assert not [url for url in asked if not url.startswith(("file:", "data:", "blob:"))]
+
+
+def test_the_header_is_one_line_of_words_for_each_recording(
+    opened: Opener, ride_page: Path, comparison_page: Path
+) -> None:
+    (alone,) = opened(ride_page).find_elements(By.CSS_SELECTOR, "header > p")
+    assert " messages · " in alone.text
+    assert f" · page by {program_version()}" in alone.text
+    lines = [line.text for line in opened(comparison_page).find_elements(By.CSS_SELECTOR, "header > p")]
+    assert [line.partition(" · ")[0] for line in lines] == ["slow.mcap", "fast.mcap", f"page by {program_version()}"]
 
 
 def test_a_recording_of_an_older_version_is_drawn(opened: Opener, old_recording: Path, tmp_path: Path) -> None:

@@ -76,8 +76,15 @@ def render_page(recordings: Sequence[RideRecording], comparison: Comparison | No
         view = ride_view(rides[index].judged, f"ride-{index + 1}", f"{labels[index]} on {_course(rides[index])}")
         views.append(view)
         parts.append(_ride(rides[index], names[index], view))
-    below = [*map(_subtitle, recordings, sources), f'<p class="soft">page by {html_text(program_version())}</p>']
-    return page_shell(title, "".join(below), parts, views)
+    return page_shell(title, _below(list(zip(recordings, sources, strict=True))), parts, views)
+
+
+def _below(recordings: Sequence[tuple[RideRecording, str]]) -> str:
+    """What stands below the title: a line for each recording; who made the page ends that of a single one."""
+    lines = [html_text(" · ".join(_words(recording, file)), LONGEST_SENTENCE) for recording, file in recordings]
+    made = html_text(f"page by {program_version()}")
+    lines = [f"{lines[0]} · {made}"] if len(lines) == 1 else [*lines, made]
+    return "".join(f'<p class="soft">{line}</p>' for line in lines)
 
 
 def _course(ride: RecordedRide) -> str:
@@ -95,7 +102,7 @@ def _chosen(figures: Sequence[RideFigures]) -> list[int]:
     return sorted(worst[:DRAWN_RIDES])
 
 
-def _subtitle(recording: RideRecording, file: str) -> str:
+def _words(recording: RideRecording, file: str) -> list[str]:
     total = sum(ride.figures.duration_s for ride in recording.rides)
     way = sum(ride.figures.distance_m for ride in recording.rides)
     words = [file] if file else []
@@ -103,8 +110,7 @@ def _subtitle(recording: RideRecording, file: str) -> str:
     if recording.vehicle:
         words.append(f"vehicle {recording.vehicle}")
     words += recorded_settings(recording.data)
-    words += [f"{name} {value}" for name, value in recording.data.notes.items() if name != "vehicle"]
-    return f'<p class="soft">{html_text(" · ".join(words), LONGEST_SENTENCE)}</p>'
+    return words + [f"{name} {value}" for name, value in recording.data.notes.items() if name != "vehicle"]
 
 
 def _warnings(recording: RideRecording, file: str) -> str:
