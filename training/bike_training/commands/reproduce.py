@@ -15,8 +15,9 @@ from bike_sim.recording.in_use import claim_folder
 from bike_training.arguments import check_whole, make_folder, seeds_of
 from bike_training.reproduce.bicycle.paper import BICYCLE
 from bike_training.reproduce.collecting import collect
-from bike_training.reproduce.data import read_data, write_data
+from bike_training.reproduce.data import write_data
 from bike_training.reproduce.experiment import Experiment
+from bike_training.reproduce.merge import read_all
 from bike_training.reproduce.paper import Paper
 from bike_training.reproduce.report import all_tables, draw_all
 from bike_training.reproduce.statement import NO, OPEN, YES, verdict_table
@@ -28,6 +29,8 @@ from bike_training.sweeps.training_job import TrainJob
 
 PAPERS: Final[dict[str, Paper[Any, Any]]] = {paper.name: paper for paper in (BICYCLE, SUPERBIKE)}
 DATA: Final = "data"
+LEARNING: Final = ("settings", "seeds", "steps", "cores", "plan", "quick")
+"""Options that say nothing where nothing is learned."""
 STATEMENTS_FILE: Final = "statements.md"
 TABLES_FILE: Final = "tables.md"
 
@@ -36,6 +39,8 @@ EXAMPLES: Final = """examples:
   bike reproduce bicycle --out runs/paper                    all settings, five seeds; the same command goes on
   bike reproduce bicycle --out runs/paper --settings prop alt3 --seeds 2 --steps 200000
   bike reproduce bicycle --out drawn --data runs/paper/data  draw figures and tables again, without learning
+  bike reproduce bicycle --out late --seeds 2-4              some of the seeds, as on another machine
+  bike reproduce bicycle --out all --data runs/paper/data late/data   both together
   bike reproduce bicycle --out tried --quick                 the whole way in seconds; learns nothing
   bike reproduce superbike --out runs/race --settings spdl sac   SPDL and SAC in Barcelona alone
 """
@@ -55,7 +60,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--cores", type=int, help="processor cores to use (default: all)")
     parser.add_argument("--plan", action="store_true", help="say how long it will take, and start nothing")
     parser.add_argument("--quick", action="store_true", help="try the whole way with a run that learns nothing")
-    parser.add_argument("--data", type=Path, help="draw from the tables of this folder; nothing is learned or ridden")
+    parser.add_argument(
+        "--data",
+        type=Path,
+        nargs="+",
+        metavar="FOLDER",
+        help="draw from the tables of these folders, put together; nothing is learned or ridden",
+    )
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -70,8 +81,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             check_whole(f"--{name}", value, least)
     paper = PAPERS[args.paper]
     if args.data is not None:
-        make_folder("--out", args.out)
-        return _outcome(args, read_data(args.data, paper.tables), ok=True)
+        return _drawn(args)
     experiment = _experiment(args)
     sweep = experiment.sweep()
     plan = make_plan(sweep, args.out)
@@ -114,6 +124,26 @@ def _experiment(args: argparse.Namespace) -> Experiment:
         asked["seeds"] = seeds_of("--seeds", args.seeds)
     experiment: Experiment = paper.quick if args.quick else paper.experiment
     return replace(experiment, **{name: value for name, value in asked.items() if value})
+
+
+def _drawn(args: argparse.Namespace) -> dict[str, Any]:
+    """Draw from tables; those of several folders are left together as well.
+
+    Raises:
+        ValueError, FileNotFoundError: as of `read_all`, or an option that is for learning.
+    """
+    given = [name for name in LEARNING if getattr(args, name) not in (None, False)]
+    if given:
+        raise ValueError(f"--{given[0]} is for what is learned; --data draws what its folders hold")
+    together = args.out / DATA
+    if together.resolve() in [folder.resolve() for folder in args.data] and len(args.data) > 1:
+        raise ValueError(f"--out {args.out} would write over the tables of --data {together}; choose another folder")
+    data = read_all(PAPERS[args.paper], args.data)
+    make_folder("--out", args.out)
+    if len(args.data) > 1:
+        make_folder("--out", together)
+        write_data(together, data)
+    return _outcome(args, data, ok=True)
 
 
 def _longest(plan: Plan, cores: float) -> float:

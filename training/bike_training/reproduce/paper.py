@@ -33,6 +33,8 @@ class Paper(Generic[Kind, Data]):
         look_closely: add what needs all runs: the folders of those that rode, by setting and seed.
         statements: what it says. figures: what draws each, by file. written: tables as Markdown, by heading.
         counts: what the command tells of the rides, by name.
+        choose: takes what `look_closely` adds from those of several places that have the chosen runs, given the tables
+            of all runs and those of each place; None where places cannot be put together.
     """
 
     name: str
@@ -50,3 +52,4 @@ class Paper(Generic[Kind, Data]):
     figures: Mapping[str, Callable[[Data, Any], Any]]
     written: Mapping[str, Callable[[Data], str]]
     counts: Callable[[Data], Mapping[str, int]]
+    choose: Callable[[Data, Sequence[Data]], Data] | None = None

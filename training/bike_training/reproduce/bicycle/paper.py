@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -34,6 +34,8 @@ from bike_training.tasks.path import DISTANCE_THRESHOLD
 
 SHIPPED: Final = "whipple"
 """Actor that is explained beside controller 1 of prop."""
+CLOSELY: Final = ("prop", "alt3")
+"""Settings whose controllers 1 ride the junction; that of prop is looked at further."""
 
 
 def ride(folder: Path, setting: str, seed: int, experiment: BicycleExperiment, advance: Advance) -> Rows | None:
@@ -50,7 +52,7 @@ def look_closely(data: Data, folders: Mapping[tuple[str, int], Path], experiment
         folders: of the runs whose controllers rode, by setting and seed.
         experiment: what is done.
     """
-    chosen = [(name, controller_1(data, name)) for name in ("prop", "alt3")]
+    chosen = [(name, controller_1(data, name)) for name in CLOSELY]
     found = {name: controller(folders[name, seed], name, experiment.which) for name, seed in chosen if seed is not None}
     best = {name: bundle for name, bundle in found.items() if bundle is not None}
     riders = [(name, LearnedRider(bundle)) for name, bundle in best.items()]
@@ -72,6 +74,33 @@ def look_closely(data: Data, folders: Mapping[tuple[str, int], Path], experiment
     )
 
 
+def choose(data: Data, places: Sequence[Data]) -> Data:
+    """Return the tables with what was looked at closely where the controllers 1 of all runs are.
+
+    What no run takes part in (classical riders, the shipped actor, Table 8, the step response, the random paths) is the
+    same everywhere, and is taken from the first place.
+
+    Args:
+        data: of all runs and rides.
+        places: tables of each place.
+    """
+    best = {name: controller_1(data, name) for name in CLOSELY}
+    own = {
+        name: place
+        for place in places
+        for name, seed in best.items()
+        if any((ride.setting, ride.seed) == (name, seed) for ride in place.rides)
+    }
+    tracks = [row for name in CLOSELY if name in own for row in own[name].tracks if row.rider == name]
+    shares = [row for row in own["prop"].impacts if row.policy == "prop"] if "prop" in own else []
+    return replace(
+        data,
+        tracks=(*tracks, *(row for row in places[0].tracks if row.rider not in CLOSELY)),
+        ride=own["prop"].ride if "prop" in own else (),
+        impacts=(*shares, *(row for row in places[0].impacts if row.policy == SHIPPED)),
+    )
+
+
 BICYCLE: Final[Paper[BicycleExperiment, Data]] = Paper(
     name="bicycle",
     source="Weyrer et al. (2026), Sects. 5.1 to 5.5",
@@ -88,4 +117,5 @@ BICYCLE: Final[Paper[BicycleExperiment, Data]] = Paper(
     figures=FIGURES,
     written=TABLES,
     counts=lambda data: {"rides": len(data.rides), "rides_completed": sum(ride.completed for ride in data.rides)},
+    choose=choose,
 )
