@@ -110,12 +110,6 @@ def test_what_is_no_number_of_seeds_is_refused_by_name(text: str) -> None:
         seeds_of("--seeds", text)
 
 
-def test_tables_that_cannot_be_put_together_are_refused_by_name() -> None:
-    parts = {"one": tables({("prop", 0): None}), "two": tables({("prop", 1): None})}
-    with pytest.raises(ValueError, match="tables of the bicycle paper cannot be put together"):
-        merge(replace(BICYCLE, choose=None), parts)
-
-
 def left(folder: Path, data: Data) -> str:
     """Leave tables in a folder, and return its name."""
     folder.mkdir()

@@ -31,13 +31,11 @@ def merge(paper: Paper[Kind, Data], parts: Mapping[str, Data]) -> Data:
         parts: at least one, by a name for where they are from.
 
     Raises:
-        ValueError: a run is in two of them, or the paper's tables cannot be put together.
+        ValueError: a run is in two of them.
     """
     everywhere = tuple(parts.values())
     if len(everywhere) == 1:
         return everywhere[0]
-    if paper.choose is None:
-        raise ValueError(f"tables of the {paper.name} paper cannot be put together")
     _check_apart(parts)
 
     def place(row: Any) -> tuple[int, int]:

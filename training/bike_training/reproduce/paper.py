@@ -31,10 +31,10 @@ class Paper(Generic[Kind, Data]):
         rides: rides of a run, for a progress bar.
         ride: ride what a run in a folder has learned; None where it has nothing to ride.
         look_closely: add what needs all runs: the folders of those that rode, by setting and seed.
+        choose: of several places, take what `look_closely` has added from those that have the chosen ones of all runs;
+            it is given the tables of all runs, and those of each place.
         statements: what it says. figures: what draws each, by file. written: tables as Markdown, by heading.
         counts: what the command tells of the rides, by name.
-        choose: takes what `look_closely` adds from those of several places that have the chosen runs, given the tables
-            of all runs and those of each place; None where places cannot be put together.
     """
 
     name: str
@@ -48,8 +48,8 @@ class Paper(Generic[Kind, Data]):
     rides: Callable[[Kind], int]
     ride: Callable[[Path, str, int, Kind, Advance], Rows | None]
     look_closely: Callable[[Data, Mapping[tuple[str, int], Path], Kind], Data]
+    choose: Callable[[Data, Sequence[Data]], Data]
     statements: Sequence[Statement]
     figures: Mapping[str, Callable[[Data, Any], Any]]
     written: Mapping[str, Callable[[Data], str]]
     counts: Callable[[Data], Mapping[str, int]]
-    choose: Callable[[Data, Sequence[Data]], Data] | None = None

@@ -113,9 +113,9 @@ BICYCLE: Final[Paper[BicycleExperiment, Data]] = Paper(
     rides=lambda experiment: 2 * len(experiment.speeds),
     ride=ride,
     look_closely=look_closely,
+    choose=choose,
     statements=STATEMENTS,
     figures=FIGURES,
     written=TABLES,
     counts=lambda data: {"rides": len(data.rides), "rides_completed": sum(ride.completed for ride in data.rides)},
-    choose=choose,
 )

@@ -8,7 +8,7 @@ from bike_training.reproduce.paper import Paper
 from bike_training.reproduce.superbike.data import Data
 from bike_training.reproduce.superbike.experiment import QUICK, SuperbikeExperiment
 from bike_training.reproduce.superbike.figures import FIGURES
-from bike_training.reproduce.superbike.rides import look_closely, ride, rides_of
+from bike_training.reproduce.superbike.rides import choose, look_closely, ride, rides_of
 from bike_training.reproduce.superbike.statements import STATEMENTS
 from bike_training.reproduce.superbike.tables import TABLES
 
@@ -24,6 +24,7 @@ SUPERBIKE: Final[Paper[SuperbikeExperiment, Data]] = Paper(
     rides=rides_of,
     ride=ride,
     look_closely=look_closely,
+    choose=choose,
     statements=STATEMENTS,
     figures=FIGURES,
     written=TABLES,

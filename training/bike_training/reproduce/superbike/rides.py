@@ -195,6 +195,18 @@ def look_closely(
     return replace(data, moments=tuple(moments))
 
 
+def choose(data: Data, places: Sequence[Data]) -> Data:
+    """Return the tables with the flying laps of the best of all runs.
+
+    Args:
+        data: of all runs and rides.
+        places: tables of each place.
+    """
+    best = [(kind, best_run(data, kind)) for kind in CURRICULA]
+    found = [row for run in best for place in places for row in place.moments if (row.setting, row.seed) == run]
+    return replace(data, moments=tuple(found))
+
+
 def flying_lap(bundle: Bundle, setting: str, seed: int) -> Sequence[Moment]:
     """Ride an out-lap and a flying lap, and return the flying one, as far as it goes."""
     moments: list[Moment] = []
