@@ -1,15 +1,19 @@
 """What the live page costs a simulator that runs as fast as it can, and how late the page is.
 
-A simulator and the policy node ride in lockstep at full speed. In rounds, they ride alone, with a watcher
-(`bike live --attach`) without a page, and with its page in headless Chromium, which draws in software. The rate of
-control steps is the simulator's own, from its diagnostics, so that nobody has to listen to the states when it rides
-alone. A ratio is taken in each round, of neighbours in time, and the median of the rounds counts. Where other programs
-want the processors too, the ratio of the processor time that simulator and policy take for a step says more. The load
-is that of the machine before the nodes start.
+A simulator and the policy node ride in lockstep at full speed. In short windows, they ride alone, with a watcher
+(`bike live --attach`) without a page, alone again, with its page in headless Chromium, which draws in software, and so
+on. Each window that is watched is compared with the windows alone before and after it, so that what drifts in the
+meantime falls out; of these ratios the median is printed with its 95 % bootstrap interval.
+
+The figure that counts is the simulator's own processor time for a control step: wall-clock rates also hold what other
+programs, Chromium among them, take of the processors. Steps and their rate are the simulator's own, from its
+diagnostics, so that nobody has to listen to the states when it rides alone. The load is that of the machine before the
+nodes start.
 
     python -m bench.live_page                                  # a bicycle
     python -m bench.live_page --vehicle panigale_v4r --course barcelona
-    python -m bench.live_page --free                           # at the pace of the clock: frames and delay alone
+    python -m bench.live_page --twins --unshown --rounds 30    # the watcher alone, without Chromium, on a busy machine
+    python -m bench.live_page --free                           # at the pace of the clock
 """
 
 from __future__ import annotations
@@ -18,17 +22,20 @@ import argparse
 import os
 import shutil
 import tempfile
+import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import psutil
 from diagnostic_msgs.msg import DiagnosticArray
+from numpy.typing import NDArray
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from scipy.stats import bootstrap
 from selenium import webdriver
 
 from bike_analysis.page.live_page import live_view, render_live_page
@@ -39,70 +46,105 @@ from bike_training.nodes.live_messages import state_names
 from bike_training.nodes.live_server import LiveServer
 from bike_training.nodes.live_watch import LiveWatch
 
-ALONE, WATCHED, SHOWN = "alone", "watched", "shown"
-SETTLING: Final = 2.5
-"""Wall-clock time after a change before the rate counts, s."""
-REPORTS: Final = 4
-"""Diagnostics, one a second, of a window."""
-LONGEST_START: Final = 60.0
-"""Wall-clock time in which the simulator must have reported a ride, s."""
+FloatArray = NDArray[np.float64]
+Pages = dict[str, webdriver.Chrome | None]
+"""The browser that shows a page, or None, by the name of what is measured."""
+WATCHED, SHOWN = "watched", "shown"
+SETTLING: Final = 0.5
+"""Wall-clock time after a change before reports count, s."""
+REPORTS: Final = 16
+"""Diagnostics of `bench.often`, ten a second, of a window."""
+LATE_REPORTS: Final = 50
+"""Diagnostics from its start after which a ride counts: in the first of them it may wait for the policy."""
+LONGEST_WAIT: Final = 180.0
+"""Wall-clock time in which reports must have come, s."""
 SIZES: Final = {"1440": (1440, 900), "390": (390, 844)}
 
 
-class Rates:
-    """The simulator's own rate of control steps, from its diagnostics, and what the nodes' processes take for one."""
+class Report(NamedTuple):
+    """The simulator's account of itself.
 
-    def __init__(self, domain: int, nodes: Sequence[NodeProcess]) -> None:
-        """Join a domain."""
-        self._processes = [psutil.Process(node.process.pid) for node in nodes]
+    Attributes:
+        steps: control steps since it began. rate: of late, 1/s. time: processor time since it began, s.
+        doing: in its words.
+    """
+
+    steps: int
+    rate: float
+    time: float
+    doing: str
+
+
+class Ride(ExitStack):
+    """A simulator and a policy in a domain of their own, and the simulator's account of itself.
+
+    Attributes:
+        domain: ROS domain. reports: newest last; the listener's thread adds to it.
+    """
+
+    def __init__(self, simulator: dict[str, Any], rider: dict[str, Any]) -> None:
+        """Start the nodes and listen."""
+        super().__init__()
+        self.domain = self.enter_context(DomainLease()).domain_id
+        self._nodes = [
+            self.enter_context(NodeProcess("bench.often", simulator, self.domain)),
+            self.enter_context(NodeProcess("bike_policy.drive", rider, self.domain)),
+        ]
+        self.reports: list[Report] = []
         prepare_discovery()
-        self._context = Context()
-        self._context.init(args=[], domain_id=domain)
-        self._node = Node("rates", context=self._context, enable_rosout=False, start_parameter_services=False)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
-        self._reports: list[tuple[float, float, float]] = []  # rate, 1/s; steps; processor time of the nodes, s
-        self._node.create_subscription(DiagnosticArray, "/diagnostics", self._on_report, node_tools.EVENT_QOS)
+        context = Context()
+        context.init(args=[], domain_id=self.domain)
+        self.callback(context.try_shutdown)
+        node = Node("meter", context=context, enable_rosout=False, start_parameter_services=False)
+        self.callback(node.destroy_node)
+        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_report, node_tools.EVENT_QOS)
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(node)
+        listener = threading.Thread(target=executor.spin, daemon=True)
+        listener.start()
+        self.callback(listener.join)
+        self.callback(executor.shutdown)
 
     def _on_report(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name.endswith("sim_node"):
-                figures = {value.key: value.value for value in status.values}
-                spent = sum(sum(process.cpu_times()[:2]) for process in self._processes)
-                self._reports.append((float(figures["control_steps_per_s"]), float(figures["commands_taken"]), spent))
+                told = {value.key: value.value for value in status.values}
+                steps, rate = int(told["control_steps"]), float(told["control_steps_per_s"])
+                self.reports.append(Report(steps, rate, float(told["processor_time_s"]), status.message))
 
-    def wait(self, seconds: float) -> None:
-        """Let time pass."""
-        until = time.monotonic() + seconds
-        while (left := until - time.monotonic()) > 0.0:
-            self._executor.spin_once(timeout_sec=left)
-
-    def measured(self) -> tuple[float, float]:
-        """Return the mean rate of the next reports, 1/s, and the nodes' processor time for a step, s."""
-        self._reports.clear()
-        while len(self._reports) <= REPORTS:
-            self.wait(0.1)
-        rates, steps, spent = zip(*self._reports, strict=True)
-        # The first report began before.
-        return float(np.mean(rates[1:])), (spent[-1] - spent[0]) / (steps[-1] - steps[0])
-
-    def wait_for_ride(self) -> None:
-        """Wait until there are steps.
+    def wait(self, reports: int) -> None:
+        """Wait until there are reports.
 
         Raises:
-            TimeoutError: there are none.
+            NodeLost: a node has ended. RuntimeError: there are no reports, or no steps.
         """
-        until = time.monotonic() + LONGEST_START
-        while not self._reports or self._reports[-1][0] <= 1.0:
-            self.wait(0.2)
-            if time.monotonic() > until:
-                raise TimeoutError(f"no ride within {LONGEST_START:g} s")
+        until = time.monotonic() + LONGEST_WAIT
+        while len(self.reports) < reports and time.monotonic() < until:
+            time.sleep(0.02)
+            for node in self._nodes:
+                node.check()
+        if len(self.reports) < reports or self.reports[-1].steps == self.reports[0].steps:
+            said = self.reports[-1].doing if self.reports else "it reports nothing"
+            raise RuntimeError(f"the simulator makes no steps: {said}")
 
-    def close(self) -> None:
-        """Leave the domain."""
-        self._executor.shutdown()
-        self._node.destroy_node()
-        self._context.try_shutdown()
+    def window(self) -> FloatArray:
+        """Return the rate, 1/s, and the simulator's processor time for a step, s: medians between reports.
+
+        What holds the simulator up, as another program that begins, comes in bursts that a mean would keep.
+        """
+        steps, rates, times = np.array([report[:3] for report in self.reports[: REPORTS + 1]]).T
+        made = np.diff(steps)
+        return np.array([np.median(rates[1:]), np.median(np.diff(times)[made > 0] / made[made > 0])])
+
+
+def windows_of(*rides: Ride) -> FloatArray:
+    """Let rides settle, and return a window of each, of the same time."""
+    time.sleep(SETTLING)
+    for ride in rides:
+        ride.reports.clear()
+    for ride in rides:
+        ride.wait(REPORTS + 1)
+    return np.array([ride.window() for ride in rides])
 
 
 @contextmanager
@@ -152,62 +194,111 @@ def main() -> None:
     parser.add_argument("--vehicle", default="whipple")
     parser.add_argument("--course", default="circle")
     parser.add_argument("--size", choices=SIZES, default="1440", help="width of the page, pixels")
-    parser.add_argument("--rounds", type=int, default=8)
+    parser.add_argument("--rounds", type=int, default=12, help="of 8 to 14 s each")
+    parser.add_argument("--unshown", action="store_true", help="watch without a page")
+    parser.add_argument("--twins", action="store_true", help="watch one of two rides at the same time, in turns")
     parser.add_argument("--free", action="store_true", help="at the pace of the clock")
     args = parser.parse_args()
-    print(f"load of the last minute on {os.cpu_count()} processors before: {os.getloadavg()[0]:.2f}")
-    simulator: dict[str, Any] = {"vehicle": args.vehicle, "course": args.course}
+    print(f"load of the last minute on {os.cpu_count()} processors before: {os.getloadavg()[0]:.2f}", flush=True)
+    # A ride that ends begins anew: at the pace of the clock, an answer that comes too late lets a bicycle fall.
+    simulator: dict[str, Any] = {"vehicle": args.vehicle, "course": args.course, "auto_reset": "end"}
     powered = args.vehicle != "whipple"
     simulator |= {"time_step": 0.002} if powered else {"speed": 4.0}
     if args.free:
         simulator |= {"mode": "free", "real_time_factor": 1.0}
     rider = {"policy": "classical" if powered else "lqr"}
     with ExitStack() as opened:
-        domain = opened.enter_context(DomainLease()).domain_id
-        nodes = [
-            opened.enter_context(NodeProcess("bike_sim.ros.sim_node", simulator, domain)),
-            opened.enter_context(NodeProcess("bike_policy.drive", rider, domain)),
-        ]
-        rates = Rates(domain, nodes)
-        opened.callback(rates.close)
-        browser = opened.enter_context(chromium(SIZES[args.size]))
-        rates.wait_for_ride()
-        measure(rates, browser, domain, args.rounds)
-        for node in nodes:
-            node.check()
+        rides = [opened.enter_context(Ride(simulator, rider)) for _ in range(2 if args.twins else 1)]
+        pages: Pages = {WATCHED: None}
+        if not args.unshown:
+            pages[SHOWN] = opened.enter_context(chromium(SIZES[args.size]))
+        for ride in rides:
+            ride.wait(LATE_REPORTS)
+        (measure_twins if args.twins else measure_in_turns)(rides, pages, args.rounds)
 
 
-def measure(rates: Rates, browser: webdriver.Chrome, domain: int, rounds: int) -> None:
-    """Ride in rounds and print rates, ratios, frames and delay."""
-    found: dict[str, list[tuple[float, float]]] = {ALONE: [], WATCHED: [], SHOWN: []}
-    frames, delays, busy = [], [], []
-    for _ in range(rounds):
-        rates.wait(SETTLING)
-        found[ALONE].append(rates.measured())
-        with watching(domain, None):
-            rates.wait(SETTLING)
-            found[WATCHED].append(rates.measured())
-        with watching(domain, browser):
-            rates.wait(SETTLING)
-            psutil.cpu_percent()
-            found[SHOWN].append(rates.measured())
-            busy.append(psutil.cpu_percent())
-            live = browser.execute_script(
-                "const l = document.querySelector('.view').view.live; return [l.rate, l.delay]"
-            )
-            frames.append(live[0])
-            delays.append(live[1])
-    alone = np.array(found[ALONE])
-    for name, values in found.items():
-        ratios = np.array(values) / alone
-        low, middle, high = np.percentile(ratios[:, 0], [25, 50, 75])
-        rate, spent = np.median(values, axis=0)
-        print(
-            f"{name:8} {rate:7.0f} steps/s, {middle:.3f} of alone (quartiles {low:.3f} to {high:.3f}); "
-            f"{1e6 * spent:.0f} us of the nodes' processor time for a step, {np.median(ratios[:, 1]):.3f} of alone"
-        )
-    print(f"page: {np.median(frames):.0f} frames a second, {np.median(delays):.0f} ms from state to screen")
-    print(f"processors busy with the page shown: {np.median(busy):.0f} %")
+def measure_in_turns(rides: Sequence[Ride], pages: Pages, rounds: int) -> None:
+    """Watch a ride and leave it alone, in turns, and print what was found."""
+    (ride,) = rides
+    alone, shown = [windows_of(ride)[0]], Shown()
+    watched: dict[str, list[FloatArray]] = {name: [] for name in pages}
+    for name in list(pages) * rounds:
+        with watching(ride.domain, pages[name]):
+            shown.begin()
+            watched[name].append(windows_of(ride)[0])
+            shown.end(pages[name])
+        alone.append(windows_of(ride)[0])
+    print_alone(alone)
+    beside = 0.5 * (np.array(alone[:-1]) + np.array(alone[1:]))  # of the windows before and after
+    for place, (name, windows) in enumerate(watched.items()):
+        print_ratios(name, np.array(windows) / beside[place :: len(watched)])
+    shown.print()
+
+
+def measure_twins(rides: Sequence[Ride], pages: Pages, rounds: int) -> None:
+    """Watch one of two rides, in turns, and print what was found."""
+    alone, shown = [], Shown()
+    ratios: dict[str, list[FloatArray]] = {name: [] for name in pages}
+    for name in list(pages) * rounds:
+        pair = []
+        for place, ride in enumerate(rides):
+            with watching(ride.domain, pages[name]):
+                shown.begin()
+                windows = windows_of(*rides)
+                shown.end(pages[name])
+            pair.append(windows[place] / windows[1 - place])
+            alone.append(windows[1 - place])
+        ratios[name].append(np.sqrt(pair[0] * pair[1]))  # what the two rides have of their own falls out
+    print_alone(alone)
+    for name, found in ratios.items():
+        print_ratios(name, np.array(found))
+    shown.print()
+
+
+class Shown:
+    """What a page has drawn, and the processors meanwhile."""
+
+    def __init__(self) -> None:
+        self._drawn: list[tuple[float, float]] = []
+        self._busy: list[float] = []
+
+    def begin(self) -> None:
+        """Begin a window."""
+        psutil.cpu_percent()
+
+    def end(self, page: webdriver.Chrome | None) -> None:
+        """End a window; one without a page does not count."""
+        if page is not None:
+            self._busy.append(psutil.cpu_percent())
+            found = page.execute_script("const l = document.querySelector('.view').view.live; return [l.rate, l.delay]")
+            self._drawn.append(found)
+
+    def print(self) -> None:
+        """Print the medians, if there are any."""
+        if self._drawn:
+            rate, delay = np.median(self._drawn, axis=0)
+            print(f"page: {rate:.0f} frames a second, {delay:.0f} ms from state to screen")
+            print(f"processors busy with the page shown: {np.median(self._busy):.0f} %")
+
+
+def print_alone(windows: Sequence[FloatArray]) -> None:
+    """Print the medians of windows that nobody watched."""
+    rate, used = np.median(windows, axis=0)
+    print(f"alone: {rate:.0f} steps/s, {1e6 * used:.0f} us of the simulator's processor time a step")
+
+
+def print_ratios(name: str, ratios: FloatArray) -> None:
+    """Print the median of each column with its 95 % bootstrap interval."""
+    rate, used = map(told, ratios.T)
+    print(f"{name}, of alone: rate {rate}; simulator's processor time a step {used}")
+
+
+def told(ratios: FloatArray) -> str:
+    """Return the median with its 95 % bootstrap interval."""
+    if len(ratios) < 2:
+        return f"{ratios[0]:.3f}"
+    low, high = bootstrap((ratios,), np.median, method="percentile", rng=0).confidence_interval
+    return f"{np.median(ratios):.3f} ({low:.3f} to {high:.3f})"
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Watches a simulator that somebody else started and rides, for the same page as a live ride.
 
-It takes states as bytes and decodes only those that a screen can show. It never sends a command: pause and restart go
+It takes only those states that a screen can show. It never sends a command: pause and restart go
 through the simulator's services, which any node may call.
 """
 
@@ -17,6 +17,7 @@ from bike_msgs.srv import Pause, Reset
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from bike_analysis.read.messages import Simulation
 from bike_sim.course.course import Course
@@ -32,8 +33,9 @@ from bike_training.nodes.live_thread import LiveThread
 PERIOD: Final = 1.0 / 30.0
 """Wall-clock time between two visits to the states, s. Each tells at most one: the page must not take the processors
 from a simulator that rides as fast as it can."""
-MOST_AT_ONCE: Final = 1000
-"""States of one visit."""
+NEWEST_QOS: Final = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""Of the states: only the newest is kept, and none is acknowledged, which the simulator would have to hear. One that is
+lost is followed by another; a simulator that waits repeats its last."""
 START_TIMEOUT: Final = 30.0
 """Longest wait for a simulator, s."""
 GONE_AFTER: Final = 2.0
@@ -106,7 +108,7 @@ class LiveWatch(LiveThread):
         node.create_subscription(EpisodeStart, "episode", self._on_episode, node_tools.LATCHED_QOS)
         node.create_subscription(CourseMessage, "course", self._on_course, node_tools.LATCHED_QOS)
         node.create_subscription(RideEvent, "events", self._events.append, node_tools.EVENT_QOS)
-        states = RawSubscription(node, BikeState, "state", node_tools.SENDER_QOS)
+        states = RawSubscription(node, BikeState, "state", NEWEST_QOS)
         try:
             self._find(executor, states)
             self._begun.set()
@@ -152,7 +154,7 @@ class LiveWatch(LiveThread):
 
     def _take(self, states: RawSubscription) -> None:
         taken: list[tuple[int, Any, bytes]] = []
-        states.take(taken, None, MOST_AT_ONCE)
+        states.take(taken, None, 1)
         if taken:
             self._latest, self._heard_at = (taken[-1][0], taken[-1][2]), time.monotonic()
 

@@ -350,6 +350,8 @@ class SimNode(rclpy.node.Node):
             "mode": self._settings.mode,
             "episode": self._snapshot.episode,
             "step": self._snapshot.step,
+            "control_steps": self._steps,
+            "processor_time_s": f"{time.process_time():.6f}",
             "control_steps_per_s": rate,
             "real_time_factor": rate * self._simulator.config.control_period,
             **counts,
