@@ -124,6 +124,14 @@ def test_runs_that_were_cut_off_say_nothing(steps: int, verdict: str) -> None:
     assert found["two of five runs of alt(5) end the curriculum"].agrees == "yes"
 
 
+def test_prop_that_was_cut_off_is_no_measure_of_others() -> None:
+    data = paper_like()
+    cut = tuple(replace(run, finished_at=-1) if (run.setting, run.seed) == ("prop", 4) else run for run in data.runs)
+    found = {statement.paper: statement.find(replace(data, runs=cut)) for statement in STATEMENTS}
+    needs = found["alt(2) needs more steps than prop. (over 2.5 against under 2 million)"]
+    assert (needs.text, needs.agrees) == ("5 of 5 runs end, of prop. 4 of 5", "open")
+
+
 def test_nothing_is_said_of_what_was_not_done() -> None:
     assert set(verdicts(Data())) <= {"open"}
     assert verdict_table(STATEMENTS, Data()).count("\n") == len(STATEMENTS) + 2

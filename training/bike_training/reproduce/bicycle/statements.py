@@ -86,7 +86,10 @@ def _told_of_cut(data: Data, settings: Sequence[str], text: str) -> tuple[str, s
 
 
 def _needs_more(setting: str) -> Callable[[Data], Found]:
-    """A run that has not ended counts as one that ended with its last step, so the ratio is a lower bound."""
+    """A run that has not ended counts as one that ended with its last step, so the ratio is a lower bound.
+
+    It is none where a run of *prop.* has not ended: those that have would be the quick ones.
+    """
 
     def find(data: Data) -> Found:
         ours, prop = _at_least(data, setting), finished_at(data, "prop")
@@ -94,6 +97,8 @@ def _needs_more(setting: str) -> Callable[[Data], Found]:
         text = f"{done} of {total} runs end"
         if not (ended(data, setting) and ended(data, "prop") and len(prop)):
             return Found(text, OPEN)
+        if len(prop) < len(_at_least(data, "prop")):
+            return Found(f"{text}, of prop. {len(prop)} of {len(_at_least(data, 'prop'))}", OPEN)
         low, high = interval(ours, prop, rule=operator.truediv)
         mean = ours.mean() / prop.mean()
         text += f"; {'at least ' if done < total else ''}{mean:.2f} times prop.'s steps ({low:.2f} to {high:.2f})"
