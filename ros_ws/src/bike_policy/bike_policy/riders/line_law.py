@@ -41,8 +41,8 @@ LATE: Final = 0.5
 
 TARGET_TIME: Final = 0.3
 """Time constant with which targets are approached, twice over, s: line and speed then bend without a jump."""
-CLEARANCE: Final = 0.7
-"""Distance from the limits that no target may ask for, m; a line keeps 0.9 m, and what feedback leaves comes on top."""
+CLEARANCE: Final = 0.9
+"""Distance from the limits that no target may ask for, m: that of the line itself; feedback misses it by up to this."""
 CLEARING: Final = 1.0
 """A target beside the line must be clear of the limits so long ahead, s; it is looked at so many times."""
 LOOKS: Final = 5
