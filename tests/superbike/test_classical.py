@@ -54,8 +54,8 @@ def test_plan_keeps_its_reserve(panigale: Superbike, limits: Envelope) -> None:
     for radius in (25.0, 80.0):
         line = circle(radius)
         plan, limit = LineController(panigale, line, 0.02).profile, lap_limit(limits, line)
-        # the limit of a circle is what is held at constant speed, 0.9 of what an apex may take for a moment, so a plan with
-        # 0.92 of the latter asks for all of it; tables between samples leave 0.03 %
+        # The limit of a circle is what is held at constant speed, 0.9 of what an apex may take for a moment, so a plan
+        # with 0.92 of the latter asks for all of it; tables between samples leave 0.03 %.
         assert 0.8 < plan.lateral.max() / limit.lateral.max() < 1.001
         assert np.abs(plan.lean).max() < 1.001 * np.abs(limit.lean).max()
     careful = reserved(panigale, CLASSICAL_SETTINGS)

@@ -32,6 +32,7 @@ _ARM_STIFFNESS: Final = 400.0  # N m/rad of arms that hold the bars straight whi
 _ARM_DAMPING: Final = 4.0  # N m s/rad; more of it, like more of the steering damper, makes them weave at full drive
 _LIGHT: Final = 0.5  # part of the standing machine's front load below which the wheel feels light
 _SLOWEST: Final = 8.0  # m/s below which torque and rate of a steady turn are those at this speed
+_TWIST_FROM, _TWIST_WHOLE = 12.0, 15.0  # m/s at which the torso begins to be twisted by a turn, and is wholly
 _LIGHTEST_HAND: Final = 0.25  # part of the gains left when the front wheel is in the air
 _STOP_STIFFNESS: Final = 4000.0  # N m/rad of the steering stop
 _STOP_DAMPING: Final = 20.0  # N m s/rad
@@ -142,7 +143,7 @@ def steering_torque(
     )
     wanted = min(max(wanted, -rider.torque), rider.torque)
     memory.intent, memory.arms = through_arms(memory.intent, memory.arms, wanted, rider.arm_frequency, dt)
-    unmeant = turn - turn_of(memory.lean_reference, attitude.speed, machine)
+    unmeant = unmeant_turn(turn, memory.lean_reference, attitude.speed, machine)
     torque = memory.arms + _passive_torque(hand, missing, unmeant, motion, dt, memory, machine)
     return min(max(torque, -rider.torque), rider.torque)
 
@@ -161,9 +162,13 @@ def _steady_torque(attitude: Attitude, front_fx: float, pulled: float, memory: R
 
 
 @njit(cache=True)
-def turn_of(lean: float, speed: float, machine: Record) -> float:
-    """Return the rate of the frame about its own upward axis that goes with a lean (rad) in a steady turn, rad/s."""
-    return -machine.g * math.sin(lean) / max(speed, _SLOWEST)
+def unmeant_turn(turn: float, lean: float, speed: float, machine: Record) -> float:
+    """Return what of a turn (rad/s, about the frame's upward axis) does not go with a lean (rad) and twists the torso.
+
+    Less of it counts at low speed: turns are quick there, and he steers by turning his torso as well.
+    """
+    meant = -machine.g * math.sin(lean) / max(speed, _SLOWEST)
+    return (turn - meant) * between(speed, _TWIST_FROM, _TWIST_WHOLE)
 
 
 @njit(cache=True)
