@@ -230,7 +230,9 @@ def loads_at(
         constants,
     )
     share = feel_load(front.fz, dt, memory, constants)
-    steer_torque = steering_torque(command.steering, attitude, motion, front.fx, pulled, share, dt, memory, constants)
+    steer_torque = steering_torque(
+        command.steering, attitude, motion, dot(motion.omega, axes.ez), front.fx, pulled, share, dt, memory, constants
+    )
     fork_torque = steer_torque + damper_and_stop(motion.steer, motion.steer_rate, attitude.speed, machine)
     rider_force = slide_force(motion, memory.lean_reference, machine.rider)
 

@@ -3,7 +3,7 @@
 The machine is brought to a steady speed. Then each of its ten lateral states is pushed a little to either side and the
 engine runs for a few steps. Central differences give the discrete transition matrix, whose eigenvalues give those in
 continuous time. The steering damper works and the rider sits still in his slide. With the hands off he holds nothing;
-with the hands on he rides straight on, and the five states of arms and torso are pushed too.
+with the hands on he rides straight on, and the six states of arms and torso are pushed too.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ LATERAL_NAMES: Final = (
     "roll", "steer", "slide", "side_speed", "roll_rate", "yaw_rate", "steer_rate", "slide_rate", "rear_drift",
     "front_drift",
 )  # fmt: skip
-RIDER_NAMES: Final = ("integral", "intent", "arms", "held_steer", "torso_rate")
+RIDER_NAMES: Final = ("integral", "intent", "arms", "held_steer", "torso_rate", "torso_turn")
 """What the rider remembers of the sideways motion, of `records.MEMORY_NAMES`; his reference rests on a straight."""
 _PERIOD: Final = 0.006  # s; e^-4 of the fastest relaxation is left after it
 _PUSH: Final = 1e-5

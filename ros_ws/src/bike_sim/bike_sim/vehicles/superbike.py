@@ -245,6 +245,7 @@ class VirtualRider:
         grip_memory: time in which they get used to another, s.
         torso_damping: torque by a roll rate that the torso does not follow, N m s/rad.
         torso_time: time in which it follows, s.
+        twist_time: time in which its yaw inertia follows a turn of the frame, s.
         spin_effort: torque by lean rate that rolls the machine, by that of the front wheel's spin.
         trail_time: how much less that is at any speed, by the torque of the standing front load at the trail, s.
         throw: torque by acceleration of the lean, N m s2/rad.
@@ -267,6 +268,7 @@ class VirtualRider:
     grip_memory: float
     torso_damping: float
     torso_time: float
+    twist_time: float
     spin_effort: float
     trail_time: float
     throw: float
@@ -527,7 +529,8 @@ _POSITIVE: Final = frozenset(
         "slip_relaxation", "mass", "height", "Ixx", "Iyy", "Izz", "slide_lean_deg", "slide_frequency", "peak_power",
         "peak_torque", "peak_torque_rpm", "efficiency", "primary_ratio", "final_ratio", "gear_1", "gear_2", "gear_3",
         "gear_4", "gear_5", "gear_6", "lag", "force", "frequency", "lean_rate", "lean_acceleration", "torque",
-        "max_lean_deg", "stop_deg", "arm_frequency", "grip_memory", "torso_time", "spin_effort", "lean_bandwidth",
+        "max_lean_deg", "stop_deg", "arm_frequency", "grip_memory", "torso_time", "twist_time",
+        "spin_effort", "lean_bandwidth",
     }
 )  # fmt: skip
 """Values that must not be zero either, in any section."""

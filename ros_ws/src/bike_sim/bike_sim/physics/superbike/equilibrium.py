@@ -6,7 +6,8 @@ mass does not have:
 * The mass is on the inside of the line of contacts. Braking pushes it on and so turns the machine out of the curve: the
   front tyre's lateral force grows and the rear's falls; driving does the reverse.
 * A tyre that carries a lateral force drifts, which costs that force times the drift along the road.
-* The electronics allow what they allow at this lean and roll rate (`bike_sim.physics.superbike.aids`).
+* The electronics allow what they allow at this lean and roll rate (`bike_sim.physics.superbike.aids`), and what they cut
+  at the slips and loads that the force itself brings: less of a pull is cut less, so there is one force that stays.
 
 Lateral quantities are positive into the turn, whatever its side.
 """
@@ -19,12 +20,14 @@ from typing import Final, NamedTuple
 from numba import njit
 
 from bike_sim.physics import tyres
-from bike_sim.physics.superbike.aids import aid_limits
+from bike_sim.physics.superbike.aids import aid_cuts, aid_limits
 from bike_sim.vehicles.superbike import Record
 
 _HALVINGS: Final = 30
 LATERAL_TOLERANCE: Final = 1e-9
 """How well a lean fits a lateral acceleration, m/s^2."""
+_FORCE_TOLERANCE: Final = 0.1  # N
+_SLIP_TOLERANCE: Final = 1e-6
 
 
 class Turn(NamedTuple):
@@ -174,6 +177,25 @@ def left_along(load: float, side: float, lean: float, tyre: Record) -> float:
 
 
 @njit(cache=True)
+def _used(load: float, side: float, along: float, lean: float, tyre: Record) -> float:
+    """Return the part of its friction that a tyre uses; see `drift_of`."""
+    use = math.hypot(side, along / tyre.friction_ratio) / (tyres.friction(lean, tyre) * load)
+    return min(max(use, 1e-9), 1.0)
+
+
+@njit(cache=True)
+def _slip_at(use: float, tyre: Record) -> float:
+    """Return the normalised slip at which a tyre uses a part of its friction, up to its peak."""
+    return tyre.shape * math.tan(math.asin(use) / tyre.shape)
+
+
+@njit(cache=True)
+def slip_of(load: float, side: float, along: float, lean: float, tyre: Record) -> float:
+    """Return the normalised slip with which a tyre gives two forces, up to its peak; arguments as of `drift_of`."""
+    return _slip_at(_used(load, side, along, lean, tyre), tyre) if load > 0.0 else tyres.peak_slip(tyre)
+
+
+@njit(cache=True)
 def drift_of(load: float, side: float, along: float, lean: float, tyre: Record) -> float:
     """Return the drift (tangent of the slip angle) with which a tyre gives a lateral force.
 
@@ -185,8 +207,8 @@ def drift_of(load: float, side: float, along: float, lean: float, tyre: Record) 
         tyre: its parameters.
     """
     mu = tyres.friction(lean, tyre)
-    use = min(max(math.hypot(side, along / tyre.friction_ratio) / (mu * load), 1e-9), 1.0)
-    slip = tyre.shape * math.tan(math.asin(use) / tyre.shape) * side / (mu * load) / use
+    use = _used(load, side, along, lean, tyre)
+    slip = _slip_at(use, tyre) * side / (mu * load) / use
     return (slip * mu - tyre.camber * lean) / tyres.cornering_coefficient(load, tyre)
 
 
@@ -239,6 +261,17 @@ def resistance(turn: Turn, at: Wheels, thrust: float, brake: float, m: Record, r
 
 
 @njit(cache=True)
+def _driven(turn: Turn, thrust: float, most: float, m: Record, rear: Record, front: Record) -> bool:
+    """Return whether both tyres hold a thrust (N) and the electronics leave as much of the `most` that is asked for."""
+    if not holds(turn, thrust, m, rear, front):
+        return False
+    at = wheels(turn, thrust, m, rear, front)
+    slip = slip_of(at.rear, at.rear_side, thrust, turn.lean, rear)
+    cuts = aid_cuts(thrust, slip, at.rear, 0.0, at.front, m.electronics)
+    return thrust <= cuts.traction * cuts.wheelie * most
+
+
+@njit(cache=True)
 def most_drive(turn: Turn, engine: float, roll_rate: float, m: Record, rear: Record, front: Record) -> float:
     """Return the largest net forward acceleration, m/s^2; negative where resistance beats what the tyres have left.
 
@@ -251,14 +284,56 @@ def most_drive(turn: Turn, engine: float, roll_rate: float, m: Record, rear: Rec
         front: its front tyre.
     """
     aids = aid_limits(turn.lean, roll_rate, turn.speed**2, m, rear, front)
-    high = max(0.0, min(engine, aids.wheelie, aids.traction))
-    if not holds(turn, high, m, rear, front):
+    most = max(0.0, min(engine, aids.wheelie, aids.traction))
+    high = most
+    if not _driven(turn, high, most, m, rear, front):
         low = 0.0
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
-            low, high = (middle, high) if holds(turn, middle, m, rear, front) else (low, middle)
+            low, high = (middle, high) if _driven(turn, middle, most, m, rear, front) else (low, middle)
         high = low
     return (high - resistance(turn, wheels(turn, high, m, rear, front), high, 0.0, m, rear, front)) / turn.inertia
+
+
+@njit(cache=True)
+def _along_at(slip: float, load: float, side: float, lean: float, tyre: Record) -> float:
+    """Return the force along the road of a tyre that slips (normalised) and gives a lateral force, N, at least 0."""
+    most = tyres.friction(lean, tyre) * load
+    whole = most * math.sin(tyre.shape * math.atan(slip / tyre.shape))
+    return tyre.friction_ratio * math.sqrt(max(whole * whole - side * side, 0.0))
+
+
+@njit(cache=True)
+def _uncut(asked: float, load: float, side: float, lean: float, aids: Record, tyre: Record) -> float:
+    """Return the force of a brake (N) that the tyre holds and brake control leaves of the one asked for.
+
+    Both wheels' brakes are cut alike (`aids.aid_cuts`), by a slip that grows with the force.
+    """
+    high = tyres.peak_slip(tyre)
+    held = _along_at(high, load, side, lean, tyre) if load > 0.0 else 0.0
+    if held <= 0.0 or aids.brake_control == 0.0:
+        return min(asked, held)
+    # below the first of these slips nothing is cut, beyond the second all
+    low, high = aids.brake_slip_on, min(aids.brake_slip_off, high)
+    below = _along_at(low, load, side, lean, tyre) - asked
+    if below >= 0.0:
+        return asked
+    left = asked * aid_cuts(0.0, 0.0, load, high, load, aids).front
+    above = _along_at(high, load, side, lean, tyre) - left
+    # Illinois, as in `steady_lean`
+    for _ in range(_HALVINGS):
+        if above <= 0.0 or high - low < _SLIP_TOLERANCE:
+            break
+        slip = high - above * (high - low) / (above - below)
+        left = asked * aid_cuts(0.0, 0.0, load, slip, load, aids).front
+        value = _along_at(slip, load, side, lean, tyre) - left
+        if abs(value) < _FORCE_TOLERANCE:
+            break
+        if value < 0.0:
+            low, below, above = slip, value, 0.5 * above
+        else:
+            high, above, below = slip, value, 0.5 * below
+    return left
 
 
 @njit(cache=True)
@@ -267,23 +342,37 @@ def brakes_left(turn: Turn, brake: float, m: Record, rear: Record, front: Record
     at = wheels(turn, -brake, m, rear, front)
     aids = aid_limits(turn.lean, 0.0, turn.speed**2, m, rear, front)
     share = m.brakes.front_share * m.brakes.force
-    front_brake = max(
-        0.0, min(share, aids.braking, aids.stoppie, left_along(at.front, at.front_side, turn.lean, front))
-    )
-    rear_brake = max(
-        0.0, min(m.brakes.force - share + m.motor.engine_brake, left_along(at.rear, at.rear_side, turn.lean, rear))
-    )
-    return front_brake, rear_brake
+    stoppie = aid_cuts(0.0, 0.0, at.rear, 0.0, at.front, m.electronics).stoppie
+    asked = stoppie * min(share, aids.braking, aids.stoppie)
+    front_brake = _uncut(asked, at.front, at.front_side, turn.lean, m.electronics, front)
+    asked = m.brakes.force - share + m.motor.engine_brake
+    return front_brake, _uncut(asked, at.rear, at.rear_side, turn.lean, m.electronics, rear)
+
+
+@njit(cache=True)
+def _over(turn: Turn, brake: float, m: Record, rear: Record, front: Record) -> float:
+    """Return by how much a braking force is more than both brakes can do while it acts, N."""
+    front_brake, rear_brake = brakes_left(turn, brake, m, rear, front)
+    return brake - front_brake - rear_brake
 
 
 @njit(cache=True)
 def most_brake(turn: Turn, m: Record, rear: Record, front: Record) -> float:
     """Return the largest deceleration, resistance included, m/s^2."""
-    low, high = 0.0, 2.0 * (m.brakes.force + m.motor.engine_brake)
+    low, high = 0.0, 1.01 * (m.brakes.force + m.motor.engine_brake)
+    below, above = _over(turn, low, m, rear, front), _over(turn, high, m, rear, front)
+    # Illinois, as in `steady_lean`
     for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        front_brake, rear_brake = brakes_left(turn, middle, m, rear, front)
-        low, high = (middle, high) if front_brake + rear_brake >= middle else (low, middle)
+        if high - low < _FORCE_TOLERANCE or below == 0.0:
+            break
+        brake = high - above * (high - low) / (above - below)
+        value = _over(turn, brake, m, rear, front)
+        if value <= 0.0:
+            low, below, above = brake, value, 0.5 * above
+        else:
+            high, above, below = brake, value, 0.5 * below
+        if abs(value) < _FORCE_TOLERANCE:
+            break
     front_brake, rear_brake = brakes_left(turn, low, m, rear, front)
     at = wheels(turn, -low, m, rear, front)
     return (low + resistance(turn, at, rear_brake, front_brake, m, rear, front)) / turn.inertia

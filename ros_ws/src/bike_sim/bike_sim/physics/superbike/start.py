@@ -167,4 +167,5 @@ def forget(vehicle: Superbike, constants: NDArray[np.void], state: StateVector, 
     memory["front_load"] = constants["geometry"]["front_static"] * vehicle.front_tyre.stiffness
     memory["intent"] = memory["arms"] = memory["front_load"] * holding(roll, speed, constants["holding"][0])
     memory["held_steer"] = state[st.STEER]
+    memory["torso_turn"] = kinematics.yaw_rate(state, vehicle.parameters) * math.cos(roll)
     memory["slide_age"] = _FRESH

@@ -7,7 +7,7 @@ does not land across.
 What the rider wants reaches the bars through his arms, a critically damped system of 3 Hz: no feedback passes them
 faster. At once act only parts of his body that hold on to the bars: the arms' stiffness and damping (Cossalter et al.
 2011, The effect of rider's passive steering impedance on motorcycle stability, Meccanica 46, 279-292) and the torso,
-which a quick roll leaves behind (that roll and steering torque are linked so was measured: Lot et al.
+which a quick roll or turn leaves behind (that roll and steering torque are linked so was measured: Lot et al.
 2018, The link between roll and steering torque in motorcycles; the size is an estimate). Sizes follow from the machine
 by rules: `steering_effort`, and `holding` for the torque of a steady turn.
 """
@@ -103,8 +103,8 @@ def through_arms(first: float, second: float, wanted: float, frequency: float, d
 
 @njit(cache=True)
 def steering_torque(
-    steering: float, attitude: Attitude, motion: Motion, front_fx: float, pulled: float, load_share: float, dt: float,
-    memory: Record, constants: Record,
+    steering: float, attitude: Attitude, motion: Motion, turn: float, front_fx: float, pulled: float,
+    load_share: float, dt: float, memory: Record, constants: Record,
 ) -> float:  # fmt: skip
     """Advance reference, arms and torso and return the torque on the bars, N m, positive to the left.
 
@@ -112,6 +112,7 @@ def steering_torque(
         steering: command in [-1, 1], positive to the left.
         attitude: of the machine.
         motion: of its joints.
+        turn: rate of the frame about its own upward axis, rad/s.
         front_fx: force along the front wheel's heading, N.
         pulled: rate of the front brake's force, N/s.
         load_share: front load that the rider feels by that of the standing machine.
@@ -141,7 +142,7 @@ def steering_torque(
     )
     wanted = min(max(wanted, -rider.torque), rider.torque)
     memory.intent, memory.arms = through_arms(memory.intent, memory.arms, wanted, rider.arm_frequency, dt)
-    torque = memory.arms + _passive_torque(hand, missing, motion, dt, memory, rider)
+    torque = memory.arms + _passive_torque(hand, missing, turn, motion, dt, memory, machine)
     return min(max(torque, -rider.torque), rider.torque)
 
 
@@ -159,17 +160,23 @@ def _steady_torque(attitude: Attitude, front_fx: float, pulled: float, memory: R
 
 
 @njit(cache=True)
-def _passive_torque(hand: float, missing: float, motion: Motion, dt: float, memory: Record, rider: Record) -> float:
+def _passive_torque(
+    hand: float, missing: float, turn: float, motion: Motion, dt: float, memory: Record, machine: Record
+) -> float:
     """Return what arms and torso do to the bars without being asked, N m: at once, as they are parts of a body.
 
     The arms resist a steering angle that they are not used to, and more so when the front wheel is light. The torso
-    does not follow a quick roll (`missing`, rad/s, against the reference) and holds on to the bars.
+    does not follow a quick roll (`missing`, rad/s, against the reference), and its inertia follows a turn of the frame
+    (`turn`, rad/s) late; in both it holds on to the bars. The latter is what keeps weave damped near the tyres' limit.
     """
+    rider = machine.virtual_rider
     memory.held_steer += (motion.steer - memory.held_steer) * -math.expm1(-dt / rider.grip_memory)
     memory.torso_rate += (missing - memory.torso_rate) * -math.expm1(-dt / rider.torso_time)
+    memory.torso_turn += (turn - memory.torso_turn) * -math.expm1(-dt / rider.twist_time)
+    twist = machine.rider.Izz / rider.twist_time * (turn - memory.torso_turn)
     stiffness = rider.grip_stiffness * (motion.steer - memory.held_steer) + (1.0 - hand) * _ARM_STIFFNESS * motion.steer
     damping = (rider.grip_damping + (1.0 - hand) * _ARM_DAMPING) * motion.steer_rate
-    return hand * rider.torso_damping * (missing - memory.torso_rate) - stiffness - damping
+    return hand * (rider.torso_damping * (missing - memory.torso_rate) - twist) - stiffness - damping
 
 
 @njit(cache=True)
