@@ -6,8 +6,8 @@ mass does not have:
 * The mass is on the inside of the line of contacts. Braking pushes it on and so turns the machine out of the curve: the
   front tyre's lateral force grows and the rear's falls; driving does the reverse.
 * A tyre that carries a lateral force drifts, which costs that force times the drift along the road.
-* The electronics allow what they allow at this lean and roll rate (`bike_sim.physics.superbike.aids`), and what they cut
-  at the slips and loads that the force itself brings: less of a pull is cut less, so there is one force that stays.
+* The electronics allow what they allow at this lean and roll rate (`bike_sim.physics.superbike.aids`), less what they
+  cut at the slips and loads that the force itself brings: a smaller force is cut less, so there is one that stays.
 
 Lateral quantities are positive into the turn, whatever its side.
 """

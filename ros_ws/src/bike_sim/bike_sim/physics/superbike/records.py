@@ -20,7 +20,8 @@ Quaternion = tuple[float, float, float, float]
 MEMORY_NAMES: Final = (
     "rear_slip", "rear_drift", "front_slip", "front_drift", "lean_aim", "lean_aim_rate",
     "lean_eased", "lean_reference", "integral",
-    "intent", "arms", "held_steer", "torso_rate", "torso_turn", "drive", "brake", "front_load", "slide_side", "slide_age", "fall",
+    "intent", "arms", "held_steer", "torso_rate", "torso_turn", "drive", "brake", "front_load", "slide_side",
+    "slide_age", "fall",
 )  # fmt: skip
 """What the forces remember from step to step; `fall` is an index of `falls.FALL_NAMES`."""
 
