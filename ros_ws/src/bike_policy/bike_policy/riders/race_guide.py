@@ -30,10 +30,13 @@ from bike_sim.vehicles.superbike import Superbike
 FloatArray = NDArray[np.float64]
 
 GUIDE: Final = RiderSettings(
-    lateral=0.88,
-    brake=0.9,
+    lateral=0.9,
+    brake=0.95,
     drive_exponent=3.0,
-    brake_exponent=1.75,
+    brake_exponent=3.2,
+    brake_upright=0.957,
+    brake_decline=0.8,
+    dip=0.5,
     lean_rate=0.9,
     preview=0.16,
     bandwidth=0.55,
