@@ -45,7 +45,7 @@ def test_throttle_is_learned_in_seconds(tmp_path: Path, ground: Ground) -> None:
     preset = replace(preset, learning_rate=3e-3, final_learning_rate=3e-3, learning_starts=200, averaging=0.0)
     task = replace(preset.task.make(), validation_duration=2.0)
     request = ResetRequest(course="barcelona", speed_range=(30.0, 30.0), progress=300.0)
-    process = LearningProcess(settings(preset), tmp_path / "run", 1600)
+    process = LearningProcess(settings(preset), tmp_path / "run", 2400)
     before = ride_side_by_side(process.actor(), task, process.settings.simulator(), [request])[0][-1]
     process.run()
     after = ride_side_by_side(process.actor(), task, process.settings.simulator(), [request])[0][-1]
