@@ -220,7 +220,7 @@ def test_a_setting_that_the_paper_does_not_have_is_refused(tmp_path: Path, capsy
     assert "--settings prop: the superbike paper has spdl, sac, " in capsys.readouterr().err
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_whole_way_and_again(tmp_path: Path, capsys: pytest.CaptureFixture[str], whole_way) -> None:
     words = ["reproduce", "superbike", "--out", str(tmp_path), "--quick", "--cores", "1", "--json"]
     figures = whole_way(words)
