@@ -32,7 +32,6 @@ import numpy as np
 import psutil
 from diagnostic_msgs.msg import DiagnosticArray
 from numpy.typing import NDArray
-from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from scipy.stats import bootstrap
@@ -40,7 +39,7 @@ from selenium import webdriver
 
 from bike_analysis.page.live_page import live_view, render_live_page
 from bike_sim.ros import node_tools
-from bike_sim.ros.isolation import DomainLease, prepare_discovery
+from bike_sim.ros.isolation import DomainLease
 from bike_training.envs.node_process import NodeProcess
 from bike_training.nodes.live_messages import state_names
 from bike_training.nodes.live_server import LiveServer
@@ -91,9 +90,7 @@ class Ride(ExitStack):
             self.enter_context(NodeProcess("bike_policy.drive", rider, self.domain)),
         ]
         self.reports: list[Report] = []
-        prepare_discovery()
-        context = Context()
-        context.init(args=[], domain_id=self.domain)
+        context = node_tools.join(self.domain)
         self.callback(context.try_shutdown)
         node = Node("meter", context=context, enable_rosout=False, start_parameter_services=False)
         self.callback(node.destroy_node)

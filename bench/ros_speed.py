@@ -21,7 +21,6 @@ import numpy as np
 import psutil
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 
 from bench.ros_peer import Peer
@@ -30,7 +29,7 @@ from bike_policy.contract.actor import Actor
 from bike_policy.contract.bundle import DEFAULT_POLICY, Bundle, shipped_policies
 from bike_policy.contract.observation import LEAN_LAYOUT
 from bike_sim.ros import node_tools
-from bike_sim.ros.isolation import DomainLease, prepare_discovery
+from bike_sim.ros.isolation import DomainLease
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
@@ -130,11 +129,9 @@ def actor_latency(policy: str | None = None, duration: float = 6.0) -> dict[str,
     Raises:
         NodeLost: a node ended, or the policy node reported nothing in time.
     """
-    prepare_discovery()
     with tempfile.TemporaryDirectory() as folder, DomainLease() as lease:
         name = policy or _any_policy(Path(folder))
-        context = Context()
-        context.init(args=[], domain_id=lease.domain_id)
+        context = node_tools.join(lease.domain_id)
         node = rclpy.create_node("ros_speed", context=context, namespace=node_tools.NAMESPACE)
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)

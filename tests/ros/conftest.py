@@ -22,7 +22,6 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters
 from rclpy.client import Client
-from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
@@ -36,7 +35,7 @@ from bike_sim.physics import state as st
 from bike_sim.physics.engine import make_engine
 from bike_sim.ros import node_tools
 from bike_sim.ros.command_gate import Command
-from bike_sim.ros.isolation import DISCOVERY_VARIABLE, PROFILES_VARIABLE, DomainLease, prepare_discovery
+from bike_sim.ros.isolation import DISCOVERY_VARIABLE, PROFILES_VARIABLE, DomainLease
 from bike_sim.ros.messages import command_to_message, reset_to_message
 from bike_sim.ros.node_settings import SPECS, NodeSettings
 from bike_sim.sim.request import ResetRequest
@@ -79,9 +78,7 @@ class Witness(rclpy.node.Node):
     """A node of the test's own, and what it hears of the recorder."""
 
     def __init__(self, name: str, domain: int) -> None:
-        prepare_discovery()
-        self._own_context = Context()
-        self._own_context.init(args=[], domain_id=domain)
+        self._own_context = node_tools.join(domain)
         super().__init__(name, context=self._own_context, namespace="bike", start_parameter_services=False)
         self._spinner = SingleThreadedExecutor(context=self._own_context)
         self._spinner.add_node(self)

@@ -265,6 +265,30 @@ def test_files_of_others_and_links_are_left_alone(tmp_path: Path, monkeypatch: p
     assert precious.read_text() == "stays"
 
 
+def test_ports_without_content_are_removed_unless_somebody_is_making_them(tmp_path: Path) -> None:
+    for name in ("fastrtps_port11163", "fastrtps_port11161", "fastrtps_port11165_sl", "fastrtps_port"):
+        (tmp_path / name).touch()
+    (tmp_path / "fastrtps_port11169").write_text("x")
+    (tmp_path / "fastrtps_port11167").symlink_to(tmp_path / "fastrtps_port")
+    before = {path.name for path in tmp_path.iterdir()}
+    with (tmp_path / "fastrtps_port11161").open():
+        assert remove_leftovers(tmp_path, settled=60.0) == 1
+    assert {path.name for path in tmp_path.iterdir()} == before - {"fastrtps_port11163"}
+    assert remove_leftovers(tmp_path, settled=60.0) == 1
+    assert {path.name for path in tmp_path.iterdir()} == before - {"fastrtps_port11163", "fastrtps_port11161"}
+
+
+@pytest.mark.ros
+@pytest.mark.slow
+def test_a_port_without_content_makes_nobody_deaf(stage: Any) -> None:
+    """The second participant of a domain gets its second port: the simulator, for the test's own is there sooner."""
+    port = isolation.FIRST_PORT + isolation.PORTS_PER_DOMAIN * stage.domain + 13
+    (SHARED_MEMORY / f"fastrtps_port{port}").touch()
+    stage.simulator()
+    ears = stage.ears()
+    assert ears.pause(True).success
+
+
 def segments_of(process: int) -> set[str]:
     """Return the segments of a process in shared memory, without those of a port, which others share."""
     links = [os.readlink(link) for link in (Path("/proc") / str(process) / "fd").iterdir() if link.is_symlink()]

@@ -26,7 +26,7 @@ from rclpy.node import Node
 from bike_sim.course.course import Course
 from bike_sim.ros import messages, node_tools, wire
 from bike_sim.ros.command_gate import Command
-from bike_sim.ros.isolation import DOMAIN_VARIABLE, DomainLease, prepare_discovery
+from bike_sim.ros.isolation import DOMAIN_VARIABLE, DomainLease
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.sim.snapshot import Snapshot
@@ -96,15 +96,13 @@ class RosClient(AbstractContextManager["RosClient"]):
             raise
 
     def _open(self) -> None:
-        prepare_discovery()
         self.domain_id = self._choose_domain()
         self._process: NodeProcess | None = None
         if not self._ros.join:
             parameters = asdict(self.config) | {"mode": "lockstep", "auto_reset": "never", "course": "line"}
             self._process = NodeProcess("bike_sim.ros.sim_node", parameters, self.domain_id, self._ros.namespace)
             self._close.callback(self._process.close)
-        context = Context()
-        context.init(args=[], domain_id=self.domain_id)
+        context = node_tools.join(self.domain_id)
         self._close.callback(context.try_shutdown)
         self._node = Node(
             f"ride_client_{os.getpid()}_{id(self) & 0xFFFF:x}",

@@ -22,7 +22,6 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from bike_analysis.read.messages import Simulation
 from bike_sim.course.course import Course
 from bike_sim.ros import messages, node_tools, wire
-from bike_sim.ros.isolation import prepare_discovery
 from bike_sim.ros.raw_subscription import RawSubscription
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.files import load_vehicle
@@ -88,9 +87,7 @@ class LiveWatch(LiveThread):
     # ------------------------------------------------------------------------------------------------ in its own thread
 
     def _live(self) -> None:
-        prepare_discovery()
-        context = Context()
-        context.init(args=[], domain_id=self.domain_id)
+        context = node_tools.join(self.domain_id)
         try:
             self._watch(context)
         finally:

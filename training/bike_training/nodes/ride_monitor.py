@@ -13,12 +13,10 @@ from typing import Any, Final
 from bike_msgs.msg import BikeState
 from bike_msgs.srv import Pause
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from bike_sim.ros import node_tools
-from bike_sim.ros.isolation import prepare_discovery
 from bike_training.envs.node_process import NodeLost, NodeProcess
 from bike_training.envs.patience import Patience
 from bike_training.progress import way_bar
@@ -97,9 +95,7 @@ class RideMonitor(AbstractContextManager["RideMonitor"]):
 
     def __init__(self, domain_id: int, namespace: str = node_tools.NAMESPACE) -> None:
         """Join the domain."""
-        prepare_discovery()
-        self._context = Context()
-        self._context.init(args=[], domain_id=domain_id)
+        self._context = node_tools.join(domain_id)
         self._node = Node(
             f"ride_monitor_{os.getpid()}",
             context=self._context,

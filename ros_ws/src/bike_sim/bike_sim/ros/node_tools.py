@@ -16,6 +16,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
+from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.exceptions import ParameterException
@@ -89,8 +90,7 @@ def run_node(
     Returns:
         Exit code: 0 after a signal, 2 after bad input with one line on standard error.
     """
-    prepare_discovery()
-    remove_leftovers()
+    _prepare()
     stop, ended, bell = threading.Event(), threading.Event(), _Bell()
     _watch_signals(stop, ended, bell, farewell)
     node = executor = None
@@ -150,6 +150,19 @@ def leave(code: int) -> NoReturn:
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(code)
+
+
+def join(domain_id: int) -> Context:
+    """Return a context of its own in a ROS domain, for nodes beside others in a process; its user shuts it down."""
+    _prepare()
+    context = Context()
+    context.init(args=[], domain_id=domain_id)
+    return context
+
+
+def _prepare() -> None:
+    prepare_discovery()
+    remove_leftovers()
 
 
 def _start_middleware(arguments: Sequence[str] | None) -> None:

@@ -3,6 +3,9 @@
 Fast DDS keeps a segment of half a megabyte for a participant, and a port for each of its addresses. One that is killed
 leaves them until the machine is restarted or the memory is full. Each has a lock file next to it that is locked as
 long as its owner lives, which ``fastdds shm clean`` uses as well.
+
+One that is killed in the moment in which it makes a port leaves that without content and without a lock. Fast DDS does
+not mend it: whoever gets the port next hears nothing, and nobody is told.
 """
 
 from __future__ import annotations
@@ -25,6 +28,7 @@ SETTLED: Final = 2.0
 """Age after which a lock file counts, s: one that is younger may not be locked yet by the process that made it."""
 
 _SEGMENT: Final = re.compile(r"(fastrtps_[0-9a-f]{16})_[es]l")
+_PORT_FILE: Final = re.compile(r"fastrtps_port\d{1,5}")
 _PORT: Final = re.compile(r"(fastrtps_port(\d{1,5}))_[es]l")
 
 
@@ -62,7 +66,31 @@ def remove_leftovers(folder: Path = SHARED_MEMORY, settled: float = SETTLED) -> 
                         if (folder / name).lstat().st_uid == os.geteuid():
                             (folder / name).unlink()
                 removed += 1
+    return removed + _remove_empty_ports(folder)
+
+
+def _remove_empty_ports(folder: Path) -> int:
+    """Remove ports of this user without content that nobody is just making; return their number."""
+    removed = 0
+    with suppress(OSError):
+        for path in folder.iterdir():
+            if _PORT_FILE.fullmatch(path.name):
+                with suppress(OSError):
+                    status = path.lstat()
+                    mine = stat.S_ISREG(status.st_mode) and status.st_uid == os.geteuid()
+                    if mine and status.st_size == 0 and not _is_open(path):
+                        path.unlink()
+                        removed += 1
     return removed
+
+
+def _is_open(path: Path) -> bool:
+    """Whether a process of this user has a file open."""
+    for link in Path("/proc").glob("[0-9]*/fd/*"):
+        with suppress(OSError):
+            if os.readlink(link) == str(path):
+                return True
+    return False
 
 
 def _locks(folder: Path) -> Iterator[_Lock]:
