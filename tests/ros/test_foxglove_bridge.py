@@ -9,7 +9,7 @@ import socket
 import struct
 import time
 from collections.abc import Iterator
-from contextlib import closing, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,7 +18,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
-from websockets.exceptions import ConnectionClosed
+from websockets.exceptions import ConnectionClosed, WebSocketException
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
@@ -32,6 +32,14 @@ from bike_training.nodes.live_ride import LiveRide, LiveSettings
 
 LAYOUTS: Final = Path(__file__).parents[2] / "ros_ws" / "src" / "bike_bringup" / "foxglove"
 PROTOCOL: Final = Subprotocol("foxglove.sdk.v1")
+PATIENCE: Final = 60.0
+"""Longest wait for the bridge, s."""
+TOPICS: Final = {
+    *(f"/bike/{name}" for name in ("command", "course", "course_marker", "course_points", "episode", "events")),
+    *(f"/bike/{name}" for name in ("joint_states", "lean_history", "markers", "odom", "state", "transform")),
+    *("/clock", "/diagnostics"),
+}
+"""Of the ride of a bicycle."""
 OF_SUPERBIKES: Final = {"/bike/telemetry"}
 """Topics of the layouts that the ride of a bicycle does not have."""
 
@@ -51,8 +59,10 @@ def ride() -> Iterator[LiveRide]:
 
 @pytest.fixture(scope="module")
 def bridge(ride: LiveRide) -> Iterator[FoxgloveBridge]:
-    """A bridge beside it."""
+    """A bridge beside it that knows all topics of the ride, so that its server does not start again by itself."""
     with closing(FoxgloveBridge(ride.domain_id, 0)) as bridge:
+        with connected(bridge, TOPICS):
+            pass
         yield bridge
 
 
@@ -81,21 +91,35 @@ def next_message(client: ClientConnection, channel: dict[str, Any]) -> Any:
                 return MessageSchema(channel["schemaName"], channel["schema"]).decode(message[13:])
 
 
-def connected_again(bridge: FoxgloveBridge) -> ClientConnection:
-    """A new connection to a server that starts again."""
-    for _ in range(100):
-        with suppress(OSError):
-            return connect(bridge.address, subprotocols=[PROTOCOL], max_size=None)
-        time.sleep(0.1)
-    raise AssertionError("the bridge did not come back within 10 s")
+@contextmanager
+def connected(bridge: FoxgloveBridge, wanted: set[str]) -> Iterator[tuple[ClientConnection, dict[str, dict[str, Any]]]]:
+    """A client and the channels that it wants; who is sent away comes again, as the app does."""
+    end = time.monotonic() + PATIENCE
+    with ExitStack() as stack:
+        while True:
+            assert time.monotonic() < end, f"the bridge does not offer {wanted}"
+            with suppress(OSError, WebSocketException):  # the server may be starting again
+                client = stack.enter_context(connect(bridge.address, subprotocols=[PROTOCOL], max_size=None))
+                found = channels(client, wanted)
+                break
+            time.sleep(0.1)
+        yield client, found
+
+
+def heard(bridge: FoxgloveBridge, topic: str) -> Any:
+    """A message of a topic; a server that is about to start again may still take a client and send it away."""
+    for _ in range(5):
+        with connected(bridge, {topic}) as (client, found), suppress(ConnectionClosed):
+            subscribe(client, found[topic])
+            return next_message(client, found[topic])
+    raise AssertionError("sent away five times")
 
 
 @pytest.mark.ros
 def test_a_client_sees_the_layouts_topics_and_receives_states(bridge: FoxgloveBridge) -> None:
     shown = {topic for file in LAYOUTS.glob("*.json") for topic in re.findall(r"/bike/\w+", file.read_text())}
     assert {"/bike/state", "/bike/markers", "/bike/course_marker"} <= shown
-    with connect(bridge.address, subprotocols=[PROTOCOL], max_size=None) as client:
-        found = channels(client, shown - OF_SUPERBIKES)
+    with connected(bridge, shown - OF_SUPERBIKES) as (client, found):
         state = found["/bike/state"]
         assert (state["encoding"], state["schemaEncoding"]) == ("cdr", "ros2msg")
         assert state["schemaName"] == "bike_msgs/msg/BikeState"
@@ -110,10 +134,7 @@ def test_a_client_sees_the_layouts_topics_and_receives_states(bridge: FoxgloveBr
 @pytest.mark.ros
 def test_who_comes_late_gets_what_was_sent_once(bridge: FoxgloveBridge) -> None:
     for _ in range(2):
-        with connect(bridge.address, subprotocols=[PROTOCOL], max_size=None) as client:
-            course = channels(client, {"/bike/course"})["/bike/course"]
-            subscribe(client, course)
-            assert next_message(client, course).name == "circle"
+        assert heard(bridge, "/bike/course").name == "circle"
 
 
 @pytest.mark.ros
@@ -124,18 +145,17 @@ def test_a_topic_that_appears_later_is_there_when_the_client_comes_back(ride: Li
     context.init(args=[], domain_id=ride.domain_id)
     node = Node("late", context=context, enable_rosout=False, start_parameter_services=False)
     try:
-        with connect(bridge.address, subprotocols=[PROTOCOL], max_size=None) as client:
-            subscribe(client, channels(client, {"/bike/state"})["/bike/state"])
+        with connected(bridge, {"/bike/state"}) as (client, found):
+            subscribe(client, found["/bike/state"])
             publisher = node.create_publisher(
                 String, "/bike/late", QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
             )
             publisher.publish(String(data="here"))
             with pytest.raises(ConnectionClosed):
                 channels(client, {"/bike/late"})
-        with connected_again(bridge) as client:
-            late = channels(client, {"/bike/late", "/bike/state"})["/bike/late"]
-            subscribe(client, late)
-            assert next_message(client, late).data == "here"
+        assert heard(bridge, "/bike/late").data == "here"
+        with connected(bridge, TOPICS | {"/bike/late"}):
+            pass
         assert bridge.port == port
     finally:
         node.destroy_node()
@@ -176,14 +196,11 @@ def test_every_field_that_the_superbikes_layout_plots_comes_through() -> None:
     ride = LiveRide(LiveSettings(superbike_config("panigale_v4r"), request, rider), lambda _: None)
     try:
         ride.start()
-        with (
-            closing(FoxgloveBridge(ride.domain_id, 0)) as bridge,
-            connect(bridge.address, subprotocols=[PROTOCOL], max_size=None) as client,
-        ):
-            found = channels(client, {topic for topic, _ in plotted} | set(layout["3D!ride"]["topics"]))
+        with closing(FoxgloveBridge(ride.domain_id, 0)) as bridge:
+            with connected(bridge, {topic for topic, _ in plotted} | set(layout["3D!ride"]["topics"])):
+                pass
             for topic in ("/bike/state", *OF_SUPERBIKES):
-                subscribe(client, found[topic])
-                message = next_message(client, found[topic])
+                message = heard(bridge, topic)
                 shown = [field for of, field in plotted if of == topic]
                 assert len(shown) >= 2
                 assert all(math.isfinite(getattr(message, field)) for field in shown)

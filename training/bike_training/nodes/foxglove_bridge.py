@@ -21,13 +21,11 @@ from typing import Any, Final
 
 import foxglove
 from foxglove.websocket import ChannelView, Client, ServerListener, WebSocketServer
-from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy
 
 from bike_sim.recording import message_type
 from bike_sim.ros import node_tools
-from bike_sim.ros.isolation import prepare_discovery
 from bike_sim.ros.raw_subscription import RawSubscription, class_of, matching_qos
 from bike_sim.ros.record import LOOK_PERIOD, SHARED_TOPICS
 from bike_training.nodes.live_server import HOST
@@ -40,6 +38,10 @@ SETTLED: Final = 0.6
 """Wall-clock time without a new topic after which a ride's topics are taken to be known, s."""
 LONGEST_SEARCH: Final = 10.0
 """Wall-clock time for that, s; what appears later makes the server start again."""
+
+
+LONGEST_PAUSE: Final = 2.0
+"""Wall-clock time that the port may stay taken when the server starts again, s."""
 
 
 @dataclass
@@ -86,9 +88,7 @@ class FoxgloveBridge(ServerListener):
         self._sinks = foxglove.Context()
         self._server: WebSocketServer | None = None
         self._serve(port)  # a port that is taken is told at once
-        prepare_discovery()
-        self._ros = Context()
-        self._ros.init(args=[], domain_id=domain_id)
+        self._ros = node_tools.join(domain_id)
         self._node = Node("foxglove_bridge", context=self._ros, enable_rosout=False, start_parameter_services=False)
         self._open(self._search())
         self._thread = threading.Thread(target=self._run, name="foxglove", daemon=True)
@@ -153,21 +153,35 @@ class FoxgloveBridge(ServerListener):
         Raises:
             OSError: somebody else has taken the port meanwhile.
         """
-        self._pause()
+        heard: list[tuple[_Found, foxglove.Schema, RawSubscription]] = []
         for topic in found:
             try:
-                self._topics[topic.name] = self._topic(topic)
+                heard.append((topic, *self._hear(topic)))
             except (ImportError, AttributeError, ValueError, FileNotFoundError):  # a type that is not installed
                 self._refused.add(topic.name)
-        self._serve(self.port)
+        self._pause()  # as late as possible: whoever comes now is refused
+        for topic, schema, subscription in heard:
+            channel = foxglove.Channel(topic.name, message_encoding="cdr", schema=schema, context=self._sinks)
+            latched = matching_qos(topic.ends).durability == DurabilityPolicy.TRANSIENT_LOCAL
+            self._topics[topic.name] = _Topic(subscription, channel, latched)
+        self._serve_again()
 
-    def _topic(self, found: _Found) -> _Topic:
+    def _serve_again(self) -> None:
+        """Listen at the same port, which a server that was stopped gives up in its own time."""
+        end = time.monotonic() + LONGEST_PAUSE
+        while True:
+            try:
+                self._serve(self.port)
+                break
+            except OSError:
+                if time.monotonic() > end:
+                    raise
+            time.sleep(PERIOD)
+
+    def _hear(self, found: _Found) -> tuple[foxglove.Schema, RawSubscription]:
         described = message_type(found.kind)
         schema = foxglove.Schema(name=found.kind, encoding="ros2msg", data=described.definition.encode())
-        channel = foxglove.Channel(found.name, message_encoding="cdr", schema=schema, context=self._sinks)
-        qos = matching_qos(found.ends)
-        subscription = RawSubscription(self._node, class_of(found.kind), found.name, qos)
-        return _Topic(subscription, channel, qos.durability == DurabilityPolicy.TRANSIENT_LOCAL)
+        return schema, RawSubscription(self._node, class_of(found.kind), found.name, matching_qos(found.ends))
 
     # ------------------------------------------------------------------------------------------------ in its own thread
 
