@@ -59,11 +59,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     task = preset.task.make()
     name = args.name or vehicle.name
     parts = _parts(args.range, task.action.size)
-    share = getattr(preset.curriculum, "share", 1.0)  # of the planned speed, of races
     bundle = Bundle(
         name=name,
         actor=actor,
-        layout=replace(task.layout, share=share) if isinstance(task.layout, RaceLayout) else task.layout,
+        layout=preset.deployed_layout,
         action=task.action.narrowed(parts),
         vehicle=vehicle.name,
         control_period=vehicle.control_period,

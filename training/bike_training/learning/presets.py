@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, Final
 
+from bike_policy.contract.observation import ObservationLayout
+from bike_policy.contract.race import RaceLayout
 from bike_training.learning.algorithm import Algorithm
 from bike_training.learning.setting_records import check_entries, parse
 from bike_training.learning.subjects import (
@@ -43,6 +45,14 @@ class Preset(Algorithm):
     def published(self) -> bool:
         """Whether this is one of the paper's settings, of which it deploys the last actor that passed a validation."""
         return self.name == PAPER.name or self.name in _ALTERNATIVES
+
+    @property
+    def deployed_layout(self) -> ObservationLayout | RaceLayout:
+        """What a deployed actor sees: in races, of the part of the planned speed that it is asked for in the end."""
+        layout = self.task.make().layout
+        if not isinstance(layout, RaceLayout):
+            return layout
+        return replace(layout, share=getattr(self.curriculum, "share", 1.0))
 
     def to_card(self) -> dict[str, Any]:
         """Return plain values for a policy card."""

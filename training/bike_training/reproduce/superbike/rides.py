@@ -12,7 +12,6 @@ import numpy as np
 
 from bike_policy.contract.actor import Actor
 from bike_policy.contract.bundle import Bundle
-from bike_policy.contract.race import RaceLayout
 from bike_policy.riders.learned import LearnedRider
 from bike_sim.physics import state as st
 from bike_sim.sim import look as lk
@@ -105,11 +104,9 @@ def deployed(folder: Path, experiment: SuperbikeExperiment) -> dict[str, tuple[i
 
 
 def _bundle(name: str, actor: Actor, preset: Preset) -> Bundle:
-    task, vehicle = preset.task.make(), load_vehicle(MACHINE)
-    layout = task.layout
-    assert isinstance(layout, RaceLayout), "it races"
-    layout = replace(layout, share=getattr(preset.curriculum, "share", 1.0))
-    return Bundle(name, actor, layout, task.action, vehicle.name, vehicle.control_period)
+    vehicle = load_vehicle(MACHINE)
+    action = preset.task.make().action
+    return Bundle(name, actor, preset.deployed_layout, action, vehicle.name, vehicle.control_period)
 
 
 def _laps(result: RaceResult, setting: str, seed: int, actor: str, step: int) -> Laps:
@@ -176,9 +173,7 @@ def best_run(data: Data, setting: str, actor: str = "best") -> int | None:
     return min(rows, key=lambda row: (-row.whole / row.rides, row.mean)).seed if rows else None
 
 
-def look_closely(
-    data: Data, folders: Mapping[tuple[str, int], Path], experiment: SuperbikeExperiment
-) -> Data:  # fmt: skip
+def look_closely(data: Data, folders: Mapping[tuple[str, int], Path], experiment: SuperbikeExperiment) -> Data:
     """Return the tables with a flying lap of the best run of each setting on the first circuit (Figs. 3 and 4).
 
     Args:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from bike_sim.course.course import Course
 from bike_sim.physics.superbike_statics import steady_lateral
-from bike_sim.theory.envelope import Envelope, envelope
+from bike_sim.theory.envelope import Envelope, envelope, left_by_turning
 from bike_sim.theory.lap_limit import LapLimit, lap_limit
 from bike_sim.vehicles.superbike import Superbike
 
@@ -77,10 +77,10 @@ def reserved(vehicle: Superbike, settings: RiderSettings) -> Envelope:
     """Return a machine's limits minus the rider's reserve."""
     limits = envelope(vehicle).within(settings.lateral)
     drag, drive, brake = limits.drag[:, None], limits.drive_table, limits.brake_table - limits.drag[:, None]
-    use = np.sin(np.linspace(0.0, 0.5 * math.pi, brake.shape[2]))
+    count = brake.shape[2]
     decline = 1.0 / settings.brake_exponent if settings.brake_decline is None else settings.brake_decline
-    driving = _left(use, settings.drive_exponent, 1.0 / settings.drive_exponent)
-    braking = settings.brake_upright * _left(use, settings.brake_exponent, decline)
+    driving = left_by_turning(count, settings.drive_exponent, 1.0 / settings.drive_exponent)
+    braking = settings.brake_upright * left_by_turning(count, settings.brake_exponent, decline)
     driven = (drive[:, :, :1] + drag[..., None]) * driving[:, None] - drag[..., None]
     return replace(
         limits,
@@ -88,11 +88,6 @@ def reserved(vehicle: Superbike, settings: RiderSettings) -> Envelope:
         brake_table=drag + settings.brake * np.maximum(np.minimum(brake, brake[:, :, :1] * braking), 0.0),
         lean_rate=settings.lean_rate * limits.lean_rate,
     )
-
-
-def _left(use: FloatArray, exponent: float, decline: float) -> FloatArray:
-    """Return the part that turning leaves of driving or braking, over the used part of the lateral limit."""
-    return np.asarray(np.maximum(1.0 - use**exponent, 0.0) ** decline)
 
 
 class SteadyLeans:

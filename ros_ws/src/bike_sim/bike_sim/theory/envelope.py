@@ -232,6 +232,18 @@ class Envelope:
         )
 
 
+def left_by_turning(count: int, exponent: float, decline: float) -> FloatArray:
+    """Return what turning leaves of driving or braking, ``(1 - use^exponent)^decline``, over the samples of a table.
+
+    Args:
+        count: samples of the used part of the lateral limit, see `Envelope.drive_table`.
+        exponent: of the used part.
+        decline: power of what it leaves; the inverse of the exponent makes a (super)ellipse.
+    """
+    use = np.sin(np.linspace(0.0, 0.5 * math.pi, count))
+    return np.asarray(np.maximum(1.0 - use**exponent, 0.0) ** decline)
+
+
 def ellipse_envelope(
     name: str,
     speeds: FloatArray,
@@ -268,7 +280,7 @@ def ellipse_envelope(
     )
     loads = np.array(LOADS)
     use = np.sin(np.linspace(0.0, 0.5 * math.pi, USE_SAMPLES))
-    left = np.maximum(1.0 - use**exponent, 0.0) ** (1.0 / exponent)
+    left = left_by_turning(USE_SAMPLES, exponent, 1.0 / exponent)
     grip = loads[:, None, None] * grip_drive_max[:, None] * left - drag[:, None]
     brake = loads[:, None, None] * (brake_max - drag)[:, None] * left + drag[:, None]
     return Envelope(

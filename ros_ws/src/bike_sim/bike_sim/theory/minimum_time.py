@@ -13,7 +13,6 @@ from there with the machine's own.
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -34,7 +33,7 @@ from bike_sim.course.racing_line import (
     stations_of,
 )
 from bike_sim.course.track import Track
-from bike_sim.theory.envelope import Envelope, Limits
+from bike_sim.theory.envelope import Envelope, Limits, left_by_turning
 from bike_sim.theory.lap_limit import (
     GRAVITY,
     braked,
@@ -110,8 +109,7 @@ def with_fastest_line(
 
 def smoothed(envelope: Envelope) -> Envelope:
     """Return the envelope with brakes that a turn weakens smoothly, for a descent to begin with."""
-    use = np.sin(np.linspace(0.0, 0.5 * math.pi, envelope.brake_table.shape[2]))
-    left = np.maximum(1.0 - use**SMOOTH_EXPONENT, 0.0) ** SMOOTH_DECLINE
+    left = left_by_turning(envelope.brake_table.shape[2], SMOOTH_EXPONENT, SMOOTH_DECLINE)
     drag = envelope.drag[:, None]
     return replace(envelope, brake_table=drag + np.maximum(envelope.brake_table[:, :, :1] - drag, 0.0) * left)
 

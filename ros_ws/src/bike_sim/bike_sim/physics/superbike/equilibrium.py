@@ -110,6 +110,25 @@ def steady_lateral(
 
 
 @njit(cache=True)
+def _enclose(
+    low: float, below: float, high: float, above: float, at: float, value: float
+) -> tuple[float, float, float, float]:
+    """Return both ends of an interval around a zero of a growing function, each with its value, after one more value.
+
+    Illinois: false position that halves the value of an end which stays, so that both ends come together.
+    """
+    if value <= 0.0:
+        return at, value, high, 0.5 * above
+    return low, 0.5 * below, at, value
+
+
+@njit(cache=True)
+def _false_position(low: float, below: float, high: float, above: float) -> float:
+    """Return where the line between two values, one below and one above zero, is zero."""
+    return high - above * (high - low) / (above - below)
+
+
+@njit(cache=True)
 def steady_lean(
     lateral: float, high: float, speed: float, gravity: float, spread: float, m: Record, rear: Record, front: Record
 ) -> float:
@@ -129,16 +148,12 @@ def steady_lean(
     above = steady_lateral(high, speed, gravity, spread, m, rear, front) - lateral
     if above <= 0.0:
         return math.nan
-    # Illinois: false position that halves the value of an end which stays, so that both ends come together
     for _ in range(40):
-        middle = high - above * (high - low) / (above - below)
+        middle = _false_position(low, below, high, above)
         value = steady_lateral(middle, speed, gravity, spread, m, rear, front) - lateral
         if abs(value) < LATERAL_TOLERANCE:
             return middle
-        if value < 0.0:
-            low, below, above = middle, value, 0.5 * above
-        else:
-            high, above, below = middle, value, 0.5 * below
+        low, below, high, above = _enclose(low, below, high, above, middle, value)
     return high
 
 
@@ -234,10 +249,15 @@ def drift_loss(load: float, side: float, along: float, lean: float, radius: floa
 @njit(cache=True)
 def holds(turn: Turn, thrust: float, m: Record, rear: Record, front: Record) -> bool:
     """Return whether both tyres hold a turn with a thrust (N, >= 0) at the rear."""
-    at = wheels(turn, thrust, m, rear, front)
+    return _hold(wheels(turn, thrust, m, rear, front), turn.lean, thrust, rear, front)
+
+
+@njit(cache=True)
+def _hold(at: Wheels, lean: float, thrust: float, rear: Record, front: Record) -> bool:
+    """Return whether tyres with these loads and lateral forces hold a thrust, N."""
     return (
-        left_along(at.front, at.front_side, turn.lean, front) >= 0.0
-        and left_along(at.rear, at.rear_side, turn.lean, rear) >= thrust
+        left_along(at.front, at.front_side, lean, front) >= 0.0
+        and left_along(at.rear, at.rear_side, lean, rear) >= thrust
     )
 
 
@@ -263,9 +283,9 @@ def resistance(turn: Turn, at: Wheels, thrust: float, brake: float, m: Record, r
 @njit(cache=True)
 def _driven(turn: Turn, thrust: float, most: float, m: Record, rear: Record, front: Record) -> bool:
     """Return whether both tyres hold a thrust (N) and the electronics leave as much of the `most` that is asked for."""
-    if not holds(turn, thrust, m, rear, front):
-        return False
     at = wheels(turn, thrust, m, rear, front)
+    if not _hold(at, turn.lean, thrust, rear, front):
+        return False
     slip = slip_of(at.rear, at.rear_side, thrust, turn.lean, rear)
     cuts = aid_cuts(thrust, slip, at.rear, 0.0, at.front, m.electronics)
     return thrust <= cuts.traction * cuts.wheelie * most
@@ -309,30 +329,25 @@ def _uncut(asked: float, load: float, side: float, lean: float, aids: Record, ty
 
     Both wheels' brakes are cut alike (`aids.aid_cuts`), by a slip that grows with the force.
     """
-    high = tyres.peak_slip(tyre)
-    held = _along_at(high, load, side, lean, tyre) if load > 0.0 else 0.0
+    held = left_along(load, side, lean, tyre)
     if held <= 0.0 or aids.brake_control == 0.0:
-        return min(asked, held)
+        return max(min(asked, held), 0.0)
     # below the first of these slips nothing is cut, beyond the second all
-    low, high = aids.brake_slip_on, min(aids.brake_slip_off, high)
+    low, high = aids.brake_slip_on, min(aids.brake_slip_off, tyres.peak_slip(tyre))
     below = _along_at(low, load, side, lean, tyre) - asked
     if below >= 0.0:
         return asked
     left = asked * aid_cuts(0.0, 0.0, load, high, load, aids).front
     above = _along_at(high, load, side, lean, tyre) - left
-    # Illinois, as in `steady_lean`
     for _ in range(_HALVINGS):
         if above <= 0.0 or high - low < _SLIP_TOLERANCE:
             break
-        slip = high - above * (high - low) / (above - below)
+        slip = _false_position(low, below, high, above)
         left = asked * aid_cuts(0.0, 0.0, load, slip, load, aids).front
         value = _along_at(slip, load, side, lean, tyre) - left
         if abs(value) < _FORCE_TOLERANCE:
             break
-        if value < 0.0:
-            low, below, above = slip, value, 0.5 * above
-        else:
-            high, above, below = slip, value, 0.5 * below
+        low, below, high, above = _enclose(low, below, high, above, slip, value)
     return left
 
 
@@ -361,16 +376,12 @@ def most_brake(turn: Turn, m: Record, rear: Record, front: Record) -> float:
     """Return the largest deceleration, resistance included, m/s^2."""
     low, high = 0.0, 1.01 * (m.brakes.force + m.motor.engine_brake)
     below, above = _over(turn, low, m, rear, front), _over(turn, high, m, rear, front)
-    # Illinois, as in `steady_lean`
     for _ in range(_HALVINGS):
         if high - low < _FORCE_TOLERANCE or below == 0.0:
             break
-        brake = high - above * (high - low) / (above - below)
+        brake = _false_position(low, below, high, above)
         value = _over(turn, brake, m, rear, front)
-        if value <= 0.0:
-            low, below, above = brake, value, 0.5 * above
-        else:
-            high, above, below = brake, value, 0.5 * below
+        low, below, high, above = _enclose(low, below, high, above, brake, value)
         if abs(value) < _FORCE_TOLERANCE:
             break
     front_brake, rear_brake = brakes_left(turn, low, m, rear, front)
