@@ -12,7 +12,8 @@ inverse is how Sharp et al. (2004), Advances in the modelling of motorcycle dyna
 steer; the rest is textbook pole placement.
 
 Speed. The theoretical lap of the machine with some of its limits kept in reserve is the speed profile; its acceleration
-is fed forward through engine and brakes, and the error of speed fed back.
+is fed forward through engine and brakes, and the error of speed fed back. Where a rehearsal of it on the compiled
+engine ends in a fall, the profile is slower (`bike_policy.riders.rehearsal`).
 
 Time. A command is held for a control period and so acts half of it late; both previews look that much farther ahead.
 The virtual rider's arms are late too: what is fed back is what e, e' and d will be when they have answered, at the
@@ -32,7 +33,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from bike_policy.riders.lap_plan import CLASSICAL_SETTINGS, RiderSettings
-from bike_policy.riders.line_law import LineLaw, plan_line
+from bike_policy.riders.line_law import LineLaw, LinePlan, plan_line
+from bike_policy.riders.rehearsal import rehearsed
 from bike_sim.course.course import Course
 from bike_sim.physics import state as st
 from bike_sim.sim import look as lk
@@ -78,6 +80,7 @@ class LineController:
         line: Course,
         control_period: float,
         settings: RiderSettings | None = None,
+        plan: LinePlan | None = None,
     ) -> None:
         """Plan the lap.
 
@@ -86,12 +89,13 @@ class LineController:
             line: closed line to follow.
             control_period: s.
             settings: how to ride.
+            plan: of the line; None for the one that follows from the settings.
 
         Raises:
             ValueError: the line is open.
         """
         settings = settings or CLASSICAL_SETTINGS
-        self.plan = plan_line(vehicle, line, settings)
+        self.plan = plan or plan_line(vehicle, line, settings)
         self.law = LineLaw(vehicle, control_period, settings)
         self.reset()
 
@@ -122,12 +126,12 @@ class ClassicalRider:
 
     def __init__(self, settings: RiderSettings | None = None) -> None:
         """Take the settings of the rider."""
-        self._settings = settings
+        self._settings = settings or CLASSICAL_SETTINGS
         self._ride: tuple[Vehicle, Course, float] | None = None
         self.controller: LineController | None = None
 
     def begin(self, vehicle: Vehicle, course: Course, period: float, preview: Preview) -> None:
-        """Plan the lap; a repeated ride keeps the plan.
+        """Plan the lap and rehearse it, a matter of seconds; a repeated ride keeps the plan.
 
         Raises:
             ValueError: a vehicle that is no superbike, or an open line.
@@ -138,7 +142,8 @@ class ClassicalRider:
         if self.controller is not None and same and self._ride is not None and self._ride[2] == period:
             self.controller.reset()
             return
-        self.controller = LineController(vehicle, course, period, self._settings)
+        plan = rehearsed(vehicle, course, self._settings, period)
+        self.controller = LineController(vehicle, course, period, self._settings, plan)
         self._ride = (vehicle, course, period)
 
     def command(self, snapshot: Snapshot) -> tuple[float, float] | None:

@@ -116,19 +116,20 @@ class SteadyLeans:
         return np.asarray(np.copysign(found, lateral))
 
 
-def plan_lap(vehicle: Superbike, line: Course, settings: RiderSettings) -> LapLimit:
+def plan_lap(vehicle: Superbike, line: Course, settings: RiderSettings, cap: FloatArray | None = None) -> LapLimit:
     """Return the fastest profile with the rider's reserve.
 
     Args:
         vehicle: the machine.
         line: closed line to follow.
         settings: how to ride.
+        cap: largest speed that is wanted at each point of the profile but the last, m/s; None for any.
 
     Raises:
         ValueError: the line is open.
     """
     crest = np.where(line.crest > 0.0, settings.dip * line.crest, line.crest)
-    return lap_limit(reserved(vehicle, settings), line, crest=crest)
+    return lap_limit(reserved(vehicle, settings), line, crest=crest, cap=cap)
 
 
 def smooth_around(values: FloatArray, spacing: float, distance: float) -> FloatArray:

@@ -16,7 +16,9 @@ from bike_policy.contract.line_tables import LineTables
 from bike_policy.riders.lap_plan import RiderSettings, SteadyLeans, plan_lap, smooth_around
 from bike_sim.course.course import Course
 from bike_sim.kernels import njit
+from bike_sim.physics import state as st
 from bike_sim.physics.superbike_statics import engine_force, inertial_mass
+from bike_sim.sim import look as lk
 from bike_sim.theory.lap_limit import LapLimit
 from bike_sim.vehicles.superbike import Superbike
 
@@ -69,13 +71,39 @@ class LinePlan(NamedTuple):
     table: FloatArray
 
 
-def plan_line(vehicle: Superbike, line: Course, settings: RiderSettings) -> LinePlan:
+def seen_of(state: FloatArray, look: FloatArray) -> FloatArray:
+    """Return the inputs of the law, shape (n, SEEN), of machines side by side.
+
+    Args:
+        state: their minimal states.
+        look: their looks.
+    """
+    return np.stack(
+        (
+            look[:, lk.SPEED],
+            state[:, st.ROLL],
+            look[:, lk.PROGRESS],
+            look[:, lk.LATERAL_ERROR],
+            look[:, lk.HEADING_ERROR],
+            state[:, st.ROLL_RATE],
+        ),
+        axis=1,
+    )
+
+
+def plan_line(vehicle: Superbike, line: Course, settings: RiderSettings, cap: FloatArray | None = None) -> LinePlan:
     """Plan a lap of a closed line.
+
+    Args:
+        vehicle: the machine.
+        line: the line.
+        settings: how to ride.
+        cap: largest speed that is wanted, see `lap_plan.plan_lap`.
 
     Raises:
         ValueError: the line is open.
     """
-    profile = plan_lap(vehicle, line, settings)
+    profile = plan_lap(vehicle, line, settings, cap)
     spacing = float(profile.s[1])
     curvature = smooth_around(profile.lateral / profile.speed**2, spacing, settings.smoothing)
     grade, crest = (np.interp(profile.s, line.s, column) for column in (line.grade, line.crest))

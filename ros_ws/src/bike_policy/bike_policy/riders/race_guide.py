@@ -19,11 +19,9 @@ from bike_policy.contract.race import RaceEyes
 from bike_policy.contract.rows import RowBlocks
 from bike_policy.riders import line_law as ll
 from bike_policy.riders.lap_plan import RiderSettings
-from bike_policy.riders.line_law import LineLaw, plan_line
+from bike_policy.riders.line_law import LineLaw, plan_line, seen_of
 from bike_policy.riders.planned_lines import PlannedLines
 from bike_sim.course.course import Course
-from bike_sim.physics import state as st
-from bike_sim.sim import look as lk
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.superbike import Superbike
 
@@ -90,21 +88,7 @@ class RaceGuide:
             share: part of the planned speed that is asked, shape (n,); what the targets change is the speed asked.
         """
         targets = np.stack((targets[:, 0], share * (1.0 + targets[:, 1]) - 1.0), axis=1)
-        state, look = blocks.state, blocks.look
-        return self._law.commands(
-            np.stack(
-                (
-                    look[:, lk.SPEED],
-                    state[:, st.ROLL],
-                    look[:, lk.PROGRESS],
-                    look[:, lk.LATERAL_ERROR],
-                    look[:, lk.HEADING_ERROR],
-                    state[:, st.ROLL_RATE],
-                ),
-                axis=1,
-            ),
-            targets,
-        )
+        return self._law.commands(seen_of(blocks.state, blocks.look), targets)
 
     def shown(self) -> FloatArray:
         """Return what a policy sees of the guide; see `bike_policy.contract.race.Guide`."""

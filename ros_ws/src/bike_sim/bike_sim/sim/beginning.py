@@ -17,6 +17,7 @@ from bike_sim.sim.request import IDEAL, RANDOM_COURSE, ResetRequest, Start, rand
 from bike_sim.sim.scene import PathScene
 
 if TYPE_CHECKING:
+    from bike_sim.course.track import Track
     from bike_sim.sim.circuit_scene import CircuitScene, FollowedLine
 
 BICYCLE_SPEED: Final = 4.0
@@ -49,6 +50,11 @@ class Courses:
         self._path: tuple[str, Course] | None = None
         self._circuits: dict[str, bool] = {}
         self._lines: dict[tuple[str, float], FollowedLine] = {}
+        self._added: dict[str, Track] = {}
+
+    def add(self, name: str, track: Track) -> None:
+        """Know a circuit that is in no file by a name."""
+        self._added[name], self._circuits[name] = track, True
 
     def is_circuit(self, plant: Plant, name: str) -> bool:
         """Return whether a vehicle sees a course as a circuit.
@@ -88,6 +94,7 @@ class Courses:
         known = self._lines.get((circuit, lam))
         if known is None:
             same = next((line.track for (name, _), line in self._lines.items() if name == circuit), None)
+            same = same or self._added.get(circuit)
             known = FollowedLine(same or track_with_line(circuit, plant.envelope), lam)
         # The last one asked for goes to the end; the first is the one that was not asked for the longest.
         self._lines.pop((circuit, lam), None)

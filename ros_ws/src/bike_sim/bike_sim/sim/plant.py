@@ -199,14 +199,18 @@ class BicyclePlant:
         self.engine.close()
 
 
-def make_plant(config: SimulatorConfig) -> Plant:
+def make_plant(config: SimulatorConfig, vehicle: Vehicle | None = None) -> Plant:
     """Return a vehicle with its engine.
+
+    Args:
+        config: vehicle, engine and steps.
+        vehicle: the config's vehicle where it is loaded already; None to load it.
 
     Raises:
         ValueError: an invalid parameter, or an engine that cannot simulate the vehicle.
         FileNotFoundError: an unknown vehicle.
     """
-    vehicle = load_vehicle(config.vehicle)
+    vehicle = vehicle or load_vehicle(config.vehicle)
     engine = make_engine(config.engine, vehicle, config.time_step)
     if isinstance(vehicle, Superbike):
         # Late: a bicycle is spared tyres and lap theory, which take a good part of a node's start.

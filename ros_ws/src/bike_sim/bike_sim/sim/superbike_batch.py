@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from bike_sim.course import timing_account as acc
 from bike_sim.course.course import Course
 from bike_sim.course.lap_timing import LapLog
+from bike_sim.course.track import Track
 from bike_sim.kernels import entry_of
 from bike_sim.physics import articulated
 from bike_sim.physics import state as st
@@ -59,13 +60,20 @@ class CompiledSuperbikeBatch:
         preview: which points of the followed line are seen; the same for all superbikes.
     """
 
-    def __init__(self, count: int, config: SimulatorConfig, vehicles: Sequence[str] | None = None) -> None:
+    def __init__(
+        self,
+        count: int,
+        config: SimulatorConfig,
+        vehicles: Sequence[str] | None = None,
+        machine: Superbike | None = None,
+    ) -> None:
         """Make room for a number of superbikes.
 
         Args:
             count: number of superbikes.
             config: vehicle and steps; the engine must be ``compiled``.
             vehicles: name or file of each row's machine; None for the config's.
+            machine: the config's where it is loaded already; None to load it.
 
         Raises:
             ValueError: a vehicle or an engine that this loop does not carry, or a wrong number of vehicles.
@@ -76,6 +84,7 @@ class CompiledSuperbikeBatch:
             raise ValueError(f"a batch of {count} superbikes needs as many vehicles, got {len(names)}")
         self.count, self.config, self.preview = count, config, COURSE_POINTS
         self._machines: dict[str, _Machine] = {}
+        self._known = {} if machine is None else {config.vehicle: machine}
         self._stacked = Machines(np.zeros(0, dtype=CONSTANTS), np.zeros(0), np.zeros((0, 0)))
         self._mounted = [self._machine(name) for name in names]
         self._rows, self._scratch = make_rows(count), make_scratch()
@@ -116,7 +125,7 @@ class CompiledSuperbikeBatch:
             ValueError: no superbike, or another engine. FileNotFoundError: an unknown vehicle.
         """
         if name not in self._machines:
-            plant = make_plant(replace(self.config, vehicle=name))
+            plant = make_plant(replace(self.config, vehicle=name), self._known.get(name))
             engine = getattr(plant, "engine", None)
             if not isinstance(plant, SuperbikePlant) or not isinstance(engine, CompiledSuperbikeEngine):
                 raise ValueError(
@@ -185,6 +194,11 @@ class CompiledSuperbikeBatch:
         course = self._ridden[index]
         assert course is not None, "an episode has begun"
         return course
+
+    def add_circuit(self, name: str, track: Track) -> None:
+        """Know a circuit that is in no file by a name; its median can be followed, and the ideal line that it has."""
+        for machine in self._machines.values():
+            machine.courses.add(name, track)
 
     def at_own_speed(self, index: int, request: ResetRequest) -> ResetRequest:
         """Return a request with the default start speed of a row's machine; see `Simulator.at_own_speed`."""
