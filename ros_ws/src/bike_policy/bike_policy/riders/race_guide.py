@@ -19,8 +19,9 @@ from bike_policy.contract.race import RaceEyes
 from bike_policy.contract.rows import RowBlocks
 from bike_policy.riders import line_law as ll
 from bike_policy.riders.lap_plan import RiderSettings
-from bike_policy.riders.line_law import LineLaw, plan_line, seen_of
+from bike_policy.riders.line_law import LineLaw, seen_of
 from bike_policy.riders.planned_lines import PlannedLines
+from bike_policy.riders.rehearsal import rehearsed
 from bike_sim.course.course import Course
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.superbike import Superbike
@@ -68,7 +69,7 @@ class RaceGuide:
         if not isinstance(vehicle, Superbike):
             raise ValueError(f"the guide of races rides superbikes, and {vehicle.name!r} is none")
         self._law = LineLaw(vehicle, period, GUIDE, count)
-        self._planned = PlannedLines(lambda line: plan_line(vehicle, line, GUIDE))
+        self._planned = PlannedLines(lambda line: rehearsed(vehicle, line, GUIDE, period))
 
     def begin(self, row: int, line: Course) -> None:
         """Let a machine follow a line from now on.

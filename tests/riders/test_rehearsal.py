@@ -1,0 +1,61 @@
+"""A rehearsed plan: the plan itself where its ride ends well, slower where it does not, the same mirrored."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bike_policy.riders.lap_plan import CLASSICAL_SETTINGS
+from bike_policy.riders.line_law import plan_line
+from bike_policy.riders.rehearsal import BEFORE, LEAST_BEFORE, _Stage, rehearsed
+from bike_sim.course.course import Course
+from bike_sim.vehicles.superbike import Superbike
+from tests.superbike.test_classical import circle
+
+PERIOD = 0.02
+
+
+def over_a_crest(height: float, turn: float = 1.0) -> Course:
+    """A circle that turns to the left (1) or to the right (-1), with a crest (m) after a quarter of the lap."""
+    level = circle(60.0, 1.0)
+    hill = height * np.exp(-(((level.s - 0.25 * level.length) / 20.0) ** 2))
+    return replace(level, y=turn * level.y, heading=turn * level.heading, curvature=turn * level.curvature, height=hill)
+
+
+def test_a_plan_that_rides_well_stays_as_it_is(panigale: Superbike) -> None:
+    line = over_a_crest(0.3)
+    plan = plan_line(panigale, line, CLASSICAL_SETTINGS)
+    np.testing.assert_array_equal(rehearsed(panigale, line, CLASSICAL_SETTINGS, PERIOD).table, plan.table)
+
+
+def test_a_plan_that_falls_is_slower_before_the_fall_until_it_does_not(panigale: Superbike) -> None:
+    line = over_a_crest(3.0)
+    plan, slower = plan_line(panigale, line, CLASSICAL_SETTINGS), rehearsed(panigale, line, CLASSICAL_SETTINGS, PERIOD)
+    with _Stage(panigale, line, CLASSICAL_SETTINGS, PERIOD) as stage:
+        ends = stage.ride(plan)
+        assert len(ends)
+        assert not len(stage.ride(slower))
+    ratio = slower.profile.speed / plan.profile.speed
+    assert ratio.max() < 1.005  # a lean that is less deep elsewhere moves the path of the mass
+    place, speed = ends[0]
+    before = (place - plan.profile.s > 0.0) & (place - plan.profile.s < max(BEFORE * speed, LEAST_BEFORE))
+    assert ratio[before].max() < 0.99
+    assert slower.profile.lap_time < 1.05 * plan.profile.lap_time
+
+
+def test_the_mirrored_line_gets_the_mirrored_plan(panigale: Superbike) -> None:
+    left, right = (
+        rehearsed(panigale, over_a_crest(3.0, turn), CLASSICAL_SETTINGS, PERIOD).profile for turn in (1.0, -1.0)
+    )
+    np.testing.assert_allclose(left.speed, right.speed, rtol=1e-9)
+    np.testing.assert_allclose(left.lateral, -right.lateral, atol=1e-8)
+
+
+def test_an_open_line_is_refused(panigale: Superbike) -> None:
+    whole = circle(60.0, 1.0)
+    half = len(whole.s) // 2
+    columns = {name: getattr(whole, name)[:half] for name in ("s", "x", "y", "heading", "curvature")}
+    with pytest.raises(ValueError, match="open; a lap needs a closed line"):
+        rehearsed(panigale, replace(whole, **columns, closed=False), CLASSICAL_SETTINGS, PERIOD)
