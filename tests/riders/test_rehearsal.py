@@ -2,19 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from bike_policy.riders.lap_plan import CLASSICAL_SETTINGS
-from bike_policy.riders.line_law import plan_line
+from bike_policy.riders.line_law import LinePlan, plan_line
 from bike_policy.riders.rehearsal import BEFORE, LEAST_BEFORE, _Stage, rehearsed
 from bike_sim.course.course import Course
 from bike_sim.vehicles.superbike import Superbike
 from tests.superbike.test_classical import circle
 
 PERIOD = 0.02
+
+
+@pytest.fixture(scope="module", autouse=True)
+def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Nothing has been rehearsed before."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("BIKE_CACHE", str(tmp_path_factory.mktemp("rehearsals")))
+        yield
+
+
+@pytest.fixture(scope="module")
+def slower(panigale: Superbike, own_cache: None) -> LinePlan:
+    """A plan over a crest that throws the machine."""
+    return rehearsed(panigale, over_a_crest(3.0), CLASSICAL_SETTINGS, PERIOD)
 
 
 def over_a_crest(height: float, turn: float = 1.0) -> Course:
@@ -30,9 +47,9 @@ def test_a_plan_that_rides_well_stays_as_it_is(panigale: Superbike) -> None:
     np.testing.assert_array_equal(rehearsed(panigale, line, CLASSICAL_SETTINGS, PERIOD).table, plan.table)
 
 
-def test_a_plan_that_falls_is_slower_before_the_fall_until_it_does_not(panigale: Superbike) -> None:
+def test_a_plan_that_falls_is_slower_before_the_fall_until_it_does_not(panigale: Superbike, slower: LinePlan) -> None:
     line = over_a_crest(3.0)
-    plan, slower = plan_line(panigale, line, CLASSICAL_SETTINGS), rehearsed(panigale, line, CLASSICAL_SETTINGS, PERIOD)
+    plan = plan_line(panigale, line, CLASSICAL_SETTINGS)
     with _Stage(panigale, line, CLASSICAL_SETTINGS, PERIOD) as stage:
         ends = stage.ride(plan)
         assert len(ends)
@@ -45,10 +62,25 @@ def test_a_plan_that_falls_is_slower_before_the_fall_until_it_does_not(panigale:
     assert slower.profile.lap_time < 1.05 * plan.profile.lap_time
 
 
-def test_the_mirrored_line_gets_the_mirrored_plan(panigale: Superbike) -> None:
-    left, right = (
-        rehearsed(panigale, over_a_crest(3.0, turn), CLASSICAL_SETTINGS, PERIOD).profile for turn in (1.0, -1.0)
-    )
+def test_the_same_is_rehearsed_once(panigale: Superbike, slower: LinePlan, monkeypatch: pytest.MonkeyPatch) -> None:
+    line = over_a_crest(3.0)
+    rides: list[str] = []
+
+    class Counting(_Stage):
+        def ride(self, plan: LinePlan) -> NDArray[np.float64]:
+            rides.append("again")
+            return super().ride(plan)
+
+    monkeypatch.setattr("bike_policy.riders.rehearsal._Stage", Counting)
+    np.testing.assert_array_equal(rehearsed(panigale, line, CLASSICAL_SETTINGS, PERIOD).table, slower.table)
+    assert not rides
+    rehearsed(panigale, line, replace(CLASSICAL_SETTINGS, lateral=0.7), PERIOD)
+    assert rides
+
+
+def test_the_mirrored_line_gets_the_mirrored_plan(panigale: Superbike, slower: LinePlan) -> None:
+    left = slower.profile
+    right = rehearsed(panigale, over_a_crest(3.0, -1.0), CLASSICAL_SETTINGS, PERIOD).profile
     np.testing.assert_allclose(left.speed, right.speed, rtol=1e-9)
     np.testing.assert_allclose(left.lateral, -right.lateral, atol=1e-8)
 

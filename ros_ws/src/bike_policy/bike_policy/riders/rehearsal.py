@@ -11,22 +11,28 @@ rehearsal knows nothing of them; the plan is ridden a little faster than it will
 
 from __future__ import annotations
 
+import hashlib
+import sys
 from dataclasses import replace
+from functools import cache
+from pathlib import Path
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bike_policy import riders
 from bike_policy.riders.lap_plan import RiderSettings
 from bike_policy.riders.line_law import LineLaw, LinePlan, plan_line, seen_of
+from bike_sim import physics, sim
 from bike_sim.course.course import Course
 from bike_sim.course.track import Track
 from bike_sim.physics.superbike_engine import TIME_STEP
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
-from bike_sim.sim.superbike_batch import CompiledSuperbikeBatch
 from bike_sim.theory.lap_limit import LapLimit
+from bike_sim.theory.line_cache import cache_folder, read_column, write_column
 from bike_sim.vehicles.superbike import Superbike
 
 FloatArray = NDArray[np.float64]
@@ -62,6 +68,8 @@ _CIRCUIT: Final = "rehearsal"
 def rehearsed(vehicle: Superbike, line: Course, settings: RiderSettings, period: float) -> LinePlan:
     """Plan a lap of a closed line, ride it, and plan it slower before places where a ride ended, until none does.
 
+    What came out is kept beside the lines of circuits (`bike_sim.theory.line_cache`), so the same is rehearsed once.
+
     Args:
         vehicle: the machine.
         line: closed line to follow.
@@ -75,19 +83,53 @@ def rehearsed(vehicle: Superbike, line: Course, settings: RiderSettings, period:
         ValueError: the line is open.
     """
     plan = plan_line(vehicle, line, settings)
-    s, free = plan.profile.s[:-1], plan.profile.speed[:-1]
-    share = np.ones(len(s))
+    path = cache_folder() / f"{_key(vehicle, line, plan, settings, period)}.npy"
+    share = read_column(path, len(plan.profile.s) - 1)
+    if share is None:
+        share = _share(vehicle, line, plan, settings, period)
+        write_column(path, share)
+    return _slower(vehicle, line, plan, settings, share) if share.min() < 1.0 else plan
+
+
+def _share(vehicle: Superbike, line: Course, plan: LinePlan, settings: RiderSettings, period: float) -> FloatArray:
+    """Return the part of a plan's speed that can be ridden, at the points of its profile but the last."""
+    s = plan.profile.s[:-1]
+    share, tried = np.ones(len(s)), plan
     with _Stage(vehicle, line, settings, period) as stage:
         for _ in range(ROUNDS):
-            ends = stage.ride(plan)
+            ends = stage.ride(tried)
             if not len(ends):
                 break
             for place, speed in ends:
                 ahead = np.mod(place - s, line.length)
                 near = (ahead < max(BEFORE * speed, LEAST_BEFORE)) | (ahead > line.length - BEHIND)
                 share[near] = np.maximum(SLOWER * share[near], SLOWEST)
-            plan = plan_line(vehicle, line, settings, np.where(share < 1.0, share * free, np.inf))
-    return plan
+            tried = _slower(vehicle, line, plan, settings, share)
+    return share
+
+
+def _slower(vehicle: Superbike, line: Course, plan: LinePlan, settings: RiderSettings, share: FloatArray) -> LinePlan:
+    return plan_line(vehicle, line, settings, np.where(share < 1.0, share * plan.profile.speed[:-1], np.inf))
+
+
+def _key(vehicle: Superbike, line: Course, plan: LinePlan, settings: RiderSettings, period: float) -> str:
+    """Return the hash over everything that a rehearsal depends on."""
+    digest = hashlib.sha256(_sources())
+    with np.printoptions(threshold=sys.maxsize, floatmode="unique"):
+        digest.update(repr((vehicle, settings, period)).encode())
+    for values in (line.table, line.height, line.width_left, line.width_right, plan.table):
+        digest.update(b"none" if values is None else np.ascontiguousarray(values).tobytes())
+    return digest.hexdigest()[:32]
+
+
+@cache
+def _sources() -> bytes:
+    """Return the hash over the code that rides; a change of it has to be rehearsed."""
+    digest = hashlib.sha256()
+    for package in (physics, sim, riders):
+        for path in sorted(Path(package.__path__[0]).rglob("*.py")):
+            digest.update(path.read_bytes())
+    return digest.digest()
 
 
 class _Stage:
@@ -97,6 +139,9 @@ class _Stage:
         count = len(PACES) * STARTS
         step = period / max(1, round(period / TIME_STEP))
         config = SimulatorConfig(vehicle.name, "compiled", step, period)
+        # Late: who has rehearsed before is spared the compiled loop, which takes seconds to load.
+        from bike_sim.sim.superbike_batch import CompiledSuperbikeBatch
+
         self._batch = CompiledSuperbikeBatch(count, config, machine=vehicle)
         self._batch.add_circuit(_CIRCUIT, _circuit_of(line))
         self._law = LineLaw(vehicle, period, settings, count)

@@ -58,7 +58,7 @@ def track_with_line(
     """
     track = load_track(circuit)
     path = cache_folder() / f"{content_key(track, envelope, margin, roll_cost)}.npy"
-    offset = _read(path, len(track.centre.s))
+    offset = read_column(path, len(track.centre.s))
     if offset is not None:
         return track.with_ideal(offset)
     # Late: a start that finds its line is spared the solvers.
@@ -71,7 +71,7 @@ def track_with_line(
 
         track = with_fastest_line(track, envelope, margin=margin, roll_cost=roll_cost)
     assert track.ideal is not None
-    _write(path, track.ideal)
+    write_column(path, track.ideal)
     return track
 
 
@@ -107,23 +107,23 @@ def content_key(track: Track, envelope: Envelope | None, margin: float = MARGIN,
     return digest.hexdigest()[:32]
 
 
-def _read(path: Path, count: int) -> NDArray[np.float64] | None:
-    """Return the offsets in a file, or None if there are none that could be right."""
+def read_column(path: Path, count: int) -> NDArray[np.float64] | None:
+    """Return the values of a line's samples in a file, or None if there are none that could be right."""
     try:
-        offset = np.load(path, allow_pickle=False)
+        values = np.load(path, allow_pickle=False)
     except (OSError, ValueError, EOFError, zipfile.BadZipFile):
         return None
-    sound = isinstance(offset, np.ndarray) and offset.shape == (count,) and bool(np.isfinite(offset).all())
-    return offset if sound else None
+    sound = isinstance(values, np.ndarray) and values.shape == (count,) and bool(np.isfinite(values).all())
+    return values if sound else None
 
 
-def _write(path: Path, offset: NDArray[np.float64]) -> None:
-    """Keep offsets; where nothing can be written the next call computes them again."""
+def write_column(path: Path, values: NDArray[np.float64]) -> None:
+    """Keep values; where nothing can be written the next call computes them again."""
     scratch = path.with_name(f"{path.stem}.{os.getpid()}.tmp")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with scratch.open("wb") as stream:
-            np.save(stream, offset)
+            np.save(stream, values)
         scratch.replace(path)
     except OSError:
         with contextlib.suppress(OSError):  # the folder itself may be what cannot be made
