@@ -129,6 +129,14 @@ def test_what_is_as_in_the_paper_agrees_and_what_is_not_does_not() -> None:
     assert "no" in {each.find(replace(data, transfers=quick)).agrees for each in STATEMENTS}
 
 
+def test_a_flying_lap_is_behind_the_start_line() -> None:
+    """Its progress goes on from the lap before."""
+    data, length = paper_like(), load_track("barcelona").length
+    later = replace(data, moments=tuple(replace(row, progress=row.progress + length) for row in data.moments))
+    assert overshoots(later, "spdl") == overshoots(data, "spdl")
+    assert max(overshoots(data, "spdl").values()) == 3.0
+
+
 def test_nothing_is_said_of_what_was_not_done() -> None:
     assert set(verdicts(Data()).values()) == {"open"}
     few = paper_like()

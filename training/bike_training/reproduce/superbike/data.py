@@ -100,7 +100,8 @@ class Moment:
     """An instant of a flying lap, for Figs. 3 and 4.
 
     Attributes:
-        setting, seed: of the run. time: s. progress: along the centre line, m. x, y: rear contact, m. speed: m/s.
+        setting, seed: of the run. time: s. progress: along the centre line, m, of any lap. x, y: rear contact, m.
+        speed: m/s.
         error: distance to the ideal line, m, positive to the left.
     """
 

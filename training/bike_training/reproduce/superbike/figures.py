@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from operator import itemgetter
 from typing import Any, Final
 
 import numpy as np
@@ -96,7 +97,9 @@ def overshoot(data: Data, plt: Any) -> Any:
     map_axes.plot(*track.points(along, track.at(track.ideal, along))[:, :2].T, "k--", lw=1, label="ideal line")
     sign = 1.0 if corner.angle > 0.0 else -1.0
     for name, rows in rode.items():
-        shown = [row for row in rows if begin <= row.progress <= end]
+        placed = [(row, begin + (row.progress - begin) % track.length) for row in rows]
+        placed = sorted(((row, at) for row, at in placed if at <= end), key=itemgetter(1))
+        shown, at = [row for row, _ in placed], [at for _, at in placed]
         if len(shown) < 2:
             continue
         if name == "spdl":
@@ -106,7 +109,7 @@ def overshoot(data: Data, plt: Any) -> Any:
                 [row.x for row in shown], [row.y for row in shown], ":", color="k", lw=1.5, label=name.upper()
             )
         distance = [-sign * row.error for row in shown]
-        error_axes.plot([row.progress for row in shown], distance, color=_COLOURS[name], label=name.upper())
+        error_axes.plot(at, distance, color=_COLOURS[name], label=name.upper())
     error_axes.axvspan(corner.begin, corner.end, color="0.92", zorder=0)
     error_axes.axhline(0.0, color="0.6", lw=0.8)
     error_axes.set(xlabel="along the circuit / m", ylabel="outside of the ideal line / m", title="inside below 0")

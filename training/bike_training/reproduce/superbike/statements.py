@@ -180,7 +180,8 @@ def overshoots(data: Data, setting: str) -> dict[str, float]:
     found = {}
     for corner in track.corners:
         sign = 1.0 if corner.angle > 0.0 else -1.0
-        inside = [-sign * row.error for row in rows if corner.begin <= row.progress <= corner.end]
+        size = corner.end - corner.begin
+        inside = [-sign * row.error for row in rows if (row.progress - corner.begin) % track.length <= size]
         if inside:
             found[corner.name] = max(inside)
     return found
