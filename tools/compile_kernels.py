@@ -81,6 +81,21 @@ def superbike() -> None:
     simulator.close()
 
 
+def superbikes_side_by_side() -> None:
+    """Ride two superbikes as learning and rehearsals do; a rehearsal that was kept compiles nothing."""
+    from dataclasses import replace
+
+    from bike_sim.sim.request import ResetRequest
+    from bike_sim.sim.superbike_batch import CompiledSuperbikeBatch
+    from bike_sim.sim.superbike_plant import superbike_config
+
+    batch = CompiledSuperbikeBatch(2, replace(superbike_config(MACHINE), engine="compiled"))
+    for index in range(2):
+        batch.reset(index, batch.at_own_speed(index, ResetRequest(course=CIRCUIT)))
+    batch.step(np.zeros((2, 2)))
+    batch.close()
+
+
 def recording() -> None:
     """Write and read a file of one message."""
     from bike_analysis.read.container import Container
@@ -105,6 +120,7 @@ KERNELS: dict[str, Callable[[], None]] = {
     "bicycle, PyBullet": lambda: bicycle("pybullet"),
     "bicycle with the LQR": bicycle_with_lqr,
     "bicycles side by side": bicycles_side_by_side,
+    "superbikes side by side": superbikes_side_by_side,
     "superbike": superbike,
     "reading of recordings": recording,
     "list of fonts": fonts,
