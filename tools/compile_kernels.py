@@ -96,6 +96,22 @@ def superbikes_side_by_side() -> None:
     batch.close()
 
 
+def report_of_laps() -> None:
+    """Time a moment of a lap from outside, and look limits up, as the report of a lap does."""
+    from bike_sim.course.files import load_track
+    from bike_sim.course.lap_timing import Sample, time_laps
+    from bike_sim.theory.envelope import envelope
+    from bike_sim.vehicles.files import load_vehicle
+    from bike_sim.vehicles.superbike import Superbike
+
+    time_laps(load_track(CIRCUIT), [Sample(0.1 * k, float(k), 0.0, 1.0 + k, 0.0) for k in range(2)])
+    vehicle = load_vehicle(MACHINE)
+    assert isinstance(vehicle, Superbike)
+    limits, speeds = envelope(vehicle), np.array([30.0, 40.0])
+    for found in (limits.lateral(speeds), limits.drive(speeds, speeds / 10.0), limits.brake(speeds, speeds / 10.0)):
+        assert (found > 0.0).all()
+
+
 def recording() -> None:
     """Write and read a file of one message."""
     from bike_analysis.read.container import Container
@@ -122,6 +138,7 @@ KERNELS: dict[str, Callable[[], None]] = {
     "bicycles side by side": bicycles_side_by_side,
     "superbikes side by side": superbikes_side_by_side,
     "superbike": superbike,
+    "report of laps": report_of_laps,
     "reading of recordings": recording,
     "list of fonts": fonts,
 }

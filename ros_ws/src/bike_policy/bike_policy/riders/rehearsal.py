@@ -40,7 +40,7 @@ FloatArray = NDArray[np.float64]
 PACES: Final = (0.0, 0.005)
 """Changes of the planned speed that a plan must bear, as parts of it."""
 STARTS: Final = 2
-"""Places of a lap at which rides of each of them begin."""
+"""Places of a lap at which rides of each of them begin; one more ride, as planned, begins as rides do by default."""
 START_SHARE: Final = 0.7
 """Speed of a start as a part of the planned one."""
 LAPS: Final = 1.25
@@ -136,7 +136,8 @@ class _Stage:
     """The machine on the line, several times side by side."""
 
     def __init__(self, vehicle: Superbike, line: Course, settings: RiderSettings, period: float) -> None:
-        count = len(PACES) * STARTS
+        paces = (*np.repeat(PACES, STARTS), 0.0)
+        count = len(paces)
         step = period / max(1, round(period / TIME_STEP))
         config = SimulatorConfig(vehicle.name, "compiled", step, period)
         # Late: who has rehearsed before is spared the compiled loop, which takes seconds to load.
@@ -145,7 +146,7 @@ class _Stage:
         self._batch = CompiledSuperbikeBatch(count, config, machine=vehicle)
         self._batch.add_circuit(_CIRCUIT, _circuit_of(line))
         self._law = LineLaw(vehicle, period, settings, count)
-        self._targets = np.stack((np.zeros(count), np.repeat(PACES, STARTS)), axis=1)
+        self._targets = np.stack((np.zeros(count), paces), axis=1)
 
     def __enter__(self) -> _Stage:
         return self
@@ -159,9 +160,9 @@ class _Stage:
         Rides that are off the course have ended as those that have fallen.
         """
         batch, profile = self._batch, plan.profile
-        for row, place in enumerate(np.tile(_gentle_places(profile), len(PACES)).tolist()):
-            speed = START_SHARE * float(profile.speed_at(place))
-            batch.reset(row, ResetRequest(course=_CIRCUIT, line=0.0, progress=place, speed_range=(speed, speed)))
+        at_once = batch.at_own_speed(0, ResetRequest(course=_CIRCUIT, line=0.0))
+        for row, place in enumerate((*np.tile(_gentle_places(profile), len(PACES)), None)):
+            batch.reset(row, at_once if place is None else _start(profile, float(place)))
             self._law.begin(row, plan)
         length, period = float(profile.s[-1]), batch.config.control_period
         goal = batch.look[:, lk.PROGRESS] + LAPS * length
@@ -178,6 +179,11 @@ class _Stage:
 
     def _commands(self) -> FloatArray:
         return self._law.commands(np.nan_to_num(seen_of(self._batch.state, self._batch.look)), self._targets)
+
+
+def _start(profile: LapLimit, place: float) -> ResetRequest:
+    speed = START_SHARE * float(profile.speed_at(place))
+    return ResetRequest(course=_CIRCUIT, line=0.0, progress=place, speed_range=(speed, speed))
 
 
 def _circuit_of(line: Course) -> Track:
