@@ -11,6 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from bike_sim.kernels import njit
 from bike_sim.physics import kinematics
 from bike_sim.physics import state as st
 from bike_sim.physics.superbike import equilibrium
@@ -63,15 +64,20 @@ def turning_state(vehicle: Superbike, speed: float, roll: float, yaw_rate: float
     state = st.upright_state(speed, vehicle.rF - vehicle.front_tyre.crown * (1.0 - math.cos(roll)))
     state[st.ROLL] = roll
     if yaw_rate != 0.0:
-        low, high = 0.0, math.copysign(vehicle.max_steer, yaw_rate)
-        parameters, wanted = vehicle.parameters, abs(yaw_rate)
-        for _ in range(50):
-            state[st.STEER] = steer = 0.5 * (low + high)
-            if abs(kinematics.yaw_rate(state, parameters)) < wanted:
-                low = steer
-            else:
-                high = steer
+        _steer_into(state, yaw_rate, vehicle.max_steer, vehicle.parameters)
     return state
+
+
+@njit(cache=True)
+def _steer_into(state: st.StateVector, yaw_rate: float, most: float, parameters: FloatArray) -> None:
+    """Write the steer with which a state has a yaw rate (rad/s) into it, `most` (rad) at the most."""
+    low, high = 0.0, math.copysign(most, yaw_rate)
+    for _ in range(50):
+        state[st.STEER] = steer = 0.5 * (low + high)
+        if abs(kinematics.yaw_rate(state, parameters)) < abs(yaw_rate):
+            low = steer
+        else:
+            high = steer
 
 
 def spread(vehicle: Superbike) -> float:
