@@ -21,6 +21,10 @@ LINE = Course.from_elements("line", [Line(50.0)], start=(2.0, 1.0, 0.5))
 LEFT_CIRCLE = Course.from_elements("left", [Arc(10.0, 2.0 * math.pi)], closed=True)
 RIGHT_CIRCLE = Course.from_elements("right", [Arc(10.0, -2.0 * math.pi)], closed=True)
 EIGHT = Course.from_elements("eight", [Arc(8.0, 2.0 * math.pi), Arc(8.0, -2.0 * math.pi)], closed=True)
+# Their length divided by the spacing of their samples is rounded to a little more than the number of pieces.
+ROUNDED = [
+    Course.from_elements("rounded", [Arc(radius, 2.0 * math.pi)], closed=True) for radius in (30.53, 57.17, 64.2)
+]
 # Crosses itself at right angles in (15, 0): straight on, then three quarters of a circle back over it.
 CROSSING = Course.from_elements("crossing", [Line(30.0), Arc(15.0, 1.5 * math.pi), Line(30.0)])
 
@@ -151,6 +155,18 @@ def test_open_line_goes_on_straight_beyond_its_ends(ask):
 def test_closed_line_repeats(ask, s):
     here, there = ask.point_at(EIGHT, s), ask.point_at(EIGHT, s + EIGHT.length)
     assert there == pytest.approx(here, abs=1e-9)
+
+
+@given(st.integers(-3, 3), st.floats(-300.0, -3.0), st.booleans())
+def test_a_closed_line_has_no_gap_where_it_closes(ask, lap, magnitude, before):
+    """However little a point lies before the seam: the remainder of -1e-20 is rounded to the whole length."""
+    beside = (-1.0 if before else 1.0) * 10.0**magnitude
+    for course in (LEFT_CIRCLE, EIGHT, *ROUNDED):
+        s = lap * course.length + beside
+        assert ask.point_at(course, s) == pytest.approx(ask.point_at(course, 0.0), abs=3e-3)
+        found, distance, _ = ask.project(course, float(course.x[0]) + beside, float(course.y[0]) - abs(beside), 0.0)
+        assert abs(found) < 3e-3
+        assert abs(distance) < 3e-3
 
 
 @given(SEEDS)

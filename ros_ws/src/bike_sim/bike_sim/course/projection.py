@@ -38,8 +38,11 @@ def locate(s: float, spacing: float, count: int, closed: bool) -> tuple[int, flo
     length = spacing * (count - 1)
     if closed:
         s = s % length
+        if s >= length:  # the remainder of what is less than nothing below 0 is rounded to the length
+            s = 0.0
     piece = min(max(math.floor(s / spacing), 0), count - 2)
-    return piece, s / spacing - piece
+    u = s / spacing - piece
+    return piece, min(u, 1.0) if closed else u
 
 
 @njit(cache=True)
