@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from bike_policy import riders
 from bike_policy.riders.lap_plan import RiderSettings
 from bike_policy.riders.line_law import LineLaw, LinePlan, plan_line, seen_of
-from bike_sim import physics, sim
+from bike_sim import course, physics, sim
 from bike_sim.course.course import Course
 from bike_sim.course.track import Track
 from bike_sim.physics.superbike_engine import TIME_STEP
@@ -126,7 +126,7 @@ def _key(vehicle: Superbike, line: Course, plan: LinePlan, settings: RiderSettin
 def _sources() -> bytes:
     """Return the hash over the code that rides; a change of it has to be rehearsed."""
     digest = hashlib.sha256()
-    for package in (physics, sim, riders):
+    for package in (course, physics, sim, riders):
         for path in sorted(Path(package.__path__[0]).rglob("*.py")):
             digest.update(path.read_bytes())
     return digest.digest()
