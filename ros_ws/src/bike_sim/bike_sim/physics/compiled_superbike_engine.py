@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from bike_sim.physics import articulated
 from bike_sim.physics import state as st
 from bike_sim.physics.superbike.base import SuperbikeBase
-from bike_sim.physics.superbike.compiled import advance_one, look_one
-from bike_sim.physics.superbike.deflection import deflect
-from bike_sim.physics.superbike.start import Start
+from bike_sim.physics.superbike.compiled import advance_one
 from bike_sim.vehicles.superbike import Superbike
 
 
@@ -19,9 +15,6 @@ class CompiledSuperbikeEngine(SuperbikeBase):
     It shares the forces with the engine in Bullet, but not a line of the dynamics, so each checks the other: their
     rides come together as the step shrinks. One step is a single compiled call, and batches step rows of many machines
     with the same code (`bike_sim.physics.superbike.compiled.advance_rows`).
-
-    Attributes:
-        motion: of the bodies, a record of `articulated.motion_record`, shape (1,).
     """
 
     def __init__(self, vehicle: Superbike, time_step: float) -> None:
@@ -35,7 +28,6 @@ class CompiledSuperbikeEngine(SuperbikeBase):
             ValueError: the vehicle is no superbike, or the time step is not positive and finite.
         """
         super().__init__(vehicle, time_step)
-        self.motion = np.zeros(1, dtype=articulated.motion_record(len(self.tree)))
         self._tree = articulated.tree_record(self.tree, vehicle.g)
         self._work = articulated.workspace(len(self.tree))
         self.reset(st.upright_state(0.0, vehicle.rF))
@@ -43,18 +35,8 @@ class CompiledSuperbikeEngine(SuperbikeBase):
     def close(self) -> None:
         """Do nothing: there is nothing to release."""
 
-    def _place(self, start: Start) -> None:
-        """Set the motion of the bodies, and fill minimal state and telemetry from it."""
-        for name, values in start._asdict().items():
-            self.motion[name] = values
-        look_one(
-            self._state, self.motion, self._memory.copy(), self._telemetry, self._constants, (0.0, 0.0, self.time_step),
-            *self.ground,
-        )  # fmt: skip
-
-    def deflect(self, x: float, y: float, turn: float, share: float, dx: float, dy: float) -> None:
-        """Turn the machine at a wall; see `SuperbikeBase`."""
-        deflect(self.motion, x, y, turn, share, dx, dy)
+    def set_motion(self) -> None:
+        """Do nothing: the record is the motion."""
 
     def _run(self, steering: float, throttle: float, steps: int) -> None:
         """Step until a fall or to the end, and fill the minimal state."""

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from bike_sim.physics import mapping
 from bike_sim.physics import state as st
 from bike_sim.physics import superbike_statics as statics
-from bike_sim.physics.pybullet_tree import bullet
 from bike_sim.physics.superbike.records import MEMORY_NAMES
 from bike_sim.physics.superbike_engine import SuperbikeEngine
 from bike_sim.physics.tree import FORK, SLIDER
@@ -119,47 +118,36 @@ class _Snapshot:
 
     def __init__(self, engine: SuperbikeEngine, names: tuple[str, ...]) -> None:
         self.engine, self.names = engine, names
-        body, client = engine.body, engine.client
-        self.pose = bullet.getBasePositionAndOrientation(body, client)
-        self.twist = bullet.getBaseVelocity(body, client)
-        self.joints = [joint[:2] for joint in bullet.getJointStates(body, range(4), client)]
-        self.memory = engine.memory.copy()
+        self.kept = engine.motion.copy(), engine.memory.copy()
 
     def restore(self, index: int, push: float) -> None:
         """Put the motion back with one of the states pushed (rad, m, s and N m)."""
-        name = self.names[index]
-        position, orientation = (np.array(part) for part in self.pose)
-        velocity, omega = (np.array(part) for part in self.twist)
-        joints = [list(joint) for joint in self.joints]
-        self.engine.memory[:] = self.memory
+        name, engine = self.names[index], self.engine
+        engine.motion[:], engine.memory[:] = self.kept
+        motion = engine.motion[0]
         if name == "roll":
-            orientation = mapping.multiply(mapping.axis_angle(np.array([1.0, 0.0, 0.0]), push), orientation)
-        elif name in ("side_speed", "roll_rate", "yaw_rate"):
-            velocity[1] += push * (name == "side_speed")
-            omega[0] += push * (name == "roll_rate")
-            omega[2] += push * (name == "yaw_rate")
+            turn = mapping.axis_angle(np.array([1.0, 0.0, 0.0]), push)
+            motion["orientation"][:] = mapping.multiply(turn, motion["orientation"])
+        elif name == "side_speed":
+            motion["velocity"][1] += push
+        elif name in ("roll_rate", "yaw_rate"):
+            motion["omega"][0 if name == "roll_rate" else 2] += push
         elif name in MEMORY_NAMES:
-            self.engine.memory[MEMORY_NAMES.index(name)] += push
+            engine.memory[MEMORY_NAMES.index(name)] += push
         else:
-            joints[FORK if name.startswith("steer") else SLIDER][name.endswith("rate")] += push
-        body, client = self.engine.body, self.engine.client
-        bullet.resetBasePositionAndOrientation(body, position, orientation, client)
-        bullet.resetBaseVelocity(body, velocity, omega, client)
-        for link, (value, rate) in enumerate(joints):
-            bullet.resetJointState(body, link, value, rate, client)
+            joints = motion["rates" if name.endswith("rate") else "joints"]
+            joints[FORK if name.startswith("steer") else SLIDER] += push
+        engine.set_motion()
 
     def look(self) -> FloatArray:
         """Return the states, in the order of their names."""
-        body, client = self.engine.body, self.engine.client
-        state = self.engine.state()
-        velocity, omega = bullet.getBaseVelocity(body, client)
-        slide = bullet.getJointState(body, SLIDER, client)
-        yaw = state[st.YAW]
+        state, motion, memory = self.engine.state(), self.engine.motion[0], self.engine.memory
+        velocity, omega = motion["velocity"], motion["omega"]
+        slide, slide_rate, yaw = motion["joints"][SLIDER], motion["rates"][SLIDER], state[st.YAW]
         side = math.cos(yaw) * velocity[1] - math.sin(yaw) * velocity[0]
-        memory = self.engine.memory
         return np.array(
             [
-                state[st.ROLL], state[st.STEER], slide[0], side, state[st.ROLL_RATE], omega[2], state[st.STEER_RATE],
-                slide[1], *(memory[MEMORY_NAMES.index(name)] for name in self.names if name in MEMORY_NAMES),
+                state[st.ROLL], state[st.STEER], slide, side, state[st.ROLL_RATE], omega[2], state[st.STEER_RATE],
+                slide_rate, *(memory[MEMORY_NAMES.index(name)] for name in self.names if name in MEMORY_NAMES),
             ]
         )  # fmt: skip

@@ -11,9 +11,12 @@ from numpy.typing import NDArray
 from bike_sim.physics import mapping
 from bike_sim.physics import state as st
 from bike_sim.physics import superbike_forces as sf
+from bike_sim.physics.articulated import motion_record
 from bike_sim.physics.ground import flat_ground
 from bike_sim.physics.state import StateVector
+from bike_sim.physics.superbike.compiled import look_one
 from bike_sim.physics.superbike.constants import constants_of
+from bike_sim.physics.superbike.deflection import deflect
 from bike_sim.physics.superbike.records import MEMORY
 from bike_sim.physics.superbike.start import Start, forget, start_of, superbike_tree, without_rider
 from bike_sim.vehicles.superbike import Superbike
@@ -29,6 +32,7 @@ class SuperbikeBase(ABC):
         vehicle: its parameters.
         time_step: integration step, s.
         tree: its bodies and joints.
+        motion: of the bodies, a record of `articulated.motion_record`, shape (1,).
         memory: what the forces remember, in the order of `superbike_forces.MEMORY_NAMES`.
         ground: what is under the wheels until it is replaced; level and dry at first.
     """
@@ -47,6 +51,7 @@ class SuperbikeBase(ABC):
         self.time_step = float(time_step)
         self.ground = flat_ground()
         self.tree = superbike_tree(vehicle)
+        self.motion = np.zeros(1, dtype=motion_record(len(self.tree)))
         self.memory = np.zeros(len(sf.MEMORY_NAMES))
         self._memory = self.memory.view(MEMORY)  # the same numbers, by name
         self._telemetry = np.zeros(1, dtype=sf.TELEMETRY)
@@ -93,6 +98,21 @@ class SuperbikeBase(ABC):
             raise ValueError(f"steps = {steps} must not be negative")
         self._run(float(steering), float(throttle), steps)
 
+    def deflect(self, x: float, y: float, turn: float, share: float, dx: float, dy: float) -> None:
+        """Turn the machine at a wall; see `superbike.deflection`. State and telemetry show it from the next step on."""
+        deflect(self.motion, x, y, turn, share, dx, dy)
+        self.set_motion()
+
+    def _place(self, start: Start) -> None:
+        """Set the motion of the bodies, and fill minimal state and telemetry from it."""
+        for name, values in start._asdict().items():
+            self.motion[name] = values
+        self.set_motion()
+        look_one(
+            self._state, self.motion, self._memory.copy(), self._telemetry, self._constants, (0.0, 0.0, self.time_step),
+            *self.ground,
+        )  # fmt: skip
+
     def state(self) -> StateVector:
         """Return the minimal state as a fresh vector; yaw and wheel angles are not wrapped."""
         return self._state.copy()
@@ -122,16 +142,12 @@ class SuperbikeBase(ABC):
         return sf.FALL_NAMES[self.fall]
 
     @abstractmethod
-    def deflect(self, x: float, y: float, turn: float, share: float, dx: float, dy: float) -> None:
-        """Turn the machine at a wall; see `superbike.deflection`. State and telemetry show it from the next step on."""
-
-    @abstractmethod
     def close(self) -> None:
         """Release what the engine holds; a second call does nothing."""
 
     @abstractmethod
-    def _place(self, start: Start) -> None:
-        """Set the motion of the bodies, and fill minimal state and telemetry from it."""
+    def set_motion(self) -> None:
+        """Have the integrator go on from `motion`, and write there what it makes of it."""
 
     @abstractmethod
     def _run(self, steering: float, throttle: float, steps: int) -> None:

@@ -29,6 +29,12 @@ _LONGEST: Final = 0.1
 
 
 @njit(cache=True)
+def reading_interval(dt: float) -> int:
+    """Return after how many steps of a length (s) the yaw must be read."""
+    return max(1, int(_LONGEST / dt))
+
+
+@njit(cache=True)
 def felt(motion: Record) -> Motion:
     """Return the motion of frame and joints as the forces take it."""
     p, q, v, w = motion.position, motion.orientation, motion.velocity, motion.omega
@@ -79,7 +85,7 @@ def advance(
         bumps: profiles, see `ground.Ground`.
         steps: number of steps.
     """
-    chunk = max(1, int(_LONGEST / command.dt))
+    chunk = reading_interval(command.dt)
     for done in range(steps):
         if memory.fall != 0.0:
             break
