@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from bike_policy.riders.lap_plan import CLASSICAL_SETTINGS
 from bike_policy.riders.line_law import LinePlan, plan_line
-from bike_policy.riders.rehearsal import BEFORE, LEAST_BEFORE, _Stage, rehearsed
+from bike_policy.riders.rehearsal import BEFORE, LEAST_BEFORE, Rides, Stage, _AsPlanned, rehearsed
 from bike_sim.course.course import Course
 from bike_sim.vehicles.superbike import Superbike
 from tests.superbike.test_classical import circle
@@ -49,10 +49,15 @@ def test_a_plan_that_rides_well_stays_as_it_is(panigale: Superbike) -> None:
 def test_a_plan_that_falls_is_slower_before_the_fall_until_it_does_not(panigale: Superbike, slower: LinePlan) -> None:
     line = over_a_crest(3.0)
     plan = plan_line(panigale, line, CLASSICAL_SETTINGS)
-    with _Stage(panigale, line, CLASSICAL_SETTINGS, PERIOD) as stage:
-        ends = stage.ride(plan)
-        assert len(ends)
-        assert not len(stage.ride(slower))
+    paces = np.zeros(3)
+
+    def ends_of(plan: LinePlan) -> NDArray[np.float64]:
+        with Stage(panigale, line, PERIOD, len(paces)) as stage:
+            return stage.ride(plan, _AsPlanned(panigale, plan, CLASSICAL_SETTINGS, PERIOD, paces), 2)
+
+    ends = ends_of(plan)
+    assert len(ends)
+    assert not len(ends_of(slower))
     ratio = slower.profile.speed / plan.profile.speed
     assert ratio.max() < 1.005  # a lean that is less deep elsewhere moves the path of the mass
     place, speed = ends[0]
@@ -63,18 +68,18 @@ def test_a_plan_that_falls_is_slower_before_the_fall_until_it_does_not(panigale:
 
 def test_the_same_is_rehearsed_once(panigale: Superbike, slower: LinePlan, monkeypatch: pytest.MonkeyPatch) -> None:
     line = over_a_crest(3.0)
-    rides: list[str] = []
+    ridden: list[str] = []
 
-    class Counting(_Stage):
-        def ride(self, plan: LinePlan) -> NDArray[np.float64]:
-            rides.append("again")
-            return super().ride(plan)
+    class Counting(Stage):
+        def ride(self, plan: LinePlan, rides: Rides, starts: int) -> NDArray[np.float64]:
+            ridden.append("again")
+            return super().ride(plan, rides, starts)
 
-    monkeypatch.setattr("bike_policy.riders.rehearsal._Stage", Counting)
+    monkeypatch.setattr("bike_policy.riders.rehearsal.Stage", Counting)
     np.testing.assert_array_equal(rehearsed(panigale, line, CLASSICAL_SETTINGS, PERIOD).table, slower.table)
-    assert not rides
+    assert not ridden
     rehearsed(panigale, line, replace(CLASSICAL_SETTINGS, lateral=0.7), PERIOD)
-    assert rides
+    assert ridden
 
 
 def test_the_mirrored_line_gets_the_mirrored_plan(panigale: Superbike, slower: LinePlan) -> None:

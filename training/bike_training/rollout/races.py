@@ -9,6 +9,7 @@ import numpy as np
 
 from bike_policy.contract.bundle import Bundle
 from bike_policy.contract.race import RaceLayout
+from bike_policy.riders.race_rehearsal import rehearsed_racer
 from bike_sim.course.lap_timing import Lap
 from bike_sim.sim import look as lk
 from bike_sim.sim.batch import SUPERBIKE_ENGINE
@@ -20,7 +21,6 @@ from bike_sim.theory.envelope import envelope
 from bike_sim.theory.line_cache import closest_lap
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.curricula.race import Ground
-from bike_training.tasks.race import RaceRides, RaceTask
 
 SPEED_SHARES: Final = (0.5, 0.9)
 """Starts are at shares of the theoretical speed from this interval."""
@@ -101,23 +101,21 @@ def ride_races(
         raise ValueError(f"policy {bundle.name!r} follows paths; it cannot race")
     layout = bundle.layout if share is None else replace(bundle.layout, share=share)
     config = replace(superbike_config(vehicle), engine=SUPERBIKE_ENGINE)
-    task = RaceTask(layout)
     ground = Ground(load_vehicle(vehicle), [circuit])
     batch = CompiledSuperbikeBatch(starts, config)
-    rides = RaceRides(task, starts, batch.vehicle, bundle.action)
+    racer = rehearsed_racer(replace(bundle, layout=layout), batch.vehicle, config.control_period, starts)
     for row in range(starts):
         request = _start(ground, circuit, row, starts)
         batch.reset(row, request)
-        rides.begin(row, batch, request, batch.course(row))
+        racer.begin(row, batch, batch.course(row))
     theory = closest_lap(circuit, envelope(batch.vehicle))
     whole = np.ones(starts, dtype=bool)
     distance, activity, moments, outside = 0.0, np.zeros(2), 0, 0
     before = np.zeros((starts, 2))
     for step in range(round(TIME * theory * (laps + 1) / config.control_period)):
         if step % layout.repeat == 0:
-            actions = bundle.actor.act_batch(rides.observe(batch))
-            rides.act(batch, actions)
-        commands = rides.commands(batch)
+            racer.decide(batch, racer.observe(batch))
+        commands = racer.commands(batch)
         riding = ~batch.fallen & (_finished(batch) < laps)
         if not riding.any():
             break

@@ -101,6 +101,11 @@ class ActionLayout:
         """Whether a guide makes the commands, and actions are its targets."""
         return self.names == GUIDED
 
+    @property
+    def pace(self) -> float:
+        """Largest change of the planned speed that an action can ask of a guide, as a part of it; 0 without a guide."""
+        return self.columns[1].scale if self.guided else 0.0
+
     def narrowed(self, parts: Sequence[float]) -> ActionLayout:
         """Return a layout whose actions ask for less.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -76,6 +77,14 @@ class Actor:
         if not np.isfinite(action).all():
             raise ValueError("observation holds a value that is not finite")
         return action
+
+    def digest(self) -> bytes:
+        """Return a hash over all layers."""
+        digest = hashlib.sha256()
+        for name, values in self.tensors().items():
+            digest.update(f"{name} {values.shape}".encode())
+            digest.update(values.tobytes())
+        return digest.digest()
 
     def tensors(self) -> dict[str, Float32Array]:
         """Return the layers under the names that a bundle stores."""

@@ -35,7 +35,7 @@ KNOWN, RATE, EXCESS, STEERING, THROTTLE, OFFSET, PACE, OFFSET_RATE, MISSING, CLO
 excess of lateral acceleration (m/s^2), its answer, its way to the targets: distance from the line (m, positive to
 the left), change of the planned speed as a part of it, rate of that distance (m/s); and the speed that is missing to
 the planned one (m/s) and how fast the machine catches up (m/s^2). MEMORY is the length of all of it."""
-P_SPEED, P_LONGITUDINAL, P_CURVATURE, P_GRADE, P_CREST, P_LEFT, P_RIGHT, PLAN_COLUMNS = range(8)
+P_SPEED, P_LONGITUDINAL, P_CURVATURE, P_GRADE, P_CREST, P_LEFT, P_RIGHT, P_FASTER, PLAN_COLUMNS = range(9)
 """Columns of a plan at even distances along its line."""
 LATE: Final = 0.5
 """A command is held for a control period and so acts this part of it late."""
@@ -49,7 +49,7 @@ CLEARING: Final = 1.0
 """A target beside the line must be clear of the limits so long ahead, s; it is looked at so many times."""
 LOOKS: Final = 5
 UNLIMITED: Final = 1e3
-"""Room beside a line without limits, m."""
+"""Room beside a line without limits, m; and part of the planned speed by which targets may ask for more than that."""
 CLOSING_MEMORY: Final = 0.15
 """Time constant with which the rate of catching up with the plan is measured, s."""
 LEAN_ROOM: Final = math.radians(1.3)
@@ -63,12 +63,22 @@ class LinePlan(NamedTuple):
     Attributes:
         profile: the planned lap. spacing: of the samples, m.
         table: speed (m/s), longitudinal acceleration (m/s^2), curvature (1/m), grade, crest (1/m), and the room for
-            targets on the left and on the right (m), shape (n, 7).
+            targets: on the left and on the right (m), and above the planned speed (part of it), shape (n, 8).
     """
 
     profile: LapLimit
     spacing: float
     table: FloatArray
+
+    def with_room_above(self, room: FloatArray) -> LinePlan:
+        """Return the plan with other bounds of what targets may add to its speed.
+
+        Args:
+            room: part of the planned speed at the points of the profile but the last, shape (n - 1,).
+        """
+        table = self.table.copy()
+        table[:, P_FASTER] = np.append(room, room[0])
+        return self._replace(table=table)
 
 
 def seen_of(state: FloatArray, look: FloatArray) -> FloatArray:
@@ -108,7 +118,8 @@ def plan_line(vehicle: Superbike, line: Course, settings: RiderSettings, cap: Fl
     curvature = smooth_around(profile.lateral / profile.speed**2, spacing, settings.smoothing)
     grade, crest = (np.interp(profile.s, line.s, column) for column in (line.grade, line.crest))
     rooms = (_room(profile.s, line.s, width) for width in (line.width_left, line.width_right))
-    columns = (profile.speed, profile.longitudinal, curvature, grade, crest, *rooms)
+    above = np.full(len(profile.s), UNLIMITED)
+    columns = (profile.speed, profile.longitudinal, curvature, grade, crest, *rooms, above)
     return LinePlan(profile, spacing, np.stack(columns, axis=1))
 
 
@@ -248,7 +259,8 @@ def _answer(seen: FloatArray, targets: FloatArray, memory: FloatArray, law: _Law
 @njit(cache=True)
 def _approach(seen: FloatArray, memory: FloatArray, target: FloatArray, law: _Law, plans: Plans, row: int) -> None:
     """Move towards the targets: critically damped to the line, with one lag to the speed."""
-    memory[PACE] += (1.0 - math.exp(-law.period / TARGET_TIME)) * (target[1] - memory[PACE])
+    pace = min(target[1], _at(plans, row, P_FASTER, seen[PROGRESS]))
+    memory[PACE] += (1.0 - math.exp(-law.period / TARGET_TIME)) * (pace - memory[PACE])
     rate = 1.0 / TARGET_TIME
     aim = _within_limits(seen, target[0], plans, row)
     memory[OFFSET_RATE] += law.period * rate * (rate * (aim - memory[OFFSET]) - 2.0 * memory[OFFSET_RATE])

@@ -8,7 +8,7 @@ what a single command of 20 ms is worth drowns in the noise of a critic.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -19,7 +19,7 @@ from bike_policy.contract.race import RaceEyes
 from bike_policy.contract.rows import RowBlocks
 from bike_policy.riders import line_law as ll
 from bike_policy.riders.lap_plan import RiderSettings
-from bike_policy.riders.line_law import LineLaw, seen_of
+from bike_policy.riders.line_law import LineLaw, LinePlan, seen_of
 from bike_policy.riders.planned_lines import PlannedLines
 from bike_policy.riders.rehearsal import rehearsed
 from bike_sim.course.course import Course
@@ -51,17 +51,21 @@ GUIDE: Final = RiderSettings(
 """How the guide rides: fixed, so that what a policy answers beside does not change when the classical rider is tuned.
 """
 
+Planner = Callable[[Course], LinePlan]
+"""Plans a lap of a closed line."""
+
 
 class RaceGuide:
     """The guide of machines side by side."""
 
-    def __init__(self, vehicle: Vehicle, period: float, count: int) -> None:
+    def __init__(self, vehicle: Vehicle, period: float, count: int, plan: Planner | None = None) -> None:
         """Prepare to guide a number of machines.
 
         Args:
             vehicle: the machine.
             period: control period, s.
             count: number of machines.
+            plan: plans a lap of a line; None for the guide's own rehearsed plan.
 
         Raises:
             ValueError: a vehicle that is no superbike.
@@ -69,7 +73,7 @@ class RaceGuide:
         if not isinstance(vehicle, Superbike):
             raise ValueError(f"the guide of races rides superbikes, and {vehicle.name!r} is none")
         self._law = LineLaw(vehicle, period, GUIDE, count)
-        self._planned = PlannedLines(lambda line: rehearsed(vehicle, line, GUIDE, period))
+        self._planned = PlannedLines(plan or (lambda line: rehearsed(vehicle, line, GUIDE, period)))
 
     def begin(self, row: int, line: Course) -> None:
         """Let a machine follow a line from now on.
@@ -85,7 +89,7 @@ class RaceGuide:
         Args:
             blocks: of the machines.
             targets: distance from the followed line to ride at, m, positive to the left, and change of the planned
-                speed as a part of it, shape (n, 2).
+                speed as a part of it, shape (n, 2); of each as much as the limits and the rehearsals leave room for.
             share: part of the planned speed that is asked, shape (n,); what the targets change is the speed asked.
         """
         targets = np.stack((targets[:, 0], share * (1.0 + targets[:, 1]) - 1.0), axis=1)

@@ -13,15 +13,16 @@ from __future__ import annotations
 
 import hashlib
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_policy import riders
+from bike_policy import contract, riders
 from bike_policy.riders.lap_plan import RiderSettings
 from bike_policy.riders.line_law import LineLaw, LinePlan, plan_line, seen_of
 from bike_sim import course, physics, sim
@@ -34,6 +35,9 @@ from bike_sim.sim.request import ResetRequest
 from bike_sim.theory.lap_limit import LapLimit
 from bike_sim.theory.line_cache import cache_folder, read_column, write_column
 from bike_sim.vehicles.superbike import Superbike
+
+if TYPE_CHECKING:
+    from bike_sim.sim.superbike_batch import CompiledSuperbikeBatch
 
 FloatArray = NDArray[np.float64]
 
@@ -83,40 +87,74 @@ def rehearsed(vehicle: Superbike, line: Course, settings: RiderSettings, period:
         ValueError: the line is open.
     """
     plan = plan_line(vehicle, line, settings)
-    path = cache_folder() / f"{_key(vehicle, line, plan, settings, period)}.npy"
-    share = read_column(path, len(plan.profile.s) - 1)
-    if share is None:
-        share = _share(vehicle, line, plan, settings, period)
-        write_column(path, share)
+    key = rehearsal_key(vehicle, line, plan, repr((settings, period)).encode())
+    share = kept(key, plan, lambda: _share(vehicle, line, plan, settings, period))
     return _slower(vehicle, line, plan, settings, share) if share.min() < 1.0 else plan
+
+
+def kept(key: str, plan: LinePlan, rehearse: Callable[[], FloatArray]) -> FloatArray:
+    """Return what a rehearsal found at the points of a plan's profile but the last, found now or before.
+
+    Args:
+        key: of the rehearsal, see `rehearsal_key`.
+        plan: that is rehearsed.
+        rehearse: finds it.
+    """
+    path = cache_folder() / f"{key}.npy"
+    found = read_column(path, len(plan.profile.s) - 1)
+    if found is None:
+        found = rehearse()
+        write_column(path, found)
+    return found
 
 
 def _share(vehicle: Superbike, line: Course, plan: LinePlan, settings: RiderSettings, period: float) -> FloatArray:
     """Return the part of a plan's speed that can be ridden, at the points of its profile but the last."""
-    s = plan.profile.s[:-1]
-    share, tried = np.ones(len(s)), plan
-    with _Stage(vehicle, line, settings, period) as stage:
+    share, tried = np.ones(len(plan.profile.s) - 1), plan
+    paces = np.array((*np.repeat(PACES, STARTS), 0.0))
+    with Stage(vehicle, line, period, len(paces)) as stage:
         for _ in range(ROUNDS):
-            ends = stage.ride(tried)
+            ends = stage.ride(tried, _AsPlanned(vehicle, tried, settings, period, paces), STARTS)
             if not len(ends):
                 break
             for place, speed in ends:
-                ahead = np.mod(place - s, line.length)
-                near = (ahead < max(BEFORE * speed, LEAST_BEFORE)) | (ahead > line.length - BEHIND)
+                near = before(tried.profile, place, speed)
                 share[near] = np.maximum(SLOWER * share[near], SLOWEST)
             tried = _slower(vehicle, line, plan, settings, share)
     return share
+
+
+def before(profile: LapLimit, place: float, speed: float, longer: int = 1) -> NDArray[np.bool_]:
+    """Return at which points of a profile, but the last, less speed helps a ride that ended.
+
+    Args:
+        profile: planned lap.
+        place: of the end, m.
+        speed: there, m/s.
+        longer: times the usual time before it.
+    """
+    length = float(profile.s[-1])
+    ahead = np.mod(place - profile.s[:-1], length)
+    return (ahead < longer * max(BEFORE * speed, LEAST_BEFORE)) | (ahead > length - BEHIND)
 
 
 def _slower(vehicle: Superbike, line: Course, plan: LinePlan, settings: RiderSettings, share: FloatArray) -> LinePlan:
     return plan_line(vehicle, line, settings, np.where(share < 1.0, share * plan.profile.speed[:-1], np.inf))
 
 
-def _key(vehicle: Superbike, line: Course, plan: LinePlan, settings: RiderSettings, period: float) -> str:
-    """Return the hash over everything that a rehearsal depends on."""
+def rehearsal_key(vehicle: Superbike, line: Course, plan: LinePlan, rider: bytes) -> str:
+    """Return the hash over everything that a rehearsal depends on.
+
+    Args:
+        vehicle: the machine.
+        line: to follow.
+        plan: that is rehearsed.
+        rider: what says how it is ridden.
+    """
     digest = hashlib.sha256(_sources())
     with np.printoptions(threshold=sys.maxsize, floatmode="unique"):
-        digest.update(repr((vehicle, settings, period)).encode())
+        digest.update(repr(vehicle).encode())
+    digest.update(rider)
     for values in (line.table, line.height, line.width_left, line.width_right, plan.table):
         digest.update(b"none" if values is None else np.ascontiguousarray(values).tobytes())
     return digest.hexdigest()[:32]
@@ -126,18 +164,50 @@ def _key(vehicle: Superbike, line: Course, plan: LinePlan, settings: RiderSettin
 def _sources() -> bytes:
     """Return the hash over the code that rides; a change of it has to be rehearsed."""
     digest = hashlib.sha256()
-    for package in (course, physics, sim, riders):
+    for package in (course, physics, sim, contract, riders):
         for path in sorted(Path(package.__path__[0]).rglob("*.py")):
             digest.update(path.read_bytes())
     return digest.digest()
 
 
-class _Stage:
-    """The machine on the line, several times side by side."""
+class Rides(Protocol):
+    """Who rides the machines of a stage."""
 
-    def __init__(self, vehicle: Superbike, line: Course, settings: RiderSettings, period: float) -> None:
-        paces = (*np.repeat(PACES, STARTS), 0.0)
-        count = len(paces)
+    def begin(self, row: int, batch: CompiledSuperbikeBatch) -> None:
+        """Begin a ride, after its machine has been reset."""
+
+    def commands(self, batch: CompiledSuperbikeBatch, step: int) -> FloatArray:
+        """Return steering and throttle in [-1, 1] for a control period, shape (n, 2)."""
+
+
+class _AsPlanned:
+    """The law on a plan, each ride a little faster than planned or not; implements `Rides`."""
+
+    def __init__(
+        self, vehicle: Superbike, plan: LinePlan, settings: RiderSettings, period: float, paces: FloatArray
+    ) -> None:
+        self._law, self._plan = LineLaw(vehicle, period, settings, len(paces)), plan
+        self._targets = np.stack((np.zeros(len(paces)), paces), axis=1)
+
+    def begin(self, row: int, batch: CompiledSuperbikeBatch) -> None:
+        self._law.begin(row, self._plan)
+
+    def commands(self, batch: CompiledSuperbikeBatch, step: int) -> FloatArray:
+        return self._law.commands(np.nan_to_num(seen_of(batch.state, batch.look)), self._targets)
+
+
+class Stage:
+    """A machine on a line, several times side by side."""
+
+    def __init__(self, vehicle: Superbike, line: Course, period: float, count: int) -> None:
+        """Prepare for a number of rides.
+
+        Args:
+            vehicle: the machine.
+            line: closed line to follow.
+            period: control period, s.
+            count: number of rides.
+        """
         step = period / max(1, round(period / TIME_STEP))
         config = SimulatorConfig(vehicle.name, "compiled", step, period)
         # Late: who has rehearsed before is spared the compiled loop, which takes seconds to load.
@@ -145,40 +215,44 @@ class _Stage:
 
         self._batch = CompiledSuperbikeBatch(count, config, machine=vehicle)
         self._batch.add_circuit(_CIRCUIT, _circuit_of(line))
-        self._law = LineLaw(vehicle, period, settings, count)
-        self._targets = np.stack((np.zeros(count), paces), axis=1)
 
-    def __enter__(self) -> _Stage:
+    def __enter__(self) -> Stage:
+        """Return itself."""
         return self
 
     def __exit__(self, *_: object) -> None:
+        """End the rides."""
         self._batch.close()
 
-    def ride(self, plan: LinePlan) -> FloatArray:
+    def ride(self, plan: LinePlan, rides: Rides, starts: int) -> FloatArray:
         """Ride a plan; return arc length (m) and speed (m/s) at the ends of rides that did not end well, shape (n, 2).
 
         Rides that are off the course have ended as those that have fallen.
+
+        Args:
+            plan: of the lap.
+            rides: who rides it.
+            starts: places of a lap at which rides begin, over and over; the last ride begins as rides do by default.
         """
         batch, profile = self._batch, plan.profile
         at_once = batch.at_own_speed(0, ResetRequest(course=_CIRCUIT, line=0.0))
-        for row, place in enumerate((*np.tile(_gentle_places(profile), len(PACES)), None)):
-            batch.reset(row, at_once if place is None else _start(profile, float(place)))
-            self._law.begin(row, plan)
+        places = _gentle_places(profile, starts)
+        for row in range(batch.count):
+            late = row == batch.count - 1
+            batch.reset(row, at_once if late else _start(profile, float(places[row % starts])))
+            rides.begin(row, batch)
         length, period = float(profile.s[-1]), batch.config.control_period
         goal = batch.look[:, lk.PROGRESS] + LAPS * length
         riding = np.ones(batch.count, dtype=bool)
         ends: list[tuple[float, float]] = []
-        for _ in range(round(LONGEST * LAPS * profile.lap_time / period)):
-            batch.step(np.where(riding[:, None], self._commands(), 0.0))
+        for step in range(round(LONGEST * LAPS * profile.lap_time / period)):
+            batch.step(np.where(riding[:, None], rides.commands(batch, step), 0.0))
             lost = riding & (batch.fallen | batch.off_course)
             ends += [(progress % length, speed) for progress, speed in batch.look[lost][:, [lk.PROGRESS, lk.SPEED]]]
             riding &= ~lost & (batch.look[:, lk.PROGRESS] < goal)
             if not riding.any():
                 break
         return np.nan_to_num(np.array(ends).reshape(-1, 2))
-
-    def _commands(self) -> FloatArray:
-        return self._law.commands(np.nan_to_num(seen_of(self._batch.state, self._batch.look)), self._targets)
 
 
 def _start(profile: LapLimit, place: float) -> ResetRequest:
@@ -194,7 +268,7 @@ def _circuit_of(line: Course) -> Track:
     return Track(replace(line, width_left=left, width_right=right), hills, far, far)
 
 
-def _gentle_places(profile: LapLimit) -> FloatArray:
-    """Return the arc lengths at which a lap turns least in each of `STARTS` equal parts of it, m."""
-    parts = np.array_split(np.arange(len(profile.s) - 1), STARTS)
+def _gentle_places(profile: LapLimit, count: int) -> FloatArray:
+    """Return the arc lengths at which a lap turns least in each of so many equal parts of it, m."""
+    parts = np.array_split(np.arange(len(profile.s) - 1), count)
     return np.array([profile.s[part[np.argmin(np.abs(profile.lateral[part]))]] for part in parts])
