@@ -36,7 +36,7 @@ def wrap_angle(angle: float) -> float:
 def locate(s: float, spacing: float, count: int, closed: bool) -> tuple[int, float]:
     """Return the piece of an arc length (m) and the fraction within it; open lines extend straight beyond both ends."""
     length = spacing * (count - 1)
-    if closed:
+    if closed and not 0.0 < s < length:  # the remainder of what is less is itself, and takes a while
         s = s % length
         if s >= length:  # the remainder of what is less than nothing below 0 is rounded to the length
             s = 0.0
@@ -60,10 +60,29 @@ def point_at(
         cos, sin = math.cos(heading[end]), math.sin(heading[end])
         along = s - spacing * end
         return x[end] + along * cos, y[end] + along * sin, cos, sin
-    # The chord is a little shorter than the arc; using the chord's length as tangent scale would shift points,
-    # so the arc length of the piece is used.
-    ax, ay = math.cos(heading[i]) * spacing, math.sin(heading[i]) * spacing
-    bx, by = math.cos(heading[i + 1]) * spacing, math.sin(heading[i + 1]) * spacing
+    return _on_piece(x, y, i, u, _tangents(heading, spacing, i))
+
+
+@njit(cache=True)
+def _tangents(heading: ndarray, spacing: float, i: int) -> tuple[float, float, float, float]:
+    """Return the tangents at both ends of a piece, as long as its arc, m: x and y at its begin, x and y at its end.
+
+    The chord is a little shorter than the arc; with its length, points would be shifted.
+    """
+    return (
+        math.cos(heading[i]) * spacing,
+        math.sin(heading[i]) * spacing,
+        math.cos(heading[i + 1]) * spacing,
+        math.sin(heading[i + 1]) * spacing,
+    )
+
+
+@njit(cache=True)
+def _on_piece(
+    x: ndarray, y: ndarray, i: int, u: float, tangents: tuple[float, float, float, float]
+) -> tuple[float, float, float, float]:
+    """Return position and unit tangent at a fraction of a piece with given tangents at its ends."""
+    ax, ay, bx, by = tangents
     u2 = u * u
     u3 = u2 * u
     h00 = 2.0 * u3 - 3.0 * u2 + 1.0
@@ -82,18 +101,22 @@ def point_at(
 
 
 @njit(cache=True)
-def hermite(
-    a: tuple[float, float, float], b: tuple[float, float, float], spacing: float, u: float
-) -> tuple[float, float]:
-    """Return the point at a fraction u between two samples (x, y, heading) of a line, as `point_at` does, m."""
+def hermite(a: ndarray, b: ndarray, u: float) -> tuple[float, float]:
+    """Return the point at a fraction u between two samples of a line, as `point_at` does, m.
+
+    Args:
+        a: x, y and the tangent's x and y, as long as the arc between both samples, m.
+        b: the same at the next one.
+        u: between 0 and 1.
+    """
     u2 = u * u
     u3 = u2 * u
     along = u3 - 2.0 * u2 + u
     back = u3 - u2
     h01 = 3.0 * u2 - 2.0 * u3
     h00 = 2.0 * u3 - 3.0 * u2 + 1.0
-    px = h00 * a[0] + along * (math.cos(a[2]) * spacing) + h01 * b[0] + back * (math.cos(b[2]) * spacing)
-    py = h00 * a[1] + along * (math.sin(a[2]) * spacing) + h01 * b[1] + back * (math.sin(b[2]) * spacing)
+    px = h00 * a[0] + along * a[2] + h01 * b[0] + back * b[2]
+    py = h00 * a[1] + along * a[3] + h01 * b[1] + back * b[3]
     return px, py
 
 
@@ -168,26 +191,31 @@ def project(
             j = 0
     # Newton on the distance, with the line's local direction; three rounds end below 1e-9 m.
     s = best * spacing
+    known, tangents = -1, (0.0, 0.0, 0.0, 0.0)
     for _ in range(3):
-        qx, qy, tx, ty = point_at(x, y, heading, spacing, closed, s)
+        i, u = locate(s, spacing, count, closed)
+        if 0.0 <= u <= 1.0:
+            if i != known:  # sines and cosines are most of the work, and mostly those of the round before
+                known, tangents = i, _tangents(heading, spacing, i)
+            qx, qy, tx, ty = _on_piece(x, y, i, u, tangents)
+        else:
+            qx, qy, tx, ty = point_at(x, y, heading, spacing, closed, s)
         along = (px - qx) * tx + (py - qy) * ty
         across = (py - qy) * tx - (px - qx) * ty
-        bend = _bend(heading, spacing, closed, s) * across
+        bend = (heading[i + 1] - heading[i]) / spacing * across
         s += along / max(1.0 - bend, 0.2)
         s = min(max(s, (best - 1) * spacing), (best + 1) * spacing)
         if not closed:
             s = min(max(s, 0.0), length)
-    qx, qy, tx, ty = point_at(x, y, heading, spacing, closed, s)
+    i, u = locate(s, spacing, count, closed)
+    if i == known and 0.0 <= u <= 1.0:
+        qx, qy, tx, ty = _on_piece(x, y, i, u, tangents)
+    else:
+        qx, qy, tx, ty = point_at(x, y, heading, spacing, closed, s)
     across = (py - qy) * tx - (px - qx) * ty
     # Beyond an open end, or at a kink, the distance is not perpendicular: keep the sign, use the full distance.
     distance = math.sqrt((px - qx) ** 2 + (py - qy) ** 2)
     return s, math.copysign(distance, across), math.atan2(ty, tx)
-
-
-@njit(cache=True)
-def _bend(heading: ndarray, spacing: float, closed: bool, s: float) -> float:
-    i, _ = locate(s, spacing, len(heading), closed)
-    return (heading[i + 1] - heading[i]) / spacing
 
 
 @njit(cache=True)

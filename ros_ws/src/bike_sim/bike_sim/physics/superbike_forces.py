@@ -27,7 +27,7 @@ from bike_sim.physics.superbike.contact import (
     tyre_force,
     wheel_contact,
 )
-from bike_sim.physics.superbike.drive import Spinning, drive_and_brake
+from bike_sim.physics.superbike.drive import Spinning, drive_and_brake, tell_drive
 from bike_sim.physics.superbike.falls import (
     FALL_NAMES,
     HIGH_SIDE,
@@ -39,7 +39,7 @@ from bike_sim.physics.superbike.falls import (
     fall_of,
     upset_of,
 )
-from bike_sim.physics.superbike.records import MEMORY_NAMES, Attitude, Command, Motion, Quaternion
+from bike_sim.physics.superbike.records import MEMORY_NAMES, Attitude, Command, Motion
 from bike_sim.physics.superbike.virtual_rider import damper_and_stop, feel_load, slide_force, steering_torque
 from bike_sim.physics.vectors import Vec, add, cross, dot, mix, scale
 from bike_sim.vehicles.superbike import Record
@@ -60,7 +60,6 @@ __all__ = [
     "Loads",
     "force_limits",
     "loads_at",
-    "step",
 ]
 
 TELEMETRY_NAMES: Final = (
@@ -158,36 +157,10 @@ class Loads(NamedTuple):
 
 
 @njit(cache=True)
-def step(
-    pose: tuple[Vec, Quaternion], twist: tuple[Vec, Vec],
-    joints: tuple[float, float, float, float, float, float],
-    command: tuple[float, float, float],
-    grounds: Record, bumps: Array, memory: Record, telemetry: Record, constants: Record,
-) -> tuple[Vec, Vec, float, float, float, float, int]:  # fmt: skip
-    """Return `Loads` as a plain tuple and advance the memory by one step; `loads_at` for callers in Python.
-
-    Named tuples and single records cost a caller in Python more time than the physics, plain tuples and arrays do not.
-
-    Args:
-        pose: position and orientation of `Motion`.
-        twist: its velocity and omega.
-        joints: its last six.
-        command: `Command`.
-        grounds: record of `ground.GROUND`, shape (1,).
-        bumps: profiles, see `ground.Ground`.
-        memory: record of `MEMORY`, shape (1,), advanced.
-        telemetry: record of `TELEMETRY`, shape (1,), written.
-        constants: record of `CONSTANTS`, shape (1,).
-    """
-    motion = Motion(pose[0], pose[1], twist[0], twist[1], *joints)
-    loads = loads_at(motion, Command(*command), grounds[0], bumps, memory[0], telemetry[0], constants[0])
-    return loads.force, loads.torque, loads.rear, loads.steer, loads.front, loads.slide, loads.fall
-
-
-@njit(cache=True)
 def loads_at(
-    motion: Motion, command: Command, ground: Record, bumps: Array, memory: Record, telemetry: Record, constants: Record
-) -> Loads:
+    motion: Motion, command: Command, ground: Record, bumps: Array, memory: Record, telemetry: Record, constants: Record,
+    telling: bool,
+) -> Loads:  # fmt: skip
     """Return all forces at this instant and advance the memory by one step.
 
     Args:
@@ -198,6 +171,7 @@ def loads_at(
         memory: a record of `MEMORY`, advanced.
         telemetry: a record of `TELEMETRY`, written.
         constants: a record of `CONSTANTS`.
+        telling: whether the telemetry of this step is wanted; that of a fall is written always.
     """
     machine, dt = constants.machine, command.dt
     axes = axes_of(motion, constants.geometry)
@@ -219,19 +193,15 @@ def loads_at(
     memory.front_slip, memory.front_drift = front.slip, front.drift
 
     attitude = attitude_of(motion, axes.ey, rear_contact.normal)
-    rear_torque, front_torque, pulled = drive_and_brake(
-        command.throttle,
-        attitude,
-        Spinning(dot(motion.omega, axes.ey) + motion.rear_rate, rear_contact.radius, rear),
-        Spinning(dot(axes.fork_omega, axes.axle) + motion.front_rate, front_contact.radius, front),
-        dt,
-        memory,
-        telemetry,
-        constants,
+    rear_spin = dot(motion.omega, axes.ey) + motion.rear_rate
+    front_spin = dot(axes.fork_omega, axes.axle) + motion.front_rate
+    spinning = Spinning(rear_spin, rear_contact.radius, rear)
+    driven = drive_and_brake(
+        command, attitude, spinning, Spinning(front_spin, front_contact.radius, front), memory, constants
     )
-    share = feel_load(front.fz, dt, memory, constants)
+    share = feel_load(front.fz, command.lags.feeling, memory, constants)
     steer_torque = steering_torque(
-        command.steering, attitude, motion, dot(motion.omega, axes.ez), front.fx, pulled, share, dt, memory, constants
+        command, attitude, motion, dot(motion.omega, axes.ez), front.fx, driven.pulled, share, memory, constants
     )
     fork_torque = steer_torque + damper_and_stop(motion.steer, motion.steer_rate, attitude.speed, machine)
     rider_force = slide_force(motion, memory.lean_reference, machine.rider)
@@ -240,18 +210,20 @@ def loads_at(
     front_force, front_moment = at_wheel(front_contact, front, front_wheel, front_centre, ground.front.drag)
     wind = air_speed(motion.velocity, ground)
     force, torque = whole(motion, axes, wind, rear_force, rear_moment, front_force, front_moment, constants)
-    rear_joint = rear_torque + dot(axes.ey, rear_moment)
-    front_joint = front_torque + dot(axes.axle, front_moment)
+    rear_joint = driven.rear + dot(axes.ey, rear_moment)
+    front_joint = driven.front + dot(axes.axle, front_moment)
     steer_joint = fork_torque + dot(axes.steering, add(front_moment, cross(axes.hub_arm, front_force)))
 
     if memory.fall == NO_FALL:
         upset = upset_of(attitude, dot(axes.ex, rear_contact.normal), rear, front, constants)
         memory.fall = fall_of(upset, dt, machine.fall_roll, memory)
-    telemetry.steer_torque_nm = steer_torque
-    telemetry.front_camber_rad = math.asin(min(max(front_contact.lean, -1.0), 1.0))
-    size = math.sqrt(dot(wind, wind))
-    telemetry.drag_n = 0.5 * machine.air.density * machine.air.drag_area * size * size
-    tell(motion, axes, attitude, rear, front, force, memory, telemetry, machine)
+    if telling or memory.fall != NO_FALL:
+        tell_drive(driven, spinning, memory, telemetry, constants)
+        telemetry.steer_torque_nm = steer_torque
+        telemetry.front_camber_rad = math.asin(min(max(front_contact.lean, -1.0), 1.0))
+        size = math.sqrt(dot(wind, wind))
+        telemetry.drag_n = 0.5 * machine.air.density * machine.air.drag_area * size * size
+        tell(motion, axes, attitude, rear, front, force, memory, telemetry, machine)
     return Loads(force, torque, rear_joint, steer_joint, front_joint, rider_force, int(memory.fall))
 
 

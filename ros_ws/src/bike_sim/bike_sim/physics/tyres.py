@@ -48,8 +48,8 @@ def friction(camber: float, t: Record) -> float:
 
 @njit(cache=True)
 def peak_slip(t: Record) -> float:
-    """Return the normalised slip at which the force is largest: ``C tan(pi / 2 C)``."""
-    return t.shape * math.tan(0.5 * math.pi / t.shape)
+    """Return the normalised slip at which the force is largest: ``C tan(pi / 2 C)``; see `Tyre.peak`."""
+    return t.peak
 
 
 @njit(cache=True)

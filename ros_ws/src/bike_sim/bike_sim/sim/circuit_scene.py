@@ -63,7 +63,7 @@ class FollowedLine:
         self.to_centre: FloatArray = np.maximum.accumulate(along)
         limits = track.width_left, track.width_right, track.elevation, track.bank
         self.stations: FloatArray = lk.stations(
-            self.line.table, self.to_centre, lk.columns(centre), centre.spacing, limits
+            self.line.table, self.line.spacing, self.to_centre, lk.columns(centre), centre.spacing, limits
         )
         # A step moves the search for the nearest point by a lap at most; one row more for the end of the ride.
         self.rows = np.empty((acc.rows_for(len(track.marks), 1.0) + 1, acc.ROW_SIZE))

@@ -66,6 +66,9 @@ heading is more than 90 deg from the centre line's (1, else 0)."""
 LINE, LEFT, RIGHT = range(3)
 """Rows of the course points: the followed line and both limits."""
 
+STATION_SIZE: Final = 11
+"""Numbers that a station shows at a sample of a line, see :func:`stations`."""
+
 LEAST_SPACING: Final = 0.5
 """Distance of stations at a standstill, m."""
 
@@ -214,12 +217,14 @@ def centre_progress(
 
 @njit(cache=True)
 def stations(
-    line: ndarray, to_centre: ndarray, centre: Line, spacing: float, limits: tuple[ndarray, ndarray, ndarray, ndarray]
-) -> ndarray:
+    line: ndarray, line_spacing: float, to_centre: ndarray, centre: Line, spacing: float,
+    limits: tuple[ndarray, ndarray, ndarray, ndarray],
+) -> ndarray:  # fmt: skip
     """Return what a station shows at every sample of a line of a circuit: one row each, so that memory is read once.
 
     Args:
         line: x, y, heading and curvature of the line, shape (4, n).
+        line_spacing: distance of its samples, m.
         to_centre: progress along the centre line at its samples, m.
         centre: of the centre line, from :func:`columns`.
         spacing: distance of its samples, m.
@@ -227,23 +232,24 @@ def stations(
             centre line's samples.
 
     Returns:
-        x, y (m) and heading (rad) of the line, x and y of the left and of the right limit beside it, then the heights
-        of all three, m, shape (n, 10).
+        x and y of the line, of its tangent as long as the distance of its samples, and of the left and of the right
+        limit beside it, then the heights of line and limits, all m, shape (n, STATION_SIZE).
     """
     cx, cy, ch, _ = centre
     left, right, height, bank = limits
     around = spacing * (len(height) - 1)
-    rows = np.empty((line.shape[1], 10))
+    rows = np.empty((line.shape[1], STATION_SIZE))
     for i in range(line.shape[1]):
         c = to_centre[i]
         mx, my, tx, ty = projection.point_at(cx, cy, ch, spacing, True, c)
         aside, across = sample(left, spacing, around, c), sample(right, spacing, around, c)
-        rows[i, 0], rows[i, 1], rows[i, 2] = line[0, i], line[1, i], line[2, i]
-        rows[i, 3], rows[i, 4] = mx - aside * ty, my + aside * tx
-        rows[i, 5], rows[i, 6] = mx + across * ty, my - across * tx
+        rows[i, 0], rows[i, 1] = line[0, i], line[1, i]
+        rows[i, 2], rows[i, 3] = math.cos(line[2, i]) * line_spacing, math.sin(line[2, i]) * line_spacing
+        rows[i, 4], rows[i, 5] = mx - aside * ty, my + aside * tx
+        rows[i, 6], rows[i, 7] = mx + across * ty, my - across * tx
         middle, tilt = sample(height, spacing, around, c), sample(bank, spacing, around, c)
         beside = tx * (line[1, i] - my) - ty * (line[0, i] - mx)
-        rows[i, 7], rows[i, 8], rows[i, 9] = middle + beside * tilt, middle + aside * tilt, middle - across * tilt
+        rows[i, 8], rows[i, 9], rows[i, 10] = middle + beside * tilt, middle + aside * tilt, middle - across * tilt
     return rows
 
 
@@ -314,11 +320,11 @@ def _course_points(
     for k in range(points.shape[1]):
         i, u = projection.locate(look[PROGRESS] + k * look[PREVIEW_SPACING], spacing, len(ahead), True)
         a, b = ahead[i], ahead[i + 1]
-        px, py = projection.hermite((a[0], a[1], a[2]), (b[0], b[1], b[2]), spacing, u)
+        px, py = projection.hermite(a, b, u)
         for row in range(3):
             if row != LINE:
-                at = 2 * row + 1
+                at = 2 * row + 2
                 px, py = a[at] + u * (b[at] - a[at]), a[at + 1] + u * (b[at + 1] - a[at + 1])
             points[row, k, 0] = cos * (px - x) + sin * (py - y)
             points[row, k, 1] = cos * (py - y) - sin * (px - x)
-            points[row, k, 2] = a[7 + row] + u * (b[7 + row] - a[7 + row]) - ground
+            points[row, k, 2] = a[8 + row] + u * (b[8 + row] - a[8 + row]) - ground

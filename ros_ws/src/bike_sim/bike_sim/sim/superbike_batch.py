@@ -93,7 +93,7 @@ class CompiledSuperbikeBatch:
             self._tracks.arrays,
             List([np.zeros(0)] * count),
             self._lines.arrays,
-            List([np.zeros((2, 10))] * count),
+            List([np.zeros((2, lk.STATION_SIZE))] * count),
             List([np.zeros((2, COLUMNS))] * count),
             np.zeros(count, dtype=ROAD_FACTS),
             List([NO_BUMPS] * count),

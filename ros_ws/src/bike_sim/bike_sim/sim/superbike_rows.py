@@ -20,7 +20,8 @@ from bike_sim.physics import state as st
 from bike_sim.physics.ground import GROUND
 from bike_sim.physics.superbike.compiled import advance
 from bike_sim.physics.superbike.deflection import deflect
-from bike_sim.physics.superbike.records import MEMORY, Command
+from bike_sim.physics.superbike.lags import held
+from bike_sim.physics.superbike.records import MEMORY
 from bike_sim.physics.superbike_forces import TELEMETRY, TELEMETRY_NAMES
 from bike_sim.sim import circuit_look as cl
 from bike_sim.sim import look as lk
@@ -185,7 +186,8 @@ def _step(
     if not ride.stopped:
         advance(
             state, rows.motion[i], rows.memory[i], signals, machines.constants[machine], machines.trees[machine],
-            scratch.work[0], Command(steering, throttle, dt), rows.ground[i], grounds.bumps[track], substeps,
+            scratch.work[0], held((steering, throttle, dt), machines.constants[machine]), rows.ground[i],
+            grounds.bumps[track], substeps,
         )  # fmt: skip
     count = -1
     if math.isfinite(state.sum() + scratch.measured.sum()):

@@ -82,6 +82,11 @@ class Tyre:
     twist: float
     rolling: float
 
+    @property
+    def peak(self) -> float:
+        """Normalised slip at which the force is largest: ``C tan(pi / 2 C)``."""
+        return self.shape * math.tan(0.5 * math.pi / self.shape)
+
 
 @dataclass(frozen=True)
 class RiderBody:
@@ -552,8 +557,8 @@ def record_of(kind: type) -> np.dtype[np.void]:
     return np.dtype([(field.name, np.float64) for field in fields(kind)])
 
 
-TYRE: Final = record_of(Tyre)
-"""Record of a tyre."""
+TYRE: Final = np.dtype([*((field.name, np.float64) for field in fields(Tyre)), ("peak", np.float64)])
+"""Record of a tyre, with its `peak`."""
 
 MACHINE: Final = np.dtype(
     [

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from bike_sim.physics import articulated
 from bike_sim.physics import state as st
+from bike_sim.physics.superbike.lags import held
 from bike_sim.physics.superbike.poses import state_at
 from bike_sim.physics.superbike.records import Command, Motion
 from bike_sim.physics.superbike_forces import loads_at
@@ -89,7 +90,8 @@ def advance(
     for done in range(steps):
         if memory.fall != 0.0:
             break
-        loads = loads_at(felt(motion), command, ground, bumps, memory, telemetry, constants)
+        telling = done == steps - 1
+        loads = loads_at(felt(motion), command, ground, bumps, memory, telemetry, constants, telling)
         if loads.fall != 0:
             break
         joints = (loads.rear, loads.steer, loads.front, loads.slide)
@@ -108,8 +110,8 @@ def advance_one(
 ) -> int:  # fmt: skip
     """Do as `advance` with arrays of one record each, which cost a caller in Python less than records."""
     return advance(
-        state, motions[0], memories[0], telemetries[0], constants[0], trees[0], works[0], Command(*command), grounds[0],
-        bumps, steps,
+        state, motions[0], memories[0], telemetries[0], constants[0], trees[0], works[0], held(command, constants[0]),
+        grounds[0], bumps, steps,
     )  # fmt: skip
 
 
@@ -120,7 +122,8 @@ def look_one(
 ) -> None:  # fmt: skip
     """Fill minimal state and telemetry without moving anything; the memory is a copy that nobody needs afterwards."""
     read(motions[0], grounds[0], constants[0], state)
-    loads_at(felt(motions[0]), Command(*command), grounds[0], bumps, memories[0], telemetries[0], constants[0])
+    now = felt(motions[0])
+    loads_at(now, held(command, constants[0]), grounds[0], bumps, memories[0], telemetries[0], constants[0], True)
 
 
 @njit(cache=True)
@@ -148,7 +151,7 @@ def advance_rows(
     """
     for i in range(states.shape[0]):
         machine = machines[i]
-        command = Command(commands[i, 0], commands[i, 1], dt)
+        command = held((commands[i, 0], commands[i, 1], dt), constants[machine])
         advance(
             states[i], motions[i], memories[i], telemetries[i], constants[machine], trees[machine], works[0], command,
             grounds[i], bumps, steps,

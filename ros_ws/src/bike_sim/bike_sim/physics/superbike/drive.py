@@ -9,7 +9,7 @@ from numba import njit
 
 from bike_sim.physics.superbike.aids import AidCuts, AidLimits, aid_cuts, aid_limits
 from bike_sim.physics.superbike.contact import TyreForce
-from bike_sim.physics.superbike.records import Attitude
+from bike_sim.physics.superbike.records import Attitude, Command
 from bike_sim.vehicles.superbike import Record
 
 _ASKS: Final = 0.01  # part of full throttle or full brake below which an aid has nothing to hold back
@@ -27,6 +27,29 @@ class Spinning(NamedTuple):
     spin: float
     radius: float
     tyre: TyreForce
+
+
+class Driven(NamedTuple):
+    """What engine and brakes do.
+
+    Attributes:
+        rear: torque on the rear wheel, N m. front: on the front wheel.
+        pulled: rate of the front brake's force as lever and electronics set it, N/s.
+        drive: torque of the engine on the rear wheel, N m. front_brake: of the brake, N m. rear_brake: the same.
+        available: torque of the engine without electronics, N m. asked: force of the front brake without them, N.
+        limits: of the electronics, ahead. cuts: by them, after the fact.
+    """
+
+    rear: float
+    front: float
+    pulled: float
+    drive: float
+    front_brake: float
+    rear_brake: float
+    available: float
+    asked: float
+    limits: AidLimits
+    cuts: AidCuts
 
 
 @njit(cache=True)
@@ -48,28 +71,24 @@ def _brake_torque(limit: float, spin: float, inertia: float, tyre_torque: float,
 
 @njit(cache=True)
 def drive_and_brake(
-    throttle: float, attitude: Attitude, rear: Spinning, front: Spinning, dt: float, memory: Record, telemetry: Record,
-    constants: Record,
-) -> tuple[float, float, float]:  # fmt: skip
-    """Return the torques of engine and brakes on the rear and the front wheel, N m, and write down what they did.
-
-    The third number is the rate of the front brake's force as lever and electronics set it, N/s.
+    command: Command, attitude: Attitude, rear: Spinning, front: Spinning, memory: Record, constants: Record
+) -> Driven:
+    """Return what engine and brakes do.
 
     Args:
-        throttle: command, drive above 0, brakes below.
+        command: what is held.
         attitude: of the machine.
         rear: rear wheel.
         front: front wheel.
-        dt: time step, s.
         memory: its lags are advanced.
-        telemetry: written.
         constants: of the machine.
     """
+    throttle, dt = command.throttle, command.dt
     machine = constants.machine
     motor, brakes = machine.motor, machine.brakes
-    memory.drive += (max(throttle, 0.0) - memory.drive) * -math.expm1(-dt / motor.lag)
+    memory.drive += (max(throttle, 0.0) - memory.drive) * command.lags.drive
     before = memory.brake
-    memory.brake += (max(-throttle, 0.0) - memory.brake) * -math.expm1(-dt / brakes.lag)
+    memory.brake += (max(-throttle, 0.0) - memory.brake) * command.lags.brake
     drive, brake = memory.drive, memory.brake
     limits = aid_limits(
         attitude.roll, attitude.roll_rate, attitude.squared_speed, machine, constants.rear_tyre, constants.front_tyre
@@ -92,19 +111,27 @@ def drive_and_brake(
     )
     front_torque = _brake_torque(front_hold, front.spin, machine.IFyy, -front.tyre.fx * front.radius, dt)
 
-    telemetry.drive_torque_nm = drive_torque
-    telemetry.engine_power_w = drive_torque * rear.spin / motor.efficiency
-    telemetry.front_brake_nm, telemetry.rear_brake_nm = front_brake, rear_brake
-    _tell_aids(drive, brake, available, asked, rear.radius, limits, cuts, telemetry)
-    return rear_torque, front_torque, pulled
+    return Driven(
+        rear_torque, front_torque, pulled, drive_torque, front_brake, rear_brake, available, asked, limits, cuts
+    )
 
 
 @njit(cache=True)
-def _tell_aids(
-    drive: float, brake: float, available: float, asked: float, rear_radius: float, limits: AidLimits, cuts: AidCuts,
-    telemetry: Record,
-) -> None:  # fmt: skip
-    """Write down what the electronics hold back of drive and brakes."""
+def tell_drive(driven: Driven, rear: Spinning, memory: Record, telemetry: Record, constants: Record) -> None:
+    """Write down what engine and brakes did, and what the electronics held back.
+
+    Args:
+        driven: what they did.
+        rear: rear wheel.
+        memory: with the lags of this step.
+        telemetry: written.
+        constants: of the machine.
+    """
+    limits, cuts, available, asked = driven.limits, driven.cuts, driven.available, driven.asked
+    drive, brake, rear_radius = memory.drive, memory.brake, rear.radius
+    telemetry.drive_torque_nm = driven.drive
+    telemetry.engine_power_w = driven.drive * rear.spin / constants.machine.motor.efficiency
+    telemetry.front_brake_nm, telemetry.rear_brake_nm = driven.front_brake, driven.rear_brake
     telemetry.traction_cut, telemetry.wheelie_cut = cuts.traction, cuts.wheelie
     telemetry.front_brake_cut, telemetry.rear_brake_cut = cuts.front * cuts.stoppie, cuts.rear
     drives, brakes = drive > _ASKS, brake > _ASKS

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from bike_sim.physics import bullet_world
 from bike_sim.physics.superbike.compiled import felt, read, reading_interval
-from bike_sim.physics.superbike.records import Command
+from bike_sim.physics.superbike.lags import held
 from bike_sim.physics.superbike_forces import loads_at
 
 Record = Any
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 @njit(cache=True)
 def advance_in_bullet(
     state: Array, motions: Record, memories: Record, telemetries: Record, constants: Record, world: int, body: int,
-    held: tuple[float, float, float], grounds: Record, bumps: Array, steps: int,
+    command: tuple[float, float, float], grounds: Record, bumps: Array, steps: int,
 ) -> None:  # fmt: skip
     """Step a machine until a fall or to the end; see `compiled.advance_one`.
 
@@ -32,21 +32,22 @@ def advance_in_bullet(
         constants: of the machine.
         world: Bullet's world, from `bullet_world.make_world`.
         body: Bullet's number of the machine.
-        held: what is held, a `Command`.
+        command: steering, throttle and time step, s.
         grounds: of `ground.GROUND`.
         bumps: profiles, see `ground.Ground`.
         steps: number of steps.
     """
-    motion, memory, ground, command = motions[0], memories[0], grounds[0], Command(*held)
+    motion, memory, ground, known = motions[0], memories[0], grounds[0], constants[0]
     if memory.fall != 0.0 or steps == 0:
         return  # what lies there is seen as it was, whatever is said of the ground since
-    chunk = reading_interval(command.dt)
+    hold, chunk = held(command, known), reading_interval(command[2])
     for done in range(steps):
-        loads = loads_at(felt(motion), command, ground, bumps, memory, telemetries[0], constants[0])
+        telling = done == steps - 1
+        loads = loads_at(felt(motion), hold, ground, bumps, memory, telemetries[0], known, telling)
         if loads.fall != 0:
             break
         joints = (loads.rear, loads.steer, loads.front, loads.slide)
         bullet_world.step(world, body, motion, loads.force, loads.torque, joints)
         if (done + 1) % chunk == 0:
-            read(motion, ground, constants[0], state)
-    read(motion, ground, constants[0], state)
+            read(motion, ground, known, state)
+    read(motion, ground, known, state)

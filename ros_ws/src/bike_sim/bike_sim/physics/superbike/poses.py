@@ -39,14 +39,6 @@ def state_at(
     return point[0], point[1], math.atan2(heading[1], heading[0]), lean.roll, roll_rate
 
 
-@njit(cache=True)
-def read_state(
-    position: Vec, orientation: Quaternion, omega: Vec, grounds: Record, constants: Record
-) -> tuple[float, float, float, float, float]:
-    """Do as `state_at` with arrays of one record each, which cost a caller in Python less than records."""
-    return state_at(position, orientation, omega, grounds[0].rear, constants[0])
-
-
 class Footing(NamedTuple):
     """The ground on which a machine is put down.
 

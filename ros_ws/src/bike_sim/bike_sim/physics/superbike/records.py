@@ -83,17 +83,39 @@ class Motion(NamedTuple):
     slide_rate: float
 
 
+class Lags(NamedTuple):
+    """How far lags come in a step: the part of what is missing that each closes.
+
+    Attributes:
+        drive: of the engine. brake: of the brakes.
+        feeling: of the rider's feeling of the front load. grip: of the steering angle that his arms are used to.
+        torso: of the roll that leaves it behind. twist: of the turn that does.
+        arms: the step by the arms' time constant. arms_left: what a step leaves of one of their two lags.
+    """
+
+    drive: float
+    brake: float
+    feeling: float
+    grip: float
+    torso: float
+    twist: float
+    arms: float
+    arms_left: float
+
+
 class Command(NamedTuple):
-    """What is held during a step.
+    """What is held during a step; `lags.held` makes it.
 
     Attributes:
         steering: in [-1, 1], positive to the left. throttle: drive above 0, brakes below.
         dt: time step, s.
+        lags: how far lags come in it.
     """
 
     steering: float
     throttle: float
     dt: float
+    lags: Lags
 
 
 class Attitude(NamedTuple):

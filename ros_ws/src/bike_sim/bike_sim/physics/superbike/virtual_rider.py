@@ -22,12 +22,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 from bike_sim.physics.superbike.aids import between
-from bike_sim.physics.superbike.records import HOLDING_LEAN, HOLDING_SAMPLES, Attitude, Motion
+from bike_sim.physics.superbike.records import HOLDING_LEAN, HOLDING_SAMPLES, Attitude, Command, Lags, Motion
 from bike_sim.vehicles.superbike import Record
 
 Array = NDArray[np.float64]
 
-_FEELING_LAG: Final = 0.2  # s until the rider feels a change of the front wheel's load
 _ARM_STIFFNESS: Final = 400.0  # N m/rad of arms that hold the bars straight while the front wheel is in the air
 _ARM_DAMPING: Final = 4.0  # N m s/rad; more of it, like more of the steering damper, makes them weave at full drive
 _LIGHT: Final = 0.5  # part of the standing machine's front load below which the wheel feels light
@@ -40,9 +39,9 @@ _STOP_DAMPING: Final = 20.0  # N m s/rad
 
 
 @njit(cache=True)
-def feel_load(front_load: float, dt: float, memory: Record, constants: Record) -> float:
+def feel_load(front_load: float, closed: float, memory: Record, constants: Record) -> float:
     """Return the front load that the rider feels by that of the standing machine, and advance the feeling."""
-    memory.front_load += (front_load - memory.front_load) * -math.expm1(-dt / _FEELING_LAG)
+    memory.front_load += (front_load - memory.front_load) * closed
     return memory.front_load / (constants.geometry.front_static * constants.front_tyre.stiffness)
 
 
@@ -96,39 +95,44 @@ def _advance_reference(
 
 
 @njit(cache=True)
-def through_arms(first: float, second: float, wanted: float, frequency: float, dt: float) -> tuple[float, float]:
-    """Return both states of a critically damped system after a step with constant input; exact for any step."""
-    x = frequency * dt
-    left = math.exp(-x)
-    return wanted + left * (first - wanted), wanted + left * (second - wanted + x * (first - wanted))
+def through_arms(first: float, second: float, wanted: float, step: float, left: float) -> tuple[float, float]:
+    """Return both states of a critically damped system after a step with constant input; exact for any step.
+
+    Args:
+        first: state.
+        second: state, which follows the first.
+        wanted: input.
+        step: by the system's time constant.
+        left: its negative exponential.
+    """
+    return wanted + left * (first - wanted), wanted + left * (second - wanted + step * (first - wanted))
 
 
 @njit(cache=True)
 def steering_torque(
-    steering: float, attitude: Attitude, motion: Motion, turn: float, front_fx: float, pulled: float,
-    load_share: float, dt: float, memory: Record, constants: Record,
+    command: Command, attitude: Attitude, motion: Motion, turn: float, front_fx: float, pulled: float,
+    load_share: float, memory: Record, constants: Record,
 ) -> float:  # fmt: skip
     """Advance reference, arms and torso and return the torque on the bars, N m, positive to the left.
 
     Args:
-        steering: command in [-1, 1], positive to the left.
+        command: what is held.
         attitude: of the machine.
         motion: of its joints.
         turn: rate of the frame about its own upward axis, rad/s.
         front_fx: force along the front wheel's heading, N.
         pulled: rate of the front brake's force, N/s.
         load_share: front load that the rider feels by that of the standing machine.
-        dt: time step, s.
         memory: advanced.
         constants: of the machine.
     """
-    machine = constants.machine
+    machine, dt, lags = constants.machine, command.dt, command.lags
     rider = machine.virtual_rider
     effort, trail = steering_effort(attitude.speed, machine)
-    aim, aim_rate, acceleration = _advance_reference(steering, effort, dt, memory, rider)
+    aim, aim_rate, acceleration = _advance_reference(command.steering, effort, dt, memory, rider)
     # What he wants reaches the bars through the arms, so he looks for the lean that comes of it as much later
     memory.lean_eased, memory.lean_reference = through_arms(
-        memory.lean_eased, memory.lean_reference, aim, rider.arm_frequency, dt
+        memory.lean_eased, memory.lean_reference, aim, lags.arms, lags.arms_left
     )
     error = memory.lean_reference - attitude.roll
     missing = rider.arm_frequency * (memory.lean_eased - memory.lean_reference) - attitude.roll_rate
@@ -143,9 +147,9 @@ def steering_torque(
         + _steady_torque(attitude, front_fx, pulled, memory, constants)
     )
     wanted = min(max(wanted, -rider.torque), rider.torque)
-    memory.intent, memory.arms = through_arms(memory.intent, memory.arms, wanted, rider.arm_frequency, dt)
+    memory.intent, memory.arms = through_arms(memory.intent, memory.arms, wanted, lags.arms, lags.arms_left)
     unmeant = unmeant_turn(turn, memory.lean_reference, attitude.speed, machine)
-    torque = memory.arms + _passive_torque(hand, missing, unmeant, motion, dt, memory, machine)
+    torque = memory.arms + _passive_torque(hand, missing, unmeant, motion, lags, memory, machine)
     return min(max(torque, -rider.torque), rider.torque)
 
 
@@ -174,7 +178,7 @@ def unmeant_turn(turn: float, lean: float, speed: float, machine: Record) -> flo
 
 @njit(cache=True)
 def _passive_torque(
-    hand: float, missing: float, unmeant: float, motion: Motion, dt: float, memory: Record, machine: Record
+    hand: float, missing: float, unmeant: float, motion: Motion, lags: Lags, memory: Record, machine: Record
 ) -> float:
     """Return what arms and torso do to the bars without being asked, N m: at once, as they are parts of a body.
 
@@ -184,9 +188,9 @@ def _passive_torque(
     near the tyres' limit.
     """
     rider = machine.virtual_rider
-    memory.held_steer += (motion.steer - memory.held_steer) * -math.expm1(-dt / rider.grip_memory)
-    memory.torso_rate += (missing - memory.torso_rate) * -math.expm1(-dt / rider.torso_time)
-    memory.torso_turn += (unmeant - memory.torso_turn) * -math.expm1(-dt / rider.twist_time)
+    memory.held_steer += (motion.steer - memory.held_steer) * lags.grip
+    memory.torso_rate += (missing - memory.torso_rate) * lags.torso
+    memory.torso_turn += (unmeant - memory.torso_turn) * lags.twist
     twist = machine.rider.Izz / rider.twist_time * (unmeant - memory.torso_turn)
     stiffness = rider.grip_stiffness * (motion.steer - memory.held_steer) + (1.0 - hand) * _ARM_STIFFNESS * motion.steer
     damping = (rider.grip_damping + (1.0 - hand) * _ARM_DAMPING) * motion.steer_rate
