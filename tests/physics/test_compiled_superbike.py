@@ -14,7 +14,7 @@ from bike_sim.physics.ground import GROUND, NO_BUMPS, flat_ground
 from bike_sim.physics.superbike.compiled import advance_rows
 from bike_sim.physics.superbike.constants import constants_of
 from bike_sim.physics.superbike.records import MEMORY
-from bike_sim.physics.superbike.start import start_of, superbike_tree, without_rider
+from bike_sim.physics.superbike.start import superbike_tree, without_rider
 from bike_sim.physics.superbike_engine import SuperbikeEngine
 from bike_sim.physics.tree import Body, Joint
 from bike_sim.validation.superbike import without_electronics
@@ -220,11 +220,7 @@ def test_a_row_rides_alone_as_among_others() -> None:
         engine.ground = flat_ground(*rng.uniform(0.5, 1.0, 2))
         grounds[i] = engine.ground.record[0]
         engines.append(engine)
-        states[i], memories[i] = engine.state(), engine.memory.view(MEMORY)[0]
-        for name, values in (
-            start_of(vehicles[m], constants[m : m + 1], trees[m], start, flat_ground())._asdict().items()
-        ):
-            motions[name][i] = values
+        states[i], motions[i], memories[i] = engine.state(), engine.motion[0], engine.memory.view(MEMORY)[0]
     work, commands = articulated.workspace(5), np.empty((count, 2))
     for _ in range(periods):
         commands[:] = rng.uniform(-1.0, 1.0, (count, 2))

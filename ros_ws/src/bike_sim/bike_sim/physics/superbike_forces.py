@@ -158,8 +158,8 @@ class Loads(NamedTuple):
 
 @njit(cache=True)
 def loads_at(
-    motion: Motion, command: Command, ground: Record, bumps: Array, memory: Record, telemetry: Record, constants: Record,
-    telling: bool,
+    motion: Motion, command: Command, ground: Record, bumps: Array, memory: Record, telemetry: Record,
+    constants: Record, telling: bool,
 ) -> Loads:  # fmt: skip
     """Return all forces at this instant and advance the memory by one step.
 

@@ -37,17 +37,6 @@ def steady_lateral(vehicle: Superbike, lean: float, speed: float) -> float:
     return float(equilibrium.steady_lateral(lean, speed, vehicle.g, spread(vehicle), vehicle.machine, rear, front))
 
 
-def steady_lean(vehicle: Superbike, lateral: float, speed: float) -> float:
-    """Return the lean of a steady turn with a lateral acceleration (m/s^2, > 0) at a speed (m/s), rad.
-
-    NaN where it takes the largest lean that the machine's rider asks for, or more.
-    """
-    rear, front = vehicle.tyres
-    high = math.radians(vehicle.virtual_rider.max_lean_deg)
-    turn = lateral, high, speed, vehicle.g, spread(vehicle)
-    return float(equilibrium.steady_lean(*turn, vehicle.machine, rear, front))
-
-
 def turning_state(vehicle: Superbike, speed: float, roll: float, yaw_rate: float) -> st.StateVector:
     """Return the minimal state at the origin in which a machine rolls through a turn at a given lean.
 

@@ -1,10 +1,14 @@
-"""Vectors of three numbers in compiled code: tuples, which live in registers and need no memory."""
+"""Vectors of three numbers, and rotations, in compiled code: tuples, which live in registers and need no memory."""
 
 from __future__ import annotations
+
+import math
 
 from numba import njit
 
 Vec = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+"""A rotation: x, y, z, w."""
 
 
 @njit(cache=True)
@@ -35,3 +39,32 @@ def dot(a: Vec, b: Vec) -> float:
 def cross(a: Vec, b: Vec) -> Vec:
     """Return the vector product."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@njit(cache=True)
+def turn_about(axis: Vec, angle: float) -> Quaternion:
+    """Return the rotation by an angle (rad) about a unit vector."""
+    sin = math.sin(0.5 * angle)
+    return sin * axis[0], sin * axis[1], sin * axis[2], math.cos(0.5 * angle)
+
+
+@njit(cache=True)
+def after(first: Quaternion, second: Quaternion) -> Quaternion:
+    """Return the quaternion product: the rotation `second`, then `first`."""
+    x1, y1, z1, w1 = first
+    x2, y2, z2, w2 = second
+    return (
+        w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
+        w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
+        w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
+        w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
+    )
+
+
+@njit(cache=True)
+def turned(q: Quaternion, v: Vec) -> Vec:
+    """Return a vector turned by a unit quaternion."""
+    x, y, z, w = q
+    a, b, c = v
+    ta, tb, tc = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+    return a + w * ta + (y * tc - z * tb), b + w * tb + (z * ta - x * tc), c + w * tc + (x * tb - y * ta)

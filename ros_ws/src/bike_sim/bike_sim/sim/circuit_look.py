@@ -17,7 +17,7 @@ from bike_sim.course import timing_account as acc
 from bike_sim.course import track as tr
 from bike_sim.course.lap_timing import ideal_distance
 from bike_sim.course.placing import EXACT, REACH
-from bike_sim.course.projection import window
+from bike_sim.course.projection import project, window
 from bike_sim.physics import state as st
 from bike_sim.physics.superbike.falls import FALL_NAMES
 from bike_sim.sim import look as lk
@@ -254,6 +254,51 @@ def _tell_end(state: FloatArray, speed: float, progress: float, time: float, rid
     row[:] = 0.0
     row[acc.TIME], row[acc.PROGRESS], row[CAUSE] = time, progress, ride.end
     row[acc.KIND], row[acc.VALUE], row[SPEED] = FALL_ROW, state[st.ROLL], speed
+
+
+@njit(cache=True)
+def begin_ride(
+    state: FloatArray, wheelbase: float, asked: float, near: float, s: float, table: FloatArray, facts: Record,
+    road: FloatArray, road_facts: Record, bumps: FloatArray, gusts: FloatArray, grounds: Record, rides: Record,
+) -> None:  # fmt: skip
+    """Set where the search for the nearest points begins, as if the vehicle were upright, and lay the ground there.
+
+    Args:
+        state: first state.
+        wheelbase: m.
+        asked: progress of the start along the centre line, m.
+        near: progress near which the rear contact point is, m.
+        s: the same along the followed line, m.
+        table: `Track.table`.
+        facts: a record of `FACTS`, shape (1,).
+        road: table of `ground.Road`, whose parts follow.
+        road_facts: its facts.
+        bumps: its bumps.
+        gusts: its gusts.
+        grounds: of `physics.ground.GROUND`, shape (1,), written.
+        rides: of `RIDE`, shape (1,), all zeros; written.
+    """
+    ride, x, y, yaw = rides[0], state[st.X], state[st.Y], state[st.YAW]
+    for contact in range(2):
+        ahead = wheelbase * contact
+        at = x + ahead * math.cos(yaw), y + ahead * math.sin(yaw)
+        ride.place[2 * contact], ride.place[2 * contact + 1], _ = project(
+            table[tr.X],
+            table[tr.Y],
+            table[tr.HEADING],
+            facts[0].spacing,
+            True,
+            at[0],
+            at[1],
+            near + ahead,
+            REACH,
+            REACH,
+        )
+        ride.near[contact] = s + ahead
+    ride.asked, ride.begin, ride.rear[0], ride.rear[1] = asked, s, x, y
+    lay_ground(
+        x, y, at[0], at[1], ride.place, 0.0, Road(road, road_facts, bumps, gusts), grounds
+    )  # fmt: skip
 
 
 @njit(cache=True)

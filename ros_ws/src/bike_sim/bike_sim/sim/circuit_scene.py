@@ -6,7 +6,6 @@ if it were level and smooth.
 
 from __future__ import annotations
 
-import math
 from functools import cached_property
 from typing import Final
 
@@ -16,16 +15,14 @@ from numpy.typing import NDArray
 from bike_sim.course import timing_account as acc
 from bike_sim.course.course import Course
 from bike_sim.course.lap_timing import LapLog, Timing
-from bike_sim.course.placing import REACH
-from bike_sim.course.projection import project
 from bike_sim.course.track import Track
 from bike_sim.physics import state as st
-from bike_sim.physics.ground import flat_ground
+from bike_sim.physics.ground import Ground, flat_ground
 from bike_sim.sim import circuit_look as cl
 from bike_sim.sim import look as lk
 from bike_sim.sim.circuit_events import circuit_events
 from bike_sim.sim.events import WallHit
-from bike_sim.sim.ground import Road, lay_ground, road_of
+from bike_sim.sim.ground import Road, road_of
 from bike_sim.sim.plant import Plant
 from bike_sim.sim.request import Preview
 from bike_sim.sim.scene import View
@@ -39,6 +36,8 @@ START_SPEED: Final = 35.0
 """Speed at which rides of a superbike begin by default, m/s."""
 START_SHARE: Final = 0.8
 """The same as a fraction of the theoretical lap's speed there."""
+
+_LEVEL: Final = flat_ground()
 
 
 class FollowedLine:
@@ -147,7 +146,7 @@ class CircuitScene:
         self.facts = followed.facts(plant.vehicle.mass)
         self.ride = np.zeros(1, dtype=cl.RIDE)
         self.log = LapLog()
-        self.ground = flat_ground()._replace(bumps=followed.road.bumps)
+        self.ground = Ground(_LEVEL.record.copy(), followed.road.bumps)
         self.stopped = False
 
     def start(self, s: float, state: st.StateVector, anywhere: bool) -> None:
@@ -158,28 +157,14 @@ class CircuitScene:
             state: first state.
             anywhere: whether it may be anywhere on the circuit; else it is at `s`.
         """
-        wheelbase, ride = self._plant.vehicle.w, self.ride[0]
+        near, track = self._asked, self.track
         if anywhere:
             s = self.course.nearest(state[st.X], state[st.Y], state[st.YAW], s)
-            near = self.track.centre.nearest(state[st.X], state[st.Y], state[st.YAW], self._asked)
-        else:
-            near = self._asked
-        ride["place"] = self._look_up(state, near)
-        ride["near"] = s, s + wheelbase
-        ride["asked"], ride["begin"], ride["rear"] = self._asked, s, state[[st.X, st.Y]]
-        x, y, yaw = (float(state[k]) for k in (st.X, st.Y, st.YAW))
-        front = x + wheelbase * math.cos(yaw), y + wheelbase * math.sin(yaw)
-        lay_ground(x, y, *front, ride["place"], 0.0, self.followed.road, self.ground.record)
-
-    def _look_up(self, state: st.StateVector, near: float) -> list[float]:
-        """Return place of both contact points of a state, as if upright, close to a progress, m."""
-        centre = self.track.centre
-        x, y, yaw = (float(state[k]) for k in (st.X, st.Y, st.YAW))
-        place: list[float] = []
-        for ahead in (0.0, self._plant.vehicle.w):
-            px, py, at = x + ahead * math.cos(yaw), y + ahead * math.sin(yaw), near + ahead
-            place += project(centre.x, centre.y, centre.heading, centre.spacing, True, px, py, at, REACH, REACH)[:2]
-        return place
+            near = track.centre.nearest(state[st.X], state[st.Y], state[st.YAW], self._asked)
+        cl.begin_ride(
+            state, float(self._plant.vehicle.w), self._asked, float(near), float(s), track.table, self.facts,
+            *self.followed.road, self.ground.record, self.ride,
+        )  # fmt: skip
 
     def timing(self) -> Timing:
         """Return laps, sectors and distances so far."""

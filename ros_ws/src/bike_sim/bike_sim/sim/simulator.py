@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from bike_sim.course.course import Course
 from bike_sim.course.track import Track
 from bike_sim.physics import state as st
+from bike_sim.sim import look as lk
 from bike_sim.sim.beginning import Courses, begin, own_speed
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.disturbances import Disturbances
@@ -115,9 +116,7 @@ class Simulator:
         self._step = 0
         self._rolls: deque[float] = deque(maxlen=self.config.history)
         self._steers: deque[float] = deque(maxlen=self.config.history)
-        snapshot = self._look(0.0, 0.0)
-        opening = reset_event(self.episode, scene.course, scene.track, snapshot.progress)
-        self._last = replace(snapshot, events=(opening, *snapshot.events))
+        self._last = self._look(0.0, 0.0, begins=True)
         return self._last
 
     def step(self, steering: float, throttle: float = 0.0) -> Snapshot:
@@ -150,7 +149,7 @@ class Simulator:
         """Release the engine; a second call does nothing."""
         self.plant.close()
 
-    def _look(self, steering: float, throttle: float) -> Snapshot:
+    def _look(self, steering: float, throttle: float, begins: bool = False) -> Snapshot:
         scene, plant = self.scene, self.plant
         assert scene is not None
         state, signals = plant.state(), plant.signals()
@@ -161,6 +160,10 @@ class Simulator:
         view = scene.look(state, signals, time, plant.fall(state))
         if not math.isfinite(view.look.dot(view.look)):
             return self._diverged()
+        events = view.events
+        if begins:
+            progress = view.look[lk.PROGRESS] if view.circuit is None else view.circuit.place[lk.CENTRE_PROGRESS]
+            events = (reset_event(self.episode, scene.course, scene.track, float(progress)), *events)
         self._rolls.append(float(state[st.ROLL]))
         self._steers.append(float(state[st.STEER]))
         return Snapshot(
@@ -182,7 +185,7 @@ class Simulator:
             fall=view.fall,
             signals=signals,
             circuit=view.circuit,
-            events=view.events,
+            events=events,
         )
 
     def _diverged(self) -> Snapshot:

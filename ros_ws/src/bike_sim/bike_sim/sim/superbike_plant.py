@@ -15,9 +15,10 @@ from bike_sim.physics import state as st
 from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics.engine import Engine
 from bike_sim.physics.ground import Ground
+from bike_sim.physics.superbike import equilibrium
 from bike_sim.physics.superbike.base import SuperbikeBase
 from bike_sim.physics.superbike_engine import TIME_STEP
-from bike_sim.physics.superbike_statics import steady_lean, turning_state
+from bike_sim.physics.superbike_statics import spread, turning_state
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import COURSE_POINTS, Preview, Start
@@ -51,6 +52,14 @@ class SuperbikePlant:
         return cls(vehicle, engine)
 
     @cached_property
+    def _spread(self) -> float:
+        return spread(self.vehicle)
+
+    @cached_property
+    def _most_lean(self) -> float:
+        return math.radians(self.vehicle.virtual_rider.max_lean_deg)
+
+    @cached_property
     def envelope(self) -> Envelope:
         """The machine's limits."""
         return envelope(self.vehicle)
@@ -77,7 +86,8 @@ class SuperbikePlant:
         """Return the lean at which a lateral acceleration is steady, rad."""
         if lateral == 0.0:
             return 0.0
-        lean = steady_lean(self.vehicle, lateral, speed)
+        turn = lateral, self._most_lean, speed, self.vehicle.g, self._spread
+        lean = float(equilibrium.steady_lean_one(*turn, self.engine.constants))
         if math.isnan(lean):
             raise ValueError(f"a start at {speed:.1f} m/s is too fast for the curve at {s:.0f} m of the followed line")
         return lean

@@ -18,7 +18,9 @@ from bike_sim.physics.superbike.compiled import look_one
 from bike_sim.physics.superbike.constants import constants_of
 from bike_sim.physics.superbike.deflection import deflect
 from bike_sim.physics.superbike.records import MEMORY
-from bike_sim.physics.superbike.start import Start, forget, start_of, superbike_tree, without_rider
+from bike_sim.physics.superbike.start import begin, superbike_tree, without_rider
+from bike_sim.physics.tree import principal_axes
+from bike_sim.physics.vectors import Quaternion
 from bike_sim.vehicles.superbike import Superbike
 
 
@@ -51,6 +53,7 @@ class SuperbikeBase(ABC):
         self.time_step = float(time_step)
         self.ground = flat_ground()
         self.tree = superbike_tree(vehicle)
+        self._principal: Quaternion = tuple(principal_axes(self.tree[0].inertia)[0].tolist())
         self.motion = np.zeros(1, dtype=motion_record(len(self.tree)))
         self.memory = np.zeros(len(sf.MEMORY_NAMES))
         self._memory = self.memory.view(MEMORY)  # the same numbers, by name
@@ -69,10 +72,13 @@ class SuperbikeBase(ABC):
             ValueError: the state has the wrong shape, is not finite, or no such configuration exists.
         """
         state = mapping.checked_state(state)
-        start = start_of(self.vehicle, self._constants, self.tree, state, self.ground)
-        forget(self.vehicle, self._constants, state, self._memory)
+        begin(self.vehicle, self._constants, self._principal, state, self.ground, self.motion, self._memory)
         self._state = state.copy()
-        self._place(start)
+        self.set_motion()
+        look_one(
+            self._state, self.motion, self._memory.copy(), self._telemetry, self._constants, (0.0, 0.0, self.time_step),
+            *self.ground,
+        )  # fmt: skip
 
     def advance(self, steer_set: float, steps: int) -> None:
         """Integrate with a steering set value in parts of `vehicle.max_steer`, without drive or brakes.
@@ -102,16 +108,6 @@ class SuperbikeBase(ABC):
         """Turn the machine at a wall; see `superbike.deflection`. State and telemetry show it from the next step on."""
         deflect(self.motion, x, y, turn, share, dx, dy)
         self.set_motion()
-
-    def _place(self, start: Start) -> None:
-        """Set the motion of the bodies, and fill minimal state and telemetry from it."""
-        for name, values in start._asdict().items():
-            self.motion[name] = values
-        self.set_motion()
-        look_one(
-            self._state, self.motion, self._memory.copy(), self._telemetry, self._constants, (0.0, 0.0, self.time_step),
-            *self.ground,
-        )  # fmt: skip
 
     def state(self) -> StateVector:
         """Return the minimal state as a fresh vector; yaw and wheel angles are not wrapped."""

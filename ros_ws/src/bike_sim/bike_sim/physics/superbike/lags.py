@@ -7,7 +7,7 @@ closes depends on the step alone. It is worked out once for all steps of a perio
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import Final
 
 from numba import njit
 

@@ -12,10 +12,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from bike_sim.physics.vectors import Quaternion as Quaternion
 from bike_sim.physics.vectors import Vec
 from bike_sim.vehicles.superbike import MACHINE, TORQUE_SAMPLES, TYRE
-
-Quaternion = tuple[float, float, float, float]
 
 MEMORY_NAMES: Final = (
     "rear_slip", "rear_drift", "front_slip", "front_drift", "lean_aim", "lean_aim_rate",
