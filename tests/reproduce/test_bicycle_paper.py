@@ -132,6 +132,14 @@ def test_prop_that_was_cut_off_is_no_measure_of_others() -> None:
     assert (needs.text, needs.agrees) == ("5 of 5 runs end, of prop. 4 of 5", "open")
 
 
+def test_no_finished_run_is_not_a_few() -> None:
+    data = paper_like()
+    cut = tuple(replace(run, finished_at=-1) if run.setting == "alt5" else run for run in data.runs)
+    found = {statement.paper: statement.find(replace(data, runs=cut)) for statement in STATEMENTS}
+    assert found["two of five runs of alt(5) end the curriculum"] == ("0 of 5", "open")
+    assert found["alt(5) needs more steps than prop. (over 2.5 against under 2 million)"].agrees == "yes"
+
+
 def test_nothing_is_said_of_what_was_not_done() -> None:
     assert set(verdicts(Data())) <= {"open"}
     assert verdict_table(STATEMENTS, Data()).count("\n") == len(STATEMENTS) + 2

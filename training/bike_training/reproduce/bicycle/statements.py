@@ -157,7 +157,7 @@ def _few_finish(data: Data) -> Found:
     if not ended(data, "alt5") or done == len(runs):
         return Found(text, NO if runs and done == len(runs) else OPEN)
     text, verdict = _told_of_cut(data, ["alt5"], text)
-    return Found(text, YES if verdict == NO else OPEN)
+    return Found(text, YES if done and verdict == NO else OPEN)
 
 
 def _all_ridden(settings: Sequence[str], course: str) -> Callable[[Data], Found]:
