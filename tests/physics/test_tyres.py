@@ -23,7 +23,7 @@ PLAIN = Tyre(
 
 
 def row(tyre: Tyre) -> np.void:
-    return np.array([astuple(tyre)], dtype=TYRE)[0]
+    return np.array([(*astuple(tyre), tyre.peak)], dtype=TYRE)[0]
 
 
 PLAIN_ROW = row(PLAIN)
