@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -24,14 +23,7 @@ from bike_sim.vehicles.superbike import Superbike
 from tests.riders.test_rehearsal import over_a_crest
 
 PERIOD = 0.02
-
-
-@pytest.fixture(scope="module", autouse=True)
-def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Nothing has been rehearsed before."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("BIKE_CACHE", str(tmp_path_factory.mktemp("rehearsals")))
-        yield
+pytestmark = pytest.mark.usefixtures("own_cache")
 
 
 def always(pace: float) -> Bundle:
