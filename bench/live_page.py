@@ -21,10 +21,11 @@ from __future__ import annotations
 import argparse
 import os
 import shutil
+import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import Any, Final, NamedTuple
 
@@ -36,6 +37,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from scipy.stats import bootstrap
 from selenium import webdriver
+from tqdm import tqdm
 
 from bike_analysis.page.live_page import live_view, render_live_page
 from bike_sim.ros import node_tools
@@ -219,7 +221,7 @@ def measure_in_turns(rides: Sequence[Ride], pages: Pages, rounds: int) -> None:
     (ride,) = rides
     alone, shown = [windows_of(ride)[0]], Shown()
     watched: dict[str, list[FloatArray]] = {name: [] for name in pages}
-    for name in list(pages) * rounds:
+    for name in progress(list(pages) * rounds):
         with watching(ride.domain, pages[name]):
             shown.begin()
             watched[name].append(windows_of(ride)[0])
@@ -236,7 +238,7 @@ def measure_twins(rides: Sequence[Ride], pages: Pages, rounds: int) -> None:
     """Watch one of two rides, in turns, and print what was found."""
     alone, shown = [], Shown()
     ratios: dict[str, list[FloatArray]] = {name: [] for name in pages}
-    for name in list(pages) * rounds:
+    for name in progress(list(pages) * rounds):
         pair = []
         for place, ride in enumerate(rides):
             with watching(ride.domain, pages[name]):
@@ -250,6 +252,12 @@ def measure_twins(rides: Sequence[Ride], pages: Pages, rounds: int) -> None:
     for name, found in ratios.items():
         print_ratios(name, np.array(found))
     shown.print()
+
+
+def progress(names: Sequence[str]) -> Iterable[str]:
+    """Show which window it is; in a log file a line each ten seconds."""
+    found: Iterable[str] = tqdm(names, unit="window", mininterval=0.1 if sys.stderr.isatty() else 10.0)
+    return found
 
 
 class Shown:

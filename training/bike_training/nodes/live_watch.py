@@ -30,8 +30,11 @@ from bike_training.nodes.live_messages import event_message, places_of, state_va
 from bike_training.nodes.live_thread import LiveThread
 
 PERIOD: Final = 1.0 / 30.0
-"""Wall-clock time between two visits to the states, s. Each tells at most one: the page must not take the processors
-from a simulator that rides as fast as it can."""
+"""Wall-clock time between two visits to the states, s; each tells at most one."""
+RACING_PERIOD: Final = 1.0 / 20.0
+"""Likewise while the simulator is ahead of the clock: its page must not take the processors from it."""
+RACING: Final = 1.5
+"""Simulated time by wall-clock time from which on it is."""
 NEWEST_QOS: Final = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Of the states: only the newest is kept, and none is acknowledged, which the simulator would have to hear. One that is
 lost is followed by another; a simulator that waits repeats its last."""
@@ -74,6 +77,8 @@ class LiveWatch(LiveThread):
         self._shown: tuple[int, int] | None = None
         self._paused = self._gone = False
         self._heard_at = 0.0
+        self._period = PERIOD
+        self._pace_from: tuple[float, float] | None = None  # simulated and wall-clock time of the state told before, s
 
     def ask(self, request: dict[str, Any]) -> None:
         """Put in a request, checked by `checked_request`; one that a watcher cannot pass on does nothing."""
@@ -109,7 +114,7 @@ class LiveWatch(LiveThread):
         try:
             self._find(executor, states)
             self._begun.set()
-            while not self._ended.wait(PERIOD):
+            while not self._ended.wait(self._period):
                 executor.spin_once(timeout_sec=0.0)
                 self._take(states)
                 self._pass_on(node)
@@ -176,9 +181,17 @@ class LiveWatch(LiveThread):
             if self._shown is not None and not _same_line(known, self.course):
                 self._tell({"course": True})
             self._tell({"reset": True})
+        self._keep_pace(snapshot.time, 1e-9 * sent)
         if (snapshot.episode, snapshot.step) != self._shown:
             self._shown = (snapshot.episode, snapshot.step)
             self._tell({"state": state_values(snapshot, self._places), "sent": round(1e-6 * sent, 2)})
+
+    def _keep_pace(self, time: float, sent: float) -> None:
+        """Visit the states less often while the simulator is ahead of the clock."""
+        if self._pace_from is not None and sent > self._pace_from[1]:
+            pace = (time - self._pace_from[0]) / (sent - self._pace_from[1])
+            self._period = RACING_PERIOD if pace > RACING else PERIOD
+        self._pace_from = (time, sent)
 
     def _look_for(self, node: Node, now: float) -> None:
         gone = now - self._heard_at > GONE_AFTER and not node.count_publishers(f"{self.namespace}/state")

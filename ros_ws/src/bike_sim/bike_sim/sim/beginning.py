@@ -142,7 +142,8 @@ def begin(request: ResetRequest, plant: Plant, courses: Courses) -> Beginning:
     if courses.is_circuit(plant, request.course):
         return _begin_on_circuit(request, plant, courses)
     _check_for_path(request)
-    rng, start = _draw(request, plant)
+    rng = np.random.default_rng(request.seed)
+    start = _start(request, plant, rng)
     if request.course == RANDOM_COURSE:
         state = start.state
         length = request.path_length or random_length(start.speed)
@@ -172,10 +173,12 @@ def _check_for_path(request: ResetRequest) -> None:
             raise ValueError(f"{name} {getattr(request, name)!r} is for circuits; course {request.course!r} is a path")
 
 
-def _draw(request: ResetRequest, plant: Plant) -> tuple[np.random.Generator, Start]:
-    rng = np.random.default_rng(request.seed)
-    speed = float(rng.uniform(*request.speed_range))
-    return rng, plant.draw(rng, speed, request.perturb)
+def _start(request: ResetRequest, plant: Plant, rng: np.random.Generator | None) -> Start:
+    """Return the part of a start that does not depend on the course; without draws, upright at the lowest speed."""
+    speed = request.speed_range[0] if rng is None else float(rng.uniform(*request.speed_range))
+    if rng is not None and request.perturb:
+        return plant.draw(rng, speed)
+    return Start(st.upright_state(speed, plant.vehicle.rF), speed)
 
 
 def _shared_speed(request: ResetRequest, plant: Plant, followed: FollowedLine, s: float) -> float:
@@ -196,7 +199,9 @@ def _begin_on_circuit(request: ResetRequest, plant: Plant, courses: Courses) -> 
     if request.initial_state is not None:
         state = np.array(request.initial_state, dtype=np.float64)
     else:
-        _, start = _draw(request, plant)
+        # A generator takes a tenth of a reset, and a learner's starts mostly leave nothing to draw.
+        drawn = request.perturb or request.speed_range[0] < request.speed_range[1]
+        start = _start(request, plant, np.random.default_rng(request.seed) if drawn else None)
         if request.speed_share > 0.0:
             start = replace(start, speed=_shared_speed(request, plant, followed, s))
         state = plant.place(start, followed.line, s)

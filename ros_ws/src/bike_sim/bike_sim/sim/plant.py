@@ -53,13 +53,12 @@ class Plant(Protocol):
         """Largest accelerations of the vehicle, for ideal lines; None where only the path limits."""
         ...
 
-    def draw(self, rng: np.random.Generator, speed: float, perturb: bool) -> Start:
-        """Draw all of a start that does not depend on the course.
+    def draw(self, rng: np.random.Generator, speed: float) -> Start:
+        """Draw all of a perturbed start that does not depend on the course.
 
         Args:
             rng: draws.
             speed: m/s.
-            perturb: whether anything but upright on the course is drawn.
         """
         ...
 
@@ -143,9 +142,9 @@ class BicyclePlant:
         self.vehicle = vehicle
         self.engine = engine
 
-    def draw(self, rng: np.random.Generator, speed: float, perturb: bool) -> Start:
-        """Draw an upright start, or a perturbed one from Table 3; see `Plant`."""
-        return draw_start(rng, speed, self.vehicle.rF, perturb)
+    def draw(self, rng: np.random.Generator, speed: float) -> Start:
+        """Draw a start from Table 3; see `Plant`."""
+        return draw_start(rng, speed, self.vehicle.rF)
 
     def place(self, start: Start, line: Course, s: float) -> st.StateVector:
         """Put the start on the line, turned from its direction as far as was drawn; see `Plant`."""

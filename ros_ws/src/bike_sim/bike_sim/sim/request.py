@@ -214,17 +214,16 @@ class Start:
     roll: float = 0.0
 
 
-def draw_start(rng: np.random.Generator, speed: float, front_radius: float, perturb: bool) -> Start:
-    """Draw the start of a bicycle, perturbed as in Table 3 of Weyrer et al. (2026) if requested.
+def draw_start(rng: np.random.Generator, speed: float, front_radius: float) -> Start:
+    """Draw the start of a bicycle, perturbed as in Table 3 of Weyrer et al. (2026).
 
     Args:
         rng: draws.
         speed: m/s.
         front_radius: of the front wheel, m.
-        perturb: else it is upright at the origin.
     """
     state = st.upright_state(speed, front_radius)
-    return Start(state, speed, _perturb(rng, state) if perturb else 0.0)
+    return Start(state, speed, _perturb(rng, state))
 
 
 def _perturb(rng: np.random.Generator, state: st.StateVector) -> float:

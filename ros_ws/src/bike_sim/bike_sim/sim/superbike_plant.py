@@ -64,11 +64,9 @@ class SuperbikePlant:
         """The machine's limits."""
         return envelope(self.vehicle)
 
-    def draw(self, rng: np.random.Generator, speed: float, perturb: bool) -> Start:
+    def draw(self, rng: np.random.Generator, speed: float) -> Start:
         """Draw a small deviation of roll and yaw from the steady turn of the start; see `Plant`."""
         state = st.upright_state(speed, self.vehicle.rF)
-        if not perturb:
-            return Start(state, speed)
         roll = float(rng.uniform(-ROLL_SPREAD, ROLL_SPREAD))
         return Start(state, speed, direction=-float(rng.uniform(-YAW_SPREAD, YAW_SPREAD)), roll=roll)
 
