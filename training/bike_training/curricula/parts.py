@@ -40,14 +40,16 @@ class RideRanges:
         speed: forward speed, m/s.
         paths: elements of the random path.
         also: other intervals that a ride is drawn from just as often.
+        perturb: whether a ride begins perturbed (Table 3), else upright on its path.
     """
 
     speed: tuple[float, float]
     paths: PathRanges
     also: tuple[RideRanges, ...] = ()
+    perturb: bool = True
 
     def draw(self, rng: np.random.Generator, preview: Preview, path_length: float | None = None) -> ResetRequest:
-        """Draw a perturbed ride.
+        """Draw a ride.
 
         Args:
             rng: draws.
@@ -60,7 +62,7 @@ class RideRanges:
             speed_range=chosen.speed,
             path_ranges=chosen.paths,
             path_length=path_length,
-            perturb=True,
+            perturb=chosen.perturb,
             preview=preview,
         )
 

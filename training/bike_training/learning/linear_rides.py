@@ -202,6 +202,8 @@ class LinearRides:
         delay: int = 0,
         noise: float = 0.0,
         impulse: float = 0.0,
+        starts: Episodes | None = None,
+        starting: int = 0,
     ) -> None:
         """Begin a number of rides.
 
@@ -214,10 +216,13 @@ class LinearRides:
             delay: largest, control periods: half of the rides have none, the others one of 1 to this.
             noise: largest, in parts of SENSORS: half of the rides have none, the others up to this.
             impulse: largest sideways push on half of the rides, N s, about every four seconds.
+            starts: where the rides are drawn from that begin anew with every segment, without a push or a delay.
+            starting: number of them, the first of all.
         """
         self.batch = CompiledBatch(count, config, task.preview)
         self.task = task
         self._episodes, self._sight = episodes, Sight(task.layout)
+        self._starts, self._starting = starts, starting
         self._rng = np.random.default_rng(seed)
         self._delay, self._largest_noise, self._impulse = delay, noise, impulse
         self._late, self._noise = np.zeros(count, dtype=np.int32), np.zeros(count)
@@ -228,8 +233,11 @@ class LinearRides:
         self._age = self._rng.integers(0, task.max_steps, size=count)
 
     def _begin(self, row: int) -> None:
-        self.batch.reset(row, self._episodes.draw(self._rng, self.task.preview))
         self._sent[:, row] = 0.0
+        if self._starts is not None and row < self._starting:
+            self.batch.reset(row, self._starts.draw(self._rng, self.task.preview))
+            return
+        self.batch.reset(row, self._episodes.draw(self._rng, self.task.preview))
         if self._delay:
             self._late[row] = self._rng.integers(2) * self._rng.integers(1, self._delay + 1)
         if self._largest_noise:
@@ -245,7 +253,9 @@ class LinearRides:
                 rates that a push leaves, rad/s.
         """
         batch, task, count = self.batch, self.task, self.batch.count
-        for row in np.flatnonzero(task.failed(batch) | (self._age >= task.max_steps)):
+        ended = task.failed(batch) | (self._age >= task.max_steps)
+        ended[: self._starting] = True
+        for row in np.flatnonzero(ended):
             self._begin(int(row))
             self._age[row] = 0
         segment = self._blank(periods)
@@ -254,6 +264,7 @@ class LinearRides:
         for k in range(periods):
             struck = self._rng.random(count) < batch.time_step * batch.substeps / 2.0
             draws = push * self._rng.standard_normal((count, 2)) * struck[:, None]
+            draws[: self._starting] = 0.0
             batch.state[:, [st.ROLL_RATE, st.STEER_RATE]] += draws
             if self._impulse:
                 self._hit(whole)
@@ -276,6 +287,7 @@ class LinearRides:
         """Push some of the bicycles that still ride; every second one is never pushed."""
         period = self.batch.time_step * self.batch.substeps
         hit = whole & (self._rng.random(len(whole)) < period / _BETWEEN) & (np.arange(len(whole)) % 2 == 1)
+        hit[: self._starting] = False
         for row in np.flatnonzero(hit):
             push_sideways(self.batch, int(row), self._impulse * self._rng.uniform(-1.0, 1.0))
 

@@ -40,6 +40,7 @@ from bike_sim.course.random_paths import PathRanges
 from bike_sim.sim.batch import Batch
 from bike_sim.sim.bicycle_batch import COMPILED_ENGINE, CompiledBatch
 from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.request import ResetRequest
 from bike_training.curricula.parts import REFINEMENT, SPEED_RANGES, PartsCurriculum, RideRanges
 from bike_training.learning.linear_rides import DEVIATIONS, SENSORS, LinearRides, Segment, push_sideways
 from bike_training.learning.refinement_files import POLICY, TABLE
@@ -48,7 +49,7 @@ from bike_training.learning.setting_records import check_number, check_positive
 from bike_training.learning.summary import source_commit
 from bike_training.learning.validation_rides import ride_side_by_side
 from bike_training.rollout.stability import stability
-from bike_training.tasks.path import TASKS
+from bike_training.tasks.path import TASKS, VALIDATION_DURATION
 
 Float32Array = NDArray[np.float32]
 Weights = list[tuple[jax.Array, jax.Array]]
@@ -63,6 +64,10 @@ _DEVIATION: Final = np.array([0.03, 0.01, 0.01, 0.01, 0.1, 0.1], dtype=np.float3
 STRAIGHT: Final = RideRanges((1.8, 7.3), PathRanges(200.0, 1000.0, 20.0, 22.0, 0.01, 0.5))
 RIDES: Final = replace(REFINEMENT, also=(*REFINEMENT.also, STRAIGHT))
 """What is ridden: a third of the rides hardly bend, for on bent ones a bicycle is seldom upright for long."""
+SLOW: Final = RideRanges((1.8, 2.6), PathRanges(7.5, 14.0, 11.0, 22.0, 2.0, 8.0))
+"""Ridden as often as each of the others where rides are pushed: a push is worst where a bicycle is slow."""
+STEEP: Final = RideRanges((4.0, 7.3), PathRanges(8.0, 14.0, 13.5, 16.0, 5.5, 8.2), perturb=False)
+"""Upright starts, two thirds of them before a transfer that bends with down to 1/4 m before anything can lean."""
 _SMALLEST: Final = 0.03
 """Part of them that the smallest are drawn with: the loop is to be calm about a steady ride as well."""
 _OFTEN: Final = 1.0 / 40.0
@@ -96,8 +101,10 @@ class RefinementSettings:
         push: rates that pushes leave in the rides, rad/s.
         delay: largest by which commands act late in a half of the rides, control periods.
         noise: largest of the sensors in a half of the rides, in parts of the disturbances ``noise``.
-        impulse: largest sideways push on a half of the rides, N s. Where it is not 0, actors are compared under pushes
-            as well.
+        impulse: largest sideways push on a half of the rides, N s. Where it is not 0, a quarter of the rides are SLOW
+            and actors are compared under pushes as well.
+        steep: share of the bicycles that begin each segment on STEEP. Where it is not 0, actors are compared on such
+            starts as well.
         select_every: segments between two comparisons of actors.
         seed: of everything.
     """
@@ -121,6 +128,7 @@ class RefinementSettings:
     delay: int = 0
     noise: float = 0.0
     impulse: float = 0.0
+    steep: float = 0.0
     select_every: int = 25
     seed: int = 0
 
@@ -137,6 +145,7 @@ class RefinementSettings:
         for name in ("bicycles", "periods", "updates", "segments", "select_every"):
             check_number(name, getattr(self, name), 1)
         check_number("tail", self.tail, 0, self.periods - 1)
+        check_number("steep", self.steep, 0.0, 1.0)
         check_number("averaging", self.averaging, 0.0, 0.9999)
         for name in ("learning_rate", "final_learning_rate", "knee"):
             check_positive(name, getattr(self, name))
@@ -313,6 +322,7 @@ class Comparison(NamedTuple):
         swing_deg: set point left swinging on a straight.
         pushed: of 105 rides with a push of PUSHED N s every five seconds, where actors are compared under pushes.
         pushed_mean_m: of their mean distances, m.
+        steep: of 105 rides from STEEP, where actors are compared on them. steep_mean_m: of their mean distances, m.
     """
 
     ridden: int
@@ -323,13 +333,15 @@ class Comparison(NamedTuple):
     swing_deg: float
     pushed: int = 0
     pushed_mean_m: float = math.nan
+    steep: int = 0
+    steep_mean_m: float = math.nan
 
     def better_than(self, other: Comparison | None) -> bool:
-        """Return whether it is: more rides ridden, pushed or not, then a stable loop, then the smaller mean."""
+        """Return whether it is: more rides of all kinds ridden, then a stable loop, then the smaller mean."""
         return other is None or self._rank() < other._rank()
 
     def _rank(self) -> tuple[float, ...]:
-        return (-self.ridden - self.pushed, max(self.spectral_radius, STABLE), self.mean_m)
+        return (-self.ridden - self.pushed - self.steep, max(self.spectral_radius, STABLE), self.mean_m)
 
 
 class Refinement:
@@ -361,12 +373,14 @@ class Refinement:
         self._rides = LinearRides(
             settings.bicycles,
             task,
-            RIDES,
+            replace(RIDES, also=(*RIDES.also, SLOW)) if settings.impulse else RIDES,
             self._config,
             settings.seed,
             settings.delay,
             settings.noise,
             settings.impulse,
+            STEEP,
+            round(settings.steep * settings.bicycles),
         )
         self._actor = OddActor(task.layout)
         self._weights = (
@@ -444,8 +458,10 @@ class Refinement:
         )
         if self.settings.impulse:
             track, whole = ride_side_by_side(actor, self.task, self._config, requests, _push_now_and_then)
-            mean = float(np.abs(track[:, whole]).mean()) if whole.any() else math.inf
-            found = found._replace(pushed=int(whole.sum()), pushed_mean_m=mean)
+            found = found._replace(pushed=int(whole.sum()), pushed_mean_m=_mean_of(track, whole))
+        if self.settings.steep:
+            track, whole = ride_side_by_side(actor, self.task, self._config, _steep(requests))
+            found = found._replace(steep=int(whole.sum()), steep_mean_m=_mean_of(track, whole))
         if found.better_than(self.best):
             self.best, self._best_actor, self._best_at = found, actor, self.segments
         return found
@@ -484,6 +500,20 @@ class Refinement:
     def close(self) -> None:
         """Release the engine."""
         self._rides.close()
+
+
+def _mean_of(track: NDArray[np.float64], whole: NDArray[np.bool_]) -> float:
+    return float(np.abs(track[:, whole]).mean()) if whole.any() else math.inf
+
+
+def _steep(requests: list[ResetRequest]) -> list[ResetRequest]:
+    """Return as many rides from STEEP, over its speeds."""
+    speeds = np.linspace(*STEEP.speed, len(requests)).tolist()
+    ranges = replace(requests[0], path_ranges=STEEP.paths, path_length=1.2 * VALIDATION_DURATION * max(speeds))
+    return [
+        replace(ranges, seed=request.seed, speed_range=(speed, speed))
+        for request, speed in zip(requests, speeds, strict=True)
+    ]
 
 
 def _push_now_and_then(batch: Batch, step: int, riding: NDArray[np.bool_]) -> None:
