@@ -49,7 +49,7 @@ from bike_training.learning.setting_records import check_number, check_positive
 from bike_training.learning.summary import source_commit
 from bike_training.learning.validation_rides import ride_side_by_side
 from bike_training.rollout.stability import stability
-from bike_training.tasks.path import TASKS, VALIDATION_DURATION
+from bike_training.tasks.path import TASKS, VALIDATION_DURATION, PathTask
 
 Float32Array = NDArray[np.float32]
 Weights = list[tuple[jax.Array, jax.Array]]
@@ -89,6 +89,7 @@ class RefinementSettings:
 
     Attributes:
         task: name in :data:`bike_training.tasks.path.TASKS`; its observation.
+        max_steer: set point of the steering angle that the actor's largest answer asks for, rad.
         layers: hidden layers of the network, which is ridden as the odd part of itself, twice as wide.
         bicycles: that ride side by side.
         periods: control periods of a segment. tail: of them those in which the actor is held.
@@ -110,6 +111,7 @@ class RefinementSettings:
     """
 
     task: str = "fine"
+    max_steer: float = PathTask.max_steer
     layers: tuple[int, ...] = (64, 64)
     bicycles: int = 64
     periods: int = 120
@@ -147,7 +149,7 @@ class RefinementSettings:
         check_number("tail", self.tail, 0, self.periods - 1)
         check_number("steep", self.steep, 0.0, 1.0)
         check_number("averaging", self.averaging, 0.0, 0.9999)
-        for name in ("learning_rate", "final_learning_rate", "knee"):
+        for name in ("max_steer", "learning_rate", "final_learning_rate", "knee"):
             check_positive(name, getattr(self, name))
         for name in ("square", "steer_rate", "change", "lean", "push", "delay", "noise", "impulse", "seed"):
             check_number(name, getattr(self, name), 0.0)
@@ -156,10 +158,11 @@ class RefinementSettings:
 class OddActor:
     """A network ridden as the odd part of itself about the mirror of its observations."""
 
-    def __init__(self, layout: ObservationLayout) -> None:
-        """Take the layout that says how observations are mirrored."""
+    def __init__(self, layout: ObservationLayout, reach: float = 1.0) -> None:
+        """Take the layout that says how observations are mirrored, and the command of the largest answer."""
         self._signs = layout.mirror_signs
         self._inputs = layout.size
+        self._reach = reach
 
     def draw(self, layers: tuple[int, ...], seed: int) -> Weights:
         """Return weights of a new network, whose commands are small."""
@@ -172,8 +175,12 @@ class OddActor:
             weights.append((kernel, jnp.zeros(outputs)))
         return weights
 
-    def take(self, actor: Actor) -> Weights:
-        """Return the weights of an actor.
+    def take(self, actor: Actor, reach: float = 1.0) -> Weights:
+        """Return the weights of an actor, whose small commands stay the same.
+
+        Args:
+            actor: taken.
+            reach: command of its largest answer.
 
         Raises:
             ValueError: it sees something else, or answers more than a set point.
@@ -187,7 +194,9 @@ class OddActor:
         half = self._unfolded(whole)
         again = self.folded(half).tensors()
         # One that was learned like this is taken as what it was folded from, lest it grow twice as wide.
-        return half if all(np.array_equal(again[name], old) for name, old in actor.tensors().items()) else whole
+        taken = half if all(np.array_equal(again[name], old) for name, old in actor.tensors().items()) else whole
+        kernel, bias = taken[-1]
+        return [*taken[:-1], (kernel * (reach / self._reach), bias * (reach / self._reach))]
 
     @staticmethod
     def _unfolded(weights: Weights) -> Weights:
@@ -202,8 +211,8 @@ class OddActor:
         return found
 
     def act(self, weights: Weights, seen: jax.Array) -> jax.Array:
-        """Return commands in [-1, 1] for observations of shape (..., inputs)."""
-        return jnp.tanh(0.5 * (_network(weights, seen) - _network(weights, seen * self._signs)))
+        """Return commands, at most the reach, for observations of shape (..., inputs)."""
+        return self._reach * jnp.tanh(0.5 * (_network(weights, seen) - _network(weights, seen * self._signs)))
 
     def folded(self, weights: Weights) -> Actor:
         """Return the same as one network, of layers twice as wide."""
@@ -365,7 +374,7 @@ class Refinement:
         Raises:
             ValueError: a policy that sees something else than the task shows.
         """
-        task = TASKS[settings.task]
+        task = replace(TASKS[settings.task], max_steer=settings.max_steer)
         if start is not None and start.layout != task.layout:
             raise ValueError(f"policy {start.name!r} sees {start.layout.name!r}, the refinement {task.layout.name!r}")
         self.settings, self.task, self._start = settings, task, start
@@ -382,9 +391,12 @@ class Refinement:
             STEEP,
             round(settings.steep * settings.bicycles),
         )
-        self._actor = OddActor(task.layout)
+        largest = self._rides.batch.vehicle.max_steer
+        self._actor = OddActor(task.layout, task.action.columns[0].factor(largest))
         self._weights = (
-            self._actor.draw(settings.layers, settings.seed) if start is None else self._actor.take(start.actor)
+            self._actor.draw(settings.layers, settings.seed)
+            if start is None
+            else self._actor.take(start.actor, start.action.columns[0].factor(largest))
         )
         self._mean = self._weights
         self._draws = np.random.default_rng([settings.seed, 1])
