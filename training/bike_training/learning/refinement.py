@@ -99,6 +99,8 @@ class RefinementSettings:
         averaging: share of the averaged actor kept in an update; the average is what is compared and deployed.
         knee: d of the cost, m. square: a, 1/m^2. steer_rate: b, s^2/rad^2. change: c.
         lean: weight of the squared roll beyond 38 deg, 1/rad^2: a ride fails at 45.
+        risky: weight that rides get besides that of every ride which lean beyond 38 deg or fail. A fall ends what its
+            ride costs, so without it falls count no more than a swing on a straight.
         push: rates that pushes leave in the rides, rad/s.
         delay: largest by which commands act late in a half of the rides, control periods.
         noise: largest of the sensors in a half of the rides, in parts of the disturbances ``noise``.
@@ -126,6 +128,7 @@ class RefinementSettings:
     steer_rate: float = 0.002
     change: float = 1.0
     lean: float = 20.0
+    risky: float = 0.0
     push: float = 0.1
     delay: int = 0
     noise: float = 0.0
@@ -151,7 +154,7 @@ class RefinementSettings:
         check_number("averaging", self.averaging, 0.0, 0.9999)
         for name in ("max_steer", "learning_rate", "final_learning_rate", "knee"):
             check_positive(name, getattr(self, name))
-        for name in ("square", "steer_rate", "change", "lean", "push", "delay", "noise", "impulse", "seed"):
+        for name in ("square", "steer_rate", "change", "lean", "risky", "push", "delay", "noise", "impulse", "seed"):
             check_number(name, getattr(self, name), 0.0)
 
 
@@ -264,7 +267,9 @@ def cost(
     total += settings.steer_rate * ridden.steer_rate**2 + settings.change * ridden.change**2
     total += settings.lean * jax.nn.relu(jnp.abs(ridden.roll) - _STEEP) ** 2
     each = (jnp.minimum(total, _LARGEST_COST) * segment.whole).mean(axis=0)
-    return jnp.log(each + _LEAST_COST).mean()
+    risky = (jnp.abs(segment.roll).max(axis=0) > _STEEP) | (segment.whole[-1] == 0.0)
+    counts = 1.0 + settings.risky * risky
+    return (jnp.log(each + _LEAST_COST) * counts).sum() / counts.sum()
 
 
 class Ridden(NamedTuple):
