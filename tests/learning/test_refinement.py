@@ -26,6 +26,7 @@ from bike_training.curricula.parts import REFINEMENT
 from bike_training.learning import linear_rides
 from bike_training.learning.linear_rides import FREE, LinearRides, Segment, Sight, motion_slopes, push_sideways
 from bike_training.learning.refinement import (
+    STEEP,
     Comparison,
     OddActor,
     Refinement,
@@ -242,3 +243,24 @@ def test_what_cannot_be_refined_is_refused(
 ) -> None:
     assert cli.main(["refine", "--out", str(tmp_path / "out"), *words]) == 2
     assert message in capsys.readouterr().err
+
+
+def test_steep_rides_begin_anew_with_every_segment() -> None:
+    rides = LinearRides(4, TASK, REFINEMENT, COMPILED, seed=4, starts=STEEP, starting=2)
+    actor = OddActor(FINE_LAYOUT)
+    still = actor.folded(actor.draw((8,), seed=1))
+    for _ in range(2):
+        first = rides.ride(still, 4, push=0.5).seen[0]
+        rolls = FINE_LAYOUT.features.index("roll")
+        np.testing.assert_array_equal(first[:2, rolls], 0.0)
+        assert np.all(first[2:, rolls] != 0.0)
+    rides.close()
+
+
+def test_an_actor_of_less_reach_steers_the_same_by_a_little_and_less_at_most() -> None:
+    whole, short = OddActor(FINE_LAYOUT), OddActor(FINE_LAYOUT, 0.8)
+    weights = whole.draw((8,), seed=3)
+    taken = short.take(whole.folded(weights))
+    seen = jnp.asarray(np.random.default_rng(0).normal(size=(20, FINE_LAYOUT.size)), jnp.float32)
+    np.testing.assert_allclose(short.act(taken, seen), whole.act(weights, seen), rtol=1e-2, atol=1e-5)
+    assert float(jnp.abs(short.act(taken, 1e6 * seen)).max()) <= 0.8 + 1e-6
