@@ -64,7 +64,7 @@ _DEVIATION: Final = np.array([0.03, 0.01, 0.01, 0.01, 0.1, 0.1], dtype=np.float3
 STRAIGHT: Final = RideRanges((1.8, 7.3), PathRanges(200.0, 1000.0, 20.0, 22.0, 0.01, 0.5))
 RIDES: Final = replace(REFINEMENT, also=(*REFINEMENT.also, STRAIGHT))
 """What is ridden: a third of the rides hardly bend, for on bent ones a bicycle is seldom upright for long."""
-SLOW: Final = RideRanges((1.8, 2.6), PathRanges(7.5, 14.0, 11.0, 22.0, 2.0, 8.0))
+SLOW: Final = RideRanges((1.8, 2.6), REFINEMENT.paths)
 """Ridden as often as each of the others where rides are pushed: a push is worst where a bicycle is slow."""
 STEEP: Final = RideRanges((4.0, 7.3), PathRanges(8.0, 14.0, 13.5, 16.0, 5.5, 8.2), perturb=False)
 """Upright starts, two thirds of them before a transfer that bends with down to 1/4 m before anything can lean."""

@@ -175,7 +175,7 @@ def _check_for_path(request: ResetRequest) -> None:
 
 def _start(request: ResetRequest, plant: Plant, rng: np.random.Generator | None) -> Start:
     """Return the part of a start that does not depend on the course; without draws, upright at the lowest speed."""
-    speed = request.speed_range[0] if rng is None else float(rng.uniform(*request.speed_range))
+    speed = float(request.speed_range[0] if rng is None else rng.uniform(*request.speed_range))
     if rng is not None and request.perturb:
         return plant.draw(rng, speed)
     return Start(st.upright_state(speed, plant.vehicle.rF), speed)
@@ -199,7 +199,7 @@ def _begin_on_circuit(request: ResetRequest, plant: Plant, courses: Courses) -> 
     if request.initial_state is not None:
         state = np.array(request.initial_state, dtype=np.float64)
     else:
-        # A generator takes a tenth of a reset, and a learner's starts mostly leave nothing to draw.
+        # A generator takes a quarter of a reset, and a learner's starts mostly leave nothing to draw.
         drawn = request.perturb or request.speed_range[0] < request.speed_range[1]
         start = _start(request, plant, np.random.default_rng(request.seed) if drawn else None)
         if request.speed_share > 0.0:
