@@ -306,8 +306,7 @@ def test_the_next_start_removes_what_a_kill_left(stage: Any) -> None:
     first.end(signal.SIGKILL)
     there = {path.name for path in SHARED_MEMORY.iterdir()}
     assert segments <= there
-    stage.simulator()
-    count = len(ears.states)
-    ears.until(lambda: len(ears.states) > count)
+    second = stage.simulator()
+    ears.until(lambda: segments_of(second.process.pid))  # states may still be those of the first
     assert not segments & {path.name for path in SHARED_MEMORY.iterdir()}
     assert segments_of(os.getpid()) <= {path.name for path in SHARED_MEMORY.iterdir()}
