@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from bike_policy.contract.bundle import DEFAULT_POLICY
 from bike_policy.riders.disturbed import DisturbedRider
 from bike_policy.riders.making import bundle_of, make_rider
 from bike_policy.riders.observed import ObservedRider
+from bike_policy.riders.observer import Observer
 from bike_sim.physics import state as st
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
@@ -16,6 +19,7 @@ from bike_sim.sim.disturbances import Disturbances, load_disturbances
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import Snapshot
+from bike_sim.vehicles.files import load_vehicle
 from bike_training.rollout.rollout import rollout
 
 ENGINES = {
@@ -81,6 +85,19 @@ def test_noise_is_found_and_filtered() -> None:
     assert rates[0] < 0.6 * rates[1]
 
 
+@pytest.mark.parametrize("name", [DEFAULT_POLICY, "lqr"])
+@pytest.mark.parametrize("speed", [2.0, 3.0, 7.0])
+def test_a_start_on_six_times_the_noise_is_no_fall(name: str, speed: float) -> None:
+    usual = load_disturbances("noise")
+    strong = replace(usual, noise={channel: 6.0 * size for channel, size in usual.noise.items()})
+    snapshots, rider = ride(name, strong, speed, steps=200)
+    assert len(snapshots) == 200
+    assert not snapshots[-1].fallen
+    assert rider.observer.noisy
+    assert rider.observer.delay == 0
+    assert mean_error(snapshots) < 0.3
+
+
 def test_pushes_are_no_noise() -> None:
     _, rider = ride("lqr", load_disturbances("impulses"), 5.0)
     assert not rider.observer.noisy
@@ -95,3 +112,19 @@ def test_a_policy_is_known_behind_what_lies_before_it() -> None:
     assert bundle.name == DEFAULT_POLICY
     assert bundle_of(make_rider("lqr")) is None
     assert bundle_of(make_rider("classical")) is None
+
+
+def test_it_begins_anew_where_a_fall_leaves_nothing_to_filter() -> None:
+    vehicle = load_vehicle("whipple")
+    observer, draws = Observer(vehicle, vehicle.control_period), np.random.default_rng(5)
+    for step in range(400):
+        measured = np.zeros(st.STATE_SIZE)
+        measured[st.FRONT_WHEEL_RATE] = 15.0
+        # a fork that has turned over, again and again
+        if step % 100 > 20:
+            measured[[st.ROLL, st.STEER]] = draws.normal(0.0, 2.0, 2)
+            measured[[st.ROLL_RATE, st.STEER_RATE]] = draws.normal(0.0, 40.0, 2)
+        observer.measure(measured)
+        observer.answered(draws.uniform(-1.2, 1.2))
+        assert np.isfinite(observer.state).all()
+        assert np.isfinite(observer.ahead()).all()

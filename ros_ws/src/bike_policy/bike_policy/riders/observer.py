@@ -47,12 +47,16 @@ _FIRST_OFFSET: Final = 0.03
 """Standard deviation of the offset at the begin, rad."""
 _PUSHED: Final = 5.0
 """Differences beyond so many standard deviations are pushes."""
+_BOTH: Final = np.array([1.0, 1.0, 1.0, math.sqrt(2.0), 1.0, math.sqrt(2.0)]) / math.sqrt(2.0)
+"""Part of a difference that is one measurement's: both err, but the drive steers away what the first one erred."""
 _WINDOW: Final = 40
 """Control periods over which noise is judged."""
-_LEAST: Final = 12
-"""Control periods before it is."""
+_LEAST: Final = 3
+"""Control periods before it is: a start on strong noise is soon a fall."""
+_OFTEN: Final = 12
+"""Control periods in which it is judged at each."""
 _SELDOM: Final = 4
-"""Control periods between two judgements: medians cost as much as all the rest."""
+"""Control periods between two judgements later on: medians cost as much as all the rest."""
 _FORGET: Final = 0.98
 """Share of the evidence on delays that is kept in a control period."""
 _CONVINCED: Final = 12.0
@@ -115,13 +119,23 @@ class Observer:
         Args:
             measured: minimal state with the errors of sensors.
         """
-        if self._last is None:
+        if self._last is not None:
+            self._predict()
+        if self._last is None or not _is_covariance(self._spread):
+            # In a fall the transition grows without bound; what was known before says nothing any more.
             self._begin(measured)
         else:
-            self._judge_delay(measured)
-            self._judge_noise(measured, self._last)
-            self._filter(measured)
+            self._take(measured, self._last)
         self._last = measured.copy()
+
+    def _take(self, measured: st.StateVector, last: st.StateVector) -> None:
+        self._judge_delay(measured, last)
+        exact = not self.noisy
+        self._judge_noise(measured, last)
+        if exact and self.noisy:
+            self._believe(measured)  # what was made of errors that counted as exact is worth nothing
+        else:
+            self._filter(measured)
 
     def ahead(self) -> st.StateVector:
         """Return the state at which the next answer will act: after the commands that are still on their way."""
@@ -131,22 +145,39 @@ class Observer:
         return state
 
     def _begin(self, measured: st.StateVector) -> None:
-        self.state, self._offset = measured.copy(), 0.0
-        spread = np.zeros((_SIZE + 1, _SIZE + 1))
-        spread[:_SIZE, :_SIZE] = np.diag(_TRUST**2)
-        # The roll is as unsure as the offset that the measured one contains.
-        spread[np.ix_((_ROLL, _OFFSET), (_ROLL, _OFFSET))] += _FIRST_OFFSET**2 * np.array([[1.0, -1.0], [-1.0, 1.0]])
-        self._spread = spread
+        """Forget all but the delay."""
         self._differences: deque[FloatArray] = deque(maxlen=_WINDOW)
         self._judged = 0
         self.noise = np.zeros(_SIZE)
+        self._believe(measured)
+
+    def _believe(self, measured: st.StateVector) -> None:
+        """Begin the filter with a measurement, as good as its noise."""
+        self.state, self._offset = measured.copy(), 0.0
+        spread = np.zeros((_SIZE + 1, _SIZE + 1))
+        spread[:_SIZE, :_SIZE] = np.diag(np.maximum(self.noise, _TRUST) ** 2)
+        # The roll is as unsure as the offset that the measured one contains.
+        spread[np.ix_((_ROLL, _OFFSET), (_ROLL, _OFFSET))] += _FIRST_OFFSET**2 * np.array([[1.0, -1.0], [-1.0, 1.0]])
+        self._spread = spread
 
     def _advance(self, state: st.StateVector, steer_set: float) -> None:
         advance(state, steer_set, self._period / self._substeps, self._substeps, self._vehicle.parameters)
 
-    def _judge_delay(self, measured: st.StateVector) -> None:
+    def _predict(self) -> None:
+        """Go on from the last state, with what is believed of the delay, to the instant that is measured now."""
+        steer_set = self._sent[-1 - self.delay]
+        self._expected = self.state.copy()
+        self._advance(self._expected, steer_set)
+        moves = self._transition(self.state, self._expected, steer_set)
+        self._spread = moves @ self._spread @ moves.T + np.diag(_UNKNOWN**2)
+
+    def _judge_delay(self, measured: st.StateVector, last: st.StateVector) -> None:
         """Compare what the steering did with what commands of each age would have done."""
-        deviation = np.hypot(_DRIVE, self.noise[[_STEER, _RATES[1]]])
+        if self._judged < _LEAST:
+            return  # noise that is not known yet looks like a delay
+        places = [_STEER, _RATES[1]]
+        unsure = self._spread[places, places] if self.noisy else 0.0
+        deviation = np.sqrt(_DRIVE**2 + self.noise[places] ** 2 + unsure)
         known: dict[float, float] = {}
         for late in range(LONGEST_DELAY + 1):
             steer_set = self._sent[-1 - late]
@@ -159,8 +190,8 @@ class Observer:
         best = int(np.argmin(self._against))
         if self._against[self.delay] - self._against[best] > _CONVINCED:
             self.delay = best
-            assert self._last is not None
-            self._begin(self._last)
+            self._begin(last)
+            self._predict()
 
     def _judge_noise(self, measured: st.StateVector, last: st.StateVector) -> None:
         """Judge how far measurements lie from what the measurements before them let expect."""
@@ -168,20 +199,18 @@ class Observer:
         self._advance(expected, self._sent[-1 - self.delay])
         self._differences.append(_difference(measured, expected))
         self._judged += 1
-        if len(self._differences) < _LEAST or self._judged % _SELDOM:
+        if self._judged < _LEAST or (self._judged > _OFTEN and self._judged % _SELDOM):
             return
-        found = np.array(self._differences)
-        # Both measurements err, hence the root of 2; 1.4826 is the normal distribution's.
-        deviation = 1.4826 / math.sqrt(2.0) * np.median(np.abs(found - np.median(found, axis=0)), axis=0)
-        least = np.where(self.noise > 0.0, 0.5 * _EXACT, _EXACT)
-        self.noise = np.where(deviation > least, deviation, 0.0)
+        away = np.abs(self._differences - np.median(self._differences, axis=0))
+        # 1.4826 is the normal distribution's.
+        deviation = 1.4826 * _BOTH * np.median(away, axis=0)
+        noisy = deviation > np.where(self.noise > 0.0, 0.5 * _EXACT, _EXACT)
+        if self._judged <= _OFTEN:  # the median of a few may be far too small, and then a start is a fall
+            deviation = _BOTH * away.max(axis=0)
+        self.noise = np.where(noisy, deviation, 0.0)
 
     def _filter(self, measured: st.StateVector) -> None:
-        before, steer_set = self.state, self._sent[-1 - self.delay]
-        expected = before.copy()
-        self._advance(expected, steer_set)
-        moves = self._transition(before, expected, steer_set)
-        spread = moves @ self._spread @ moves.T + np.diag(_UNKNOWN**2)
+        expected, spread = self._expected, self._spread
         difference = _difference(measured, expected)
         difference[_ROLL] -= self._offset
         shown = np.hstack([np.eye(_SIZE), np.zeros((_SIZE, 1))])
@@ -211,6 +240,16 @@ class Observer:
             advance(varied, steer_set, self._period / 2, 2, self._vehicle.parameters)
             moves[:_SIZE, column] = _difference(varied, after) / _STEP
         return moves
+
+
+def _is_covariance(matrix: FloatArray) -> bool:
+    if not np.isfinite(matrix).all():
+        return False
+    try:
+        np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        return False
+    return True
 
 
 def _difference(state: st.StateVector, other: st.StateVector) -> FloatArray:
