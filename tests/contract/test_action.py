@@ -24,25 +24,25 @@ finite = st.floats(-1.0, 1.0)
 
 
 def test_columns_drive_the_commands_that_they_name():
-    assert SUPERBIKE.to_command([0.5, -0.5], 1.2) == (0.5, -0.4)
-    assert ActionLayout(SUPERBIKE.columns[::-1]).to_command([-0.5, 0.5], 1.2) == (0.5, -0.4)
-    assert ActionLayout((ActionColumn(DRIVE),)).to_command([0.3], 1.2) == (0.0, 0.3)
-    assert ActionLayout.steering(0.6).to_command([0.5], 1.2) == (0.25, 0.0)
+    assert SUPERBIKE.to_command([0.5, -0.5], 1.2, 5.0) == (0.5, -0.4)
+    assert ActionLayout(SUPERBIKE.columns[::-1]).to_command([-0.5, 0.5], 1.2, 5.0) == (0.5, -0.4)
+    assert ActionLayout((ActionColumn(DRIVE),)).to_command([0.3], 1.2, 5.0) == (0.0, 0.3)
+    assert ActionLayout.steering(0.6).to_command([0.5], 1.2, 5.0) == (0.25, 0.0)
 
 
 @pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: "+".join(layout.names))
 @given(data=st.data())
 def test_the_mirrored_action_steers_the_other_way_and_drives_the_same(layout, data):
     action = np.array(data.draw(st.lists(finite, min_size=layout.size, max_size=layout.size)))
-    steering, throttle = layout.to_command(action, 1.2)
-    assert layout.to_command(action * layout.mirror_signs, 1.2) == (-steering, throttle)
+    steering, throttle = layout.to_command(action, 1.2, 5.0)
+    assert layout.to_command(action * layout.mirror_signs, 1.2, 5.0) == (-steering, throttle)
 
 
 @pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: "+".join(layout.names))
 def test_many_actions_become_the_commands_that_each_of_them_would(layout):
     actions = np.random.default_rng(0).uniform(-1.5, 1.5, (500, layout.size)).astype("f4")
-    commands = layout.to_commands(actions, 1.2)
-    np.testing.assert_array_equal(commands, [layout.to_command(action, 1.2) for action in actions])
+    commands = layout.to_commands(actions, 1.2, np.full(len(actions), 5.0))
+    np.testing.assert_array_equal(commands, [layout.to_command(action, 1.2, 5.0) for action in actions])
     assert np.abs(commands).max() == 1.0
 
 
@@ -92,3 +92,46 @@ def test_targets_of_a_guide_are_scaled_and_mirror():
 def test_targets_come_in_pairs(meanings):
     with pytest.raises(ValueError, match="an action for a guide needs the columns line_offset, pace"):
         ActionLayout(tuple(ActionColumn(meaning) for meaning in meanings))
+
+
+HELD = ActionLayout.steering(1.2, within=((3.0, 1.2), (4.0, 0.9)))
+
+
+def test_set_points_are_held_within_limits_that_depend_on_the_speed():
+    speeds = np.array([1.0, 3.0, 3.5, 4.0, 7.0])
+    largest = np.array([1.2, 1.2, 1.05, 0.9, 0.9]) / 1.2
+    for action in (-1.0, 1.0):
+        found = [HELD.to_command([action], 1.2, speed) for speed in speeds]
+        assert found == pytest.approx(np.column_stack([action * largest, np.zeros(5)]))
+        np.testing.assert_array_equal(HELD.to_commands(np.full((5, 1), action), 1.2, speeds), found)
+    # what lies within them is as it was
+    assert HELD.to_command([0.5], 1.2, 7.0) == ActionLayout.steering(1.2).to_command([0.5], 1.2, 7.0)
+    # and a vehicle that cannot steer as far takes all that it can
+    assert HELD.to_command([1.0], 0.8, 7.0) == (1.0, 0.0)
+
+
+def test_limits_come_back_from_a_card():
+    card = HELD.to_card()
+    assert card["within"] == [[3.0, 1.2], [4.0, 0.9]]
+    assert ActionLayout.from_card(card) == HELD
+    assert HELD.narrowed([0.5]).columns[0].within == HELD.columns[0].within
+
+
+@pytest.mark.parametrize(
+    ("within", "why"),
+    [
+        (((4.0, 0.9), (3.0, 1.2)), "growing speed"),
+        (((3.0, 0.9), (3.0, 1.2)), "growing speed"),
+        (((3.0, 0.0),), "above 0"),
+        (((3.0, float("nan")),), "above 0"),
+    ],
+)
+def test_limits_that_mean_nothing_are_refused(within, why):
+    with pytest.raises(ValueError, match=why):
+        ActionLayout.steering(1.2, within=within)
+
+
+@pytest.mark.parametrize("within", ["wide", [3.0, 1.2], [[3.0]], [[3.0, "far"]], [[True, 1.0]]])
+def test_limits_of_a_card_that_are_none_are_refused(within):
+    with pytest.raises(ValueError, match="entry within of the card"):
+        ActionLayout.from_card({**ActionLayout.steering(1.2).to_card(), "within": within})

@@ -106,10 +106,10 @@ def test_wrong_sizes_and_values_are_refused(bundle):
 @given(action=st.floats(-1, 1), max_steer=st.floats(0.01, 3.0))
 def test_command_stays_in_range_and_mirrors(action, max_steer):
     scale = ActionLayout.steering(max_steer)
-    command, throttle = scale.to_command([action], 1.2)
+    command, throttle = scale.to_command([action], 1.2, 5.0)
     assert -1.0 <= command <= 1.0
     assert throttle == 0.0
-    assert scale.to_command([-action], 1.2) == (-command, 0.0)
+    assert scale.to_command([-action], 1.2, 5.0) == (-command, 0.0)
     if abs(command) < 1.0:
         assert command * 1.2 == pytest.approx(action * max_steer)
 
@@ -118,9 +118,9 @@ def test_many_actions_become_the_commands_that_each_of_them_would():
     actions = np.random.default_rng(0).uniform(-1.0, 1.0, (1000, 1)).astype("f4")
     for max_steer in (0.3, math.radians(70.0), 2.0):
         scale = ActionLayout.steering(max_steer)
-        single = [scale.to_command(action, math.radians(70.0)) for action in actions]
-        np.testing.assert_array_equal(scale.to_commands(actions, math.radians(70.0)), single)
-    full = ActionLayout.steering(math.radians(70.0)).to_commands(actions, math.radians(70.0))
+        single = [scale.to_command(action, math.radians(70.0), 5.0) for action in actions]
+        np.testing.assert_array_equal(scale.to_commands(actions, math.radians(70.0), np.full(1000, 5.0)), single)
+    full = ActionLayout.steering(math.radians(70.0)).to_commands(actions, math.radians(70.0), np.full(1000, 5.0))
     np.testing.assert_array_equal(full, np.hstack([actions, np.zeros((1000, 1))]))
 
 

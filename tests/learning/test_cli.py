@@ -108,6 +108,11 @@ def test_train_export_and_evaluate(tmp_path, capsys):
     run_json(capsys, "export", run, "--which", "last", "--range", "0.5", "--out", str(tmp_path / "half"))
     whole, half = (load_bundle(folder).action.columns[0].scale for folder in (run + "/policy", tmp_path / "half"))
     assert half == 0.5 * whole
+    for limits in ("3", "3:1,2:1", "3:fast", "3:-1", ""):
+        assert main(["export", run, "--which", "last", "--within", limits]) == 2
+        assert f"--within {limits}: " in capsys.readouterr().err
+    run_json(capsys, "export", run, "--which", "last", "--within", "3:1.2,4.5:0.8", "--out", str(tmp_path / "held"))
+    assert load_bundle(tmp_path / "held").action.columns[0].within == ((3.0, 1.2), (4.5, 0.8))
     words = ["evaluate", run + "/policy", "--speeds", "4", "--engine", "whipple", "--time-step", "0.01"]
     code, result = run_json(capsys, *words, "--out", str(tmp_path / "out"))
     assert result["figures"]["policy"] == "mine"

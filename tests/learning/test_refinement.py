@@ -23,7 +23,7 @@ from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_training import cli
 from bike_training.curricula.parts import REFINEMENT
-from bike_training.learning import linear_rides
+from bike_training.learning import linear_rides, refinement
 from bike_training.learning.linear_rides import FREE, LinearRides, Segment, Sight, motion_slopes, push_sideways
 from bike_training.learning.refinement import (
     STEEP,
@@ -125,8 +125,10 @@ def ridden(weights: Weights, actor: OddActor) -> Segment:
     return Segment(*(jnp.asarray(part) for part in segment))
 
 
-def test_the_cost_of_a_changed_actor_is_that_of_its_ride_to_first_order() -> None:
-    settings = replace(SMALL, tail=0, square=5.0, steer_rate=0.1, change=2.0)
+def test_the_cost_of_a_changed_actor_is_that_of_its_ride_to_first_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(refinement, "_FAR", 0.0)  # these rides neither steer nor lean far
+    monkeypatch.setattr(refinement, "_STEEP", 0.0)
+    settings = replace(SMALL, tail=0, square=5.0, steer_rate=0.1, change=2.0, lean=2.0, steer=5.0)
     actor = OddActor(FINE_LAYOUT)
     weights = actor.draw((16,), seed=2)
     weights[-1] = (weights[-1][0] * 30.0, weights[-1][1])  # a new network hardly steers
@@ -215,8 +217,9 @@ def test_the_command_writes_the_same_policy_again(tmp_path: Path) -> None:
     assert card["steps"] == first["steps"] == 3 * 20 * 6
     (tmp_path / "evaluation.json").write_text('{"worst_mean_m": 0.5, "rides": []}', encoding="utf-8")
     words = ["export", str(tmp_path / "a"), "--name", "mine", "--evaluation", str(tmp_path / "evaluation.json")]
-    assert cli.main([*words, "--out", str(tmp_path / "mine")]) == 0
+    assert cli.main([*words, "--within", "3:1.2,4.5:0.8", "--out", str(tmp_path / "mine")]) == 0
     exported = load_bundle(tmp_path / "mine")
+    assert exported.action.columns[0].within == ((3.0, 1.2), (4.5, 0.8))
     assert (exported.name, exported.results) == ("mine", {"worst_mean_m": 0.5})
     assert exported.training["steps"] == card["steps"]
     later = Refinement(SMALL, load_bundle(tmp_path / "a" / "policy"))

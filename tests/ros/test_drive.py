@@ -63,7 +63,7 @@ def test_the_nodes_ride_as_the_policy_rides_in_process(stage, policy) -> None:
     heard = {s.step: s for s in ears.states}
     while snapshot.step < 300:
         action = bundle.actor.act(bundle.layout.observe(snapshot, index))
-        snapshot = simulator.step(*bundle.action.to_command(action, simulator.vehicle.max_steer))
+        snapshot = simulator.step(*bundle.action.to_command(action, simulator.vehicle.max_steer, snapshot.speed))
         if snapshot.step in heard:
             same = heard[snapshot.step]
             assert (same.x, same.y, same.roll, same.steer) == tuple(snapshot.state[[0, 1, 3, 4]])

@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from bike_policy.contract.action import STEERING_SET_VALUE, ActionLayout
 from bike_policy.contract.bundle import Bundle, load_bundle
 from bike_policy.contract.race import RaceLayout
 from bike_sim.vehicles.files import load_vehicle
@@ -39,6 +40,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="parts of the range of each action that the policy keeps, as 0.5,0.7: less of line and pace of a race are "
         "slower and safer than what it learned with (default: all)",
     )
+    parser.add_argument(
+        "--within",
+        help="pairs of a speed (m/s) and the largest value of a bicycle's steering set point there (rad), as "
+        "3:1.2,4.5:0.8; linear between them, constant beyond them (default: no limit but the action's)",
+    )
     parser.add_argument("--evaluation", type=Path, help="evaluation.json whose summary goes into the card")
 
 
@@ -63,7 +69,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         name=name,
         actor=actor,
         layout=preset.deployed_layout,
-        action=task.action.narrowed(parts),
+        action=_held(task.action.narrowed(parts), args.within),
         vehicle=vehicle.name,
         control_period=vehicle.control_period,
         training={
@@ -95,7 +101,13 @@ def _export_refined(args: argparse.Namespace) -> dict[str, Any]:
         raise ValueError(f"{args.run} holds a refinement, which keeps its best actor only, not the {args.which!r} one")
     found = load_bundle(args.run / POLICY)
     training = {**found.training, "exported": time.strftime("%Y-%m-%d")}
-    bundle = replace(found, name=args.name or found.name, training=training, results=_results(args.evaluation))
+    bundle = replace(
+        found,
+        name=args.name or found.name,
+        action=_held(found.action, args.within),
+        training=training,
+        results=_results(args.evaluation),
+    )
     out = args.out or args.run / POLICY
     bundle.save(out)
     figures = {"out": str(out), "name": bundle.name, "steps": training["steps"], "actor": "best"}
@@ -121,6 +133,27 @@ def _parts(text: str | None, count: int) -> list[float]:
             f"--range {text}: needs a part above 0 and up to 1 for each action of the policy, which has {count}"
         )
     return parts
+
+
+def _held(action: ActionLayout, text: str | None) -> ActionLayout:
+    """Return an action whose set point is held within limits that depend on the speed.
+
+    Raises:
+        ValueError: the text holds no such limits, or the policy does more than steer.
+    """
+    if text is None:
+        return action
+    if action.names != (STEERING_SET_VALUE,):
+        raise ValueError(
+            f"--within {text}: limits by speed are of a bicycle's steering, this policy gives {action.names}"
+        )
+    try:
+        pairs = [tuple(float(number) for number in word.split(":")) for word in text.split(",")]
+        if any(len(pair) != 2 for pair in pairs):
+            raise ValueError("each limit needs a speed and a value")
+        return ActionLayout.steering(action.columns[0].scale, tuple((speed, limit) for speed, limit in pairs))
+    except ValueError as error:
+        raise ValueError(f"--within {text}: {error}; wanted are pairs as 3:1.2,4.5:0.8") from error
 
 
 def _results(path: Path | None) -> dict[str, Any]:

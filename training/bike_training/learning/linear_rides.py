@@ -53,7 +53,7 @@ class Segment(NamedTuple):
         sight: their derivatives by the deviations of the same instant, shape (..., k, 6).
         commands: set points of the steering angle that acted, in parts of the largest.
         late: control periods by which answers act late. noise: of sensors, in parts of SENSORS.
-        error: lateral error after each period, m. steer_rate: after it, rad/s. roll: after it, rad.
+        error: lateral error after each period, m. steer_rate: after it, rad/s. roll, steer: after it, rad.
         motion: deviations after it by those before it and by the command, shape (..., 6, 7).
         across: cosine of the heading error after it: what a lateral deviation adds to the error.
         whole: 1 until the ride has failed, then 0.
@@ -68,6 +68,7 @@ class Segment(NamedTuple):
     error: Float32Array
     steer_rate: Float32Array
     roll: Float32Array
+    steer: Float32Array
     motion: Float32Array
     across: Float32Array
     whole: Float32Array
@@ -277,6 +278,7 @@ class LinearRides:
             segment.error[k] = batch.look[:, lk.LATERAL_ERROR]
             segment.across[k] = np.cos(batch.look[:, lk.HEADING_ERROR])
             segment.steer_rate[k], segment.roll[k] = batch.state[:, st.STEER_RATE], batch.state[:, st.ROLL]
+            segment.steer[k] = batch.state[:, st.STEER]
             whole &= ~task.failed(batch)
         self._age += periods
         for part in segment:  # what lies on the ground has no numbers to learn from
@@ -304,6 +306,7 @@ class LinearRides:
             error=np.zeros(shape, np.float32),
             steer_rate=np.zeros(shape, np.float32),
             roll=np.zeros(shape, np.float32),
+            steer=np.zeros(shape, np.float32),
             motion=np.zeros((*shape, wide, wide + 1), np.float32),
             across=np.zeros(shape, np.float32),
             whole=np.zeros(shape, np.float32),
@@ -315,7 +318,8 @@ class LinearRides:
         if self._largest_noise:
             errors = self._noise[:, None] * SENSORS * self._rng.standard_normal((len(shown), len(DEVIATIONS)))
             shown = shown + np.einsum("nij,nj->ni", segment.sight[k], errors.astype(np.float32))
-        answers = self.task.action.to_commands(actor.act_batch(shown), self.batch.vehicle.max_steer)[:, 0]
+        speed = self.batch.look[:, lk.SPEED]
+        answers = self.task.action.to_commands(actor.act_batch(shown), self.batch.vehicle.max_steer, speed)[:, 0]
         self._sent = np.vstack([answers, self._sent[:-1]])
         late: FloatArray = np.take_along_axis(self._sent, self._late[None], axis=0)[0]
         return late

@@ -74,6 +74,8 @@ _OFTEN: Final = 1.0 / 40.0
 """How often they are, a control period."""
 _STEEP: Final = math.radians(38.0)
 """Roll from which on it costs something, rad; the steepest steady turn that is learned on leans 36 deg."""
+_FAR: Final = math.radians(40.0)
+"""Steering angle from which on it costs something, rad."""
 PUSHED: Final = 60.0
 """Sideways impulse of the rides that actors are compared on under pushes, N s."""
 _PUSH_EVERY: Final = 100
@@ -99,6 +101,8 @@ class RefinementSettings:
         averaging: share of the averaged actor kept in an update; the average is what is compared and deployed.
         knee: d of the cost, m. square: a, 1/m^2. steer_rate: b, s^2/rad^2. change: c.
         lean: weight of the squared roll beyond 38 deg, 1/rad^2: a ride fails at 45.
+        steer: weight of the squared steering angle beyond 40 deg, 1/rad^2: a little further the fork of a leaning
+            bicycle turns over, whatever the drive does.
         risky: weight that rides get besides that of every ride which lean beyond 38 deg or fail. A fall ends what its
             ride costs, so without it falls count no more than a swing on a straight.
         push: rates that pushes leave in the rides, rad/s.
@@ -128,6 +132,7 @@ class RefinementSettings:
     steer_rate: float = 0.002
     change: float = 1.0
     lean: float = 20.0
+    steer: float = 0.0
     risky: float = 0.0
     push: float = 0.1
     delay: int = 0
@@ -154,7 +159,8 @@ class RefinementSettings:
         check_number("averaging", self.averaging, 0.0, 0.9999)
         for name in ("max_steer", "learning_rate", "final_learning_rate", "knee"):
             check_positive(name, getattr(self, name))
-        for name in ("square", "steer_rate", "change", "lean", "risky", "push", "delay", "noise", "impulse", "seed"):
+        weights = ("square", "steer_rate", "change", "lean", "steer", "risky")
+        for name in (*weights, "push", "delay", "noise", "impulse", "seed"):
             check_number(name, getattr(self, name), 0.0)
 
 
@@ -266,6 +272,7 @@ def cost(
     total += settings.square * ridden.error**2 / (1.0 + jnp.abs(ridden.error))
     total += settings.steer_rate * ridden.steer_rate**2 + settings.change * ridden.change**2
     total += settings.lean * jax.nn.relu(jnp.abs(ridden.roll) - _STEEP) ** 2
+    total += settings.steer * jax.nn.relu(jnp.abs(ridden.steer) - _FAR) ** 2
     each = (jnp.minimum(total, _LARGEST_COST) * segment.whole).mean(axis=0)
     risky = (jnp.abs(segment.roll).max(axis=0) > _STEEP) | (segment.whole[-1] == 0.0)
     counts = 1.0 + settings.risky * risky
@@ -276,12 +283,13 @@ class Ridden(NamedTuple):
     """What a ride is judged by, shape (periods, bicycles) each.
 
     Attributes:
-        error: lateral error, m. steer_rate: rad/s. roll: rad. change: of the answer since the one before.
+        error: lateral error, m. steer_rate: rad/s. roll, steer: rad. change: of the answer since the one before.
     """
 
     error: jax.Array
     steer_rate: jax.Array
     roll: jax.Array
+    steer: jax.Array
     change: jax.Array
 
 
@@ -309,6 +317,7 @@ def ride_on(
             error=step.error + step.across * deviation[:, 0],
             steer_rate=step.steer_rate + deviation[:, 5],
             roll=step.roll + deviation[:, 2],
+            steer=step.steer + deviation[:, 3],
             change=sent[0] - sent[1],
         )
         return (deviation, sent[:-1]), found

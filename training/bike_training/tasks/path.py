@@ -214,7 +214,7 @@ class PathRides:
 
     def commands(self, blocks: RowBlocks) -> FloatArray:
         """Return the same commands in each control period; see `Rides`."""
-        return self._task.action.to_commands(self._actions, self._max_steer)
+        return self._task.action.to_commands(self._actions, self._max_steer, blocks.look[:, lk.SPEED])
 
     def advance(self, blocks: RowBlocks) -> None:
         """Need nothing between decisions."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Final
 
@@ -42,17 +42,30 @@ class ActionColumn:
     Attributes:
         meaning: a key of MEANINGS.
         scale: value of action 1, in the unit of the meaning.
+        within: pairs of a speed (m/s, growing) and the largest value there on either side, in the unit of the meaning;
+            linear between them, constant beyond them. Empty for no limit but the scale.
     """
 
     meaning: str
     scale: float = 1.0
+    within: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
-        """Refuse an unknown meaning and a scale that is not positive."""
+        """Refuse an unknown meaning, and a scale or limits that are not positive.
+
+        Raises:
+            ValueError: naming the value.
+        """
         if self.meaning not in MEANINGS:
             raise ValueError(f"unknown action meaning {self.meaning!r}, this software knows {', '.join(MEANINGS)}")
         if not math.isfinite(self.scale) or self.scale <= 0.0:
             raise ValueError(f"action scale of {self.meaning} must be positive and finite, got {self.scale!r}")
+        speeds = [speed for speed, _ in self.within]
+        numbers = [number for pair in self.within for number in pair]
+        if not all(math.isfinite(number) and number > 0.0 for number in numbers) or speeds != sorted(set(speeds)):
+            raise ValueError(
+                f"limits of {self.meaning} must be pairs of a growing speed and a value, all above 0, got {self.within}"
+            )
 
     def factor(self, max_steer: float) -> float:
         """Return the command in [-1, 1] for action 1, before clipping.
@@ -61,6 +74,24 @@ class ActionColumn:
             max_steer: steering set point of the vehicle's command 1, rad.
         """
         return self.scale / max_steer if self.meaning == STEERING_SET_VALUE else self.scale
+
+    def largest(self, max_steer: float, speed: NDArray[np.float64] | float) -> NDArray[np.float64] | float:
+        """Return the largest command at a speed, at most 1.
+
+        Args:
+            max_steer: steering set point of the vehicle's command 1, rad.
+            speed: m/s.
+        """
+        if not self.within:
+            return 1.0
+        limit = np.interp(speed, *self._limits) * (self.factor(max_steer) / self.scale)
+        return np.minimum(limit, 1.0)
+
+    @cached_property
+    def _limits(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Speeds and limits as arrays, for a command asks for them in each control period."""
+        speeds, values = np.array(self.within).T
+        return speeds, values
 
 
 @dataclass(frozen=True)
@@ -82,9 +113,9 @@ class ActionLayout:
             raise ValueError(f"an action for a guide needs the columns {', '.join(GUIDED)}, got {self.names}")
 
     @classmethod
-    def steering(cls, max_steer: float) -> ActionLayout:
+    def steering(cls, max_steer: float, within: tuple[tuple[float, float], ...] = ()) -> ActionLayout:
         """Return the layout of a bicycle: one set point of the steering angle, action 1 for `max_steer` (rad)."""
-        return cls((ActionColumn(STEERING_SET_VALUE, max_steer),))
+        return cls((ActionColumn(STEERING_SET_VALUE, max_steer, within),))
 
     @property
     def size(self) -> int:
@@ -113,7 +144,7 @@ class ActionLayout:
             parts: of each column's scale that remains.
         """
         pairs = zip(self.columns, parts, strict=True)
-        return ActionLayout(tuple(ActionColumn(column.meaning, part * column.scale) for column, part in pairs))
+        return ActionLayout(tuple(replace(column, scale=part * column.scale) for column, part in pairs))
 
     def to_targets(self, actions: NDArray[np.floating]) -> NDArray[np.float64]:
         """Return the targets of a guide for actions in [-1, 1], shape (n, 2).
@@ -128,28 +159,35 @@ class ActionLayout:
         """Signs that turn an action into the one of the left/right mirrored ride."""
         return np.array([MEANINGS[column.meaning][1] for column in self.columns], dtype=np.float32)
 
-    def to_command(self, action: Sequence[float] | NDArray[np.floating], max_steer: float) -> tuple[float, float]:
+    def to_command(
+        self, action: Sequence[float] | NDArray[np.floating], max_steer: float, speed: float
+    ) -> tuple[float, float]:
         """Return steering and throttle in [-1, 1] for an action; 0 where no column drives the command.
 
         Args:
             action: in [-1, 1], shape (size,).
             max_steer: steering set point of the vehicle's command 1, rad.
+            speed: of the vehicle, m/s.
         """
         steering = throttle = 0.0
         for column, value in zip(self.columns, action, strict=True):
-            command = min(max(float(value) * column.factor(max_steer), -1.0), 1.0)
+            most = float(column.largest(max_steer, speed))
+            command = min(max(float(value) * column.factor(max_steer), -most), most)
             if MEANINGS[column.meaning][0] == "steering":
                 steering = command
             else:
                 throttle = command
         return steering, throttle
 
-    def to_commands(self, actions: NDArray[np.floating], max_steer: float) -> NDArray[np.float64]:
+    def to_commands(
+        self, actions: NDArray[np.floating], max_steer: float, speed: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
         """Return :meth:`to_command` of many actions at once, the same bit for bit.
 
         Args:
             actions: in [-1, 1], shape (n, size).
             max_steer: rad.
+            speed: of each vehicle, m/s, shape (n,).
 
         Returns:
             Steering and throttle, shape (n, 2).
@@ -158,14 +196,17 @@ class ActionLayout:
         for i, column in enumerate(self.columns):
             place = 0 if MEANINGS[column.meaning][0] == "steering" else 1
             values = np.asarray(actions[:, i], dtype=np.float64)
-            commands[:, place] = np.clip(values * column.factor(max_steer), -1.0, 1.0)
+            most = column.largest(max_steer, speed)
+            commands[:, place] = np.clip(values * column.factor(max_steer), -most, most)
         return commands
 
     def to_card(self) -> dict[str, Any]:
         """Return plain values for a policy card."""
         if self.names == (STEERING_SET_VALUE,):
-            return {"max_steer": float(self.columns[0].scale), "meaning": STEERING_SET_VALUE}
-        return {"columns": [asdict(column) for column in self.columns]}
+            (column,) = self.columns
+            card = {"max_steer": float(column.scale), "meaning": STEERING_SET_VALUE}
+            return {**card, "within": [list(pair) for pair in column.within]} if column.within else card
+        return {"columns": [{"meaning": column.meaning, "scale": column.scale} for column in self.columns]}
 
     @classmethod
     def from_card(cls, card: Mapping[str, Any]) -> ActionLayout:
@@ -174,14 +215,29 @@ class ActionLayout:
         Raises:
             ValueError: a missing or unknown entry.
         """
-        if set(card) == {"max_steer", "meaning"}:
-            return cls((ActionColumn(str(card["meaning"]), float(card["max_steer"])),))
+        if set(card) - {"within"} == {"max_steer", "meaning"}:
+            column = ActionColumn(str(card["meaning"]), float(card["max_steer"]), _pairs(card.get("within", [])))
+            return cls((column,))
         columns = card.get("columns")
         if set(card) != {"columns"} or not isinstance(columns, list):
             raise ValueError(
-                f"action entry of the card must hold max_steer and meaning, or columns, got {sorted(card)}"
+                "action entry of the card must hold max_steer and meaning, or columns, and may hold within besides the "
+                f"first two, got {sorted(card)}"
             )
         for column in columns:
             if not isinstance(column, Mapping) or set(column) != {"meaning", "scale"}:
                 raise ValueError(f"a column of the card's action must hold meaning and scale, got {column!r:.200}")
         return cls(tuple(ActionColumn(str(column["meaning"]), float(column["scale"])) for column in columns))
+
+
+def _pairs(entry: Any) -> tuple[tuple[float, float], ...]:
+    """Read limits by speed from a policy card.
+
+    Raises:
+        ValueError: something else than a list of pairs of numbers.
+    """
+    if not isinstance(entry, list) or not all(isinstance(pair, list) and len(pair) == 2 for pair in entry):
+        raise ValueError(f"entry within of the card's action must be a list of pairs of numbers, got {entry!r:.200}")
+    if not all(isinstance(number, (int, float)) and not isinstance(number, bool) for pair in entry for number in pair):
+        raise ValueError(f"entry within of the card's action must hold numbers, got {entry!r:.200}")
+    return tuple((float(speed), float(limit)) for speed, limit in entry)

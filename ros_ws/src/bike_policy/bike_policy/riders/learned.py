@@ -52,7 +52,7 @@ class InstantSight:
     def command(self, snapshot: Snapshot) -> tuple[float, float]:
         """Return the command for a snapshot; see `Sight`."""
         action = self._actor.act(self._layout.observe(snapshot, self._picked))
-        return self._action.to_command(action.tolist(), self._max_steer)
+        return self._action.to_command(action.tolist(), self._max_steer, snapshot.speed)
 
 
 class LearnedRider:

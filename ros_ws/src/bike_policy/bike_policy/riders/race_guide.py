@@ -23,6 +23,7 @@ from bike_policy.riders.line_law import LineLaw, LinePlan, seen_of
 from bike_policy.riders.planned_lines import PlannedLines
 from bike_policy.riders.rehearsal import rehearsed
 from bike_sim.course.course import Course
+from bike_sim.sim import look as lk
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.superbike import Superbike
 
@@ -121,5 +122,5 @@ def commands_of(
         max_steer: of the vehicle, rad.
     """
     if guide is None:
-        return action.to_commands(eyes.actions[:, 0], max_steer)
+        return action.to_commands(eyes.actions[:, 0], max_steer, blocks.look[:, lk.SPEED])
     return guide.commands(blocks, action.to_targets(eyes.actions[:, 0]), eyes.references.share)
