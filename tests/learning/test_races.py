@@ -63,6 +63,8 @@ def test_a_run_becomes_a_bundle_with_its_share_that_is_evaluated(
     assert json.loads(capsys.readouterr().out)["figures"]["steps"] == 60
     assert main(["export", str(run), "--which", "last", "--name", "beginner", "--json"]) == 0
     capsys.readouterr()
+    assert main(["export", str(run), "--which", "last", "--within", "3:1"]) == 2
+    assert "of a bicycle's steering" in capsys.readouterr().err
     exported = load_bundle(run / "policy")
     assert isinstance(exported.layout, RaceLayout)
     assert exported.layout == replace(COMPACT, share=0.9)

@@ -10,18 +10,20 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial import cKDTree
 
 from bike_policy.riders.classical import ClassicalRider
 from bike_policy.riders.lap_plan import CLASSICAL_SETTINGS
 from bike_sim.course.course import Course
+from bike_sim.course.files import load_track
 from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics import superbike_statics as statics
 from bike_sim.physics.superbike import equilibrium as eq
 from bike_sim.physics.superbike_engine import SuperbikeEngine
 from bike_sim.theory.envelope import envelope
-from bike_sim.theory.lap_limit import LapLimit, corner_speed_of, lap_limit
+from bike_sim.theory.lap_limit import corner_speed_of, lap_limit
 from bike_sim.theory.mass_path import MassPath, lean_model
-from bike_sim.theory.passing import passings
+from bike_sim.theory.passing import passings, speeds_of_own_path
 from bike_sim.validation.superbike import at_speed, holding, ride
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
@@ -218,26 +220,42 @@ def test_lean_rates_stay_within_the_rider() -> None:
 # -------------------------------------------------------------------------------------------------------- lower bound
 
 
-def bare(speed: np.ndarray) -> LapLimit:
-    s = np.linspace(0.0, 1000.0, len(speed))
-    time = np.concatenate(([0.0], np.cumsum(np.diff(s) / speed[1:])))
-    flat = np.zeros(len(s))
-    return LapLimit("m", "l", s, time, speed, flat, flat, speed, flat, flat, (), ())
-
-
 def test_passings_tell_gains_that_are_lost_again_from_those_that_are_not() -> None:
-    limit = bare(np.full(1001, 30.0))
+    theoretical = np.full(999, 30.0)
     progress = np.arange(0.0, 999.0)
     fast = np.where((progress > 300.0) & (progress < 320.0), 31.0, 30.0)
-    (kept,) = passings(limit, progress, fast)
+    (kept,) = passings(theoretical, progress, fast)
     assert not kept.repaid
     assert (kept.begin, kept.end) == pytest.approx((301.0, 319.0))
     assert kept.excess == pytest.approx(1.0 / 30.0)
     assert kept.gained == pytest.approx(20.0 * (1.0 / 30.0 - 1.0 / 31.0), rel=0.1)
     slow = np.where((progress > 340.0) & (progress < 380.0), 29.0, fast)
-    (lost,) = passings(limit, progress, slow)
+    (lost,) = passings(theoretical, progress, slow)
     assert lost.repaid
-    assert passings(limit, progress, np.full(999, 30.2)) == ()
+    assert passings(theoretical, progress, np.full(999, 30.2)) == ()
+
+
+@pytest.mark.parametrize("laps", [0, 3])
+def test_the_theory_of_a_ridden_path_is_that_of_the_line_it_was(laps: int) -> None:
+    track = load_track("barcelona")
+    s = track.centre.s
+    track = track.with_ideal(2.0 * np.sin(2.0 * np.pi * 9.0 * s / track.length))
+    line = track.line(1.0)
+    limit = lap_limit(LIMITS, line)
+    progress = np.arange(0.7, track.length, 1.3)
+    offset = track.at(track.ideal, progress)
+    found = speeds_of_own_path(track, LIMITS, progress + laps * track.length, offset)
+    # by the points themselves: the nearest sample of the line to each point of the path
+    nearest = cKDTree(np.column_stack([line.x, line.y])).query(track.points(progress, offset)[:, :2])[1]
+    assert found == pytest.approx(limit.speed_at(line.s[nearest]), rel=2e-3)
+
+
+def test_a_path_that_does_not_close_is_led_to_its_beginning() -> None:
+    track = load_track("barcelona")
+    progress = np.arange(0.7, track.length, 1.3)
+    drifting = speeds_of_own_path(track, LIMITS, progress, 0.4 * progress / track.length)
+    closed = speeds_of_own_path(track, LIMITS, progress, np.zeros(len(progress)))
+    assert drifting == pytest.approx(closed, rel=0.01)
 
 
 def check_bound(name: str, course: str | Path, lateral: float) -> None:

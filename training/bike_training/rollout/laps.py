@@ -5,14 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bike_policy.riders.classical import ClassicalRider
 from bike_policy.riders.rider import Rider
 from bike_sim.course.lap_timing import Lap
+from bike_sim.course.track import Track
 from bike_sim.physics import state as st
 from bike_sim.physics.engine import SUPERBIKE_ENGINES
 from bike_sim.sim import look as lk
@@ -22,11 +25,14 @@ from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import WALL, Snapshot
 from bike_sim.sim.superbike_plant import superbike_config
+from bike_sim.theory.envelope import Envelope
 from bike_sim.theory.lap_limit import LapLimit
 from bike_sim.theory.line_cache import closest_lap
-from bike_sim.theory.passing import Passing, passings
+from bike_sim.theory.passing import Passing, passings, speeds_of_own_path
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.rollout.rollout import rollout
+
+FloatArray = NDArray[np.float64]
 
 ALLOWED_EXCESS: Final = 0.06
 """How much longer than the theoretical lap a flying lap may be, as a part of it; through `bike lap` than the one on the
@@ -50,7 +56,9 @@ class LapRide:
         largest_error: largest distance to the followed line on flying laps, m.
         largest_lean: rad. highest_speed: m/s; both on flying laps.
         off_track: time with both contact points outside the limits on flying laps, s.
-        passings: where flying laps were faster than the theoretical lap of the followed line for a moment.
+        track: the circuit. envelope: the machine's limits.
+        traces: of each flying lap that was finished, rows of progress and offset along the centre line (m) and of
+            speed (m/s).
     """
 
     vehicle: str
@@ -66,7 +74,18 @@ class LapRide:
     largest_lean: float
     highest_speed: float
     off_track: float
-    passings: tuple[Passing, ...]
+    track: Track
+    envelope: Envelope
+    traces: tuple[FloatArray, ...]
+
+    @cached_property
+    def passings(self) -> tuple[Passing, ...]:
+        """Where flying laps were faster than the theoretical laps of their own paths for a moment; 0.3 s for a lap."""
+        if not self.traces:
+            return ()
+        theoretical = [speeds_of_own_path(self.track, self.envelope, along, aside) for along, aside, _ in self.traces]
+        progress, _, speed = np.concatenate(self.traces, axis=1)
+        return passings(np.concatenate(theoretical), progress, speed)
 
     @property
     def best(self) -> Lap | None:
@@ -119,18 +138,22 @@ def ride_laps(
         rider = rider or ClassicalRider()
         request = machine.at_own_speed(ResetRequest(course=str(circuit)))
         finished, end, error, lean, fastest = 0, "", 0.0, 0.0, 0.0
-        trace: list[tuple[float, float]] = []
+        trace: list[list[tuple[float, float, float]]] = []
         for snapshot in rollout(machine, rider, request):
             scene = _circuit_scene(machine)
             limit = scene.followed.limit(limits)
             if tell is not None and snapshot.step:
                 tell(snapshot, scene.track.length)
-            finished += sum(event.kind is EventKind.LAP for event in snapshot.events)
+            begun = sum(event.kind is EventKind.LAP for event in snapshot.events)
+            finished += begun
+            if begun:
+                trace.append([])
             if finished > 0:
                 error = max(error, snapshot.distance)
                 lean = max(lean, abs(float(snapshot.state[st.ROLL])))
                 fastest = max(fastest, snapshot.speed)
-                trace.append((float(snapshot.look[lk.PROGRESS]), snapshot.speed))
+                assert snapshot.circuit is not None
+                trace[-1].append((*snapshot.circuit.place[: lk.CENTRE_OFFSET + 1], snapshot.speed))
             if snapshot.fallen:
                 end = snapshot.fall
             elif finished > laps:
@@ -159,7 +182,9 @@ def ride_laps(
         lean,
         fastest,
         sum(lap.off_track for lap in flying),
-        passings(limit, *np.array(trace).T) if trace else (),
+        scene.track,
+        limits,
+        tuple(np.array(lap).T for lap in trace[:-1]),
     )
 
 
