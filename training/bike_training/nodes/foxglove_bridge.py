@@ -141,7 +141,7 @@ class FoxgloveBridge(ServerListener):
         found: list[_Found] = []
         for name, kinds in self._node.get_topic_names_and_types():
             ours = name.startswith(self._namespace) or name in SHARED_TOPICS
-            if not ours or name in self._topics or name in self._refused:
+            if not ours or node_tools.is_hidden(name) or name in self._topics or name in self._refused:
                 continue
             if ends := self._node.get_publishers_info_by_topic(name):
                 found.append(_Found(name, kinds[0], ends))

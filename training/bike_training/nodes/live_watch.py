@@ -1,7 +1,7 @@
 """Watches a simulator that somebody else started and rides, for the same page as a live ride.
 
-It takes only those states that a screen can show. It never sends a command: pause and restart go
-through the simulator's services, which any node may call.
+It takes only those states that a screen can show, from a topic of its own: the simulator is spared the sending of all
+others. It never sends a command: pause and restart go through the simulator's services, which any node may call.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from bike_msgs.srv import Pause, Reset
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from bike_analysis.read.messages import Simulation
 from bike_sim.course.course import Course
@@ -35,9 +34,6 @@ RACING_PERIOD: Final = 1.0 / 20.0
 """Likewise while the simulator is ahead of the clock: its page must not take the processors from it."""
 RACING: Final = 1.5
 """Simulated time by wall-clock time from which on it is."""
-NEWEST_QOS: Final = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""Of the states: only the newest is kept, and none is acknowledged, which the simulator would have to hear. One that is
-lost is followed by another; a simulator that waits repeats its last."""
 START_TIMEOUT: Final = 30.0
 """Longest wait for a simulator, s."""
 GONE_AFTER: Final = 2.0
@@ -110,7 +106,7 @@ class LiveWatch(LiveThread):
         node.create_subscription(EpisodeStart, "episode", self._on_episode, node_tools.LATCHED_QOS)
         node.create_subscription(CourseMessage, "course", self._on_course, node_tools.LATCHED_QOS)
         node.create_subscription(RideEvent, "events", self._events.append, node_tools.EVENT_QOS)
-        states = RawSubscription(node, BikeState, "state", NEWEST_QOS)
+        states = RawSubscription(node, BikeState, node_tools.SCREEN_STATE, node_tools.SCREEN_QOS)
         try:
             self._find(executor, states)
             self._begun.set()

@@ -46,6 +46,17 @@ LATCHED_QOS: Final = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
 
+SCREEN_QOS: Final = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""For what a screen shows: only the newest counts, and none is acknowledged, which the simulator would have to hear."""
+SCREEN_STATE: Final = "_screen_state"
+"""Topic of the states that a screen can show; hidden, for it says nothing that ``state`` does not."""
+
+
+def is_hidden(topic: str) -> bool:
+    """Return whether ROS calls a topic hidden: a part of its name begins with an underscore."""
+    return any(part.startswith("_") for part in topic.split("/"))
+
+
 BAD_INPUT_EXIT: Final = 2
 """Exit code after an invalid parameter, file or partner."""
 

@@ -211,10 +211,12 @@ class Record(rclpy.node.Node):
                 self.get_logger().info(f"not there yet, recorded when they come: {', '.join(missing)}")
 
     def _is_wanted(self, name: str) -> bool:
-        if self._settings.all_topics:
-            return not any(part.startswith("_") for part in name.split("/"))  # ROS calls these hidden
         if self._wanted:
             return name in self._wanted
+        if node_tools.is_hidden(name):
+            return False
+        if self._settings.all_topics:
+            return True
         return name.startswith(f"{self.get_namespace().rstrip('/')}/") or name in SHARED_TOPICS
 
     def _subscribe(self, name: str, kinds: list[str]) -> None:

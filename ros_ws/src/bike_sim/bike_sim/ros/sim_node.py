@@ -64,6 +64,9 @@ FIRST_STAMP: Final = NANOSECONDS
 REPEAT_AFTER: Final = 0.4
 """Wall-clock time after which an unanswered state is published again, s. Looked at every HOUSEKEEPING_PERIOD."""
 
+SCREEN_PERIOD: Final = 1.0 / 60.0
+"""Least wall-clock time between two states for screens, s."""
+
 HOUSEKEEPING_PERIOD: Final = 0.5
 REPORT_PERIOD: Final = 1.0
 """Wall-clock time between two diagnostics, s."""
@@ -121,6 +124,8 @@ class SimNode(rclpy.node.Node):
             return self.create_publisher(kind, name, qos, event_callbacks=node_tools.QUIET)
 
         self._state_topic = open_topic(BikeState, "state", stream)
+        self._screen_topic = open_topic(BikeState, node_tools.SCREEN_STATE, node_tools.SCREEN_QOS)
+        self._screened_at = 0.0
         self._clock_topic = open_topic(Clock, "/clock", stream)
         self._start_topic = open_topic(EpisodeStart, "episode", latched)
         self._course_topic = open_topic(CourseMessage, "course", latched)
@@ -175,6 +180,10 @@ class SimNode(rclpy.node.Node):
             self._clock_topic.publish(Clock(clock=time_to_message(self._stamp)))
         self._state_topic.publish(self._state)
         self._published_at = time.monotonic()
+        if self._published_at - self._screened_at > SCREEN_PERIOD:
+            self._screened_at = self._published_at
+            if self._screen_topic.get_subscription_count():
+                self._screen_topic.publish(self._state)
 
     # ------------------------------------------------------------------------------------------------------ episodes
 
