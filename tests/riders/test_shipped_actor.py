@@ -8,7 +8,7 @@ from bike_policy.contract.bundle import DEFAULT_POLICY, load_bundle
 from bike_policy.riders.making import make_rider
 from bike_sim.course.files import load_course
 from bike_sim.sim.config import SimulatorConfig
-from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.request import RANDOM_COURSE, ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_training.rollout.riding import RideResult, ride_through, time_for
 
@@ -37,9 +37,21 @@ def test_at_7_m_s_it_stays_closer_to_the_path_than_the_lqr() -> None:
     assert actor["max_m"] < 0.8 * lqr["max_m"]
 
 
+@pytest.mark.parametrize("seed", [100, 1100, 2100])
+def test_it_rides_a_path_that_bends_before_it_can_lean(seed: int) -> None:
+    """Upright starts at 6 m/s; the first bends with 1/5.4 m after 2.4 m. The limits of the set point are for these."""
+    simulator = Simulator(SimulatorConfig(time_step=0.001))
+    request = ResetRequest(seed=seed, course=RANDOM_COURSE, speed_range=(6.0, 6.0), path_length=236.0)
+    figures = ride_through(simulator, make_rider(DEFAULT_POLICY), request, 6.0).figures()
+    simulator.close()
+    assert figures["completed"]
+    assert figures["max_m"] < 2.0
+
+
 def test_its_card_says_what_it_rides_and_how_it_was_made() -> None:
     bundle = load_bundle(DEFAULT_POLICY)
     assert bundle.results["completed_count"] == bundle.results["rides_count"] == 21
+    assert bundle.results["random_completed_count"] == bundle.results["random_rides_count"] == 105
     assert bundle.results["worst_mean_m"] < MEAN
     assert bundle.results["worst_max_m"] < LARGEST
     assert bundle.results["worst_spectral_radius_upright"] < 0.99
