@@ -17,6 +17,7 @@ pytest.importorskip("rclpy")
         (["ride", "--time-step", "0.003"], "not a whole number of time steps"),
         (["lap", "--nodes", "--laps", "0"], "--laps must be at least 1, got 0"),
         (["lap", "--laps", "-1"], "--laps must be at least 1, got -1"),
+        (["lap", "--nodes", "--engine", "compiled"], "--nodes rides in pybullet; leave --engine compiled out"),
         (["evaluate", "--speeds", "4", "0"], "--speeds must be positive and finite, got 0 m/s"),
         (["evaluate", "--random-rides", "-1"], "--random-rides must be at least 0, got -1"),
         (["evaluate", "--seed", "-1"], "--seed must be at least 0, got -1"),

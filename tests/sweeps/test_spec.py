@@ -84,6 +84,7 @@ def test_a_finished_run_is_found_by_another_sweep_of_it(tmp_path: Path) -> None:
         ({"task": "evaluate", "base": {"speeds": [-1]}}, "speeds must be positive"),
         ({"task": "lap", "base": {"vehicle": "whipple"}}, "is no superbike"),
         ({"task": "lap", "base": {"laps": 0}}, "laps must be at least 1"),
+        ({"task": "lap", "base": {"engine": "whipple"}}, "engine must be one of pybullet, compiled, got 'whipple'"),
     ],
 )
 def test_what_is_wrong_is_named(document, words: str) -> None:

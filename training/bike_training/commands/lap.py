@@ -22,6 +22,7 @@ from bike_policy.riders.classical import CLASSICAL
 from bike_policy.riders.making import make_rider
 from bike_policy.riders.rider import Rider
 from bike_sim.course.files import shipped_tracks
+from bike_sim.physics.engine import SUPERBIKE_ENGINES
 from bike_sim.recording.in_use import claim_folder
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.theory.envelope import Envelope, envelope
@@ -63,6 +64,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help=f"{CLASSICAL}, a shipped policy that races, or the folder of one (default: %(default)s)",
     )
     parser.add_argument(
+        "--engine", choices=SUPERBIKE_ENGINES, default=SUPERBIKE_ENGINES[0], help="in process (default: %(default)s)"
+    )
+    parser.add_argument(
         "--nodes", action="store_true", help="through simulator, policy and recorder nodes, with recording and report"
     )
     parser.add_argument(
@@ -86,6 +90,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if args.nodes:
         if args.all:
             raise ValueError("--nodes rides one machine on one circuit; leave --all out")
+        if args.engine != SUPERBIKE_ENGINES[0]:
+            raise ValueError(f"--nodes rides in {SUPERBIKE_ENGINES[0]}; leave --engine {args.engine} out")
         make_folder("--out", args.out)
         with claim_folder(args.out):
             return _through_nodes(args)
@@ -94,7 +100,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         pairs = list(itertools.product(shipped_superbikes(), shipped_tracks()))
     found = []
     for vehicle, circuit in pairs:
-        found.append(_ride(vehicle, circuit, args.laps, make_rider(args.rider), quiet=args.json))
+        found.append(_ride(vehicle, circuit, args, make_rider(args.rider)))
     figures = {"pairs": found}
     if not args.json:
         console = Console()
@@ -182,9 +188,9 @@ def shipped_superbikes() -> tuple[str, ...]:
     return tuple(name for name in shipped_vehicles() if isinstance(load_vehicle(name), Superbike))
 
 
-def _ride(vehicle: str, circuit: str, laps: int, rider: Rider, quiet: bool) -> dict[str, Any]:
-    began = time.monotonic()
-    with way_bar(f"{vehicle}, {circuit}", quiet=quiet, leave=False) as bar:
+def _ride(vehicle: str, circuit: str, args: argparse.Namespace, rider: Rider) -> dict[str, Any]:
+    began, laps = time.monotonic(), args.laps
+    with way_bar(f"{vehicle}, {circuit}", quiet=args.json, leave=False) as bar:
 
         def tell(snapshot: Snapshot, length: float) -> None:
             if snapshot.step % 50:
@@ -193,7 +199,7 @@ def _ride(vehicle: str, circuit: str, laps: int, rider: Rider, quiet: bool) -> d
             bar.set_postfix_str(f"{snapshot.speed:.0f} m/s, {math.degrees(snapshot.state[3]):+.0f}°", refresh=False)
             bar.update(round(snapshot.progress) - bar.n)
 
-        ride = ride_laps(vehicle, circuit, laps, rider=rider, tell=tell)
+        ride = ride_laps(vehicle, circuit, laps, rider=rider, engine=args.engine, tell=tell)
     return pair_figures(ride, laps) | {"wall_s": round(time.monotonic() - began, 1)}
 
 

@@ -14,7 +14,7 @@ from bike_policy.riders.classical import CLASSICAL
 from bike_policy.riders.making import bundle_of, make_rider
 from bike_sim.course.files import load_course, load_track
 from bike_sim.documents import show
-from bike_sim.physics.engine import ENGINE_KINDS
+from bike_sim.physics.engine import ENGINE_KINDS, SUPERBIKE_ENGINES
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
@@ -164,13 +164,14 @@ class LapJob(RidingJob):
 
     Attributes:
         vehicle: name or file of a superbike. course: name or file of a circuit. laps: flying laps.
-        rider: name of a rider or of a policy that races, or folder of one.
+        rider: name of a rider or of a policy that races, or folder of one. engine: that integrates the machine.
     """
 
     vehicle: str
     course: str
     laps: int
     rider: str = CLASSICAL
+    engine: str = SUPERBIKE_ENGINES[0]
 
     memory_gb: ClassVar[float] = 1.0
     axis: ClassVar[str] = "lap"
@@ -178,15 +179,18 @@ class LapJob(RidingJob):
     @classmethod
     def from_entries(cls, entries: Mapping[str, Any]) -> Self:
         """Check entries: those of `bike lap`."""
-        check_kinds("lap", entries, {"vehicle": (str,), "course": (str,), "laps": (int,), "rider": (str,)})
+        check_kinds("lap", entries, dict.fromkeys(("vehicle", "course", "rider", "engine"), (str,)) | {"laps": (int,)})
         vehicle, course = entries.get("vehicle", "panigale_v4r"), entries.get("course", "barcelona")
         laps, rider = entries.get("laps", 3), entries.get("rider", CLASSICAL)
+        engine = entries.get("engine", SUPERBIKE_ENGINES[0])
         check_whole("laps", laps, 1)
+        if engine not in SUPERBIKE_ENGINES:
+            raise ValueError(f"engine must be one of {', '.join(SUPERBIKE_ENGINES)}, got {show(engine)}")
         if not isinstance(load_vehicle(vehicle), Superbike):
             raise ValueError(f"vehicle {show(vehicle)} is no superbike; laps are ridden on superbikes")
         load_track(course)
         make_rider(rider)
-        return cls(vehicle, course, laps, rider)
+        return cls(vehicle, course, laps, rider, engine)
 
     def estimate(self) -> float:
         """Return the processor time that it will take, s."""
@@ -199,6 +203,7 @@ class LapJob(RidingJob):
             self.course,
             self.laps,
             rider=make_rider(self.rider),
+            engine=self.engine,
             tell=lambda snapshot, length: (
                 tell(snapshot.progress, length * (self.laps + 1), "") if snapshot.step % 50 == 0 else None
             ),
