@@ -167,3 +167,27 @@ def test_crests_cost_and_dips_help(shapes):
         assert (lap.lap_time > level.lap_time) == (crest < 0.0)
     with pytest.raises(ValueError, match="crest has 3 samples"):
         lap_limit(MACHINE, line, crest=np.zeros(3))
+
+
+@pytest.mark.parametrize("degrees", [-10.0, -4.0, 4.0, 10.0])
+def test_banking_helps_or_hinders_by_its_side(shapes, degrees):
+    """Along the road the tyres carry v^2 cos(b) / R + g sin(b), across it g cos(b) - v^2 sin(b) / R."""
+    line, radius = shapes.circle(60.0).centre, 60.0
+    bank = math.radians(degrees)  # the circle turns to the left; positive: the left side is higher, off-camber
+    banked = dataclasses.replace(line, bank=np.full(len(line.s), math.tan(bank)))
+    lap = lap_limit(constant(), banked)
+    held = 12.0 / GRAVITY
+    turn = GRAVITY * (held * math.cos(bank) - math.sin(bank)) / (math.cos(bank) + held * math.sin(bank))
+    assert lap.speed == pytest.approx(math.sqrt(turn * radius), rel=1e-3)
+    assert (lap.lap_time > lap_limit(constant(), line).lap_time) == (degrees > 0.0)
+    other = dataclasses.replace(banked, y=-line.y, heading=-line.heading, curvature=-line.curvature, bank=-banked.bank)
+    assert lap_limit(constant(), other).lap_time == pytest.approx(lap.lap_time, rel=1e-9)
+    with pytest.raises(ValueError, match="bank has 3 samples"):
+        lap_limit(MACHINE, line, bank=np.zeros(3))
+
+
+def test_a_banked_straight_takes_from_drive_and_brakes(shapes):
+    line = shapes.oval().centre
+    straight = np.abs(line.curvature) < 1e-9
+    banked = dataclasses.replace(line, bank=np.where(straight, 0.1, 0.0))
+    assert lap_limit(constant(), banked).lap_time > lap_limit(constant(), line).lap_time + 0.01

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from bike_sim.course.bumps import CLASSES
 from bike_sim.course.files import load_track
-from bike_sim.course.road import GRASS_STRIP, RunOffKind, WetPatch, run_off_kinds
+from bike_sim.course.road import GRASS_STRIP, RoadSurface, RunOffKind, WetPatch, run_off_kinds
 from bike_sim.course.track import Track
 from tests.circuits import OVAL
 
@@ -139,3 +140,17 @@ def test_heights_of_a_closed_lap_sum_to_nothing(full: Track) -> None:
     assert flat.height is None
     assert not flat.grade.any()
     assert not flat.crest.any()
+
+
+def test_lines_know_the_banking_below_them(shapes: Any) -> None:
+    level = shapes.oval()
+    bank = 0.05 * np.sin(2.0 * np.pi * level.centre.s / level.length)
+    track = replace(level, surface=RoadSurface(bank=bank))
+    assert level.line(0.0).bank is None
+    assert not level.line(0.0).slope_across.any()
+    np.testing.assert_array_equal(track.line(0.0).bank, bank)
+    beside = track.with_ideal(np.full(len(bank), 2.0)).line(1.0)
+    share = beside.s / beside.length
+    np.testing.assert_allclose(beside.bank, 0.05 * np.sin(2.0 * np.pi * share), atol=2e-3)
+    np.testing.assert_allclose(beside.height, 2.0 * beside.bank, atol=1e-12)
+    np.testing.assert_allclose(track.mirrored().line(0.0).bank, -bank)

@@ -25,6 +25,7 @@ from bike_sim.vehicles.superbike import Superbike
 from bike_training import cli
 from bike_training.commands.lap import ALLOWED_EXCESS
 from bike_training.rollout.laps import ride_laps
+from tests.circuits import OVAL
 from tests.superbike.conftest import write_circuit
 
 
@@ -189,6 +190,27 @@ def test_laps_a_circuit_it_has_never_seen(tmp_path: Path, reverse: bool) -> None
     assert all(lap.valid for lap in ride.laps)
     assert ride.excess is not None
     assert 0.0 < ride.excess < ALLOWED_EXCESS
+
+
+@pytest.mark.parametrize("degrees", [-8, 4])
+def test_laps_banked_curves(tmp_path: Path, degrees: int) -> None:
+    """Planned as on a level road, curves whose outside is the lower side by 4 degrees threw every machine down."""
+    path = tmp_path / "oval.yaml"
+    path.write_text(f"{OVAL}banking_deg: [[0, {degrees}], [600, {degrees}]]\n", encoding="utf-8")
+    ride = ride_laps("panigale_v4r", path, 1, engine="compiled")
+    level = ride_laps("panigale_v4r", _level(tmp_path), 1, engine="compiled")
+    assert ride.end == level.end == "finished"
+    assert ride.excess is not None
+    assert ride.excess > 0.0
+    assert ride.passings == ()
+    times = [lapped.laps[0].duration for lapped in (ride, level)]
+    assert (times[0] > times[1]) == (degrees > 0)
+
+
+def _level(folder: Path) -> Path:
+    path = folder / "level.yaml"
+    path.write_text(OVAL, encoding="utf-8")
+    return path
 
 
 def test_a_start_line_in_a_bend_is_begun_slowly(tmp_path: Path) -> None:

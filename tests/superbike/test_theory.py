@@ -110,7 +110,7 @@ def test_envelope_shrinks_where_it_must(name: str) -> None:
 @given(st.floats(1e-4, 0.08), st.floats(-0.01, 0.008))
 def test_a_curve_over_a_crest_takes_all_that_there_is(bend: float, dip: float) -> None:
     """The speed fits the load that it has itself; over a crest, taking one from the other swings for ever."""
-    speed = corner_speed_of(LIMITS.limits, bend, dip)
+    speed = corner_speed_of(LIMITS.limits, bend, dip, 0.0)
     held = float(LIMITS.lateral(speed, 1.0 + dip * speed**2 / 9.81))
     if speed < LIMITS.speeds[-1]:
         assert held == pytest.approx(speed**2 * bend, abs=1e-5)

@@ -32,6 +32,8 @@ class RiderSettings:
             Larger, with a larger exponent, it brakes more in a moderate lean and less in the deepest, where a machine
             on the brake weaves.
         dip: part of the load of a dip that the plan counts on; the tyres have to take up the change first.
+        bank: part of banking that helps that the plan counts on: it has to be leaned for, and no rider may ask for more
+            than `largest_lean`. Banking that hinders counts in full.
         lean_rate: part of the lean rate that the rider can ask for.
         preview: time from steering to lean beyond the reference model's own, s.
         bandwidth: rate at which errors are ridden out, by the frequency of the virtual rider's reference.
@@ -53,6 +55,7 @@ class RiderSettings:
     brake_upright: float = 1.0
     brake_decline: float | None = None
     dip: float = 0.0
+    bank: float = 0.0
     lean_rate: float = 0.9
     preview: float = 0.16
     bandwidth: float = 0.55
@@ -67,7 +70,7 @@ class RiderSettings:
 
 
 CLASSICAL_SETTINGS: Final = RiderSettings(
-    lateral=0.92, brake=0.96, brake_upright=0.957, brake_exponent=3.2, brake_decline=0.8, dip=0.5
+    lateral=0.92, brake=0.96, brake_upright=0.957, brake_exponent=3.2, brake_decline=0.8, dip=0.5, bank=0.35
 )
 """How the classical rider rides, tuned on random circuits. The defaults above are not: others plan with them, whose
 plans a policy has learned to see."""
@@ -129,7 +132,9 @@ def plan_lap(vehicle: Superbike, line: Course, settings: RiderSettings, cap: Flo
         ValueError: the line is open.
     """
     crest = np.where(line.crest > 0.0, settings.dip * line.crest, line.crest)
-    return lap_limit(reserved(vehicle, settings), line, crest=crest, cap=cap)
+    across = line.slope_across
+    across = np.where(across * line.curvature > 0.0, across, settings.bank * across)
+    return lap_limit(reserved(vehicle, settings), line, crest=crest, cap=cap, bank=across)
 
 
 def smooth_around(values: FloatArray, spacing: float, distance: float) -> FloatArray:

@@ -48,6 +48,8 @@ class Course:
         width_right: distance from the line to the right limit, m, or None without limits.
         sections: name and first arc length (m) of each section, in order.
         height: of the road at the samples, m, or None on level ground.
+        bank: slope of the road across the line at the samples, positive rising to the left (rise per m), or None where
+            it is level across.
     """
 
     name: str
@@ -62,6 +64,7 @@ class Course:
     width_right: FloatArray | None = None
     sections: tuple[tuple[str, float], ...] = field(default=())
     height: FloatArray | None = None
+    bank: FloatArray | None = None
 
     def __post_init__(self) -> None:
         """Check what every query relies on.
@@ -75,6 +78,7 @@ class Course:
             raise ValueError(f"course {self.name!r} has {size} samples, at least 2 are needed")
         columns = {"x": self.x, "y": self.y, "heading": self.heading, "curvature": self.curvature}
         others = {"width_left": self.width_left, "width_right": self.width_right, "height": self.height}
+        others["bank"] = self.bank
         for label, column in {**columns, **others}.items():
             if column is None:
                 continue
@@ -114,6 +118,11 @@ class Course:
     def grade(self) -> FloatArray:
         """Slope of the road along the line, positive uphill (rise per m), at the samples."""
         return np.zeros(len(self.s)) if self.height is None else self._slope(self.height)
+
+    @property
+    def slope_across(self) -> FloatArray:
+        """Slope of the road across the line, positive rising to the left (rise per m), at the samples."""
+        return np.zeros(len(self.s)) if self.bank is None else self.bank
 
     @cached_property
     def crest(self) -> FloatArray:

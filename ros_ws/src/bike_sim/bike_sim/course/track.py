@@ -216,7 +216,7 @@ class Track:
         if not 0.0 <= lam <= 1.0:
             raise ValueError(f"interpolation parameter must be 0 (median) to 1 (ideal), got {lam!r}")
         if lam == 0.0:
-            return self._over_hills(self.centre, self.elevation)
+            return self._on_road(self.centre, self.elevation, self.bank)
         if self.ideal is None:
             raise ValueError(f"circuit {self.name!r} has no ideal line yet; bike_sim.course.racing_line computes it")
         return self._beside(lam * self.ideal, f"{self.name} ({'ideal' if lam == 1.0 else f'lambda {lam:g}'})")
@@ -242,11 +242,15 @@ class Track:
             width_right=np.maximum(self.at(self.width_right, there) + sideways, 0.0),
             sections=tuple((sector, float(np.interp(s, there, smooth.s))) for sector, s in self.sectors),
         )
-        return self._over_hills(line, self.at(self.elevation, there) + sideways * self.at(self.bank, there))
+        across = self.at(self.bank, there)
+        return self._on_road(line, self.at(self.elevation, there) + sideways * across, across)
 
-    def _over_hills(self, line: Course, height: FloatArray) -> Course:
-        """Return a line with the height of the road below it, m, or as it is on a level road."""
-        return replace(line, height=height) if np.any(height != height[0]) else line
+    def _on_road(self, line: Course, height: FloatArray, across: FloatArray) -> Course:
+        """Return a line with height (m) and slope across (rise per m) of the road below it, where it is not level."""
+        hilly, banked = bool(np.any(height != height[0])), bool(np.any(across))
+        if not (hilly or banked):
+            return line
+        return replace(line, height=height if hilly else None, bank=across if banked else None)
 
     def mirrored(self) -> Track:
         """Return the mirror image: left becomes right."""

@@ -12,7 +12,9 @@ What may still be faster than it for a moment, because it is not quasi-steady, i
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -103,6 +105,14 @@ class LapLimit:
         return np.asarray(np.interp(np.mod(s, self.s[-1]), self.s, self.speed))
 
 
+class _Road(NamedTuple):
+    """Under the points of a profile: slope along (rise per m), vertical curvature (1/m), slope across (rise per m)."""
+
+    slope: FloatArray
+    dip: FloatArray
+    bank: FloatArray
+
+
 def lap_limit(
     envelope: Envelope,
     line: Course,
@@ -110,6 +120,7 @@ def lap_limit(
     grade: FloatArray | None = None,
     crest: FloatArray | None = None,
     cap: FloatArray | None = None,
+    bank: FloatArray | None = None,
 ) -> LapLimit:
     """Return the theoretical lap of a machine on a closed line.
 
@@ -120,17 +131,20 @@ def lap_limit(
         grade: slope of the road at the line's samples, positive uphill; None for what the line says.
         crest: vertical curvature of the road there, 1/m, positive in a dip; None for what the line says.
         cap: largest speed that somebody wants at each point of the profile but the last, m/s, or None.
+        bank: slope of the road across the line at its samples, positive rising to the left (rise per m); None for
+            what the line says.
 
     Raises:
-        ValueError: the line is open, the step is not positive, the grade, the crest or the cap does not fit, or the
-            machine cannot move.
+        ValueError: the line is open, the step is not positive, the grade, the crest, the bank or the cap does not fit,
+            or the machine cannot move.
     """
     if not line.closed:
         raise ValueError(f"course {line.name!r} is open; a lap needs a closed line")
     grade, crest = line.grade if grade is None else grade, line.crest if crest is None else crest
+    bank = line.slope_across if bank is None else bank
     if not step > 0.0:
         raise ValueError(f"step of the profile must be positive, got {step!r} m")
-    for name, values in (("grade", grade), ("crest", crest)):
+    for name, values in (("grade", grade), ("crest", crest), ("bank", bank)):
         if len(values) != len(line.s):
             raise ValueError(f"{name} has {len(values)} samples, the line {len(line.s)}")
     if float(envelope.drive(envelope.speeds[0])) <= 0.0:
@@ -140,9 +154,9 @@ def lap_limit(
     cap = np.full(count, np.inf) if cap is None else cap
     if np.shape(cap) != (count,):
         raise ValueError(f"cap has shape {np.shape(cap)}, the profile {count} points")
-    slope, dip = (np.interp(s[:-1], line.s, values) for values in (grade, crest))
+    road = _Road(*(np.interp(s[:-1], line.s, values) for values in (grade, crest, bank)))
     bend = _mean_curvature(line, s)
-    path, speed, corner = _solve(envelope, bend, line.length / count, slope, dip, cap)
+    path, speed, corner = _solve(envelope, bend, line.length / count, road, cap)
     distance, moved = path.distance, speed * path.stretch
     closed = np.append(speed, speed[0])
     ahead = np.roll(moved, -1)
@@ -171,7 +185,7 @@ def lap_limit(
 
 
 def _solve(
-    envelope: Envelope, bend: FloatArray, step: float, slope: FloatArray, dip: FloatArray, cap: FloatArray
+    envelope: Envelope, bend: FloatArray, step: float, road: _Road, cap: FloatArray
 ) -> tuple[MassPath, FloatArray, FloatArray]:
     """Return the path of the mass, the speeds of the contact and those that cornering alone allows, m/s.
 
@@ -179,18 +193,18 @@ def _solve(
         envelope: the machine's.
         bend: curvature of the line at the points, 1/m.
         step: distance of the points, m.
-        slope: of the road.
-        dip: vertical curvature of the road, 1/m.
+        road: under the line.
         cap: of the speed, m/s.
     """
     limits, count = envelope.limits, len(bend)
+    slope, dip, bank = road
     model: LeanModel = lean_model(envelope)
     path = MassPath(bend, np.full(count, step), np.ones(count), slope, np.zeros(count), np.zeros(count))
     eased, before = np.full(count, np.inf), np.inf
     for number in range(ROUNDS):
         most = np.minimum(cap, eased) * path.stretch
-        corner = np.minimum(corner_speeds(path.bend, dip, limits), most)
-        moved = solve_profile(corner, path.bend, path.distance, path.slope, dip, path.roll_rate, limits)
+        corner = np.minimum(corner_speeds(path.bend, dip, bank, limits), most)
+        moved = solve_profile(corner, path.bend, path.distance, path.slope, dip, bank, path.roll_rate, limits)
         speed = moved / path.stretch
         spent = profile_time(moved, path.distance)
         if envelope.sway == 0.0 or (abs(spent - before) < CONVERGED * spent and number > 2):
@@ -233,24 +247,35 @@ def _mean_curvature(line: Course, s: FloatArray) -> FloatArray:
 
 
 @njit(cache=True)
-def _load(square: float, dip: float) -> float:
-    """Return the load at a squared speed on a road of this vertical curvature (1/m), 1 on level ground."""
-    return 1.0 + square * dip / GRAVITY
+def _load(square: float, bend: float, dip: float, bank: float) -> float:
+    """Return the load across the road at a squared speed, 1 on level ground."""
+    cosine = 1.0 / math.sqrt(1.0 + bank * bank)
+    return cosine * (1.0 + square * dip / GRAVITY) - bank * cosine * (square * bend) / GRAVITY
 
 
 @njit(cache=True)
-def corner_speed_of(limits: Limits, bend: float, dip: float) -> float:
+def _side(square: float, bend: float, dip: float, bank: float) -> float:
+    """Return the lateral acceleration that the tyres owe along the road at a squared speed, m/s^2, positive left.
+
+    Where the side that the machine turns to is the higher one (off-camber), gravity adds to the curve.
+    """
+    cosine = 1.0 / math.sqrt(1.0 + bank * bank)
+    return cosine * (square * bend) + bank * cosine * (GRAVITY + square * dip)
+
+
+@njit(cache=True)
+def corner_speed_of(limits: Limits, bend: float, dip: float, bank: float) -> float:
     """Return the largest speed at which the machine holds a curve, m/s."""
     highest = limits.first + limits.spacing * (limits.lateral.shape[1] - 1)
     low, high = 0.0, highest * highest
-    below, above = _spare(limits, low, bend, dip), _spare(limits, high, bend, dip)
+    below, above = _spare(limits, low, bend, dip, bank), _spare(limits, high, bend, dip, bank)
     if above >= 0.0:
         return highest
     # Illinois: false position that halves the value of an end which stays, so that both ends come together. Over a
     # crest the load falls with the speed, and taking the speed from the load before swings to and fro.
     for _ in range(_CORNER_ROUNDS):
         square = high - above * (high - low) / (above - below)
-        spare = _spare(limits, square, bend, dip)
+        spare = _spare(limits, square, bend, dip, bank)
         if abs(spare) < _CORNER_TOLERANCE:
             return square**0.5
         if spare > 0.0:
@@ -261,25 +286,28 @@ def corner_speed_of(limits: Limits, bend: float, dip: float) -> float:
 
 
 @njit(cache=True)
-def _spare(limits: Limits, square: float, bend: float, dip: float) -> float:
+def _spare(limits: Limits, square: float, bend: float, dip: float, bank: float) -> float:
     """Return the lateral acceleration that a curve at a squared speed leaves of the largest one, m/s^2."""
-    return most_lateral(limits, square**0.5, _load(square, dip)) - square * abs(bend)
+    most = most_lateral(limits, square**0.5, _load(square, bend, dip, bank))
+    return most - abs(_side(square, bend, dip, bank))
 
 
 @njit(cache=True)
-def _drive(limits: Limits, square: float, bend: float, dip: float, roll_rate: float) -> float:
-    return most_drive(limits, square**0.5, square * bend, _load(square, dip), roll_rate)
+def _drive(limits: Limits, square: float, bend: float, dip: float, bank: float, roll_rate: float) -> float:
+    load, side = _load(square, bend, dip, bank), _side(square, bend, dip, bank)
+    return most_drive(limits, square**0.5, side, load, roll_rate)
 
 
 @njit(cache=True)
-def _brake(limits: Limits, square: float, bend: float, dip: float) -> float:
-    return most_brake(limits, square**0.5, square * bend, _load(square, dip))
+def _brake(limits: Limits, square: float, bend: float, dip: float, bank: float) -> float:
+    load, side = _load(square, bend, dip, bank), _side(square, bend, dip, bank)
+    return most_brake(limits, square**0.5, side, load)
 
 
 @njit(cache=True)
 def driven(
     limits: Limits, square: float, bend: float, bend_ahead: float, distance: float, hill: float, dip: float,
-    roll_rate: float,
+    bank: float, roll_rate: float,
 ) -> float:  # fmt: skip
     """Return the squared speed that full drive reaches at the next point, by the midpoint rule in squared speed.
 
@@ -291,38 +319,40 @@ def driven(
         distance: to the next point, m.
         hill: deceleration by the slope of the road, m/s^2.
         dip: vertical curvature of the road, 1/m.
+        bank: slope of the road across, positive rising to the left.
         roll_rate: rad/s.
     """
-    push = _drive(limits, square, bend, dip, roll_rate) - hill
+    push = _drive(limits, square, bend, dip, bank, roll_rate) - hill
     half = max(square + push * distance, _STANDSTILL)
-    push = _drive(limits, half, 0.5 * (bend + bend_ahead), dip, roll_rate) - hill
+    push = _drive(limits, half, 0.5 * (bend + bend_ahead), dip, bank, roll_rate) - hill
     return max(square + 2.0 * push * distance, _STANDSTILL)
 
 
 @njit(cache=True)
 def braked(
-    limits: Limits, square: float, bend: float, bend_behind: float, distance: float, hill: float, dip: float
-) -> float:
+    limits: Limits, square: float, bend: float, bend_behind: float, distance: float, hill: float, dip: float,
+    bank: float,
+) -> float:  # fmt: skip
     """Return the squared speed at the point before from which full braking reaches this one; see :func:`driven`."""
-    pull = _brake(limits, square, bend, dip) + hill
+    pull = _brake(limits, square, bend, dip, bank) + hill
     half = max(square + pull * distance, _STANDSTILL)
-    pull = _brake(limits, half, 0.5 * (bend + bend_behind), dip) + hill
+    pull = _brake(limits, half, 0.5 * (bend + bend_behind), dip, bank) + hill
     return max(square + 2.0 * pull * distance, _STANDSTILL)
 
 
 @njit(cache=True)
-def corner_speeds(bend: np.ndarray, dip: np.ndarray, limits: Limits) -> np.ndarray:
-    """Return the speeds that cornering alone allows at curvatures (1/m), m/s."""
+def corner_speeds(bend: np.ndarray, dip: np.ndarray, bank: np.ndarray, limits: Limits) -> np.ndarray:
+    """Return the speeds that cornering alone allows at curvatures (1/m) of a road, m/s."""
     corner = np.empty(len(bend))
     for i in range(len(bend)):
-        corner[i] = corner_speed_of(limits, bend[i], dip[i])
+        corner[i] = corner_speed_of(limits, bend[i], dip[i], bank[i])
     return corner
 
 
 @njit(cache=True)
 def solve_profile(
     corner: np.ndarray, bend: np.ndarray, distance: np.ndarray, slope: np.ndarray, dip: np.ndarray,
-    roll_rate: np.ndarray, limits: Limits,
+    bank: np.ndarray, roll_rate: np.ndarray, limits: Limits,
 ) -> np.ndarray:  # fmt: skip
     """Return the largest speeds over a closed line, m/s.
 
@@ -332,6 +362,7 @@ def solve_profile(
         distance: from each point to the next, m.
         slope: of the road at the points, positive uphill.
         dip: vertical curvature of the road, 1/m, positive in a dip.
+        bank: slope of the road across, positive rising to the left.
         roll_rate: that the electronics answer, rad/s.
         limits: of the machine.
     """
@@ -342,13 +373,14 @@ def solve_profile(
     for k in range(slowest, slowest + 2 * n):
         i, j = k % n, (k + 1) % n
         hill, lying = GRAVITY * 0.5 * (slope[i] + slope[j]), 0.5 * (dip[i] + dip[j])
-        rate = 0.5 * (roll_rate[i] + roll_rate[j])
-        reached = driven(limits, square[i], bend[i], bend[j], distance[i], hill, lying, rate)
+        tilt, rate = 0.5 * (bank[i] + bank[j]), 0.5 * (roll_rate[i] + roll_rate[j])
+        reached = driven(limits, square[i], bend[i], bend[j], distance[i], hill, lying, tilt, rate)
         square[j] = min(square[j], reached)
     for k in range(slowest + 2 * n, slowest, -1):
         i, j = k % n, (k - 1) % n
         hill, lying = GRAVITY * 0.5 * (slope[i] + slope[j]), 0.5 * (dip[i] + dip[j])
-        square[j] = min(square[j], braked(limits, square[i], bend[i], bend[j], distance[j], hill, lying))
+        tilt = 0.5 * (bank[i] + bank[j])
+        square[j] = min(square[j], braked(limits, square[i], bend[i], bend[j], distance[j], hill, lying, tilt))
     return np.sqrt(square)
 
 

@@ -101,7 +101,7 @@ def with_fastest_line(
     for start in (gentle, smooth, fastest_offsets(stations, limits, smooth, roll_cost)):
         offset = at_samples(track, stations, start)
         # lines are computed for a level road: hills and banking move the best one by little
-        time = lap_limit(envelope, replace(track.with_ideal(offset).line(1.0), height=None)).lap_time
+        time = lap_limit(envelope, replace(track.with_ideal(offset).line(1.0), height=None, bank=None)).lap_time
         if time < shortest:
             best, shortest = offset, time
     return track.with_ideal(best)
@@ -211,8 +211,8 @@ def polygon_time(stations: Stations, offset: FloatArray, limits: Limits) -> floa
     """Return the lap time on the polygon of stations at offsets (m), s."""
     bend, distance = _shape(stations, offset)
     flat = np.zeros(stations.count)
-    corner = _HELD * corner_speeds(bend, flat, limits)
-    speed = solve_profile(corner, bend, distance, flat, flat, flat, limits)
+    corner = _HELD * corner_speeds(bend, flat, flat, limits)
+    speed = solve_profile(corner, bend, distance, flat, flat, flat, flat, limits)
     return float(profile_time(speed, distance))
 
 
@@ -248,19 +248,20 @@ def _adjoint(bend: np.ndarray, distance: np.ndarray, limits: Limits) -> tuple[np
     the derivatives run back through both passes (reverse accumulation).
     """
     n = len(bend)
-    corner = _HELD * corner_speeds(bend, np.zeros(n), limits)
+    level = np.zeros(n)
+    corner = _HELD * corner_speeds(bend, level, level, limits)
     slowest = np.argmin(corner)
     square = corner**2
     driving, braking = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
     for k in range(slowest, slowest + 2 * n):
         i, j = k % n, (k + 1) % n
-        reached = driven(limits, square[i], bend[i], bend[j], distance[i], 0.0, 0.0, 0.0)
+        reached = driven(limits, square[i], bend[i], bend[j], distance[i], 0.0, 0.0, 0.0, 0.0)
         if reached < square[j]:
             square[j], driving[j] = reached, True
     forward = square.copy()
     for k in range(slowest + 2 * n, slowest, -1):
         i, j = k % n, (k - 1) % n
-        reached = braked(limits, square[i], bend[i], bend[j], distance[j], 0.0, 0.0)
+        reached = braked(limits, square[i], bend[i], bend[j], distance[j], 0.0, 0.0, 0.0)
         if reached < square[j]:
             square[j], braking[j] = reached, True
     speed = np.sqrt(square)
@@ -293,7 +294,7 @@ def _adjoint(bend: np.ndarray, distance: np.ndarray, limits: Limits) -> tuple[np
             by_distance[i] += pull * d[3]
     for i in range(n):
         h = 1e-4 * abs(bend[i]) + 1e-9
-        more, less = corner_speed_of(limits, bend[i] + h, 0.0), corner_speed_of(limits, bend[i] - h, 0.0)
+        more, less = corner_speed_of(limits, bend[i] + h, 0.0, 0.0), corner_speed_of(limits, bend[i] - h, 0.0, 0.0)
         by_bend[i] += by_square[i] * _HELD**2 * (more * more - less * less) / (2.0 * h)
     return by_bend, by_distance, spent
 
@@ -301,8 +302,8 @@ def _adjoint(bend: np.ndarray, distance: np.ndarray, limits: Limits) -> tuple[np
 @njit(cache=True)
 def _reached(limits: Limits, square: float, bend: float, other: float, distance: float, forward: bool) -> float:
     if forward:
-        return driven(limits, square, bend, other, distance, 0.0, 0.0, 0.0)
-    return braked(limits, square, bend, other, distance, 0.0, 0.0)
+        return driven(limits, square, bend, other, distance, 0.0, 0.0, 0.0, 0.0)
+    return braked(limits, square, bend, other, distance, 0.0, 0.0, 0.0)
 
 
 @njit(cache=True)
