@@ -73,6 +73,19 @@ def test_refinement_draws_both_kinds_of_rides_and_never_the_hard_lane_change():
     assert len({request.seed for request in requests}) == len(requests)
 
 
+def test_half_of_the_last_part_may_be_fast_and_sharp():
+    """Its validations stay those of the paper."""
+    plain, sharp = PartsCurriculum(refine=True), PartsCurriculum(refine=True, sharp=True)
+    for step in (1, 20_000, 40_000, 60_000):
+        for at in (step - 1, step + TRANSITION_STEPS // 2):
+            assert sharp.episodes(at).also == ((FAST_AND_SHARP,) if sharp.part >= 4 else plain.episodes(at).also)
+            assert sharp.episodes(at).paths == plain.episodes(at).paths
+            assert sharp.validation() == plain.validation()
+        assert plain.validated(step, GOOD)
+        assert sharp.validated(step, GOOD)
+    assert sharp.episodes(60_000 + TRANSITION_STEPS) == REFINEMENT
+
+
 def test_ranges_without_others_draw_no_choice():
     """So that runs without refinement stay the runs that they were."""
     ranges = PartsCurriculum().episodes(0)

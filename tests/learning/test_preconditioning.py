@@ -12,7 +12,7 @@ from bike_sim.sim.config import SimulatorConfig
 from bike_training.curricula.parts import PartsCurriculum
 from bike_training.envs.vec_env import BatchVecEnv
 from bike_training.learning.learner import actor_tensors, build_model
-from bike_training.learning.preconditioning import coordinates
+from bike_training.learning.preconditioning import coordinates, shown
 from bike_training.learning.presets import FAST, PRESETS
 from bike_training.tasks.path import TASKS
 
@@ -39,20 +39,47 @@ def test_only_paths_and_only_one_learner() -> None:
         coordinates(PRESETS["race"].task.make().layout)
     with pytest.raises(ValueError, match="needs learner=sbx, not sb3"):
         build_model(PRESETS["paper"].override({"precondition": "true"}), TASKS["prop"], None, 0)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="critic_only=roll needs learner=sbx, not sb3"):
+        build_model(PRESETS["paper"].override({"critic_only": "roll"}), TASKS["prop"], None, 0)  # type: ignore[arg-type]
 
 
-def test_the_deployed_actor_answers_as_the_one_that_learns() -> None:
+def test_what_is_hidden_is_named_by_numbers_or_blocks() -> None:
+    layout = PRESETS["race"].task.make().layout
+    rows = shown(layout, "slips,front_load_n")
+    hidden = [name for name, seen in zip(layout.names, rows, strict=True) if not seen]
+    assert hidden == ["rear_slip", "front_slip", "front_load_n"]
+    assert shown(layout, "").all()
+    assert shown(PROP_LAYOUT, "roll").sum() == PROP_LAYOUT.size - 1
+    with pytest.raises(ValueError, match="hide 'tires'; the observation has"):
+        shown(layout, "slips,tires")
+    with pytest.raises(ValueError, match="hide all of the observation"):
+        shown(layout, ",".join(layout.blocks))
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"precondition": "true"},
+        {"critic_only": "roll,steer"},
+        {"precondition": "true", "critic_only": "roll", "unseen": "steer"},
+    ],
+)
+def test_the_deployed_actor_answers_as_the_one_that_learns(settings: dict[str, str]) -> None:
     pytest.importorskip("sbx")
     task = TASKS["prop"]
-    preset = FAST.override({"precondition": "true", "environments": "2", "buffer_size": "100", "layers": "16,16"})
+    preset = FAST.override({"environments": "2", "buffer_size": "100", "layers": "16,16", **settings})
     episodes = PartsCurriculum().episodes(0)
     env = BatchVecEnv(2, task, episodes, SimulatorConfig(engine=COMPILED_ENGINE, time_step=0.01), 0)
     try:
         model = build_model(preset, task, env, 3)
         observations = env.reset()
         wanted, _ = model.predict(observations, deterministic=True)
-        found = Actor(*actor_tensors(model)).act_batch(observations)
+        weights, biases = actor_tensors(model)
+        found = Actor(weights, biases).act_batch(observations)
     finally:
         env.close()
+    hidden = shown(task.layout, f"{preset.critic_only},{preset.unseen}") == 0.0
+    assert not weights[0][:, hidden].any()
+    assert weights[0][:, ~hidden].any(axis=0).all()
     assert np.abs(wanted).max() > 1e-3
     assert found == pytest.approx(wanted, abs=1e-5)

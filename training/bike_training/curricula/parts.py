@@ -85,9 +85,11 @@ class PartsCurriculum:
         entered_at: learning step at which the part began.
         finished_at: learning step at which the last part was passed, or None.
         refine: whether the intervals grow into REFINEMENT afterwards; otherwise they stay those of part 4.
+        sharp: whether half of the rides of part 4 are FAST_AND_SHARP.
     """
 
     refine: bool = False
+    sharp: bool = False
     part: int = 1
     entered_at: int = 0
     finished_at: int | None = None
@@ -107,13 +109,16 @@ class PartsCurriculum:
     def episodes(self, step: int) -> RideRanges:
         """Return the intervals at a learning step, growing linearly after a new part began."""
         stages = [RideRanges(*stage) for stage in zip(SPEED_RANGES, CURRICULUM_PATHS, strict=True)]
+        if self.sharp:
+            stages[-1] = replace(stages[-1], also=(FAST_AND_SHARP,))
         stages.append(REFINEMENT if self.refine else stages[-1])
         if self.part == 1:
             return stages[0]
         share = (step - self.entered_at) / TRANSITION_STEPS
         if share >= 1.0:
             return stages[self.part - 1]
-        return _ranges_between(stages[self.part - 2], stages[self.part - 1], share)
+        growing = _ranges_between(stages[self.part - 2], stages[self.part - 1], share)
+        return replace(growing, also=stages[self.part - 1].also if self.sharp else ())
 
     def validation(self) -> RideRanges:
         """Return the intervals of validation rides: those of the present part, at most of the last."""

@@ -23,6 +23,9 @@ class Algorithm:
         layers: hidden layers of actor and critics.
         layer_norm: normalise the critics' hidden layers (sbx only).
         precondition: networks see observations in coordinates of order one, see `preconditioning` (sbx only).
+        critic_only: what of the observation the critics see and the actor does not: names of numbers or blocks, with
+            commas between them (sbx only).
+        unseen: what neither sees, named likewise: what learning is worth without it (sbx only).
         batch_size: transitions of an update.
         learning_rate: of actor, critics and temperature.
         final_learning_rate: reached linearly at the end of the run.
@@ -44,6 +47,8 @@ class Algorithm:
     layers: tuple[int, ...] = (256, 256)
     layer_norm: bool = False
     precondition: bool = False
+    critic_only: str = ""
+    unseen: str = ""
     batch_size: int = 256
     learning_rate: float = 3e-4
     final_learning_rate: float = 3e-4

@@ -72,8 +72,11 @@ def build_model(algorithm: Algorithm, task: Task, env: VecEnv, seed: int) -> Off
     Raises:
         ValueError: a setting that this learner or this task has not.
     """
-    if algorithm.precondition and algorithm.learner != "sbx":
-        raise ValueError(f"preset setting precondition=True needs learner=sbx, not {algorithm.learner}")
+    for name in ("precondition", "critic_only", "unseen"):
+        if getattr(algorithm, name) and algorithm.learner != "sbx":
+            raise ValueError(
+                f"preset setting {name}={getattr(algorithm, name)} needs learner=sbx, not {algorithm.learner}"
+            )
     buffer: dict[str, Any] = {}
     if algorithm.mirror:
         buffer = {
@@ -105,11 +108,10 @@ def build_model(algorithm: Algorithm, task: Task, env: VecEnv, seed: int) -> Off
         return SAC("MlpPolicy", env, device="cpu", **common)
     from sbx import SAC as JaxSAC
 
-    from bike_training.learning.preconditioning import preconditioned_networks
+    from bike_training.learning.preconditioning import networks
 
     common["policy_kwargs"]["layer_norm"] = algorithm.layer_norm
-    if algorithm.precondition:
-        common["policy_kwargs"] |= preconditioned_networks(task.layout)
+    common["policy_kwargs"] |= networks(task.layout, algorithm.precondition, algorithm.critic_only, algorithm.unseen)
     return JaxSAC("MlpPolicy", env, policy_delay=algorithm.policy_delay, **common)
 
 

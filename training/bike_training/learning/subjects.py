@@ -119,12 +119,14 @@ class PartsSettings:
     Attributes:
         curriculum: its name.
         refine: ride beyond the intervals of the last part once it is finished.
+        sharp: half of the rides of the last part are fast ones with sharp transfers, which its intervals seldom have.
         validate_every: least learning steps between two validations.
         select_every: learning steps between two comparisons of actors once the curriculum is finished.
     """
 
     curriculum: str = "parts"
     refine: bool = False
+    sharp: bool = False
     validate_every: int = 4000
     select_every: int = 10_000
 
@@ -141,7 +143,7 @@ class PartsSettings:
 
     def make(self, vehicle: Vehicle) -> Curriculum:
         """Return the curriculum at its beginning."""
-        return PartsCurriculum(self.refine)
+        return PartsCurriculum(self.refine, self.sharp)
 
 
 @dataclass(frozen=True, kw_only=True)
