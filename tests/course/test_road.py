@@ -154,3 +154,14 @@ def test_lines_know_the_banking_below_them(shapes: Any) -> None:
     np.testing.assert_allclose(beside.bank, 0.05 * np.sin(2.0 * np.pi * share), atol=2e-3)
     np.testing.assert_allclose(beside.height, 2.0 * beside.bank, atol=1e-12)
     np.testing.assert_allclose(track.mirrored().line(0.0).bank, -bank)
+
+
+def test_lines_know_where_they_are_wet(shapes: Any) -> None:
+    level = shapes.oval()
+    assert level.line(0.0).grip is None
+    wet = RoadSurface(wet=(WetPatch(50.0, 80.0, 0.6), WetPatch(level.length - 20.0, 10.0, 0.8)))
+    line = replace(level, surface=wet).with_ideal(np.full(len(level.centre.s), 1.0)).line(1.0)
+    places = line.s / line.length * level.length  # to a metre: offset lines are shorter
+    for begin, end, grip in ((52.0, 78.0, 0.6), (0.0, 8.0, 0.8), (12.0, 48.0, 1.0)):
+        assert (line.grip[(places > begin) & (places < end)] == grip).all()
+    assert line.height is None

@@ -5,7 +5,13 @@ import pytest
 
 from bike_sim.course.random_paths import CURRICULUM_PATHS
 from bike_sim.sim.request import Preview
-from bike_training.curricula.parts import FAST_AND_SHARP, REFINEMENT, TRANSITION_STEPS, PartsCurriculum
+from bike_training.curricula.parts import (
+    FAST_AND_SHARP,
+    REFINEMENT,
+    SLOW_AND_SHARP,
+    TRANSITION_STEPS,
+    PartsCurriculum,
+)
 
 GOOD = [0.05] * 10
 BAD = [0.05] * 9 + [0.06]  # eta_e is 0.2 / 3.5 = 0.0571
@@ -73,12 +79,14 @@ def test_refinement_draws_both_kinds_of_rides_and_never_the_hard_lane_change():
     assert len({request.seed for request in requests}) == len(requests)
 
 
-def test_half_of_the_last_part_may_be_fast_and_sharp():
+def test_the_last_part_may_draw_fast_and_slow_sharp_rides():
     """Its validations stay those of the paper."""
     plain, sharp = PartsCurriculum(refine=True), PartsCurriculum(refine=True, sharp=True)
     for step in (1, 20_000, 40_000, 60_000):
         for at in (step - 1, step + TRANSITION_STEPS // 2):
-            assert sharp.episodes(at).also == ((FAST_AND_SHARP,) if sharp.part >= 4 else plain.episodes(at).also)
+            assert sharp.episodes(at).also == (
+                (FAST_AND_SHARP, SLOW_AND_SHARP) if sharp.part >= 4 else plain.episodes(at).also
+            )
             assert sharp.episodes(at).paths == plain.episodes(at).paths
             assert sharp.validation() == plain.validation()
         assert plain.validated(step, GOOD)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -190,6 +190,13 @@ def test_what_a_reset_leaves_open_is_the_simulators_own() -> None:
 def test_courses_survive(name: str) -> None:
     course = load_course(name)
     assert_same(messages.course_from_message(over_the_wire(messages.course_to_message(course, 1, 0))), course)
+
+
+def test_the_road_below_a_line_survives() -> None:
+    plain = load_course("circle")
+    grip = np.where(plain.s < 10.0, 0.6, 1.0)
+    road = replace(plain, height=np.sin(plain.s / 9.0), bank=0.05 * np.cos(plain.s / 9.0), grip=grip)
+    assert_same(messages.course_from_message(over_the_wire(messages.course_to_message(road, 1, 0))), road)
 
 
 def test_limits_run_beside_the_line(ridden: tuple[Simulator, list[Snapshot]]) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bike_policy.riders.classical import LineController, Seen
-from bike_policy.riders.lap_plan import CLASSICAL_SETTINGS, reserved
+from bike_policy.riders.lap_plan import CLASSICAL_SETTINGS, plan_lap, reserved
 from bike_policy.riders.line_law import P_SPEED
 from bike_sim.course.course import Course
 from bike_sim.physics import state as st
@@ -205,6 +205,16 @@ def test_laps_banked_curves(tmp_path: Path, degrees: int) -> None:
     assert ride.passings == ()
     times = [lapped.laps[0].duration for lapped in (ride, level)]
     assert (times[0] > times[1]) == (degrees > 0)
+
+
+def test_rehearses_on_the_wet(panigale: Superbike, tmp_path: Path) -> None:
+    """A curve with three quarters of the friction throws a rider down who knows only of dry roads."""
+    path = tmp_path / "oval.yaml"
+    path.write_text(f"{OVAL}wet:\n  - {{from_m: 400, to_m: 450, grip: 0.75}}\n", encoding="utf-8")
+    ride = ride_laps("panigale_v4r", path, 1, engine="compiled")
+    assert ride.end == "finished"
+    assert ride.plan is not None
+    assert ride.plan.lap_time > 1.005 * plan_lap(panigale, ride.track.line(1.0), CLASSICAL_SETTINGS).lap_time
 
 
 def _level(folder: Path) -> Path:

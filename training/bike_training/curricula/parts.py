@@ -68,6 +68,7 @@ class RideRanges:
 
 
 FAST_AND_SHARP: Final = RideRanges((5.5, 7.3), PathRanges(7.5, 14.0, 11.0, 14.0, 3.0, 7.0))
+SLOW_AND_SHARP: Final = RideRanges((1.8, 3.0), FAST_AND_SHARP.paths)
 REFINEMENT: Final = RideRanges((1.8, 7.3), PathRanges(7.5, 14.0, 11.0, 22.0, 2.0, 8.0), (FAST_AND_SHARP,))
 """Optional rides after the curriculum. Not from the paper.
 
@@ -85,7 +86,7 @@ class PartsCurriculum:
         entered_at: learning step at which the part began.
         finished_at: learning step at which the last part was passed, or None.
         refine: whether the intervals grow into REFINEMENT afterwards; otherwise they stay those of part 4.
-        sharp: whether half of the rides of part 4 are FAST_AND_SHARP.
+        sharp: whether a third of the rides of part 4 each are FAST_AND_SHARP and SLOW_AND_SHARP.
     """
 
     refine: bool = False
@@ -110,7 +111,7 @@ class PartsCurriculum:
         """Return the intervals at a learning step, growing linearly after a new part began."""
         stages = [RideRanges(*stage) for stage in zip(SPEED_RANGES, CURRICULUM_PATHS, strict=True)]
         if self.sharp:
-            stages[-1] = replace(stages[-1], also=(FAST_AND_SHARP,))
+            stages[-1] = replace(stages[-1], also=(FAST_AND_SHARP, SLOW_AND_SHARP))
         stages.append(REFINEMENT if self.refine else stages[-1])
         if self.part == 1:
             return stages[0]

@@ -119,7 +119,8 @@ class PartsSettings:
     Attributes:
         curriculum: its name.
         refine: ride beyond the intervals of the last part once it is finished.
-        sharp: half of the rides of the last part are fast ones with sharp transfers, which its intervals seldom have.
+        sharp: a third of the rides of the last part each are fast and slow ones with sharp transfers, which are rare in
+            its intervals.
         validate_every: least learning steps between two validations.
         select_every: learning steps between two comparisons of actors once the curriculum is finished.
     """

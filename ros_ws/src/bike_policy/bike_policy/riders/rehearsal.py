@@ -5,7 +5,7 @@ hop by hop, leaves of that depends on the whole motion; it is found by riding. A
 went wrong in a lap corrects the next one at the same place; here only the speed is corrected, and only downwards, so a
 plan that rides well stays what it is, bit for bit.
 
-The road is the followed line's: its hills, banking and limits. Bumps, wet patches and wind are not in a line, so a
+The road is the followed line's: its hills, banking, wet patches and limits. Bumps and wind are not in a line, so a
 rehearsal knows nothing of them; the plan is ridden a little faster than it will be instead.
 """
 
@@ -27,7 +27,7 @@ from bike_policy.riders.lap_plan import RiderSettings
 from bike_policy.riders.line_law import LineLaw, LinePlan, plan_line, seen_of
 from bike_sim import course, physics, sim
 from bike_sim.course.course import Course
-from bike_sim.course.road import RoadSurface
+from bike_sim.course.road import RoadSurface, WetPatch
 from bike_sim.course.track import Track
 from bike_sim.physics.superbike_engine import TIME_STEP
 from bike_sim.sim import look as lk
@@ -156,7 +156,7 @@ def rehearsal_key(vehicle: Superbike, line: Course, plan: LinePlan, rider: bytes
     with np.printoptions(threshold=sys.maxsize, floatmode="unique"):
         digest.update(repr(vehicle).encode())
     digest.update(rider)
-    for values in (line.table, line.height, line.bank, line.width_left, line.width_right, plan.table):
+    for values in (line.table, line.height, line.bank, line.grip, line.width_left, line.width_right, plan.table):
         digest.update(b"none" if values is None else np.ascontiguousarray(values).tobytes())
     return digest.hexdigest()[:32]
 
@@ -262,12 +262,20 @@ def _start(profile: LapLimit, place: float) -> ResetRequest:
 
 
 def _circuit_of(line: Course) -> Track:
-    """Return a line as a circuit of its own, with its limits, hills and banking."""
+    """Return a line as a circuit of its own, with its limits and the road below it."""
     far = np.full(len(line.s), FAR)
     left, right = (far if width is None else width for width in (line.width_left, line.width_right))
     hills = np.zeros(len(line.s)) if line.height is None else line.height
-    surface = RoadSurface(bank=line.bank)
+    surface = RoadSurface(bank=line.bank, wet=() if line.grip is None else _wet_patches(line.s, line.grip))
     return Track(replace(line, width_left=left, width_right=right), hills, far, far, surface=surface)
+
+
+def _wet_patches(s: FloatArray, grip: FloatArray) -> tuple[WetPatch, ...]:
+    """Return the stretches of a line (m) on which one factor on friction other than 1 holds."""
+    begins = np.flatnonzero(np.diff(grip, prepend=np.nan) != 0.0)
+    ends = np.append(s[begins[1:]], s[-1] + 1.0)
+    found = zip(s[begins].tolist(), ends.tolist(), grip[begins].tolist(), strict=True)
+    return tuple(WetPatch(begin, end, factor) for begin, end, factor in found if factor != 1.0)
 
 
 def _gentle_places(profile: LapLimit, count: int) -> FloatArray:

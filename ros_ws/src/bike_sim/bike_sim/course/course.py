@@ -50,6 +50,7 @@ class Course:
         height: of the road at the samples, m, or None on level ground.
         bank: slope of the road across the line at the samples, positive rising to the left (rise per m), or None where
             it is level across.
+        grip: factor on friction at the samples, 1 on a dry road, or None where it is dry everywhere.
     """
 
     name: str
@@ -65,6 +66,7 @@ class Course:
     sections: tuple[tuple[str, float], ...] = field(default=())
     height: FloatArray | None = None
     bank: FloatArray | None = None
+    grip: FloatArray | None = None
 
     def __post_init__(self) -> None:
         """Check what every query relies on.
@@ -78,7 +80,7 @@ class Course:
             raise ValueError(f"course {self.name!r} has {size} samples, at least 2 are needed")
         columns = {"x": self.x, "y": self.y, "heading": self.heading, "curvature": self.curvature}
         others = {"width_left": self.width_left, "width_right": self.width_right, "height": self.height}
-        others["bank"] = self.bank
+        others |= {"bank": self.bank, "grip": self.grip}
         for label, column in {**columns, **others}.items():
             if column is None:
                 continue

@@ -166,6 +166,13 @@ class RoadSurface:
                 f"the road is banked by {math.degrees(math.atan(steepest)):.0f} deg; at most 45 are possible"
             )
 
+    def grip(self, s: FloatArray) -> FloatArray:
+        """Return the factor on friction at places of a lap, m: 1 where it is dry."""
+        found = np.ones(len(s))
+        for patch in self.wet:
+            found[between(s, patch.begin, patch.end)] = patch.grip
+        return found
+
     def mirrored(self) -> RoadSurface:
         """Return the surface of the mirrored circuit: left becomes right."""
         other = {"left": "right", "right": "left", "both": "both"}

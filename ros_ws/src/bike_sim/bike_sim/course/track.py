@@ -216,7 +216,7 @@ class Track:
         if not 0.0 <= lam <= 1.0:
             raise ValueError(f"interpolation parameter must be 0 (median) to 1 (ideal), got {lam!r}")
         if lam == 0.0:
-            return self._on_road(self.centre, self.elevation, self.bank)
+            return _on_road(self.centre, self.elevation, self.bank, self.surface.grip(self.centre.s))
         if self.ideal is None:
             raise ValueError(f"circuit {self.name!r} has no ideal line yet; bike_sim.course.racing_line computes it")
         return self._beside(lam * self.ideal, f"{self.name} ({'ideal' if lam == 1.0 else f'lambda {lam:g}'})")
@@ -243,14 +243,7 @@ class Track:
             sections=tuple((sector, float(np.interp(s, there, smooth.s))) for sector, s in self.sectors),
         )
         across = self.at(self.bank, there)
-        return self._on_road(line, self.at(self.elevation, there) + sideways * across, across)
-
-    def _on_road(self, line: Course, height: FloatArray, across: FloatArray) -> Course:
-        """Return a line with height (m) and slope across (rise per m) of the road below it, where it is not level."""
-        hilly, banked = bool(np.any(height != height[0])), bool(np.any(across))
-        if not (hilly or banked):
-            return line
-        return replace(line, height=height if hilly else None, bank=across if banked else None)
+        return _on_road(line, self.at(self.elevation, there) + sideways * across, across, self.surface.grip(there))
 
     def mirrored(self) -> Track:
         """Return the mirror image: left becomes right."""
@@ -289,6 +282,21 @@ class Track:
     def crest(self) -> FloatArray:
         """Change of the grade along the centre line, 1/m, negative over a crest, at the samples."""
         return slope_of(self.grade, self.centre.spacing)
+
+
+def _on_road(line: Course, height: FloatArray, across: FloatArray, grip: FloatArray) -> Course:
+    """Return a line with the road below it where that is not level or not dry.
+
+    Args:
+        line: of which nothing is said yet.
+        height: of the road at its samples, m.
+        across: its slope to the left, rise per m.
+        grip: factor on friction.
+    """
+    hilly, banked, wet = bool(np.any(height != height[0])), bool(np.any(across)), bool(np.any(grip != 1.0))
+    if not (hilly or banked or wet):
+        return line
+    return replace(line, height=height if hilly else None, bank=across if banked else None, grip=grip if wet else None)
 
 
 def slope_of(column: FloatArray, spacing: float) -> FloatArray:

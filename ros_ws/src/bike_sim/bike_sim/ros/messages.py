@@ -183,7 +183,7 @@ def course_to_message(course: Course, episode: int, stamp: int) -> CourseMessage
     message.closed = course.closed
     message.length = course.length
     message.off_course_limit = float(course.off_course_limit)
-    for name in ("s", "x", "y", "heading", "curvature", "width_left", "width_right", "height"):
+    for name in ("s", "x", "y", "heading", "curvature", "width_left", "width_right", "height", "bank", "grip"):
         column = getattr(course, name)
         if column is not None:
             setattr(message, name, _floats(column))
@@ -211,6 +211,8 @@ def course_from_message(message: CourseMessage) -> Course:
         width_right=np.array(message.width_right) if message.width_right else None,
         sections=tuple(zip(message.section_names, message.section_starts, strict=True)),
         height=np.array(message.height) if message.height else None,
+        bank=np.array(message.bank) if message.bank else None,
+        grip=np.array(message.grip) if message.grip else None,
     )
 
 

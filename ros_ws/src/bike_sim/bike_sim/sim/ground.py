@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from bike_sim.course.bumps import CLASSES, REFERENCE, bump_profile
-from bike_sim.course.road import GRASS_STRIP, RunOffKind, Wind, between, run_off_kinds
+from bike_sim.course.road import GRASS_STRIP, RunOffKind, Wind, run_off_kinds
 from bike_sim.course.track import Track, slope_of
 from bike_sim.physics.ground import BUMP_SAMPLES, BUMP_SPACING
 
@@ -87,13 +87,10 @@ class Road(NamedTuple):
 def road_of(track: Track) -> Road:
     """Return a circuit's road."""
     centre, surface = track.centre, track.surface
-    grip = np.ones(len(centre.s))
-    for patch in surface.wet:
-        grip[between(centre.s, patch.begin, patch.end)] = patch.grip
     columns = [
         centre.heading, centre.curvature, track.elevation, track.grade, track.crest, track.bank,
-        slope_of(track.bank, centre.spacing), grip, track.width_left, track.width_right, *track.walls(),
-        *run_off_kinds(centre.s, (track.run_off_left, track.run_off_right), surface.run_off),
+        slope_of(track.bank, centre.spacing), surface.grip(centre.s), track.width_left, track.width_right,
+        *track.walls(), *run_off_kinds(centre.s, (track.run_off_left, track.run_off_right), surface.run_off),
     ]  # fmt: skip
     facts = np.zeros(1, dtype=FACTS)
     # the profile fits into a lap a whole number of times, so that every lap has the same bumps and none has a step
