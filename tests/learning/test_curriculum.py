@@ -94,6 +94,17 @@ def test_the_last_part_may_draw_fast_and_slow_sharp_rides():
     assert sharp.episodes(60_000 + TRANSITION_STEPS) == REFINEMENT
 
 
+def test_the_last_part_may_be_validated_at_even_speeds():
+    """Ten random speeds leave the slowest and the fastest out now and then."""
+    curriculum = PartsCurriculum(last_speeds=21)
+    for step in (1, 20_000, 40_000, 60_000):
+        requests = curriculum.validation_requests(Preview(), np.random.default_rng(0))
+        assert len(requests) == (21 if curriculum.part == 4 else 10)
+        curriculum.validated(step, GOOD)
+    assert [request.speed_range for request in requests] == [(v, v) for v in np.linspace(2.0, 7.0, 21)]
+    assert len({request.seed for request in requests}) == 21
+
+
 def test_ranges_without_others_draw_no_choice():
     """So that runs without refinement stay the runs that they were."""
     ranges = PartsCurriculum().episodes(0)

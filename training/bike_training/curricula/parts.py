@@ -23,7 +23,7 @@ TRANSITION_STEPS: Final = 10_000
 """n_dec: learning steps over which the intervals grow into those of the next part."""
 
 VALIDATION_RIDES: Final = 10
-"""Rides of a validation (Sect. 4.2)."""
+"""Rides of a validation (Sect. 4.2), as published."""
 
 PARTS: Final = 4
 
@@ -87,10 +87,13 @@ class PartsCurriculum:
         finished_at: learning step at which the last part was passed, or None.
         refine: whether the intervals grow into REFINEMENT afterwards; otherwise they stay those of part 4.
         sharp: whether a third of the rides of part 4 each are FAST_AND_SHARP and SLOW_AND_SHARP.
+        last_speeds: rides of a validation of part 4, at so many even speeds with both ends; 0 for VALIDATION_RIDES
+            at random speeds, as published.
     """
 
     refine: bool = False
     sharp: bool = False
+    last_speeds: int = 0
     part: int = 1
     entered_at: int = 0
     finished_at: int | None = None
@@ -127,9 +130,13 @@ class PartsCurriculum:
         return RideRanges(SPEED_RANGES[part - 1], CURRICULUM_PATHS[part - 1])
 
     def validation_requests(self, preview: Preview, rng: np.random.Generator) -> list[ResetRequest]:
-        """Draw the ten rides of a validation, on paths that are long enough for all of a ride."""
+        """Draw the rides of a validation, on paths that are long enough for all of a ride."""
         episodes = self.validation()
-        drawn = [episodes.draw(rng, preview) for _ in range(VALIDATION_RIDES)]
+        chosen = [episodes] * VALIDATION_RIDES
+        if self.part >= PARTS and self.last_speeds:
+            speeds = np.linspace(*episodes.speed, self.last_speeds).tolist()
+            chosen = [replace(episodes, speed=(speed, speed)) for speed in speeds]
+        drawn = [episode.draw(rng, preview) for episode in chosen]
         return [replace(request, path_length=1.2 * VALIDATION_DURATION * request.speed_range[1]) for request in drawn]
 
     def selection_requests(self, preview: Preview) -> list[ResetRequest]:

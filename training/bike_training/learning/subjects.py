@@ -121,6 +121,8 @@ class PartsSettings:
         refine: ride beyond the intervals of the last part once it is finished.
         sharp: a third of the rides of the last part each are fast and slow ones with sharp transfers, which are rare in
             its intervals.
+        last_speeds: rides of a validation of the last part, at so many even speeds with both ends, so that none is left
+            out by luck; 0 for ten at random speeds, as published.
         validate_every: least learning steps between two validations.
         select_every: learning steps between two comparisons of actors once the curriculum is finished.
     """
@@ -128,6 +130,7 @@ class PartsSettings:
     curriculum: str = "parts"
     refine: bool = False
     sharp: bool = False
+    last_speeds: int = 0
     validate_every: int = 4000
     select_every: int = 10_000
 
@@ -141,10 +144,11 @@ class PartsSettings:
             raise ValueError(f"preset setting curriculum={self.curriculum!r} is not one of parts")
         for name in ("validate_every", "select_every"):
             check_number(name, getattr(self, name), 1, math.inf)
+        check_number("last_speeds", self.last_speeds, 0, 1000)
 
     def make(self, vehicle: Vehicle) -> Curriculum:
         """Return the curriculum at its beginning."""
-        return PartsCurriculum(self.refine, self.sharp)
+        return PartsCurriculum(self.refine, self.sharp, self.last_speeds)
 
 
 @dataclass(frozen=True, kw_only=True)
