@@ -272,9 +272,8 @@ class RaceCurriculum:
             count[:] = stored["failures"][name]
 
 
-WHOLE_EPISODES: Final = 100
 WHOLE_SHARE: Final = 0.9
-"""The share rises when so many of so many episodes were whole."""
+"""The share rises when so many of the last episodes were whole."""
 
 
 @dataclass
@@ -284,9 +283,11 @@ class SpeedCurriculum(RaceCurriculum):
     Attributes:
         first: share at the beginning. rise: by which it grows.
         last: share at which it ends.
+        counted: episodes that must have been ridden with a share, WHOLE_SHARE of them whole, before it rises.
     """
 
     first: float = 0.6
+    counted: int = 100
     rise: float = 0.05
     last: float = 1.0
 
@@ -304,8 +305,8 @@ class SpeedCurriculum(RaceCurriculum):
     def ended(self, episode: EndedEpisode) -> None:
         """Count whole episodes and raise the share."""
         super().ended(episode)
-        self._lately = [*self._lately[-(WHOLE_EPISODES - 1) :], not episode.failed]
-        enough = len(self._lately) == WHOLE_EPISODES and sum(self._lately) >= WHOLE_SHARE * WHOLE_EPISODES
+        self._lately = [*self._lately, not episode.failed][-self.counted :]
+        enough = len(self._lately) == self.counted and sum(self._lately) >= WHOLE_SHARE * self.counted
         if enough and self.share < self.last:
             self.share = min(self.last, self.share + self.rise)
             self.part += 1

@@ -234,6 +234,7 @@ class RaceCurriculumSettings:
         spread: half width of the interval that the share of an episode is drawn from.
         failure_share: part of the starts that lead up to where rides failed lately.
         first_share: with which ``speed`` begins.
+        counted: episodes with a share that ``speed`` counts, nine tenths of them whole, before it asks for more.
         threshold: expected return of an episode that ``spdl`` keeps (delta).
         kl: largest divergence of an update of ``spdl``, nat.
         iteration: learning steps between two of its updates.
@@ -248,6 +249,7 @@ class RaceCurriculumSettings:
     spread: float = 0.0
     failure_share: float = 0.0
     first_share: float = 0.6
+    counted: int = 100
     threshold: float = 500.0
     kl: float = 0.05
     iteration: int = 5000
@@ -268,7 +270,7 @@ class RaceCurriculumSettings:
         check_number("spread", self.spread, 0.0, 0.9 * self.share)
         check_number("failure_share", self.failure_share, 0.0, 1.0)
         check_number("threshold", self.threshold)
-        for name in ("iteration", "sampled", "validate_every", "select_every"):
+        for name in ("counted", "iteration", "sampled", "validate_every", "select_every"):
             check_number(name, getattr(self, name), 1, math.inf)
         if not all(name.strip() for name in self.circuits.split(",")):
             raise ValueError(f"preset setting circuits={self.circuits!r} must name circuits, with commas between them")
@@ -278,7 +280,13 @@ class RaceCurriculumSettings:
         ground = Ground(vehicle, [name.strip() for name in self.circuits.split(",")])
         if self.curriculum == "speed":
             return SpeedCurriculum(
-                ground, self.share, self.spread, self.failure_share, self.sampled, first=self.first_share
+                ground,
+                self.share,
+                self.spread,
+                self.failure_share,
+                self.sampled,
+                first=self.first_share,
+                counted=self.counted,
             )
         if self.curriculum == "spdl":
             return SpdlCurriculum(
