@@ -139,6 +139,20 @@ FAST: Final = Preset(
 Why each of them was chosen is in docs/training.md, what came of them in docs/results.md.
 """
 
+QUICK: Final = replace(
+    FAST,
+    name="quick",
+    curriculum=PartsSettings(refine=True, sharp=True, last_speeds=42),
+    environments=4,
+    updates=8,
+    learning_rate=1.5e-3,
+    steps=90_000,
+)
+"""Finishes the curriculum in the fewest steps, with an actor that rides every speed; `FAST` ends more exactly.
+
+Validations are asked for by whole episodes of 1,200 steps, so four bicycles wait half as long for one as eight.
+"""
+
 RACE_DIRECT: Final = Preset(
     name="race_direct",
     task=RaceSettings(),
@@ -200,6 +214,7 @@ _ALTERNATIVES: Final[dict[str, Preset]] = {
 PRESETS: Final[dict[str, Preset]] = {
     "paper": PAPER,
     "fast": FAST,
+    "quick": QUICK,
     "race": RACE,
     "race_direct": RACE_DIRECT,
     "race_paper": RACE_PAPER,
