@@ -141,11 +141,11 @@ def networks(layout: Any, precondition: bool, critic_only: str, unseen: str) -> 
     if not (precondition or critic_only or unseen):
         return {}
     matrix = coordinates(layout) if precondition else np.eye(layout.size, dtype=np.float32)
-    to_critics, to_actor = shown(layout, unseen), shown(layout, f"{unseen},{critic_only}")
-    return {
-        "actor_class": _seeing(PreconditionedActor, to_actor[:, None] * matrix),
-        "vector_critic_class": _seeing(PreconditionedCritics, to_critics[:, None] * matrix),
-    }
+    to_actor = shown(layout, f"{unseen},{critic_only}")
+    found = {"actor_class": _seeing(PreconditionedActor, to_actor[:, None] * matrix)}
+    if precondition or unseen:
+        found["vector_critic_class"] = _seeing(PreconditionedCritics, shown(layout, unseen)[:, None] * matrix)
+    return found
 
 
 def _seeing(kind: Callable[..., nn.Module], matrix: NDArray[np.float32]) -> partial[nn.Module]:

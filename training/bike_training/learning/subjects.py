@@ -278,28 +278,12 @@ class RaceCurriculumSettings:
     def make(self, vehicle: Vehicle) -> Curriculum:
         """Return the curriculum at its beginning; see `CurriculumSettings`."""
         ground = Ground(vehicle, [name.strip() for name in self.circuits.split(",")])
+        common = (ground, self.share, self.spread, self.failure_share, self.sampled)
         if self.curriculum == "speed":
-            return SpeedCurriculum(
-                ground,
-                self.share,
-                self.spread,
-                self.failure_share,
-                self.sampled,
-                first=self.first_share,
-                counted=self.counted,
-            )
+            return SpeedCurriculum(*common, first=self.first_share, counted=self.counted)
         if self.curriculum == "spdl":
-            return SpdlCurriculum(
-                ground,
-                self.share,
-                self.spread,
-                self.failure_share,
-                self.sampled,
-                threshold=self.threshold,
-                kl=self.kl,
-                iteration=self.iteration,
-            )
-        return RaceCurriculum(ground, self.share, self.spread, self.failure_share, self.sampled)
+            return SpdlCurriculum(*common, threshold=self.threshold, kl=self.kl, iteration=self.iteration)
+        return RaceCurriculum(*common)
 
 
 TASK_SETTINGS: Final[dict[str, type[Any]]] = {**dict.fromkeys(TASKS, PathSettings), "race": RaceSettings}

@@ -79,9 +79,9 @@ class Course:
         if size < 2:
             raise ValueError(f"course {self.name!r} has {size} samples, at least 2 are needed")
         columns = {"x": self.x, "y": self.y, "heading": self.heading, "curvature": self.curvature}
-        others = {"width_left": self.width_left, "width_right": self.width_right, "height": self.height}
-        others |= {"bank": self.bank, "grip": self.grip}
-        for label, column in {**columns, **others}.items():
+        others = {"width_left": self.width_left, "width_right": self.width_right}
+        road = {"height": self.height, "bank": self.bank, "grip": self.grip}
+        for label, column in {**columns, **others, **road}.items():
             if column is None:
                 continue
             if len(column) != size:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from array import array
 from collections.abc import Sequence
 from dataclasses import fields
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from bike_msgs.msg import BikeCommand, BikeState, CoursePoints, EpisodeStart, LeanHistory, RideEvent
@@ -167,6 +167,11 @@ def _fill_request(message: Reset.Request | EpisodeStart, request: ResetRequest) 
 # ----------------------------------------------------------------------------------------------------------- course
 
 
+_COLUMNS: Final = ("s", "x", "y", "heading", "curvature")
+_OPTIONAL_COLUMNS: Final = ("width_left", "width_right", "height", "bank", "grip")
+"""Columns of a course in its message; the latter are empty where a course has none."""
+
+
 def course_to_message(course: Course, episode: int, stamp: int) -> CourseMessage:
     """Return the message of a complete course.
 
@@ -183,7 +188,7 @@ def course_to_message(course: Course, episode: int, stamp: int) -> CourseMessage
     message.closed = course.closed
     message.length = course.length
     message.off_course_limit = float(course.off_course_limit)
-    for name in ("s", "x", "y", "heading", "curvature", "width_left", "width_right", "height", "bank", "grip"):
+    for name in _COLUMNS + _OPTIONAL_COLUMNS:
         column = getattr(course, name)
         if column is not None:
             setattr(message, name, _floats(column))
@@ -198,21 +203,16 @@ def course_from_message(message: CourseMessage) -> Course:
     Raises:
         ValueError: columns that do not describe a course.
     """
+    found = {name: getattr(message, name) for name in _COLUMNS + _OPTIONAL_COLUMNS}
+    columns: dict[str, Any] = {
+        name: np.array(column) if column or name in _COLUMNS else None for name, column in found.items()
+    }
     return Course(
         name=message.name,
-        s=np.array(message.s),
-        x=np.array(message.x),
-        y=np.array(message.y),
-        heading=np.array(message.heading),
-        curvature=np.array(message.curvature),
         closed=message.closed,
         off_course_limit=message.off_course_limit,
-        width_left=np.array(message.width_left) if message.width_left else None,
-        width_right=np.array(message.width_right) if message.width_right else None,
         sections=tuple(zip(message.section_names, message.section_starts, strict=True)),
-        height=np.array(message.height) if message.height else None,
-        bank=np.array(message.bank) if message.bank else None,
-        grip=np.array(message.grip) if message.grip else None,
+        **columns,
     )
 
 

@@ -247,20 +247,15 @@ def _mean_curvature(line: Course, s: FloatArray) -> FloatArray:
 
 
 @njit(cache=True)
-def _load(square: float, bend: float, dip: float, bank: float) -> float:
-    """Return the load across the road at a squared speed, 1 on level ground."""
-    cosine = 1.0 / math.sqrt(1.0 + bank * bank)
-    return cosine * (1.0 + square * dip / GRAVITY) - bank * cosine * (square * bend) / GRAVITY
+def _owed(square: float, bend: float, dip: float, bank: float) -> tuple[float, float]:
+    """Return what the tyres owe at a squared speed: the load across the road, 1 on level ground, and that along it.
 
-
-@njit(cache=True)
-def _side(square: float, bend: float, dip: float, bank: float) -> float:
-    """Return the lateral acceleration that the tyres owe along the road at a squared speed, m/s^2, positive left.
-
-    Where the side that the machine turns to is the higher one (off-camber), gravity adds to the curve.
+    The latter is a lateral acceleration, m/s^2, positive left. Where the side that the machine turns to is the higher
+    one (off-camber), gravity adds to the curve.
     """
     cosine = 1.0 / math.sqrt(1.0 + bank * bank)
-    return cosine * (square * bend) + bank * cosine * (GRAVITY + square * dip)
+    load = cosine * (1.0 + square * dip / GRAVITY) - bank * cosine * (square * bend) / GRAVITY
+    return load, cosine * (square * bend) + bank * cosine * (GRAVITY + square * dip)
 
 
 @njit(cache=True)
@@ -288,19 +283,19 @@ def corner_speed_of(limits: Limits, bend: float, dip: float, bank: float) -> flo
 @njit(cache=True)
 def _spare(limits: Limits, square: float, bend: float, dip: float, bank: float) -> float:
     """Return the lateral acceleration that a curve at a squared speed leaves of the largest one, m/s^2."""
-    most = most_lateral(limits, square**0.5, _load(square, bend, dip, bank))
-    return most - abs(_side(square, bend, dip, bank))
+    load, side = _owed(square, bend, dip, bank)
+    return most_lateral(limits, square**0.5, load) - abs(side)
 
 
 @njit(cache=True)
 def _drive(limits: Limits, square: float, bend: float, dip: float, bank: float, roll_rate: float) -> float:
-    load, side = _load(square, bend, dip, bank), _side(square, bend, dip, bank)
+    load, side = _owed(square, bend, dip, bank)
     return most_drive(limits, square**0.5, side, load, roll_rate)
 
 
 @njit(cache=True)
 def _brake(limits: Limits, square: float, bend: float, dip: float, bank: float) -> float:
-    load, side = _load(square, bend, dip, bank), _side(square, bend, dip, bank)
+    load, side = _owed(square, bend, dip, bank)
     return most_brake(limits, square**0.5, side, load)
 
 
