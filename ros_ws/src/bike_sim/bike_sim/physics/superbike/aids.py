@@ -12,6 +12,10 @@ from bike_sim.vehicles.superbike import Record
 
 _THROW_RATE: Final = 1.0  # rad/s of roll at which the electronics keep the front wheel as loaded as lying flat
 _LEANING: Final = math.sin(math.radians(45.0))  # sine of the lean from which the brake control is most careful
+# Part of a tyre's friction that a turn may take before brakes and engine braking are eased, and from which they get none.
+# Near its limit a tyre has little side stiffness left, and what a brake takes of that makes weave grow.
+_EASED_FROM: Final = 0.62
+_EASED_WHOLLY: Final = 0.90
 
 
 class AidLimits(NamedTuple):
@@ -20,12 +24,14 @@ class AidLimits(NamedTuple):
     Attributes:
         traction: drive by traction control. wheelie: drive by wheelie control.
         braking: front brake by brake control. stoppie: front brake by stoppie control.
+        rear: part of rear brake and engine braking that brake control leaves in this turn.
     """
 
     traction: float
     wheelie: float
     braking: float
     stoppie: float
+    rear: float
 
 
 class AidCuts(NamedTuple):
@@ -74,7 +80,7 @@ def aid_limits(
 
     Statics of the machine as a mass on two wheels, with its centre of mass lowered by the lean, drag and downforce;
     the turn takes its part of the friction ellipse, and `traction_share` of the rest is free; for the front brake
-    `brake_share` upright and `brake_share_lean` from 45 deg of lean on.
+    `brake_share` upright and `brake_share_lean` from 45 deg of lean on, less again where the turn takes most of it.
     """
     air, aids = machine.air, machine.electronics
     sin_lean, cos_lean = abs(math.sin(roll)), max(math.cos(roll), 0.2)
@@ -85,7 +91,7 @@ def aid_limits(
     # With thrust T the machine accelerates by (T - drag) / mass, and the front load is front - T height / w
     front = (weight * machine.com_x + down * air.x - drag * (air_height - height)) / machine.w
     rear = weight + down - front
-    traction, wheelie, braking, stoppie = math.inf, math.inf, math.inf, math.inf
+    traction, wheelie, braking, stoppie, hold = math.inf, math.inf, math.inf, math.inf, 1.0
     if aids.wheelie_control > 0.0:
         # a front wheel must also steer, most of all when the machine is thrown over
         keep = aids.wheelie_load + aids.wheelie_load_lean * min(1.0, sin_lean + abs(roll_rate) / _THROW_RATE)
@@ -98,8 +104,16 @@ def aid_limits(
     if aids.brake_control > 0.0:
         # beyond half of what the lean leaves a front tyre gives up so much of its side stiffness that the machine hops
         share = aids.brake_share + (aids.brake_share_lean - aids.brake_share) * min(1.0, sin_lean / _LEANING)
+        share *= _left_by(turn, roll, front_tyre)
         braking = _grip_limit(roll, turn, share, front, height, machine.w, front_tyre)
-    return AidLimits(traction, wheelie, braking, stoppie)
+        hold = _left_by(turn, roll, rear_tyre)
+    return AidLimits(traction, wheelie, braking, stoppie, hold)
+
+
+@njit(cache=True)
+def _left_by(turn: float, roll: float, tyre: Record) -> float:
+    """Return the part of its brake that a tyre is left in a turn, whose lateral force by load is given."""
+    return 1.0 - between(turn / tyres.friction(roll, tyre), _EASED_FROM, _EASED_WHOLLY)
 
 
 @njit(cache=True)

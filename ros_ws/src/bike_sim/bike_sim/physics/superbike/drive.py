@@ -96,13 +96,14 @@ def drive_and_brake(
 
     available = drive * _lookup(constants.wheel_torque, rear.spin / constants.geometry.torque_spacing)
     drive_torque = cuts.traction * cuts.wheelie * min(available, min(limits.wheelie, limits.traction) * rear.radius)
-    rear_brake = (1.0 - brakes.front_share) * brake * cuts.rear * brakes.force * machine.rR
+    held = cuts.rear * limits.rear
+    rear_brake = (1.0 - brakes.front_share) * brake * held * brakes.force * machine.rR
     asked = brakes.front_share * brake * brakes.force
     allowed = min(limits.stoppie, limits.braking)
     pulled = (min(asked, allowed) - min(brakes.front_share * before * brakes.force, allowed)) / dt
     front_brake = cuts.front * cuts.stoppie * min(asked, allowed) * machine.rF
-    # closed throttle drags like a brake, and is eased like one where the rear tyre slips; so does rolling resistance
-    engine_brake = cuts.rear * (1.0 - drive) * motor.engine_brake * machine.rR
+    # closed throttle drags like a brake, and is eased like one; so does rolling resistance
+    engine_brake = held * (1.0 - drive) * motor.engine_brake * machine.rR
     rear_hold = rear_brake + engine_brake + constants.rear_tyre.rolling * rear.tyre.fz * rear.radius
     front_hold = front_brake + constants.front_tyre.rolling * front.tyre.fz * front.radius
     rear_torque = drive_torque + _brake_torque(
@@ -136,5 +137,5 @@ def tell_drive(driven: Driven, rear: Spinning, memory: Record, telemetry: Record
     drives, brakes = drive > _ASKS, brake > _ASKS
     telemetry.traction_active = drives and (cuts.traction < 1.0 or available > limits.traction * rear_radius)
     telemetry.wheelie_active = drives and (cuts.wheelie < 1.0 or available > limits.wheelie * rear_radius)
-    telemetry.brake_active = brakes and (min(cuts.front, cuts.rear) < 1.0 or asked > limits.braking)
+    telemetry.brake_active = brakes and (min(cuts.front, cuts.rear, limits.rear) < 1.0 or asked > limits.braking)
     telemetry.stoppie_active = brakes and (cuts.stoppie < 1.0 or asked > limits.stoppie)

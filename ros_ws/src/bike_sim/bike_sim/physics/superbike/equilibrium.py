@@ -369,7 +369,7 @@ def brakes_left(turn: Turn, brake: float, m: Record, rear: Record, front: Record
     stoppie = aid_cuts(0.0, 0.0, at.rear, 0.0, at.front, m.electronics).stoppie
     asked = stoppie * min(share, aids.braking, aids.stoppie)
     front_brake = _uncut(asked, at.front, at.front_side, turn.lean, m.electronics, front)
-    asked = m.brakes.force - share + m.motor.engine_brake
+    asked = aids.rear * (m.brakes.force - share + m.motor.engine_brake)
     return front_brake, _uncut(asked, at.rear, at.rear_side, turn.lean, m.electronics, rear)
 
 
