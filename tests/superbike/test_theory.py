@@ -21,9 +21,9 @@ from bike_sim.physics import superbike_statics as statics
 from bike_sim.physics.superbike import equilibrium as eq
 from bike_sim.physics.superbike_engine import SuperbikeEngine
 from bike_sim.theory.envelope import envelope
-from bike_sim.theory.lap_limit import corner_speed_of, lap_limit
+from bike_sim.theory.lap_limit import corner_speed_of, lap_limit, least_rate
 from bike_sim.theory.mass_path import MassPath, lean_model
-from bike_sim.theory.passing import passings, speeds_of_own_path
+from bike_sim.theory.passing import ROLL_FREEDOM, passings, speeds_of_own_path
 from bike_sim.validation.superbike import at_speed, holding, ride
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
@@ -217,6 +217,32 @@ def test_lean_rates_stay_within_the_rider() -> None:
     assert np.mean(np.abs(lap.roll_rate) > 1.05 * most) < 0.02
 
 
+@given(
+    st.lists(st.tuples(st.floats(-2.0, 2.0), st.floats(5.0, 90.0)), min_size=3, max_size=60), st.floats(0.0, 1.0)
+)
+def test_the_least_rate_is_that_of_the_points_that_are_near_in_time(
+    points: list[tuple[float, float]], freedom: float
+) -> None:
+    rate, speed = np.array(points).T
+    n, step = len(rate), 2.0
+    found = least_rate(rate, speed, step, freedom)
+    for i in range(n):
+        near = {i}
+        for way in (-1, 1):
+            left, j = freedom, i
+            while (left := left - step / speed[j]) >= 0.0 and len(near) < n:
+                j = (j + way) % n
+                near.add(j)
+        assert found[i] == min(abs(rate[j]) for j in near)
+
+
+def test_who_may_roll_sooner_or_later_is_no_slower() -> None:
+    line = load_track("barcelona").line(0.0)
+    bound, freer, freest = (lap_limit(LIMITS, line, roll_freedom=freedom).lap_time for freedom in (0.0, 0.1, 0.2))
+    assert freest < freer < bound
+    assert freest > 0.99 * bound
+
+
 # -------------------------------------------------------------------------------------------------------- lower bound
 
 
@@ -241,7 +267,7 @@ def test_the_theory_of_a_ridden_path_is_that_of_the_line_it_was(laps: int) -> No
     s = track.centre.s
     track = track.with_ideal(2.0 * np.sin(2.0 * np.pi * 9.0 * s / track.length))
     line = track.line(1.0)
-    limit = lap_limit(LIMITS, line)
+    limit = lap_limit(LIMITS, line, roll_freedom=ROLL_FREEDOM)
     progress = np.arange(0.7, track.length, 1.3)
     offset = track.at(track.ideal, progress)
     found = speeds_of_own_path(track, LIMITS, progress + laps * track.length, offset)

@@ -121,6 +121,7 @@ def lap_limit(
     crest: FloatArray | None = None,
     cap: FloatArray | None = None,
     bank: FloatArray | None = None,
+    roll_freedom: float = 0.0,
 ) -> LapLimit:
     """Return the theoretical lap of a machine on a closed line.
 
@@ -133,6 +134,8 @@ def lap_limit(
         cap: largest speed that somebody wants at each point of the profile but the last, m/s, or None.
         bank: slope of the road across the line at its samples, positive rising to the left (rise per m); None for
             what the line says.
+        roll_freedom: time by which a roll may come sooner or later than the line asks for, s. The electronics then
+            answer the smallest roll rate within it, before and after.
 
     Raises:
         ValueError: the line is open, the step is not positive, the grade, the crest, the bank or the cap does not fit,
@@ -156,7 +159,7 @@ def lap_limit(
         raise ValueError(f"cap has shape {np.shape(cap)}, the profile {count} points")
     road = _Road(*(np.interp(s[:-1], line.s, values) for values in (grade, crest, bank)))
     bend = _mean_curvature(line, s)
-    path, speed, corner = _solve(envelope, bend, line.length / count, road, cap)
+    path, speed, corner = _solve(envelope, bend, line.length / count, road, cap, roll_freedom)
     distance, moved = path.distance, speed * path.stretch
     closed = np.append(speed, speed[0])
     ahead = np.roll(moved, -1)
@@ -185,7 +188,7 @@ def lap_limit(
 
 
 def _solve(
-    envelope: Envelope, bend: FloatArray, step: float, road: _Road, cap: FloatArray
+    envelope: Envelope, bend: FloatArray, step: float, road: _Road, cap: FloatArray, roll_freedom: float
 ) -> tuple[MassPath, FloatArray, FloatArray]:
     """Return the path of the mass, the speeds of the contact and those that cornering alone allows, m/s.
 
@@ -195,16 +198,19 @@ def _solve(
         step: distance of the points, m.
         road: under the line.
         cap: of the speed, m/s.
+        roll_freedom: see :func:`lap_limit`, s.
     """
     limits, count = envelope.limits, len(bend)
     slope, dip, bank = road
     model: LeanModel = lean_model(envelope)
     path = MassPath(bend, np.full(count, step), np.ones(count), slope, np.zeros(count), np.zeros(count))
     eased, before = np.full(count, np.inf), np.inf
+    speed = np.ones(count)  # of the round before, in whose first nothing rolls
     for number in range(ROUNDS):
         most = np.minimum(cap, eased) * path.stretch
         corner = np.minimum(corner_speeds(path.bend, dip, bank, limits), most)
-        moved = solve_profile(corner, path.bend, path.distance, path.slope, dip, bank, path.roll_rate, limits)
+        rate = least_rate(path.roll_rate, speed, step, roll_freedom) if roll_freedom > 0.0 else path.roll_rate
+        moved = solve_profile(corner, path.bend, path.distance, path.slope, dip, bank, rate, limits)
         speed = moved / path.stretch
         spent = profile_time(moved, path.distance)
         if envelope.sway == 0.0 or (abs(spent - before) < CONVERGED * spent and number > 2):
@@ -377,6 +383,30 @@ def solve_profile(
         tilt = 0.5 * (bank[i] + bank[j])
         square[j] = min(square[j], braked(limits, square[i], bend[i], bend[j], distance[j], hill, lying, tilt))
     return np.sqrt(square)
+
+
+@njit(cache=True)
+def least_rate(rate: np.ndarray, speed: np.ndarray, step: float, freedom: float) -> np.ndarray:
+    """Return the smallest size of a roll rate (rad/s) within a time (s) before and after each point of a lap.
+
+    Args:
+        rate: at the points, rad/s.
+        speed: there, m/s.
+        step: distance of the points, m.
+        freedom: s.
+    """
+    n = len(rate)
+    least = np.abs(rate)
+    for i in range(n):
+        for way in (-1, 1):
+            left, j = freedom, i
+            while True:
+                left -= step / speed[j]
+                j = (j + way) % n
+                if left < 0.0 or j == i:
+                    break
+                least[i] = min(least[i], abs(rate[j]))
+    return least
 
 
 @njit(cache=True)

@@ -26,6 +26,9 @@ REPAID_WITHIN = 200.0
 SMOOTHED = 6.0
 """Standard deviation of the weights that the distance to the ideal line is smoothed with, m: a mass does not follow the
 contacts in what is shorter."""
+ROLL_FREEDOM = 0.2
+"""Time by which a rider may roll sooner or later than his path asks for, s; half of `lap_limit.LEAN_SPAN`. The wheelie aid
+answers the roll rate of the moment, and who comes upright a tenth of a second sooner has his throttle sooner."""
 _CLOSED_OVER = 100.0
 """Distance over which the end of a lap is led to its beginning, m."""
 
@@ -67,7 +70,7 @@ def speeds_of_own_path(track: Track, envelope: Envelope, progress: FloatArray, o
     aside[:-1] += (aside[0] - aside[-1]) * np.clip(1.0 - (track.length - s[:-1]) / _CLOSED_OVER, 0.0, 1.0)
     smooth = gaussian_filter1d(aside[:-1], SMOOTHED / track.centre.spacing, mode="wrap")
     smooth = near + np.append(smooth, smooth[0])
-    limit = lap_limit(envelope, track.with_ideal(smooth).line(1.0))
+    limit = lap_limit(envelope, track.with_ideal(smooth).line(1.0), roll_freedom=ROLL_FREEDOM)
     ahead = np.hypot(1.0 - track.centre.curvature * smooth, np.gradient(smooth, track.centre.spacing))
     along = np.concatenate(([0.0], np.cumsum(0.5 * (ahead[1:] + ahead[:-1]))))
     return limit.speed_at(np.interp(progress, s, along / along[-1] * limit.s[-1]))
