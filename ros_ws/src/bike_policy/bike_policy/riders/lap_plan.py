@@ -70,7 +70,7 @@ class RiderSettings:
 
 
 CLASSICAL_SETTINGS: Final = RiderSettings(
-    lateral=0.92, brake=0.96, brake_upright=0.957, brake_exponent=3.2, brake_decline=0.8, dip=0.5, bank=0.35
+    lateral=0.93, brake=0.9, brake_upright=1.04, brake_exponent=3.2, brake_decline=1.0, dip=0.7, bank=0.35, lean_rate=0.95
 )
 """How the classical rider rides, tuned on random circuits. The defaults above are not: others plan with them, whose
 plans a policy has learned to see."""
