@@ -111,14 +111,17 @@ def test_modes_of_a_moment_are_those_of_straight_running(speed: float) -> None:
 
 
 def test_weave_of_a_turn_loses_its_damping_where_the_tyres_are_used_up() -> None:
+    """On the brake, which brake control therefore eases in a deep lean."""
     machine = load_vehicle("panigale_v4r")
     assert isinstance(machine, Superbike)
+    bare = replace(machine, electronics=replace(machine.electronics, brake_control=0.0))
     growth = {}
-    for lean in (45.0, 55.0):
-        engine = at_speed(CompiledSuperbikeEngine(machine, 0.001), 50.0, lean, 2.0)
-        command = (-lean / machine.virtual_rider.max_lean_deg, -0.2)
+    for vehicle, lean, brake in ((machine, 45.0, 0.2), (machine, 55.0, 0.2), (bare, 55.0, 0.2)):
+        engine = at_speed(CompiledSuperbikeEngine(vehicle, 0.001), 50.0, lean, 2.0)
+        command = (-lean / vehicle.virtual_rider.max_lean_deg, -brake)
         engine.advance_commands(*command, 300)
-        growth[lean] = modes_now(engine, command).weave
-    assert growth[45.0].real < -0.5
-    assert growth[55.0].real > 0.3
-    assert 1.8 < growth[55.0].imag / (2.0 * math.pi) < 2.8
+        growth[vehicle is machine, lean] = modes_now(engine, command).weave
+    assert growth[True, 45.0].real < -0.5
+    assert growth[True, 55.0].real < 0.0
+    assert growth[False, 55.0].real > 0.3
+    assert 1.8 < growth[False, 55.0].imag / (2.0 * math.pi) < 2.8

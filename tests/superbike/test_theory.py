@@ -217,9 +217,7 @@ def test_lean_rates_stay_within_the_rider() -> None:
     assert np.mean(np.abs(lap.roll_rate) > 1.05 * most) < 0.02
 
 
-@given(
-    st.lists(st.tuples(st.floats(-2.0, 2.0), st.floats(5.0, 90.0)), min_size=3, max_size=60), st.floats(0.0, 1.0)
-)
+@given(st.lists(st.tuples(st.floats(-2.0, 2.0), st.floats(5.0, 90.0)), min_size=3, max_size=60), st.floats(0.0, 1.0))
 def test_the_least_rate_is_that_of_the_points_that_are_near_in_time(
     points: list[tuple[float, float]], freedom: float
 ) -> None:

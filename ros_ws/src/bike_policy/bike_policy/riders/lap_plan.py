@@ -70,8 +70,9 @@ class RiderSettings:
 
 
 CLASSICAL_SETTINGS: Final = RiderSettings(
-    lateral=0.93, brake=0.9, brake_upright=1.04, brake_exponent=3.2, brake_decline=1.0, dip=0.7, bank=0.35, lean_rate=0.95
-)
+    lateral=0.93, brake=0.9, brake_upright=1.04, brake_exponent=3.2, brake_decline=1.0, dip=0.7, bank=0.35,
+    lean_rate=0.95,
+)  # fmt: skip
 """How the classical rider rides, tuned on random circuits. The defaults above are not: others plan with them, whose
 plans a policy has learned to see."""
 

@@ -27,8 +27,8 @@ SMOOTHED = 6.0
 """Standard deviation of the weights that the distance to the ideal line is smoothed with, m: a mass does not follow the
 contacts in what is shorter."""
 ROLL_FREEDOM = 0.2
-"""Time by which a rider may roll sooner or later than his path asks for, s; half of `lap_limit.LEAN_SPAN`. The wheelie aid
-answers the roll rate of the moment, and who comes upright a tenth of a second sooner has his throttle sooner."""
+"""Time by which a rider may roll sooner or later than his path asks for, s; half of `lap_limit.LEAN_SPAN`. The wheelie
+aid answers the roll rate of the moment, and who comes upright a tenth of a second sooner has his throttle sooner."""
 _CLOSED_OVER = 100.0
 """Distance over which the end of a lap is led to its beginning, m."""
 

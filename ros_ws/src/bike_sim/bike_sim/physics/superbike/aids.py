@@ -12,8 +12,8 @@ from bike_sim.vehicles.superbike import Record
 
 _THROW_RATE: Final = 1.0  # rad/s of roll at which the electronics keep the front wheel as loaded as lying flat
 _LEANING: Final = math.sin(math.radians(45.0))  # sine of the lean from which the brake control is most careful
-# Part of a tyre's friction that a turn may take before brakes and engine braking are eased, and from which they get none.
-# Near its limit a tyre has little side stiffness left, and what a brake takes of that makes weave grow.
+# Part of a tyre's friction that a turn may take before brakes and engine braking are eased, and from which on they get
+# none. Near its limit a tyre has little side stiffness left, and what a brake takes of that makes weave grow.
 _EASED_FROM: Final = 0.62
 _EASED_WHOLLY: Final = 0.90
 
