@@ -90,7 +90,7 @@ def drive_and_brake(
     memory.brake += (max(-throttle, 0.0) - memory.brake) * command.lags.brake
     drive, brake = memory.drive, memory.brake
     limits = aid_limits(
-        attitude.roll, attitude.roll_rate, attitude.squared_speed, machine, constants.rear_tyre, constants.front_tyre
+        attitude.camber, attitude.roll_rate, attitude.squared_speed, machine, constants.rear_tyre, constants.front_tyre
     )
     cuts = aid_cuts(rear.tyre.slip, rear.tyre.use, rear.tyre.fz, front.tyre.use, front.tyre.fz, machine.electronics)
 
