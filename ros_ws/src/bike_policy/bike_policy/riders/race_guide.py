@@ -31,13 +31,13 @@ FloatArray = NDArray[np.float64]
 
 GUIDE: Final = RiderSettings(
     lateral=0.9,
-    brake=0.95,
+    brake=0.9,
     drive_exponent=3.0,
     brake_exponent=3.2,
-    brake_upright=0.957,
-    brake_decline=0.8,
+    brake_upright=1.04,
+    brake_decline=1.0,
     dip=0.5,
-    lean_rate=0.9,
+    lean_rate=0.95,
     preview=0.16,
     bandwidth=0.55,
     stencil=0.2,
