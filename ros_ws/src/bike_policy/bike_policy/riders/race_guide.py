@@ -30,7 +30,7 @@ from bike_sim.vehicles.superbike import Superbike
 FloatArray = NDArray[np.float64]
 
 GUIDE: Final = RiderSettings(
-    lateral=0.9,
+    lateral=0.91,
     brake=0.9,
     drive_exponent=3.0,
     brake_exponent=3.2,
