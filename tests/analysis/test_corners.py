@@ -118,7 +118,8 @@ def test_limits_are_closed_curves_about_the_origin(machine: Machine) -> None:
     assert y.max() == pytest.approx(limits.drive_max[slow], abs=0.3)
     assert y.min() <= -limits.brake_max[slow] + 1e-9
     turns = [np.cross([*a, 0.0], [*b, 0.0])[2] for a, b in pairwise(zip(x, y, strict=True))]
-    assert sum(turn < 1e-9 for turn in turns) > 0.9 * len(turns)  # clockwise, all of the way around
+    # clockwise, but for a notch on each side: near the tyres' limit brakes are eased, and only the tyres' drift slows
+    assert sum(turn < 1e-9 for turn in turns) > 0.8 * len(turns)
 
 
 def test_an_old_recording_without_telemetry_still_makes_a_lap_page(writer: Any, circle: Any, tmp_path: Path) -> None:
