@@ -64,6 +64,8 @@ BEHIND: Final = 20.0
 """Distance behind it up to which it is, m."""
 ROUNDS: Final = 20
 """Rehearsals after which the plan is taken as it is."""
+PATIENCE: Final = 4
+"""Rehearsals after which the speed is lowered from as much further ahead again."""
 FAR: Final = 40.0
 """Distance of the walls from the limits, m, and of the limits from a line without: so far that neither matters."""
 
@@ -114,12 +116,13 @@ def _share(vehicle: Superbike, line: Course, plan: LinePlan, settings: RiderSett
     share, tried = np.ones(len(plan.profile.s) - 1), plan
     paces = np.array((*np.repeat(PACES, STARTS), 0.0))
     with Stage(vehicle, line, period, len(paces)) as stage:
-        for _ in range(ROUNDS):
+        for number in range(ROUNDS):
             ends = stage.ride(tried, _AsPlanned(vehicle, tried, settings, period, paces), STARTS)
             if not len(ends):
                 break
             for place, speed in ends:
-                near = before(tried.profile, place, speed)
+                # a rider who arrives too fast however slow the place is planned has to begin braking further ahead
+                near = before(tried.profile, place, speed, 1 + number // PATIENCE)
                 share[near] = np.maximum(SLOWER * share[near], SLOWEST)
             tried = _slower(vehicle, line, plan, settings, share)
     return share
