@@ -16,14 +16,13 @@ from bike_policy.riders.making import make_rider
 from bike_sim.course.files import shipped_tracks
 from bike_sim.physics import superbike_forces as sf
 from bike_sim.sim.snapshot import Snapshot
+from bike_sim.validation.superbike import shaking
 from bike_training.commands.lap import shipped_superbikes
 from bike_training.rollout.laps import ride_laps
 
 GRAVITY = 9.81
 PERIOD = 0.02
 """Control period, s."""
-MEAN = 11
-"""Control periods of the mean over 0.2 s."""
 WINDOW = 25
 """Control periods of the root mean square, 0.5 s."""
 ALLOWED = 0.15
@@ -32,9 +31,7 @@ ALLOWED = 0.15
 
 def shakes_of(lateral: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the shake around each control period, g rms, from lateral accelerations in m/s^2."""
-    half = MEAN // 2
-    rest = lateral[half:-half] - np.convolve(lateral, np.full(MEAN, 1.0 / MEAN), mode="valid")
-    return np.sqrt(np.convolve(rest**2, np.full(WINDOW, 1.0 / WINDOW), mode="valid")) / GRAVITY
+    return np.sqrt(np.convolve(shaking(lateral / GRAVITY) ** 2, np.full(WINDOW, 1.0 / WINDOW), mode="valid"))
 
 
 def main() -> None:

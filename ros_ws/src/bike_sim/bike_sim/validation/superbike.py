@@ -406,12 +406,19 @@ def drive_shake(vehicle: Superbike, time_step: float, speed: float, lean: float,
 def shake_of(recorded: ManoeuvreTrace, begin: float = 0.5) -> float:
     """Return the lateral acceleration that a mean over 0.2 s leaves, g rms, from a time (s) on and above 8 m/s."""
     rows = (recorded.time > begin) & np.minimum.accumulate(recorded.speed > SHAKE_LEAST_SPEED)
-    lateral = recorded.telemetry[rows, sf.T_LATERAL] / _G
+    shaken = shaking(recorded.telemetry[rows, sf.T_LATERAL] / _G)
+    return float(np.sqrt(np.mean(shaken**2))) if len(shaken) else 0.0
+
+
+def shaking(lateral: FloatArray) -> FloatArray:
+    """Return what a mean over 0.2 s leaves of a lateral acceleration that is told each control period of 0.02 s.
+
+    It is as many values shorter as the mean is long, less one, and empty where the ride is no longer than the mean.
+    """
     if len(lateral) <= _MEAN_ROWS:
-        return 0.0
+        return np.empty(0)
     half = _MEAN_ROWS // 2
-    rest = lateral[half:-half] - np.convolve(lateral, np.full(_MEAN_ROWS, 1.0 / _MEAN_ROWS), mode="valid")
-    return float(np.sqrt(np.mean(rest**2)))
+    return lateral[half:-half] - np.convolve(lateral, np.full(_MEAN_ROWS, 1.0 / _MEAN_ROWS), mode="valid")
 
 
 def check_pitch_limits(result: Validation, vehicle: Superbike) -> Iterator[Check]:
