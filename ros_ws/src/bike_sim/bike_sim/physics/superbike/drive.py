@@ -89,9 +89,11 @@ def drive_and_brake(
     before = memory.brake
     memory.brake += (max(-throttle, 0.0) - memory.brake) * command.lags.brake
     drive, brake = memory.drive, memory.brake
+    memory.measured_roll_rate += (attitude.roll_rate - memory.measured_roll_rate) * command.lags.sensor
     limits = aid_limits(
-        attitude.camber, attitude.roll_rate, attitude.squared_speed, machine, constants.rear_tyre, constants.front_tyre
-    )
+        attitude.camber, memory.measured_roll_rate, attitude.squared_speed,
+        machine, constants.rear_tyre, constants.front_tyre,
+    )  # fmt: skip
     cuts = aid_cuts(rear.tyre.slip, rear.tyre.use, rear.tyre.fz, front.tyre.use, front.tyre.fz, machine.electronics)
 
     available = drive * _lookup(constants.wheel_torque, rear.spin / constants.geometry.torque_spacing)

@@ -14,6 +14,9 @@ from numba import njit
 from bike_sim.physics.superbike.records import Command, Lags
 from bike_sim.vehicles.superbike import Record
 
+# s by which the electronics' sensor of the roll rate is late. Without it the wheelie aid answers every swing of weave
+# with drive, and keeps the swing alive where the front wheel is light.
+_SENSOR_LAG: Final = 0.1
 _FEELING_LAG: Final = 0.2  # s until the rider feels a change of the front wheel's load
 
 
@@ -38,6 +41,7 @@ def held(command: tuple[float, float, float], constants: Record) -> Command:
     lags = Lags(
         drive=_closed(machine.motor.lag, dt),
         brake=_closed(machine.brakes.lag, dt),
+        sensor=_closed(_SENSOR_LAG, dt),
         feeling=_closed(_FEELING_LAG, dt),
         grip=_closed(rider.grip_memory, dt),
         torso=_closed(rider.torso_time, dt),

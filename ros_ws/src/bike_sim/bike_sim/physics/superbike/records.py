@@ -19,8 +19,8 @@ from bike_sim.vehicles.superbike import MACHINE, TORQUE_SAMPLES, TYRE
 MEMORY_NAMES: Final = (
     "rear_slip", "rear_drift", "front_slip", "front_drift", "lean_aim", "lean_aim_rate",
     "lean_eased", "lean_reference", "integral",
-    "intent", "arms", "held_steer", "torso_rate", "torso_turn", "drive", "brake", "front_load", "slide_side",
-    "slide_age", "fall",
+    "intent", "arms", "held_steer", "torso_rate", "torso_turn", "drive", "brake", "measured_roll_rate",
+    "front_load", "slide_side", "slide_age", "fall",
 )  # fmt: skip
 """What the forces remember from step to step; `fall` is an index of `falls.FALL_NAMES`."""
 
@@ -86,7 +86,7 @@ class Lags(NamedTuple):
     """How far lags come in a step: the part of what is missing that each closes.
 
     Attributes:
-        drive: of the engine. brake: of the brakes.
+        drive: of the engine. brake: of the brakes. sensor: of the roll rate that the electronics measure.
         feeling: of the rider's feeling of the front load. grip: of the steering angle that his arms are used to.
         torso: of the roll that leaves it behind. twist: of the turn that does.
         arms: the step by the arms' time constant. arms_left: what a step leaves of one of their two lags.
@@ -94,6 +94,7 @@ class Lags(NamedTuple):
 
     drive: float
     brake: float
+    sensor: float
     feeling: float
     grip: float
     torso: float

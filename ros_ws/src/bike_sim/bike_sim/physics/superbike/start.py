@@ -216,4 +216,5 @@ def _forget(state: StateVector, parameters: Array, constants: Record, memories: 
     memory.held_steer = state[st.STEER]
     turn = kinematics.yaw_rate(state, parameters) * math.cos(roll)
     memory.torso_turn = unmeant_turn(turn, roll, speed, constants.machine)
+    memory.measured_roll_rate = state[st.ROLL_RATE]
     memory.slide_age = _FRESH

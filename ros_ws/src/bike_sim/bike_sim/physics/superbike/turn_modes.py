@@ -23,7 +23,7 @@ FloatArray = NDArray[np.float64]
 
 REMEMBERED: Final = (
     "rear_slip", "rear_drift", "front_slip", "front_drift", "integral", "intent", "arms", "held_steer", "torso_rate",
-    "torso_turn", "drive", "brake", "front_load",
+    "torso_turn", "drive", "brake", "measured_roll_rate", "front_load",
 )  # fmt: skip
 """States of the forces, of `records.MEMORY_NAMES`; the rider's reference follows the command alone."""
 MOTIONS: Final = (
