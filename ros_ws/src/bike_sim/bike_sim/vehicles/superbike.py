@@ -306,6 +306,7 @@ class Electronics:
         brake_slip_on: cut begins. brake_slip_off: no brake on that wheel is left.
         stoppie_control: 1 on, 0 off.
         stoppie_load: kept on the rear wheel by the limit, N.
+        stoppie_load_lean: kept in addition at full lean or at a roll rate of 1 rad/s, proportional below, N.
         stoppie_load_on: rear load where the cut begins, N. stoppie_load_off: no brake.
     """
 
@@ -325,6 +326,7 @@ class Electronics:
     brake_slip_off: float
     stoppie_control: float
     stoppie_load: float
+    stoppie_load_lean: float
     stoppie_load_on: float
     stoppie_load_off: float
 

@@ -10,7 +10,7 @@ from numba import njit
 from bike_sim.physics import tyres
 from bike_sim.vehicles.superbike import Record
 
-_THROW_RATE: Final = 1.0  # rad/s of roll at which the electronics keep the front wheel as loaded as lying flat
+_THROW_RATE: Final = 1.0  # rad/s of roll at which the electronics keep a wheel as loaded as lying flat
 _LEANING: Final = math.sin(math.radians(45.0))  # sine of the lean from which the brake control is most careful
 # Part of a tyre's friction that a turn may take before brakes and engine braking are eased, and from which on they get
 # none. Near its limit a tyre has little side stiffness left, and what a brake takes of that makes weave grow.
@@ -92,12 +92,14 @@ def aid_limits(
     front = (weight * machine.com_x + down * air.x - drag * (air_height - height)) / machine.w
     rear = weight + down - front
     traction, wheelie, braking, stoppie, hold = math.inf, math.inf, math.inf, math.inf, 1.0
+    # a front wheel must also steer and a rear wheel follow, most of all when the machine is thrown over
+    thrown = min(1.0, sin_lean + abs(roll_rate) / _THROW_RATE)
     if aids.wheelie_control > 0.0:
-        # a front wheel must also steer, most of all when the machine is thrown over
-        keep = aids.wheelie_load + aids.wheelie_load_lean * min(1.0, sin_lean + abs(roll_rate) / _THROW_RATE)
+        keep = aids.wheelie_load + aids.wheelie_load_lean * thrown
         wheelie = max(0.0, (front - keep) * machine.w / height)
     if aids.stoppie_control > 0.0:
-        stoppie = max(0.0, (rear - aids.stoppie_load) * machine.w / height)
+        keep = aids.stoppie_load + aids.stoppie_load_lean * thrown
+        stoppie = max(0.0, (rear - keep) * machine.w / height)
     turn = sin_lean / cos_lean
     if aids.traction_control > 0.0:
         traction = _grip_limit(roll, turn, aids.traction_share, rear, height, machine.w, rear_tyre)
