@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from bike_policy.riders import rehearsal
 from bike_policy.riders.lap_plan import CLASSICAL_SETTINGS
 from bike_policy.riders.line_law import LinePlan, plan_line
-from bike_policy.riders.rehearsal import BEFORE, LEAST_BEFORE, Rides, Stage, _AsPlanned, rehearsed
+from bike_policy.riders.rehearsal import BEFORE, LEAST_BEFORE, PATIENCE, ROUNDS, Rides, Stage, _AsPlanned, rehearsed
 from bike_sim.course.course import Course
 from bike_sim.vehicles.superbike import Superbike
 from tests.superbike.test_classical import circle
@@ -56,6 +57,29 @@ def test_a_plan_that_falls_is_slower_before_the_fall_until_it_does_not(panigale:
     before = (place - plan.profile.s > 0.0) & (place - plan.profile.s < max(BEFORE * speed, LEAST_BEFORE))
     assert ratio[before].max() < 0.99
     assert slower.profile.lap_time < 1.05 * plan.profile.lap_time
+
+
+def test_a_place_that_no_lower_speed_helps_is_reached_slower_from_further_ahead(
+    panigale: Superbike, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    line = circle(60.0, 1.0)
+    plan = plan_line(panigale, line, CLASSICAL_SETTINGS)
+    place, cause = 300.0, int(np.searchsorted(plan.profile.s, 140.0))
+    reach = max(BEFORE * float(plan.profile.speed.max()), LEAST_BEFORE)
+    assert place - reach > plan.profile.s[cause] > place - 3.0 * reach
+    rounds = []
+
+    class Braking(Stage):
+        """Rides end at one place as long as another, much further ahead, is ridden as planned."""
+
+        def ride(self, plan_now: LinePlan, rider: Rides, starts: int) -> NDArray[np.float64]:
+            rounds.append(plan_now)
+            slower = plan_now.profile.speed[cause] < 0.97 * plan.profile.speed[cause]
+            return np.empty((0, 2)) if slower else np.array([[place, plan_now.profile.speed.max()]])
+
+    monkeypatch.setattr(rehearsal, "Stage", Braking)
+    rehearsed(panigale, line, CLASSICAL_SETTINGS, PERIOD)
+    assert 2 * PATIENCE < len(rounds) < ROUNDS
 
 
 def test_the_same_is_rehearsed_once(panigale: Superbike, slower: LinePlan, monkeypatch: pytest.MonkeyPatch) -> None:
