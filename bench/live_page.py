@@ -5,6 +5,10 @@ A simulator and the policy node ride in lockstep at full speed. In short windows
 on. Each window that is watched is compared with the windows alone before and after it, so that what drifts in the
 meantime falls out; of these ratios the median is printed with its 95 % bootstrap interval.
 
+What a page costs by drawing is not what it costs by watching: on the same processors any program takes a part of the
+rate. With `--stranger` there is a fourth kind of window, in which nobody watches and a process that has nothing to do
+with the ride works for as much of a processor as the browser did, in bursts of the page's frames.
+
 The figure that counts is the simulator's own processor time for a control step: wall-clock rates also hold what other
 programs, Chromium among them, take of the processors. Steps and their rate are the simulator's own, from its
 diagnostics, so that nobody has to listen to the states when it rides alone. The load is that of the machine before the
@@ -12,6 +16,7 @@ nodes start.
 
     python -m bench.live_page                                  # a bicycle
     python -m bench.live_page --vehicle panigale_v4r --course barcelona
+    python -m bench.live_page --stranger                       # and beside a process that works as much as the page
     python -m bench.live_page --twins --unshown --rounds 30    # the watcher alone, without Chromium, on a busy machine
     python -m bench.live_page --free                           # at the pace of the clock
 """
@@ -19,6 +24,7 @@ nodes start.
 from __future__ import annotations
 
 import argparse
+import multiprocessing
 import os
 import shutil
 import sys
@@ -50,7 +56,9 @@ from bike_training.nodes.live_watch import LiveWatch
 FloatArray = NDArray[np.float64]
 Pages = dict[str, webdriver.Chrome | None]
 """The browser that shows a page, or None, by the name of what is measured."""
-WATCHED, SHOWN = "watched", "shown"
+WATCHED, SHOWN, STRANGER = "watched", "shown", "beside a stranger"
+FRAME: Final = 1.0 / 30.0
+"""Time between the bursts of a stranger, s; a page draws as often."""
 SETTLING: Final = 0.5
 """Wall-clock time after a change before reports count, s."""
 REPORTS: Final = 16
@@ -163,6 +171,33 @@ def chromium(size: tuple[int, int]) -> Iterator[webdriver.Chrome]:
             browser.quit()
 
 
+def processor_time(browser: webdriver.Chrome) -> float:
+    """Return the processor time that all processes of a browser have used so far, s."""
+    processes = psutil.Process(browser.service.process.pid).children(recursive=True)
+    return sum(sum(process.cpu_times()[:2]) for process in processes)
+
+
+def work(share: float) -> None:
+    """Work for a part of each frame, and sleep for the rest, for ever."""
+    while True:
+        begun = time.monotonic()
+        while time.monotonic() - begun < share * FRAME:
+            sum(range(1000))
+        time.sleep(max(0.0, FRAME - (time.monotonic() - begun)))
+
+
+@contextmanager
+def stranger(share: float) -> Iterator[None]:
+    """A process that works for a part of a processor."""
+    process = multiprocessing.get_context("spawn").Process(target=work, args=(share,), daemon=True)
+    process.start()
+    try:
+        yield
+    finally:
+        process.terminate()
+        process.join()
+
+
 @contextmanager
 def watching(domain: int, page_open: webdriver.Chrome | None) -> Iterator[None]:
     """`bike live --attach` for a while, with its page or without."""
@@ -195,9 +230,12 @@ def main() -> None:
     parser.add_argument("--size", choices=SIZES, default="1440", help="width of the page, pixels")
     parser.add_argument("--rounds", type=int, default=12, help="of 8 to 14 s each")
     parser.add_argument("--unshown", action="store_true", help="watch without a page")
+    parser.add_argument("--stranger", action="store_true", help="also beside a process that works as much as the page")
     parser.add_argument("--twins", action="store_true", help="watch one of two rides at the same time, in turns")
     parser.add_argument("--free", action="store_true", help="at the pace of the clock")
     args = parser.parse_args()
+    if args.stranger and (args.unshown or args.twins):
+        parser.error("a stranger works as much as a page beside one ride: not with --unshown or --twins")
     print(f"load of the last minute on {os.cpu_count()} processors before: {os.getloadavg()[0]:.2f}", flush=True)
     # A ride that ends begins anew: at the pace of the clock, an answer that comes too late lets a bicycle fall.
     simulator: dict[str, Any] = {"vehicle": args.vehicle, "course": args.course, "auto_reset": "end"}
@@ -211,6 +249,8 @@ def main() -> None:
         pages: Pages = {WATCHED: None}
         if not args.unshown:
             pages[SHOWN] = opened.enter_context(chromium(SIZES[args.size]))
+        if args.stranger:
+            pages[STRANGER] = None
         for ride in rides:
             ride.wait(LATE_REPORTS)
         (measure_twins if args.twins else measure_in_turns)(rides, pages, args.rounds)
@@ -222,8 +262,8 @@ def measure_in_turns(rides: Sequence[Ride], pages: Pages, rounds: int) -> None:
     alone, shown = [windows_of(ride)[0]], Shown()
     watched: dict[str, list[FloatArray]] = {name: [] for name in pages}
     for name in progress(list(pages) * rounds):
-        with watching(ride.domain, pages[name]):
-            shown.begin()
+        with stranger(shown.share) if name == STRANGER else watching(ride.domain, pages[name]):
+            shown.begin(pages[name])
             watched[name].append(windows_of(ride)[0])
             shown.end(pages[name])
         alone.append(windows_of(ride)[0])
@@ -242,7 +282,7 @@ def measure_twins(rides: Sequence[Ride], pages: Pages, rounds: int) -> None:
         pair = []
         for place, ride in enumerate(rides):
             with watching(ride.domain, pages[name]):
-                shown.begin()
+                shown.begin(pages[name])
                 windows = windows_of(*rides)
                 shown.end(pages[name])
             pair.append(windows[place] / windows[1 - place])
@@ -266,15 +306,26 @@ class Shown:
     def __init__(self) -> None:
         self._drawn: list[tuple[float, float]] = []
         self._busy: list[float] = []
+        self._shares: list[float] = []
+        self._begun = (0.0, 0.0)
 
-    def begin(self) -> None:
+    @property
+    def share(self) -> float:
+        """The part of a processor that the browser has used, at most 1; the median of its windows."""
+        return min(1.0, float(np.median(self._shares)))
+
+    def begin(self, page: webdriver.Chrome | None) -> None:
         """Begin a window."""
         psutil.cpu_percent()
+        if page is not None:
+            self._begun = time.monotonic(), processor_time(page)
 
     def end(self, page: webdriver.Chrome | None) -> None:
         """End a window; one without a page does not count."""
         if page is not None:
             self._busy.append(psutil.cpu_percent())
+            begun, used = self._begun
+            self._shares.append((processor_time(page) - used) / (time.monotonic() - begun))
             found = page.execute_script("const l = document.querySelector('.view').view.live; return [l.rate, l.delay]")
             self._drawn.append(found)
 
@@ -283,7 +334,8 @@ class Shown:
         if self._drawn:
             rate, delay = np.median(self._drawn, axis=0)
             print(f"page: {rate:.0f} frames a second, {delay:.0f} ms from state to screen")
-            print(f"processors busy with the page shown: {np.median(self._busy):.0f} %")
+            print(f"processors busy with the page shown: {np.median(self._busy):.0f} %", end=", ")
+            print(f"the browser's share of one: {self.share:.2f}")
 
 
 def print_alone(windows: Sequence[FloatArray]) -> None:
