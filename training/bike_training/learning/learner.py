@@ -49,15 +49,16 @@ class MirrorReplayBuffer(ReplayBuffer):
 
     def _get_samples(self, batch_inds: NDArray[np.int64], env: Any = None) -> ReplayBufferSamples:
         data = super()._get_samples(batch_inds, env)
-        flip = torch.as_tensor(np.random.random(len(batch_inds)) < 0.5)[:, None]
-        return data._replace(
-            observations=self._mirrored(data.observations, flip),
-            next_observations=self._mirrored(data.next_observations, flip),
-            actions=data.actions * torch.where(flip, self.action_signs, 1.0),
-        )
+        flipped = torch.as_tensor(np.flatnonzero(np.random.random(len(batch_inds)) < 0.5))
+        for observations in (data.observations, data.next_observations):
+            self._mirror(observations, flipped)
+        data.actions[flipped] *= self.action_signs
+        return data
 
-    def _mirrored(self, observations: torch.Tensor, flip: torch.Tensor) -> torch.Tensor:
-        return torch.where(flip, observations[:, self.mirror_places] * self.mirror_signs, observations)
+    def _mirror(self, observations: torch.Tensor, rows: torch.Tensor) -> None:
+        """Mirror rows of a sample in place; it is a copy of what the buffer holds."""
+        taken = observations.index_select(0, rows).index_select(1, self.mirror_places)
+        observations.index_copy_(0, rows, taken * self.mirror_signs)
 
 
 def build_model(algorithm: Algorithm, task: Task, env: VecEnv, seed: int) -> OffPolicyAlgorithm:
@@ -103,8 +104,8 @@ def build_model(algorithm: Algorithm, task: Task, env: VecEnv, seed: int) -> Off
         "seed": seed,
         **buffer,
     }
+    torch.set_num_threads(1)  # samples are small: more threads wait for each other, and for programs beside them
     if algorithm.learner == "sb3":
-        torch.set_num_threads(1)
         return SAC("MlpPolicy", env, device="cpu", **common)
     from sbx import SAC as JaxSAC
 
