@@ -11,13 +11,14 @@ from hypothesis.extra.numpy import arrays
 
 from bike_policy.contract.bundle import layout_from_card
 from bike_policy.contract.line_tables import KEPT
-from bike_policy.contract.race import BLOCKS, COMPACT, GUIDED, RACE_LAYOUTS, RaceEyes, RaceLayout
+from bike_policy.contract.race import BLOCKS, COMPACT, GUIDED, MACHINE_FACTS, RACE_LAYOUTS, TOLD, RaceEyes, RaceLayout
 from bike_policy.contract.reference import OPEN, Reference, ReferenceRows
 from bike_policy.contract.rows import Row
 from bike_sim.physics.state import MIRROR_SIGNS
 
 ALL = RaceLayout("all", tuple(name for name in BLOCKS if name != "rates"))
 SIGNALS = ALL.signals
+MACHINE = np.linspace(-0.8, 0.8, len(MACHINE_FACTS))
 SIGNAL_MIRROR = np.array(
     [
         next(column.mirror for column in ALL.columns if column.name == name) if name in ALL.names else 1.0
@@ -82,9 +83,8 @@ class Beside:
 
 
 def eyes_of(layout, rows, sign=1.0, actions=()):
-    eyes = RaceEyes(
-        layout, len(rows.state), SIGNALS, Beside(len(rows.state), sign) if "guide" in layout.blocks else None
-    )
+    guide = Beside(len(rows.state), sign) if "guide" in layout.blocks else None
+    eyes = RaceEyes(layout, len(rows.state), SIGNALS, guide, MACHINE)
     for row in range(len(rows.state)):
         eyes.begin(row, rows, reference(row, sign))
     for action in actions:
@@ -130,7 +130,7 @@ def test_a_machine_is_seen_the_same_alone_and_among_others():
     together = eyes_of(ALL, rows).observe(rows)
     for i in range(7):
         alone = Row(*(part[i : i + 1] for part in rows))
-        eyes = RaceEyes(ALL, 1, SIGNALS, Beside(1, 1.0))
+        eyes = RaceEyes(ALL, 1, SIGNALS, Beside(1, 1.0), MACHINE)
         eyes.begin(0, alone, reference(i))
         np.testing.assert_array_equal(eyes.observe(alone)[0], together[i])
 
@@ -232,3 +232,8 @@ def test_missing_telemetry_is_named():
 def test_a_layout_that_shows_the_guide_needs_one():
     with pytest.raises(ValueError, match="'guided' shows what the guide does"):
         RaceEyes(GUIDED, 1, GUIDED.signals)
+
+
+def test_a_layout_that_shows_the_machine_needs_it():
+    with pytest.raises(ValueError, match="'told' shows what the machine is"):
+        RaceEyes(TOLD, 1, TOLD.signals, Beside(1, 1.0))

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bike_policy.contract.race import COMPACT, GUIDED
+from bike_policy.contract.race import COMPACT, GUIDED, MACHINE_FACTS, TOLD
 from bike_policy.contract.rows import Row, row_of
 from bike_sim.physics import superbike_forces as sf
 from bike_sim.sim import look as lk
@@ -18,6 +18,7 @@ from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.superbike_plant import superbike_config
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.tasks.base import sum_of
+from bike_training.tasks.fleet import batch_of
 from bike_training.tasks.race import (
     PAPER_WEIGHTS,
     RACE_WEIGHTS,
@@ -273,6 +274,56 @@ def test_one_ride_is_shown_and_judged_as_in_a_batch(task):
             assert term[1] == one.terms[name][0], name
     batch.close()
     simulator.close()
+
+
+def test_machines_in_turn_are_shown_and_judged_as_each_alone():
+    """Rows that take two machines in turn give what one-machine batches of the same rides give, bit for bit."""
+    task = replace(GUIDED_TASK, layout=replace(TOLD, repeat=4))
+    machines = ("panigale_v4r", "r1")
+    requests = [
+        ResetRequest(course="barcelona", speed_range=(v, v), progress=p)
+        for v, p in ((30.0, 0.0), (25.0, 900.0), (20.0, 2000.0))
+    ]
+    among = batch_of(task, 3, COMPILED, machines)
+    alone = [batch_of(task, 1, replace(COMPILED, vehicle=machines[row % 2])) for row in range(3)]
+    for row, request in enumerate(requests):
+        for place, (batch, rides) in ((row, among), (0, alone[row])):
+            batch.reset(place, request)
+            rides.begin(place, batch, request, batch.course(place))
+    rng = np.random.default_rng(1)
+    for _ in range(4):
+        actions = rng.uniform(-1.0, 1.0, (3, 2))
+        seen = ride_decision(*among, actions, task.repeat)
+        for row, (batch, rides) in enumerate(alone):
+            observation, terms = ride_decision(batch, rides, actions[row : row + 1], task.repeat)
+            np.testing.assert_array_equal(seen[0][row], observation[0])
+            assert [term[row] for term in seen[1].values()] == [term[0] for term in terms.values()]
+    facts = [place for place, name in enumerate(task.layout.names) if name.startswith("machine_")]
+    assert len(facts) == len(MACHINE_FACTS)
+    np.testing.assert_array_equal(seen[0][0, facts], seen[0][2, facts])
+    assert (seen[0][0, facts] != seen[0][1, facts]).sum() > 5
+    stored = among[1].state_dict()
+    again = among[1].observe(among[0])
+    among[1].act(among[0], np.zeros((3, 2)))
+    among[1].restore(stored)
+    np.testing.assert_array_equal(among[1].observe(among[0]), again)
+    for batch, _ in (among, *alone):
+        batch.close()
+
+
+def ride_decision(batch, rides, actions, repeat):
+    """Return what was seen before a decision, and the terms of its reward."""
+    seen = rides.observe(batch)
+    rides.act(batch, actions)
+    for _ in range(repeat):
+        batch.step(rides.commands(batch))
+        rides.advance(batch)
+    return seen, rides.judge(batch).terms
+
+
+def test_only_compiled_superbikes_take_machines_in_turn():
+    with pytest.raises(ValueError, match=r"pybullet.*panigale_v4r, r1"):
+        batch_of(TASK, 2, replace(COMPILED, engine="pybullet"), ("panigale_v4r", "r1"))
 
 
 def test_card_round_trip():

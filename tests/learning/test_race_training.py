@@ -29,12 +29,12 @@ def ground() -> Ground:
     return Ground(load_vehicle(VEHICLE), ["barcelona"])
 
 
-def settings(preset: Preset, seed: int = 0) -> RunSettings:
-    return RunSettings(preset, VEHICLE, seed, engine=SUPERBIKE_ENGINE)
+def settings(preset: Preset, seed: int = 0, vehicle: str = VEHICLE) -> RunSettings:
+    return RunSettings(preset, vehicle, seed, engine=SUPERBIKE_ENGINE)
 
 
-def final_actor(preset: Preset, out: Path, steps: int, resume: bool = False) -> Actor:
-    process = LearningProcess(settings(preset), out, steps, resume=resume)
+def final_actor(preset: Preset, out: Path, steps: int, vehicle: str = VEHICLE, resume: bool = False) -> Actor:
+    process = LearningProcess(settings(preset, vehicle=vehicle), out, steps, resume=resume)
     process.run()
     return process.actor()
 
@@ -53,16 +53,21 @@ def test_throttle_is_learned_in_seconds(tmp_path: Path, ground: Ground) -> None:
 
 
 @pytest.mark.parametrize(
-    ("preset", "changes"),
-    [(RACE_DIRECT, {"curriculum": "spdl", "iteration": "80"}), (RACE, {})],
-    ids=["spdl", "guided"],
+    ("preset", "changes", "vehicle"),
+    [
+        (RACE_DIRECT, {"curriculum": "spdl", "iteration": "80"}, VEHICLE),
+        (RACE, {"observation": "told"}, f"{VEHICLE},r1"),
+    ],
+    ids=["spdl", "guided machines"],
 )
-def test_a_resumed_run_is_the_uninterrupted_one(tmp_path: Path, preset: Preset, changes: dict[str, str]) -> None:
+def test_a_resumed_run_is_the_uninterrupted_one(
+    tmp_path: Path, preset: Preset, changes: dict[str, str], vehicle: str
+) -> None:
     preset = preset.override({**SMALL, "max_steps": "12", **changes})
     preset = replace(preset, learning_starts=60, final_learning_rate=preset.learning_rate)  # the same for any length
-    whole = final_actor(preset, tmp_path / "whole", 240)
-    final_actor(preset, tmp_path / "parts", 120)
-    resumed = final_actor(preset, tmp_path / "parts", 240, resume=True)
+    whole = final_actor(preset, tmp_path / "whole", 240, vehicle)
+    final_actor(preset, tmp_path / "parts", 120, vehicle)
+    resumed = final_actor(preset, tmp_path / "parts", 240, vehicle, resume=True)
     for name, tensor in whole.tensors().items():
         np.testing.assert_array_equal(resumed.tensors()[name], tensor)
     stored = load_file(tmp_path / "whole" / "checkpoint" / "tensors.safetensors")

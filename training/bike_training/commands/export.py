@@ -19,6 +19,7 @@ from bike_training.learning.checkpoint import Checkpoint
 from bike_training.learning.presets import Preset
 from bike_training.learning.progress import chosen_actor
 from bike_training.learning.refinement_files import POLICY, TABLE
+from bike_training.learning.run_settings import machines_of
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -61,7 +62,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if actor is None:
         advice = "" if wanted == "last" else ", or export --which last"
         raise ValueError(f"{args.run}: there is no {wanted!r} actor yet; train longer{advice}")
-    vehicle = load_vehicle(summary["vehicle"])
+    vehicle = load_vehicle(machines_of(summary["vehicle"])[0])
     task = preset.task.make()
     name = args.name or vehicle.name
     parts = _parts(args.range, task.action.size)

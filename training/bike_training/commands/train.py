@@ -17,7 +17,7 @@ from bike_training.envs.clients import CLIENT_KINDS
 from bike_training.learning import run as learning
 from bike_training.learning.presets import PRESETS
 from bike_training.learning.process import LearningProcess
-from bike_training.learning.run_settings import RunSettings
+from bike_training.learning.run_settings import RunSettings, machines_of
 from bike_training.learning.simulators import DEFAULT_SIMULATORS, ENGINES, SUPERBIKE_ENGINES, with_simulator
 from bike_training.learning.subjects import RACE_CURRICULA
 
@@ -41,6 +41,7 @@ EXAMPLES = """examples:
   bike train superbike --out runs/r --circuit cremona --seed 3              races; the default preset
   bike train superbike --out runs/s --preset paper --curriculum spdl        as published, on our circuits
   bike train superbike --out runs/x --vehicle r1 --circuit barcelona,cremona
+  bike train superbike --out runs/m --vehicle r1,zx10rr --set observation=told   one actor for two machines
 """
 
 
@@ -51,7 +52,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "subject", help=f"what to train: a bicycle, shipped or as a file, or `{SUPERBIKE}` for races (see --vehicle)"
     )
-    parser.add_argument("--vehicle", help=f"with `{SUPERBIKE}`: machine or its file (default: {DEFAULT_MACHINE})")
+    parser.add_argument(
+        "--vehicle",
+        help=f"with `{SUPERBIKE}`: machines or their files, with commas between them (default: {DEFAULT_MACHINE})",
+    )
     parser.add_argument("--circuit", help="of races: circuits, YAML or CSV files, with commas between them")
     parser.add_argument("--curriculum", choices=RACE_CURRICULA, help="of races (default: that of the preset)")
     parser.add_argument("--out", type=Path, required=True, help="folder of the run")
@@ -128,7 +132,7 @@ def _vehicle(args: argparse.Namespace) -> str:
 
 def _new_settings(args: argparse.Namespace) -> RunSettings:
     vehicle = _vehicle(args)
-    races = isinstance(load_vehicle(vehicle), Superbike)
+    races = isinstance(load_vehicle(machines_of(vehicle)[0]), Superbike)
     name = args.preset or DEFAULT_PRESET
     preset = PRESETS[SUPERBIKE_PRESETS.get(name, name) if races else name]
     changes = dict(_split(pair) for pair in args.set)

@@ -29,12 +29,13 @@ class EndedEpisode(NamedTuple):
 class Episodes(Protocol):
     """Where new episodes are drawn from."""
 
-    def draw(self, rng: np.random.Generator, preview: Preview) -> ResetRequest:
+    def draw(self, rng: np.random.Generator, preview: Preview, row: int = 0) -> ResetRequest:
         """Draw how an episode begins, its curriculum context included.
 
         Args:
             rng: draws.
             preview: what the task needs to see of the course.
+            row: which of the vehicles side by side begins; it decides which machine that is.
         """
         ...
 
@@ -66,7 +67,7 @@ class Curriculum(Protocol):
         ...
 
     def validation_requests(self, preview: Preview, rng: np.random.Generator) -> list[ResetRequest]:
-        """Draw the rides of one validation.
+        """Draw the rides of one validation, for rows that take the machines in turn.
 
         Args:
             preview: what the task needs to see of the course.

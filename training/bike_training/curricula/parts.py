@@ -48,12 +48,15 @@ class RideRanges:
     also: tuple[RideRanges, ...] = ()
     perturb: bool = True
 
-    def draw(self, rng: np.random.Generator, preview: Preview, path_length: float | None = None) -> ResetRequest:
+    def draw(
+        self, rng: np.random.Generator, preview: Preview, row: int = 0, path_length: float | None = None
+    ) -> ResetRequest:
         """Draw a ride.
 
         Args:
             rng: draws.
             preview: points of the path that are seen.
+            row: which bicycle begins; all are alike.
             path_length: least length of the path, m; None for two episodes.
         """
         chosen = (self, *self.also)[rng.integers(1 + len(self.also))] if self.also else self

@@ -49,39 +49,46 @@ SELECTION_SEED: Final = 2**32
 
 
 class Ground:
-    """Circuits of one machine: their lines with the theoretical speeds on them.
+    """Circuits of machines: their lines with the theoretical speeds on them. Rows take the machines in turn.
 
     Attributes:
         names: of the circuits.
     """
 
-    def __init__(self, vehicle: Vehicle, circuits: Sequence[str]) -> None:
+    def __init__(self, vehicles: Vehicle | Sequence[Vehicle], circuits: Sequence[str]) -> None:
         """Load circuits.
 
         Raises:
             ValueError: a vehicle that is no superbike, or no circuits. FileNotFoundError: an unknown circuit.
         """
-        if not isinstance(vehicle, Superbike):
-            raise ValueError(f"races are for superbikes, and {vehicle.name!r} is none")
+        vehicles = [vehicles] if isinstance(vehicles, Vehicle) else vehicles
+        for vehicle in vehicles:
+            if not isinstance(vehicle, Superbike):
+                raise ValueError(f"races are for superbikes, and {vehicle.name!r} is none")
         if not circuits:
             raise ValueError(f"a race needs a circuit; there are {', '.join(shipped_tracks())}")
         self.names = tuple(circuits)
-        self._limits: Envelope = envelope(vehicle)
-        self._tracks = {name: track_with_line(name, self._limits) for name in circuits}
-        self._lines = lru_cache(KEPT)(lambda name, lam: FollowedLine(self._tracks[name], lam))
+        self._limits: list[Envelope] = [envelope(vehicle) for vehicle in vehicles if isinstance(vehicle, Superbike)]
+        self._tracks = {
+            (name, machine): track_with_line(name, limits)
+            for name in circuits
+            for machine, limits in enumerate(self._limits)
+        }
+        self._lines = lru_cache(KEPT)(lambda name, lam, machine: FollowedLine(self._tracks[name, machine], lam))
 
     def length(self, name: str) -> float:
         """Return the length of a circuit's centre line, m."""
-        return self._tracks[name].length
+        return self._tracks[name, 0].length
 
-    def line(self, name: str, lam: float) -> FollowedLine:
-        """Return a line of a circuit, 0 the median, 1 the ideal line."""
-        return self._lines(name, lam)
+    def line(self, name: str, lam: float, row: int = 0) -> FollowedLine:
+        """Return a line of a circuit, 0 the median, 1 the ideal line of a row's machine."""
+        return self._lines(name, lam, row % len(self._limits))
 
-    def start(self, name: str, lam: float, progress: float, share: float) -> float:
-        """Return a share of the theoretical speed at a progress along the centre line (m), m/s."""
-        followed = self.line(name, lam)
-        return share * float(followed.limit(self._limits).speed_at(followed.place(progress)))
+    def start(self, name: str, lam: float, progress: float, share: float, row: int = 0) -> float:
+        """Return a share of the theoretical speed of a row's machine at a progress along the centre line (m), m/s."""
+        followed = self.line(name, lam, row)
+        limits = self._limits[row % len(self._limits)]
+        return share * float(followed.limit(limits).speed_at(followed.place(progress)))
 
 
 class Failures:
@@ -132,7 +139,7 @@ class RaceEpisodes:
         """Return which line is followed."""
         return IDEAL
 
-    def draw(self, rng: np.random.Generator, preview: Preview) -> ResetRequest:
+    def draw(self, rng: np.random.Generator, preview: Preview, row: int = 0) -> ResetRequest:
         """Draw how an episode begins; see `Episodes`."""
         ground = self.ground
         name = ground.names[int(rng.integers(len(ground.names)))]
@@ -142,10 +149,10 @@ class RaceEpisodes:
         progress = float(rng.uniform(0.0, length))
         failed = self.failures.draw(name, rng) if rng.random() < self.failure_share else None
         if failed is not None:
-            before = float(rng.uniform(*RUN_UP)) * ground.start(name, lam, failed % length, 1.0)
+            before = float(rng.uniform(*RUN_UP)) * ground.start(name, lam, failed % length, 1.0, row)
             progress = (failed - before) % length
         share = float(rng.uniform(*START_SHARES)) * min(1.0, context.share)
-        speed = min(max(ground.start(name, lam, progress, share), 5.0), context.v_max)
+        speed = min(max(ground.start(name, lam, progress, share, row), 5.0), context.v_max)
         return ResetRequest(
             seed=int(rng.integers(2**31)),
             course=name,
@@ -215,13 +222,13 @@ class RaceCurriculum:
     def _around(
         self, names: Sequence[str], count: int, shift: float, share: float | None, preview: Preview, seed: int
     ) -> list[ResetRequest]:
-        found = []
+        found: list[ResetRequest] = []
         for name in names:
             length = self.ground.length(name)
             for k in range(count):
                 progress = (k + shift) / count * length % length
                 part = share if share is not None else 0.5 + 0.4 * ((k * 0.6180339887) % 1.0)
-                speed = max(self.ground.start(name, IDEAL, progress, part), 5.0)
+                speed = max(self.ground.start(name, IDEAL, progress, part, len(found)), 5.0)
                 found.append(
                     ResetRequest(
                         seed=seed + k,

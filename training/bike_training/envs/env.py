@@ -42,6 +42,7 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         task: Task | str = "prop",
         episodes: Episodes | None = None,
         config: SimulatorConfig | None = None,
+        row: int = 0,
     ) -> None:
         """Make the environment.
 
@@ -50,11 +51,13 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             task: a task or its name in :data:`bike_training.tasks.path.TASKS`.
             episodes: where new episodes are drawn from; the first part of the paper's curriculum by default.
             config: of the client's simulator if it makes its own; by default PyBullet at the paper's step of 5 ms.
+            row: its number among environments side by side, for `episodes`.
         """
         config = config or SimulatorConfig(time_step=0.005)
         self.client = make_client(client, config) if isinstance(client, str) else client
         self.task = TASKS[task] if isinstance(task, str) else task
         self.episodes = episodes or PartsCurriculum().episodes(0)
+        self._row = row
         self.observation_space, self.action_space = task_spaces(self.task)  # type: ignore[assignment]
         self._action = self.task.action
         self._max_steer = self.client.vehicle.max_steer
@@ -88,7 +91,7 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._goes_on = False
         self._steps = 0
         if not goes_on:
-            request = (options or {}).get("request") or self.episodes.draw(self.np_random, self.task.preview)
+            request = (options or {}).get("request") or self.episodes.draw(self.np_random, self.task.preview, self._row)
             request = replace(request, preview=self.task.preview)
             self.snapshot = self.client.reset(request)
             assert self.client.course is not None

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from bike_sim.sim import look as lk
-from bike_sim.sim.batch import make_batch
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_training.curricula.base import Episodes
 from bike_training.envs.watch import RideWatch
 from bike_training.tasks.base import Task, sum_of
+from bike_training.tasks.fleet import batch_of
 
 
 def task_spaces(task: Task) -> tuple[gym.spaces.Box, gym.spaces.Box]:
@@ -31,12 +31,12 @@ def task_spaces(task: Task) -> tuple[gym.spaces.Box, gym.spaces.Box]:
 class SimulatorVecEnv(DummyVecEnv):
     """Environments that have a simulator each, one after the other in this process."""
 
-    def __init__(self, count: int, make: Callable[[], gym.Env[Any, Any]]) -> None:
-        """Make the environments; where one cannot be made, those before it are closed."""
+    def __init__(self, count: int, make: Callable[[int], gym.Env[Any, Any]]) -> None:
+        """Make the environments by their number; where one cannot be made, those before it are closed."""
         with contextlib.ExitStack() as made:
             envs = []
-            for _ in range(count):
-                envs.append(make())
+            for row in range(count):
+                envs.append(make(row))
                 made.callback(envs[-1].close)
             super().__init__([lambda env=env: env for env in envs])  # type: ignore[misc]
             self._open = made.pop_all()
@@ -68,7 +68,15 @@ class BatchVecEnv(VecEnv):
 
     watch: RideWatch | None = None
 
-    def __init__(self, count: int, task: Task, episodes: Episodes, config: SimulatorConfig, seed: int) -> None:
+    def __init__(
+        self,
+        count: int,
+        task: Task,
+        episodes: Episodes,
+        config: SimulatorConfig,
+        seed: int,
+        machines: Sequence[str] = (),
+    ) -> None:
         """Make an environment of a number of vehicles.
 
         Args:
@@ -77,13 +85,13 @@ class BatchVecEnv(VecEnv):
             episodes: where new episodes are drawn from; :meth:`set_episodes` changes it.
             config: vehicle, engine and steps.
             seed: seed of all rides.
+            machines: names or files that the rows take in turn, where there are several; none for the config's.
         """
         self.render_mode = None
         super().__init__(count, *task_spaces(task))
         self.task = task
         self.episodes = episodes
-        self.batch = make_batch(count, config, task.preview)
-        self.rides = task.rides(count, self.batch.vehicle)
+        self.batch, self.rides = batch_of(task, count, config, machines)
         self.rng = np.random.default_rng(seed)
         self.steps = np.zeros(count, dtype=np.int64)
         self.full_episodes = np.zeros(count, dtype=np.int64)
@@ -144,7 +152,7 @@ class BatchVecEnv(VecEnv):
         return self._observe()
 
     def _begin(self, index: int) -> None:
-        request = self.episodes.draw(self.rng, self.task.preview)
+        request = self.episodes.draw(self.rng, self.task.preview, index)
         self.batch.reset(index, request)
         self.rides.begin(index, self.batch, request, self.batch.course(index))
         self._requests[index] = request

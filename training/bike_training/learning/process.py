@@ -38,9 +38,11 @@ def make_environment(settings: RunSettings, task: Task, episodes: Episodes) -> V
     """Return the vector environment of a run, not yet seeded for it."""
     count = settings.preset.environments
     if settings.compiled:
-        return BatchVecEnv(count, task, episodes, settings.simulator(), settings.seed)
+        return BatchVecEnv(count, task, episodes, settings.simulator(), settings.seed, settings.machines)
     # The monitor tells length and return of each episode, as the compiled environment does itself.
-    return SimulatorVecEnv(count, lambda: Monitor(BikeEnv(settings.client, task, episodes, settings.simulator())))
+    return SimulatorVecEnv(
+        count, lambda row: Monitor(BikeEnv(settings.client, task, episodes, settings.simulator(row), row))
+    )
 
 
 class LearningProcess:
@@ -69,11 +71,12 @@ class LearningProcess:
         if steps < 1:
             raise ValueError(f"learning steps must be at least 1, got {steps}")
         preset = settings.preset
-        vehicle = load_vehicle(settings.vehicle)
-        preset.task.check_vehicle(vehicle)
+        vehicles = [load_vehicle(name) for name in settings.machines]
+        for vehicle in vehicles:
+            preset.task.check_vehicle(vehicle)
         self.settings, self.out, self.steps, self.task = settings, out, steps, preset.task.make()
         self.progress = Progress(
-            preset.curriculum.make(vehicle),
+            preset.curriculum.make(vehicles),
             AveragedActor(preset.averaging),
             np.random.default_rng(draws(settings.seed, VALIDATION_DRAWS)),
         )
@@ -233,13 +236,13 @@ class LearningProcess:
         logger.record("curriculum/part", progress.curriculum.part)
         logger.dump(step)
         if self._recordings.is_due(progress.validations):
-            self._recordings.record(actor, requests[0], self._validator.simulator, step, result.part)
+            self._recordings.record(actor, requests[0], self._validator.simulator(), step, result.part)
 
     def select(self) -> None:
         """Keep the present actor, and compare it with the best one so far."""
         step = self.model.num_timesteps
-        config = self.settings.compiled_simulator()
-        error = selection.compare(self.out, self.actor(), self.progress, step, self.task, config)
+        config, machines = self.settings.compiled_simulator(), self.settings.machines
+        error = selection.compare(self.out, self.actor(), self.progress, step, self.task, config, machines)
         self._tables.add_selection(step, error)
         self.model.logger.record(f"selection/{self.task.error_name}", error)
 

@@ -18,6 +18,7 @@ from bike_training.envs.clients import CLIENT_KINDS
 from bike_training.learning.algorithm import LARGEST_SEED
 from bike_training.learning.presets import Preset
 from bike_training.learning.setting_records import check_entries
+from bike_training.tasks.fleet import in_turn
 
 COMPILED_TIME_STEP: Final = 0.01
 """Integration step of the compiled engine in training, s; its error there is below 1e-6 in every state."""
@@ -26,13 +27,19 @@ TRAINING_DRAWS, VALIDATION_DRAWS = 0, 1
 """Branches of a run's seed, so that no draw of a run is another draw of it or of a run with another seed."""
 
 
+def machines_of(vehicle: str) -> tuple[str, ...]:
+    """Return the names or files of the vehicles of a run from its setting, in which commas part them."""
+    return tuple(name.strip() for name in vehicle.split(","))
+
+
 @dataclass(frozen=True)
 class RunSettings:
     """What a run is, beside its preset.
 
     Attributes:
         preset: settings of the learner, the task and the curriculum.
-        vehicle: name of a shipped vehicle, or path of its file.
+        vehicle: name of a shipped vehicle, or path of its file; of races several with commas between them, which the
+            rows take in turn.
         seed: seed of everything.
         client: ``local`` or ``ros``.
         engine: a kind of :func:`bike_sim.physics.engine.make_engine`.
@@ -96,27 +103,34 @@ class RunSettings:
         return self.client == "local" and self.engine == self._compiled_engine
 
     @property
+    def machines(self) -> tuple[str, ...]:
+        """Names or files of the vehicles, which the rows take in turn."""
+        return machines_of(self.vehicle)
+
+    @property
     def superbike(self) -> bool:
-        """Whether a superbike learns."""
-        return isinstance(load_vehicle(self.vehicle), Superbike)
+        """Whether superbikes learn."""
+        return isinstance(load_vehicle(self.machines[0]), Superbike)
 
     @property
     def _compiled_engine(self) -> str:
         return SUPERBIKE_ENGINE if self.superbike else COMPILED_ENGINE
 
-    def simulator(self) -> SimulatorConfig:
-        """Return the configuration of a simulator that rides as the environments do."""
+    def simulator(self, row: int = 0) -> SimulatorConfig:
+        """Return the configuration of a simulator that rides as a row of the environments does."""
         if self.compiled:
-            return self.compiled_simulator()
+            return self.compiled_simulator(row)
+        machine = in_turn(self.machines, row + 1)[row]
         if self.superbike:
-            return replace(superbike_config(self.vehicle), engine=self.engine)
-        return SimulatorConfig(self.vehicle, self.engine, self.time_step)
+            return replace(superbike_config(machine), engine=self.engine)
+        return SimulatorConfig(machine, self.engine, self.time_step)
 
-    def compiled_simulator(self) -> SimulatorConfig:
+    def compiled_simulator(self, row: int = 0) -> SimulatorConfig:
         """Return the configuration of the compiled engine, on which actors are compared wherever they learn."""
+        machine = in_turn(self.machines, row + 1)[row]
         if self.superbike:
-            return replace(superbike_config(self.vehicle), engine=SUPERBIKE_ENGINE)
-        return SimulatorConfig(self.vehicle, COMPILED_ENGINE, COMPILED_TIME_STEP)
+            return replace(superbike_config(machine), engine=SUPERBIKE_ENGINE)
+        return SimulatorConfig(machine, COMPILED_ENGINE, COMPILED_TIME_STEP)
 
 
 def draws(seed: int, branch: int, step: int = 0) -> np.random.SeedSequence:

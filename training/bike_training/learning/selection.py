@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -49,7 +50,15 @@ def kept(out: Path, step: int) -> tuple[int, Actor] | None:
     return None
 
 
-def compare(out: Path, actor: Actor, progress: Progress, step: int, task: Task, config: SimulatorConfig) -> float:
+def compare(
+    out: Path,
+    actor: Actor,
+    progress: Progress,
+    step: int,
+    task: Task,
+    config: SimulatorConfig,
+    machines: Sequence[str] = (),
+) -> float:
     """Keep the present actor on disk, and compare it with the best one so far.
 
     Args:
@@ -59,13 +68,14 @@ def compare(out: Path, actor: Actor, progress: Progress, step: int, task: Task, 
         step: learning step.
         task: what is ridden.
         config: where it is ridden.
+        machines: that the rides take in turn, where there are several.
 
     Returns:
         The actor's error, as the task compares actors.
     """
     progress.selected_at = step
     keep(out, actor, step)
-    error = selection_error(actor, task, config, progress.curriculum.selection_requests(task.preview))
+    error = selection_error(actor, task, config, progress.curriculum.selection_requests(task.preview), machines)
     if error < progress.best_error_m:
         progress.best, progress.best_error_m, progress.best_step = actor, error, step
     return error

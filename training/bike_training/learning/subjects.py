@@ -6,7 +6,7 @@ A new subject is a record of settings with ``make`` and an entry in TASK_SETTING
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Final, Protocol
 
@@ -62,11 +62,11 @@ class CurriculumSettings(Protocol):
         """Learning steps between two comparisons of actors once the curriculum is finished."""
         ...
 
-    def make(self, vehicle: Vehicle) -> Curriculum:
-        """Return the curriculum of a vehicle at its beginning.
+    def make(self, vehicles: Sequence[Vehicle]) -> Curriculum:
+        """Return the curriculum of vehicles, which rows take in turn, at its beginning.
 
         Raises:
-            ValueError: it is not for this vehicle. FileNotFoundError: an unknown course.
+            ValueError: it is not for these vehicles. FileNotFoundError: an unknown course.
         """
         ...
 
@@ -146,7 +146,7 @@ class PartsSettings:
             check_number(name, getattr(self, name), 1, math.inf)
         check_number("last_speeds", self.last_speeds, 0, 1000)
 
-    def make(self, vehicle: Vehicle) -> Curriculum:
+    def make(self, vehicles: Sequence[Vehicle]) -> Curriculum:
         """Return the curriculum at its beginning."""
         return PartsCurriculum(self.refine, self.sharp, self.last_speeds)
 
@@ -275,9 +275,9 @@ class RaceCurriculumSettings:
         if not all(name.strip() for name in self.circuits.split(",")):
             raise ValueError(f"preset setting circuits={self.circuits!r} must name circuits, with commas between them")
 
-    def make(self, vehicle: Vehicle) -> Curriculum:
+    def make(self, vehicles: Sequence[Vehicle]) -> Curriculum:
         """Return the curriculum at its beginning; see `CurriculumSettings`."""
-        ground = Ground(vehicle, [name.strip() for name in self.circuits.split(",")])
+        ground = Ground(vehicles, [name.strip() for name in self.circuits.split(",")])
         common = (ground, self.share, self.spread, self.failure_share, self.sampled)
         if self.curriculum == "speed":
             return SpeedCurriculum(*common, first=self.first_share, counted=self.counted)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bike_policy.contract.actor import Actor
+from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_training.learning.progress import Progress
@@ -32,31 +33,31 @@ class Validation(NamedTuple):
 
 
 class Validator:
-    """Rides validations as the environments of a run do, with one simulator of its own where it needs one."""
+    """Rides validations as the environments of a run do, with simulators of its own where it needs them."""
 
     def __init__(self, settings: RunSettings, task: Task) -> None:
         """Prepare to validate; nothing is started before the first ride."""
         self._settings, self._task = settings, task
-        self._simulator: Simulator | None = None
+        self._simulators: dict[SimulatorConfig, Simulator] = {}
 
-    @property
-    def simulator(self) -> Simulator:
-        """A simulator in this process for every client: the rides are the same bit for bit, and ten times faster."""
-        if self._simulator is None:
-            self._simulator = Simulator(self._settings.simulator())
-        return self._simulator
+    def simulator(self, row: int = 0) -> Simulator:
+        """Return the simulator of a ride in this process: its bits are those of every client, ten times as fast."""
+        config = self._settings.simulator(row)
+        if config not in self._simulators:
+            self._simulators[config] = Simulator(config)
+        return self._simulators[config]
 
     def ride(self, actor: Actor, requests: list[ResetRequest]) -> list[float]:
         """Ride all requests and return their errors, as the task defines them."""
         if self._settings.compiled:
-            return validate_batch(actor, self._task, self._settings.simulator(), requests)
+            settings = self._settings
+            return validate_batch(actor, self._task, settings.simulator(), requests, settings.machines)
         return validate_simulator(actor, self._task, self.simulator, requests)
 
     def close(self) -> None:
-        """Release the simulator; a later ride starts another one."""
-        simulator, self._simulator = self._simulator, None
-        if simulator is not None:
-            simulator.close()
+        """Release the simulators; a later ride starts others."""
+        while self._simulators:
+            self._simulators.popitem()[1].close()
 
 
 def take_in(progress: Progress, actor: Actor, step: int, errors: Sequence[float], largest_error: float) -> Validation:

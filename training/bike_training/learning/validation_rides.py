@@ -2,28 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bike_policy.contract.actor import Actor
 from bike_policy.contract.rows import row_of
-from bike_sim.sim.batch import Batch, make_batch
+from bike_sim.sim.batch import Batch
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_training.envs.clients import Client
 from bike_training.tasks.base import Task
+from bike_training.tasks.fleet import batch_of
 
 
-def selection_error(actor: Actor, task: Task, config: SimulatorConfig, requests: list[ResetRequest]) -> float:
+def selection_error(
+    actor: Actor, task: Task, config: SimulatorConfig, requests: list[ResetRequest], machines: Sequence[str] = ()
+) -> float:
     """Ride all requests side by side and return the figure by which the task compares actors, less is better."""
-    return task.selection_error(*ride_side_by_side(actor, task, config, requests))
+    return task.selection_error(*ride_side_by_side(actor, task, config, requests, machines=machines))
 
 
-def validate_batch(actor: Actor, task: Task, config: SimulatorConfig, requests: list[ResetRequest]) -> list[float]:
+def validate_batch(
+    actor: Actor, task: Task, config: SimulatorConfig, requests: list[ResetRequest], machines: Sequence[str] = ()
+) -> list[float]:
     """Ride all requests side by side and return the error of each ride, as the task defines it."""
-    track, alive = ride_side_by_side(actor, task, config, requests)
+    track, alive = ride_side_by_side(actor, task, config, requests, machines=machines)
     return [task.validation_error(track[:, i], bool(alive[i])) for i in range(len(requests))]
 
 
@@ -33,6 +38,7 @@ def ride_side_by_side(
     config: SimulatorConfig,
     requests: list[ResetRequest],
     disturb: Callable[[Batch, int, NDArray[np.bool_]], None] = lambda *_: None,
+    machines: Sequence[str] = (),
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Ride a batch; return the errors, shape (control periods, rides), and which rides did not fail.
 
@@ -42,10 +48,10 @@ def ride_side_by_side(
         config: of the batch.
         requests: a ride each.
         disturb: called before each control period with the batch, the period's number and which rides go on.
+        machines: names or files that the rides take in turn, where there are several; none for the config's.
     """
-    batch = make_batch(len(requests), config, task.preview)
+    batch, rides = batch_of(task.strict(), len(requests), config, machines)
     try:
-        rides = task.strict().rides(len(requests), batch.vehicle)
         for index, request in enumerate(requests):
             batch.reset(index, request)
             rides.begin(index, batch, request, batch.course(index))
@@ -71,9 +77,11 @@ def ride_side_by_side(
         batch.close()
 
 
-def validate_simulator(actor: Actor, task: Task, simulator: Client, requests: list[ResetRequest]) -> list[float]:
-    """Ride all requests one after the other through a simulator and return the error of each ride."""
-    return [_ride(actor, task, simulator, request) for request in requests]
+def validate_simulator(
+    actor: Actor, task: Task, simulator: Callable[[int], Client], requests: list[ResetRequest]
+) -> list[float]:
+    """Ride all requests one after the other, each through the simulator of its number, and return their errors."""
+    return [_ride(actor, task, simulator(row), request) for row, request in enumerate(requests)]
 
 
 def _ride(actor: Actor, task: Task, simulator: Client, request: ResetRequest) -> float:

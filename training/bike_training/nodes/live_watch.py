@@ -30,7 +30,7 @@ from bike_training.nodes.live_thread import LiveThread
 
 PERIOD: Final = 1.0 / 30.0
 """Wall-clock time between two visits to the states, s; each tells at most one."""
-RACING_PERIOD: Final = 1.0 / 20.0
+RACING_PERIOD: Final = 1.0 / 24.0
 """Likewise while the simulator is ahead of the clock: its page must not take the processors from it."""
 RACING: Final = 1.5
 """Simulated time by wall-clock time from which on it is."""

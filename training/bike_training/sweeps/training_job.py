@@ -100,7 +100,8 @@ class TrainJob:
             entries.get("time_step"),
             entries.get("simulators"),
         )
-        preset.task.check_vehicle(load_vehicle(settings.vehicle))
+        for name in settings.machines:
+            preset.task.check_vehicle(load_vehicle(name))
         return cls(settings)
 
     def estimate(self) -> float:

@@ -19,6 +19,7 @@ from bike_policy.contract.action import DRIVE, LEAN_REQUEST, LINE_OFFSET, PACE, 
 from bike_policy.contract.race import COMPACT, RaceEyes, RaceLayout
 from bike_policy.contract.reference import OPEN
 from bike_policy.contract.rows import RowBlocks
+from bike_policy.riders.machine_facts import machine_facts
 from bike_policy.riders.race_guide import RaceGuide, commands_of
 from bike_policy.riders.race_reference import References
 from bike_sim.course.course import Course
@@ -332,7 +333,7 @@ class RaceRides:
         self._period, self._max_steer = vehicle.control_period, vehicle.max_steer
         self._action = task.action if action is None else action
         self._guide = RaceGuide(vehicle, vehicle.control_period, count) if self._action.guided else None
-        self.eyes = RaceEyes(task.layout, count, sf.TELEMETRY_NAMES, self._guide)
+        self.eyes = RaceEyes(task.layout, count, sf.TELEMETRY_NAMES, self._guide, machine_facts(vehicle))
         self._passed = Passed.nothing(count)
         self._count = count
         self._progress = np.zeros(count)

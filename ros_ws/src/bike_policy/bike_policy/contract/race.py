@@ -45,6 +45,12 @@ REAR_LEFT, REAR_RIGHT = range(2)
 LINE, LEFT, RIGHT = range(3)
 """Rows of the course points."""
 
+MACHINE_FACTS: Final = (
+    "machine_mass", "machine_wheelbase", "machine_com_height", "machine_com_x", "machine_drag",
+    "machine_drive_20", "machine_drive_40", "machine_drive_60", "machine_drive_80",
+)  # fmt: skip
+"""What the block ``machine`` says of the machine, scaled; `bike_policy.riders.machine_facts` computes it."""
+
 
 class Column(NamedTuple):
     """One number of the observation.
@@ -67,6 +73,7 @@ class Sight(NamedTuple):
             newest first, rad, shape (n, history). steers: of the decision before, rad, shape (n,).
         actions: the last one and the one before, shape (n, 2, 2). references: what the vehicles follow.
         speed: at least LEAST_SPEED, m/s. guide: what `Guide.shown` says; zeros without one.
+        machine: what is known of the machine, in the order of MACHINE_FACTS; the same for all rows.
     """
 
     blocks: RowBlocks
@@ -78,6 +85,7 @@ class Sight(NamedTuple):
     references: ReferenceRows
     speed: FloatArray
     guide: FloatArray
+    machine: FloatArray
 
 
 class Guide(Protocol):
@@ -274,6 +282,10 @@ BLOCKS: Final[Mapping[str, Block]] = {
         _own(guide_steering=-1.0, guide_throttle=1.0, guide_offset=-1.0, guide_pace=1.0),
         lambda sight: sight.guide / [1.0, 1.0, 2.0, 0.1],
     ),
+    "machine": Block(
+        _own(**dict.fromkeys(MACHINE_FACTS, 1.0)),
+        lambda sight: np.tile(sight.machine, (len(sight.speed), 1)),
+    ),
 }  # fmt: skip
 """All blocks by name."""
 
@@ -391,9 +403,17 @@ class RaceEyes:
 
     Attributes:
         layout: of the observation. references: what the vehicles follow. guide: who makes the commands, or None.
+        machine: what is known of the machine.
     """
 
-    def __init__(self, layout: RaceLayout, count: int, signal_names: Sequence[str], guide: Guide | None = None) -> None:
+    def __init__(
+        self,
+        layout: RaceLayout,
+        count: int,
+        signal_names: Sequence[str],
+        guide: Guide | None = None,
+        machine: FloatArray | None = None,
+    ) -> None:
         """Prepare to see.
 
         Args:
@@ -401,13 +421,17 @@ class RaceEyes:
             count: number of vehicles.
             signal_names: of the telemetry that they have.
             guide: who turns the policy's targets into commands, if somebody does.
+            machine: what is known of the machine, in the order of MACHINE_FACTS.
 
         Raises:
-            ValueError: telemetry that the layout needs is missing, or a guide.
+            ValueError: telemetry that the layout needs is missing, or a guide, or the machine.
         """
         if guide is None and "guide" in layout.blocks:
             raise ValueError(f"layout {layout.name!r} shows what the guide does, and there is none")
+        if machine is None and "machine" in layout.blocks:
+            raise ValueError(f"layout {layout.name!r} shows what the machine is, and nothing is known of it")
         self.guide = guide
+        self.machine = np.zeros(len(MACHINE_FACTS)) if machine is None else machine
         missing = [name for name in layout.signals if name not in signal_names]
         if missing:
             raise ValueError(f"layout {layout.name!r} needs telemetry {missing}, which this vehicle does not have")
@@ -441,7 +465,8 @@ class RaceEyes:
 
         speed = np.maximum(blocks.look[:, SPEED], LEAST_SPEED)
         guide = np.zeros((len(speed), 4)) if self.guide is None else self.guide.shown()
-        sight = Sight(blocks, self.layout, signal, self.rolls, self.steers, self.actions, self.references, speed, guide)
+        remembered = (self.rolls, self.steers, self.actions, self.references)
+        sight = Sight(blocks, self.layout, signal, *remembered, speed, guide, self.machine)
         parts = [BLOCKS[block].values(sight) for block in self.layout.blocks]
         return np.clip(np.concatenate(parts, axis=1), -1.0, 1.0).astype(np.float32)
 
@@ -493,5 +518,7 @@ begins to within a tenth of a second.
 """
 GUIDED: Final = RaceLayout("guided", (*COMPACT.blocks, "guide"))
 """The same, and what the guide does."""
-RACE_LAYOUTS: Final[Mapping[str, RaceLayout]] = {layout.name: layout for layout in (COMPACT, GUIDED, PAPER_RACE)}
+TOLD: Final = RaceLayout("told", (*GUIDED.blocks, "machine"))
+"""The same, and what the machine is: for one policy of many machines."""
+RACE_LAYOUTS: Final[Mapping[str, RaceLayout]] = {layout.name: layout for layout in (COMPACT, GUIDED, TOLD, PAPER_RACE)}
 """Shipped layouts by name."""

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from bike_policy.contract.bundle import Bundle
 from bike_policy.contract.race import RaceEyes, RaceLayout
 from bike_policy.contract.rows import RowBlocks
+from bike_policy.riders.machine_facts import machine_facts
 from bike_policy.riders.race_guide import Planner, RaceGuide, commands_of
 from bike_policy.riders.race_reference import References
 from bike_sim.course.course import Course
@@ -51,7 +52,7 @@ class Racer:
         self._actor, self._action, self._max_steer = bundle.actor, bundle.action, vehicle.max_steer
         self._references = References(vehicle) if references is None else references
         self._guide = RaceGuide(vehicle, period, count, plan) if bundle.action.guided else None
-        self._eyes = RaceEyes(layout, count, TELEMETRY_NAMES, self._guide)
+        self._eyes = RaceEyes(layout, count, TELEMETRY_NAMES, self._guide, machine_facts(vehicle))
 
     def prepare(self, line: Course) -> None:
         """Plan a lap, before the first ride that needs it.

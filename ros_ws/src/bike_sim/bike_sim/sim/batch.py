@@ -5,6 +5,7 @@ Courses are shared: rows on the same course refer to the same arrays.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
@@ -127,7 +128,11 @@ class CircuitBatch(Batch, Protocol):
 
 
 def make_batch(
-    count: int, config: SimulatorConfig, preview: Preview, disturbances: Disturbances | None = None
+    count: int,
+    config: SimulatorConfig,
+    preview: Preview,
+    disturbances: Disturbances | None = None,
+    vehicles: Sequence[str] | None = None,
 ) -> Batch:
     """Return a batch of vehicles, compiled where the engine is and nothing disturbs its vehicles.
 
@@ -136,18 +141,21 @@ def make_batch(
         config: vehicle, engine and steps.
         preview: points of the path ahead.
         disturbances: of what is ridden, drawn for each row as its `Simulator` draws them.
+        vehicles: name or file of each row's machine, where they differ; compiled superbikes only.
 
     Raises:
         ValueError: an invalid parameter. FileNotFoundError: an unknown vehicle.
     """
     if disturbances is not None and disturbances.acts_on_bicycle:
         return SimulatorBatch(count, config, preview, disturbances)
-    if config.engine == COMPILED_ENGINE:
+    if config.engine == COMPILED_ENGINE and vehicles is None:
         return CompiledBatch(count, config, preview)
-    return make_circuit_batch(count, config, preview)
+    return make_circuit_batch(count, config, preview, vehicles)
 
 
-def make_circuit_batch(count: int, config: SimulatorConfig, preview: Preview) -> CircuitBatch:
+def make_circuit_batch(
+    count: int, config: SimulatorConfig, preview: Preview, vehicles: Sequence[str] | None = None
+) -> CircuitBatch:
     """Return a batch that rides circuits: compiled for superbikes on engine SUPERBIKE_ENGINE, else of simulators.
 
     Raises:
@@ -157,5 +165,7 @@ def make_circuit_batch(count: int, config: SimulatorConfig, preview: Preview) ->
         # Late: a bicycle is spared tyres and lap theory.
         from bike_sim.sim.superbike_batch import CompiledSuperbikeBatch
 
-        return CompiledSuperbikeBatch(count, config)
+        return CompiledSuperbikeBatch(count, config, vehicles)
+    if vehicles is not None:
+        raise ValueError(f"engine {config.engine!r} steps vehicles of one kind side by side, not {', '.join(vehicles)}")
     return SimulatorBatch(count, config, preview)
