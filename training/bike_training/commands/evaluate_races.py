@@ -10,10 +10,13 @@ from typing import Any, Final
 from rich import box
 from rich.console import Console
 from rich.table import Table
+from tqdm import tqdm
 
 from bike_analysis.figures.numbers import lap_text
 from bike_policy.contract.bundle import load_bundle
 from bike_training.arguments import check_positive, check_whole, make_folder
+from bike_training.reproduce.superbike.bundle_tables import bundle_tables
+from bike_training.reproduce.superbike.experiment import CIRCUITS, MACHINES
 from bike_training.rollout.races import ride_races
 
 MACHINE: Final = "panigale_v4r"
@@ -24,10 +27,13 @@ def configure_races(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of races."""
     races = parser.add_argument_group("races of superbikes")
     races.add_argument("--superbike", action="store_true", help="laps of a racing policy instead of rides on paths")
-    races.add_argument("--machines", default=MACHINE, help="with commas between them (default: %(default)s)")
-    races.add_argument("--circuits", default=CIRCUIT, help="with commas between them (default: %(default)s)")
+    races.add_argument("--machines", help=f"with commas between them (default: {MACHINE}; all with --tables)")
+    races.add_argument("--circuits", help=f"with commas between them (default: {CIRCUIT}; all with --tables)")
     races.add_argument("--starts", type=int, default=100, help="rides on each (default: %(default)s)")
     races.add_argument("--laps", type=int, default=1, help="flying laps of each ride (default: %(default)s)")
+    races.add_argument(
+        "--tables", action="store_true", help="print Tables I to III of the superbike paper, and write tables.md"
+    )
     races.add_argument("--share", type=float, help="part of the planned speed that is asked (default: the policy's)")
 
 
@@ -43,19 +49,26 @@ def evaluate_races(args: argparse.Namespace) -> dict[str, Any]:
         check_positive("--share", args.share, "")
     bundle = load_bundle(args.rider or args.policy)
     make_folder("--out", args.out)
-    found = [
-        ride_races(bundle, machine, circuit, args.starts, args.laps, args.share).figures()
-        for circuit in args.circuits.split(",")
-        for machine in args.machines.split(",")
+    machines = args.machines or (",".join(MACHINES) if args.tables else MACHINE)
+    circuits = args.circuits or (",".join(CIRCUITS) if args.tables else CIRCUIT)
+    pairs = [(machine, circuit) for circuit in circuits.split(",") for machine in machines.split(",")]
+    results = [
+        ride_races(bundle, machine, circuit, args.starts, args.laps, args.share)
+        for machine, circuit in tqdm(pairs, unit="pair", disable=args.json or len(pairs) == 1)
     ]
+    found = [result.figures() for result in results]
     figures = {"policy": bundle.name, "races": found}
     (args.out / "races.json").write_text(json.dumps(figures, indent=1), encoding="utf-8")
     with (args.out / "races.csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, list(found[0]))
         writer.writeheader()
         writer.writerows(found)
+    tables = bundle_tables(bundle.name, results) if args.tables else ""
+    if tables:
+        (args.out / "tables.md").write_text(tables, encoding="utf-8")
     if not args.json:
         Console(width=120).print(_table(bundle.name, found))
+        print(tables)
     ok = all(race["whole"] == race["rides"] for race in found)
     return {"schema": "bike.races/1", "ok": ok, "figures": figures}
 

@@ -18,6 +18,7 @@ from bike_analysis.figures.lap_recording import LapRecording, Machine, Theory, l
 from bike_analysis.figures.numbers import lap_text
 from bike_analysis.page.lap_page import lap_figures, write_lap_report
 from bike_analysis.report import analyze
+from bike_policy.contract.bundle import DEFAULT_RACER
 from bike_policy.riders.classical import CLASSICAL
 from bike_policy.riders.making import make_rider
 from bike_policy.riders.rider import Rider
@@ -35,6 +36,8 @@ from bike_training.progress import way_bar
 from bike_training.rollout.laps import ALLOWED_EXCESS, pair_figures, ride_laps
 
 SCHEMA: Final = "bike.lap/1"
+LEARNED: Final = "learned"
+"""Stands for the shipped policy that races."""
 
 TABLE_WIDTH: Final = 130
 GG_POINTS: Final = 25
@@ -61,7 +64,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--rider",
         default=CLASSICAL,
-        help=f"{CLASSICAL}, a shipped policy that races, or the folder of one (default: %(default)s)",
+        help=f"{CLASSICAL}, {LEARNED} (the shipped {DEFAULT_RACER}), a shipped policy that races, or the folder of one "
+        "(default: %(default)s)",
     )
     parser.add_argument(
         "--engine", choices=SUPERBIKE_ENGINES, default=SUPERBIKE_ENGINES[0], help="in process (default: %(default)s)"
@@ -85,6 +89,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         ValueError: a broken file. FileNotFoundError: an unknown vehicle or circuit.
     """
     check_whole("--laps", args.laps, 1)
+    args.rider, args.beside = (DEFAULT_RACER if name == LEARNED else name for name in (args.rider, args.beside))
     if args.beside is not None and not args.nodes:
         raise ValueError(f"--beside {args.beside} compares recordings, which only --nodes makes")
     if args.nodes:

@@ -14,24 +14,27 @@ from bike_training.reproduce.superbike.experiment import CIRCUITS, MACHINES, set
 from bike_training.reproduce.superbike.rides import ACTORS
 from bike_training.reproduce.superbike.statements import of_whole, rows_of, transfers_of
 
-_PUBLISHED_1: Final = {
+PUBLISHED_1: Final = {
     ("spdl", "early"): ("1:32.85", "2.99", "1.74", "0", "0"),
     ("sac", "early"): ("-", "4.59", "9.22", "3", "0"),
     ("spdl", "late"): ("1:30.75", "3.15", "1.17", "0", "0"),
     ("sac", "late"): ("1:31.32", "2.89", "2.15", "0", "0"),
 }
-_PUBLISHED_2: Final = {
+"""Published Table I: lap time, distance to the ideal line (m), off-track time (s), falls, collisions."""
+PUBLISHED_2: Final = {
     "barcelona": ("1:32.85", "2.99", "1.74", "-"),
     "cremona": ("1:28.22", "3.73", "1.31", "1:29.14"),
     "phillip_island": ("1:27.49", "3.10", "4.35", "-"),
 }
-_PUBLISHED_3: Final = {
+"""Published Table II: lap time, distance (m) and off-track time (s) of SPDL, lap time of SAC."""
+PUBLISHED_3: Final = {
     "panigale_v4r": ("1:30.24", "1:27.80", "1:26.01"),
     "zx10rr": ("1:31.10", "1:27.98", "1:28.75"),
     "cbr1000rr_r": ("1:32.34", "1:28.81", "1:24.62"),
     "r1": ("1:32.53", "1:29.52", "1:24.29"),
     "m1000rr": ("1:33.13", "1:30.32", "-"),
 }
+"""Published Table III: best laps of each machine on the three circuits."""
 
 
 def _lap_with_interval(values: FloatArray) -> str:
@@ -83,7 +86,7 @@ def _table_1(data: Data) -> str:
     lines.append("| decisions | " + " | ".join(told) + " |")
     for name, write in _ROWS_1:
         lines.append(f"| {name} | " + " | ".join(write(rows) if rows else "-" for rows in cells) + " |")
-    published = [_PUBLISHED_1.get(column, ("",) * 5) for column in columns]
+    published = [PUBLISHED_1.get(column, ("",) * 5) for column in columns]
     names = ("lap time", "distance / m", "off-track / s", "falls", "collisions")
     for place, name in enumerate(names):
         lines.append(f"| *paper: {name}* | " + " | ".join(each[place] for each in published) + " |")
@@ -96,7 +99,7 @@ def _table_2(data: Data) -> str:
         "|---|---|---|---|---|---|---|---|",
     ]
     for circuit in CIRCUITS:
-        lap, line, off, sac = _PUBLISHED_2[circuit]
+        lap, line, off, sac = PUBLISHED_2[circuit]
         lines.append(f"| {circuit} | *paper, early* | | {lap} | {line} | {off} | | {sac} |")
         for actor in ACTORS:
             ours, others = (rows_of(data, setting_of(kind, circuit), actor) for kind in ("spdl", "sac"))
@@ -114,7 +117,7 @@ def _table_3(data: Data) -> str:
     lines = ["| machine | | " + " | ".join(CIRCUITS) + " |", "|---" * (len(CIRCUITS) + 2) + "|"]
     found = {circuit: transfers_of(data, circuit) for circuit in CIRCUITS}
     for machine in MACHINES:
-        lines.append(f"| {machine} | paper | " + " | ".join(_PUBLISHED_3[machine]) + " |")
+        lines.append(f"| {machine} | paper | " + " | ".join(PUBLISHED_3[machine]) + " |")
         cells = []
         for circuit in CIRCUITS:
             row = found[circuit].get(machine)

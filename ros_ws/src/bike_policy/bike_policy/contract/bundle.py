@@ -29,6 +29,9 @@ from bike_policy.contract.race import RACE_KIND, RaceLayout
 from bike_sim.documents import shorten, show
 
 DEFAULT_POLICY: Final = "whipple"
+"""The shipped policy that rides a bicycle."""
+DEFAULT_RACER: Final = "racer"
+"""The shipped policy that races superbikes."""
 
 
 @dataclass(frozen=True)
