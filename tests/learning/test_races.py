@@ -13,6 +13,7 @@ from bike_policy.contract.race import COMPACT, GUIDED, RaceLayout
 from bike_policy.riders.rider import Rider
 from bike_training.cli import main
 from bike_training.commands import lap
+from bike_training.commands.evaluate_races import _pairs
 from bike_training.reproduce.superbike.bundle_tables import bundle_tables
 from bike_training.rollout.laps import ride_laps
 from bike_training.rollout.races import RaceResult, ride_races
@@ -94,6 +95,11 @@ def test_the_papers_tables_hold_each_ride_at_its_place() -> None:
     assert "| cremona | not ridden |" in second
     assert "| panigale_v4r | 1:41.000 | 1:30.24 | not ridden | 1:27.80 |" in third
     assert "| r1 | not ridden | 1:32.53 | 1:35.500 | 1:29.52 |" in third
+
+
+def test_machines_ride_each_circuit_or_take_circuits_in_turn() -> None:
+    assert _pairs("ab", "xyz", False) == [("a", "x"), ("b", "x"), ("a", "y"), ("b", "y"), ("a", "z"), ("b", "z")]
+    assert _pairs("ab", "xyz", True) == [("a", "x"), ("b", "y"), ("a", "z")]
 
 
 def test_the_learned_rider_of_laps_is_the_shipped_one(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import csv
 import json
+from collections.abc import Sequence
 from typing import Any, Final
 
 from rich import box
@@ -18,6 +19,7 @@ from bike_training.arguments import check_positive, check_whole, make_folder
 from bike_training.reproduce.superbike.bundle_tables import bundle_tables
 from bike_training.reproduce.superbike.experiment import CIRCUITS, MACHINES
 from bike_training.rollout.races import ride_races
+from bike_training.tasks.fleet import in_turn
 
 MACHINE: Final = "panigale_v4r"
 CIRCUIT: Final = "barcelona"
@@ -29,6 +31,9 @@ def configure_races(parser: argparse.ArgumentParser) -> None:
     races.add_argument("--superbike", action="store_true", help="laps of a racing policy instead of rides on paths")
     races.add_argument("--machines", help=f"with commas between them (default: {MACHINE}; all with --tables)")
     races.add_argument("--circuits", help=f"with commas between them (default: {CIRCUIT}; all with --tables)")
+    races.add_argument(
+        "--in-turn", action="store_true", help="one machine on each circuit, in turn, instead of each on each"
+    )
     races.add_argument("--starts", type=int, default=100, help="rides on each (default: %(default)s)")
     races.add_argument("--laps", type=int, default=1, help="flying laps of each ride (default: %(default)s)")
     races.add_argument(
@@ -51,7 +56,7 @@ def evaluate_races(args: argparse.Namespace) -> dict[str, Any]:
     make_folder("--out", args.out)
     machines = args.machines or (",".join(MACHINES) if args.tables else MACHINE)
     circuits = args.circuits or (",".join(CIRCUITS) if args.tables else CIRCUIT)
-    pairs = [(machine, circuit) for circuit in circuits.split(",") for machine in machines.split(",")]
+    pairs = _pairs(machines.split(","), circuits.split(","), args.in_turn)
     results = [
         ride_races(bundle, machine, circuit, args.starts, args.laps, args.share)
         for machine, circuit in tqdm(pairs, unit="pair", disable=args.json or len(pairs) == 1)
@@ -71,6 +76,13 @@ def evaluate_races(args: argparse.Namespace) -> dict[str, Any]:
         print(tables)
     ok = all(race["whole"] == race["rides"] for race in found)
     return {"schema": "bike.races/1", "ok": ok, "figures": figures}
+
+
+def _pairs(machines: Sequence[str], circuits: Sequence[str], taking_turns: bool) -> list[tuple[str, str]]:
+    """Return which machine rides which circuit."""
+    if taking_turns:
+        return list(zip(in_turn(machines, len(circuits)), circuits, strict=True))
+    return [(machine, circuit) for circuit in circuits for machine in machines]
 
 
 def _table(name: str, found: list[dict[str, Any]]) -> Table:
