@@ -24,7 +24,9 @@ UPDATES: Final = 60
 return allows each of them."""
 
 CHECKPOINTS: Final = 20
-"""Most checkpoints of a long run: each holds the whole replay buffer."""
+VALIDATIONS: Final = 200
+COMPARISONS: Final = 50
+"""Most of each in a long run: a checkpoint holds the whole replay buffer, the others ride for seconds."""
 
 
 def kind_of(setting: str) -> str:
@@ -77,7 +79,13 @@ class SuperbikeExperiment(Experiment):
     def base(self) -> dict[str, Any]:
         """Return the entries of every run."""
         iteration = max(1, round(self.steps / UPDATES))
-        learner = {"validate_every": 10_000, "threshold": THRESHOLD, "iteration": iteration, **dict(self.learner)}
+        learner = {
+            "validate_every": max(10_000, self.steps // VALIDATIONS),
+            "select_every": max(50_000, self.steps // COMPARISONS),
+            "threshold": THRESHOLD,
+            "iteration": iteration,
+            **dict(self.learner),
+        }
         return {
             "vehicle": MACHINE,
             "preset": PRESET,
