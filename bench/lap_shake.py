@@ -1,8 +1,9 @@
-"""How long superbikes shake on their laps: `python -m bench.lap_shake [CIRCUIT ...]`.
+"""How long superbikes shake on their laps, and how busy their riders are: `python -m bench.lap_shake [CIRCUIT ...]`.
 
 An out-lap and a flying lap of each machine on each circuit. Shake is what a mean over 0.2 s leaves of the lateral
 acceleration, as in `bike validate superbike`; printed is the time a lap for which its root mean square over 0.5 s is
-larger than 0.15 g, and the largest of these.
+larger than 0.15 g, and the largest of these. A rider's activity is the mean change of steering and of throttle or
+brake, both in [-1, 1], from one control period of 20 ms to the next, in thousandths.
 """
 
 from __future__ import annotations
@@ -40,19 +41,24 @@ def main() -> None:
     parser.add_argument("circuits", nargs="*", default=list(shipped_tracks()))
     parser.add_argument("--rider", default="classical")
     args = parser.parse_args()
-    print(f"{'machine':14s} {'circuit':16s} {'above, s a lap':>14s} {'largest, g':>10s}")
+    print(
+        f"{'machine':14s} {'circuit':16s} {'above, s a lap':>14s} {'largest, g':>10s} {'steering':>9s} {'throttle':>9s}"
+    )
     for vehicle in shipped_superbikes():
         for circuit in args.circuits:
-            lateral: list[float] = []
+            moments: list[tuple[float, float, float]] = []
 
-            def keep(snapshot: Snapshot, length: float, seen: list[float] = lateral) -> None:
-                seen.append(float(snapshot.signals[sf.T_LATERAL]))
+            def keep(snapshot: Snapshot, length: float, seen: list[tuple[float, float, float]] = moments) -> None:
+                seen.append((float(snapshot.signals[sf.T_LATERAL]), snapshot.steering, snapshot.throttle))
 
             ride = ride_laps(vehicle, circuit, 1, rider=make_rider(args.rider), engine="compiled", tell=keep)
-            shakes = shakes_of(np.array(lateral))
+            ridden = np.array(moments)
+            shakes = shakes_of(ridden[:, 0])
+            steering, throttle = 1000.0 * np.abs(np.diff(ridden[:, 1:], axis=0)).mean(axis=0)
             above = PERIOD * np.count_nonzero(shakes > ALLOWED) / 2.0
             end = "" if ride.end == "finished" else f"  {ride.end}"
-            print(f"{vehicle:14s} {circuit:16s} {above:14.2f} {shakes.max():10.3f}{end}", flush=True)
+            row = f"{vehicle:14s} {circuit:16s} {above:14.2f} {shakes.max():10.3f} {steering:9.2f} {throttle:9.2f}{end}"
+            print(row, flush=True)
 
 
 if __name__ == "__main__":
