@@ -1,5 +1,6 @@
 """The environments: Gymnasium's contract, the rules of the episode, and the same ride in all of them."""
 
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +18,7 @@ from bike_sim.sim.snapshot import DIVERGED
 from bike_training.curricula.parts import PartsCurriculum, RideRanges
 from bike_training.envs.env import BikeEnv
 from bike_training.envs.vec_env import BatchVecEnv, SimulatorVecEnv
-from bike_training.learning.validation_rides import validate_batch, validate_simulator
+from bike_training.learning.validation_rides import SideBySide, validate_simulator
 from bike_training.tasks.base import sum_of
 from bike_training.tasks.path import TASKS
 
@@ -192,7 +193,7 @@ def test_seed_decides_the_rides_after_the_next_reset():
 def test_simulators_of_neighbouring_seeds_begin_other_rides():
     rides = []
     for seed in (0, 1):
-        env = SimulatorVecEnv(2, lambda: BikeEnv("local", "prop", RANGES, COMPILED))
+        env = SimulatorVecEnv(2, lambda row: BikeEnv("local", "prop", RANGES, COMPILED))
         env.seed(seed)
         rides.extend(env.reset())
         env.close()
@@ -219,5 +220,6 @@ def test_actions_mean_the_same_in_every_environment():
         batch.step(action[None, :])
         np.testing.assert_array_equal(single.snapshot.state, batch.batch.state[0])
     actor = Actor([np.full((1, task.layout.size), 0.01, dtype=np.float32)], [np.zeros(1, dtype=np.float32)])
-    errors = validate_batch(actor, task, COMPILED, [request])
-    assert errors == validate_simulator(actor, task, Simulator(COMPILED), [request])
+    with closing(SideBySide(task, 1, COMPILED)) as together:
+        errors = together.errors(actor, [request])
+    assert errors == validate_simulator(actor, task, lambda _: Simulator(COMPILED), [request])

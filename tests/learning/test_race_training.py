@@ -1,5 +1,6 @@
 """Learning to race: something is learned in seconds, and a run goes on as if never stopped, its curriculum too."""
 
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from bike_training.curricula.spdl import SpdlCurriculum
 from bike_training.learning.presets import RACE, RACE_DIRECT, RACE_PAPER, Preset
 from bike_training.learning.process import LearningProcess
 from bike_training.learning.run_settings import RunSettings
-from bike_training.learning.validation_rides import ride_side_by_side
+from bike_training.learning.validation_rides import SideBySide, ride_side_by_side
 from bike_training.tasks.race import RaceContext, RaceTask
 
 VEHICLE = "panigale_v4r"
@@ -75,6 +76,23 @@ def test_a_resumed_run_is_the_uninterrupted_one(
     assert stored.keys() == again.keys()
     for name, tensor in stored.items():
         np.testing.assert_array_equal(again[name], tensor, err_msg=name)
+
+
+def test_vehicles_that_are_kept_ride_the_next_validation_as_new_ones_do(ground: Ground) -> None:
+    task = replace(RACE.task.make(), validation_duration=3.0)
+    config = settings(RACE).simulator()
+    rng = np.random.default_rng(0)
+    rides = [RaceCurriculum(ground).validation_requests(task.preview, rng) for _ in range(2)]
+    actors = [
+        Actor([rng.normal(size=(2, task.layout.size)).astype(np.float32)], [np.zeros(2, dtype=np.float32)])
+        for _ in rides
+    ]
+    with closing(SideBySide(task, 4, config)) as kept:
+        kept.errors(actors[0], rides[0])
+        again = kept.errors(actors[1], rides[1])
+    with closing(SideBySide(task, 4, config)) as fresh:
+        assert again == fresh.errors(actors[1], rides[1])
+    assert len(set(again)) > 1
 
 
 def ended(request: ResetRequest, total: float = 1.0, failed: bool = False, progress: float = 0.0) -> EndedEpisode:

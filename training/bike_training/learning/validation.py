@@ -13,7 +13,7 @@ from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_training.learning.progress import Progress
 from bike_training.learning.run_settings import RunSettings
-from bike_training.learning.validation_rides import validate_batch, validate_simulator
+from bike_training.learning.validation_rides import SideBySide, validate_simulator
 from bike_training.tasks.base import Task
 
 
@@ -39,6 +39,7 @@ class Validator:
         """Prepare to validate; nothing is started before the first ride."""
         self._settings, self._task = settings, task
         self._simulators: dict[SimulatorConfig, Simulator] = {}
+        self._together: SideBySide | None = None
 
     def simulator(self, row: int = 0) -> Simulator:
         """Return the simulator of a ride in this process: its bits are those of every client, ten times as fast."""
@@ -50,12 +51,23 @@ class Validator:
     def ride(self, actor: Actor, requests: list[ResetRequest]) -> list[float]:
         """Ride all requests and return their errors, as the task defines them."""
         if self._settings.compiled:
-            settings = self._settings
-            return validate_batch(actor, self._task, settings.simulator(), requests, settings.machines)
+            return self._side_by_side(len(requests)).errors(actor, requests)
         return validate_simulator(actor, self._task, self.simulator, requests)
+
+    def _side_by_side(self, count: int) -> SideBySide:
+        """Return vehicles for a number of rides: those of the last validation, unless it had another number."""
+        if self._together is None or self._together.count != count:
+            if self._together is not None:
+                self._together.close()
+            settings = self._settings
+            self._together = SideBySide(self._task, count, settings.simulator(), settings.machines)
+        return self._together
 
     def close(self) -> None:
         """Release the simulators; a later ride starts others."""
+        together, self._together = self._together, None
+        if together is not None:
+            together.close()
         while self._simulators:
             self._simulators.popitem()[1].close()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import closing
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,40 +25,44 @@ def selection_error(
     return task.selection_error(*ride_side_by_side(actor, task, config, requests, machines=machines))
 
 
-def validate_batch(
-    actor: Actor, task: Task, config: SimulatorConfig, requests: list[ResetRequest], machines: Sequence[str] = ()
-) -> list[float]:
-    """Ride all requests side by side and return the error of each ride, as the task defines it."""
-    track, alive = ride_side_by_side(actor, task, config, requests, machines=machines)
-    return [task.validation_error(track[:, i], bool(alive[i])) for i in range(len(requests))]
+class SideBySide:
+    """Vehicles side by side for rides of one task, with what has been planned for their courses.
 
-
-def ride_side_by_side(
-    actor: Actor,
-    task: Task,
-    config: SimulatorConfig,
-    requests: list[ResetRequest],
-    disturb: Callable[[Batch, int, NDArray[np.bool_]], None] = lambda *_: None,
-    machines: Sequence[str] = (),
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Ride a batch; return the errors, shape (control periods, rides), and which rides did not fail.
-
-    Args:
-        actor: who rides.
-        task: what the actor sees, and what is a failure.
-        config: of the batch.
-        requests: a ride each.
-        disturb: called before each control period with the batch, the period's number and which rides go on.
-        machines: names or files that the rides take in turn, where there are several; none for the config's.
+    Whoever rides many times keeps one of these: a guide plans and rehearses each line once, not once for all rides.
     """
-    batch, rides = batch_of(task.strict(), len(requests), config, machines)
-    try:
+
+    def __init__(self, task: Task, count: int, config: SimulatorConfig, machines: Sequence[str] = ()) -> None:
+        """Make room for rides.
+
+        Args:
+            task: what is seen, and what is a failure.
+            count: number of rides.
+            config: of the batch.
+            machines: names or files that the rides take in turn, where there are several; none for the config's.
+        """
+        self.count, self._task, self._period = count, task, config.control_period
+        self._batch, self._rides = batch_of(task.strict(), count, config, machines)
+
+    def ride(
+        self,
+        actor: Actor,
+        requests: Sequence[ResetRequest],
+        disturb: Callable[[Batch, int, NDArray[np.bool_]], None] = lambda *_: None,
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Return the errors, shape (control periods, rides), and which rides did not fail.
+
+        Args:
+            actor: who rides.
+            requests: a ride each.
+            disturb: called before each control period with the batch, the period's number and which rides go on.
+        """
+        batch, rides, task = self._batch, self._rides, self._task
         for index, request in enumerate(requests):
             batch.reset(index, request)
             rides.begin(index, batch, request, batch.course(index))
-        steps = round(task.validation_duration / config.control_period)
-        track = np.zeros((steps, len(requests)))
-        alive = np.ones(len(requests), dtype=bool)
+        steps = round(task.validation_duration / self._period)
+        track = np.zeros((steps, self.count))
+        alive = np.ones(self.count, dtype=bool)
         for step in range(steps):
             if step % task.repeat == 0:
                 actions = actor.act_batch(rides.observe(batch))
@@ -73,8 +78,28 @@ def ride_side_by_side(
             if not alive.any():
                 break
         return track, alive
-    finally:
-        batch.close()
+
+    def errors(self, actor: Actor, requests: Sequence[ResetRequest]) -> list[float]:
+        """Return the error of each ride, as the task defines it."""
+        track, alive = self.ride(actor, requests)
+        return [self._task.validation_error(track[:, i], bool(alive[i])) for i in range(self.count)]
+
+    def close(self) -> None:
+        """Release the engines."""
+        self._batch.close()
+
+
+def ride_side_by_side(
+    actor: Actor,
+    task: Task,
+    config: SimulatorConfig,
+    requests: Sequence[ResetRequest],
+    disturb: Callable[[Batch, int, NDArray[np.bool_]], None] = lambda *_: None,
+    machines: Sequence[str] = (),
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Ride once, see `SideBySide`."""
+    with closing(SideBySide(task, len(requests), config, machines)) as together:
+        return together.ride(actor, requests, disturb)
 
 
 def validate_simulator(
