@@ -35,7 +35,7 @@ SPECS: Final = (
     ParameterSpec(
         "policy",
         DEFAULT_POLICY,
-        "Shipped policy (of superbikes racer or generalist), folder of a bundle, lqr, mpc, stanley, or for superbikes classical.",
+        "Shipped policy, folder of a bundle, lqr, mpc, stanley; for superbikes classical, racer or generalist.",
         fixed=True,
     ),
     VEHICLE,
