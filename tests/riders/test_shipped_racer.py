@@ -10,8 +10,10 @@ from bike_training.rollout.laps import ride_laps
 from bike_training.rollout.races import ride_races
 
 RACERS = [name for name in shipped_policies() if isinstance(load_bundle(name).layout, RaceLayout)]
-UNSEEN = ("racer", "generalist")
-"""Those that learned on random circuits alone."""
+GUIDED = ("racer", "generalist")
+"""Those that lead a guide; they learned on random circuits alone."""
+DIRECT = "spdl_barcelona"
+"""The one that gives lean and throttle itself, as published; it learned in Barcelona."""
 
 
 @pytest.mark.parametrize(
@@ -32,18 +34,29 @@ def test_it_laps_from_all_around_faster_than_the_classical_rider(name: str, vehi
     assert result.times[0] < classical.duration
 
 
+def test_without_a_guide_it_laps_whole_from_all_around() -> None:
+    bundle = load_bundle(DIRECT)
+    assert not bundle.action.guided
+    assert bundle.training["preset"]["curriculum"]["curriculum"] == "spdl"
+    result = ride_races(bundle, "panigale_v4r", "barcelona", starts=16)
+    assert result.whole == result.rides == 16
+    assert result.off_track == 0.0
+    assert result.times[-1] < 1.06 * result.theory
+
+
 @pytest.mark.parametrize("name", RACERS)
 def test_its_card_says_what_it_saw_and_how_it_was_made(name: str) -> None:
     bundle = load_bundle(name)
     assert isinstance(bundle.layout, RaceLayout)
-    assert bundle.action.guided
+    assert bundle.action.guided == (name in GUIDED)
     asked = bundle.training["preset"]["task"]
-    parts = [column.scale / asked[name] for column, name in zip(bundle.action.columns, ("offset", "pace"), strict=True)]
-    assert parts == pytest.approx(bundle.training["range"])
+    scales = ("offset", "pace") if bundle.action.guided else ("lean_scale",)
+    parts = [column.scale / asked[scale] for column, scale in zip(bundle.action.columns, scales, strict=False)]
+    assert parts == pytest.approx(bundle.training["range"][: len(parts)])
     assert not bundle.training["commit"].endswith("-dirty")
     assert {"seed", "steps", "updates", "seconds"} <= set(bundle.training)
     circuits = bundle.training["preset"]["curriculum"]["circuits"].split(",")
-    assert all(circuit.startswith("random_circuit:") for circuit in circuits) == (name in UNSEEN)
+    assert all(circuit.startswith("random_circuit:") for circuit in circuits) == (name in GUIDED)
     assert bundle.results["barcelona_panigale_v4r_rides"] == bundle.results["barcelona_panigale_v4r_whole"]
 
 
