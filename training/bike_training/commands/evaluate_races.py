@@ -16,9 +16,7 @@ from tqdm import tqdm
 from bike_analysis.figures.numbers import lap_text
 from bike_policy.contract.bundle import load_bundle
 from bike_training.arguments import check_positive, check_whole, make_folder
-from bike_training.reproduce.superbike.bundle_tables import bundle_tables
-from bike_training.reproduce.superbike.experiment import CIRCUITS, MACHINES
-from bike_training.rollout.races import ride_races
+from bike_training.rollout.races import RaceResult, ride_races
 from bike_training.tasks.fleet import in_turn
 
 MACHINE: Final = "panigale_v4r"
@@ -54,9 +52,7 @@ def evaluate_races(args: argparse.Namespace) -> dict[str, Any]:
         check_positive("--share", args.share, "")
     bundle = load_bundle(args.rider or args.policy)
     make_folder("--out", args.out)
-    machines = args.machines or (",".join(MACHINES) if args.tables else MACHINE)
-    circuits = args.circuits or (",".join(CIRCUITS) if args.tables else CIRCUIT)
-    pairs = _pairs(machines.split(","), circuits.split(","), args.in_turn)
+    pairs = _pairs(*_asked(args), args.in_turn)
     results = [
         ride_races(bundle, machine, circuit, args.starts, args.laps, args.share)
         for machine, circuit in tqdm(pairs, unit="pair", disable=args.json or len(pairs) == 1)
@@ -68,7 +64,7 @@ def evaluate_races(args: argparse.Namespace) -> dict[str, Any]:
         writer = csv.DictWriter(file, list(found[0]))
         writer.writeheader()
         writer.writerows(found)
-    tables = bundle_tables(bundle.name, results) if args.tables else ""
+    tables = _tables(bundle.name, results) if args.tables else ""
     if tables:
         (args.out / "tables.md").write_text(tables, encoding="utf-8")
     if not args.json:
@@ -76,6 +72,24 @@ def evaluate_races(args: argparse.Namespace) -> dict[str, Any]:
         print(tables)
     ok = all(race["whole"] == race["rides"] for race in found)
     return {"schema": "bike.races/1", "ok": ok, "figures": figures}
+
+
+def _asked(args: argparse.Namespace) -> tuple[list[str], list[str]]:
+    """Return the machines and the circuits that are asked for."""
+    machines, circuits = [MACHINE], [CIRCUIT]
+    if args.tables:
+        from bike_training.reproduce.superbike.experiment import CIRCUITS, MACHINES  # late: it loads the presets
+
+        machines, circuits = list(MACHINES), list(CIRCUITS)
+    return (args.machines.split(",") if args.machines else machines), (
+        args.circuits.split(",") if args.circuits else circuits
+    )
+
+
+def _tables(name: str, results: Sequence[RaceResult]) -> str:
+    from bike_training.reproduce.superbike.bundle_tables import bundle_tables  # late: it loads the presets
+
+    return bundle_tables(name, results)
 
 
 def _pairs(machines: Sequence[str], circuits: Sequence[str], taking_turns: bool) -> list[tuple[str, str]]:

@@ -18,7 +18,6 @@ from bike_training.envs.clients import CLIENT_KINDS
 from bike_training.learning.algorithm import LARGEST_SEED
 from bike_training.learning.presets import Preset
 from bike_training.learning.setting_records import check_entries
-from bike_training.tasks.fleet import in_turn
 
 COMPILED_TIME_STEP: Final = 0.01
 """Integration step of the compiled engine in training, s; its error there is below 1e-6 in every state."""
@@ -120,14 +119,14 @@ class RunSettings:
         """Return the configuration of a simulator that rides as a row of the environments does."""
         if self.compiled:
             return self.compiled_simulator(row)
-        machine = in_turn(self.machines, row + 1)[row]
+        machine = self.machines[row % len(self.machines)]
         if self.superbike:
             return replace(superbike_config(machine), engine=self.engine)
         return SimulatorConfig(machine, self.engine, self.time_step)
 
     def compiled_simulator(self, row: int = 0) -> SimulatorConfig:
         """Return the configuration of the compiled engine, on which actors are compared wherever they learn."""
-        machine = in_turn(self.machines, row + 1)[row]
+        machine = self.machines[row % len(self.machines)]
         if self.superbike:
             return replace(superbike_config(machine), engine=SUPERBIKE_ENGINE)
         return SimulatorConfig(machine, COMPILED_ENGINE, COMPILED_TIME_STEP)
