@@ -433,6 +433,16 @@ def test_a_process_can_be_asked_after_its_run(tmp_path):
     assert len((tmp_path / "validations.csv").read_text().splitlines()) == 3
 
 
+def test_progress_tells_the_error_in_what_the_task_measures(tmp_path):
+    process = tiny_process(tmp_path)
+    try:
+        assert process.words() == "part 1"
+        process.validate()
+        assert process.words() == f"part 1, validation {process.progress.recent_error_m:.3f} error_m"
+    finally:
+        process.close()
+
+
 @pytest.mark.parametrize("step", [0, 30])
 def test_a_lost_simulator_leaves_a_checkpoint(step, tmp_path, monkeypatch):
     """For rides on simulators begin anew anyway when a run goes on."""

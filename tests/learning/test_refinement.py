@@ -23,18 +23,13 @@ from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_training import cli
 from bike_training.curricula.parts import REFINEMENT
-from bike_training.learning import linear_rides, refinement
+from bike_training.learning import linear_rides, refinement_cost
 from bike_training.learning.linear_rides import FREE, LinearRides, Segment, Sight, motion_slopes, push_sideways
-from bike_training.learning.refinement import (
-    STEEP,
-    Comparison,
-    OddActor,
-    Refinement,
-    RefinementSettings,
-    Weights,
-    cost,
-    refine,
-)
+from bike_training.learning.odd_actor import OddActor, Weights
+from bike_training.learning.refinement import Refinement, refine
+from bike_training.learning.refinement_comparison import STEEP, Comparison
+from bike_training.learning.refinement_cost import cost
+from bike_training.learning.refinement_settings import RefinementSettings
 from bike_training.tasks.path import TASKS
 
 COMPILED = SimulatorConfig(engine="whipple", time_step=0.01)
@@ -126,8 +121,8 @@ def ridden(weights: Weights, actor: OddActor) -> Segment:
 
 
 def test_the_cost_of_a_changed_actor_is_that_of_its_ride_to_first_order(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(refinement, "_FAR", 0.0)  # these rides neither steer nor lean far
-    monkeypatch.setattr(refinement, "_STEEP", 0.0)
+    monkeypatch.setattr(refinement_cost, "_FAR", 0.0)  # these rides neither steer nor lean far
+    monkeypatch.setattr(refinement_cost, "_STEEP", 0.0)
     settings = replace(SMALL, tail=0, square=5.0, steer_rate=0.1, change=2.0, lean=2.0, steer=5.0)
     actor = OddActor(FINE_LAYOUT)
     weights = actor.draw((16,), seed=2)

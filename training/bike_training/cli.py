@@ -27,7 +27,7 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "replay": ("bike_training.commands.replay", "ride a recorded ride again and tell whether it is the same"),
     "explain": ("bike_training.commands.explain", "which parts of its observation make a policy steer as it does"),
     "validate": ("bike_training.commands.validate", "hold the physics against its publications"),
-    "lap": ("bike_training.commands.lap", "lap circuits on superbikes with the classical rider"),
+    "lap": ("bike_training.commands.lap", "lap circuits on superbikes, with the classical or a learned rider"),
     "course": ("bike_training.commands.course", "check a circuit's file, or draw a circuit"),
     "bench": ("bike_training.commands.bench", "measure speeds and compare them"),
     "sweep": ("bike_training.commands.sweep", "do many runs from one file, and go on where they stopped"),

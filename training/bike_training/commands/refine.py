@@ -12,8 +12,10 @@ from tqdm import tqdm
 
 from bike_policy.contract.bundle import load_bundle
 from bike_training.arguments import make_folder
-from bike_training.learning.refinement import Comparison, Refinement, RefinementSettings, refine
+from bike_training.learning.refinement import Refinement, refine
+from bike_training.learning.refinement_comparison import Comparison
 from bike_training.learning.refinement_files import POLICY, TABLE
+from bike_training.learning.refinement_settings import RefinementSettings
 from bike_training.learning.setting_records import parse
 
 LOG_EVERY: Final = 10.0

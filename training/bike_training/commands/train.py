@@ -189,14 +189,9 @@ def _split(pair: str) -> tuple[str, str]:
 
 
 def _show(bar: tqdm[Any], process: LearningProcess) -> None:
-    progress = process.progress
     if not bar.n:  # steps of earlier sessions were not made in this one's time
         bar.initial = bar.n = bar.last_print_n = process.model.num_timesteps
-    bar.set_postfix_str(
-        f"{'curriculum done' if progress.curriculum.finished else f'part {progress.curriculum.part}'}, "
-        f"validation {progress.recent_error_m:.3f} {process.task.error_name}",
-        refresh=False,
-    )
+    bar.set_postfix_str(process.words(), refresh=False)
     bar.update(process.model.num_timesteps - bar.n)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -206,6 +207,12 @@ class LearningProcess:
     def summary(self) -> dict[str, Any]:
         """Return what the run did so far as plain values."""
         return summarise(self.settings, self.progress, self.model)
+
+    def words(self) -> str:
+        """Return in a few words how far the curriculum is, and what the last validation came to."""
+        curriculum, error = self.progress.curriculum, self.progress.recent_error_m
+        part = "curriculum done" if curriculum.finished else f"part {curriculum.part}"
+        return part if math.isnan(error) else f"{part}, validation {error:.3f} {self.task.error_name}"
 
     def actor(self) -> Actor:
         """Return the actor that would be deployed now."""

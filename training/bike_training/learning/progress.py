@@ -44,7 +44,7 @@ class Progress:
         validations: number of validations.
         latest_success: most recent actor that passed all rides of a validation in the highest part so far.
         success_step: learning step at which it did.
-        recent_error_m: mean error of the last validation, m.
+        recent_error_m: mean error of the last validation, in what the task tells (m for a path).
         best: actor with the least selection error since the curriculum was finished.
         best_error_m: its selection error, m.
         best_step: learning step at which it was found.

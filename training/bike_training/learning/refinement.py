@@ -2,17 +2,11 @@
 
 Soft actor-critic learns from rewards what a command is worth. Here the compiled engine says it: rides of the present
 actor come with their derivatives (`bike_training.learning.linear_rides`), a changed actor is ridden on them to first
-order, and the cost of that ride is differentiated by the actor's weights. One segment serves several updates, because
-a slightly changed actor stays close to the ride that the derivatives were taken on. Related: the stochastic value
-gradients of Heess et al. (2015), without noise and with a model that need not be learned.
-
-The cost of a control period is ``sqrt(e^2 + d^2) - d + a e^2 / (1 + |e|) + b w^2 + c (u - u')^2`` with the lateral
-error e, the steer rate w, the command u and the one before u', and more for leans close to a fall. What is descended is
-the mean logarithm of the costs of rides: else a few violent rides would say all, and a swing on a straight next to
-nothing. In the last periods of a segment the actor is held as
-it rode, so that what a command does later counts as well.
-
-The actor is odd: a mirrored observation gives the mirrored command. So it rides a straight without an offset.
+order, and the cost of that ride (`bike_training.learning.refinement_cost`) is differentiated by the actor's weights.
+One segment serves several updates, because a slightly changed actor stays close to the ride that the derivatives were
+taken on. In the last periods of a segment the actor is held as it rode, so that what a command does later counts as
+well. Related: the stochastic value gradients of Heess et al. (2015), without noise and with a model that need not be
+learned.
 """
 
 from __future__ import annotations
@@ -21,10 +15,9 @@ import csv
 import math
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
-from itertools import pairwise
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import jax
 import jax.numpy as jnp
@@ -34,337 +27,35 @@ from numpy.typing import NDArray
 
 from bike_policy.contract.actor import Actor
 from bike_policy.contract.bundle import Bundle
-from bike_policy.contract.observation import ObservationLayout
-from bike_policy.riders.learned import LearnedRider
 from bike_sim.course.random_paths import PathRanges
-from bike_sim.sim.batch import Batch
-from bike_sim.sim.bicycle_batch import COMPILED_ENGINE, CompiledBatch
+from bike_sim.sim.bicycle_batch import COMPILED_ENGINE
 from bike_sim.sim.config import SimulatorConfig
-from bike_sim.sim.request import ResetRequest
-from bike_training.curricula.parts import REFINEMENT, SPEED_RANGES, PartsCurriculum, RideRanges
-from bike_training.learning.linear_rides import DEVIATIONS, SENSORS, LinearRides, Segment, push_sideways
+from bike_training.curricula.parts import REFINEMENT, SPEED_RANGES, RideRanges
+from bike_training.learning.linear_rides import DEVIATIONS, SENSORS, LinearRides, Segment
+from bike_training.learning.odd_actor import OddActor
+from bike_training.learning.refinement_comparison import STEEP, Comparison, compare
+from bike_training.learning.refinement_cost import cost
 from bike_training.learning.refinement_files import POLICY, TABLE
+from bike_training.learning.refinement_settings import RefinementSettings
 from bike_training.learning.run_settings import COMPILED_TIME_STEP
-from bike_training.learning.setting_records import check_number, check_positive
 from bike_training.learning.summary import source_commit
-from bike_training.learning.validation_rides import ride_side_by_side
-from bike_training.rollout.stability import stability
-from bike_training.tasks.path import TASKS, VALIDATION_DURATION, PathTask
+from bike_training.tasks.path import TASKS
 
 Float32Array = NDArray[np.float32]
-Weights = list[tuple[jax.Array, jax.Array]]
-"""Kernel (inputs, outputs) and bias of each layer."""
 
 VEHICLE: Final = "whipple"
 """The shipped bicycle; a refinement knows no other."""
-STABLE: Final = 0.99
-"""Largest spectral radius of an actor that is kept as the best."""
 _DEVIATION: Final = np.array([0.03, 0.01, 0.01, 0.01, 0.1, 0.1], dtype=np.float32)
 """Largest standard deviations of the deviations that rides are given in passing: m, rad, rad/s."""
+_SMALLEST: Final = 0.03
+"""Part of them that the smallest are drawn with: the loop is to be calm about a steady ride as well."""
+_OFTEN: Final = 1.0 / 40.0
+"""How often they are, a control period."""
 STRAIGHT: Final = RideRanges((1.8, 7.3), PathRanges(200.0, 1000.0, 20.0, 22.0, 0.01, 0.5))
 RIDES: Final = replace(REFINEMENT, also=(*REFINEMENT.also, STRAIGHT))
 """What is ridden: a third of the rides hardly bend, for on bent ones a bicycle is seldom upright for long."""
 SLOW: Final = RideRanges((1.8, 2.6), REFINEMENT.paths)
 """Ridden as often as each of the others where rides are pushed: a push is worst where a bicycle is slow."""
-STEEP: Final = RideRanges((4.0, 7.3), PathRanges(8.0, 14.0, 13.5, 16.0, 5.5, 8.2), perturb=False)
-"""Upright starts, two thirds of them before a transfer that bends with down to 1/4 m before anything can lean."""
-_SMALLEST: Final = 0.03
-"""Part of them that the smallest are drawn with: the loop is to be calm about a steady ride as well."""
-_OFTEN: Final = 1.0 / 40.0
-"""How often they are, a control period."""
-_STEEP: Final = math.radians(38.0)
-"""Roll from which on it costs something, rad; the steepest steady turn that is learned on leans 36 deg."""
-_FAR: Final = math.radians(40.0)
-"""Steering angle from which on it costs something, rad."""
-PUSHED: Final = 60.0
-"""Sideways impulse of the rides that actors are compared on under pushes, N s."""
-_PUSH_EVERY: Final = 100
-"""Control periods between two of them."""
-_LARGEST_COST: Final = 50.0
-_LEAST_COST: Final = 3e-4
-"""Cost of a ride below which it hardly matters how small it is."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class RefinementSettings:
-    """Settings of a refinement.
-
-    Attributes:
-        task: name in :data:`bike_training.tasks.path.TASKS`; its observation.
-        max_steer: set point of the steering angle that the actor's largest answer asks for, rad.
-        layers: hidden layers of the network, which is ridden as the odd part of itself, twice as wide.
-        bicycles: that ride side by side.
-        periods: control periods of a segment. tail: of them those in which the actor is held.
-        updates: of the actor with each segment.
-        segments: in all.
-        learning_rate: at the beginning. final_learning_rate: reached in the end along a half cosine.
-        averaging: share of the averaged actor kept in an update; the average is what is compared and deployed.
-        knee: d of the cost, m. square: a, 1/m^2. steer_rate: b, s^2/rad^2. change: c.
-        lean: weight of the squared roll beyond 38 deg, 1/rad^2: a ride fails at 45.
-        steer: weight of the squared steering angle beyond 40 deg, 1/rad^2: a little further the fork of a leaning
-            bicycle turns over, whatever the drive does.
-        risky: weight that rides get besides that of every ride which lean beyond 38 deg or fail. A fall ends what its
-            ride costs, so without it falls count no more than a swing on a straight.
-        push: rates that pushes leave in the rides, rad/s.
-        delay: largest by which commands act late in a half of the rides, control periods.
-        noise: largest of the sensors in a half of the rides, in parts of the disturbances ``noise``.
-        impulse: largest sideways push on a half of the rides, N s. Where it is not 0, a quarter of the rides are SLOW
-            and actors are compared under pushes as well.
-        steep: share of the bicycles that begin each segment on STEEP. Where it is not 0, actors are compared on such
-            starts as well.
-        select_every: segments between two comparisons of actors.
-        seed: of everything.
-    """
-
-    task: str = "fine"
-    max_steer: float = PathTask.max_steer
-    layers: tuple[int, ...] = (64, 64)
-    bicycles: int = 64
-    periods: int = 120
-    tail: int = 40
-    updates: int = 20
-    segments: int = 300
-    learning_rate: float = 2e-3
-    final_learning_rate: float = 1e-5
-    averaging: float = 0.998
-    knee: float = 0.005
-    square: float = 1.0
-    steer_rate: float = 0.002
-    change: float = 1.0
-    lean: float = 20.0
-    steer: float = 0.0
-    risky: float = 0.0
-    push: float = 0.1
-    delay: int = 0
-    noise: float = 0.0
-    impulse: float = 0.0
-    steep: float = 0.0
-    select_every: int = 25
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        """Refuse values that mean nothing.
-
-        Raises:
-            ValueError: naming the setting and its value.
-        """
-        if self.task not in TASKS:
-            raise ValueError(f"setting task={self.task!r} is not one of {', '.join(TASKS)}")
-        if not self.layers or min(self.layers) < 1:
-            raise ValueError(f"setting layers={self.layers!r} must be sizes of at least 1")
-        for name in ("bicycles", "periods", "updates", "segments", "select_every"):
-            check_number(name, getattr(self, name), 1)
-        check_number("tail", self.tail, 0, self.periods - 1)
-        check_number("steep", self.steep, 0.0, 1.0)
-        check_number("averaging", self.averaging, 0.0, 0.9999)
-        for name in ("max_steer", "learning_rate", "final_learning_rate", "knee"):
-            check_positive(name, getattr(self, name))
-        weights = ("square", "steer_rate", "change", "lean", "steer", "risky")
-        for name in (*weights, "push", "delay", "noise", "impulse", "seed"):
-            check_number(name, getattr(self, name), 0.0)
-
-
-class OddActor:
-    """A network ridden as the odd part of itself about the mirror of its observations."""
-
-    def __init__(self, layout: ObservationLayout, reach: float = 1.0) -> None:
-        """Take the layout that says how observations are mirrored, and the command of the largest answer."""
-        self._signs = layout.mirror_signs
-        self._inputs = layout.size
-        self._reach = reach
-
-    def draw(self, layers: tuple[int, ...], seed: int) -> Weights:
-        """Return weights of a new network, whose commands are small."""
-        key, weights = jax.random.PRNGKey(seed), []
-        sizes = (self._inputs, *layers, 1)
-        for place, (inputs, outputs) in enumerate(pairwise(sizes)):
-            key, drawn = jax.random.split(key)
-            gain = 0.01 if place == len(layers) else 1.0
-            kernel = jax.random.normal(drawn, (inputs, outputs)) * (gain * math.sqrt(2.0 / inputs))
-            weights.append((kernel, jnp.zeros(outputs)))
-        return weights
-
-    def take(self, actor: Actor, reach: float = 1.0) -> Weights:
-        """Return the weights of an actor, whose small commands stay the same.
-
-        Args:
-            actor: taken.
-            reach: command of its largest answer.
-
-        Raises:
-            ValueError: it sees something else, or answers more than a set point.
-        """
-        if (actor.inputs, actor.outputs) != (self._inputs, 1):
-            raise ValueError(
-                f"an actor of {actor.inputs} inputs and {actor.outputs} outputs cannot begin a refinement that sees "
-                f"{self._inputs} numbers and steers"
-            )
-        whole = [(jnp.asarray(w), jnp.asarray(b)) for w, b in zip(actor.weights, actor.biases, strict=True)]
-        half = self._unfolded(whole)
-        again = self.folded(half).tensors()
-        # One that was learned like this is taken as what it was folded from, lest it grow twice as wide.
-        taken = half if all(np.array_equal(again[name], old) for name, old in actor.tensors().items()) else whole
-        kernel, bias = taken[-1]
-        return [*taken[:-1], (kernel * (reach / self._reach), bias * (reach / self._reach))]
-
-    @staticmethod
-    def _unfolded(weights: Weights) -> Weights:
-        """Return what :meth:`folded` made weights of, if it did."""
-        last = len(weights) - 1
-        found = []
-        for place, (kernel, bias) in enumerate(weights):
-            rows = kernel.shape[0] // (1 if place == 0 else 2)
-            columns = kernel.shape[1] // (1 if place == last else 2)
-            scale = 2.0 if place == last else 1.0
-            found.append((scale * kernel[:rows, :columns], bias[:columns]))
-        return found
-
-    def act(self, weights: Weights, seen: jax.Array) -> jax.Array:
-        """Return commands, at most the reach, for observations of shape (..., inputs)."""
-        return self._reach * jnp.tanh(0.5 * (_network(weights, seen) - _network(weights, seen * self._signs)))
-
-    def folded(self, weights: Weights) -> Actor:
-        """Return the same as one network, of layers twice as wide."""
-        kernels, biases = [], []
-        for place, (kernel, bias) in enumerate((np.asarray(k), np.asarray(b)) for k, b in weights):
-            none = np.zeros_like(kernel)
-            if place == 0:
-                kernel = np.hstack([kernel, self._signs[:, None] * kernel])
-            elif place < len(weights) - 1:
-                kernel = np.block([[kernel, none], [none, kernel]])
-            if place < len(weights) - 1:
-                kernels.append(kernel.T)
-                biases.append(np.concatenate([bias, bias]))
-            else:
-                kernels.append(0.5 * np.vstack([kernel, -kernel]).T)
-                biases.append(np.zeros_like(bias))
-        return Actor([k.astype(np.float32) for k in kernels], [b.astype(np.float32) for b in biases])
-
-
-def _network(weights: Weights, hidden: jax.Array) -> jax.Array:
-    for kernel, bias in weights[:-1]:
-        hidden = jax.nn.relu(hidden @ kernel + bias)
-    return (hidden @ weights[-1][0] + weights[-1][1])[..., 0]
-
-
-def cost(
-    settings: RefinementSettings,
-    actor: OddActor,
-    weights: Weights,
-    held: Weights,
-    segment: Segment,
-    away: jax.Array,
-    errors: jax.Array,
-) -> jax.Array:
-    """Return the mean logarithm of the costs of linearised rides, ridden by an actor.
-
-    Args:
-        settings: of the cost.
-        actor: what weights mean.
-        weights: of the actor.
-        held: of the one that rides the last periods of the segment.
-        segment: rides of an actor close to it.
-        away: deviations that the rides are given before each period, shape (periods, bicycles, 6).
-        errors: of the sensors, as deviations, the same shape.
-    """
-    ridden = ride_on(settings, actor, weights, held, segment, away, errors)
-    total = jnp.sqrt(ridden.error**2 + settings.knee**2) - settings.knee
-    total += settings.square * ridden.error**2 / (1.0 + jnp.abs(ridden.error))
-    total += settings.steer_rate * ridden.steer_rate**2 + settings.change * ridden.change**2
-    total += settings.lean * jax.nn.relu(jnp.abs(ridden.roll) - _STEEP) ** 2
-    total += settings.steer * jax.nn.relu(jnp.abs(ridden.steer) - _FAR) ** 2
-    each = (jnp.minimum(total, _LARGEST_COST) * segment.whole).mean(axis=0)
-    risky = (jnp.abs(segment.roll).max(axis=0) > _STEEP) | (segment.whole[-1] == 0.0)
-    counts = 1.0 + settings.risky * risky
-    return (jnp.log(each + _LEAST_COST) * counts).sum() / counts.sum()
-
-
-class Ridden(NamedTuple):
-    """What a ride is judged by, shape (periods, bicycles) each.
-
-    Attributes:
-        error: lateral error, m. steer_rate: rad/s. roll, steer: rad. change: of the answer since the one before.
-    """
-
-    error: jax.Array
-    steer_rate: jax.Array
-    roll: jax.Array
-    steer: jax.Array
-    change: jax.Array
-
-
-def ride_on(
-    settings: RefinementSettings,
-    actor: OddActor,
-    weights: Weights,
-    held: Weights,
-    segment: Segment,
-    away: jax.Array,
-    errors: jax.Array,
-) -> Ridden:
-    """Ride linearised rides with an actor; see :func:`cost`."""
-
-    def period(weights: Weights, carry: Any, part: Any) -> tuple[Any, Ridden]:
-        deviation, sent = carry
-        step, given, error = part
-        deviation = deviation + given
-        seen = step.seen + jnp.einsum("nij,nj->ni", step.sight, deviation + error)
-        sent = jnp.concatenate([actor.act(weights, seen)[None], sent])
-        acting = jnp.take_along_axis(sent, step.late[None], axis=0)[0]
-        moved = jnp.concatenate([deviation, (acting - step.commands)[:, None]], axis=1)
-        deviation = jnp.einsum("nij,nj->ni", step.motion, moved)
-        found = Ridden(
-            error=step.error + step.across * deviation[:, 0],
-            steer_rate=step.steer_rate + deviation[:, 5],
-            roll=step.roll + deviation[:, 2],
-            steer=step.steer + deviation[:, 3],
-            change=sent[0] - sent[1],
-        )
-        return (deviation, sent[:-1]), found
-
-    # What is carried is not of a period.
-    parts = (segment._replace(sent=segment.commands), away, errors)
-    live = segment.commands.shape[0] - settings.tail
-    carry = (jnp.zeros_like(away[0]), segment.sent)
-    carry, found = jax.lax.scan(
-        lambda c, p: period(weights, c, p), carry, jax.tree.map(lambda part: part[:live], parts)
-    )
-    if not settings.tail:
-        return found
-    rest = jax.tree.map(lambda part: part[live:], parts)
-    _, later = jax.lax.scan(lambda c, p: period(held, c, p), carry, rest)
-    return Ridden(*(jnp.concatenate(pair) for pair in zip(found, later, strict=True)))
-
-
-class Comparison(NamedTuple):
-    """What an actor is judged by: the rides that runs of training compare actors on, and its closed loop.
-
-    Attributes:
-        ridden: of 105 rides. mean_m: of their mean distances, m. worst_mean_m: largest of them. worst_max_m: largest
-            distance. spectral_radius: largest of 2 to 7 m/s, upright and in a turn; infinite where one is missing.
-        swing_deg: set point left swinging on a straight.
-        pushed: of 105 rides with a push of PUSHED N s every five seconds, where actors are compared under pushes.
-        pushed_mean_m: of their mean distances, m.
-        steep: of 105 rides from STEEP, where actors are compared on them. steep_mean_m: of their mean distances, m.
-    """
-
-    ridden: int
-    mean_m: float
-    worst_mean_m: float
-    worst_max_m: float
-    spectral_radius: float
-    swing_deg: float
-    pushed: int = 0
-    pushed_mean_m: float = math.nan
-    steep: int = 0
-    steep_mean_m: float = math.nan
-
-    def better_than(self, other: Comparison | None) -> bool:
-        """Return whether it is: more rides of all kinds ridden, then a stable loop, then the smaller mean."""
-        return other is None or self._rank() < other._rank()
-
-    def _rank(self) -> tuple[float, ...]:
-        return (-self.ridden - self.pushed - self.steep, max(self.spectral_radius, STABLE), self.mean_m)
 
 
 class Refinement:
@@ -469,25 +160,7 @@ class Refinement:
     def compare(self) -> Comparison:
         """Judge the averaged actor, and remember it if it is the best so far."""
         actor = self._folded()
-        requests = PartsCurriculum().selection_requests(self.task.preview)
-        track, whole = ride_side_by_side(actor, self.task, self._config, requests)
-        means = np.abs(track).mean(axis=0)
-        loop = stability(LearnedRider(self.bundle(actor, {}))) if whole.all() else {}
-        radii = [loop.get(f"worst_spectral_radius_{place}") for place in ("upright", "turn")]
-        found = Comparison(
-            int(whole.sum()),
-            float(means[whole].mean()) if whole.any() else math.inf,
-            float(means[whole].max()) if whole.any() else math.inf,
-            float(np.abs(track[:, whole]).max()) if whole.any() else math.inf,
-            max((math.inf if radius is None else radius) for radius in radii),
-            math.inf if loop.get("worst_swing_deg") is None else loop["worst_swing_deg"],
-        )
-        if self.settings.impulse:
-            track, whole = ride_side_by_side(actor, self.task, self._config, requests, _push_now_and_then)
-            found = found._replace(pushed=int(whole.sum()), pushed_mean_m=_mean_of(track, whole))
-        if self.settings.steep:
-            track, whole = ride_side_by_side(actor, self.task, self._config, _steep(requests))
-            found = found._replace(steep=int(whole.sum()), steep_mean_m=_mean_of(track, whole))
+        found = compare(self.bundle(actor, {}), self.task, self._config, self.settings)
         if found.better_than(self.best):
             self.best, self._best_actor, self._best_at = found, actor, self.segments
         return found
@@ -526,28 +199,6 @@ class Refinement:
     def close(self) -> None:
         """Release the engine."""
         self._rides.close()
-
-
-def _mean_of(track: NDArray[np.float64], whole: NDArray[np.bool_]) -> float:
-    return float(np.abs(track[:, whole]).mean()) if whole.any() else math.inf
-
-
-def _steep(requests: list[ResetRequest]) -> list[ResetRequest]:
-    """Return as many rides from STEEP, over its speeds."""
-    speeds = np.linspace(*STEEP.speed, len(requests)).tolist()
-    ranges = replace(requests[0], path_ranges=STEEP.paths, path_length=1.2 * VALIDATION_DURATION * max(speeds))
-    return [
-        replace(ranges, seed=request.seed, speed_range=(speed, speed))
-        for request, speed in zip(requests, speeds, strict=True)
-    ]
-
-
-def _push_now_and_then(batch: Batch, step: int, riding: NDArray[np.bool_]) -> None:
-    """Push bicycles that ride by PUSHED every five seconds, one to the left and the next one to the right."""
-    assert isinstance(batch, CompiledBatch)
-    if step and step % _PUSH_EVERY == 0:
-        for row in np.flatnonzero(riding):
-            push_sideways(batch, int(row), PUSHED * (-1.0) ** (row + step // _PUSH_EVERY // 2))
 
 
 def refine(

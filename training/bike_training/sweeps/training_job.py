@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import math
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -121,14 +120,10 @@ class TrainJob:
         from bike_training.learning.run import run
 
         def report(process: LearningProcess) -> None:
-            progress = process.progress
-            part = "curriculum done" if progress.curriculum.finished else f"part {progress.curriculum.part}"
-            error = progress.recent_error_m
             if self.watch is not None:
                 self.watch(process)
             steps = process.model.num_timesteps
-            words = part if math.isnan(error) else f"{part}, {error:.3f} m"
-            tell(steps, self.expected_steps(steps), words)
+            tell(steps, self.expected_steps(steps), process.words())
 
         summary = run(self.settings, folder, report, resume=find_checkpoint(folder) is not None)
         return JobEnd({name: summary[name] for name in _KEPT if name in summary}, summary["interrupted"])
