@@ -16,7 +16,7 @@ All numbers are those of every recorded state; nothing is decimated here. Only d
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import chain, count
 
 from bike_analysis.figures.compare import Comparison, Run, compare_runs
@@ -80,10 +80,20 @@ def _runs(items: Iterable[RecordedRide | RecordedLap]) -> list[Run]:
     given = list(items)
     rides = [item.ride if isinstance(item, RecordedLap) else item for item in given]
     runs: dict[str, Run] = {}
-    for item, ride, prefix in zip(given, rides, folder_prefixes([r.recording.path for r in rides]), strict=True):
-        name = prefix + item.label
+    for item, ride, named in zip(given, rides, _names([r.recording for r in rides]), strict=True):
+        name = named + item.label.removeprefix(ride.recording.path.stem)
         labels = chain([name], (f"{name} ({n})" for n in count(2)))
         label = next(label for label in labels if label not in runs)
         lap = item.data if isinstance(item, RecordedLap) else None
         runs[label] = Run(label, ride.recording.path.name, ride.judged, lap, ride.recording.policy)
     return list(runs.values())
+
+
+def _names(recordings: Sequence[RideRecording]) -> list[str]:
+    """What each recording is called: who rode, where each of several has a rider of its own, else its file."""
+    paths = [recording.path for recording in recordings]
+    riders = {(path, recording.policy) for path, recording in zip(paths, recordings, strict=True)}
+    names = {rider for _, rider in riders}
+    if "" not in names and len(names) == len(riders) == len(set(paths)) > 1:
+        return [recording.policy for recording in recordings]
+    return [prefix + path.stem for prefix, path in zip(folder_prefixes(paths), paths, strict=True)]

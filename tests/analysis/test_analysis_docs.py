@@ -43,7 +43,7 @@ def test_its_python_runs(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys) 
         exec(compile(block, "docs/analysis.md", "exec"), names)
     assert "rider lap" in capsys.readouterr().out
     assert np.nanmin(names["lost"]) == 0.0
-    assert str(names["fast"]).startswith("b, lap ")
+    assert str(names["fast"]).startswith("rider b, lap ")
     assert len(names["laps"].runs) == len(names["ride"].laps)
     assert isinstance(names["ghosts"], pd.DataFrame)
 

@@ -37,6 +37,18 @@ def test_files_of_one_name_are_told_apart_by_their_folders(slow: Path) -> None:
     assert [run.label for run in compare([slow, slow]).runs] == ["ride, lap 1", "ride, lap 1 (2)"]
 
 
+def test_riders_name_the_runs_where_each_recording_has_its_own(writer, circle, tmp_path: Path) -> None:
+    def ridden(name: str, policy: str) -> Path:
+        notes = {"policy": policy} if policy else {}
+        return writer.write(tmp_path / f"{name}.mcap", [circle(steps=400)], notes=notes, metadata_file=False)
+
+    first, second, again, unknown = ridden("a", "lqr"), ridden("b", "mpc"), ridden("c", "lqr"), ridden("d", "")
+    assert [run.label for run in compare([first, second]).runs] == ["lqr, lap 1", "mpc, lap 1"]
+    assert [run.label for run in compare([first, again]).runs] == ["a, lap 1", "c, lap 1"]
+    assert [run.label for run in compare([first, unknown]).runs] == ["a, lap 1", "d, lap 1"]
+    assert [run.label for run in compare([first, first]).runs] == ["a, lap 1", "a, lap 1 (2)"]
+
+
 @given(
     paths=st.lists(st.lists(st.sampled_from("abc"), min_size=1, max_size=4).map(lambda parts: Path(*parts)), min_size=1)
 )

@@ -69,6 +69,16 @@ def test_a_block_without_weights_has_no_value(tmp_path: Path) -> None:
     assert (tmp_path / "blocks.png").stat().st_size > 10_000
 
 
+def test_a_block_that_stays_the_same_is_named() -> None:
+    bundle, observations = made_up(4)
+    assert explain_blocks(bundle, observations, **SMALL).steady == ()
+    number = GUIDED.blocks.index("limits")
+    observations[:, block_places(GUIDED)[number]] = 0.3
+    found = explain_blocks(bundle, observations, **SMALL)
+    assert found.steady == ("limits",)
+    assert np.abs(found.values[:, number]).max() < 1e-8
+
+
 def test_who_looks_on_sees_what_who_rides_sees() -> None:
     bundle = load_bundle("racer")
     layout = bundle.layout

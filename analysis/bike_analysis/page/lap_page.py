@@ -14,7 +14,7 @@ from bike_analysis.figures.lap_recording import LapRecording, Theory, timing_agr
 from bike_analysis.figures.numbers import best_sectors_together, best_times, lap_text
 from bike_analysis.page.html import html_text, key_html, table_html
 from bike_analysis.page.lap_view import lap_view, theory_columns
-from bike_analysis.page.settings import recorded_settings
+from bike_analysis.page.settings import long_notes, note_words, recorded_settings
 from bike_analysis.page.shell import page_shell, program_version
 from bike_analysis.page.view import View, view_html
 from bike_analysis.read.tables import Floats
@@ -65,6 +65,7 @@ def render_lap_page(laps: LapRecording, theory: Theory) -> str:
     title = f"{laps.recording.vehicle} on {laps.track.name}"
     view = lap_view(laps, theory, "laps", title)
     below = f'<p class="soft">{html_text(" · ".join(_header(laps)), LONGEST_SENTENCE)}</p>'
+    below += long_notes(laps.recording.notes)
     parts = [_key(laps, figures), view_html(view), "<h2>Lap and sector times</h2>", _time_table(laps, theory)]
     parts += [_agreement(figures), corner_tables(laps, theory, view)]
     return page_shell(title, below, parts, [view])
@@ -79,7 +80,7 @@ def _header(laps: LapRecording) -> list[str]:
     words += recorded_settings(recording)
     if "recorded" in notes:
         words.append(f"recorded {notes.pop('recorded')}")
-    words += [f"{name} {value}" for name, value in notes.items() if name not in ("vehicle", "circuit")]
+    words += note_words(notes, ("vehicle", "circuit"))
     return [*words, recording.path.name, f"{recording.message_count:,} messages", f"page by {program_version()}"]
 
 

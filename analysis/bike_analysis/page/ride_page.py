@@ -13,7 +13,7 @@ from bike_analysis.figures.recorded import RecordedRide, RideRecording, folder_p
 from bike_analysis.page.compare_view import comparison_view, comparison_words, sector_table
 from bike_analysis.page.html import html_text, key_html, table_html
 from bike_analysis.page.ride_view import ride_view
-from bike_analysis.page.settings import recorded_settings
+from bike_analysis.page.settings import long_notes, note_words, recorded_settings
 from bike_analysis.page.shell import page_shell, program_version
 from bike_analysis.page.view import View, view_html
 from bike_analysis.read.rides import Ride
@@ -84,7 +84,8 @@ def _below(recordings: Sequence[tuple[RideRecording, str]]) -> str:
     lines = [html_text(" · ".join(_words(recording, file)), LONGEST_SENTENCE) for recording, file in recordings]
     made = html_text(f"page by {program_version()}")
     lines = [f"{lines[0]} · {made}"] if len(lines) == 1 else [*lines, made]
-    return "".join(f'<p class="soft">{line}</p>' for line in lines)
+    more = "".join(dict.fromkeys(long_notes(recording.data.notes) for recording, _ in recordings))
+    return "".join(f'<p class="soft">{line}</p>' for line in lines) + more
 
 
 def _course(ride: RecordedRide) -> str:
@@ -110,7 +111,7 @@ def _words(recording: RideRecording, file: str) -> list[str]:
     if recording.vehicle:
         words.append(f"vehicle {recording.vehicle}")
     words += recorded_settings(recording.data)
-    return words + [f"{name} {value}" for name, value in recording.data.notes.items() if name != "vehicle"]
+    return words + note_words(recording.data.notes, ("vehicle",))
 
 
 def _warnings(recording: RideRecording, file: str) -> str:

@@ -2,10 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
+from typing import Final
+
 import numpy as np
 
+from bike_analysis.page.html import html_text
 from bike_analysis.read.messages import Simulation
 from bike_analysis.read.reading import Recording
+from bike_analysis.read.text import LONGEST_SENTENCE
+
+SHORT: Final = 60
+"""Most characters of a note that stands in a line with others, as a policy's name; a whole task has more."""
+
+
+def note_words(notes: Mapping[str, str], left_out: Collection[str]) -> list[str]:
+    """Return words for the recorder's notes that fit into a line."""
+    return [f"{name} {value}" for name, value in notes.items() if name not in left_out and len(value) <= SHORT]
+
+
+def long_notes(notes: Mapping[str, str]) -> str:
+    """Return the notes that fit into no line as HTML, folded; nothing where there are none."""
+    listed = "".join(
+        f"<dt>{html_text(name)}</dt><dd>{html_text(value, LONGEST_SENTENCE)}</dd>"
+        for name, value in notes.items()
+        if len(value) > SHORT
+    )
+    if not listed:
+        return ""
+    return f"<details><summary>More notes of the recording</summary><dl class=keys>{listed}</dl></details>"
 
 
 def settings_words(period: float, simulation: Simulation | None) -> list[str]:

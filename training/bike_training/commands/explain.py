@@ -111,6 +111,7 @@ def _race_figures(bundle: Bundle, seen: RaceObservations, explanation: BlockExpl
         "observations_count": len(explanation.outputs),
         "background_count": explanation.background,
         "permutations_count": explanation.permutations,
+        "unchanged_blocks": list(explanation.steady),
         "seconds": round(explanation.seconds, 2),
         "commands_differ": seen.differ,
         "additivity_error": explanation.additivity_error,
@@ -147,6 +148,9 @@ def _race_text(seen: RaceObservations, explanation: BlockExplanation) -> str:
             "- This policy did not drive the ride: its commands differ from the recorded ones by up to "
             f"{seen.differ:.2f}. It is explained on what another rider got to see."
         )
+    if explanation.steady:
+        steady = ", ".join(explanation.steady)
+        lines.append(f"- Unchanged through the ride, and so without a value whatever it is worth: {steady}.")
     lines.append(
         "- A block is put in as a whole against those of other moments of the ride, so that the policy is also asked "
         "about mixtures that no ride has. The values are sizes, and say nothing of causes on the track."

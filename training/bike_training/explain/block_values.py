@@ -32,10 +32,12 @@ class BlockExplanation(ShapValues):
     Attributes:
         blocks: names, in the order of the observation.
         actions: meanings of the action's numbers.
+        steady: blocks that stay the same through the ride. They have no value, for nothing else is put in for them.
     """
 
     blocks: tuple[str, ...]
     actions: tuple[str, ...]
+    steady: tuple[str, ...]
     base: FloatArray
 
     @property
@@ -76,9 +78,10 @@ def explain_blocks(
     assert isinstance(layout, RaceLayout), "the caller has chosen by the layout"
     inputs = np.asarray(observations, dtype=np.float64)
     explained, behind = spread(inputs, most), spread(inputs, background)
+    places = block_places(layout)
     found = permute(
         lambda batch: _actions(bundle, batch),
-        _Blocks(behind, block_places(layout)),
+        _Blocks(behind, places),
         explained,
         parts=len(layout.blocks),
         permutations=permutations,
@@ -88,6 +91,9 @@ def explain_blocks(
     return BlockExplanation(
         blocks=layout.blocks,
         actions=bundle.action.names,
+        steady=tuple(
+            name for name, own in zip(layout.blocks, places, strict=True) if not np.ptp(inputs[:, own], axis=0).any()
+        ),
         values=np.asarray(found.values, dtype=np.float64),
         base=np.asarray(found.base_values, dtype=np.float64)[0],
         outputs=_actions(bundle, explained),
