@@ -243,7 +243,23 @@ class Track:
             sections=tuple((sector, float(np.interp(s, there, smooth.s))) for sector, s in self.sectors),
         )
         across = self.at(self.bank, there)
-        return _on_road(line, self.at(self.elevation, there) + sideways * across, across, self.surface.grip(there))
+        height = self.at(self.elevation, there) + sideways * across
+        return _on_road(line, height, self._slope_across(line.heading, there, sideways), self.surface.grip(there))
+
+    def _slope_across(self, heading: FloatArray, progress: FloatArray, offset: FloatArray) -> FloatArray:
+        """Return how the road rises to the left of a line that crosses it at an angle, rise per m.
+
+        On a hill a line that runs out to a limit has a part of the grade across it, and rides off camber or banked.
+
+        Args:
+            heading: of the line, rad.
+            progress: where it is on the centre line, m.
+            offset: from there, m.
+        """
+        turned = heading - self.at(self.centre.heading, progress)
+        rise = self.at(self.grade, progress) + offset * self.at(slope_of(self.bank, self.centre.spacing), progress)
+        along = rise / (1.0 - offset * self.at(self.centre.curvature, progress))
+        return np.cos(turned) * self.at(self.bank, progress) - np.sin(turned) * along
 
     def mirrored(self) -> Track:
         """Return the mirror image: left becomes right."""
