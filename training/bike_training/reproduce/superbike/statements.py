@@ -35,7 +35,7 @@ def _told(rows: list[Laps]) -> str:
     """Return in words how the rides of some actors ended."""
     rides, whole = sum(row.rides for row in rows), sum(row.whole for row in rows)
     ends = ", ".join(f"{sum(getattr(row, name) for row in rows)} {name}" for name in ("falls", "walls"))
-    return f"{whole} of {rides} rides whole, {ends} ({len(rows)} runs)"
+    return f"{whole} of {rides} rides whole, {ends} ({len(rows)} run{'s' if len(rows) != 1 else ''})"
 
 
 def _all_whole(kind: str, actor: str, circuits: tuple[str, ...] = CIRCUITS[:1]) -> Callable[[Data], Found]:
