@@ -91,9 +91,8 @@ def _runs(items: Iterable[RecordedRide | RecordedLap]) -> list[Run]:
 
 def _names(recordings: Sequence[RideRecording]) -> list[str]:
     """What each recording is called: who rode, where each of several has a rider of its own, else its file."""
-    paths = [recording.path for recording in recordings]
-    riders = {(path, recording.policy) for path, recording in zip(paths, recordings, strict=True)}
-    names = {rider for _, rider in riders}
-    if "" not in names and len(names) == len(riders) == len(set(paths)) > 1:
+    riders = {recording.path: recording.policy for recording in recordings}
+    if len(riders) > 1 and all(riders.values()) and len(set(riders.values())) == len(riders):
         return [recording.policy for recording in recordings]
+    paths = [recording.path for recording in recordings]
     return [prefix + path.stem for prefix, path in zip(folder_prefixes(paths), paths, strict=True)]
