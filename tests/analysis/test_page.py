@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import time
 import xml.etree.ElementTree as ElementTree
@@ -28,8 +29,9 @@ from selenium.webdriver.support.ui import WebDriverWait
 
 from bike_analysis import compare, open_ride
 from bike_analysis.page.embed import MISSING, embed
-from bike_analysis.page.ride_page import write_page
+from bike_analysis.page.ride_page import render_page, write_page
 from bike_analysis.page.ride_view import panels_for, ride_view
+from bike_analysis.page.settings import SHORT
 from bike_analysis.page.shell import page_shell, program_version
 from bike_analysis.page.view import (
     KMH,
@@ -662,6 +664,23 @@ def test_names_are_no_tags_in_saved_pictures(opened: Opener, writer: Any, circle
     WebDriverWait(browser, 30).until(lambda _: next(tmp_path.glob("*-map.svg")).read_text().endswith("</svg>"))
     root = ElementTree.parse(next(tmp_path.glob("*-map.svg"))).getroot()
     assert f"ride on {name}" in {"".join(element.itertext()) for element in root.iter() if element.tag.endswith("text")}
+
+
+def test_long_notes_are_folded_and_say_whose_they_are(writer: Any, circle: Any, tmp_path: Path) -> None:
+    paths = [tmp_path / folder / "<ride>.mcap" for folder in ("a", "b")]
+    for path, task in zip(paths, ("first", "second"), strict=True):
+        path.parent.mkdir()
+        notes = {"policy": "short", "task": f"{task} <b>{'x' * SHORT}"}
+        writer.write(path, [circle(steps=50)], notes=notes, metadata_file=False)
+    recordings = [open_ride(path) for path in paths]
+    folded = re.compile(
+        "<summary>More notes of ([^<]*)</summary><dl class=keys><dt>task</dt><dd>(first|second) &lt;b&gt;x"
+    )
+    assert folded.findall(render_page(recordings)) == [
+        ("a/&lt;ride&gt;.mcap", "first"),
+        ("b/&lt;ride&gt;.mcap", "second"),
+    ]
+    assert folded.findall(render_page(recordings[:1])) == [("the recording", "first")]
 
 
 def test_poor_rides_are_drawn_as_far_as_they_go(opened: Opener, writer: Any, circle: Any, tmp_path: Path) -> None:

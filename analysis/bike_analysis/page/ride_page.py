@@ -84,7 +84,7 @@ def _below(recordings: Sequence[tuple[RideRecording, str]]) -> str:
     lines = [html_text(" · ".join(_words(recording, file)), LONGEST_SENTENCE) for recording, file in recordings]
     made = html_text(f"page by {program_version()}")
     lines = [f"{lines[0]} · {made}"] if len(lines) == 1 else [*lines, made]
-    more = "".join(dict.fromkeys(long_notes(recording.data.notes) for recording, _ in recordings))
+    more = "".join(long_notes(recording.data.notes, file) for recording, file in recordings)
     return "".join(f'<p class="soft">{line}</p>' for line in lines) + more
 
 

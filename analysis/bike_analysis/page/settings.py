@@ -21,8 +21,13 @@ def note_words(notes: Mapping[str, str], left_out: Collection[str]) -> list[str]
     return [f"{name} {value}" for name, value in notes.items() if name not in left_out and len(value) <= SHORT]
 
 
-def long_notes(notes: Mapping[str, str]) -> str:
-    """Return the notes that fit into no line as HTML, folded; nothing where there are none."""
+def long_notes(notes: Mapping[str, str], file: str = "") -> str:
+    """Return the notes that fit into no line as HTML, folded; nothing where there are none.
+
+    Args:
+        notes: of a recording.
+        file: its name, where the page has several.
+    """
     listed = "".join(
         f"<dt>{html_text(name)}</dt><dd>{html_text(value, LONGEST_SENTENCE)}</dd>"
         for name, value in notes.items()
@@ -30,7 +35,8 @@ def long_notes(notes: Mapping[str, str]) -> str:
     )
     if not listed:
         return ""
-    return f"<details><summary>More notes of the recording</summary><dl class=keys>{listed}</dl></details>"
+    whose = html_text(file or "the recording")
+    return f"<details><summary>More notes of {whose}</summary><dl class=keys>{listed}</dl></details>"
 
 
 def settings_words(period: float, simulation: Simulation | None) -> list[str]:
