@@ -1,5 +1,6 @@
 """Signals end a command as they should: with its exit code, at a moment that suits, and without a traceback."""
 
+import gc
 import importlib
 import os
 import signal
@@ -93,6 +94,30 @@ def test_an_interruption_waits_until_a_module_is_loaded(tmp_path, monkeypatch):
             assert importlib.import_module("bike_loads_slowly").WHOLE
             time.sleep(60.0)
         assert code() == 143
+
+
+def test_an_interruption_is_not_lost_while_garbage_is_collected():
+    """Python ignores exceptions of callbacks of its garbage collection (JAX has one) and of destructors."""
+
+    class Ends:
+        def __del__(self):
+            signal.raise_signal(signal.SIGTERM)
+
+    def collect(phase, info):
+        if phase == "start":
+            signal.raise_signal(signal.SIGTERM)
+
+    def ends_while_collecting():
+        gc.callbacks.append(collect)
+        try:
+            gc.collect()
+        finally:
+            gc.callbacks.remove(collect)
+
+    for ends in (ends_while_collecting, lambda: Ends() and None):
+        with signals_handled(interrupt), pytest.raises(KeyboardInterrupt):  # noqa: PT012 - it comes some time later
+            ends()
+            time.sleep(60.0)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import threading
@@ -79,13 +80,13 @@ def leave_at_once(number: int, frame: FrameType | None) -> NoReturn:
 
 
 def interrupt(number: int, frame: FrameType | None) -> None:
-    """Tell the nodes to end and raise KeyboardInterrupt, as soon as no module is being loaded.
+    """Tell the nodes to end and raise KeyboardInterrupt, as soon as something can catch it.
 
     Raises:
         KeyboardInterrupt: always, but later where it would be lost or taken for another error.
     """
     tell_all_to_end()
-    if not _is_loading(frame):
+    if not _would_lose_it(frame):
         raise KeyboardInterrupt
     again = threading.Timer(AGAIN_AFTER, _signal_again, [number])
     again.daemon = True
@@ -98,9 +99,12 @@ def _signal_again(number: int) -> None:
         signal.pthread_kill(ident, number)
 
 
-def _is_loading(frame: FrameType | None) -> bool:
+def _would_lose_it(frame: FrameType | None) -> bool:
+    """Whether a module is being loaded, or Python calls what it ignores exceptions of: destructors, callbacks of gc."""
+    ignored = [getattr(callback, "__code__", None) for callback in gc.callbacks]
     while frame is not None:
-        if frame.f_globals.get("__name__") == "importlib._bootstrap":
+        code = frame.f_code
+        if frame.f_globals.get("__name__") == "importlib._bootstrap" or code.co_name == "__del__" or code in ignored:
             return True
         frame = frame.f_back
     return False
