@@ -20,7 +20,8 @@ from bike_training.reproduce.merge import merge
 from bike_training.reproduce.report import all_tables
 from bike_training.reproduce.statement import verdict_table
 from bike_training.reproduce.superbike.data import Context, Data, Episodes, Laps, Moment, Transfer
-from bike_training.reproduce.superbike.experiment import CIRCUITS, MACHINES, SuperbikeExperiment
+from bike_training.reproduce.superbike.experiment import CIRCUITS, MACHINES, SuperbikeExperiment, circuit_of
+from bike_training.reproduce.superbike.figures import learning
 from bike_training.reproduce.superbike.paper import SUPERBIKE
 from bike_training.reproduce.superbike.rides import best_run
 from bike_training.reproduce.superbike.statements import STATEMENTS, overshoots
@@ -229,6 +230,23 @@ def test_tables_come_back_and_are_drawn_without_learning(tmp_path: Path, capsys:
     assert "| | found | 1:34.000 (4 of 4) | 1:34.000 (4 of 4) | - (0 of 4) |" in text
     assert verdict_table(STATEMENTS, data) == (tmp_path / "drawn" / "statements.md").read_text()
     assert all_tables(SUPERBIKE, data) == text
+
+
+def test_learning_is_drawn_for_each_circuit_that_was_learned_on() -> None:
+    from matplotlib import pyplot as plt
+
+    whole = paper_like()
+    episodes = tuple(Episodes("sac_cremona", 1, step, 200.0, 0.01 * step) for step in (1_000, 2_000))
+    whole = replace(whole, episodes=episodes)
+    cremona = replace(whole, runs=tuple(run for run in whole.runs if circuit_of(run.setting) == "cremona"))
+    for data, circuits in ((whole, list(CIRCUITS)), (cremona, ["cremona"]), (Data(), ["barcelona"])):
+        figure = learning(data, plt)
+        top = {axes.get_title(): axes for axes in figure.axes if axes.get_title()}
+        assert list(top) == circuits
+        lines = [(circuit, list(line.get_xdata())) for circuit, axes in top.items() for line in axes.lines]
+        assert (("cremona", [1_000, 2_000]) in lines) == (data != Data())
+        assert sum(steps == [1_000, 2_000] for _, steps in lines) <= 1
+        plt.close(figure)
 
 
 def test_a_setting_that_the_paper_does_not_have_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -15,7 +15,7 @@ from bike_sim.theory.line_cache import track_with_line
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.reproduce.superbike.data import Context, Data, Moment
-from bike_training.reproduce.superbike.experiment import CIRCUITS, MACHINE, THRESHOLD
+from bike_training.reproduce.superbike.experiment import CIRCUITS, MACHINE, THRESHOLD, circuit_of, setting_of
 from bike_training.reproduce.superbike.statements import overshoots, path_of
 
 _COLOURS: Final = {"spdl": "C0", "sac": "C1"}
@@ -120,32 +120,52 @@ def overshoot(data: Data, plt: Any) -> Any:
     return figure
 
 
+def _circuits(data: Data) -> list[str]:
+    """Circuits that were learned on, in the paper's order; the first one where there is none."""
+    learned_on = {circuit_of(run.setting) for run in data.runs}
+    return [circuit for circuit in CIRCUITS if circuit in learned_on] or [CIRCUITS[0]]
+
+
 def learning(data: Data, plt: Any) -> Any:
-    """Return of the last 100 episodes, and excess of validations, of the settings on the first circuit."""
-    figure, (top, bottom) = plt.subplots(2, 1, figsize=(8, 7), sharex=True, layout="constrained")
-    for name, colour in _COLOURS.items():
-        top.plot([], [], color=colour, label=name.upper())
+    """Return of the last 100 episodes, and excess of validations, a column for each circuit."""
+    circuits = _circuits(data)
+    size = (2.0 + 4.5 * len(circuits), 7.0)
+    figure, axes = plt.subplots(
+        2, len(circuits), figsize=size, sharex="col", sharey="row", layout="constrained", squeeze=False
+    )
+    for (top, bottom), circuit in zip(axes.T, circuits, strict=True):
+        _learned(data, circuit, top, bottom)
+        top.set(title=circuit)
+        bottom.set(xlabel="decisions", ylim=(0.0, 1.05))
+    axes[0, 0].set(ylabel="return of an episode")
+    axes[0, 0].legend()
+    axes[1, 0].set(ylabel="excess of validations (1: not whole)")
+    figure.suptitle("Learning, each run (dotted: early snapshot)")
+    return figure
+
+
+def _learned(data: Data, circuit: str, top: Any, bottom: Any) -> None:
+    """Draw the runs on a circuit: returns above, validations below."""
+    for kind, colour in _COLOURS.items():
+        name = setting_of(kind, circuit)
+        top.plot([], [], color=colour, label=kind.upper())
         for seed in sorted({run.seed for run in data.runs if run.setting == name}):
             rows = [row for row in data.episodes if (row.setting, row.seed) == (name, seed)]
             top.plot([row.step for row in rows], [row.total for row in rows], color=colour, lw=1, alpha=0.7)
             found = [row for row in data.validations if (row.setting, row.seed) == (name, seed)]
             steps, errors = [row.step for row in found], [row.error for row in found]
             bottom.plot(steps, errors, ".-", color=colour, lw=1, ms=4, alpha=0.7)
-    for row in data.laps:
-        if row.actor == "early" and row.setting in _COLOURS:
-            top.axvline(row.step, color="0.7", ls=":", lw=1)
-            bottom.axvline(row.step, color="0.7", ls=":", lw=1)
-            break
-    top.set(ylabel="return of an episode", title="Learning, each run (dotted: early snapshot)")
-    top.legend()
-    bottom.set(xlabel="decisions", ylabel="excess of validations (1: not whole)", ylim=(0.0, 1.05))
-    return figure
+    early = [row.step for row in data.laps if row.actor == "early" and circuit_of(row.setting) == circuit]
+    for axes in (top, bottom) if early else ():
+        axes.axvline(early[0], color="0.7", ls=":", lw=1)
 
 
 def distribution(data: Data, plt: Any) -> Any:
-    """The distribution of SPDL's context over its updates: means, divergence and value, and ellipses of a run."""
+    """SPDL's context over its updates on one circuit: means, divergence and value, and ellipses of a run."""
+    circuit = _circuits(data)[0]
     figure, axes = plt.subplots(2, 2, figsize=(11, 8), layout="constrained")
-    paths = path_of(data, "spdl")
+    figure.suptitle(circuit)
+    paths = path_of(data, setting_of("spdl", circuit))
     for seed, path in paths.items():
         steps = [row.step for row in path]
         colour = f"C{seed}"
