@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 import types
+import weakref
 from pathlib import Path
 
 import pytest
@@ -97,11 +98,14 @@ def test_an_interruption_waits_until_a_module_is_loaded(tmp_path, monkeypatch):
 
 
 def test_an_interruption_is_not_lost_while_garbage_is_collected():
-    """Python ignores exceptions of callbacks of its garbage collection (JAX has one) and of destructors."""
+    """Python ignores exceptions of destructors and of callbacks of weak references and of garbage collection (JAX)."""
 
     class Ends:
         def __del__(self):
             signal.raise_signal(signal.SIGTERM)
+
+    class Forgotten:
+        pass
 
     called = []
 
@@ -114,11 +118,14 @@ def test_an_interruption_is_not_lost_while_garbage_is_collected():
         gc.callbacks.append(collect)
         try:
             while not called:
-                gc.collect()  # does nothing while another thread collects
+                gc.collect(0)  # does nothing while another thread collects
         finally:
             gc.callbacks.remove(collect)
 
-    for ends in (ends_while_collecting, lambda: Ends() and None):
+    def forgets():
+        weakref.finalize(Forgotten(), signal.raise_signal, signal.SIGTERM)
+
+    for ends in (ends_while_collecting, lambda: Ends() and None, forgets):
         with signals_handled(interrupt), pytest.raises(KeyboardInterrupt):  # noqa: PT012 - it comes some time later
             ends()
             time.sleep(60.0)

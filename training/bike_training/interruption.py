@@ -22,6 +22,9 @@ SHELL_BASE: Final = 128
 AGAIN_AFTER: Final = 0.05
 """Wall-clock time after which an interruption that came at a bad moment is tried again, s."""
 
+BAD_MODULES: Final = ("importlib._bootstrap", "weakref", "_weakrefset")
+"""Modules in whose functions an exception may become another error, or nothing."""
+
 Handler = Callable[[int, FrameType | None], object]
 
 
@@ -100,11 +103,14 @@ def _signal_again(number: int) -> None:
 
 
 def _would_lose_it(frame: FrameType | None) -> bool:
-    """Whether a module is being loaded, or Python calls what it ignores exceptions of: destructors, callbacks of gc."""
+    """Whether a module is being loaded, or Python calls what it ignores exceptions of.
+
+    That is a destructor, a callback of garbage collection, or a callback of the standard library's weak references.
+    """
     ignored = [getattr(callback, "__code__", None) for callback in gc.callbacks]
     while frame is not None:
         code = frame.f_code
-        if frame.f_globals.get("__name__") == "importlib._bootstrap" or code.co_name == "__del__" or code in ignored:
+        if frame.f_globals.get("__name__") in BAD_MODULES or code.co_name == "__del__" or code in ignored:
             return True
         frame = frame.f_back
     return False
