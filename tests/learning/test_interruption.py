@@ -97,7 +97,7 @@ def test_an_interruption_waits_until_a_module_is_loaded(tmp_path, monkeypatch):
         assert code() == 143
 
 
-def test_an_interruption_is_not_lost_while_garbage_is_collected():
+def test_an_interruption_is_not_lost_where_exceptions_are_ignored():
     """Python ignores exceptions of destructors and of callbacks of weak references and of garbage collection (JAX)."""
 
     class Ends:
