@@ -82,7 +82,7 @@ def superbike() -> None:
 
 
 def superbikes_side_by_side() -> None:
-    """Ride two superbikes as learning and rehearsals do; a rehearsal that was kept compiles nothing."""
+    """Ride two superbikes as learning and rehearsals do; a verification that was kept compiles nothing."""
     from dataclasses import replace
 
     from bike_sim.sim.request import ResetRequest

@@ -11,7 +11,16 @@ from hypothesis.extra.numpy import arrays
 
 from bike_policy.contract.bundle import layout_from_card
 from bike_policy.contract.line_tables import KEPT
-from bike_policy.contract.race import BLOCKS, COMPACT, GUIDED, MACHINE_FACTS, RACE_LAYOUTS, TOLD, RaceEyes, RaceLayout
+from bike_policy.contract.race import (
+    BLOCKS,
+    COMPACT,
+    GUIDED,
+    MACHINE_FACTS,
+    RACE_LAYOUTS,
+    TOLD,
+    ObservationBuilder,
+    RaceLayout,
+)
 from bike_policy.contract.reference import OPEN, Reference, ReferenceRows
 from bike_policy.contract.rows import Row
 from bike_sim.physics.state import MIRROR_SIGNS
@@ -84,7 +93,7 @@ class Beside:
 
 def eyes_of(layout, rows, sign=1.0, actions=()):
     guide = Beside(len(rows.state), sign) if "guide" in layout.blocks else None
-    eyes = RaceEyes(layout, len(rows.state), SIGNALS, guide, MACHINE)
+    eyes = ObservationBuilder(layout, len(rows.state), SIGNALS, guide, MACHINE)
     for row in range(len(rows.state)):
         eyes.begin(row, rows, reference(row, sign))
     for action in actions:
@@ -130,7 +139,7 @@ def test_a_machine_is_seen_the_same_alone_and_among_others():
     together = eyes_of(ALL, rows).observe(rows)
     for i in range(7):
         alone = Row(*(part[i : i + 1] for part in rows))
-        eyes = RaceEyes(ALL, 1, SIGNALS, Beside(1, 1.0), MACHINE)
+        eyes = ObservationBuilder(ALL, 1, SIGNALS, Beside(1, 1.0), MACHINE)
         eyes.begin(0, alone, reference(i))
         np.testing.assert_array_equal(eyes.observe(alone)[0], together[i])
 
@@ -226,14 +235,14 @@ def test_foreign_layouts_are_refused_by_name(change, message):
 
 def test_missing_telemetry_is_named():
     with pytest.raises(ValueError, match="rear_slip"):
-        RaceEyes(COMPACT, 1, [name for name in SIGNALS if name != "rear_slip"])
+        ObservationBuilder(COMPACT, 1, [name for name in SIGNALS if name != "rear_slip"])
 
 
 def test_a_layout_that_shows_the_guide_needs_one():
     with pytest.raises(ValueError, match="'guided' shows what the guide does"):
-        RaceEyes(GUIDED, 1, GUIDED.signals)
+        ObservationBuilder(GUIDED, 1, GUIDED.signals)
 
 
 def test_a_layout_that_shows_the_machine_needs_it():
     with pytest.raises(ValueError, match="'told' shows what the machine is"):
-        RaceEyes(TOLD, 1, TOLD.signals, Beside(1, 1.0))
+        ObservationBuilder(TOLD, 1, TOLD.signals, Beside(1, 1.0))

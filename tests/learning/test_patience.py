@@ -11,8 +11,8 @@ from collections.abc import Iterator
 import pytest
 
 from bike_training.envs.node_process import NodeProcess
-from bike_training.envs.patience import Patience
-from bike_training.progress import way_bar
+from bike_training.envs.patience import InactivityTimeout
+from bike_training.progress import distance_progress_bar
 
 
 @pytest.fixture
@@ -30,7 +30,7 @@ def node(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Ite
     node.close()
 
 
-def silence(patience: Patience, longest: float) -> float:
+def silence(patience: InactivityTimeout, longest: float) -> float:
     """Return the time until patience runs out, s; `longest` where it does not."""
     began = time.monotonic()
     while time.monotonic() - began < longest and not patience.is_out():
@@ -41,22 +41,22 @@ def silence(patience: Patience, longest: float) -> float:
 @pytest.mark.parametrize("node", ["import time; time.sleep(60)"], indirect=True)
 def test_a_node_that_does_nothing_is_given_up(node: NodeProcess) -> None:
     time.sleep(1.0)  # its start is work
-    assert 0.5 <= silence(Patience(0.5, [node]), 20.0) < 10.0
+    assert 0.5 <= silence(InactivityTimeout(0.5, [node]), 20.0) < 10.0
     node.process.kill()
     node.process.wait()
-    assert silence(Patience(0.2, [node]), 20.0) < 10.0
+    assert silence(InactivityTimeout(0.2, [node]), 20.0) < 10.0
 
 
 @pytest.mark.parametrize("node", ["[1 for _ in iter(int, 1)]"], indirect=True)
 def test_a_node_that_works_is_waited_for(node: NodeProcess) -> None:
     """As one that compiles, also where it is one of several."""
-    assert silence(Patience(0.5, [node]), 2.5) >= 2.5
+    assert silence(InactivityTimeout(0.5, [node]), 2.5) >= 2.5
 
 
 def test_what_is_heard_begins_anew(monkeypatch: pytest.MonkeyPatch) -> None:
     now = 0.0
     monkeypatch.setattr(time, "monotonic", lambda: now)
-    patience = Patience(3.0, [])
+    patience = InactivityTimeout(3.0, [])
     for now in (1.0, 2.0, 3.0):  # noqa: B007 - the clock
         assert not patience.is_out()
     patience.heard()
@@ -69,7 +69,7 @@ def test_what_is_heard_begins_anew(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_pause_of_ones_own_is_no_silence_of_others(monkeypatch: pytest.MonkeyPatch) -> None:
     now = 0.0
     monkeypatch.setattr(time, "monotonic", lambda: now)
-    patience = Patience(3.0, [])
+    patience = InactivityTimeout(3.0, [])
     now = 3600.0  # suspended with Ctrl-Z for an hour
     assert not patience.is_out()
 
@@ -81,7 +81,7 @@ class Terminal(io.StringIO):
 
 def ride_with(stream: io.StringIO, monkeypatch: pytest.MonkeyPatch, **options: bool) -> str:
     monkeypatch.setattr(sys, "stderr", stream)
-    with way_bar("circle", 100.0, **options) as bar:
+    with distance_progress_bar("circle", 100.0, **options) as bar:
         for place in range(0, 101, 10):
             bar.set_postfix_str("4.00 m/s", refresh=False)
             bar.update(place - bar.n)

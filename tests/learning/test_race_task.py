@@ -65,7 +65,7 @@ def decide(rides, row, change, actions=(0.0, 0.0), periods=3):
         row = copied(row)
         change(row)
         rides.advance(row)
-    return rides.judge(row), row
+    return rides.evaluate(row), row
 
 
 def forward(row, speed=40.0):
@@ -269,7 +269,7 @@ def test_one_ride_is_shown_and_judged_as_in_a_batch(task):
             together.advance(batch)
             row = row_of(simulator.step(*alone.commands(row)[0].tolist()))
             alone.advance(row)
-        many, one = together.judge(batch), alone.judge(row)
+        many, one = together.evaluate(batch), alone.evaluate(row)
         for name, term in many.terms.items():
             assert term[1] == one.terms[name][0], name
     batch.close()
@@ -318,7 +318,7 @@ def ride_decision(batch, rides, actions, repeat):
     for _ in range(repeat):
         batch.step(rides.commands(batch))
         rides.advance(batch)
-    return seen, rides.judge(batch).terms
+    return seen, rides.evaluate(batch).terms
 
 
 def test_only_compiled_superbikes_take_machines_in_turn():

@@ -13,7 +13,7 @@ from bike_sim.sim.batch import SUPERBIKE_ENGINE
 from bike_sim.sim.request import ResetRequest
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.curricula.base import EndedEpisode
-from bike_training.curricula.race import Ground, RaceCurriculum, SpeedCurriculum
+from bike_training.curricula.race import CircuitSet, RaceCurriculum, SpeedCurriculum
 from bike_training.curricula.spdl import SpdlCurriculum
 from bike_training.learning.presets import RACE, RACE_DIRECT, RACE_PAPER, Preset
 from bike_training.learning.process import LearningProcess
@@ -26,8 +26,8 @@ SMALL = {"learner": "sb3", "layers": "16,16", "environments": "4", "updates": "2
 
 
 @pytest.fixture(scope="module")
-def ground() -> Ground:
-    return Ground(load_vehicle(VEHICLE), ["barcelona"])
+def ground() -> CircuitSet:
+    return CircuitSet(load_vehicle(VEHICLE), ["barcelona"])
 
 
 def settings(preset: Preset, seed: int = 0, vehicle: str = VEHICLE) -> RunSettings:
@@ -40,7 +40,7 @@ def final_actor(preset: Preset, out: Path, steps: int, vehicle: str = VEHICLE, r
     return process.actor()
 
 
-def test_throttle_is_learned_in_seconds(tmp_path: Path, ground: Ground) -> None:
+def test_throttle_is_learned_in_seconds(tmp_path: Path, ground: CircuitSet) -> None:
     """Rewarded for the way alone, the actor opens the throttle: it is much faster on the straight than at first."""
     preset = RACE_DIRECT.override({**SMALL, "weights": "progress:3", "max_steps": "20", "gamma": "0.9", "repeat": "5"})
     preset = replace(preset, learning_rate=3e-3, final_learning_rate=3e-3, learning_starts=200, averaging=0.0)
@@ -78,7 +78,7 @@ def test_a_resumed_run_is_the_uninterrupted_one(
         np.testing.assert_array_equal(again[name], tensor, err_msg=name)
 
 
-def test_vehicles_that_are_kept_ride_the_next_validation_as_new_ones_do(ground: Ground) -> None:
+def test_vehicles_that_are_kept_ride_the_next_validation_as_new_ones_do(ground: CircuitSet) -> None:
     task = replace(RACE.task.make(), validation_duration=3.0)
     config = settings(RACE).simulator()
     rng = np.random.default_rng(0)
@@ -99,7 +99,7 @@ def ended(request: ResetRequest, total: float = 1.0, failed: bool = False, progr
     return EndedEpisode(request, total, 100, failed, progress)
 
 
-def test_starts_lie_all_around_and_lead_up_to_failures(ground: Ground) -> None:
+def test_starts_lie_all_around_and_lead_up_to_failures(ground: CircuitSet) -> None:
     rng = np.random.default_rng(0)
     preview = RaceTask().preview
     curriculum = RaceCurriculum(ground, failure_share=0.5)
@@ -116,9 +116,9 @@ def test_starts_lie_all_around_and_lead_up_to_failures(ground: Ground) -> None:
     assert near > 3 * sum(1500.0 < request.progress < 2000.0 for request in even)
 
 
-def test_validations_ride_some_of_many_circuits(ground: Ground) -> None:
+def test_validations_ride_some_of_many_circuits(ground: CircuitSet) -> None:
     preview = RaceTask().preview
-    many = Ground(load_vehicle("panigale_v4r"), ["barcelona", "cremona", "phillip_island"])
+    many = CircuitSet(load_vehicle("panigale_v4r"), ["barcelona", "cremona", "phillip_island"])
     curriculum = RaceCurriculum(many, sampled=2)
     rng = np.random.default_rng(0)
     drawn = [curriculum.validation_requests(preview, rng) for _ in range(20)]
@@ -131,7 +131,7 @@ def test_validations_ride_some_of_many_circuits(ground: Ground) -> None:
     assert len(RaceCurriculum(ground).selection_requests(preview)) == 32
 
 
-def test_the_share_of_the_speed_rises_while_episodes_stay_whole(ground: Ground) -> None:
+def test_the_share_of_the_speed_rises_while_episodes_stay_whole(ground: CircuitSet) -> None:
     curriculum = SpeedCurriculum(ground, share=0.7, first=0.6)
     request = curriculum.episodes(0).draw(np.random.default_rng(0), RaceTask().preview)
     for _ in range(200):
@@ -146,7 +146,7 @@ def test_the_share_of_the_speed_rises_while_episodes_stay_whole(ground: Ground) 
     assert other.state_dict()["share"] == curriculum.share
 
 
-def test_spdl_leads_a_good_agent_to_the_ideal_line_and_survives_a_checkpoint(ground: Ground) -> None:
+def test_spdl_leads_a_good_agent_to_the_ideal_line_and_survives_a_checkpoint(ground: CircuitSet) -> None:
     rng = np.random.default_rng(0)
     preview = RaceTask().preview
     curriculum = SpdlCurriculum(ground, threshold=1.0, kl=1.0, iteration=10)

@@ -24,8 +24,15 @@ from bike_sim.sim.request import ResetRequest
 from bike_training import cli
 from bike_training.curricula.parts import REFINEMENT
 from bike_training.learning import linear_rides, refinement_cost
-from bike_training.learning.linear_rides import FREE, LinearRides, Segment, Sight, motion_slopes, push_sideways
-from bike_training.learning.odd_actor import OddActor, Weights
+from bike_training.learning.linear_rides import (
+    FREE,
+    LinearRides,
+    ObservationJacobian,
+    Segment,
+    motion_slopes,
+    push_sideways,
+)
+from bike_training.learning.mirror_symmetric_actor import MirrorSymmetricActor, Weights
 from bike_training.learning.refinement import Refinement, refine
 from bike_training.learning.refinement_comparison import STEEP, Comparison
 from bike_training.learning.refinement_cost import cost
@@ -50,7 +57,7 @@ def test_slopes_are_those_of_the_engine_and_of_what_is_seen() -> None:
     assert abs(batch.look[0, lk.HEADING_ERROR]) > 0.01
     begun = batch.state_dict()
     slopes = motion_slopes(batch, commands[:, 0])[0]
-    sight = Sight(TASK.layout)
+    sight = ObservationJacobian(TASK.layout)
     far = 1e-4
     for column in range(7):
         batch.restore(begun)
@@ -109,10 +116,10 @@ def test_pushed_rides_count_in_a_comparison() -> None:
 
 def test_layouts_that_show_the_map_are_refused() -> None:
     with pytest.raises(ValueError, match=r"prop.*yaw_cos.*no slopes"):
-        Sight(PROP_LAYOUT)
+        ObservationJacobian(PROP_LAYOUT)
 
 
-def ridden(weights: Weights, actor: OddActor) -> Segment:
+def ridden(weights: Weights, actor: MirrorSymmetricActor) -> Segment:
     """Return a segment of rides some of which are ridden late."""
     rides = LinearRides(6, TASK, REFINEMENT, COMPILED, seed=4, delay=2)
     segment = rides.ride(actor.folded(weights), 16, push=0.0)
@@ -124,7 +131,7 @@ def test_the_cost_of_a_changed_actor_is_that_of_its_ride_to_first_order(monkeypa
     monkeypatch.setattr(refinement_cost, "_FAR", 0.0)  # these rides neither steer nor lean far
     monkeypatch.setattr(refinement_cost, "_STEEP", 0.0)
     settings = replace(SMALL, tail=0, square=5.0, steer_rate=0.1, change=2.0, lean=2.0, steer=5.0)
-    actor = OddActor(FINE_LAYOUT)
+    actor = MirrorSymmetricActor(FINE_LAYOUT)
     weights = actor.draw((16,), seed=2)
     weights[-1] = (weights[-1][0] * 30.0, weights[-1][1])  # a new network hardly steers
     segment = ridden(weights, actor)
@@ -154,7 +161,7 @@ def test_the_cost_of_a_changed_actor_is_that_of_its_ride_to_first_order(monkeypa
 
 
 def test_the_deployed_network_is_the_odd_part_of_the_learned_one() -> None:
-    actor = OddActor(FINE_LAYOUT)
+    actor = MirrorSymmetricActor(FINE_LAYOUT)
     weights = actor.draw((16, 8), seed=7)
     weights[-1] = (weights[-1][0] * 100.0, weights[-1][1] + 0.3)
     seen = np.random.default_rng(0).normal(size=(50, FINE_LAYOUT.size)).astype(np.float32)
@@ -166,7 +173,7 @@ def test_the_deployed_network_is_the_odd_part_of_the_learned_one() -> None:
 
 
 def test_an_actor_that_was_folded_is_taken_up_as_it_was_learned() -> None:
-    actor = OddActor(FINE_LAYOUT)
+    actor = MirrorSymmetricActor(FINE_LAYOUT)
     weights = actor.draw((16, 8), seed=7)
     weights[-1] = (weights[-1][0], jnp.zeros(1))  # the odd part has none
     again = actor.take(actor.folded(weights))
@@ -245,7 +252,7 @@ def test_what_cannot_be_refined_is_refused(
 
 def test_steep_rides_begin_anew_with_every_segment() -> None:
     rides = LinearRides(4, TASK, REFINEMENT, COMPILED, seed=4, starts=STEEP, starting=2)
-    actor = OddActor(FINE_LAYOUT)
+    actor = MirrorSymmetricActor(FINE_LAYOUT)
     still = actor.folded(actor.draw((8,), seed=1))
     for _ in range(2):
         first = rides.ride(still, 4, push=0.5).seen[0]
@@ -256,7 +263,7 @@ def test_steep_rides_begin_anew_with_every_segment() -> None:
 
 
 def test_an_actor_of_less_reach_steers_the_same_by_a_little_and_less_at_most() -> None:
-    whole, short = OddActor(FINE_LAYOUT), OddActor(FINE_LAYOUT, 0.8)
+    whole, short = MirrorSymmetricActor(FINE_LAYOUT), MirrorSymmetricActor(FINE_LAYOUT, 0.8)
     weights = whole.draw((8,), seed=3)
     taken = short.take(whole.folded(weights))
     seen = jnp.asarray(np.random.default_rng(0).normal(size=(20, FINE_LAYOUT.size)), jnp.float32)

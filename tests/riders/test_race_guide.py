@@ -23,7 +23,7 @@ from bike_sim.sim.superbike_batch import CompiledSuperbikeBatch
 from bike_sim.sim.superbike_plant import superbike_config
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
-from bike_training.curricula.race import Ground
+from bike_training.curricula.race import CircuitSet
 from tests.superbike.test_classical import circle
 
 
@@ -191,7 +191,7 @@ def test_few_slow_starts_throw_the_guide_down() -> None:
     count = 128
     batch = CompiledSuperbikeBatch(count, config)
     guide = RaceGuide(batch.vehicle, config.control_period, count)
-    ground = Ground(batch.vehicle, ["barcelona"])
+    ground = CircuitSet(batch.vehicle, ["barcelona"])
     for row in range(count):
         progress, share = (row + 0.5) / count * ground.length("barcelona"), 0.5 + 0.4 * ((row * 0.6180339887) % 1.0)
         speed = ground.start("barcelona", 1.0, progress, share)

@@ -140,7 +140,7 @@ class Witness(rclpy.node.Node):
             self._spinner.spin_once(timeout_sec=max(end - time.monotonic(), 0.0))
 
 
-class Ears(Witness):
+class StateProbe(Witness):
     """Listens to a simulator, commands and calls."""
 
     def __init__(self, domain: int) -> None:
@@ -224,7 +224,7 @@ class Ears(Witness):
         return future.result()
 
 
-class Mouth(Witness):
+class TopicPublisher(Witness):
     """Publishes what a recorder is to hear."""
 
     def open(self, kind: type, topic: str, qos: QoSProfile = node_tools.SENDER_QOS) -> Any:
@@ -234,7 +234,7 @@ class Mouth(Witness):
         return publisher
 
 
-class Stage:
+class RosFixture:
     """A ROS domain with the programs and ears of one test."""
 
     def __init__(self, folder: Path) -> None:
@@ -252,16 +252,16 @@ class Stage:
     def simulator(self, **parameters: Any) -> Program:
         return self.start("bike_sim.ros.sim_node", **{"time_step": 0.005, "course": "line", **parameters})
 
-    def ears(self) -> Ears:
+    def ears(self) -> StateProbe:
         """Return ears that hear the simulator."""
-        ears = Ears(self.domain)
+        ears = StateProbe(self.domain)
         self._witnesses.append(ears)
         ears.until(ears.connected)
         return ears
 
-    def mouth(self) -> Mouth:
+    def mouth(self) -> TopicPublisher:
         """Return a node that publishes what it likes."""
-        mouth = Mouth("mouth", self.domain)
+        mouth = TopicPublisher("mouth", self.domain)
         self._witnesses.append(mouth)
         return mouth
 
@@ -309,23 +309,23 @@ def circuit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def stage(tmp_path: Path, compiled: None) -> Iterator[Stage]:
-    stage = Stage(tmp_path)
+def stage(tmp_path: Path, compiled: None) -> Iterator[RosFixture]:
+    stage = RosFixture(tmp_path)
     yield stage
     stage.close()
 
 
 @pytest.fixture
-def other_stage(tmp_path: Path) -> Iterator[Stage]:
-    stage = Stage(tmp_path)
+def other_stage(tmp_path: Path) -> Iterator[RosFixture]:
+    stage = RosFixture(tmp_path)
     yield stage
     stage.close()
 
 
 @pytest.fixture(scope="module")
-def lockstep(tmp_path_factory: pytest.TempPathFactory, compiled: None) -> Iterator[Ears]:
-    """Ears on a simulator in lockstep that the tests of a module share; each begins with a reset of its own."""
-    stage = Stage(tmp_path_factory.mktemp("lockstep"))
+def lockstep(tmp_path_factory: pytest.TempPathFactory, compiled: None) -> Iterator[StateProbe]:
+    """StateProbe on a simulator in lockstep that the tests of a module share; each begins with a reset of its own."""
+    stage = RosFixture(tmp_path_factory.mktemp("lockstep"))
     stage.simulator()
     yield stage.ears()
     stage.close()

@@ -31,7 +31,7 @@ from bike_analysis import compare, open_ride
 from bike_analysis.page.live_page import Ghost, ghost_of, live_view, render_live_page
 from bike_analysis.page.settings import recorded_settings, settings_words
 from bike_analysis.page.view import Series
-from bike_policy.riders.hands import HandRider
+from bike_policy.riders.hands import ManualRider
 from bike_policy.riders.making import make_rider
 from bike_sim.course.course import Course
 from bike_sim.course.elements import Arc
@@ -89,7 +89,7 @@ def test_a_wish_is_a_lean_that_the_loop_balances(wish: float) -> None:
     """The lean is that of the steady turn (`bike_sim.physics.steady_turn`); to the left is a negative roll."""
     with closing(Simulator(SimulatorConfig(engine="whipple"))) as simulator:
         snapshot = simulator.reset(ResetRequest(course="line", speed_range=(4.0, 4.0)))
-        rider = HandRider()
+        rider = ManualRider()
         rider.begin(simulator.vehicle, simulator.course, 0.05, simulator.preview)
         rider.steering = wish
         for _ in range(120):
@@ -110,7 +110,7 @@ def test_no_wishes_throw_off_who_is_balanced(speed: float) -> None:
     with closing(Simulator(SimulatorConfig(engine="whipple"))) as simulator:
         for held in (4, 12, 30, 60):
             snapshot = simulator.reset(ResetRequest(course="line", speed_range=(speed, speed)))
-            rider = HandRider()
+            rider = ManualRider()
             rider.begin(simulator.vehicle, simulator.course, 0.05, simulator.preview)
             for k in range(240):
                 rider.steering = 1.0 if k // held % 2 else -1.0

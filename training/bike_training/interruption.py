@@ -22,7 +22,7 @@ SHELL_BASE: Final = 128
 AGAIN_AFTER: Final = 0.05
 """Wall-clock time after which an interruption that came at a bad moment is tried again, s."""
 
-BAD_MODULES: Final = ("importlib._bootstrap", "weakref", "_weakrefset")
+UNINTERRUPTIBLE_MODULES: Final = ("importlib._bootstrap", "weakref", "_weakrefset")
 """Modules in whose functions an exception may become another error, or nothing."""
 
 Handler = Callable[[int, FrameType | None], object]
@@ -110,7 +110,7 @@ def _would_lose_it(frame: FrameType | None) -> bool:
     ignored = [getattr(callback, "__code__", None) for callback in gc.callbacks]
     while frame is not None:
         code = frame.f_code
-        if frame.f_globals.get("__name__") in BAD_MODULES or code.co_name == "__del__" or code in ignored:
+        if frame.f_globals.get("__name__") in UNINTERRUPTIBLE_MODULES or code.co_name == "__del__" or code in ignored:
             return True
         frame = frame.f_back
     return False

@@ -10,7 +10,7 @@ _FORMAT = "{l_bar}{bar}| {n_fmt}/{total_fmt} m [{elapsed}<{remaining}{postfix}]"
 """Without tqdm's own rate, in metres a second of wall-clock time: it would stand beside the speed of the vehicle."""
 
 
-def way_bar(title: str, way: float | None = None, *, quiet: bool = False, leave: bool = True) -> Any:
+def distance_progress_bar(title: str, way: float | None = None, *, quiet: bool = False, leave: bool = True) -> Any:
     """Return a bar of the way ridden. It shows only at a terminal, so that logs stay short.
 
     Args:

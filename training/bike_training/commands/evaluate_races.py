@@ -17,7 +17,7 @@ from bike_analysis.figures.numbers import lap_text
 from bike_policy.contract.bundle import load_bundle
 from bike_training.arguments import check_positive, check_whole, make_folder
 from bike_training.rollout.races import RaceResult, ride_races
-from bike_training.tasks.fleet import in_turn
+from bike_training.tasks.fleet import round_robin
 
 MACHINE: Final = "panigale_v4r"
 CIRCUIT: Final = "barcelona"
@@ -52,7 +52,7 @@ def evaluate_races(args: argparse.Namespace) -> dict[str, Any]:
         check_positive("--share", args.share, "")
     bundle = load_bundle(args.rider or args.policy)
     make_folder("--out", args.out)
-    pairs = _pairs(*_asked(args), args.in_turn)
+    pairs = _pairs(*_asked(args), args.round_robin)
     results = [
         ride_races(bundle, machine, circuit, args.starts, args.laps, args.share)
         for machine, circuit in tqdm(pairs, unit="pair", disable=args.json or len(pairs) == 1)
@@ -95,7 +95,7 @@ def _tables(name: str, results: Sequence[RaceResult]) -> str:
 def _pairs(machines: Sequence[str], circuits: Sequence[str], taking_turns: bool) -> list[tuple[str, str]]:
     """Return which machine rides which circuit."""
     if taking_turns:
-        return list(zip(in_turn(machines, len(circuits)), circuits, strict=True))
+        return list(zip(round_robin(machines, len(circuits)), circuits, strict=True))
     return [(machine, circuit) for circuit in circuits for machine in machines]
 
 

@@ -32,7 +32,7 @@ from bike_sim.theory.line_cache import track_with_line
 from bike_sim.vehicles.files import load_vehicle, shipped_vehicles
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.arguments import check_whole, make_folder
-from bike_training.progress import way_bar
+from bike_training.progress import distance_progress_bar
 from bike_training.rollout.laps import ALLOWED_EXCESS, pair_figures, ride_laps
 
 SCHEMA: Final = "bike.lap/1"
@@ -195,7 +195,7 @@ def shipped_superbikes() -> tuple[str, ...]:
 
 def _ride(vehicle: str, circuit: str, args: argparse.Namespace, rider: Rider) -> dict[str, Any]:
     began, laps = time.monotonic(), args.laps
-    with way_bar(f"{vehicle}, {circuit}", quiet=args.json, leave=False) as bar:
+    with distance_progress_bar(f"{vehicle}, {circuit}", quiet=args.json, leave=False) as bar:
 
         def tell(snapshot: Snapshot, length: float) -> None:
             if snapshot.step % 50:

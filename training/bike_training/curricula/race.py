@@ -48,7 +48,7 @@ LEAST_STARTS: Final = 8
 SELECTION_SEED: Final = 2**32
 
 
-class Ground:
+class CircuitSet:
     """Circuits of machines: their lines with the theoretical speeds on them. Rows take the machines in turn.
 
     Attributes:
@@ -94,7 +94,7 @@ class Ground:
 class Failures:
     """Counts where rides fail, circuit by circuit, and forgets slowly."""
 
-    def __init__(self, ground: Ground) -> None:
+    def __init__(self, ground: CircuitSet) -> None:
         """Begin with none."""
         self.counts = {name: np.zeros(math.ceil(ground.length(name) / BIN)) for name in ground.names}
 
@@ -125,7 +125,7 @@ class RaceEpisodes:
         failure_share: part of the starts that lead up to failures.
     """
 
-    ground: Ground
+    ground: CircuitSet
     failures: Failures
     share: float
     spread: float = 0.0
@@ -180,7 +180,7 @@ class RaceCurriculum:
         part: always 1. finished_at: learning step of the first validation with all rides whole, or None.
     """
 
-    ground: Ground
+    ground: CircuitSet
     share: float = 1.0
     spread: float = 0.0
     failure_share: float = 0.0

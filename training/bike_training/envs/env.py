@@ -123,7 +123,7 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             self.watch.stepped(observation, action, states)
         self.snapshot = snapshot
         self._steps += 1
-        terms, failed = self.rides.judge(row)
+        terms, failed = self.rides.evaluate(row)
         reward, terminated = float(sum_of(terms)[0]), bool(failed[0])
         truncated = not terminated and self._steps >= self.task.max_steps
         if truncated:

@@ -21,7 +21,7 @@ class Worker(Protocol):
         """Return whether it runs, or waits for the processor or the disk."""
 
 
-class Patience:
+class InactivityTimeout:
     """Counts the time without messages in which no process works, and reports when it is too long."""
 
     def __init__(self, limit: float, workers: Sequence[Worker]) -> None:

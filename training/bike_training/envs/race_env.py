@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from bike_sim.sim.batch import SUPERBIKE_ENGINE
 from bike_sim.sim.superbike_plant import superbike_config
-from bike_training.curricula.race import Ground, RaceCurriculum
+from bike_training.curricula.race import CircuitSet, RaceCurriculum
 from bike_training.envs.clients import Client, make_client
 from bike_training.envs.env import BikeEnv
 from bike_training.tasks.race import RaceTask
@@ -35,5 +35,5 @@ class RaceEnv(BikeEnv):
         """
         if isinstance(client, str):
             client = make_client(client, replace(superbike_config(vehicle), engine=SUPERBIKE_ENGINE))
-        episodes = RaceCurriculum(Ground(client.vehicle, circuits)).episodes(0)
+        episodes = RaceCurriculum(CircuitSet(client.vehicle, circuits)).episodes(0)
         super().__init__(client, task or RaceTask(), episodes)

@@ -33,7 +33,7 @@ from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.envs.node_process import NodeLost, NodeProcess
-from bike_training.envs.patience import Patience
+from bike_training.envs.patience import InactivityTimeout
 
 START_TIMEOUT: Final = 60.0
 """Longest wait for a simulator that is not at work either, s. Its first start on a machine compiles the physics."""
@@ -261,9 +261,9 @@ class RosClient(AbstractContextManager["RosClient"]):
             if patience.is_out():
                 raise self._lost(f"{complaint} within {timeout:g} s")
 
-    def _patience(self, limit: float) -> Patience:
+    def _patience(self, limit: float) -> InactivityTimeout:
         """Return the longest accepted silence, s; a working child simulator is not silent."""
-        return Patience(limit, [self._process] if self._process is not None else [])
+        return InactivityTimeout(limit, [self._process] if self._process is not None else [])
 
     def _check_alive(self) -> None:
         if self._process is not None:

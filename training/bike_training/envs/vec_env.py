@@ -187,7 +187,7 @@ class BatchVecEnv(VecEnv):
         if watched is not None and self.watch is not None:
             self.watch.stepped(watched, self._actions[0].astype(np.float64), states)
         self.steps += 1
-        terms, terminated = self.rides.judge(self.batch)
+        terms, terminated = self.rides.evaluate(self.batch)
         rewards = sum_of(terms).astype(np.float32)
         self.returns += rewards
         truncated = ~terminated & (self.steps >= self.task.max_steps)

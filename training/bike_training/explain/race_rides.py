@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from bike_policy.contract.bundle import Bundle
 from bike_policy.contract.race import RaceLayout
-from bike_policy.riders.race_sight import RaceSight
+from bike_policy.riders.race_policy import RacePolicy
 from bike_sim.course.course import Course
 from bike_sim.sim.request import Preview
 from bike_sim.sim.snapshot import Snapshot
@@ -57,7 +57,7 @@ class Onlooker:
     def __init__(self, bundle: Bundle, layout: RaceLayout, commands: RecordedCommands) -> None:
         """Take the policy and the commands that are ridden."""
         self.name = bundle.name
-        self._sight, self._commands = RaceSight(bundle, layout), commands
+        self._sight, self._commands = RacePolicy(bundle, layout), commands
         self.steps: list[int] = []
         self.seen: list[NDArray[np.float32]] = []
         self.differ = 0.0

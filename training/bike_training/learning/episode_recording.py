@@ -194,7 +194,7 @@ class EpisodeWriter:
 
     def _judge(self, message: LearningStep) -> None:
         """Say what the step was worth and whether an episode of learning ended with it."""
-        terms, failed = self._rides.judge(row_of(self.snapshot))
+        terms, failed = self._rides.evaluate(row_of(self.snapshot))
         self.failed = bool(failed[0])
         message.reward_names = list(terms)
         message.reward_terms = array("d", (float(term[0]) for term in terms.values()))

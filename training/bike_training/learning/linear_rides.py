@@ -127,7 +127,7 @@ def motion_slopes(batch: CompiledBatch, commands: FloatArray) -> FloatArray:
     return slopes
 
 
-class Sight:
+class ObservationJacobian:
     """Derivatives of an observation by the deviations."""
 
     def __init__(self, layout: ObservationLayout) -> None:
@@ -210,7 +210,7 @@ class LinearRides:
 
         Args:
             count: number of bicycles.
-            task: with an observation that :class:`Sight` knows.
+            task: with an observation that :class:`ObservationJacobian` knows.
             episodes: where rides are drawn from.
             config: of the compiled engine.
             seed: of all draws.
@@ -222,7 +222,7 @@ class LinearRides:
         """
         self.batch = CompiledBatch(count, config, task.preview)
         self.task = task
-        self._episodes, self._sight = episodes, Sight(task.layout)
+        self._episodes, self._sight = episodes, ObservationJacobian(task.layout)
         self._starts, self._starting = starts, starting
         self._rng = np.random.default_rng(seed)
         self._delay, self._largest_noise, self._impulse = delay, noise, impulse

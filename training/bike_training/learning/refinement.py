@@ -32,7 +32,7 @@ from bike_sim.sim.bicycle_batch import COMPILED_ENGINE
 from bike_sim.sim.config import SimulatorConfig
 from bike_training.curricula.parts import REFINEMENT, SPEED_RANGES, RideRanges
 from bike_training.learning.linear_rides import DEVIATIONS, SENSORS, LinearRides, Segment
-from bike_training.learning.odd_actor import OddActor
+from bike_training.learning.mirror_symmetric_actor import MirrorSymmetricActor
 from bike_training.learning.refinement_comparison import STEEP, Comparison, compare
 from bike_training.learning.refinement_cost import cost
 from bike_training.learning.refinement_files import POLICY, TABLE
@@ -97,7 +97,7 @@ class Refinement:
             round(settings.steep * settings.bicycles),
         )
         largest = self._rides.batch.vehicle.max_steer
-        self._actor = OddActor(task.layout, task.action.columns[0].factor(largest))
+        self._actor = MirrorSymmetricActor(task.layout, task.action.columns[0].factor(largest))
         self._weights = (
             self._actor.draw(settings.layers, settings.seed)
             if start is None

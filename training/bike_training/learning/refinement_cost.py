@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 
 from bike_training.learning.linear_rides import Segment
-from bike_training.learning.odd_actor import OddActor, Weights
+from bike_training.learning.mirror_symmetric_actor import MirrorSymmetricActor, Weights
 from bike_training.learning.refinement_settings import RefinementSettings
 
 _STEEP: Final = math.radians(38.0)
@@ -29,7 +29,7 @@ _LEAST_COST: Final = 3e-4
 
 def cost(
     settings: RefinementSettings,
-    actor: OddActor,
+    actor: MirrorSymmetricActor,
     weights: Weights,
     held: Weights,
     segment: Segment,
@@ -75,7 +75,7 @@ class Ridden(NamedTuple):
 
 def ride_on(
     settings: RefinementSettings,
-    actor: OddActor,
+    actor: MirrorSymmetricActor,
     weights: Weights,
     held: Weights,
     segment: Segment,

@@ -15,7 +15,7 @@ from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.curricula.base import Curriculum
 from bike_training.curricula.parts import PartsCurriculum
-from bike_training.curricula.race import Ground, RaceCurriculum, SpeedCurriculum
+from bike_training.curricula.race import CircuitSet, RaceCurriculum, SpeedCurriculum
 from bike_training.curricula.spdl import SpdlCurriculum
 from bike_training.learning.setting_records import check_number, check_positive
 from bike_training.tasks.base import Task
@@ -277,7 +277,7 @@ class RaceCurriculumSettings:
 
     def make(self, vehicles: Sequence[Vehicle]) -> Curriculum:
         """Return the curriculum at its beginning; see `CurriculumSettings`."""
-        ground = Ground(vehicles, [name.strip() for name in self.circuits.split(",")])
+        ground = CircuitSet(vehicles, [name.strip() for name in self.circuits.split(",")])
         common = (ground, self.share, self.spread, self.failure_share, self.sampled)
         if self.curriculum == "speed":
             return SpeedCurriculum(*common, first=self.first_share, counted=self.counted)

@@ -72,7 +72,7 @@ class SideBySide:
             rides.advance(batch)
             track[step] = rides.error(batch)
             if (step + 1) % task.repeat == 0:
-                alive &= ~rides.judge(batch).failed
+                alive &= ~rides.evaluate(batch).failed
                 # A fallen vehicle would leave the model's range; it lies still for the rest of the ride.
                 batch.state[~alive] = 0.0
             if not alive.any():
@@ -124,6 +124,6 @@ def _ride(actor: Actor, task: Task, simulator: Client, request: ResetRequest) ->
         row = row_of(snapshot)
         rides.advance(row)
         track.append(float(rides.error(row)[0]))
-        if ((step + 1) % task.repeat == 0 or snapshot.fallen) and rides.judge(row).failed[0]:
+        if ((step + 1) % task.repeat == 0 or snapshot.fallen) and rides.evaluate(row).failed[0]:
             return task.validation_error(np.array(track), False)
     return task.validation_error(np.array(track), True)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from bike_analysis.read.messages import Simulation
-from bike_policy.riders.hands import HANDS, HandRider
+from bike_policy.riders.hands import HANDS, ManualRider
 from bike_policy.riders.rider import Rider
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
@@ -65,7 +65,7 @@ class LiveRide(LiveThread):
         config = settings.config
         self.settings = (config.control_period, Simulation(config.engine, config.time_step))
         self._settings = settings
-        self._hands = HandRider()
+        self._hands = ManualRider()
         self._by_hand = False
         self._paused = False
         self._steps_asked = 0

@@ -9,7 +9,7 @@ from typing import Final
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_training.envs.node_process import NodeLost, NodeProcess
-from bike_training.envs.patience import Patience
+from bike_training.envs.patience import InactivityTimeout
 from bike_training.envs.ros_client import RosClient
 from bike_training.rollout.riding import RideResult, is_completed, is_over
 
@@ -55,7 +55,7 @@ class NodeRides(AbstractContextManager["NodeRides"]):
         """
         first = self._client.reset(replace(request, preview=Preview()))
         snapshots = [first]
-        patience, step = Patience(SILENCE, [self._drive]), first.step
+        patience, step = InactivityTimeout(SILENCE, [self._drive]), first.step
         while len(snapshots) == 1 or not is_over(snapshots[-1], longest):
             state = self._client.listen(0.2)
             if state is None or state.episode != first.episode or state.step <= step:

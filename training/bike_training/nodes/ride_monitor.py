@@ -18,8 +18,8 @@ from rclpy.node import Node
 
 from bike_sim.ros import node_tools
 from bike_training.envs.node_process import NodeLost, NodeProcess
-from bike_training.envs.patience import Patience
-from bike_training.progress import way_bar
+from bike_training.envs.patience import InactivityTimeout
+from bike_training.progress import distance_progress_bar
 
 SILENCE: Final = 15.0
 """Wall-clock time without a new state, and without a node at work, after which a ride counts as stuck, s."""
@@ -83,7 +83,7 @@ def ride_recorded(
                 monitor.wait_for_recorder(START_TIMEOUT, [sim, recorder, policy], needed)
                 begun = time.monotonic()
                 monitor.pause(False, START_TIMEOUT, [sim, recorder, policy])
-                with way_bar(title, way) as bar:
+                with distance_progress_bar(title, way) as bar:
                     monitor.watch(bar, longest, [sim, recorder, policy], is_over)
                 wall = time.monotonic() - begun
         recorder.finish()
@@ -165,7 +165,7 @@ class RideMonitor(AbstractContextManager["RideMonitor"]):
 
     def _spin_until(self, condition: Callable[[], bool], timeout: float, needed: Sequence[NodeProcess]) -> bool:
         """Return whether a condition came to hold in time."""
-        patience = Patience(timeout, needed)
+        patience = InactivityTimeout(timeout, needed)
         explain_at = time.monotonic() + LONG_START
         while not condition():
             self._executor.spin_once(0.05)
@@ -196,7 +196,7 @@ class RideMonitor(AbstractContextManager["RideMonitor"]):
         Raises:
             NodeLost: a process ended, or no new state came for SILENCE seconds in which none of them worked.
         """
-        patience = Patience(SILENCE, needed)
+        patience = InactivityTimeout(SILENCE, needed)
         step = -1
         while True:
             self._executor.spin_once(0.05)

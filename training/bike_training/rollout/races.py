@@ -9,7 +9,7 @@ import numpy as np
 
 from bike_policy.contract.bundle import Bundle
 from bike_policy.contract.race import RaceLayout
-from bike_policy.riders.race_rehearsal import rehearsed_racer
+from bike_policy.riders.race_plan_verification import rehearsed_racer
 from bike_sim.course.lap_timing import Lap
 from bike_sim.sim import look as lk
 from bike_sim.sim.batch import SUPERBIKE_ENGINE
@@ -20,7 +20,7 @@ from bike_sim.sim.superbike_plant import superbike_config
 from bike_sim.theory.envelope import envelope
 from bike_sim.theory.line_cache import closest_lap
 from bike_sim.vehicles.files import load_vehicle
-from bike_training.curricula.race import Ground
+from bike_training.curricula.race import CircuitSet
 
 SPEED_SHARES: Final = (0.5, 0.9)
 """Starts are at shares of the theoretical speed from this interval."""
@@ -101,7 +101,7 @@ def ride_races(
         raise ValueError(f"policy {bundle.name!r} follows paths; it cannot race")
     layout = bundle.layout if share is None else replace(bundle.layout, share=share)
     config = replace(superbike_config(vehicle), engine=SUPERBIKE_ENGINE)
-    ground = Ground(load_vehicle(vehicle), [circuit])
+    ground = CircuitSet(load_vehicle(vehicle), [circuit])
     batch = CompiledSuperbikeBatch(starts, config)
     racer = rehearsed_racer(replace(bundle, layout=layout), batch.vehicle, config.control_period, starts)
     for row in range(starts):
@@ -153,7 +153,7 @@ def _finished(batch: CompiledSuperbikeBatch) -> np.ndarray:
     return np.array([len(batch.log(row).laps) for row in range(batch.count)])
 
 
-def _start(ground: Ground, circuit: str, row: int, starts: int) -> ResetRequest:
+def _start(ground: CircuitSet, circuit: str, row: int, starts: int) -> ResetRequest:
     """Return a start; none lies on the start line, so that all laps are flying ones."""
     progress = (row + 0.5) / starts * ground.length(circuit)
     low, high = SPEED_SHARES

@@ -21,7 +21,7 @@ LOOK_EVERY: Final = 1.0
 """Wall-clock time between two looks at how far the runs have come, s."""
 REPORTS: Final = 100.0
 """Reports of progress of a whole sweep at most, 1/s: more would fill the head of a large one (docs/scaling.md)."""
-LAST_WORDS: Final = 60.0
+SHUTDOWN_TIMEOUT_S: Final = 60.0
 """Longest wait for interrupted runs to write their checkpoints, s."""
 
 
@@ -141,7 +141,7 @@ def _look(ray: Any, board: Any, show: Show) -> None:
 
 def _interrupt(ray: Any, waiting: dict[Any, PlannedRun], show: Show) -> None:
     """Let runs write their checkpoints and end; a second interruption ends them at once."""
-    end = time.monotonic() + LAST_WORDS
+    end = time.monotonic() + SHUTDOWN_TIMEOUT_S
     for reference in waiting:
         ray.cancel(reference, force=False)
     with suppress(KeyboardInterrupt):

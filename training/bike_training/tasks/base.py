@@ -21,7 +21,7 @@ from bike_sim.vehicles.bicycle import Vehicle
 FloatArray = NDArray[np.float64]
 
 
-class Verdict(NamedTuple):
+class StepResult(NamedTuple):
     """What a decision was worth to each vehicle.
 
     Attributes:
@@ -33,11 +33,11 @@ class Verdict(NamedTuple):
     failed: NDArray[np.bool_]
 
 
-class Rides(Protocol):
+class TaskState(Protocol):
     """What a task shows and judges of vehicles side by side, with what it must remember of their rides.
 
     A decision is: :meth:`observe`, :meth:`act`, control periods between :meth:`commands` and :meth:`advance`, then
-    :meth:`judge`.
+    :meth:`evaluate`.
     """
 
     def begin(self, row: int, blocks: RowBlocks, request: ResetRequest, course: Course) -> None:
@@ -67,7 +67,7 @@ class Rides(Protocol):
         """Take note of the end of a control period."""
         ...
 
-    def judge(self, blocks: RowBlocks) -> Verdict:
+    def evaluate(self, blocks: RowBlocks) -> StepResult:
         """Return what has come of the decision."""
         ...
 
@@ -108,7 +108,7 @@ class Task(Protocol):
         """Control periods that a decision is held."""
         ...
 
-    def rides(self, count: int, vehicle: Vehicle) -> Rides:
+    def rides(self, count: int, vehicle: Vehicle) -> TaskState:
         """Return what it shows and judges of a number of vehicles.
 
         Raises:

@@ -21,7 +21,7 @@ from bike_sim.physics.state import ROLL
 from bike_sim.sim import look as lk
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.vehicles.bicycle import Vehicle
-from bike_training.tasks.base import FloatArray, Verdict, check_positive_settings, check_weights
+from bike_training.tasks.base import FloatArray, StepResult, check_positive_settings, check_weights
 
 DISTANCE_THRESHOLD: Final = 3.5
 """eta_y, m."""
@@ -194,7 +194,7 @@ class PathTask:
 
 
 class PathRides:
-    """What a path task shows and judges: each instant by itself; implements `bike_training.tasks.base.Rides`."""
+    """What a path task shows and judges: each instant by itself; implements `bike_training.tasks.base.TaskState`."""
 
     def __init__(self, task: PathTask, max_steer: float) -> None:
         """Show and judge for a task, of bicycles whose command 1 is a steering set point of `max_steer` (rad)."""
@@ -205,23 +205,23 @@ class PathRides:
         """Need nothing of how a ride begins."""
 
     def observe(self, blocks: RowBlocks) -> NDArray[np.float32]:
-        """Return the observations; see `Rides`."""
+        """Return the observations; see `TaskState`."""
         return self._task.layout.observe(blocks)
 
     def act(self, blocks: RowBlocks, actions: NDArray[np.floating]) -> None:
-        """Hold actions; see `Rides`."""
+        """Hold actions; see `TaskState`."""
         self._actions = actions
 
     def commands(self, blocks: RowBlocks) -> FloatArray:
-        """Return the same commands in each control period; see `Rides`."""
+        """Return the same commands in each control period; see `TaskState`."""
         return self._task.action.to_commands(self._actions, self._max_steer, blocks.look[:, lk.SPEED])
 
     def advance(self, blocks: RowBlocks) -> None:
         """Need nothing between decisions."""
 
-    def judge(self, blocks: RowBlocks) -> Verdict:
-        """Return what has come of the decision; see `Rides`."""
-        return Verdict(self._task.reward_terms(blocks), self._task.failed(blocks))
+    def evaluate(self, blocks: RowBlocks) -> StepResult:
+        """Return what has come of the decision; see `TaskState`."""
+        return StepResult(self._task.reward_terms(blocks), self._task.failed(blocks))
 
     def error(self, blocks: RowBlocks) -> FloatArray:
         """Return the distances to the path, m."""

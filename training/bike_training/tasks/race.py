@@ -16,19 +16,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_policy.contract.action import DRIVE, LEAN_REQUEST, LINE_OFFSET, PACE, ActionColumn, ActionLayout
-from bike_policy.contract.race import COMPACT, RaceEyes, RaceLayout
+from bike_policy.contract.race import COMPACT, ObservationBuilder, RaceLayout
 from bike_policy.contract.reference import OPEN
 from bike_policy.contract.rows import RowBlocks
-from bike_policy.riders.machine_facts import machine_facts
 from bike_policy.riders.race_guide import RaceGuide, commands_of
 from bike_policy.riders.race_reference import References
+from bike_policy.riders.vehicle_descriptor import vehicle_descriptor
 from bike_sim.course.course import Course
 from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics.state import ROLL, ROLL_RATE, STEER
 from bike_sim.sim import look as lk
 from bike_sim.sim.request import COURSE_POINTS, Preview, ResetRequest
 from bike_sim.vehicles.bicycle import Vehicle
-from bike_training.tasks.base import FloatArray, Verdict, check_positive_settings, check_weights
+from bike_training.tasks.base import FloatArray, StepResult, check_positive_settings, check_weights
 
 HISTORY_LEAST: Final = 0.014
 HISTORY_SLOPE: Final = 182.883569
@@ -44,7 +44,7 @@ MAX_STEPS: Final = 500
 
 
 @dataclass
-class Passed:
+class RewardSignals:
     """What passed during a decision, row by row; rates are integrated over its control periods.
 
     Attributes:
@@ -87,12 +87,12 @@ class Passed:
     ended: FloatArray
 
     @classmethod
-    def nothing(cls, count: int) -> Passed:
+    def nothing(cls, count: int) -> RewardSignals:
         """Return what has passed before anything has."""
         return cls(**{spec.name: np.zeros(count) for spec in fields(cls)})
 
 
-REWARD_TERMS: Final[Mapping[str, Callable[[Passed], FloatArray]]] = {
+REWARD_TERMS: Final[Mapping[str, Callable[[RewardSignals], FloatArray]]] = {
     "progress": lambda passed: passed.way,
     "gain": lambda passed: passed.gain,
     "off_track": lambda passed: -passed.off_track,
@@ -310,7 +310,7 @@ class RaceContext:
 
 
 class RaceRides:
-    """What a race shows and judges of machines side by side; implements `bike_training.tasks.base.Rides`.
+    """What a race shows and judges of machines side by side; implements `bike_training.tasks.base.TaskState`.
 
     Attributes:
         eyes: make the observations.
@@ -333,8 +333,8 @@ class RaceRides:
         self._period, self._max_steer = vehicle.control_period, vehicle.max_steer
         self._action = task.action if action is None else action
         self._guide = RaceGuide(vehicle, vehicle.control_period, count) if self._action.guided else None
-        self.eyes = RaceEyes(task.layout, count, sf.TELEMETRY_NAMES, self._guide, machine_facts(vehicle))
-        self._passed = Passed.nothing(count)
+        self.eyes = ObservationBuilder(task.layout, count, sf.TELEMETRY_NAMES, self._guide, vehicle_descriptor(vehicle))
+        self._passed = RewardSignals.nothing(count)
         self._count = count
         self._progress = np.zeros(count)
         self._rate = np.ones(count)
@@ -347,7 +347,7 @@ class RaceRides:
         self._expired = np.zeros(count, dtype=np.bool_)
 
     def begin(self, row: int, blocks: RowBlocks, request: ResetRequest, course: Course) -> None:
-        """Begin the ride of one machine; see `Rides`."""
+        """Begin the ride of one machine; see `TaskState`."""
         context = RaceContext.of(request)
         share, cap = (None, OPEN) if context is None else (context.share, context.v_max)
         self.eyes.begin(row, blocks, self._references.of(course), share, cap)
@@ -360,14 +360,14 @@ class RaceRides:
         self._over[row] = self._expired[row] = False
 
     def observe(self, blocks: RowBlocks) -> NDArray[np.float32]:
-        """Return the observations; see `Rides`."""
+        """Return the observations; see `TaskState`."""
         return self.eyes.observe(blocks)
 
     def act(self, blocks: RowBlocks, actions: NDArray[np.floating]) -> None:
-        """Begin a decision; see `Rides`."""
+        """Begin a decision; see `TaskState`."""
         before = self.eyes.actions[:, 0].copy()
         self.eyes.act(blocks, actions)
-        self._passed = Passed.nothing(self._count)
+        self._passed = RewardSignals.nothing(self._count)
         change = np.abs(self.eyes.actions[:, 0] - before)
         self._passed.steering_change, self._passed.throttle_change = change[:, 0], change[:, 1]
         self._passed.effort = np.sum(self.eyes.actions[:, 0] ** 2, axis=1)
@@ -382,7 +382,7 @@ class RaceRides:
         return commands
 
     def advance(self, blocks: RowBlocks) -> None:
-        """Add a control period; see `Rides`."""
+        """Add a control period; see `TaskState`."""
         passed, dt, task = self._passed, self._period, self._task
         look, signals = blocks.look, blocks.signals
         running = ~self._over
@@ -418,8 +418,8 @@ class RaceRides:
             self._expired |= self._timers[:, timer] > self._limits[timer] + 1e-9
         self._over |= blocks.fallen
 
-    def judge(self, blocks: RowBlocks) -> Verdict:
-        """Return what has come of the decision; see `Rides`."""
+    def evaluate(self, blocks: RowBlocks) -> StepResult:
+        """Return what has come of the decision; see `TaskState`."""
         passed, task = self._passed, self._task
         angles, omega = blocks.state[:, [STEER, ROLL]], _omega(blocks)
         change = angles - self._angles
@@ -431,20 +431,20 @@ class RaceRides:
         self._angles, self._omega = angles, omega
         failed = blocks.fallen | self._expired
         passed.ended = failed.astype(np.float64)
-        return Verdict({name: weight * REWARD_TERMS[name](passed) for name, weight in task.weights.items()}, failed)
+        return StepResult({name: weight * REWARD_TERMS[name](passed) for name, weight in task.weights.items()}, failed)
 
     def error(self, blocks: RowBlocks) -> FloatArray:
         """Return what is missing of the planned speed in the last control period, as a part of it."""
         return 1.0 - self._rate
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the memory; see `Rides`."""
+        """Return the memory; see `TaskState`."""
         guide = {} if self._guide is None else self._guide.state_dict()
         own = {name: getattr(self, f"_{name}").copy() for name in _MEMORY}
         return {"eyes": self.eyes.state_dict(), "guide": guide, **own}
 
     def restore(self, stored: Mapping[str, Any]) -> None:
-        """Take up the memory; see `Rides`."""
+        """Take up the memory; see `TaskState`."""
         self.eyes.restore(stored["eyes"])
         if self._guide is not None:
             self._guide.restore(stored["guide"])

@@ -13,7 +13,7 @@ from typing import Any, Final, NoReturn
 from sensor_msgs.msg import Joy
 
 from bike_policy.drive import VEHICLE, Drive
-from bike_policy.riders.hands import HandRider
+from bike_policy.riders.hands import ManualRider
 from bike_sim.ros import node_tools
 from bike_sim.ros.node_tools import ParameterSpec
 
@@ -39,13 +39,13 @@ class Joystick(Drive):
         Raises:
             ValueError: an invalid parameter.
         """
-        self._hands = HandRider()
+        self._hands = ManualRider()
         self._heard_joy = -1e9
         super().__init__("joystick", SPECS)
         self.create_subscription(Joy, "/joy", self._on_joy, node_tools.STREAM_QOS)
         node_tools.wall_timer(self, 0.1, self._forget)
 
-    def _rider_of(self, values: dict[str, Any]) -> HandRider:
+    def _rider_of(self, values: dict[str, Any]) -> ManualRider:
         return self._hands
 
     def _accept(self, values: dict[str, Any]) -> None:

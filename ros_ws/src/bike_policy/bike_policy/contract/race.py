@@ -49,7 +49,7 @@ MACHINE_FACTS: Final = (
     "machine_mass", "machine_wheelbase", "machine_com_height", "machine_com_x", "machine_drag",
     "machine_drive_20", "machine_drive_40", "machine_drive_60", "machine_drive_80",
 )  # fmt: skip
-"""What the block ``machine`` says of the machine, scaled; `bike_policy.riders.machine_facts` computes it."""
+"""What the block ``machine`` says of the machine, scaled; `bike_policy.riders.vehicle_descriptor` computes it."""
 
 
 class Column(NamedTuple):
@@ -65,7 +65,7 @@ class Column(NamedTuple):
     partner: str
 
 
-class Sight(NamedTuple):
+class ObservationContext(NamedTuple):
     """What the blocks are made of.
 
     Attributes:
@@ -109,7 +109,7 @@ class Block(NamedTuple):
     """
 
     columns: Callable[[RaceLayout], list[Column]]
-    values: Callable[[Sight], FloatArray]
+    values: Callable[[ObservationContext], FloatArray]
     signals: tuple[str, ...] = ()
 
 
@@ -126,13 +126,13 @@ def _stack(*columns: FloatArray) -> FloatArray:
 def _signal_block(**scaled: tuple[float, float]) -> Block:
     """Return a block of telemetry: by name its scale and its sign in the mirrored ride."""
 
-    def values(sight: Sight) -> FloatArray:
+    def values(sight: ObservationContext) -> FloatArray:
         return _stack(*(sight.signal(name) / scale for name, (scale, _) in scaled.items()))
 
     return Block(_own(**{name: sign for name, (_, sign) in scaled.items()}), values, tuple(scaled))
 
 
-def _velocity(sight: Sight) -> FloatArray:
+def _velocity(sight: ObservationContext) -> FloatArray:
     return _stack(
         sight.blocks.look[:, SPEED] / 100.0,
         sight.signal("lateral_velocity_m_s") / 10.0,
@@ -140,7 +140,7 @@ def _velocity(sight: Sight) -> FloatArray:
     )
 
 
-def _angular_velocity(sight: Sight) -> FloatArray:
+def _angular_velocity(sight: ObservationContext) -> FloatArray:
     return _stack(
         sight.blocks.state[:, ROLL_RATE] / 4.0,
         sight.signal("pitch_rate_rad_s") / 2.0,
@@ -148,11 +148,11 @@ def _angular_velocity(sight: Sight) -> FloatArray:
     )
 
 
-def _rates(sight: Sight) -> FloatArray:
+def _rates(sight: ObservationContext) -> FloatArray:
     return _stack(sight.blocks.state[:, ROLL_RATE] / 4.0, sight.blocks.look[:, YAW_RATE] / 2.0)
 
 
-def _attitude(sight: Sight) -> FloatArray:
+def _attitude(sight: ObservationContext) -> FloatArray:
     state = sight.blocks.state
     return _stack(state[:, ROLL] / 1.2, sight.rolls[:, 0] / 1.2, state[:, STEER] / 0.2, sight.steers / 0.2)
 
@@ -163,16 +163,16 @@ def _history_columns(layout: RaceLayout) -> list[Column]:
     return [Column(name, -1.0, name) for name in names]
 
 
-def _history(sight: Sight) -> FloatArray:
+def _history(sight: ObservationContext) -> FloatArray:
     rolls = np.concatenate((sight.blocks.state[:, ROLL, None], sight.rolls), axis=1)
     return np.concatenate((sight.rolls / 1.2, (rolls[:, :-1] - rolls[:, 1:]) / 0.3), axis=1)
 
 
-def _actions(sight: Sight) -> FloatArray:
+def _actions(sight: ObservationContext) -> FloatArray:
     return sight.actions.reshape(len(sight.actions), -1)
 
 
-def _line(sight: Sight) -> FloatArray:
+def _line(sight: ObservationContext) -> FloatArray:
     heading = sight.blocks.look[:, HEADING_ERROR]
     return _stack(np.sin(heading), np.cos(heading), sight.blocks.look[:, LATERAL_ERROR] / 5.0)
 
@@ -187,7 +187,7 @@ def _point_columns(layout: RaceLayout) -> list[Column]:
     ]
 
 
-def _points(sight: Sight) -> FloatArray:
+def _points(sight: ObservationContext) -> FloatArray:
     points = sight.blocks.points
     way = (HORIZON * sight.speed)[:, None, None]
     scaled = np.concatenate((points[..., :2] / way[..., None], points[..., 2:] / 30.0), axis=-1)
@@ -198,7 +198,7 @@ def _limits_columns(layout: RaceLayout) -> list[Column]:
     return [Column("limit_left", 1.0, "limit_right"), Column("limit_right", 1.0, "limit_left")]
 
 
-def _limits(sight: Sight) -> FloatArray:
+def _limits(sight: ObservationContext) -> FloatArray:
     return sight.blocks.circuit[:, [REAR_LEFT, REAR_RIGHT]] / 15.0
 
 
@@ -212,7 +212,7 @@ def _corridor_columns(layout: RaceLayout) -> list[Column]:
     return found + [Column(f"grade_{k}", 1.0, f"grade_{k}") for k in CORRIDOR]
 
 
-def _corridor(sight: Sight) -> FloatArray:
+def _corridor(sight: ObservationContext) -> FloatArray:
     points, places = sight.blocks.points, np.array(CORRIDOR)
     line = points[:, LINE][:, places, :2]
     gaps = [points[:, side][:, places, :2] - line for side in (LEFT, RIGHT)]
@@ -222,7 +222,7 @@ def _corridor(sight: Sight) -> FloatArray:
     return np.concatenate((widths.reshape(len(points), -1) / 15.0, grade / 0.1), axis=1)
 
 
-def _margin(sight: Sight) -> FloatArray:
+def _margin(sight: ObservationContext) -> FloatArray:
     _, asked = sight.references.at(sight.blocks.look[:, PROGRESS])
     return ((asked - sight.blocks.look[:, SPEED]) / 20.0)[:, None]
 
@@ -232,7 +232,7 @@ def _station_columns(layout: RaceLayout) -> list[Column]:
     return leans + [Column(f"speed_margin_{j}", 1.0, f"speed_margin_{j}") for j in range(layout.stations)]
 
 
-def _stations(sight: Sight) -> FloatArray:
+def _stations(sight: ObservationContext) -> FloatArray:
     ahead = sight.blocks.look[:, PROGRESS, None] + sight.speed[:, None] * sight.layout.station_times
     curvature, asked = sight.references.at(ahead)
     speed = sight.blocks.look[:, SPEED, None]
@@ -398,7 +398,7 @@ class RaceLayout:
         return cls(**{**values, "blocks": tuple(str(block) for block in values["blocks"])})
 
 
-class RaceEyes:
+class ObservationBuilder:
     """Makes the observations of vehicles side by side, and remembers what no single instant shows.
 
     Attributes:
@@ -466,7 +466,7 @@ class RaceEyes:
         speed = np.maximum(blocks.look[:, SPEED], LEAST_SPEED)
         guide = np.zeros((len(speed), 4)) if self.guide is None else self.guide.shown()
         remembered = (self.rolls, self.steers, self.actions, self.references)
-        sight = Sight(blocks, self.layout, signal, *remembered, speed, guide, self.machine)
+        sight = ObservationContext(blocks, self.layout, signal, *remembered, speed, guide, self.machine)
         parts = [BLOCKS[block].values(sight) for block in self.layout.blocks]
         return np.clip(np.concatenate(parts, axis=1), -1.0, 1.0).astype(np.float32)
 

@@ -12,8 +12,8 @@ inverse is how Sharp et al. (2004), Advances in the modelling of motorcycle dyna
 steer; the rest is textbook pole placement.
 
 Speed. The theoretical lap of the machine with some of its limits kept in reserve is the speed profile; its acceleration
-is fed forward through engine and brakes, and the error of speed fed back. Where a rehearsal of it on the compiled
-engine ends in a fall, the profile is slower (`bike_policy.riders.rehearsal`).
+is fed forward through engine and brakes, and the error of speed fed back. Where a verification of it on the compiled
+engine ends in a fall, the profile is slower (`bike_policy.riders.plan_verification`).
 
 Time. A command is held for a control period and so acts half of it late; both previews look that much farther ahead.
 The virtual rider's arms are late too: what is fed back is what e, e' and d will be when they have answered, at the
@@ -34,7 +34,7 @@ import numpy as np
 
 from bike_policy.riders.lap_plan import CLASSICAL_SETTINGS, RiderSettings
 from bike_policy.riders.line_law import LineLaw, LinePlan, plan_line
-from bike_policy.riders.rehearsal import rehearsed
+from bike_policy.riders.plan_verification import rehearsed
 from bike_sim.course.course import Course
 from bike_sim.physics import state as st
 from bike_sim.sim import look as lk

@@ -30,7 +30,7 @@ RATE: Final = 0.7
 other, at any pace, throws nobody off from 2.5 to 6 m/s; without them it does at once, since the loop is linear."""
 
 
-class HandRider(StanleyRider):
+class ManualRider(StanleyRider):
     """Does what it is told; implements `bike_policy.riders.rider.Rider`.
 
     Attributes:

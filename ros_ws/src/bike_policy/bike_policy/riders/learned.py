@@ -16,7 +16,7 @@ from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.bicycle import Vehicle
 
 
-class Sight(Protocol):
+class PolicyAdapter(Protocol):
     """How a rider comes from snapshots to commands."""
 
     def begin(self, vehicle: Vehicle, course: Course, period: float, preview: Preview) -> None:
@@ -32,7 +32,7 @@ class Sight(Protocol):
         ...
 
 
-class InstantSight:
+class StatelessPolicy:
     """Decides anew at each snapshot, from it alone."""
 
     def __init__(self, bundle: Bundle, layout: ObservationLayout) -> None:
@@ -43,14 +43,14 @@ class InstantSight:
         self._actor.act(layout.observe(SeenBlocks(np.zeros(10), np.zeros(12), np.zeros(layout.preview_count))))
 
     def begin(self, vehicle: Vehicle, course: Course, period: float, preview: Preview) -> None:
-        """Pick the preview points; see `Sight`."""
+        """Pick the preview points; see `PolicyAdapter`."""
         self._max_steer = vehicle.max_steer
         picked = self._layout.pick_preview(preview.by_time, preview.interval, preview.count)
         whole = len(picked) == preview.count and bool((picked == np.arange(preview.count)).all())
         self._picked = None if whole else picked
 
     def command(self, snapshot: Snapshot) -> tuple[float, float]:
-        """Return the command for a snapshot; see `Sight`."""
+        """Return the command for a snapshot; see `PolicyAdapter`."""
         action = self._actor.act(self._layout.observe(snapshot, self._picked))
         return self._action.to_command(action.tolist(), self._max_steer, snapshot.speed)
 
@@ -68,15 +68,15 @@ class LearnedRider:
         self.bundle = bundle
         self.name = bundle.name
         self.preview: Preview | None = None
-        self._sight: Sight
+        self._sight: PolicyAdapter
         if isinstance(layout, RaceLayout):
             # Late: it takes tyres and lap theory, which the node of a bicycle is spared.
-            from bike_policy.riders.race_sight import RaceSight
+            from bike_policy.riders.race_policy import RacePolicy
 
-            self._sight = RaceSight(bundle, layout)
+            self._sight = RacePolicy(bundle, layout)
         else:
             self.preview = Preview(layout.preview_by_time, layout.preview_interval, layout.preview_count)
-            self._sight = InstantSight(bundle, layout)
+            self._sight = StatelessPolicy(bundle, layout)
 
     def begin(self, vehicle: Vehicle, course: Course, period: float, preview: Preview) -> None:
         """Check that vehicle, control period and preview are those of the policy; see `Rider`."""

@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_policy.contract.action import ActionLayout
-from bike_policy.contract.race import RaceEyes
+from bike_policy.contract.race import ObservationBuilder
 from bike_policy.contract.rows import RowBlocks
 from bike_policy.riders import line_law as ll
 from bike_policy.riders.lap_plan import RiderSettings
 from bike_policy.riders.line_law import LineLaw, LinePlan, seen_of
+from bike_policy.riders.plan_verification import rehearsed
 from bike_policy.riders.planned_lines import PlannedLines
-from bike_policy.riders.rehearsal import rehearsed
 from bike_sim.course.course import Course
 from bike_sim.sim import look as lk
 from bike_sim.vehicles.bicycle import Vehicle
@@ -110,7 +110,7 @@ class RaceGuide:
 
 
 def commands_of(
-    action: ActionLayout, guide: RaceGuide | None, eyes: RaceEyes, blocks: RowBlocks, max_steer: float
+    action: ActionLayout, guide: RaceGuide | None, eyes: ObservationBuilder, blocks: RowBlocks, max_steer: float
 ) -> FloatArray:
     """Return what the last decisions become in a control period: steering and throttle in [-1, 1], shape (n, 2).
 

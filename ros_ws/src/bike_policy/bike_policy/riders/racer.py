@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_policy.contract.bundle import Bundle
-from bike_policy.contract.race import RaceEyes, RaceLayout
+from bike_policy.contract.race import ObservationBuilder, RaceLayout
 from bike_policy.contract.rows import RowBlocks
-from bike_policy.riders.machine_facts import machine_facts
 from bike_policy.riders.race_guide import Planner, RaceGuide, commands_of
 from bike_policy.riders.race_reference import References
+from bike_policy.riders.vehicle_descriptor import vehicle_descriptor
 from bike_sim.course.course import Course
 from bike_sim.physics.superbike_forces import TELEMETRY_NAMES
 from bike_sim.vehicles.bicycle import Vehicle
@@ -52,7 +52,7 @@ class Racer:
         self._actor, self._action, self._max_steer = bundle.actor, bundle.action, vehicle.max_steer
         self._references = References(vehicle) if references is None else references
         self._guide = RaceGuide(vehicle, period, count, plan) if bundle.action.guided else None
-        self._eyes = RaceEyes(layout, count, TELEMETRY_NAMES, self._guide, machine_facts(vehicle))
+        self._eyes = ObservationBuilder(layout, count, TELEMETRY_NAMES, self._guide, vehicle_descriptor(vehicle))
 
     def prepare(self, line: Course) -> None:
         """Plan a lap, before the first ride that needs it.

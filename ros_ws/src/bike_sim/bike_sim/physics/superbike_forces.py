@@ -27,7 +27,7 @@ from bike_sim.physics.superbike.contact import (
     tyre_force,
     wheel_contact,
 )
-from bike_sim.physics.superbike.drive import Spinning, drive_and_brake, tell_drive
+from bike_sim.physics.superbike.drive import WheelState, drive_and_brake, tell_drive
 from bike_sim.physics.superbike.falls import (
     FALL_NAMES,
     HIGH_SIDE,
@@ -36,8 +36,8 @@ from bike_sim.physics.superbike.falls import (
     STOPPIE,
     TIP_OVER,
     WHEELIE,
+    fall_indicators,
     fall_of,
-    upset_of,
 )
 from bike_sim.physics.superbike.records import MEMORY_NAMES, Attitude, Command, Motion
 from bike_sim.physics.superbike.virtual_rider import damper_and_stop, feel_load, slide_force, steering_torque
@@ -195,9 +195,9 @@ def loads_at(
     attitude = attitude_of(motion, axes.ey, rear_contact.normal)
     rear_spin = dot(motion.omega, axes.ey) + motion.rear_rate
     front_spin = dot(axes.fork_omega, axes.axle) + motion.front_rate
-    spinning = Spinning(rear_spin, rear_contact.radius, rear)
+    spinning = WheelState(rear_spin, rear_contact.radius, rear)
     driven = drive_and_brake(
-        command, attitude, spinning, Spinning(front_spin, front_contact.radius, front), memory, constants
+        command, attitude, spinning, WheelState(front_spin, front_contact.radius, front), memory, constants
     )
     share = feel_load(front.fz, command.lags.feeling, memory, constants)
     steer_torque = steering_torque(
@@ -215,7 +215,7 @@ def loads_at(
     steer_joint = fork_torque + dot(axes.steering, add(front_moment, cross(axes.hub_arm, front_force)))
 
     if memory.fall == NO_FALL:
-        upset = upset_of(attitude, dot(axes.ex, rear_contact.normal), rear, front, constants)
+        upset = fall_indicators(attitude, dot(axes.ex, rear_contact.normal), rear, front, constants)
         memory.fall = fall_of(upset, dt, machine.fall_roll, memory)
     if telling or memory.fall != NO_FALL:
         tell_drive(driven, spinning, memory, telemetry, constants)

@@ -68,12 +68,12 @@ LONGEST_FINISH: Final = 20.0
 
 LINGER: Final = 0.3
 """Wall-clock time after a signal in which messages that were sent before it are still written, s."""
-LONGEST_REST: Final = 0.3
+DRAIN_TIMEOUT_S: Final = 0.3
 """Wall-clock time after that for what still waits in the middleware, s."""
 LONGEST_LEAD: Final = 60 * NANOSECONDS
 """A stamp that is farther than this ahead of the latest time is of another clock, ns. So is, while no time is known, a
 stamp that is less than this from the wall clock's time of publication."""
-TIME_GIVERS: Final = ("rosgraph_msgs/msg/Clock", "bike_msgs/msg/BikeState")
+CLOCK_SOURCE_TYPES: Final = ("rosgraph_msgs/msg/Clock", "bike_msgs/msg/BikeState")
 """Types that carry the present simulated time."""
 LARGEST_CHUNK: Final = 1 << 30
 
@@ -135,7 +135,7 @@ class _Topic:
 
     @property
     def gives_time(self) -> bool:
-        return self.kind.name in TIME_GIVERS
+        return self.kind.name in CLOCK_SOURCE_TYPES
 
 
 class Record(rclpy.node.Node):
@@ -298,7 +298,7 @@ class Record(rclpy.node.Node):
         return len(batch)
 
     def _write_rest(self) -> None:
-        end = time.monotonic() + LONGEST_REST
+        end = time.monotonic() + DRAIN_TIMEOUT_S
         while self._poll():
             if time.monotonic() > end:
                 self.get_logger().warning(

@@ -106,7 +106,7 @@ class SimNode(rclpy.node.Node):
         self.create_service(Reset, "reset", self._on_reset)
         self.create_service(Pause, "pause", self._on_pause)
         node_tools.on_change(self, SPECS, self._on_parameters)
-        node_tools.wall_timer(self, HOUSEKEEPING_PERIOD, self._keep_house)
+        node_tools.wall_timer(self, HOUSEKEEPING_PERIOD, self._on_housekeeping_timer)
         self._pace()
         self.get_logger().info(self._describe())
 
@@ -334,7 +334,7 @@ class SimNode(rclpy.node.Node):
 
     # ------------------------------------------------------------------------------------------------- housekeeping
 
-    def _keep_house(self) -> None:
+    def _on_housekeeping_timer(self) -> None:
         now = time.monotonic()
         if now - self._published_at > REPEAT_AFTER:
             self._publish_state()

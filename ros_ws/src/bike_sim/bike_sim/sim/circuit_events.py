@@ -15,7 +15,7 @@ def circuit_events(rows: NDArray[np.float64], log: LapLog) -> tuple[Event, ...]:
     """Return the rows of a look as events, and keep the laps that they finish.
 
     Args:
-        rows: as `circuit_look.look_around` wrote them.
+        rows: as `circuit_look.observe_circuit` wrote them.
         log: finished laps of the ride.
     """
     return tuple(_event(row, log) for row in rows.tolist())

@@ -48,7 +48,7 @@ FALL_ROW, WALL_ROW, SCRAPE_ROW = 1, 3, 8
 CAUSE, SPEED, ANGLE, ENERGY = range(acc.NUMBER, acc.ROW_SIZE)
 """Columns of their rows: code of the end or 0, speed (m/s), and of a wall the angle to it (rad) and the energy (J)."""
 
-FACTS: Final = np.dtype(
+SCENE_CONSTANTS: Final = np.dtype(
     [
         (name, np.float64)
         for name in ("spacing", "length", "line_spacing", "line_length", "measured", "mass", "path", "closed")
@@ -88,7 +88,7 @@ RIDE: Final = np.dtype(
 
 
 @njit(cache=True)
-def look_around(
+def observe_circuit(
     state: FloatArray, parameters: FloatArray, rolling: bool, fall: int, time: float, table: FloatArray,
     line: FloatArray, ahead: FloatArray, marks: FloatArray, facts: Record, road: Road, grounds: Record, ride: Record,
     view: FloatArray, rows: FloatArray,
@@ -105,7 +105,7 @@ def look_around(
         line: table of the followed line, `Course.table`.
         ahead: what stations show, `FollowedLine.stations`.
         marks: `Track.marks`.
-        facts: a record of `FACTS`.
+        facts: a record of `SCENE_CONSTANTS`.
         road: the circuit, see `ground.road_of`.
         grounds: under the wheels in the next control period, a record of `physics.ground.GROUND`, shape (1,), written.
         ride: a record of `RIDE`, advanced.
@@ -270,7 +270,7 @@ def begin_ride(
         near: progress near which the rear contact point is, m.
         s: the same along the followed line, m.
         table: `Track.table`.
-        facts: a record of `FACTS`, shape (1,).
+        facts: a record of `SCENE_CONSTANTS`, shape (1,).
         road: table of `ground.Road`, whose parts follow.
         road_facts: its facts.
         bumps: its bumps.
@@ -307,13 +307,13 @@ def look_one(
     line: FloatArray, ahead: FloatArray, marks: FloatArray, facts: Record, road: FloatArray, road_facts: Record,
     bumps: FloatArray, gusts: FloatArray, grounds: Record, rides: Record, view: FloatArray, rows: FloatArray,
 ) -> tuple[int, int, bool, bool, bool]:  # fmt: skip
-    """Do as `look_around` with arrays of one record, which cost a caller in Python less than records.
+    """Do as `observe_circuit` with arrays of one record, which cost a caller in Python less than records.
 
     Returns:
         Number of rows, code of the end, whether off course, finished, and stopped by a wall.
     """
     ride = rides[0]
-    count = look_around(
+    count = observe_circuit(
         state, parameters, rolling, fall, time, table, line, ahead, marks, facts[0],
         Road(road, road_facts, bumps, gusts), grounds, ride, view, rows,
     )  # fmt: skip

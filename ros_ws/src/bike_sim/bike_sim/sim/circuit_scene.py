@@ -75,11 +75,11 @@ class FollowedLine:
         return road_of(self.track)
 
     def facts(self, mass: float) -> NDArray[np.void]:
-        """Return what compiled code knows of line and vehicle (mass in kg): a record of `circuit_look.FACTS`."""
+        """Return the record of `circuit_look.SCENE_CONSTANTS` for the line and a vehicle (mass in kg)."""
         if mass in self._facts:
             return self._facts[mass]
         track, line = self.track, self.line
-        facts = self._facts[mass] = np.zeros(1, dtype=cl.FACTS)
+        facts = self._facts[mass] = np.zeros(1, dtype=cl.SCENE_CONSTANTS)
         facts["spacing"], facts["length"] = track.centre.spacing, track.length
         facts["line_spacing"], facts["line_length"] = line.spacing, line.length
         facts["measured"], facts["mass"] = track.ideal is not None, mass
@@ -123,7 +123,7 @@ class CircuitScene:
 
     Attributes:
         followed: the line that is followed.
-        facts: what the kernel knows of circuit and vehicle, a record of `circuit_look.FACTS`, shape (1,).
+        facts: what the kernel knows of circuit and vehicle, a record of `circuit_look.SCENE_CONSTANTS`, shape (1,).
         ride: what the ride remembers, a record of `circuit_look.RIDE`, shape (1,).
         log: finished laps.
         view: the last view as `circuit_look` lays it out.

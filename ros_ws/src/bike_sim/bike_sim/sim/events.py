@@ -91,7 +91,7 @@ class PathEvents:
         remembered = {name: getattr(self, name) for name in _REMEMBERED}
         return {**remembered, "next": self._lines.next}
 
-    def take_up(self, card: Mapping[str, Any]) -> None:
+    def restore(self, card: Mapping[str, Any]) -> None:
         """Go on where :meth:`to_card` was taken."""
         for name in _REMEMBERED:
             setattr(self, name, card[name])

@@ -148,12 +148,12 @@ class PathScene:
         """Return what :meth:`judge` remembers as plain values."""
         return {"over": self._over, "events": None if self._events is None else self._events.to_card()}
 
-    def take_up(self, card: Mapping[str, Any]) -> None:
+    def restore(self, card: Mapping[str, Any]) -> None:
         """Go on where :meth:`to_card` was taken, in an episode that began with the same request."""
         self._over = bool(card["over"])
         if card["events"] is not None:
             self._events = PathEvents(self.course, 0.0, 0.0)
-            self._events.take_up(card["events"])
+            self._events.restore(card["events"])
 
     def _happened(
         self, state: st.StateVector, look: FloatArray, time: float, fall: str, off_course: bool

@@ -34,7 +34,7 @@ from bike_sim.sim.plant import make_plant
 from bike_sim.sim.request import COURSE_POINTS, ResetRequest
 from bike_sim.sim.scene import PathScene, View
 from bike_sim.sim.superbike_plant import SuperbikePlant
-from bike_sim.sim.superbike_rows import Grounds, Machines, make_rows, make_scratch, step_rows
+from bike_sim.sim.superbike_rows import TrackTables, VehicleTables, make_rows, make_scratch, step_rows
 from bike_sim.vehicles.superbike import Superbike
 
 FloatArray = NDArray[np.float64]
@@ -85,11 +85,11 @@ class CompiledSuperbikeBatch:
         self.count, self.config, self.preview = count, config, COURSE_POINTS
         self._machines: dict[str, _Machine] = {}
         self._known = {} if machine is None else {config.vehicle: machine}
-        self._stacked = Machines(np.zeros(0, dtype=CONSTANTS), np.zeros(0), np.zeros((0, 0)))
+        self._stacked = VehicleTables(np.zeros(0, dtype=CONSTANTS), np.zeros(0), np.zeros((0, 0)))
         self._mounted = [self._machine(name) for name in names]
         self._rows, self._scratch = make_rows(count), make_scratch()
         self._tracks, self._lines = Places(count, np.zeros((9, 2))), Places(count, np.zeros((4, 2)))
-        self._grounds = Grounds(
+        self._grounds = TrackTables(
             self._tracks.arrays,
             List([np.zeros(0)] * count),
             self._lines.arrays,
@@ -135,7 +135,7 @@ class CompiledSuperbikeBatch:
             self._machines[name] = _Machine(plant, engine, Courses(), len(self._machines))
             vehicles = [machine.plant.vehicle for machine in self._machines.values()]
             engines = [machine.engine for machine in self._machines.values()]
-            self._stacked = Machines(
+            self._stacked = VehicleTables(
                 np.concatenate([engine.constants for engine in engines]),
                 np.concatenate([articulated.tree_record(engine.tree, engine.vehicle.g) for engine in engines]),
                 np.stack([vehicle.parameters for vehicle in vehicles]),
@@ -332,7 +332,7 @@ class CompiledSuperbikeBatch:
         for name in _KEPT:
             _plain(getattr(self._rows, name))[...] = stored["rows"][name]
         for index, card in stored["paths"].items():
-            self._paths[int(index)].take_up(card)
+            self._paths[int(index)].restore(card)
         self._logs = [LapLog.from_card(card) for card in stored["logs"]]
         self._episodes = list(stored["episodes"])
         self._told = {}

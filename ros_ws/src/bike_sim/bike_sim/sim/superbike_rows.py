@@ -38,7 +38,7 @@ SIGNALS: Final = len(TELEMETRY_NAMES)
 """Columns of the telemetry."""
 
 
-class Machines(NamedTuple):
+class VehicleTables(NamedTuple):
     """What machines are, one row each.
 
     Attributes:
@@ -51,7 +51,7 @@ class Machines(NamedTuple):
     parameters: FloatArray
 
 
-class Grounds(NamedTuple):
+class TrackTables(NamedTuple):
     """What is ridden on, one place for each.
 
     Attributes:
@@ -71,12 +71,14 @@ class Grounds(NamedTuple):
     gusts: Any
 
 
-class Rows(NamedTuple):
+class BatchState(NamedTuple):
     """What rides, one row each.
 
     Attributes:
         state: minimal states. motion: of the bodies. memory: of the forces. signals: telemetry.
-        ground: under the wheels. ride: records of `circuit_look.RIDE`. facts: records of `circuit_look.FACTS`.
+        ground: under the wheels.
+        ride: records of `circuit_look.RIDE`.
+        facts: records of `circuit_look.SCENE_CONSTANTS`.
         measured: telemetry as numbers, the same memory. views: as `circuit_look` lays it out.
         preview: points of the followed line, shape (n, 2, STATIONS).
         machine: place of the machine. track: place of the circuit. line: place of the followed line.
@@ -103,17 +105,17 @@ class Rows(NamedTuple):
     told: IntArray
 
 
-def make_rows(count: int) -> Rows:
+def make_rows(count: int) -> BatchState:
     """Return rows in which nothing rides yet."""
     signals = np.zeros(count, dtype=TELEMETRY)
-    return Rows(
+    return BatchState(
         state=np.zeros((count, st.STATE_SIZE)),
         motion=np.zeros(count, dtype=articulated.motion_record(_BODIES)),
         memory=np.zeros(count, dtype=MEMORY),
         signals=signals,
         ground=np.zeros(count, dtype=GROUND),
         ride=np.zeros(count, dtype=cl.RIDE),
-        facts=np.zeros(count, dtype=cl.FACTS),
+        facts=np.zeros(count, dtype=cl.SCENE_CONSTANTS),
         measured=signals.view(np.float64).reshape(count, SIGNALS),
         views=np.full((count, cl.VIEW_SIZE), np.nan),
         preview=np.zeros((count, 2, lk.STATIONS)),
@@ -146,8 +148,8 @@ def make_scratch() -> Scratch:
 
 @njit(cache=True)
 def step_rows(
-    commands: FloatArray, dt: float, substeps: int, period: float, machines: Machines, grounds: Grounds, rows: Rows,
-    scratch: Scratch,
+    commands: FloatArray, dt: float, substeps: int, period: float, machines: VehicleTables, grounds: TrackTables,
+    rows: BatchState, scratch: Scratch,
 ) -> None:  # fmt: skip
     """Hold commands for a control period.
 
@@ -172,8 +174,8 @@ def step_rows(
 
 @njit(cache=True)
 def _step(
-    i: int, steering: float, throttle: float, dt: float, substeps: int, period: float, machines: Machines,
-    grounds: Grounds, rows: Rows, scratch: Scratch,
+    i: int, steering: float, throttle: float, dt: float, substeps: int, period: float, machines: VehicleTables,
+    grounds: TrackTables, rows: BatchState, scratch: Scratch,
 ) -> None:  # fmt: skip
     """Advance and see one row."""
     state, view = scratch.state[0], scratch.views[0]
@@ -212,13 +214,13 @@ def _step(
 
 @njit(cache=True)
 def _look_at_circuit(
-    i: int, time: float, parameters: FloatArray, grounds: Grounds, ride: Any, state: FloatArray, view: FloatArray,
-    rows: Rows,
+    i: int, time: float, parameters: FloatArray, grounds: TrackTables, ride: Any, state: FloatArray, view: FloatArray,
+    rows: BatchState,
 ) -> int:  # fmt: skip
     """See a row on a circuit; the preview of the followed line stands among the course points."""
     track, line = rows.track[i], rows.line[i]
     road = Road(grounds.roads[track], grounds.road_facts[track : track + 1], grounds.bumps[track], grounds.gusts[track])
-    count = cl.look_around(
+    count = cl.observe_circuit(
         state, parameters, False, int(rows.memory[i].fall), time, grounds.tracks[track], grounds.lines[line],
         grounds.stations[line], grounds.marks[track], rows.facts[i], road, rows.ground[i : i + 1], ride, view,
         rows.events[i],
@@ -232,7 +234,7 @@ def _look_at_circuit(
 
 @njit(cache=True)
 def _look_at_path(
-    i: int, parameters: FloatArray, line: FloatArray, ride: Any, state: FloatArray, view: FloatArray, rows: Rows
+    i: int, parameters: FloatArray, line: FloatArray, ride: Any, state: FloatArray, view: FloatArray, rows: BatchState
 ) -> int:
     """See a row on a path, as `scene.PathScene` does; sectors and laps of paths are counted outside."""
     look, facts = view[: cl.PLACE], rows.facts[i]
@@ -262,7 +264,7 @@ def _look_at_path(
 
 
 @njit(cache=True)
-def _lose(i: int, time: float, rows: Rows) -> None:
+def _lose(i: int, time: float, rows: BatchState) -> None:
     """End a row whose physics diverged, at its last finite instant."""
     fell = rows.end[i] != 0
     rows.end[i] = cl.LOST

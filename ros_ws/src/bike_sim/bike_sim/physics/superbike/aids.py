@@ -15,7 +15,7 @@ _LEANING: Final = math.sin(math.radians(45.0))  # sine of the lean from which th
 # Part of a tyre's friction that a turn may take before brakes and engine braking are eased, and from which on they get
 # none. Near its limit a tyre has little side stiffness left, and what a brake takes of that makes weave grow.
 _EASED_FROM: Final = 0.62
-_EASED_WHOLLY: Final = 0.90
+BRAKE_RELEASE_FULL: Final = 0.90
 
 
 class AidLimits(NamedTuple):
@@ -115,7 +115,7 @@ def aid_limits(
 @njit(cache=True)
 def _left_by(turn: float, roll: float, tyre: Record) -> float:
     """Return the part of its brake that a tyre is left in a turn, whose lateral force by load is given."""
-    return 1.0 - between(turn / tyres.friction(roll, tyre), _EASED_FROM, _EASED_WHOLLY)
+    return 1.0 - between(turn / tyres.friction(roll, tyre), _EASED_FROM, BRAKE_RELEASE_FULL)
 
 
 @njit(cache=True)

@@ -14,7 +14,7 @@ from bike_sim.vehicles.superbike import Record
 _ASKS: Final = 0.01  # part of full throttle or full brake below which an aid has nothing to hold back
 
 
-class Spinning(NamedTuple):
+class WheelState(NamedTuple):
     """A wheel as engine and brakes see it.
 
     Attributes:
@@ -28,7 +28,7 @@ class Spinning(NamedTuple):
     tyre: TyreForce
 
 
-class Driven(NamedTuple):
+class DriveOutput(NamedTuple):
     """What engine and brakes do.
 
     Attributes:
@@ -70,8 +70,8 @@ def _brake_torque(limit: float, spin: float, inertia: float, tyre_torque: float,
 
 @njit(cache=True)
 def drive_and_brake(
-    command: Command, attitude: Attitude, rear: Spinning, front: Spinning, memory: Record, constants: Record
-) -> Driven:
+    command: Command, attitude: Attitude, rear: WheelState, front: WheelState, memory: Record, constants: Record
+) -> DriveOutput:
     """Return what engine and brakes do.
 
     Args:
@@ -113,13 +113,13 @@ def drive_and_brake(
     )
     front_torque = _brake_torque(front_hold, front.spin, machine.IFyy, -front.tyre.fx * front.radius, dt)
 
-    return Driven(
+    return DriveOutput(
         rear_torque, front_torque, pulled, drive_torque, front_brake, rear_brake, available, asked, limits, cuts
     )
 
 
 @njit(cache=True)
-def tell_drive(driven: Driven, rear: Spinning, memory: Record, telemetry: Record, constants: Record) -> None:
+def tell_drive(driven: DriveOutput, rear: WheelState, memory: Record, telemetry: Record, constants: Record) -> None:
     """Write down what engine and brakes did, and what the electronics held back.
 
     Args:

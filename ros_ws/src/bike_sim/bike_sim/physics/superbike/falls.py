@@ -55,7 +55,7 @@ class Upset(NamedTuple):
 
 
 @njit(cache=True)
-def upset_of(attitude: Attitude, nose_up: float, rear: TyreForce, front: TyreForce, constants: Record) -> Upset:
+def fall_indicators(attitude: Attitude, nose_up: float, rear: TyreForce, front: TyreForce, constants: Record) -> Upset:
     """Return what a fall is told from, out of the motion and what the tyres do."""
     size = math.sqrt(attitude.squared_speed)
     slip = max(rear.use / tyres.peak_slip(constants.rear_tyre), front.use / tyres.peak_slip(constants.front_tyre))

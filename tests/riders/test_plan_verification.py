@@ -8,10 +8,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from bike_policy.riders import rehearsal
+from bike_policy.riders import plan_verification
 from bike_policy.riders.lap_plan import CLASSICAL_SETTINGS
 from bike_policy.riders.line_law import LinePlan, plan_line
-from bike_policy.riders.rehearsal import BEFORE, LEAST_BEFORE, PATIENCE, ROUNDS, Rides, Stage, _AsPlanned, rehearsed
+from bike_policy.riders.plan_verification import (
+    BEFORE,
+    LEAST_BEFORE,
+    PATIENCE,
+    ROUNDS,
+    RideLaw,
+    RolloutBatch,
+    _AsPlanned,
+    rehearsed,
+)
 from bike_sim.course.course import Course
 from bike_sim.vehicles.superbike import Superbike
 from tests.superbike.test_classical import circle
@@ -45,7 +54,7 @@ def test_a_plan_that_falls_is_slower_before_the_fall_until_it_does_not(panigale:
     paces = np.zeros(3)
 
     def ends_of(plan: LinePlan) -> NDArray[np.float64]:
-        with Stage(panigale, line, PERIOD, len(paces)) as stage:
+        with RolloutBatch(panigale, line, PERIOD, len(paces)) as stage:
             return stage.ride(plan, _AsPlanned(panigale, plan, CLASSICAL_SETTINGS, PERIOD, paces), 2)
 
     ends = ends_of(plan)
@@ -69,15 +78,15 @@ def test_a_place_that_no_lower_speed_helps_is_reached_slower_from_further_ahead(
     assert place - reach > plan.profile.s[cause] > place - 3.0 * reach
     rounds = []
 
-    class Braking(Stage):
+    class Braking(RolloutBatch):
         """Rides end at one place as long as another, much further ahead, is ridden as planned."""
 
-        def ride(self, plan_now: LinePlan, rider: Rides, starts: int) -> NDArray[np.float64]:
+        def ride(self, plan_now: LinePlan, rider: RideLaw, starts: int) -> NDArray[np.float64]:
             rounds.append(plan_now)
             slower = plan_now.profile.speed[cause] < 0.97 * plan.profile.speed[cause]
             return np.empty((0, 2)) if slower else np.array([[place, plan_now.profile.speed.max()]])
 
-    monkeypatch.setattr(rehearsal, "Stage", Braking)
+    monkeypatch.setattr(plan_verification, "RolloutBatch", Braking)
     rehearsed(panigale, line, CLASSICAL_SETTINGS, PERIOD)
     assert 2 * PATIENCE < len(rounds) < ROUNDS
 
@@ -86,12 +95,12 @@ def test_the_same_is_rehearsed_once(panigale: Superbike, slower: LinePlan, monke
     line = over_a_crest(3.0)
     ridden: list[str] = []
 
-    class Counting(Stage):
-        def ride(self, plan: LinePlan, rides: Rides, starts: int) -> NDArray[np.float64]:
+    class Counting(RolloutBatch):
+        def ride(self, plan: LinePlan, rides: RideLaw, starts: int) -> NDArray[np.float64]:
             ridden.append("again")
             return super().ride(plan, rides, starts)
 
-    monkeypatch.setattr("bike_policy.riders.rehearsal.Stage", Counting)
+    monkeypatch.setattr("bike_policy.riders.plan_verification.RolloutBatch", Counting)
     np.testing.assert_array_equal(rehearsed(panigale, line, CLASSICAL_SETTINGS, PERIOD).table, slower.table)
     assert not ridden
     rehearsed(panigale, line, replace(CLASSICAL_SETTINGS, lateral=0.7), PERIOD)

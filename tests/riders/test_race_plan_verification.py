@@ -6,21 +6,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.riders.test_rehearsal import over_a_crest
 
 from bike_policy.contract.action import PACE, ActionColumn, ActionLayout
 from bike_policy.contract.actor import Actor
 from bike_policy.contract.bundle import Bundle, load_bundle
-from bike_policy.riders import race_rehearsal
+from bike_policy.riders import race_plan_verification
 from bike_policy.riders.line_law import P_FASTER, P_SPEED, UNLIMITED, LineLaw, LinePlan
 from bike_policy.riders.line_law import PACE as PACED
+from bike_policy.riders.plan_verification import RolloutBatch, rehearsed
 from bike_policy.riders.race_guide import GUIDE
+from bike_policy.riders.race_plan_verification import _Decided, _plan
 from bike_policy.riders.race_reference import References
-from bike_policy.riders.race_rehearsal import _Decided, _plan
 from bike_policy.riders.racer import Racer
-from bike_policy.riders.rehearsal import Stage, rehearsed
 from bike_sim.course.course import Course
 from bike_sim.vehicles.superbike import Superbike
-from tests.riders.test_rehearsal import over_a_crest
 
 PERIOD = 0.02
 pytestmark = pytest.mark.usefixtures("own_cache")
@@ -55,7 +55,7 @@ def test_a_policy_that_falls_is_granted_less_before_the_fall(panigale: Superbike
     policy, own, references = always(0.12), rehearsed(panigale, line, GUIDE, PERIOD), References(panigale)
 
     def ends(plan: LinePlan) -> np.ndarray:
-        with Stage(panigale, line, PERIOD, 3) as stage:
+        with RolloutBatch(panigale, line, PERIOD, 3) as stage:
             return stage.ride(plan, _Decided(Racer(policy, panigale, PERIOD, 3, lambda _: plan, references), line), 2)
 
     fallen = ends(own)
@@ -87,12 +87,12 @@ def test_the_same_is_rehearsed_once(
 ) -> None:
     rides: list[int] = []
 
-    class Counting(Stage):
+    class Counting(RolloutBatch):
         def __init__(self, vehicle: Superbike, line: Course, period: float, count: int) -> None:
             rides.append(count)
             super().__init__(vehicle, line, period, count)
 
-    monkeypatch.setattr(race_rehearsal, "Stage", Counting)
+    monkeypatch.setattr(race_plan_verification, "RolloutBatch", Counting)
     references = References(panigale)
     np.testing.assert_array_equal(_plan(always(0.12), panigale, line, PERIOD, references).table, bold.table)
     assert not rides
@@ -102,4 +102,4 @@ def test_the_same_is_rehearsed_once(
 
 def test_a_bicycle_policy_does_not_race(panigale: Superbike) -> None:
     with pytest.raises(ValueError, match="'whipple' follows paths; it cannot race"):
-        race_rehearsal.rehearsed_racer(load_bundle("whipple"), panigale, PERIOD, 1)
+        race_plan_verification.rehearsed_racer(load_bundle("whipple"), panigale, PERIOD, 1)

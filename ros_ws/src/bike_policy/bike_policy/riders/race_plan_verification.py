@@ -1,4 +1,4 @@
-"""A racing policy that has ridden its circuit before: it may ask for less where a rehearsal ended.
+"""A racing policy that has ridden its circuit before: it may ask for less where a verification ended.
 
 The guide's plan is rehearsed as planned and a little faster; a policy asks for more than that in some places, and rides
 beside the line. So before it rides a line for the first time it rehearses it on the compiled engine. Where such a ride
@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from bike_policy.contract.bundle import Bundle
 from bike_policy.riders.line_law import UNLIMITED, LinePlan
+from bike_policy.riders.plan_verification import ROUNDS, RolloutBatch, before, kept, rehearsal_key, rehearsed
 from bike_policy.riders.race_guide import GUIDE, Planner
 from bike_policy.riders.race_reference import References
 from bike_policy.riders.racer import Racer
-from bike_policy.riders.rehearsal import ROUNDS, Stage, before, kept, rehearsal_key, rehearsed
 from bike_sim.course.course import Course
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.superbike import Superbike
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 RIDES: Final = 8
-"""Rides of a rehearsal; all but one begin in different places."""
+"""Rides of a verification; all but one begin in different places."""
 LONGEST: Final = 6
 """Times the usual time before the end of a ride that less is granted for at most; after that it is less everywhere."""
 
@@ -65,7 +65,7 @@ def _room(
 ) -> FloatArray:
     """Return how much more than the planned speed a policy may ask for, as a part of it."""
     room = np.full(len(plan.profile.s) - 1, UNLIMITED)
-    with Stage(vehicle, line, period, RIDES) as stage:
+    with RolloutBatch(vehicle, line, period, RIDES) as stage:
         for _ in range(ROUNDS):
             tried = plan.with_room_above(room)
             racer = Racer(bundle, vehicle, period, RIDES, _always(tried), references)
@@ -92,7 +92,7 @@ def _grant_less(room: FloatArray, plan: LinePlan, place: float, speed: float, pa
 
 
 class _Decided:
-    """A policy on a line; implements `bike_policy.riders.rehearsal.Rides`."""
+    """A policy on a line; implements `bike_policy.riders.plan_verification.RideLaw`."""
 
     def __init__(self, racer: Racer, line: Course) -> None:
         self._racer, self._line = racer, line

@@ -6,7 +6,7 @@ went wrong in a lap corrects the next one at the same place; here only the speed
 plan that rides well stays what it is, bit for bit.
 
 The road is the followed line's: its hills, banking, wet patches and limits. Bumps and wind are not in a line, so a
-rehearsal knows nothing of them; the plan is ridden a little faster than it will be instead.
+verification knows nothing of them; the plan is ridden a little faster than it will be instead.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ PATIENCE: Final = 4
 FAR: Final = 40.0
 """Distance of the walls from the limits, m, and of the limits from a line without: so far that neither matters."""
 
-_CIRCUIT: Final = "rehearsal"
+_CIRCUIT: Final = "verification"
 
 
 def rehearsed(vehicle: Superbike, line: Course, settings: RiderSettings, period: float) -> LinePlan:
@@ -96,10 +96,10 @@ def rehearsed(vehicle: Superbike, line: Course, settings: RiderSettings, period:
 
 
 def kept(key: str, plan: LinePlan, rehearse: Callable[[], FloatArray]) -> FloatArray:
-    """Return what a rehearsal found at the points of a plan's profile but the last, found now or before.
+    """Return what a verification found at the points of a plan's profile but the last, found now or before.
 
     Args:
-        key: of the rehearsal, see `rehearsal_key`.
+        key: of the verification, see `rehearsal_key`.
         plan: that is rehearsed.
         rehearse: finds it.
     """
@@ -115,7 +115,7 @@ def _share(vehicle: Superbike, line: Course, plan: LinePlan, settings: RiderSett
     """Return the part of a plan's speed that can be ridden, at the points of its profile but the last."""
     share, tried = np.ones(len(plan.profile.s) - 1), plan
     paces = np.array((*np.repeat(PACES, STARTS), 0.0))
-    with Stage(vehicle, line, period, len(paces)) as stage:
+    with RolloutBatch(vehicle, line, period, len(paces)) as stage:
         for number in range(ROUNDS):
             ends = stage.ride(tried, _AsPlanned(vehicle, tried, settings, period, paces), STARTS)
             if not len(ends):
@@ -147,7 +147,7 @@ def _slower(vehicle: Superbike, line: Course, plan: LinePlan, settings: RiderSet
 
 
 def rehearsal_key(vehicle: Superbike, line: Course, plan: LinePlan, rider: bytes) -> str:
-    """Return the hash over everything that a rehearsal depends on.
+    """Return the hash over everything that a verification depends on.
 
     Args:
         vehicle: the machine.
@@ -174,7 +174,7 @@ def _sources() -> bytes:
     return digest.digest()
 
 
-class Rides(Protocol):
+class RideLaw(Protocol):
     """Who rides the machines of a stage."""
 
     def begin(self, row: int, batch: CompiledSuperbikeBatch) -> None:
@@ -185,7 +185,7 @@ class Rides(Protocol):
 
 
 class _AsPlanned:
-    """The law on a plan, each ride a little faster than planned or not; implements `Rides`."""
+    """The law on a plan, each ride a little faster than planned or not; implements `RideLaw`."""
 
     def __init__(
         self, vehicle: Superbike, plan: LinePlan, settings: RiderSettings, period: float, paces: FloatArray
@@ -200,7 +200,7 @@ class _AsPlanned:
         return self._law.commands(np.nan_to_num(seen_of(batch.state, batch.look)), self._targets)
 
 
-class Stage:
+class RolloutBatch:
     """A machine on a line, several times side by side."""
 
     def __init__(self, vehicle: Superbike, line: Course, period: float, count: int) -> None:
@@ -220,7 +220,7 @@ class Stage:
         self._batch = CompiledSuperbikeBatch(count, config, machine=vehicle)
         self._batch.add_circuit(_CIRCUIT, _circuit_of(line))
 
-    def __enter__(self) -> Stage:
+    def __enter__(self) -> RolloutBatch:
         """Return itself."""
         return self
 
@@ -228,7 +228,7 @@ class Stage:
         """End the rides."""
         self._batch.close()
 
-    def ride(self, plan: LinePlan, rides: Rides, starts: int) -> FloatArray:
+    def ride(self, plan: LinePlan, rides: RideLaw, starts: int) -> FloatArray:
         """Ride a plan; return arc length (m) and speed (m/s) at the ends of rides that did not end well, shape (n, 2).
 
         Rides that are off the course have ended as those that have fallen.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from bike_policy.contract.bundle import Bundle
 from bike_policy.contract.race import RaceLayout
 from bike_policy.contract.rows import Row, row_of
-from bike_policy.riders.race_rehearsal import rehearsed_racer
+from bike_policy.riders.race_plan_verification import rehearsed_racer
 from bike_policy.riders.racer import Racer
 from bike_sim.course.course import Course
 from bike_sim.sim.request import Preview
@@ -18,7 +18,7 @@ from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.bicycle import Vehicle
 
 
-class RaceSight:
+class RacePolicy:
     """Decides every so many control periods on a circuit, and remembers what it has decided.
 
     A decision belongs to the steps from a multiple of ``repeat`` on, counted from the reset. Where states are lost, or
@@ -40,7 +40,7 @@ class RaceSight:
         bundle.actor.act(np.zeros(layout.size, dtype=np.float32))
 
     def begin(self, vehicle: Vehicle, course: Course, period: float, preview: Preview) -> None:
-        """Plan the lap; see `bike_policy.riders.learned.Sight`.
+        """Plan the lap; see `bike_policy.riders.learned.PolicyAdapter`.
 
         Raises:
             ValueError: a vehicle that is no superbike, or an open line.
@@ -51,7 +51,7 @@ class RaceSight:
         self._course, self._decided = course, None
 
     def command(self, snapshot: Snapshot) -> tuple[float, float]:
-        """Return what the present decision becomes in this control period; see `bike_policy.riders.learned.Sight`.
+        """Return the command of this control period; see `bike_policy.riders.learned.PolicyAdapter`.
 
         Raises:
             ValueError: a course that is no circuit, or a snapshot that is not finite.

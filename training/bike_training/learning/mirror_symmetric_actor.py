@@ -19,7 +19,7 @@ Weights = list[tuple[jax.Array, jax.Array]]
 """Kernel (inputs, outputs) and bias of each layer."""
 
 
-class OddActor:
+class MirrorSymmetricActor:
     """A network ridden as the odd part of itself about the mirror of its observations."""
 
     def __init__(self, layout: ObservationLayout, reach: float = 1.0) -> None:
