@@ -1,5 +1,6 @@
 """Learning to race: something is learned in seconds, and a run goes on as if never stopped, its curriculum too."""
 
+import math
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -13,8 +14,9 @@ from bike_sim.sim.batch import SUPERBIKE_ENGINE
 from bike_sim.sim.request import ResetRequest
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.curricula.base import EndedEpisode
+from bike_training.curricula.gaussian import Gaussian
 from bike_training.curricula.race import CircuitSet, RaceCurriculum, SpeedCurriculum
-from bike_training.curricula.spdl import SpdlCurriculum
+from bike_training.curricula.spdl import FIRST_MEAN, TARGET_MEAN, SpdlCurriculum, log_mass_inside
 from bike_training.learning.presets import RACE, RACE_DIRECT, RACE_PAPER, Preset
 from bike_training.learning.process import LearningProcess
 from bike_training.learning.run_settings import RunSettings
@@ -168,6 +170,62 @@ def test_spdl_leads_a_good_agent_to_the_ideal_line_and_survives_a_checkpoint(gro
     draws = [each.episodes(step).draw(np.random.default_rng(5), preview) for each in (curriculum, other)]
     assert draws[0] == draws[1]
     assert other.figures() == curriculum.figures()
+
+
+def test_both_arms_of_the_comparison_draw_the_same_episodes_at_the_target(ground: CircuitSet) -> None:
+    """Requests are compared and not settings: starts, lines, speeds, shares; only the number of the update differs."""
+    preview = RaceTask().preview
+    paced = SpdlCurriculum(ground, spread=0.1, failure_share=0.5, threshold=1.0, kl=1.0, iteration=10)
+    alone = SpdlCurriculum(ground, spread=0.1, failure_share=0.5, pacing="target")
+    rng = np.random.default_rng(0)
+    step = 0
+    while not paced.steps or paced.steps[-1].kl > 1e-9:
+        step += 10
+        assert step < 3000
+        episodes = paced.episodes(step)
+        for _ in range(30):
+            paced.ended(ended(episodes.draw(rng, preview), total=2.0))
+        if paced.steps[-1].kl < 1e-3:
+            paced.distribution = paced.target  # the last bits of the way
+            paced._history.append(paced.distribution)
+            break
+    paced.failures = alone.failures
+    for seed in range(200):
+        drawn = [each.episodes(step).draw(np.random.default_rng(seed), preview) for each in (paced, alone)]
+        contexts = [RaceContext.of(request) for request in drawn]
+        assert contexts[0].share == contexts[1].share != 1.0
+        assert replace(drawn[0], context=()) == replace(drawn[1], context=())
+        assert replace(contexts[0], number=0.0) == replace(contexts[1], number=0.0)
+
+
+def test_a_fixed_schedule_ends_at_the_target_whatever_the_returns(ground: CircuitSet) -> None:
+    curriculum = SpdlCurriculum(ground, iteration=10, pacing="schedule", schedule=100)
+    for step in range(10, 130, 10):
+        curriculum.episodes(step)
+    apart = [entry.kl for entry in curriculum.steps]
+    assert apart == sorted(apart, reverse=True)
+    assert apart[-1] == pytest.approx(0.0, abs=1e-9)
+    assert curriculum.steps[4].mean == pytest.approx(tuple(0.5 * np.add(FIRST_MEAN, TARGET_MEAN)))
+
+
+def test_an_update_looks_at_the_episodes_since_the_one_before(ground: CircuitSet) -> None:
+    """Returns that were low long ago do not hold an agent back that has become good."""
+    curriculum = SpdlCurriculum(ground, threshold=1.0, kl=1.0, iteration=10)
+    rng, preview = np.random.default_rng(0), RaceTask().preview
+    for step, total in ((10, 0.0), (20, 2.0)):
+        episodes = curriculum.episodes(step - 10)
+        for _ in range(90):
+            curriculum.ended(ended(episodes.draw(rng, preview), total=total))
+        curriculum.episodes(step)
+    assert [entry.value for entry in curriculum.steps] == pytest.approx([0.0, 2.0])
+
+
+def test_densities_are_those_of_contexts_drawn_within_their_limits() -> None:
+    """The mass of a Gaussian within [0, 1] per number, independent ones and half of one cut off."""
+    whole = Gaussian.with_std((0.5, 0.5, 0.5), (0.01, 0.01, 0.01))
+    corner = Gaussian.with_std((1.0, 0.0, 1.0), (0.04, 0.04, 0.04))
+    assert log_mass_inside(whole) == 0.0
+    assert math.exp(log_mass_inside(corner)) == pytest.approx(1 / 8, abs=0.02)
 
 
 def test_presets_name_their_circuits_and_refuse_bicycles(tmp_path: Path) -> None:

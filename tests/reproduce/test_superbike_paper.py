@@ -207,8 +207,8 @@ def test_both_settings_differ_in_their_curriculum_alone() -> None:
     assert len(runs) == 2 * 2 * len(CIRCUITS)
     for spdl, sac in zip(runs[::2], runs[1::2], strict=True):
         assert spdl.preset.task == sac.preset.task == RACE_DIRECT.task
-        assert (spdl.preset.curriculum.curriculum, sac.preset.curriculum.curriculum) == ("spdl", "none")
-        assert replace(spdl.preset.curriculum, curriculum="none") == sac.preset.curriculum
+        assert (spdl.preset.curriculum.curriculum, sac.preset.curriculum.curriculum) == ("spdl", "target")
+        assert replace(spdl.preset.curriculum, curriculum="target") == sac.preset.curriculum
         assert replace(spdl, preset=sac.preset) == sac
         assert (spdl.compiled, spdl.keep_every) == (True, experiment.early)
     assert [run.seed for run in runs] == [0] * 6 + [1] * 6

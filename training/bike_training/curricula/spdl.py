@@ -1,11 +1,13 @@
 """The self-paced curriculum of the superbike paper (V): from the median at low speed to the ideal line at full speed.
 
 The context (d_median, d_ideal, v_max) of an episode decides which line is followed (Eq. 3) and which speed is allowed.
-Its distribution moves towards the target as the returns allow; see `self_paced`.
+Its distribution moves towards the target as the returns allow; see `self_paced`. Two baselines draw from the same
+distributions and differ in nothing else: one has the target from the beginning, one moves to it by a fixed schedule.
 """
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
@@ -31,10 +33,13 @@ TARGET_STD: Final = (0.04, 0.04, 0.04)
 LEAST_STD: Final = (0.04, 0.04, 0.04)
 """Distribution of the scaled context at the beginning and at the end; neither is published."""
 FIRST: Final = Gaussian.with_std(FIRST_MEAN, FIRST_STD)
-KEPT: Final = 100
-"""Episodes that an update looks at."""
-LEAST_EPISODES: Final = 20
+MAX_EPISODES: Final = 1000
+LEAST_EPISODES: Final = 10
+"""Episodes of an update: all that have ended since the one before, as in the reference implementation."""
+PACINGS: Final = ("self", "target", "schedule")
+"""By the agent's returns; the target from the beginning; by the number of learning steps."""
 NAMES: Final = ("d_median", "d_ideal", "v_max")
+_NORMAL_DRAWS: Final = np.random.default_rng(0).standard_normal((8192, len(NAMES)))
 
 
 def line_of(d_median: float, d_ideal: float, v_max: float) -> float:
@@ -53,12 +58,27 @@ def line_of(d_median: float, d_ideal: float, v_max: float) -> float:
     return round(min(max(lam, 0.0), 1.0) * LINE_STEPS) / LINE_STEPS
 
 
+def log_mass_inside(distribution: Gaussian) -> float:
+    """Return the logarithm of the probability of a scaled context within [0, 1], from fixed draws.
+
+    Contexts are drawn within, so their density is the Gaussian's divided by this.
+    """
+    drawn = distribution.mean + _NORMAL_DRAWS @ distribution.factor.T
+    inside = np.count_nonzero(np.all((drawn >= 0.0) & (drawn <= 1.0), axis=1))
+    return math.log(max(inside, 1) / len(drawn))
+
+
 class SpdlStep(NamedTuple):
     """One update, for the log.
 
     Attributes:
-        iteration: its number. step: learning step. stage: what it did.
-        mean: of the scaled context. std: of each number. kl: to the target, nat. value: expected return.
+        iteration: its number.
+        step: learning step.
+        stage: what it did.
+        mean: of the scaled context.
+        std: of each number.
+        kl: to the target, nat.
+        value: expected return.
     """
 
     iteration: int
@@ -75,7 +95,8 @@ class SpdlEpisodes(RaceEpisodes):
     """Episodes whose context is drawn from a distribution.
 
     Attributes:
-        distribution: of the scaled context. number: of its iteration.
+        distribution: of the scaled context.
+        number: of its iteration.
     """
 
     distribution: Gaussian = FIRST
@@ -89,11 +110,22 @@ class SpdlEpisodes(RaceEpisodes):
                 break
         inside = np.clip(drawn, 0.0, 1.0)
         v_max = SLOWEST + float(inside[2]) * (FASTEST - SLOWEST)
-        return RaceContext(float(inside[0]), float(inside[1]), v_max, self.share, float(self.number))
+        share = super().context(rng).share
+        return RaceContext(float(inside[0]), float(inside[1]), v_max, share, float(self.number))
 
     def lam(self, context: RaceContext) -> float:
         """Return the line of Eq. (3)."""
         return line_of(context.d_median, context.d_ideal, context.v_max)
+
+
+def scheduled(target: Gaussian, part: float) -> Gaussian:
+    """Return the distribution at a part of a fixed schedule from the first one (0) to the target (1 and beyond).
+
+    The mean and the logarithm of the standard deviation grow evenly.
+    """
+    part = min(max(part, 0.0), 1.0)
+    flat = (1.0 - part) * FIRST.to_flat() + part * target.to_flat()
+    return Gaussian.from_flat(flat)
 
 
 @dataclass
@@ -104,6 +136,8 @@ class SpdlCurriculum(RaceCurriculum):
         threshold: expected return that must be kept (delta).
         kl: largest divergence of an update, nat (epsilon).
         iteration: learning steps between two updates.
+        pacing: one of PACINGS.
+        schedule: learning steps after which a fixed schedule is at the target.
         distribution: of the scaled context.
         steps: updates so far.
     """
@@ -111,15 +145,17 @@ class SpdlCurriculum(RaceCurriculum):
     threshold: float = 500.0
     kl: float = 0.05
     iteration: int = 5000
+    pacing: str = "self"
+    schedule: int = 150_000
 
     def __post_init__(self) -> None:
-        """Begin near the median at low speed."""
+        """Begin near the median at low speed, or with the target."""
         super().__post_init__()
-        self.distribution = FIRST
         self.target = Gaussian.with_std(TARGET_MEAN, TARGET_STD)
+        self.distribution = self.target if self.pacing == "target" else FIRST
         self.steps: list[SpdlStep] = []
         self._paced = SelfPaced(self.target, self.threshold, self.kl, np.array(LEAST_STD))
-        self._seen: deque[tuple[FloatArray, float, float]] = deque(maxlen=KEPT)
+        self._seen: deque[tuple[FloatArray, float, float]] = deque(maxlen=MAX_EPISODES)
         self._reached = False
         self._updated = 0
         self._history = [self.distribution]
@@ -142,12 +178,17 @@ class SpdlCurriculum(RaceCurriculum):
     def _update(self, step: int) -> None:
         stage = Stage.WAITS
         value = float(np.mean([seen[2] for seen in self._seen])) if self._seen else float("nan")
-        if len(self._seen) >= LEAST_EPISODES:
+        if self.pacing == "schedule":
+            self.distribution, stage = scheduled(self.target, step / self.schedule), Stage.HARDER
+            self._history.append(self.distribution)
+            self._seen.clear()
+        elif self.pacing == "self" and len(self._seen) >= LEAST_EPISODES:
             contexts, sampled, values = (np.array(part) for part in zip(*self._seen, strict=True))
             result = self._paced.update(self.distribution, contexts, sampled, values, self._reached)
             self.distribution, stage, value = result.distribution, result.stage, result.before
             self._reached |= stage is Stage.HARDER
             self._history.append(self.distribution)
+            self._seen.clear()
         self.steps.append(
             SpdlStep(
                 len(self.steps) + 1,
@@ -168,7 +209,8 @@ class SpdlCurriculum(RaceCurriculum):
             return
         scaled = np.array([context.d_median, context.d_ideal, (context.v_max - SLOWEST) / (FASTEST - SLOWEST)])
         drawn_from = self._history[int(context.number)]
-        self._seen.append((scaled, float(drawn_from.log_density(scaled[None])[0]), episode.total))
+        density = float(drawn_from.log_density(scaled[None])[0]) - log_mass_inside(drawn_from)
+        self._seen.append((scaled, density, episode.total))
 
     def figures(self) -> dict[str, float]:
         """Return mean and standard deviation of the scaled context, its divergence to the target, and the value."""

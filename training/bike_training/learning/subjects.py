@@ -220,7 +220,7 @@ class RaceSettings:
             raise ValueError(f"task {self.task!r} is for superbikes on circuits, and {vehicle.name!r} is none")
 
 
-RACE_CURRICULA: Final = ("none", "speed", "spdl")
+RACE_CURRICULA: Final = ("none", "speed", "spdl", "target", "schedule")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -228,7 +228,8 @@ class RaceCurriculumSettings:
     """Settings of the curricula of races.
 
     Attributes:
-        curriculum: ``none``, ``speed`` or ``spdl``.
+        curriculum: ``none``, ``speed``, ``spdl``, or a baseline of the latter: ``target`` draws from its target from
+            the beginning, ``schedule`` moves there by a fixed schedule.
         circuits: names or files of circuits, with commas between them.
         share: part of the planned speed that is asked in the end.
         spread: half width of the interval that the share of an episode is drawn from.
@@ -238,6 +239,7 @@ class RaceCurriculumSettings:
         threshold: expected return of an episode that ``spdl`` keeps (delta).
         kl: largest divergence of an update of ``spdl``, nat.
         iteration: learning steps between two of its updates.
+        schedule: learning steps after which ``schedule`` is at the target.
         sampled: most circuits that a validation rides, drawn anew for each; comparisons ride the first ones.
         validate_every: least learning steps between two validations.
         select_every: learning steps between two comparisons of actors, once a validation was whole.
@@ -253,6 +255,7 @@ class RaceCurriculumSettings:
     threshold: float = 500.0
     kl: float = 0.05
     iteration: int = 5000
+    schedule: int = 150_000
     sampled: int = 12
     validate_every: int = 10_000
     select_every: int = 30_000
@@ -270,7 +273,7 @@ class RaceCurriculumSettings:
         check_number("spread", self.spread, 0.0, 0.9 * self.share)
         check_number("failure_share", self.failure_share, 0.0, 1.0)
         check_number("threshold", self.threshold)
-        for name in ("counted", "iteration", "sampled", "validate_every", "select_every"):
+        for name in ("counted", "iteration", "schedule", "sampled", "validate_every", "select_every"):
             check_number(name, getattr(self, name), 1, math.inf)
         if not all(name.strip() for name in self.circuits.split(",")):
             raise ValueError(f"preset setting circuits={self.circuits!r} must name circuits, with commas between them")
@@ -281,8 +284,10 @@ class RaceCurriculumSettings:
         common = (ground, self.share, self.spread, self.failure_share, self.sampled)
         if self.curriculum == "speed":
             return SpeedCurriculum(*common, first=self.first_share, counted=self.counted)
-        if self.curriculum == "spdl":
-            return SpdlCurriculum(*common, threshold=self.threshold, kl=self.kl, iteration=self.iteration)
+        if self.curriculum in ("spdl", "target", "schedule"):
+            pacing = "self" if self.curriculum == "spdl" else self.curriculum
+            spdl = {"threshold": self.threshold, "kl": self.kl, "iteration": self.iteration}
+            return SpdlCurriculum(*common, **spdl, pacing=pacing, schedule=self.schedule)
         return RaceCurriculum(*common)
 
 

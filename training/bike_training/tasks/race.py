@@ -394,7 +394,7 @@ class RaceRides:
         self._progress = look[:, lk.PROGRESS].copy()
         _, asked = self.eyes.references.at(self._progress)
         self._rate = way / (dt * asked / self.eyes.references.share)
-        counted = np.where(wrong, -way, way)
+        counted = np.where(wrong, -np.abs(way), way)
         gained = np.where(wrong, -1.0, self._rate - 1.0) * dt
         if task.masked:
             counted, gained = (np.where(both_off, np.minimum(part, 0.0), part) for part in (counted, gained))

@@ -12,16 +12,15 @@ MACHINE: Final = "panigale_v4r"
 MACHINES: Final = (MACHINE, "zx10rr", "cbr1000rr_r", "r1", "m1000rr")
 """Of Table III; the first one learns."""
 CIRCUITS: Final = ("barcelona", "cremona", "phillip_island")
-CURRICULA: Final = {"spdl": "spdl", "sac": "none"}
-"""Curriculum by the first part of a setting's name."""
+CURRICULA: Final = {"spdl": "spdl", "sac": "target"}
+"""Curriculum by the first part of a setting's name: both arms draw from SPDL's target in the end."""
 EARLY: Final = 1150 / 1900
 """The paper's early snapshot as a part of its run (Table I)."""
 PRESET: Final = "race_direct"
 THRESHOLD: Final = 300.0
 """Expected return that SPDL keeps; with 500 it stayed at its first distribution, whose episodes return 390 to 424."""
-UPDATES: Final = 60
-"""Updates of SPDL in a run. Of 300,000 decisions that is one every 5,000, as published; 30 lead to the target where the
-return allows each of them."""
+ITERATION: Final = 5000
+"""Decisions between two updates of SPDL, as published, however long a run is."""
 
 CHECKPOINTS: Final = 20
 VALIDATIONS: Final = 200
@@ -78,12 +77,12 @@ class SuperbikeExperiment(Experiment):
 
     def base(self) -> dict[str, Any]:
         """Return the entries of every run."""
-        iteration = max(1, round(self.steps / UPDATES))
         learner = {
             "validate_every": max(10_000, self.steps // VALIDATIONS),
             "select_every": max(50_000, self.steps // COMPARISONS),
             "threshold": THRESHOLD,
-            "iteration": iteration,
+            "iteration": ITERATION,
+            "spread": 0.0,
             **dict(self.learner),
         }
         return {
