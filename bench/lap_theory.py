@@ -11,10 +11,10 @@ import argparse
 
 from bike_sim.course.files import shipped_tracks
 from bike_sim.course.racing_line import MARGIN
-from bike_sim.theory.envelope import envelope
-from bike_sim.theory.lap_limit import lap_limit
-from bike_sim.theory.line_cache import track_with_line
-from bike_sim.theory.minimum_time import ROLL_COST
+from bike_sim.planning.envelope import envelope
+from bike_sim.planning.lap_limit import lap_limit
+from bike_sim.planning.line_cache import track_with_line
+from bike_sim.planning.minimum_time import ROLL_COST
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bike_sim.theory.envelope import envelope
+from bike_sim.planning.envelope import envelope
 from bike_sim.validation.superbike import MACHINES
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike

@@ -100,7 +100,7 @@ def report_of_laps() -> None:
     """Time a moment of a lap from outside, and look limits up, as the report of a lap does."""
     from bike_sim.course.files import load_track
     from bike_sim.course.lap_timing import Sample, time_laps
-    from bike_sim.theory.envelope import envelope
+    from bike_sim.planning.envelope import envelope
     from bike_sim.vehicles.files import load_vehicle
     from bike_sim.vehicles.superbike import Superbike
 

@@ -16,7 +16,7 @@ from bike_analysis.figures.histograms import time_shares
 from bike_analysis.figures.lap_recording import Machine
 from bike_analysis.figures.tyres import PEAK_USE, grip_used
 from bike_sim.course.track import Corner
-from bike_sim.theory.envelope import envelope
+from bike_sim.planning.envelope import envelope
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.commands.lap import described
 

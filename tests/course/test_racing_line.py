@@ -8,9 +8,9 @@ import pytest
 
 from bike_sim.course import racing_line
 from bike_sim.course.files import load_track, shipped_tracks
-from bike_sim.theory.lap_limit import lap_limit
-from bike_sim.theory.minimum_time import fastest_offsets, polygon_time, time_gradient, with_fastest_line
-from bike_sim.theory.point_mass import point_mass_envelope
+from bike_sim.planning.envelope import point_mass_envelope
+from bike_sim.planning.lap_limit import lap_limit
+from bike_sim.planning.minimum_time import fastest_offsets, polygon_time, time_gradient, with_fastest_line
 
 MACHINE = point_mass_envelope(1.4)
 

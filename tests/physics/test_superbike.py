@@ -15,7 +15,7 @@ from bike_sim.physics import superbike_statics as statics
 from bike_sim.physics.engine import make_engine
 from bike_sim.physics.superbike.start import without_rider
 from bike_sim.physics.superbike_engine import SuperbikeEngine
-from bike_sim.theory.envelope import Envelope, envelope
+from bike_sim.planning.envelope import Envelope, envelope
 from bike_sim.vehicles.bicycle import Vehicle, VehicleError
 from bike_sim.vehicles.files import load_vehicle, shipped_vehicles
 from bike_sim.vehicles.superbike import Superbike

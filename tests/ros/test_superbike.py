@@ -18,6 +18,9 @@ from bike_analysis.page.lap_page import lap_figures, render_lap_page
 from bike_policy.riders.classical import ClassicalRider
 from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics.state import upright_state
+from bike_sim.planning.envelope import envelope
+from bike_sim.planning.lap_limit import lap_limit
+from bike_sim.planning.line_cache import track_with_line
 from bike_sim.ros.messages import Episode as MessageEpisode
 from bike_sim.ros.messages import (
     course_points_to_message,
@@ -29,9 +32,6 @@ from bike_sim.sim import look as lk
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.superbike_plant import superbike_config
-from bike_sim.theory.envelope import envelope
-from bike_sim.theory.lap_limit import lap_limit
-from bike_sim.theory.line_cache import track_with_line
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.nodes.node_laps import ride_through_nodes

@@ -13,6 +13,7 @@ from bike_sim.course.lap_timing import Timing, time_laps
 from bike_sim.course.placing import EXACT, samples_of
 from bike_sim.physics import state as st
 from bike_sim.physics.superbike_statics import turning_state
+from bike_sim.planning.line_cache import content_key, track_with_line
 from bike_sim.sim import beginning
 from bike_sim.sim import look as lk
 from bike_sim.sim.circuit_scene import CircuitScene, FollowedLine, start_speed
@@ -24,7 +25,6 @@ from bike_sim.sim.request import HORIZON, ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.sim.superbike_plant import SuperbikePlant, superbike_config
-from bike_sim.theory.line_cache import content_key, track_with_line
 
 
 @pytest.fixture(scope="module")

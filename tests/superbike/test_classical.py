@@ -18,8 +18,8 @@ from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics.state import upright_state
 from bike_sim.physics.superbike_engine import TIME_STEP, SuperbikeEngine
 from bike_sim.physics.superbike_statics import turning_state
-from bike_sim.theory.envelope import Envelope, envelope
-from bike_sim.theory.lap_limit import lap_limit
+from bike_sim.planning.envelope import Envelope, envelope
+from bike_sim.planning.lap_limit import lap_limit
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
 from bike_training import cli

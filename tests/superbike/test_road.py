@@ -47,7 +47,7 @@ def middle_of_the_road(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Non
     """Ride the centre line as the ideal one: nothing here is about lines, which take their time to compute."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("BIKE_CACHE", str(tmp_path_factory.mktemp("lines")))  # others ride this circuit's own line
-        for name in ("bike_sim.theory.minimum_time.with_fastest_line", "bike_sim.course.racing_line.with_ideal_line"):
+        for name in ("bike_sim.planning.minimum_time.with_fastest_line", "bike_sim.course.racing_line.with_ideal_line"):
             patch.setattr(name, lambda track, *_, **__: track.with_ideal(np.zeros(len(track.centre.s))))
         yield
 

@@ -20,10 +20,9 @@ from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics import superbike_statics as statics
 from bike_sim.physics.superbike import equilibrium as eq
 from bike_sim.physics.superbike_engine import SuperbikeEngine
-from bike_sim.theory.envelope import envelope
-from bike_sim.theory.lap_limit import corner_speed_of, lap_limit, least_rate
-from bike_sim.theory.mass_path import MassPath, lean_model
-from bike_sim.theory.passing import ROLL_FREEDOM, passings, speeds_of_own_path
+from bike_sim.planning.envelope import envelope
+from bike_sim.planning.lap_limit import MassPath, corner_speed_of, lap_limit, lean_model, least_rate
+from bike_sim.planning.passing import ROLL_FREEDOM, passings, speeds_of_own_path
 from bike_sim.validation.superbike import at_speed, holding, ride
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike

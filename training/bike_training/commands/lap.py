@@ -24,11 +24,11 @@ from bike_policy.riders.making import make_rider
 from bike_policy.riders.rider import Rider
 from bike_sim.course.files import shipped_tracks
 from bike_sim.physics.engine import SUPERBIKE_ENGINES
+from bike_sim.planning.envelope import Envelope, envelope
+from bike_sim.planning.lap_limit import LapLimit, lap_limit
+from bike_sim.planning.line_cache import track_with_line
 from bike_sim.recording.in_use import claim_folder
 from bike_sim.sim.snapshot import Snapshot
-from bike_sim.theory.envelope import Envelope, envelope
-from bike_sim.theory.lap_limit import LapLimit, lap_limit
-from bike_sim.theory.line_cache import track_with_line
 from bike_sim.vehicles.files import load_vehicle, shipped_vehicles
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.arguments import check_whole, make_folder

@@ -20,7 +20,7 @@ from bike_policy.riders.lap_plan import CLASSICAL_SETTINGS
 from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics import superbike_statics as statics
 from bike_sim.physics import tyres
-from bike_sim.theory.envelope import envelope
+from bike_sim.planning.envelope import envelope
 from bike_sim.validation import superbike as validation
 from bike_sim.validation.bicycle import Check
 from bike_sim.vehicles.files import load_vehicle

@@ -18,6 +18,10 @@ from bike_sim.course.lap_timing import Lap
 from bike_sim.course.track import Track
 from bike_sim.physics import state as st
 from bike_sim.physics.engine import SUPERBIKE_ENGINES
+from bike_sim.planning.envelope import Envelope
+from bike_sim.planning.lap_limit import LapLimit
+from bike_sim.planning.line_cache import closest_lap
+from bike_sim.planning.passing import Passing, passings, speeds_of_own_path
 from bike_sim.sim import look as lk
 from bike_sim.sim.circuit_scene import CircuitScene
 from bike_sim.sim.events import EventKind
@@ -25,10 +29,6 @@ from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import WALL, Snapshot
 from bike_sim.sim.superbike_plant import superbike_config
-from bike_sim.theory.envelope import Envelope
-from bike_sim.theory.lap_limit import LapLimit
-from bike_sim.theory.line_cache import closest_lap
-from bike_sim.theory.passing import Passing, passings, speeds_of_own_path
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.rollout.rollout import rollout
 

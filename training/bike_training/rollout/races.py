@@ -11,14 +11,14 @@ from bike_policy.contract.bundle import Bundle
 from bike_policy.contract.race import RaceLayout
 from bike_policy.riders.race_plan_verification import rehearsed_racer
 from bike_sim.course.lap_timing import Lap
+from bike_sim.planning.envelope import envelope
+from bike_sim.planning.line_cache import closest_lap
 from bike_sim.sim import look as lk
 from bike_sim.sim.batch import SUPERBIKE_ENGINE
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.snapshot import WALL
 from bike_sim.sim.superbike_batch import CompiledSuperbikeBatch
 from bike_sim.sim.superbike_plant import superbike_config
-from bike_sim.theory.envelope import envelope
-from bike_sim.theory.line_cache import closest_lap
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.curricula.race import CircuitSet
 

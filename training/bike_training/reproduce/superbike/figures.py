@@ -10,8 +10,8 @@ import numpy as np
 
 from bike_sim.course.files import load_track
 from bike_sim.course.track import Corner, Track
-from bike_sim.theory.envelope import envelope
-from bike_sim.theory.line_cache import track_with_line
+from bike_sim.planning.envelope import envelope
+from bike_sim.planning.line_cache import track_with_line
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.reproduce.superbike.data import Context, Data, Moment

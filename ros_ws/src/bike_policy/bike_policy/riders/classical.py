@@ -37,10 +37,10 @@ from bike_policy.riders.line_law import LineLaw, LinePlan, plan_line
 from bike_policy.riders.plan_verification import rehearsed
 from bike_sim.course.course import Course
 from bike_sim.physics import state as st
+from bike_sim.planning.lap_limit import LapLimit
 from bike_sim.sim import look as lk
 from bike_sim.sim.request import Preview
 from bike_sim.sim.snapshot import Snapshot
-from bike_sim.theory.lap_limit import LapLimit
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.superbike import Superbike
 

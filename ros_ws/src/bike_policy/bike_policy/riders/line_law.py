@@ -18,8 +18,8 @@ from bike_sim.course.course import Course
 from bike_sim.kernels import njit
 from bike_sim.physics import state as st
 from bike_sim.physics.superbike_statics import engine_force, inertial_mass
+from bike_sim.planning.lap_limit import LapLimit
 from bike_sim.sim import look as lk
-from bike_sim.theory.lap_limit import LapLimit
 from bike_sim.vehicles.superbike import Superbike
 
 FloatArray = NDArray[np.float64]

@@ -30,11 +30,11 @@ from bike_sim.course.course import Course
 from bike_sim.course.road import RoadSurface, WetPatch
 from bike_sim.course.track import Track
 from bike_sim.physics.superbike_engine import TIME_STEP
+from bike_sim.planning.lap_limit import LapLimit
+from bike_sim.planning.line_cache import cache_folder, read_column, write_column
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
-from bike_sim.theory.lap_limit import LapLimit
-from bike_sim.theory.line_cache import cache_folder, read_column, write_column
 from bike_sim.vehicles.superbike import Superbike
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ _CIRCUIT: Final = "verification"
 def rehearsed(vehicle: Superbike, line: Course, settings: RiderSettings, period: float) -> LinePlan:
     """Plan a lap of a closed line, ride it, and plan it slower before places where a ride ended, until none does.
 
-    What came out is kept beside the lines of circuits (`bike_sim.theory.line_cache`), so the same is rehearsed once.
+    What came out is kept beside the lines of circuits (`bike_sim.planning.line_cache`), so the same is rehearsed once.
 
     Args:
         vehicle: the machine.

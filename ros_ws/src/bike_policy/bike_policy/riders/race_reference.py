@@ -9,7 +9,7 @@ from bike_policy.contract.reference import Reference
 from bike_policy.riders.lap_plan import RiderSettings, plan_lap, smooth_around
 from bike_policy.riders.planned_lines import PlannedLines
 from bike_sim.course.course import Course
-from bike_sim.theory.lap_limit import LapLimit
+from bike_sim.planning.lap_limit import LapLimit
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.superbike import Superbike
 

@@ -88,8 +88,8 @@ class Courses:
             ValueError: a broken file, or no line between its limits. FileNotFoundError: no such circuit.
         """
         # Late, as below: a ride on a path is spared lap theory, which takes a good part of a node's start.
+        from bike_sim.planning.line_cache import track_with_line
         from bike_sim.sim.circuit_scene import FollowedLine
-        from bike_sim.theory.line_cache import track_with_line
 
         known = self._lines.get((circuit, lam))
         if known is None:

@@ -18,6 +18,8 @@ from bike_sim.course.lap_timing import LapLog, Timing
 from bike_sim.course.track import Track
 from bike_sim.physics import state as st
 from bike_sim.physics.ground import Ground, flat_ground
+from bike_sim.planning.envelope import Envelope
+from bike_sim.planning.lap_limit import LapLimit, lap_limit
 from bike_sim.sim import circuit_look as cl
 from bike_sim.sim import look as lk
 from bike_sim.sim.circuit_events import circuit_events
@@ -27,8 +29,6 @@ from bike_sim.sim.plant import Plant
 from bike_sim.sim.request import Preview
 from bike_sim.sim.scene import View
 from bike_sim.sim.snapshot import CircuitView
-from bike_sim.theory.envelope import Envelope
-from bike_sim.theory.lap_limit import LapLimit, lap_limit
 
 FloatArray = NDArray[np.float64]
 

@@ -21,7 +21,7 @@ from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
 
 if TYPE_CHECKING:
-    from bike_sim.theory.envelope import Envelope
+    from bike_sim.planning.envelope import Envelope
 
 FloatArray = NDArray[np.float64]
 

@@ -19,10 +19,10 @@ from bike_sim.physics.superbike import equilibrium
 from bike_sim.physics.superbike.base import SuperbikeBase
 from bike_sim.physics.superbike_engine import TIME_STEP
 from bike_sim.physics.superbike_statics import spread, turning_state
+from bike_sim.planning.envelope import Envelope, envelope
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import COURSE_POINTS, Preview, Start
-from bike_sim.theory.envelope import Envelope, envelope
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
 

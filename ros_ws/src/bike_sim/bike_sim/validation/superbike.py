@@ -23,7 +23,7 @@ from bike_sim.physics.superbike.base import SuperbikeBase
 from bike_sim.physics.superbike.holding import holding_torque
 from bike_sim.physics.superbike_engine import TIME_STEP, SuperbikeEngine
 from bike_sim.physics.superbike_modes import SuperbikeModes, holding_throttle, measure_modes
-from bike_sim.theory.envelope import envelope
+from bike_sim.planning.envelope import envelope
 from bike_sim.validation.bicycle import Check
 from bike_sim.validation.superbike_road import road_errors
 from bike_sim.vehicles.files import load_vehicle

@@ -2,7 +2,7 @@
 
 The line of least curvature is a good line, but not always a fast one: on a long curve it stays outside, where the way
 is longer than the speed is higher. From the better of it and the median, this module descends on the lap time of
-:mod:`bike_sim.theory.lap_limit` itself. Each round differentiates the lap time by the offsets (back through both
+:mod:`bike_sim.planning.lap_limit` itself. Each round differentiates the lap time by the offsets (back through both
 passes of the profile) and takes the step of a sparse quadratic programme over B-splines of offsets, whose metric is the
 change of log curvature, weighted with the time spent there: lap time grows with about its square root.
 
@@ -33,9 +33,8 @@ from bike_sim.course.racing_line import (
     stations_of,
 )
 from bike_sim.course.track import Track
-from bike_sim.theory.envelope import Envelope, Limits, left_by_turning
-from bike_sim.theory.lap_limit import (
-    GRAVITY,
+from bike_sim.planning.envelope import Envelope, Limits, left_by_turning
+from bike_sim.planning.lap_limit import (
     braked,
     corner_speed_of,
     corner_speeds,
@@ -44,6 +43,7 @@ from bike_sim.theory.lap_limit import (
     profile_time,
     solve_profile,
 )
+from bike_sim.vehicles.superbike import GRAVITY
 
 FloatArray = NDArray[np.float64]
 
@@ -244,7 +244,7 @@ def _shape(stations: Stations, offset: FloatArray) -> tuple[FloatArray, FloatArr
 def _adjoint(bend: np.ndarray, distance: np.ndarray, limits: Limits) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the derivatives of the lap time by curvature (s m) and distance (s/m), and the time at each point (s).
 
-    The profile is solved as in :func:`~bike_sim.theory.lap_limit.solve_profile`, noting which limit binds where; then
+    The profile is solved as in :func:`~bike_sim.planning.lap_limit.solve_profile`, noting which limit binds where; then
     the derivatives run back through both passes (reverse accumulation).
     """
     n = len(bend)

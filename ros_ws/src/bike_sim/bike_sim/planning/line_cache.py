@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from bike_sim.course.files import load_track
 from bike_sim.course.track import Track
-from bike_sim.theory import lap_limit
-from bike_sim.theory.envelope import Envelope
+from bike_sim.planning import lap_limit
+from bike_sim.planning.envelope import Envelope
 
 FOLDER_VARIABLE = "BIKE_CACHE"
 """Environment variable that names another folder for computed lines."""
@@ -67,7 +67,7 @@ def track_with_line(
 
         track = racing_line.with_ideal_line(track, margin=margin)
     else:
-        from bike_sim.theory.minimum_time import with_fastest_line
+        from bike_sim.planning.minimum_time import with_fastest_line
 
         track = with_fastest_line(track, envelope, margin=margin, roll_cost=roll_cost)
     assert track.ideal is not None
@@ -86,7 +86,7 @@ def closest_lap(circuit: str | Path, envelope: Envelope) -> float:
         FileNotFoundError: no such circuit. ValueError: a broken file, or no line between its limits.
     """
     from bike_sim.course import racing_line
-    from bike_sim.theory import minimum_time
+    from bike_sim.planning import minimum_time
 
     track = track_with_line(circuit, envelope, racing_line.MARGIN, minimum_time.ROLL_COST)
     return lap_limit.lap_limit(envelope, track.line(1.0)).lap_time

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from bike_sim.course.track import Track
-from bike_sim.theory.envelope import Envelope
-from bike_sim.theory.lap_limit import lap_limit
+from bike_sim.planning.envelope import Envelope
+from bike_sim.planning.lap_limit import lap_limit
 
 FloatArray = NDArray[np.float64]
 

@@ -1,1 +1,0 @@
-"""What a machine could do: its envelope, the theoretical lap, and the fastest line of a circuit; knows no ROS."""
