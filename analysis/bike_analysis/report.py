@@ -17,10 +17,10 @@ from bike_analysis.figures.export import aligned_table, write_csv, write_parquet
 from bike_analysis.figures.metrics import RideFigures
 from bike_analysis.figures.recorded import RecordedLap, RecordedRide, RideRecording
 from bike_analysis.figures.results import Analysis, RideEntry, comparison_figures, distance_by_speed, recording_figures
-from bike_analysis.page.film import write_film
 from bike_analysis.page.plots import overview_figure
 from bike_analysis.page.ride_page import write_page
 from bike_analysis.page.style import RC
+from bike_analysis.page.video import write_video
 from bike_analysis.read.container import RecordingError
 from bike_analysis.read.files import METADATA_FILE, find_files
 from bike_analysis.read.text import shown
@@ -104,7 +104,7 @@ def analyze(
         analysis = replace(analysis, page=str(page), picture=str(picture))
     if video is not None:
         longest = max(rides, key=lambda ride: ride.figures.distance_m)
-        analysis = replace(analysis, video=str(write_film(longest, video.path, video.begin_s, video.duration_s)))
+        analysis = replace(analysis, video=str(write_video(longest, video.path, video.begin_s, video.duration_s)))
     return analysis.as_dict()
 
 
