@@ -18,6 +18,7 @@ import numpy as np
 from bike_policy.riders.classical import ClassicalRider
 from bike_sim.course.random_paths import CURRICULUM_PATHS
 from bike_sim.physics.state import ROLL, ROLL_RATE
+from bike_sim.schema import GRAVITY
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
@@ -157,7 +158,7 @@ def superbike_batch_speed(count: int = 32, steps: int = 100) -> float:
         spent = 0.0
         for _ in range(steps):
             speed, error, turned, bend = batch.look[:, [lk.SPEED, lk.LATERAL_ERROR, lk.HEADING_ERROR, lk.CURVATURE]].T
-            lean = np.arctan(bend * speed**2 / 9.81) - 0.02 * error - 0.5 * turned
+            lean = np.arctan(bend * speed**2 / GRAVITY) - 0.02 * error - 0.5 * turned
             commands = np.stack([np.clip(lean / math.radians(60.0), -1.0, 1.0), np.full(count, 0.05)], axis=1)
             begun = time.process_time()
             batch.step(commands)

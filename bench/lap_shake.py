@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from bike_policy.riders.making import make_rider
 from bike_sim.course.files import shipped_tracks
 from bike_sim.physics import superbike_forces as sf
+from bike_sim.schema import GRAVITY
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.validation.superbike import shaking
 from bike_training.commands.lap import shipped_superbikes
 from bike_training.rollout.laps import ride_laps
 
-GRAVITY = 9.81
 PERIOD = 0.02
 """Control period, s."""
 WINDOW = 25

@@ -10,8 +10,9 @@ from bike_sim.course.course import Course
 from bike_sim.course.elements import Line
 from bike_sim.course.files import load_track
 from bike_sim.planning.envelope import Envelope, ellipse_envelope, point_mass_envelope
-from bike_sim.planning.lap_limit import GRAVITY, lap_limit
+from bike_sim.planning.lap_limit import lap_limit
 from bike_sim.planning.minimum_time import with_fastest_line
+from bike_sim.schema import GRAVITY
 
 MACHINE = point_mass_envelope(1.4)
 

@@ -11,7 +11,7 @@ from bike_analysis.figures.histograms import time_shares
 from bike_analysis.figures.lap_recording import LapRecording, Machine, Theory
 from bike_analysis.figures.numbers import lap_text, rate
 from bike_analysis.page.compare_view import comparison_panels
-from bike_analysis.page.ride_view import GRAVITY, aid_bands, off_track, ride_columns, speed_channels
+from bike_analysis.page.ride_view import aid_bands, off_track, ride_columns, speed_channels
 from bike_analysis.page.view import (
     KMH,
     Cloud,
@@ -29,6 +29,7 @@ from bike_analysis.page.view import (
 from bike_analysis.read.tables import Floats
 from bike_analysis.read.text import shown
 from bike_sim.course.lap_timing import Lap
+from bike_sim.schema import GRAVITY
 
 DELTA: Final = Panel(
     *("delta", "Time lost on the reference", "time lost", "s", (PanelLine("delta", "time lost", "orange"),)),

@@ -34,9 +34,8 @@ from bike_analysis.page.view import (
 from bike_analysis.read.messages import RecordedCourse
 from bike_analysis.read.rides import Ride
 from bike_analysis.read.tables import Floats
+from bike_sim.schema import GRAVITY
 
-GRAVITY: Final = 9.81
-"""m/s^2, as in the benchmark of Meijaard et al. (2007)."""
 FAST: Final = 15.0
 """Beyond this speed km/h are shown, m/s."""
 OFF_TRACK_POINTS: Final = 400

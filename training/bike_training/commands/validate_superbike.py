@@ -21,6 +21,7 @@ from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics import superbike_statics as statics
 from bike_sim.physics import tyres
 from bike_sim.planning.envelope import envelope
+from bike_sim.schema import GRAVITY
 from bike_sim.validation import superbike as validation
 from bike_sim.validation.bicycle import Check
 from bike_sim.vehicles.files import load_vehicle
@@ -29,7 +30,6 @@ from bike_training.rollout.laps import ride_laps
 
 SCHEMA: Final = "bike.validate_superbike/1"
 PICTURES: Final = ("tyres", "lean_steps", "turns", "modes", "launch_and_stop", "envelopes", "convergence", "shake")
-_G: Final = 9.81
 BOLD: Final = (0.9, 0.92)
 """Parts of the lateral limit that riders use who try the theoretical laps; the last falls at times."""
 _FALLEN: Final = 1.0  # g, drawn for a ride that ends in a fall
@@ -249,7 +249,7 @@ def _draw_turns(result: validation.Validation, figure: Any) -> None:
     leans = np.radians(np.linspace(1.0, 58.0, 100))
     vehicle = _machine(validation.MACHINES[0])
     for speed, colour in ((10.0, "tab:blue"), (40.0, "tab:orange"), (80.0, "tab:red")):
-        formula = [statics.steady_lateral(vehicle, lean, speed) / _G for lean in leans]
+        formula = [statics.steady_lateral(vehicle, lean, speed) / GRAVITY for lean in leans]
         axes.plot(np.degrees(leans), formula, color=colour, label=f"closed formula, {speed:.0f} m/s")
     axes.plot(np.degrees(leans), np.tan(leans), "k--", linewidth=0.8, label="tan(lean): a point on a blade")
     turns = np.array(result.turns)
@@ -285,10 +285,10 @@ def _draw_launch_and_stop(result: validation.Validation, figure: Any) -> None:
         colour = line[0].get_color()
         for axes, recorded, sign, limit in ((drive, launch, 1.0, limits.drive), (brake, stop, -1.0, limits.brake)):
             rows = (recorded.speed > 12.0) & (recorded.time > 0.4)
-            acceleration = sign * np.gradient(recorded.speed, recorded.time) / _G
+            acceleration = sign * np.gradient(recorded.speed, recorded.time) / GRAVITY
             axes.plot(recorded.speed[rows], acceleration[rows], color=colour, linewidth=1.0)
             at = np.linspace(12.0, 90.0 if sign > 0.0 else 78.0, 200)
-            axes.plot(at, limit(at) / _G, "--", color=colour, linewidth=0.8)
+            axes.plot(at, limit(at) / GRAVITY, "--", color=colour, linewidth=0.8)
     speeds.set(xlabel="time, s", ylabel="speed, m/s", title="full throttle from 10 m/s")
     drive.set(xlabel="speed, m/s", ylabel="acceleration, g", title="full throttle (dashed: envelope)")
     brake.set(xlabel="speed, m/s", ylabel="deceleration, g", title="full brake from 80 m/s", ylim=(0.0, None))
@@ -301,15 +301,15 @@ def _draw_envelopes(result: validation.Validation, figure: Any) -> None:
     over_speed, circle = figure.subplots(1, 2)
     for name in validation.MACHINES:
         limits = envelope(_machine(name))
-        line = over_speed.plot(limits.speeds, limits.lateral_max / _G, label=name)
+        line = over_speed.plot(limits.speeds, limits.lateral_max / GRAVITY, label=name)
         colour = line[0].get_color()
-        over_speed.plot(limits.speeds, limits.drive_max / _G, "--", color=colour)
-        over_speed.plot(limits.speeds, -limits.brake_max / _G, ":", color=colour)
+        over_speed.plot(limits.speeds, limits.drive_max / GRAVITY, "--", color=colour)
+        over_speed.plot(limits.speeds, -limits.brake_max / GRAVITY, ":", color=colour)
         for speed, width in ((30.0, 1.4), (70.0, 0.7)):
             lateral = np.linspace(0.0, float(limits.lateral(speed)), 100)
             both = np.concatenate([lateral, lateral[::-1]])
             long = np.concatenate([limits.drive(speed, lateral), -limits.brake(speed, lateral[::-1])])
-            circle.plot(both / _G, long / _G, color=colour, linewidth=width)
+            circle.plot(both / GRAVITY, long / GRAVITY, color=colour, linewidth=width)
     over_speed.set(xlabel="speed, m/s", ylabel="g", title="lateral —, drive - -, brake ···")
     circle.set(xlabel="lateral, g", ylabel="longitudinal, g", title="at 30 m/s (bold) and 70 m/s", aspect="equal")
     over_speed.legend(fontsize="small")

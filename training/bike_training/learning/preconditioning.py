@@ -22,8 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 from sbx.common.policies import SquashedGaussianActor, VectorCritic
 
-from bike_policy.contract.observation import GRAVITY, ObservationLayout
+from bike_policy.contract.observation import ObservationLayout
 from bike_policy.contract.race import BLOCKS
+from bike_sim.schema import GRAVITY
 
 _SIZES: Final = {
     "x": 100.0,

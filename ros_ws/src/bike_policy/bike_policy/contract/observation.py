@@ -17,13 +17,12 @@ from typing import Any, Final, Literal, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from bike_sim.schema import GRAVITY
+
 FloatArray = NDArray[np.float64]
 
 LAYOUT_VERSION: Final = 1
 """Grows when the meaning of a feature changes; older policies are then refused."""
-
-GRAVITY: Final = 9.81
-"""m/s^2, scales the lean preview."""
 
 
 class Blocks(Protocol):

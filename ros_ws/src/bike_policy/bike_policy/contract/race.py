@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from bike_policy.contract.reference import OPEN, Reference, ReferenceRows
 from bike_policy.contract.rows import RowBlocks
+from bike_sim.schema import GRAVITY
 
 FloatArray = NDArray[np.float64]
 
@@ -26,8 +27,6 @@ RACE_KIND: Final = "race"
 RACE_VERSION: Final = 1
 """Grows when the meaning of a column changes; older policies are then refused."""
 
-GRAVITY: Final = 9.81
-"""m/s^2."""
 LEAST_SPEED: Final = 5.0
 """Speed below which the look ahead grows no shorter, m/s."""
 HORIZON: Final = 6.0

@@ -14,10 +14,11 @@ from typing import Final
 from bike_policy.riders.stanley import StanleyRider
 from bike_sim.course.course import Course
 from bike_sim.physics import state as st
+from bike_sim.schema import GRAVITY
 from bike_sim.sim.request import Preview
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.bicycle import Vehicle
-from bike_sim.vehicles.superbike import GRAVITY, Superbike
+from bike_sim.vehicles.superbike import Superbike
 
 HANDS: Final = "hands"
 """Name of this rider in recordings."""

@@ -42,6 +42,7 @@ from bike_sim.physics.superbike.falls import (
 from bike_sim.physics.superbike.records import MEMORY_NAMES, Attitude, Command, Motion
 from bike_sim.physics.superbike.virtual_rider import damper_and_stop, feel_load, slide_force, steering_torque
 from bike_sim.physics.vectors import Vec, add, cross, dot, mix, scale
+from bike_sim.schema import SIGNALS
 from bike_sim.vehicles.superbike import Record
 
 Array = NDArray[np.float64]
@@ -62,24 +63,8 @@ __all__ = [
     "loads_at",
 ]
 
-TELEMETRY_NAMES: Final = (
-    "speed_m_s", "pitch_rad", "acceleration_long_m_s2", "acceleration_lat_m_s2", "yaw_rate_rad_s",
-    "rear_load_n", "front_load_n", "rear_slip", "front_slip", "rear_slip_angle_rad", "front_slip_angle_rad",
-    "rear_camber_rad", "front_camber_rad",
-    "rear_force_long_n", "rear_force_lat_n", "front_force_long_n", "front_force_lat_n",
-    "rear_use", "front_use", "steer_torque_nm", "lean_reference_rad", "rider_slide_m",
-    "drive_torque_nm", "engine_power_w", "front_brake_nm", "rear_brake_nm",
-    "traction_cut", "wheelie_cut", "front_brake_cut", "rear_brake_cut", "drag_n", "fall",
-    "traction_active", "wheelie_active", "brake_active", "stoppie_active",
-    "lateral_velocity_m_s", "vertical_velocity_m_s", "pitch_rate_rad_s",
-    "lean_reference_rate_rad_s", "rider_integral_nm", "drive_share", "brake_share",
-)  # fmt: skip
-"""What is measured at every step: forces on the machine along the wheel's heading and to its left; `*_use` is the
-normalised slip (1 is linear saturation, the peak lies at `tyres.peak_slip`); cuts are 1 for none, 0 for all; an aid is
-active (1, else 0) where it allows less than the command asks for, by its limit ahead or its cut after the fact.
-Velocities are those of the point of `speed_m_s`, to the left of the heading and upwards; the rate is that of
-`pitch_rad`. The last four are what rider and actuators remember: rate of the reference, integral part of the rider's
-torque, and the parts of the engine's torque and of the brakes' force after their lags."""
+TELEMETRY_NAMES: Final = SIGNALS.columns
+"""What is measured at every step; `bike_sim.schema.SIGNALS` says what each is."""
 
 TELEMETRY: Final = np.dtype([(name, np.float64) for name in TELEMETRY_NAMES])
 

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from bike_sim.course.course import Course
 from bike_sim.planning.envelope import Envelope, Limits, lateral_by_lean, most_brake, most_drive, most_lateral
-from bike_sim.vehicles.superbike import GRAVITY
+from bike_sim.schema import GRAVITY
 
 FloatArray = NDArray[np.float64]
 

@@ -43,7 +43,7 @@ from bike_sim.planning.lap_limit import (
     profile_time,
     solve_profile,
 )
-from bike_sim.vehicles.superbike import GRAVITY
+from bike_sim.schema import GRAVITY
 
 FloatArray = NDArray[np.float64]
 

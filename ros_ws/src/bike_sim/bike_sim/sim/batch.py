@@ -40,7 +40,7 @@ class Batch(Protocol):
         signals: telemetry, shape (n, signals); no columns where the vehicle has none.
         place: position of both contact points relative to the centre line, in the order of :mod:`bike_sim.sim.look`,
             shape (n, 4); NaN in rows that ride a path.
-        circuit: position relative to the limits, in the order of `look.CIRCUIT_FIELDS`, shape (n, k); the same.
+        circuit: position relative to the limits, in the order of `schema.LIMITS`, shape (n, k); the same.
         points: course points, shape (n, 3, STATIONS, 3); the same.
     """
 

@@ -20,48 +20,42 @@ from bike_sim.course.timing_account import sample
 from bike_sim.kernels import njit
 from bike_sim.physics import kinematics
 from bike_sim.physics.state import FRONT_WHEEL_RATE, ROLL, STEER, YAW, X, Y
+from bike_sim.schema import LIMITS, LOOK, PLACE
 from bike_sim.sim.request import STATIONS as STATIONS
 from bike_sim.vehicles.bicycle import PARAMETER_NAMES
 
 Line = tuple[ndarray, ndarray, ndarray, ndarray]
 
-# Places in the vector of derived quantities.
-PITCH, YAW_RATE, SPEED, FRONT_X, FRONT_Y = range(5)
-PROGRESS, LATERAL_ERROR, HEADING_ERROR, CURVATURE = range(5, 9)
-FRONT_PROGRESS, FRONT_LATERAL_ERROR, PREVIEW_SPACING = range(9, 12)
-LOOK_SIZE: Final = 12
+PITCH: Final = LOOK.index("pitch")
+YAW_RATE: Final = LOOK.index("yaw_rate")
+SPEED: Final = LOOK.index("speed")
+FRONT_X: Final = LOOK.index("front_x")
+FRONT_Y: Final = LOOK.index("front_y")
+PROGRESS: Final = LOOK.index("progress")
+LATERAL_ERROR: Final = LOOK.index("lateral_error")
+HEADING_ERROR: Final = LOOK.index("heading_error")
+CURVATURE: Final = LOOK.index("curvature")
+FRONT_PROGRESS: Final = LOOK.index("front_progress")
+FRONT_LATERAL_ERROR: Final = LOOK.index("front_lateral_error")
+PREVIEW_SPACING: Final = LOOK.index("preview_spacing")
+LOOK_SIZE: Final = len(LOOK)
+FIELDS: Final = LOOK.names
 
-FIELDS: Final = (
-    "pitch",
-    "yaw_rate",
-    "speed",
-    "front_x",
-    "front_y",
-    "progress",
-    "lateral_error",
-    "heading_error",
-    "curvature",
-    "front_progress",
-    "front_lateral_error",
-    "preview_spacing",
-)
-"""Their names in messages and recordings, in the same order."""
+CENTRE_PROGRESS: Final = PLACE.index("centre_progress")
+CENTRE_OFFSET: Final = PLACE.index("centre_offset")
+FRONT_CENTRE_PROGRESS: Final = PLACE.index("front_centre_progress")
+FRONT_CENTRE_OFFSET: Final = PLACE.index("front_centre_offset")
+PLACE_SIZE: Final = len(PLACE)
 
-# Places in the vector of what relates to the centre line of a circuit: arc length and lateral offset.
-CENTRE_PROGRESS, CENTRE_OFFSET, FRONT_CENTRE_PROGRESS, FRONT_CENTRE_OFFSET = range(4)
-PLACE_SIZE: Final = 4
-
-# Places in the vector of what relates to the limits of a circuit.
-REAR_LEFT, REAR_RIGHT, FRONT_LEFT, FRONT_RIGHT, OUTSIDE, OFF_TRACK_TIME, WALL_ENERGY, WRONG_WAY = range(8)
-CIRCUIT_SIZE: Final = 8
-CIRCUIT_FIELDS: Final = (
-    "rear_left_margin", "rear_right_margin", "front_left_margin", "front_right_margin", "outside", "off_track_time",
-    "wall_energy", "wrong_way",
-)  # fmt: skip
-"""Their names, in the same order: distances of both contact points to the left and right limit (m, positive inside),
-distance of the contact point that is less far out beyond the limits (m, negative on the track), time with any contact
-point outside since the reset (s), energy of motion towards walls that were met since the reset (J), and whether the
-heading is more than 90 deg from the centre line's (1, else 0)."""
+REAR_LEFT: Final = LIMITS.index("rear_left_margin")
+REAR_RIGHT: Final = LIMITS.index("rear_right_margin")
+FRONT_LEFT: Final = LIMITS.index("front_left_margin")
+FRONT_RIGHT: Final = LIMITS.index("front_right_margin")
+OUTSIDE: Final = LIMITS.index("outside")
+OFF_TRACK_TIME: Final = LIMITS.index("off_track_time")
+WALL_ENERGY: Final = LIMITS.index("wall_energy")
+WRONG_WAY: Final = LIMITS.index("wrong_way")
+CIRCUIT_SIZE: Final = len(LIMITS)
 
 LINE, LEFT, RIGHT = range(3)
 """Rows of the course points: the followed line and both limits."""

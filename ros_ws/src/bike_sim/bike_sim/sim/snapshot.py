@@ -34,7 +34,7 @@ class CircuitView:
     Attributes:
         place: arc length and lateral offset (positive left) of the rear, then of the front contact point relative to
             the centre line, m, in the order of :mod:`bike_sim.sim.look`.
-        limits: position relative to the limits, in the order of `look.CIRCUIT_FIELDS`.
+        limits: position relative to the limits, in the order of `schema.LIMITS`.
         points: the followed line and both limits ahead, x, y, z in base_link, m, shape (3, lk.STATIONS, 3).
         wall: the touch of a wall at this instant, or the hit that ended the ride; None where there was none.
     """

@@ -24,6 +24,7 @@ from bike_sim.physics.superbike.holding import holding_torque
 from bike_sim.physics.superbike_engine import TIME_STEP, SuperbikeEngine
 from bike_sim.physics.superbike_modes import SuperbikeModes, holding_throttle, measure_modes
 from bike_sim.planning.envelope import envelope
+from bike_sim.schema import GRAVITY
 from bike_sim.validation.bicycle import Check
 from bike_sim.validation.superbike_road import road_errors
 from bike_sim.vehicles.files import load_vehicle
@@ -60,7 +61,6 @@ _MEAN_ROWS: Final = 11  # control periods of a mean over 0.2 s
 CONVERGENCE_STEPS: Final = (0.004, 0.002, 0.001, 0.0005)
 _REFERENCE_STEP: Final = 0.000125
 _PERIOD: Final = 0.02  # s between two commands
-_G: Final = 9.81
 
 
 @dataclass(frozen=True)
@@ -284,7 +284,7 @@ def check_lean_steps(result: Validation, vehicle: Superbike) -> Iterator[Check]:
             measured = -float(recorded.telemetry[tail, sf.T_LATERAL].mean())
             at = float(recorded.speed[tail].mean())
             expected = statics.steady_lateral(vehicle, float(recorded.lean[tail].mean()), at)
-            result.turns.append((lean, at, measured / _G, expected / _G))
+            result.turns.append((lean, at, measured / GRAVITY, expected / GRAVITY))
             formula_error = max(formula_error, abs(measured / expected - 1.0))
         yield Check(
             f"lean_step_{lean:.0f}_error_deg", f"lean step to {lean:.0f} deg: largest error, deg", worst, 0.0, 3.0
@@ -406,7 +406,7 @@ def drive_shake(vehicle: Superbike, time_step: float, speed: float, lean: float,
 def shake_of(recorded: ManoeuvreTrace, begin: float = 0.5) -> float:
     """Return the lateral acceleration that a mean over 0.2 s leaves, g rms, from a time (s) on and above 8 m/s."""
     rows = (recorded.time > begin) & np.minimum.accumulate(recorded.speed > SHAKE_LEAST_SPEED)
-    shaken = shaking(recorded.telemetry[rows, sf.T_LATERAL] / _G)
+    shaken = shaking(recorded.telemetry[rows, sf.T_LATERAL] / GRAVITY)
     return float(np.sqrt(np.mean(shaken**2))) if len(shaken) else 0.0
 
 
@@ -423,7 +423,7 @@ def shaking(lateral: FloatArray) -> FloatArray:
 
 def check_pitch_limits(result: Validation, vehicle: Superbike) -> Iterator[Check]:
     """Braking force and thrust at which a wheel leaves the ground, squeezed slowly, against statics."""
-    brakes = replace(vehicle.brakes, front_share=1.0, force=1.6 * vehicle.mass * _G)
+    brakes = replace(vehicle.brakes, front_share=1.0, force=1.6 * vehicle.mass * GRAVITY)
     # a rear wheel that loses its load would spin down under engine braking and push the nose down besides
     bare = replace(without_electronics(vehicle), brakes=brakes, motor=replace(vehicle.motor, engine_brake=0.0))
     for title, start, load, duration, sign in (

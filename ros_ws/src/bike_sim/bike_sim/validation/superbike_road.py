@@ -18,6 +18,7 @@ from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics.ground import Ground, flat_ground
 from bike_sim.physics.superbike.base import SuperbikeBase
 from bike_sim.physics.superbike_statics import inertial_mass
+from bike_sim.schema import GRAVITY
 
 FloatArray = NDArray[np.float64]
 
@@ -29,7 +30,6 @@ _PERIOD: Final = 0.02  # s
 _SPEED: Final = 30.0  # m/s
 _THROTTLE: Final = 0.12  # about holds the speed in the turn
 _STEERING: Final = 0.6  # of the largest lean, to the right
-_G: Final = 9.81
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def _slope_errors(engine: SuperbikeBase, grade: float) -> tuple[float, float]:
     gained = np.polyfit(_PERIOD * np.arange(len(there[part])), there[part, 0] / math.cos(slope) - level[part, 0], 1)[0]
     # another speed meets another drag; the spin of the wheels is inertia too
     air = float((level[part, 1] - there[part, 1]).mean())
-    expected = (air - engine.vehicle.mass * _G * math.sin(slope)) / inertial_mass(engine.vehicle)
+    expected = (air - engine.vehicle.mass * GRAVITY * math.sin(slope)) / inertial_mass(engine.vehicle)
     return gained / expected - 1.0, float(there[-1, 2] / (level[-1, 2] * math.cos(slope)) - 1.0)
 
 
@@ -149,11 +149,11 @@ def _ring_errors(engine: SuperbikeBase, bank: float) -> tuple[float, float, floa
     if engine.fall:
         return math.inf, math.inf, math.inf
     turn, side, load, camber, roll, speed = np.array(rows[-round(1.0 / _PERIOD) :]).mean(axis=0)
-    weight = vehicle.mass * _G
+    weight = vehicle.mass * GRAVITY
     # the wings press in the machine's plane
     wings = 0.5 * vehicle.air.density * vehicle.air.down_area * speed**2
-    expected_side = vehicle.mass * (turn * math.cos(bank) - _G * math.sin(bank)) + wings * math.sin(camber)
-    expected_load = vehicle.mass * (_G * math.cos(bank) + turn * math.sin(bank)) + wings * math.cos(camber)
+    expected_side = vehicle.mass * (turn * math.cos(bank) - GRAVITY * math.sin(bank)) + wings * math.sin(camber)
+    expected_load = vehicle.mass * (GRAVITY * math.cos(bank) + turn * math.sin(bank)) + wings * math.cos(camber)
     return (
         (side - expected_side) / weight,
         (load - expected_load) / weight,

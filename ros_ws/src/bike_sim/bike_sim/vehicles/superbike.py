@@ -20,6 +20,7 @@ from typing import Any, Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from bike_sim.schema import GRAVITY
 from bike_sim.vehicles.bicycle import FORMAT, Vehicle, VehicleError, require_finite, require_keys
 
 FloatArray = NDArray[np.float64]
@@ -27,7 +28,6 @@ IntArray = NDArray[np.int64]
 Record = Any
 """A NumPy record in compiled code: numba finds its fields by their names when it compiles."""
 
-GRAVITY: Final = 9.81
 HIGHEST_SPEED: Final = 200.0
 """Largest road speed at the limiter, m/s: limits are tabulated up to it, and a larger one is a mistake of units."""
 TORQUE_SAMPLES: Final = 256
