@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
-from bike_sim.course.document import MAX_LENGTH
+from bike_sim.course.course import MAX_LENGTH
 from bike_sim.course.files import load_course
 from bike_sim.course.random_paths import CURRICULUM_PATHS, PathRanges, random_course
 from bike_sim.physics import state as st

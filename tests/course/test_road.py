@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bike_sim.course.bumps import CLASSES
 from bike_sim.course.files import load_track
-from bike_sim.course.road import GRASS_STRIP, RoadSurface, RunOffKind, WetPatch, run_off_kinds
+from bike_sim.course.road import CLASSES, GRASS_STRIP, RoadSurface, RunOffKind, WetPatch, run_off_kinds
 from bike_sim.course.track import Track
 from tests.circuits import OVAL
 
@@ -67,7 +66,7 @@ def test_by_default_there_is_nothing(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ("banking_deg: [[0, 1]]", "banking_deg must be a list of at least two pairs"),
+        ("banking_deg: [[0, 1]]", "banking_deg must be a list of at least 2 pairs"),
         ("banking_deg: [[0, 1], [300, 50]]", "entry 2: the angle is 50 deg; at most 45"),
         ("banking_deg: [[300, 1], [200, 2]]", "distances must grow from 0 and stay below the length of 1200 m"),
         ("bumps: {class: Z, seed: 1}", "bumps: class must be one of A, B"),

@@ -8,8 +8,8 @@ import pytest
 import yaml
 
 from bike_sim.course.files import load_course, shipped_courses
-from bike_sim.course.path_reading import FORMAT
 from bike_sim.course.random_paths import CURRICULUM_PATHS
+from bike_sim.course.reading import PATH_FORMAT
 
 A = 5.0  # m, the length unit of the benchmark path
 
@@ -25,7 +25,7 @@ def document(name):
 
 def test_file_says_what_it_is(course):
     text = document(course.name)
-    assert text["format"] == FORMAT
+    assert text["format"] == PATH_FORMAT
     assert len(text["description"]) > 20
 
 

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 
 from bike_sim.course.csv_line import CourseFileError, parse_csv
 from bike_sim.course.files import kind_of, load_course, load_track, shipped_courses, shipped_tracks
-from bike_sim.course.path_reading import path_from_points
-from bike_sim.course.track_reading import track_from_points
+from bike_sim.course.reading import path_from_points, track_from_points
 
 
 def measured(name: str, spacing: float = 5.0) -> np.ndarray:

@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 from bike_sim.course.csv_line import CourseFileError, parse_csv
 from bike_sim.course.files import load_track
 from bike_sim.course.limits import check_limits
-from bike_sim.course.smoothing import smooth_closed
-from bike_sim.course.spline import smooth_line
-from bike_sim.course.track_reading import track_from_points
+from bike_sim.course.reading import track_from_points
+from bike_sim.course.spline import smooth_closed, smooth_line
 
 
 def _load(tmp_path, text: str):

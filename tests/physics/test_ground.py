@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bike_sim.course.bumps import CLASSES, REFERENCE, bump_profile
+from bike_sim.course.road import CLASSES, REFERENCE, bump_profile
 from bike_sim.physics import state as st
 from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics.engine import make_engine

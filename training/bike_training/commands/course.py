@@ -12,9 +12,9 @@ from rich.console import Console
 from rich.table import Table
 
 from bike_analysis.figures.numbers import lap_text
+from bike_sim.course.drawing import track_figure
 from bike_sim.course.files import load_track, shipped_tracks
 from bike_sim.course.track import Track
-from bike_sim.course.track_drawing import track_figure
 from bike_sim.planning.envelope import point_mass_envelope
 from bike_sim.planning.lap_limit import LapLimit, lap_limit
 from bike_sim.planning.minimum_time import with_fastest_line

@@ -22,6 +22,9 @@ SAMPLE_SPACING = 0.1
 OFF_COURSE_LIMIT = 3.5
 """Default distance beyond which a ride counts as off course, m (eta_y of Weyrer et al. 2026, Sect. 3.3)."""
 
+MAX_LENGTH = 100e3
+"""Longest course, m. A longer one is a mistake of units, and would fill the memory with samples."""
+
 SAME_LAP = 4.0
 """A position this close to the expected one on a closed line is of the same lap, m."""
 

@@ -1,8 +1,7 @@
 """Loading of courses: shipped ones by name, random circuits by seed, and the user's files by path.
 
 A course is a path (a line to follow) or a circuit (a closed line with limits, walls and corners). Both are found, read
-and refused by the same code; what a file says is turned into one of them by :mod:`bike_sim.course.path_reading` and
-:mod:`bike_sim.course.track_reading`.
+and refused by the same code; what a file says is turned into one of them by :mod:`bike_sim.course.reading`.
 """
 
 from __future__ import annotations
@@ -14,21 +13,27 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
-from bike_sim.course import path_reading, track_reading
 from bike_sim.course.course import Course
 from bike_sim.course.csv_line import MAX_CSV_SIZE, CentreLine, CourseFileError, parse_csv
-from bike_sim.course.document import number_of
-from bike_sim.course.path_reading import path_from_document, path_from_points
 from bike_sim.course.random_circuits import RANDOM_CIRCUIT, random_circuit, seed_of
+from bike_sim.course.reading import (
+    PATH_FORMAT,
+    PATH_KEYS,
+    TRACK_FORMAT,
+    number_of,
+    path_from_document,
+    path_from_points,
+    track_from_document,
+    track_from_points,
+)
 from bike_sim.course.track import Track
-from bike_sim.course.track_reading import track_from_document, track_from_points
 from bike_sim.documents import MAX_YAML_SIZE, DocumentError, check_name, parse_yaml, read_text, shorten, show
 
 Kind = Literal["path", "circuit"]
 
 _Built = TypeVar("_Built")
 
-_FORMATS: Mapping[str, Kind] = {path_reading.FORMAT: "path", track_reading.FORMAT: "circuit"}
+_FORMATS: Mapping[str, Kind] = {PATH_FORMAT: "path", TRACK_FORMAT: "circuit"}
 _FOLDERS: Mapping[Kind, str] = {"path": "courses", "circuit": "tracks"}
 _YAML, _CSV = (".yaml", ".yml"), ".csv"
 
@@ -136,8 +141,7 @@ def _track_of(content: _Content) -> Track:
         return track_from_points(_stem(content.path), content.said)
     if content.kind == "path":
         raise CourseFileError(
-            f"is a path; a circuit has the format {track_reading.FORMAT!r} or is the CSV file of a closed line with "
-            "widths"
+            f"is a path; a circuit has the format {TRACK_FORMAT!r} or is the CSV file of a closed line with widths"
         )
     return track_from_document(content.said, content.path)
 
@@ -194,12 +198,11 @@ def _content_of(path: Path) -> _Content:
     document = parse_yaml(read_text(path, MAX_YAML_SIZE), as_text=True)
     if not isinstance(document, dict):
         raise CourseFileError(
-            f"must be a mapping with the keys {', '.join(path_reading.KEYS)} of a path, or those of a circuit"
+            f"must be a mapping with the keys {', '.join(PATH_KEYS)} of a path, or those of a circuit"
         )
-    form = document.get("format", path_reading.FORMAT)
+    form = document.get("format", PATH_FORMAT)
     if not isinstance(form, str) or form not in _FORMATS:
         raise CourseFileError(
-            f"format is {show(form)}, this version reads {path_reading.FORMAT!r} (a path) and "
-            f"{track_reading.FORMAT!r} (a circuit)"
+            f"format is {show(form)}, this version reads {PATH_FORMAT!r} (a path) and {TRACK_FORMAT!r} (a circuit)"
         )
     return _Content(path, _FORMATS[form], document)

@@ -7,8 +7,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from bike_sim.course.course import OFF_COURSE_LIMIT, SAMPLE_SPACING, Course
-from bike_sim.course.document import MAX_LENGTH
+from bike_sim.course.course import MAX_LENGTH, OFF_COURSE_LIMIT, SAMPLE_SPACING, Course
 from bike_sim.course.elements import Arc, Element, Line, Quintic
 
 LINE_LENGTH = (5.0, 15.0)

@@ -129,7 +129,7 @@ class RoadSurface:
 
     Attributes:
         bank: rise per m to the left at the samples of the centre line; None where it is level across.
-        bumps: density of the heights at 0.1 cycles per m, m3, see :mod:`bike_sim.course.bumps`; 0 is smooth.
+        bumps: density of the heights at 0.1 cycles per m, m3, see :mod:`bike_sim.course.road`; 0 is smooth.
         seed: of the bumps.
         wet: patches with less grip; where they overlap the last counts.
         run_off: parts that are not like the rest, which is grass, and grass and gravel where it is wide.
@@ -210,3 +210,33 @@ def run_off_kinds(
 def between(s: FloatArray, begin: float, end: float) -> NDArray[np.bool_]:
     """Return which places lie in a part of a lap, m, that may go over the start line."""
     return (s >= begin) & (s < end) if begin <= end else (s >= begin) | (s < end)
+
+
+REFERENCE: Final = 16e-6
+"""Density of class A at 0.1 cycles per m, m3."""
+CLASSES: Final = {name: REFERENCE * 4.0**k for k, name in enumerate("ABCDEFGH")}
+"""Geometric mean of the density at 0.1 cycles per m by class, m3."""
+
+_BAND: Final = (0.011, 2.83)
+"""Spatial frequencies that the standard covers, cycles per m."""
+_AT: Final = 0.1
+
+
+def bump_profile(seed: int, samples: int, spacing: float) -> NDArray[np.float64]:
+    """Return heights of a periodic profile of class A, m, shape (samples,); read-only.
+
+    Each frequency has the amplitude of the spectrum and a random phase.
+
+    Args:
+        seed: same seed, same road.
+        samples: number of heights.
+        spacing: distance between them, m.
+    """
+    frequency = np.fft.rfftfreq(samples, spacing)
+    within = (frequency >= _BAND[0]) & (frequency <= _BAND[1])
+    amplitude = np.zeros(len(frequency))
+    amplitude[within] = np.sqrt(2.0 * REFERENCE * (frequency[within] / _AT) ** -2.0 * frequency[1])
+    phase = 2.0 * np.pi * np.random.default_rng(seed).random(len(frequency))
+    profile = np.fft.irfft(0.5 * samples * amplitude * np.exp(1j * phase), samples)
+    profile.setflags(write=False)
+    return profile

@@ -9,8 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from bike_sim.course.bumps import CLASSES, REFERENCE, bump_profile
-from bike_sim.course.road import GRASS_STRIP, RunOffKind, Wind, run_off_kinds
+from bike_sim.course.road import CLASSES, GRASS_STRIP, REFERENCE, RunOffKind, Wind, bump_profile, run_off_kinds
 from bike_sim.course.track import Track, slope_of
 from bike_sim.physics.ground import BUMP_SAMPLES, BUMP_SPACING
 
