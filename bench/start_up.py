@@ -1,7 +1,6 @@
 """What the start of a node costs: processor time of a bicycle's simulator and policy nodes until they are at work.
 
-The nodes are started with the kernels that the set-up has compiled ahead of time and, in turn, with Numba's, so that
-the ratio is of one run. The fastest start of each counts.
+Numba's cache is warm: a first start fills it. The fastest start of each counts.
 
     python -m bench.start_up
 """
@@ -15,7 +14,6 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Final
 
-from bike_sim import kernels
 from bike_sim.ros.isolation import DOMAIN_VARIABLE, DomainLease, prepare_discovery
 from bike_sim.ros.parent import end_with_this_process
 
@@ -24,8 +22,6 @@ NODES: Final = {
     "drive": ("bike_policy.drive", "driving episode"),
 }
 """Module of each node, and what it says when it is at work; the policy says so after its first state."""
-CHOICES: Final = {"prepared": "", "numba": "numba"}
-"""Values of the variable that chooses kernels."""
 
 
 class Started:
@@ -33,22 +29,20 @@ class Started:
 
     Attributes:
         cpu_s: processor time until then, s.
-        libraries: names of the files that it has mapped.
     """
 
-    def __init__(self, node: str, choice: str, domain: int) -> None:
+    def __init__(self, node: str, domain: int) -> None:
         """Start a node and wait until it is at work.
 
         Args:
             node: key of NODES.
-            choice: key of CHOICES.
             domain: its ROS domain.
 
         Raises:
             RuntimeError: it ended.
         """
         module, ready = NODES[node]
-        environment = {**os.environ, DOMAIN_VARIABLE: str(domain), kernels.CHOICE_VARIABLE: CHOICES[choice]}
+        environment = {**os.environ, DOMAIN_VARIABLE: str(domain)}
         prepare_discovery(environment)
         end_with_this_process(environment)
         self._process = subprocess.Popen(
@@ -65,8 +59,6 @@ class Started:
             if not last:
                 raise RuntimeError(f"{module} ended with exit code {self._process.wait()} before it was at work")
         self.cpu_s = _processor_time(self._process.pid)
-        maps = Path(f"/proc/{self._process.pid}/maps").read_text().splitlines()
-        self.libraries = {Path(line.split(maxsplit=5)[5]).name for line in maps if "/" in line}
 
     def close(self) -> None:
         """End the node."""
@@ -80,42 +72,28 @@ def _processor_time(process: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def start_both(choice: str) -> dict[str, Started]:
-    """Start both nodes, end them, and return what was seen.
-
-    Args:
-        choice: key of CHOICES.
-    """
+def start_both() -> dict[str, float]:
+    """Start both nodes, end them, and return the processor time of each until it was at work, s."""
     with DomainLease() as lease, ExitStack() as nodes:
-        started = {}
+        times = {}
         for name in NODES:
-            started[name] = Started(name, choice, lease.domain_id)
-            nodes.callback(started[name].close)
-    return started
+            started = Started(name, lease.domain_id)
+            nodes.callback(started.close)
+            times[name] = started.cpu_s
+    return times
 
 
 def measure(rounds: int = 5) -> dict[str, Any]:
-    """Return processor times until the nodes are at work, s, and their ratios.
+    """Return processor times until the nodes are at work, s.
 
     Args:
         rounds: starts of each; the fastest counts.
 
     Raises:
-        RuntimeError: a node ended, or the library is missing.
+        RuntimeError: a node ended.
     """
-    if kernels.load_library() is None:
-        raise RuntimeError("the prepared kernels are missing or out of date; run `make setup`")
-    least: dict[tuple[str, str], float] = {}
-    for _ in range(rounds):
-        for choice in CHOICES:
-            for name, started in start_both(choice).items():
-                least[name, choice] = min(started.cpu_s, least.get((name, choice), started.cpu_s))
-    figures: dict[str, Any] = {}
-    for name in NODES:
-        figures[f"{name}_start_cpu_s"] = least[name, "prepared"]
-        figures[f"{name}_start_with_numba_cpu_s"] = least[name, "numba"]
-        figures[f"{name}_start_ratio"] = least[name, "prepared"] / least[name, "numba"]
-    return figures
+    times = [start_both() for _ in range(1 + rounds)]
+    return {f"{name}_start_cpu_s": min(time[name] for time in times[1:]) for name in NODES}
 
 
 if __name__ == "__main__":

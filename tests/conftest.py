@@ -2,15 +2,12 @@
 
 import os
 import signal
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
 import hypothesis
 import pytest
 
-from bike_sim import kernels
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
 
@@ -58,14 +55,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=kind)
     for item in items:
         item.add_marker(pytest.mark.xdist_group(f"{kind(item)} {item.path.name} {item.path.parent.name}"))
-
-
-@pytest.fixture(scope="session")
-def prepared_kernels() -> None:
-    """The library of kernels for these sources, made where the set-up has not."""
-    if kernels.load_library() is None:
-        subprocess.run([sys.executable, ROOT / "tools" / "prepare_kernels.py"], check=True, timeout=250)
-    assert kernels.load_library() is not None
 
 
 @pytest.fixture(scope="session")

@@ -24,11 +24,3 @@ def test_a_peer_that_does_not_come_is_an_error(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(peer.sys, "executable", "/bin/false")
     with pytest.raises(RuntimeError, match="does not answer"):
         peer.Peer()
-
-
-def test_a_bicycles_nodes_start_without_numba(prepared_kernels: None) -> None:
-    start = load_bench("bench.start_up")
-    for choice, needed in (("prepared", False), ("numba", True)):
-        libraries = start.start_both(choice)["sim_node"].libraries
-        assert any("llvmlite" in name for name in libraries) == needed
-    assert not any("llvmlite" in name for name in start.start_both("prepared")["drive"].libraries)

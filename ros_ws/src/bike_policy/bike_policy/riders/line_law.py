@@ -10,12 +10,12 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from bike_policy.contract.line_tables import LineTables
 from bike_policy.riders.lap_plan import RiderSettings, SteadyLeans, plan_lap, smooth_around
 from bike_sim.course.course import Course
-from bike_sim.kernels import njit
 from bike_sim.physics import state as st
 from bike_sim.physics.superbike_statics import engine_force, inertial_mass
 from bike_sim.planning.lap_limit import LapLimit

@@ -14,11 +14,11 @@ from enum import IntEnum
 from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from bike_sim.course import timing_account as acc
 from bike_sim.course.track import IDEAL, LEFT, RIGHT, Track
-from bike_sim.kernels import njit
 
 FloatArray = NDArray[np.float64]
 

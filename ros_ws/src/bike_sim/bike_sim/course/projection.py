@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import math
 
+from numba import njit
 from numpy import ndarray
-
-from bike_sim.kernels import njit
 
 BEHIND = 1.0
 """How far behind the last nearest point the search looks, m."""

@@ -11,9 +11,8 @@ import math
 from typing import Any, Final
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
-
-from bike_sim.kernels import njit
 
 Record = Any
 FloatArray = NDArray[np.float64]

@@ -20,9 +20,9 @@ import math
 from typing import Final
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from bike_sim.kernels import njit
 from bike_sim.physics.state import FRONT_WHEEL_RATE, ROLL, ROLL_RATE, STEER, STEER_RATE, YAW, StateVector, X, Y
 from bike_sim.vehicles.bicycle import PARAMETER_NAMES
 

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from bike_sim.kernels import njit
 from bike_sim.physics import kinematics
 from bike_sim.physics import state as st
 from bike_sim.physics.state import StateVector

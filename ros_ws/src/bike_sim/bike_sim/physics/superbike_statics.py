@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from bike_sim.kernels import njit
 from bike_sim.physics import kinematics
 from bike_sim.physics import state as st
 from bike_sim.physics.superbike import equilibrium

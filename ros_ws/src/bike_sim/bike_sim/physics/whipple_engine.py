@@ -15,9 +15,9 @@ import math
 from typing import Final
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from bike_sim.kernels import njit
 from bike_sim.physics import state as st
 from bike_sim.physics.kinematics import Parameters, rates, solve_beta, steering_geometry
 from bike_sim.physics.state import StateVector

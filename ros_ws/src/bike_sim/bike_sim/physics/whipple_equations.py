@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from bike_sim.kernels import njit
+from numba import njit
 
 Constants = tuple[
     float, float, float, float, float, float, float, float, float, float, float,

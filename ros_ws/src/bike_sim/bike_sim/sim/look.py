@@ -12,12 +12,12 @@ import math
 from typing import Final
 
 import numpy as np
+from numba import njit
 from numpy import ndarray
 
 from bike_sim.course import projection
 from bike_sim.course.course import Course
 from bike_sim.course.timing_account import sample
-from bike_sim.kernels import njit
 from bike_sim.physics import kinematics
 from bike_sim.physics.state import FRONT_WHEEL_RATE, ROLL, STEER, YAW, X, Y
 from bike_sim.schema import LIMITS, LOOK, PLACE

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
+from numba import typeof
 from numba.typed import List
 from numpy.typing import NDArray
 
@@ -14,7 +15,6 @@ from bike_sim.course import timing_account as acc
 from bike_sim.course.course import Course
 from bike_sim.course.lap_timing import LapLog
 from bike_sim.course.track import Track
-from bike_sim.kernels import entry_of
 from bike_sim.physics import articulated
 from bike_sim.physics import state as st
 from bike_sim.physics.compiled_superbike_engine import CompiledSuperbikeEngine
@@ -289,7 +289,10 @@ class CompiledSuperbikeBatch:
             self._grounds, rows, self._scratch,
         )  # fmt: skip
         if self._step_rows is None:
-            self._step_rows = entry_of(step_rows, args)
+            # Numba's own call looks at the type of each argument first, which for records costs a good part of a step
+            types = tuple(typeof(value) for value in args)
+            step_rows.compile(types)
+            self._step_rows = step_rows.get_overload(types)
         self._step_rows(*args)
         self._told = {
             index: circuit_events(rows.events[index, : rows.told[index]], self._logs[index])
