@@ -1,9 +1,8 @@
 """Speed of the analysis: an hour of riding at 100 Hz with every topic, and the rate of reading beside `rosbags`.
 
-The recording is made of real messages: a superbike rides a flying lap, all that the simulator, the policy and the
-recorder publish is serialized, and the lap is written again and again by the recorder, with new stamps, steps and
-progress. Analysing and reading happen in fresh processes, so that their memory is their own; wall-clock and processor
-time are both told, because only the latter means something on a busy machine.
+A superbike rides an out-lap and a flying lap through the nodes, with a recorder. The flying lap is written again and
+again, with new stamps, steps and progress. Analysing and reading happen in fresh processes, so that their memory is
+their own. Both wall-clock and processor time are given: only the latter means something on a busy machine.
 
     python -m bench.analysis_speed
 """
@@ -17,32 +16,21 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.serialization import serialize_message
 from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from rosgraph_msgs.msg import Clock
 from tqdm import tqdm
 
 from bike_analysis.read.columns import MessageSchema
 from bike_analysis.read.reading import read_recording
-from bike_policy.riders.classical import ClassicalRider
+from bike_sim.course.files import load_track
 from bike_sim.physics.superbike_engine import TIME_STEP
-from bike_sim.recording import LATCHED, MessageType, Qos, RideRecorder, message_type
-from bike_sim.ros import messages, standard_messages
-from bike_sim.ros.command_gate import Command
-from bike_sim.ros.messages import NANOSECONDS
-from bike_sim.ros.telemetry_message import telemetry_to_message
-from bike_sim.sim.config import SimulatorConfig
-from bike_sim.sim.request import ResetRequest
-from bike_sim.sim.simulator import Simulator
-from bike_sim.sim.snapshot import Snapshot
-from bike_sim.vehicles.superbike import Superbike
+from bike_sim.recording import LATCHED, MessageType, Qos, RideRecorder
+from bike_sim.ros.isolation import DomainLease
+from bike_training.nodes.ride_monitor import ride_recorded
 
 VEHICLE: Final = "panigale_v4r"
 CIRCUIT: Final = "barcelona"
@@ -54,248 +42,151 @@ EXCERPT: Final = 360.0
 ROUNDS: Final = 3
 DECODED: Final = ("/bike/state", "/bike/command", "/bike/telemetry", "/bike/events", "/bike/course", "/diagnostics")
 """Topics that the analysis decodes; `rosbags` decodes the same."""
-
-_TRANSFORMS: Final = MessageType(
-    "tf2_msgs/msg/TFMessage",
-    "geometry_msgs/TransformStamped[] transforms\n"
-    + "".join(
-        f"{'=' * 80}\nMSG: {name}\n{text}\n"
-        for name, text in (
-            (
-                "geometry_msgs/TransformStamped",
-                "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/Transform transform",
-            ),
-            ("geometry_msgs/Transform", "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation"),
-            ("geometry_msgs/Vector3", "float64 x\nfloat64 y\nfloat64 z"),
-            ("geometry_msgs/Quaternion", "float64 x\nfloat64 y\nfloat64 z\nfloat64 w"),
-            ("std_msgs/Header", "builtin_interfaces/Time stamp\nstring frame_id"),
-            ("builtin_interfaces/Time", "int32 sec\nuint32 nanosec"),
-        )
-    ),
-)
-"""Transforms are recorded too, though the wheels bring no package with their type."""
+SECOND: Final = 1_000_000_000
+"""ns."""
 
 
 # ----------------------------------------------------------------------------------------------------- the recording
 
 
-@dataclass(frozen=True)
-class _Change:
-    """A field that differs from lap to lap: where it lies, how it is packed, and which of the lap's counts it takes."""
+class _Message(NamedTuple):
+    """A message of the lap that is repeated."""
 
-    offset: int
-    packing: struct.Struct
-    what: str
+    topic: str
+    log_time_ns: int
+    data: bytes
 
 
-class _LapTopic:
-    """Messages of one topic during one lap, which can be written again for any lap."""
+class _Topic:
+    """A topic of the lap; shifts its messages in time, steps and arc length."""
 
-    def __init__(self, name: str, kind: MessageType, qos: Qos) -> None:
-        self.name, self.kind, self.qos = name, kind, qos
-        self.schema = MessageSchema(kind.name, kind.definition)
-        self.messages: list[tuple[int, bytes]] = []
-        self._changes: dict[int, tuple[_Change, ...]] = {}
+    def __init__(self, type_name: str, definition: str, latched: bool) -> None:
+        self.type, self.latched = MessageType(type_name, definition), latched
+        self._schema = MessageSchema(type_name, definition)
+        self._fields: dict[int, list[tuple[int, struct.Struct, str]]] = {}
 
-    def add(self, step: int, data: bytes) -> None:
-        """Add the message of a step."""
-        self.messages.append((step, self.schema.trim(data)))
+    def shifted(self, data: bytes, shift: Mapping[str, float]) -> bytes:
+        """Return a message shifted by `seconds`, `steps` and `metres`."""
+        changed = bytearray(data)
+        if len(data) not in self._fields:
+            self._fields[len(data)] = self._find_fields(data)
+        for offset, packing, kind in self._fields[len(data)]:
+            (value,) = packing.unpack_from(changed, offset)
+            packing.pack_into(changed, offset, value + shift[kind])
+        return bytes(changed)
 
-    def once(self, index: int) -> bool:
-        """Whether a message belongs to the reset and is not written again with every lap."""
-        return self.qos is LATCHED or (index == 0 and self.name == "/bike/events")
-
-    def shifted(self, index: int, counts: dict[str, float]) -> bytes:
-        """The message at a place of the list, shifted in time, steps and way by `counts`."""
-        data = bytearray(self.messages[index][1])
-        changes = self._changes.get(len(data))
-        if changes is None:
-            changes = self._changes[len(data)] = self._find_changes(bytes(data))
-        for change in changes:
-            (value,) = change.packing.unpack_from(data, change.offset)
-            change.packing.pack_into(data, change.offset, value + counts[change.what])
-        return bytes(data)
-
-    def _find_changes(self, data: bytes) -> tuple[_Change, ...]:
+    def _find_fields(self, data: bytes) -> list[tuple[int, struct.Struct, str]]:
         kinds = {
             "header.stamp.sec": ("<i", "seconds"),
             "clock.sec": ("<i", "seconds"),
             "step": ("<I", "steps"),
-            "progress": ("<d", "way"),
-            "front_progress": ("<d", "way"),
+            "progress": ("<d", "metres"),
+            "front_progress": ("<d", "metres"),
         }
-        if self.kind.name.endswith("RideEvent"):
+        if self.type.name.endswith("RideEvent"):
             kinds["time"] = ("<d", "seconds")
-        return tuple(
-            _Change(place.offset, struct.Struct(kinds[place.name][0]), kinds[place.name][1])
-            for place in self.schema.layout(data).places
+        return [
+            (place.offset, struct.Struct(kinds[place.name][0]), kinds[place.name][1])
+            for place in self._schema.layout(data).places
             if place.name in kinds
-        )
+        ]
 
 
-def ride_lap() -> tuple[list[_LapTopic], int, float]:
-    """Ride one flying lap and serialize all that is published.
+@dataclass(frozen=True)
+class Lap:
+    """A part of a recorded ride that can be repeated.
 
-    Returns:
-        The topics with their messages, the number of steps (whole seconds of them), and the way of the lap along the
-        followed line, m.
+    Attributes:
+        topics: Topics by name.
+        latched: Messages that a recording has once.
+        messages: Messages of the lap in the order of recording.
+        seconds: Duration, whole seconds.
+        metres: Length of a lap along the followed line, m.
     """
-    machine = Simulator(SimulatorConfig(vehicle=VEHICLE, time_step=TIME_STEP, control_period=PERIOD))
-    try:
-        request = machine.at_own_speed(ResetRequest(course=CIRCUIT))
-        snapshot = machine.reset(request)
-        assert machine.course is not None
-        assert machine.track is not None
-        rider = ClassicalRider()
-        rider.begin(machine.vehicle, machine.course, PERIOD, machine.preview)
-        writer = _LapWriter(machine, request, snapshot)
-        with tqdm(total=round(2.0 * machine.track.length), desc="riding", unit="m", leave=False) as bar:
-            while (progress := snapshot.progress) < 2.0 * machine.track.length:
-                bar.update(round(progress) - bar.n)
-                command = rider.command(snapshot)
-                assert command is not None
-                steering, throttle = command
-                if progress >= machine.track.length:
-                    writer.write(snapshot, steering, throttle)
-                snapshot = machine.step(steering, throttle)
-                if snapshot.fallen:
-                    raise RuntimeError(f"the rider of the benchmark fell at {snapshot.time:.1f} s: {snapshot.fall}")
-        return writer.finish()
-    finally:
-        machine.close()
+
+    topics: dict[str, _Topic]
+    latched: list[_Message]
+    messages: list[_Message]
+    seconds: int
+    metres: float
 
 
-class _LapWriter:
-    """Serializes what the simulator and the policy publish during the lap."""
+def record_lap(distance: float | None = None) -> Lap:
+    """Ride through the nodes and take one lap of the recording.
 
-    def __init__(self, machine: Simulator, request: ResetRequest, first: Snapshot) -> None:
-        assert machine.course is not None
-        assert machine.track is not None
-        assert isinstance(machine.vehicle, Superbike)
-        self._machine, self._vehicle = machine, machine.vehicle
-        self._episode = messages.Episode.of(machine.vehicle, machine.course, machine.preview, PERIOD)
-        self._topics: dict[str, _LapTopic] = {}
-        self._transforms = get_typestore(Stores.EMPTY)
-        self._transforms.register(get_types_from_msg(_TRANSFORMS.definition, _TRANSFORMS.name))
-        self._steps = 0
-        stamp = NANOSECONDS
-        once = messages.episode_start_to_message(request, machine.config, machine.plant.signal_names, 1, stamp)
-        self._add("/bike/episode", once, LATCHED)
-        self._add("/bike/course", messages.course_to_message(machine.course, 1, stamp), LATCHED)
-        self._add("/bike/course_marker", standard_messages.course_marker(machine.course, stamp), LATCHED)
-        self._add("/bike/events", messages.event_to_message(first.events[0], first, stamp))
+    Args:
+        distance: Length of the repeated part, m; None takes a lap of the circuit.
+    """
+    length = load_track(CIRCUIT).line(1.0).length if distance is None else distance
+    simulator = {"vehicle": VEHICLE, "course": CIRCUIT, "time_step": TIME_STEP, "control_period": PERIOD}
+    with tempfile.TemporaryDirectory() as folder, DomainLease() as lease:
+        path = Path(folder) / "lap.mcap"
+        starts: list[int] = []
 
-    def write(self, snapshot: Snapshot, steering: float, throttle: float) -> None:
-        """Serialize one step."""
-        stamp = NANOSECONDS + self._steps * round(PERIOD * NANOSECONDS)
-        course = self._episode.course
-        seen = _as_step(snapshot, self._steps)
-        self._add("/clock", Clock(clock=messages.time_to_message(stamp)))
-        self._add("/bike/state", messages.state_to_message(seen, self._episode, stamp))
-        self._add("/bike/course_points", messages.course_points_to_message(seen, course, stamp))
-        self._add("/bike/lean_history", messages.lean_history_to_message(seen, stamp, round(PERIOD * NANOSECONDS)))
-        self._add("/bike/telemetry", telemetry_to_message(seen, self._vehicle, stamp))
-        self._add("/bike/odom", standard_messages.odometry(seen, stamp))
-        self._add("/bike/joint_states", standard_messages.joint_state(seen, stamp))
-        self._add("/bike/markers", standard_messages.vehicle_markers(seen, self._vehicle, stamp))
-        self._add_transform(seen, stamp)
-        for event in seen.events:
-            self._add("/bike/events", messages.event_to_message(event, seen, stamp))
-        command = Command(seen.episode, seen.step, steering, throttle)
-        self._add("/bike/command", messages.command_to_message(command, stamp))
-        if self._steps % round(1.0 / PERIOD) == 0:
-            for node, figures in _REPORTS.items():
-                self._add("/diagnostics", _report(node, figures, stamp))
-        self._steps += 1
+        def is_over(state: Any) -> bool:
+            if state.fallen:
+                raise RuntimeError(f"the rider of the benchmark fell after {state.progress:.1f} m")
+            if state.progress >= length and not starts:
+                starts.append(state.header.stamp.sec + 1)
+            return bool(state.progress >= 2.0 * length)
 
-    def finish(self) -> tuple[list[_LapTopic], int, float]:
-        """What `ride_lap` returns: laps are repeated after whole seconds, so that stamps shift by seconds only."""
-        steps = self._steps // round(1.0 / PERIOD) * round(1.0 / PERIOD)
-        return list(self._topics.values()), steps, self._episode.course.length
-
-    def _add(self, topic: str, message: Any, qos: Qos | None = None) -> None:
-        kind = type(message)
-        self._put(topic, f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}", serialize_message(message), qos)
-
-    def _add_transform(self, snapshot: Snapshot, stamp: int) -> None:
-        sent = standard_messages.base_transform(snapshot, stamp)
-        types = self._transforms.types
-        moved, turned = sent.transform.translation, sent.transform.rotation
-        time_type, header_type = types["builtin_interfaces/msg/Time"], types["std_msgs/msg/Header"]
-        header = header_type(time_type(sent.header.stamp.sec, sent.header.stamp.nanosec), sent.header.frame_id)
-        transform = types["geometry_msgs/msg/Transform"](
-            types["geometry_msgs/msg/Vector3"](moved.x, moved.y, moved.z),
-            types["geometry_msgs/msg/Quaternion"](turned.x, turned.y, turned.z, turned.w),
+        ride_recorded(
+            lease.domain_id,
+            {"path": str(path), "notes": ["policy=classical", f"vehicle={VEHICLE}"]},
+            simulator,
+            {"policy": "classical"},
+            title=f"{VEHICLE}, {CIRCUIT}",
+            way=2.0 * length,
+            longest=HOUR,
+            is_over=is_over,
         )
-        stamped = types["geometry_msgs/msg/TransformStamped"](header, sent.child_frame_id, transform)
-        data = self._transforms.serialize_cdr(types[_TRANSFORMS.name]([stamped]), _TRANSFORMS.name)
-        self._put("/tf", _TRANSFORMS.name, bytes(data), None)
-
-    def _put(self, topic: str, name: str, data: bytes, qos: Qos | None) -> None:
-        if topic not in self._topics:
-            kind = _TRANSFORMS if name == _TRANSFORMS.name else message_type(name)
-            self._topics[topic] = _LapTopic(topic, kind, qos or Qos())
-        self._topics[topic].add(self._steps, data)
+        return _take_lap(path, starts[0], length)
 
 
-_REPORTS: Final = {
-    "bike/sim_node": {"mode": "lockstep", "episode": 1, "step": 0, "control_steps_per_s": 100.0},
-    "bike/drive": {"policy": "classical", "latency_median_ms": 0.11, "latency_p99_ms": 0.34},
-    "bike/record": {"path": "hour.mcap", "topics": 14, "messages_written": 0, "messages_dropped": 0},
-}
-"""What the three nodes report once a second."""
+def _take_lap(path: Path, start: int, length: float) -> Lap:
+    """Return the messages of whole seconds from `start`, s, on."""
+    with AnyReader([path]) as reader:
+        topics = {
+            each.topic: _Topic(each.msgtype, each.msgdef.data, _is_latched(each.ext.offered_qos_profiles))
+            for each in reader.connections
+        }
+        found = [_Message(connection.topic, time_ns, bytes(data)) for connection, time_ns, data in reader.messages()]
+    seconds = found[-1].log_time_ns // SECOND - start
+    begin, end = start * SECOND, (start + seconds) * SECOND
+    latched = [message for message in found if topics[message.topic].latched]
+    part = [each for each in found if begin <= each.log_time_ns < end and not topics[each.topic].latched]
+    return Lap(topics, latched, part, seconds, length)
 
 
-def _report(node: str, figures: dict[str, Any], stamp: int) -> DiagnosticArray:
-    values = [KeyValue(key=key, value=str(value)) for key, value in figures.items()]
-    message = DiagnosticArray(status=[DiagnosticStatus(name=node, message="riding", values=values)])
-    message.header.stamp = messages.time_to_message(stamp)
-    return message
+def _is_latched(profiles: Sequence[Any]) -> bool:
+    return any(profile.durability.name == "TRANSIENT_LOCAL" for profile in profiles)
 
 
-def _as_step(snapshot: Snapshot, step: int) -> Snapshot:
-    """Return a snapshot as one of the first lap; the lap that ends where this one begins is not repeated with it."""
-    later = snapshot.time - step * PERIOD
-    # In the laps after, the events within states keep their times: nothing reads them there, but their bytes.
-    events = tuple(replace(event, time=event.time - later) for event in snapshot.events if step)
-    return replace(snapshot, episode=1, step=step, time=step * PERIOD, events=events)
-
-
-def write_recording(path: Path, duration: float, lap: tuple[list[_LapTopic], int, float]) -> int:
+def write_recording(path: Path, duration: float, lap: Lap) -> int:
     """Write a ride of any length.
 
     Args:
         path: The recording.
         duration: Length of the ride, s.
-        lap: What `ride_lap` returned.
+        lap: What is repeated.
 
     Returns:
         Number of messages.
     """
-    topics, steps, way = lap
-    schedule = _schedule(topics, steps)
+    end = lap.messages[0].log_time_ns + round(duration * SECOND)
     with RideRecorder(path, overwrite=True, notes={"policy": "classical", "vehicle": VEHICLE}) as recorder:
-        for topic in topics:
-            recorder.add_topic(topic.name, topic.kind, topic.qos)
-        for total in tqdm(range(round(duration / PERIOD)), desc="writing", unit="step", leave=False):
-            number, step = divmod(total, steps)
-            counts = {"seconds": number * round(steps * PERIOD), "steps": number * steps, "way": number * way}
-            stamp = NANOSECONDS + total * round(PERIOD * NANOSECONDS)
-            for topic, index in schedule[step]:
-                if total and topic.once(index):
-                    continue
-                recorder.write(topic.name, topic.shifted(index, counts), stamp)
+        for name, topic in lap.topics.items():
+            recorder.add_topic(name, topic.type, LATCHED if topic.latched else Qos())
+        for message in lap.latched:
+            recorder.write(message.topic, message.data, lap.messages[0].log_time_ns)
+        for number in tqdm(range(int(duration // lap.seconds) + 1), desc="writing", unit="lap", leave=False):
+            seconds = number * lap.seconds
+            shift = {"seconds": seconds, "steps": round(seconds / PERIOD), "metres": number * lap.metres}
+            for name, time_ns, data in lap.messages:
+                if time_ns + seconds * SECOND >= end:
+                    break
+                recorder.write(name, lap.topics[name].shifted(data, shift), time_ns + seconds * SECOND)
         return recorder.message_count
-
-
-def _schedule(topics: list[_LapTopic], steps: int) -> list[list[tuple[_LapTopic, int]]]:
-    """Which messages are written at each step of a lap."""
-    schedule: list[list[tuple[_LapTopic, int]]] = [[] for _ in range(steps)]
-    for topic in topics:
-        for index, (step, _) in enumerate(topic.messages):
-            if step < steps:
-                schedule[step].append((topic, index))
-    return schedule
 
 
 # ---------------------------------------------------------------------------------------------------------- measuring
@@ -374,8 +265,8 @@ def reading_rates(path: Path) -> dict[str, float]:
     """Return messages per second of processor time by reader, the best of some rounds in turn."""
     best: dict[str, float] = {}
     for name in tqdm([*READERS] * ROUNDS, desc="reading", unit="reading", leave=False):
-        told = json.loads(run_alone("-m", "bench.analysis_speed", "--read", name, str(path)).output)
-        best[name] = max(best.get(name, 0.0), told["messages"] / told["processor_s"])
+        read = json.loads(run_alone("-m", "bench.analysis_speed", "--read", name, str(path)).output)
+        best[name] = max(best.get(name, 0.0), read["messages"] / read["processor_s"])
     return {
         "reading_messages_per_s": best["reading"],
         "rosbags_messages_per_s": best["rosbags"],
@@ -401,14 +292,15 @@ def hour_figures(path: Path, out: Path, count: int) -> dict[str, float]:
     }
 
 
-def measure(duration: float = HOUR, excerpt: float = EXCERPT) -> dict[str, Any]:
+def measure(duration: float = HOUR, excerpt: float = EXCERPT, distance: float | None = None) -> dict[str, Any]:
     """Return all figures of this module.
 
     Args:
         duration: Length of the ride that is analysed, s.
         excerpt: Length of the ride with which rates of reading are compared, s.
+        distance: Length of the part of the ride that is repeated, m; None takes a lap.
     """
-    lap = ride_lap()
+    lap = record_lap(distance)
     with tempfile.TemporaryDirectory() as folder:
         part, whole = Path(folder) / "excerpt.mcap", Path(folder) / "hour.mcap"
         write_recording(part, excerpt, lap)
@@ -418,7 +310,7 @@ def measure(duration: float = HOUR, excerpt: float = EXCERPT) -> dict[str, Any]:
         return {**hour_figures(whole, Path(folder) / "out", count), **figures}
 
 
-def _tell_reading(name: str, path: Path) -> None:
+def _print_reading(name: str, path: Path) -> None:
     began = time.process_time()
     count = READERS[name](path)
     print(json.dumps({"messages": count, "processor_s": time.process_time() - began}))
@@ -426,7 +318,7 @@ def _tell_reading(name: str, path: Path) -> None:
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["--read"]:
-        _tell_reading(sys.argv[2], Path(sys.argv[3]))
+        _print_reading(sys.argv[2], Path(sys.argv[3]))
     else:
         for key, value in measure().items():
             print(f"{key:30} {value:.4g}")

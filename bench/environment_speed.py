@@ -169,18 +169,26 @@ def superbike_batch_speed(count: int = 32, steps: int = 100) -> float:
     return best
 
 
-def environment_speed() -> dict[str, Any]:
-    """Return all figures of this module."""
+def measure(scale: float = 1.0) -> dict[str, Any]:
+    """Return all figures of this module.
+
+    Args:
+        scale: factor on the number of steps of each round.
+    """
+
+    def steps(count: int) -> int:
+        return max(1, round(scale * count))
+
     return {
-        "gymnasium_pybullet_5ms_steps_per_s": gymnasium_speed(0.005),
-        "gymnasium_pybullet_1ms_steps_per_s": gymnasium_speed(0.001),
-        "vector_of_64_compiled_steps_per_s": vector_speed(64),
-        "superbike_step_us": superbike_speed(),
-        "superbike_reset_us": superbike_reset(),
-        "superbike_batch_of_32_steps_per_s": superbike_batch_speed(),
+        "gymnasium_pybullet_5ms_steps_per_s": gymnasium_speed(0.005, steps=steps(400)),
+        "gymnasium_pybullet_1ms_steps_per_s": gymnasium_speed(0.001, steps=steps(400)),
+        "vector_of_64_compiled_steps_per_s": vector_speed(64, steps(100)),
+        "superbike_step_us": superbike_speed(steps(2000)),
+        "superbike_reset_us": superbike_reset(steps(50)),
+        "superbike_batch_of_32_steps_per_s": superbike_batch_speed(32, steps(100)),
     }
 
 
 if __name__ == "__main__":
-    for name, value in environment_speed().items():
+    for name, value in measure().items():
         print(f"{name}: {value:,.0f}")

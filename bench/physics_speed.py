@@ -159,7 +159,7 @@ def accuracy(contender: Contender, vehicle: Vehicle) -> dict[str, float]:
     }
 
 
-def physics_speed(vehicle_name: str = "whipple", with_exudyn: bool = True, rounds: int = 15) -> dict[str, Any]:
+def measure(vehicle_name: str = "whipple", with_exudyn: bool = True, rounds: int = 15) -> dict[str, Any]:
     """Measure all engines in one run.
 
     Args:
@@ -230,7 +230,7 @@ def _worst(entry: dict[str, Any]) -> float:
 
 def main() -> None:
     """Print the table."""
-    figures = physics_speed()
+    figures = measure()
     print(f"{'engine':44} {'step':>6} {'control steps/s':>16} {'weave':>9} {'capsize':>9}")
     for entry in figures.pop("engines"):
         print(

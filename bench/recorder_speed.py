@@ -1,31 +1,49 @@
 """Speed of the recorder: the writer alone beside the one of the `mcap` library, and the node behind ROS 2.
 
-The load is what bicycles with their policies publish, sent by processes of their own (`bench.traffic`). The rate goes
-up until messages are dropped or do not arrive in time; the last rate without is the figure. Publishers, middleware and
-recorder share the machine's cores, so the figure is that of the whole road on this machine.
+The load is what bicycles with their policies publish, sent by processes of their own. The rate goes up until messages
+are dropped or do not arrive in time; the last rate without is the figure. Publishers, middleware and recorder share the
+machine's cores, so the figure is that of the whole path on this machine.
 
     python -m bench.recorder_speed
+    python -m bench.recorder_speed --send 10 8000 5    # only send: ten bicycles, 8000 messages a second, for 5 s
+
+A sender prints a line when all topics have a listener, and the number of messages once all are sent. It ends when all
+have arrived.
 """
 
 from __future__ import annotations
 
+import argparse
 import os
 import re
+import struct
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+import rclpy
+import rclpy.node
 import yaml
 from mcap.writer import Writer
+from rclpy.context import Context
+from rclpy.duration import Duration
+from rclpy.publisher import Publisher
+from rclpy.serialization import serialize_message
+from rosgraph_msgs.msg import Clock
 
-from bench.traffic import messages_of_a_period
 from bike_sim.recording import CHUNK_BYTES, RideRecorder, message_type
+from bike_sim.ros import messages, node_tools, standard_messages
+from bike_sim.ros.command_gate import Command
 from bike_sim.ros.isolation import DOMAIN_VARIABLE, DomainLease, prepare_discovery
+from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.simulator import Simulator
 from bike_training.envs.node_process import NodeProcess
 
 BIKES: Final = 10
@@ -37,14 +55,31 @@ PUBLISHERS: Final = 2
 """Processes that share a rate: one alone cannot send as much as is recorded."""
 TRIALS: Final = 3
 """A rate counts if one of so many trials is whole: what else the machine does costs messages near its limit."""
-SENT_FOR: Final = 4.0
+SENDING_TIME: Final = 4.0
+"""Wall-clock time of a trial, s."""
 TIMEOUT: Final = 60.0
 """Wall-clock time after which a process that sends is given up, s."""
+START_TIMEOUT: Final = 30.0
+"""Wall-clock time in which every topic must have found a listener, s."""
+SETTLING: Final = 1.0
+"""Wall-clock time between that and the first message, s."""
+PACE: Final = 0.002
+"""Wall-clock time between two bursts, s."""
+UNSTAMPED: Final = "markers"
 
 
-def measure() -> dict[str, Any]:
-    """Return all figures of this module."""
-    return {**load(), **writer_speed(), **largest_rate()}
+def measure(
+    periods: int = 2500, rounds: int = 3, rates: Sequence[int] = RATES, duration: float = SENDING_TIME
+) -> dict[str, Any]:
+    """Return all figures of this module.
+
+    Args:
+        periods: see `writer_speed`.
+        rounds: see `writer_speed`.
+        rates: see `largest_rate`.
+        duration: see `largest_rate`.
+    """
+    return {**load(), **writer_speed(periods, rounds), **largest_rate(rates, duration)}
 
 
 def load() -> dict[str, float]:
@@ -131,21 +166,25 @@ class Trial:
     cpu_s: float
 
 
-def largest_rate() -> dict[str, float]:
+def largest_rate(rates: Sequence[int] = RATES, duration: float = SENDING_TIME) -> dict[str, float]:
     """Return the largest rate at which the node records every message, beside ten bicycles, and what a message costs.
 
     The processor time of a message, with what the middleware needs in the recorder's process, means something on a busy
     machine, too.
+
+    Args:
+        rates: messages a second that are tried, ascending.
+        duration: wall-clock time of a trial, s.
     """
     whole: list[Trial] = []
-    for rate in RATES:
-        trial = _best_trial(rate)
+    for rate in rates:
+        trial = _best_trial(rate, duration)
         if trial is None:
             break
         whole.append(trial)
-        if trial.sent < 0.9 * rate * SENT_FOR:  # the publishers are at their end
+        if trial.sent < 0.9 * rate * duration:  # the publishers are at their end
             break
-    largest = max((trial.sent / SENT_FOR for trial in whole), default=0.0)
+    largest = max((trial.sent / duration for trial in whole), default=0.0)
     cost = min((trial.cpu_s / trial.recorded for trial in whole), default=float("nan"))
     return {
         "recorder_node_messages_per_s": largest,
@@ -154,27 +193,31 @@ def largest_rate() -> dict[str, float]:
     }
 
 
-def _best_trial(rate: float) -> Trial | None:
+def _best_trial(rate: float, duration: float) -> Trial | None:
     """Return a trial in which every message was recorded, or nothing after some without."""
-    trials = (send_and_record(rate) for _ in range(TRIALS))
+    trials = (send_and_record(rate, duration) for _ in range(TRIALS))
     return next((trial for trial in trials if trial.recorded == trial.sent), None)
 
 
-def send_and_record(rate: float) -> Trial:
+def send_and_record(rate: float, duration: float = SENDING_TIME) -> Trial:
     """Send at a rate and record what comes.
 
     Args:
         rate: messages a second to send.
+        duration: wall-clock time of the sending, s.
 
     Raises:
-        RuntimeError: the publishers did not find the recorder. NodeLost: the recorder failed.
+        RuntimeError: the publishers did not find the recorder.
+        NodeLost: the recorder failed.
     """
     with tempfile.TemporaryDirectory() as folder, DomainLease() as lease:
         target = Path(folder) / "ride"
         environment = {**os.environ, DOMAIN_VARIABLE: str(lease.domain_id)}
         prepare_discovery(environment)
         with NodeProcess("bike_sim.ros.record", {"path": str(target)}, lease.domain_id) as recorder:
-            publishers = [_publisher(rate / PUBLISHERS, f"traffic{k}", environment) for k in range(PUBLISHERS)]
+            publishers = [
+                _publisher(rate / PUBLISHERS, duration, f"traffic{k}", environment) for k in range(PUBLISHERS)
+            ]
             for publisher in publishers:
                 assert publisher.stdout is not None
                 publisher.stdout.readline()  # all topics are heard
@@ -194,8 +237,16 @@ def send_and_record(rate: float) -> Trial:
     return Trial(sent, recorded, cpu)
 
 
-def _publisher(rate: float, name: str, environment: dict[str, str]) -> subprocess.Popen[str]:
-    command = [sys.executable, "-m", "bench.traffic", str(BIKES // PUBLISHERS), str(rate), str(SENT_FOR)]
+def _publisher(rate: float, duration: float, name: str, environment: dict[str, str]) -> subprocess.Popen[str]:
+    command = [
+        sys.executable,
+        "-m",
+        "bench.recorder_speed",
+        "--send",
+        str(BIKES // PUBLISHERS),
+        str(rate),
+        str(duration),
+    ]
     root = Path(__file__).parents[1]
     return subprocess.Popen([*command, "--name", name], env=environment, cwd=root, stdout=subprocess.PIPE, text=True)
 
@@ -216,6 +267,132 @@ def _count_of(publisher: subprocess.Popen[str]) -> int:
     return int(words)
 
 
-if __name__ == "__main__":
+# ------------------------------------------------------------------------------------------------------------ sending
+
+
+def messages_of_a_period() -> dict[str, tuple[type, bytes]]:
+    """Return name, type and CDR of all messages that belong to one control period of one bicycle."""
+    simulator = Simulator(SimulatorConfig(engine="whipple", time_step=0.005, control_period=0.01))
+    request = ResetRequest(course="benchmark", speed_range=(4.0, 4.0))
+    snapshot = simulator.reset(request)
+    for _ in range(10):
+        snapshot = simulator.step(0.0)
+    assert simulator.course is not None
+    period = round(simulator.config.control_period * messages.NANOSECONDS)
+    stamp = messages.NANOSECONDS
+    episode = messages.Episode.of(simulator.vehicle, simulator.course, request.preview, simulator.config.control_period)
+    made = {
+        "state": messages.state_to_message(snapshot, episode, stamp),
+        "command": messages.command_to_message(Command(1, snapshot.step, 0.1)),
+        "clock": Clock(clock=messages.time_to_message(stamp)),
+        "course_points": messages.course_points_to_message(snapshot, simulator.course, stamp),
+        "lean_history": messages.lean_history_to_message(snapshot, stamp, period),
+        "odom": standard_messages.odometry(snapshot, stamp),
+        "joint_states": standard_messages.joint_state(snapshot, stamp),
+        "markers": standard_messages.vehicle_markers(snapshot, simulator.vehicle, stamp),
+    }
+    return {name: (type(message), bytes(serialize_message(message))) for name, message in made.items()}
+
+
+class Traffic(rclpy.node.Node):
+    """Publishes the messages of several bicycles."""
+
+    def __init__(self, bikes: int, context: Context, name: str = "traffic") -> None:
+        super().__init__(name, context=context, namespace=node_tools.NAMESPACE, start_parameter_services=False)
+        period = messages_of_a_period()
+        self._load: list[tuple[Publisher, bytes, bool]] = []
+        for bike in range(bikes):
+            for topic, (kind, data) in period.items():
+                publisher = self.create_publisher(
+                    kind, f"{name}/b{bike}/{topic}", node_tools.SENDER_QOS, event_callbacks=node_tools.QUIET
+                )
+                self._load.append((publisher, data, topic != UNSTAMPED))
+
+    def wait_for_listeners(self) -> None:
+        """Wait until each topic is heard.
+
+        Raises:
+            TimeoutError: one is not.
+        """
+        end = time.monotonic() + START_TIMEOUT
+        while not all(publisher.get_subscription_count() for publisher, *_ in self._load):
+            if time.monotonic() > end:
+                raise TimeoutError(f"nobody listens to all topics after {START_TIMEOUT:g} s; does a recorder run?")
+            time.sleep(0.05)
+        time.sleep(SETTLING)
+
+    def send(self, rate: float, duration: float) -> int:
+        """Send messages, topic by topic, until the time is over; return how many.
+
+        Args:
+            rate: messages a second of wall-clock time.
+            duration: of the sending, s of wall-clock time.
+        """
+        with ExitStack() as stack:
+            # The handles themselves, which `Publisher.publish` would take and give back for each message.
+            for publisher, *_ in self._load:
+                stack.enter_context(publisher.handle)
+            load = [(publisher.handle.publish_raw, data, stamped) for publisher, data, stamped in self._load]
+            sent, begun = 0, time.monotonic()
+            while (elapsed := time.monotonic() - begun) < duration:
+                for number in range(sent, int(elapsed * rate)):
+                    period, topic = divmod(number, len(load))
+                    publish, data, stamped = load[topic]
+                    publish(_stamped(data, period) if stamped else data)
+                    sent = number + 1
+                time.sleep(PACE)
+        return sent
+
+    def wait_for_arrival(self, longest: float = 20.0) -> None:
+        """Wait until the listeners have all messages, at most so many seconds of wall-clock time."""
+        end = time.monotonic() + longest
+        for publisher, *_ in self._load:
+            publisher.wait_for_all_acked(Duration(seconds=max(end - time.monotonic(), 0.0)))
+
+
+def _stamped(data: bytes, period: int) -> bytes:
+    """Return a message that begins with a header, at another time: 1 s and so many control periods of 10 ms."""
+    seconds, hundredths = divmod(100 + period, 100)
+    return data[:4] + struct.pack("<iI", seconds, hundredths * 10_000_000) + data[12:]
+
+
+def send(bikes: int, rate: float, duration: float, name: str) -> None:
+    """Send as a process of its own, and tell the parent by standard output how far it is.
+
+    Args:
+        bikes: number of bicycles.
+        rate: messages a second of all together.
+        duration: of the sending, s of wall-clock time.
+        name: name of the node and of its topics.
+    """
+    prepare_discovery()
+    with Context() as context:
+        traffic = Traffic(bikes, context, name)
+        try:
+            traffic.wait_for_listeners()
+        except TimeoutError as error:
+            sys.exit(str(error))
+        print("heard on all topics", flush=True)
+        print(traffic.send(rate, duration), flush=True)
+        traffic.wait_for_arrival()
+        traffic.destroy_node()
+
+
+def main() -> None:
+    """Measure and print, or send."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument(
+        "--send", type=float, nargs=3, metavar=("BIKES", "RATE", "DURATION"), help="only send, 1/s and s"
+    )
+    parser.add_argument("--name", default="traffic", help="name of the sending node and of its topics")
+    args = parser.parse_args()
+    if args.send is not None:
+        bikes, rate, duration = args.send
+        send(int(bikes), rate, duration, args.name)
+        return
     for key, value in measure().items():
         print(f"{key:36} {value:,.4g}")
+
+
+if __name__ == "__main__":
+    main()

@@ -195,13 +195,15 @@ def _any_policy(folder: Path) -> str:
     return str(folder / "random")
 
 
-def measure(policy: str | None = None) -> dict[str, Any]:
+def measure(rounds: int = 15, steps: int = 150, duration: float = 6.0) -> dict[str, Any]:
     """Return all figures of this module.
 
     Args:
-        policy: see `actor_latency`.
+        rounds: see `lockstep_speed`.
+        steps: see `lockstep_speed`.
+        duration: see `actor_latency`.
     """
-    return {**lockstep_speed(), **actor_latency(policy)}
+    return {**lockstep_speed(rounds=rounds, steps=steps), **actor_latency(duration=duration)}
 
 
 if __name__ == "__main__":

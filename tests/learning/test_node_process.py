@@ -10,7 +10,7 @@ import pytest
 
 from bike_sim.ros.isolation import DomainLease
 from bike_sim.ros.parent import PARENT_PERIOD
-from bike_training.commands.bench import _load as load_bench
+from bike_training.commands.bench import load_part
 from bike_training.envs.node_process import NodeLost, NodeProcess, tell_all_to_end
 
 PATIENCE = 90.0
@@ -131,7 +131,7 @@ class Silent:
 @pytest.mark.ros
 def test_a_bench_of_a_policy_that_answers_nothing_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("rclpy")
-    ros_speed = load_bench("bench.ros_speed")
+    ros_speed = load_part("ros")
     monkeypatch.setattr(ros_speed, "NodeProcess", Silent)
     monkeypatch.setattr(ros_speed, "LONGEST_START", 0.2)
     with pytest.raises(NodeLost, match=r"^the policy node reported no answers within 0.2 s$"):

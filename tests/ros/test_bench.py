@@ -1,26 +1,52 @@
-"""What `bike bench ros` measures."""
+"""`bike bench`: every part measures, in a short run."""
 
 from __future__ import annotations
 
+import math
+import shutil
+from typing import Any
+
 import pytest
 
-from bike_training.commands.bench import _load as load_bench
+from bike_training.commands.bench import PARTS, load_part
 
 pytestmark = pytest.mark.ros
 
+SHORT: dict[str, dict[str, Any]] = {
+    "physics": {"rounds": 1},
+    "environment": {"scale": 0.02},
+    "ros": {"rounds": 3, "steps": 20, "duration": 0.5},
+    "recorder": {"periods": 20, "rounds": 1, "rates": (500,), "duration": 0.5},
+    "analysis": {"duration": 4.0, "excerpt": 2.0, "distance": 100.0},
+    "live": {"rounds": 1},
+}
 
-def test_lockstep_is_held_against_messages_alone_in_the_same_run(compiled: None) -> None:
-    figures = load_bench("bench.ros_speed").lockstep_speed(rounds=3, steps=20)
-    rates = {name: figures[name] for name in figures if name.endswith("_per_s")}
-    assert len(rates) == 3
-    assert all(rate > 1.0 for rate in rates.values())
-    ratio = "ros_to_empty_rclpy_ratio"
-    assert 0.0 < figures[f"{ratio}_lower_quartile"] <= figures[ratio] <= figures[f"{ratio}_upper_quartile"]
-    assert figures["ros_to_empty_rclpy_cpu_ratio"] > 0.0
+
+@pytest.mark.parametrize("part", PARTS)
+def test_each_part_measures(part: str, compiled: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    module, sizes = load_part(part), SHORT[part]
+    if part == "physics":
+        pytest.importorskip("exudyn")
+    if part == "live":
+        sizes = sizes | {"with_page": shutil.which("chromium") is not None}
+        monkeypatch.setattr(module, "FIRST_REPORTS", 5)
+    if part == "analysis":
+        monkeypatch.setattr(module, "ROUNDS", 1)
+    figures = module.measure(**sizes)
+    numbers = {name: value for name, value in figures.items() if isinstance(value, float)}
+    assert numbers
+    assert all(math.isfinite(value) and value >= 0.0 for value in numbers.values()), numbers
+    if part == "ros":
+        ratio = "ros_to_empty_rclpy_ratio"
+        assert 0.0 < figures[f"{ratio}_lower_quartile"] <= figures[ratio] <= figures[f"{ratio}_upper_quartile"]
+    if part == "analysis":
+        assert figures["hour_messages"] > 4000.0
 
 
 def test_a_peer_that_does_not_come_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    peer = load_bench("bench.ros_peer")
-    monkeypatch.setattr(peer.sys, "executable", "/bin/false")
+    load_part("ros")
+    from bench import ros_peer
+
+    monkeypatch.setattr(ros_peer.sys, "executable", "/bin/false")
     with pytest.raises(RuntimeError, match="does not answer"):
-        peer.Peer()
+        ros_peer.Peer()

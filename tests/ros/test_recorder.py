@@ -398,7 +398,7 @@ def test_ten_bicycles_at_a_hundred_hertz_are_recorded_whole(stage: Any, mouth: A
     folder = tmp_path / "ride"
     recorder = stage.start("bike_sim.ros.record", path=str(folder), max_bag_size=2_000_000)
     mouth.until(mouth.figures)
-    command = [sys.executable, "-m", "bench.traffic", str(BIKES), str(RATE), str(SENT_FOR)]
+    command = [sys.executable, "-m", "bench.recorder_speed", "--send", str(BIKES), str(RATE), str(SENT_FOR)]
     environment = {**os.environ, DOMAIN_VARIABLE: str(stage.domain)}
     root = Path(__file__).parents[2]
     with subprocess.Popen(command, env=environment, cwd=root, stdout=subprocess.PIPE, text=True) as publisher:

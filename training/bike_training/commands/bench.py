@@ -12,23 +12,25 @@ from rich.console import Console
 from rich.table import Table
 
 PARTS: Final = {
-    "physics": ("bench.physics_speed", "physics_speed"),
-    "environment": ("bench.environment_speed", "environment_speed"),
-    "ros": ("bench.ros_speed", "measure"),
-    "start": ("bench.start_up", "measure"),
-    "recorder": ("bench.recorder_speed", "measure"),
-    "analysis": ("bench.analysis_speed", "measure"),
+    "physics": "bench.physics_speed",
+    "environment": "bench.environment_speed",
+    "ros": "bench.ros_speed",
+    "recorder": "bench.recorder_speed",
+    "analysis": "bench.analysis_speed",
+    "live": "bench.live_page",
 }
-"""Parts of the benchmark with module and function."""
-USUAL: Final = ("physics", "environment", "ros", "start")
-"""Parts that are measured where none is named; the analysis first writes an hour of riding, which takes minutes."""
+"""Parts of the benchmark with the module whose function `measure` returns the figures."""
+DEFAULT_PARTS: Final = ("physics", "environment", "ros")
+"""Parts that are measured where none is named; the others take minutes."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.epilog = "examples:\n  bike bench physics environment\n  bike bench analysis --json"
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)} (default: {', '.join(USUAL)})")
+    parser.add_argument(
+        "parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)} (default: {', '.join(DEFAULT_PARTS)})"
+    )
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -37,17 +39,20 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if unknown:
         raise ValueError(f"unknown parts {unknown}; choose from {', '.join(PARTS)}")
     figures: dict[str, Any] = {}
-    for part in args.parts or USUAL:
-        module, function = PARTS[part]
+    for part in args.parts or DEFAULT_PARTS:
         print(f"measuring {part} ...", file=sys.stderr)
-        figures.update(getattr(_load(module), function)())
+        figures.update(load_part(part).measure())
     if not args.json:
         _print(figures)
     return {"schema": "bike.bench/1", "ok": True, "figures": figures}
 
 
-def _load(module: str) -> Any:
-    """Import a module of the folder bench/ of the checkout that this package is run from."""
+def load_part(part: str) -> Any:
+    """Import the module of a part from the folder bench/ of the checkout that this package is run from.
+
+    Raises:
+        FileNotFoundError: there is no such folder.
+    """
     root = Path(__file__).resolve().parents[3]
     if not (root / "bench").is_dir():
         raise FileNotFoundError(
@@ -55,7 +60,7 @@ def _load(module: str) -> Any:
         )
     if str(root) not in sys.path:
         sys.path.insert(0, str(root))
-    return importlib.import_module(module)
+    return importlib.import_module(PARTS[part])
 
 
 def _print(figures: dict[str, Any]) -> None:
