@@ -28,7 +28,9 @@ from bike_analysis.read.columns import MessageSchema
 from bike_analysis.read.reading import read_recording
 from bike_sim.course.files import load_track
 from bike_sim.physics.superbike_engine import TIME_STEP
-from bike_sim.recording import LATCHED, MessageType, Qos, RideRecorder
+from bike_sim.recording.definitions import MessageType
+from bike_sim.recording.metadata import LATCHED, Qos
+from bike_sim.recording.recorder import RideRecorder
 from bike_sim.ros.isolation import DomainLease
 from bike_training.nodes.ride_monitor import ride_recorded
 

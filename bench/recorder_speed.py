@@ -30,14 +30,16 @@ from typing import Any, Final
 import rclpy
 import rclpy.node
 import yaml
+from bike_msgs.msg import BikeCommand, BikeState
 from mcap.writer import Writer
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
-from rclpy.serialization import serialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from rosgraph_msgs.msg import Clock
 
-from bike_sim.recording import CHUNK_BYTES, RideRecorder, message_type
+from bike_sim.recording.definitions import message_type
+from bike_sim.recording.recorder import CHUNK_BYTES, RideRecorder
 from bike_sim.ros import messages, node_tools, standard_messages
 from bike_sim.ros.command_gate import Command
 from bike_sim.ros.isolation import DOMAIN_VARIABLE, DomainLease, prepare_discovery
@@ -278,13 +280,13 @@ def messages_of_a_period() -> dict[str, tuple[type, bytes]]:
     for _ in range(10):
         snapshot = simulator.step(0.0)
     assert simulator.course is not None
-    period = round(simulator.config.control_period * messages.NANOSECONDS)
-    stamp = messages.NANOSECONDS
+    period = round(simulator.config.control_period * node_tools.NANOSECONDS)
+    stamp = node_tools.NANOSECONDS
     episode = messages.Episode.of(simulator.vehicle, simulator.course, request.preview, simulator.config.control_period)
     made = {
-        "state": messages.state_to_message(snapshot, episode, stamp),
-        "command": messages.command_to_message(Command(1, snapshot.step, 0.1)),
-        "clock": Clock(clock=messages.time_to_message(stamp)),
+        "state": deserialize_message(messages.encode_state(snapshot, episode, stamp), BikeState),
+        "command": deserialize_message(messages.encode_command(Command(1, snapshot.step, 0.1)), BikeCommand),
+        "clock": Clock(clock=node_tools.time_to_message(stamp)),
         "course_points": messages.course_points_to_message(snapshot, simulator.course, stamp),
         "lean_history": messages.lean_history_to_message(snapshot, stamp, period),
         "odom": standard_messages.odometry(snapshot, stamp),

@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from bike_sim.recording import LATCHED, Qos, RideRecorder, first_share, message_type, source_share
+from bike_sim.recording.definitions import first_share, message_type, source_share
+from bike_sim.recording.metadata import LATCHED, Qos
+from bike_sim.recording.recorder import RideRecorder
 
 WORKSPACE = Path(__file__).parents[2] / "ros_ws" / "src"
 SHARE = first_share(source_share(WORKSPACE), source_share(Path(sys.prefix) / "share", "/opt/ros/jazzy/share"))

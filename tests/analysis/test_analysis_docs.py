@@ -18,7 +18,7 @@ from bike_analysis.figures.metrics import LapFigures, RideFigures
 from bike_analysis.figures.results import Analysis, RecordingFigures, SpeedFigures
 from bike_analysis.figures.schema import make_schema, shipped_schema
 from bike_analysis.read.tables import TELEMETRY_COLUMNS
-from bike_sim.recording import RideRecorder
+from bike_sim.recording.recorder import RideRecorder
 from bike_training.cli import main
 
 PAGE = (Path(__file__).parents[2] / "docs" / "analysis.md").read_text(encoding="utf-8")
@@ -160,7 +160,7 @@ def test_distance_by_speed_is_a_mean_over_controllers(writer, circle, tmp_path: 
 
 def test_split_recordings_are_read_as_one(writer, circle, tmp_path: Path) -> None:
     """A directory whose metadata lists several files, as rosbag2 and the recorder leave them."""
-    from bike_sim.recording import Split
+    from bike_sim.recording.recorder import Split
 
     whole = writer.write(tmp_path / "whole.mcap", [circle(steps=300)], metadata_file=False)
     writer.write(tmp_path / "parts", [circle(steps=300)], split=Split(max_duration_s=4.0), chunk_bytes=2000)

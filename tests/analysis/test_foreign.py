@@ -21,7 +21,8 @@ from bike_analysis import RecordingError, compare, open_ride
 from bike_analysis.figures.metrics import ride_figures
 from bike_analysis.figures.schema import shipped_schema
 from bike_analysis.read.motion import EARTH_RADIUS
-from bike_sim.recording import MessageType, RideRecorder
+from bike_sim.recording.definitions import MessageType
+from bike_sim.recording.recorder import RideRecorder
 from bike_training.cli import main
 from bike_training.replay.recorded_rides import read_rides
 

@@ -14,7 +14,9 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from bike_sim.recording import Claim, MessageType, RideRecorder, claim_folder
+from bike_sim.recording.definitions import MessageType
+from bike_sim.recording.in_use import Claim, claim_folder
+from bike_sim.recording.recorder import RideRecorder
 from bike_training import cli
 
 NUMBER = MessageType("std_msgs/msg/Float64", "float64 data\n")
@@ -23,7 +25,8 @@ DATA = b"\x00\x01\x00\x00" + bytes(8)
 HOLDS = """
 import sys
 from pathlib import Path
-from bike_sim.recording import RideRecorder, claim_folder
+from bike_sim.recording.in_use import claim_folder
+from bike_sim.recording.recorder import RideRecorder
 kept = claim_folder(Path(sys.argv[2])) if sys.argv[1] == "folder" else RideRecorder(sys.argv[2], overwrite=True)
 print("held", flush=True)
 sys.stdin.read()

@@ -26,7 +26,8 @@ from bike_analysis.read.container import MAGIC, Container, RecordingError
 from bike_analysis.read.files import find_files
 from bike_analysis.read.reading import read_recording
 from bike_analysis.read.tables import States
-from bike_sim.recording import MessageType, RideRecorder, Split, message_type
+from bike_sim.recording.definitions import MessageType, message_type
+from bike_sim.recording.recorder import RideRecorder, Split
 from bike_training.replay.recorded_rides import read_rides
 
 

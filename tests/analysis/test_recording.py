@@ -22,16 +22,9 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import get_types_from_msg
 
-from bike_sim.recording import (
-    MessageType,
-    Qos,
-    RideRecorder,
-    Split,
-    ament_share,
-    first_share,
-    message_type,
-    source_share,
-)
+from bike_sim.recording.definitions import MessageType, ament_share, first_share, message_type, source_share
+from bike_sim.recording.metadata import Qos
+from bike_sim.recording.recorder import RideRecorder, Split
 
 
 def read_with_rosbags(path: Path) -> list[tuple[str, int, object]]:
@@ -222,7 +215,8 @@ def test_a_disk_that_is_full_from_the_start_is_one_clear_error(share, tmp_path: 
 FILLED = """
 import os, resource, sys
 sys.path[:0] = {path!r}
-from bike_sim.recording import MessageType, RideRecorder
+from bike_sim.recording.definitions import MessageType
+from bike_sim.recording.recorder import RideRecorder
 recorder = RideRecorder({file!r}, chunk_bytes=4096, compression="none")
 recorder.add_topic("/blob", MessageType("some_msgs/msg/Blob", "uint64 number\\nuint8[] more\\n"))
 resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, resource.RLIM_INFINITY))
@@ -400,7 +394,8 @@ KILLED = """
 import os, sys, time
 sys.path[:0] = {path!r}
 from pathlib import Path
-from bike_sim.recording import RideRecorder, MessageType
+from bike_sim.recording.definitions import MessageType
+from bike_sim.recording.recorder import RideRecorder
 kind = MessageType("some_msgs/msg/Blob", "float64 x\\n")
 recorder = RideRecorder({file!r}, flush_period_s=0.05)
 recorder.add_topic("/blob", kind)

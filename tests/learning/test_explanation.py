@@ -12,7 +12,8 @@ from bike_policy.contract.action import ActionLayout
 from bike_policy.contract.actor import Actor
 from bike_policy.contract.bundle import Bundle, load_bundle
 from bike_policy.contract.observation import LEAN_LAYOUT, PROP_LAYOUT
-from bike_sim.recording import MessageType, RideRecorder, Split
+from bike_sim.recording.definitions import MessageType
+from bike_sim.recording.recorder import RideRecorder, Split
 from bike_training.cli import main
 from bike_training.explain.drawing import labels
 from bike_training.explain.findings import correlation, state_findings

@@ -18,7 +18,8 @@ from bike_analysis.read.columns import MessageSchema
 from bike_analysis.read.container import Container
 from bike_policy.contract.actor import Actor
 from bike_sim.course.random_paths import PathRanges
-from bike_sim.recording import RideRecorder, message_type
+from bike_sim.recording.definitions import message_type
+from bike_sim.recording.recorder import RideRecorder
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.sim.simulator import Simulator

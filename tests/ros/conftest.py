@@ -36,7 +36,7 @@ from bike_sim.physics.engine import make_engine
 from bike_sim.ros import node_tools
 from bike_sim.ros.command_gate import Command
 from bike_sim.ros.isolation import DISCOVERY_VARIABLE, PROFILES_VARIABLE, DomainLease
-from bike_sim.ros.messages import command_to_message, reset_to_message
+from bike_sim.ros.messages import encode_command, reset_to_message
 from bike_sim.ros.node_settings import SPECS, NodeSettings
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
@@ -163,7 +163,7 @@ class StateProbe(Witness):
     def command(self, state: BikeState, steering: float = 0.0, **changes: Any) -> None:
         """Answer a state, or something near it."""
         values = {"episode": state.episode, "step": state.step, "steering": steering, **changes}
-        self.commands.publish(command_to_message(Command(**values)))
+        self.commands.publish(encode_command(Command(**values)))
 
     def judged(self, verdict: str, state: BikeState, steering: float = 0.0, **changes: Any) -> None:
         """Send a command and wait until the simulator has counted it: its queue holds one, a further takes its place.

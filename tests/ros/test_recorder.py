@@ -30,9 +30,8 @@ from bike_analysis.read.container import Container
 from bike_policy.contract.bundle import DEFAULT_POLICY
 from bike_sim.ros import node_tools
 from bike_sim.ros.isolation import DOMAIN_VARIABLE
-from bike_sim.ros.node_tools import time_to_message
+from bike_sim.ros.node_tools import NANOSECONDS, time_to_message
 from bike_sim.ros.record import SPECS, RecordSettings
-from bike_sim.ros.stamps import NANOSECONDS
 from bike_training.envs.node_process import NodeLost, NodeProcess
 from bike_training.nodes import ride_monitor
 from bike_training.nodes.ride_monitor import START_TIMEOUT, RideMonitor, ride_recorded

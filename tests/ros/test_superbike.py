@@ -24,10 +24,11 @@ from bike_sim.planning.line_cache import track_with_line
 from bike_sim.ros.messages import Episode as MessageEpisode
 from bike_sim.ros.messages import (
     course_points_to_message,
+    decode_state,
+    encode_state,
     snapshot_from_message,
-    state_to_message,
+    telemetry_to_message,
 )
-from bike_sim.ros.telemetry_message import telemetry_to_message
 from bike_sim.sim import look as lk
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
@@ -47,7 +48,7 @@ def test_messages_carry_what_the_rider_sees(circuit: Path) -> None:
         snapshot = machine.step(0.4, 0.2)
     assert machine.course is not None
     episode = MessageEpisode.of(machine.vehicle, machine.course, machine.preview, machine.config.control_period)
-    again = snapshot_from_message(state_to_message(snapshot, episode, 10**9))
+    again = decode_state(encode_state(snapshot, episode, 10**9)).snapshot
     assert_same(again, snapshot)
     rider = ClassicalRider()
     rider.begin(machine.vehicle, machine.course, machine.config.control_period, machine.preview)

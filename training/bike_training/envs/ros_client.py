@@ -24,7 +24,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 
 from bike_sim.course.course import Course
-from bike_sim.ros import messages, node_tools, wire
+from bike_sim.ros import messages, node_tools
 from bike_sim.ros.command_gate import Command
 from bike_sim.ros.isolation import DOMAIN_VARIABLE, DomainLease
 from bike_sim.sim.config import SimulatorConfig
@@ -191,7 +191,7 @@ class RosClient(AbstractContextManager["RosClient"]):
             raise RuntimeError(f"episode {last.episode} ended with a fall in step {last.step}; call reset")
         if not -1.0 <= steering <= 1.0 or not -1.0 <= throttle <= 1.0:
             raise ValueError(f"commands must lie in [-1, 1], got steering {steering!r} and throttle {throttle!r}")
-        command = wire.encode_command(Command(last.episode, last.step, steering, throttle))
+        command = messages.encode_command(Command(last.episode, last.step, steering, throttle))
         self._last = self._exchange(command, last.episode, last.step + 1)
         return self._last
 
@@ -240,7 +240,7 @@ class RosClient(AbstractContextManager["RosClient"]):
                 self._executor.spin_once(timeout_sec=timeout)
         if data is None and self._heard:
             data = self._heard.popleft()
-        return None if data is None else wire.decode_state(data).snapshot
+        return None if data is None else messages.decode_state(data).snapshot
 
     def _on_state(self, message: bytes) -> None:
         self._heard.append(message)
@@ -294,6 +294,6 @@ class _FastReceiver:
             if taken is None:
                 self._wait_set.clear_entities()
                 self._wait_set.add_subscription(self._handle)
-                self._wait_set.wait(max(int(timeout * messages.NANOSECONDS), 0))
+                self._wait_set.wait(max(int(timeout * node_tools.NANOSECONDS), 0))
                 taken = self._handle.take_message(self._type, True)
         return None if taken is None else taken[0]

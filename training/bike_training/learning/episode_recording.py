@@ -25,8 +25,10 @@ from bike_analysis.read.columns import MessageSchema
 from bike_policy.contract.actor import Actor
 from bike_policy.contract.rows import row_of
 from bike_sim.course.random_paths import PathRanges
-from bike_sim.recording import LATCHED, Qos, RideRecorder, message_type
-from bike_sim.ros import messages, wire
+from bike_sim.recording.definitions import message_type
+from bike_sim.recording.metadata import LATCHED, Qos
+from bike_sim.recording.recorder import RideRecorder
+from bike_sim.ros import messages, node_tools
 from bike_sim.ros.command_gate import Command
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
@@ -120,7 +122,7 @@ class EpisodeWriter:
         self._write("episode", messages.episode_start_to_message(request, config, names, number, stamp), stamp)
         self._write("course", messages.course_to_message(simulator.course, number, stamp), stamp)
         self._write_events(self.snapshot)
-        self._write_bytes("state", wire.encode_state(self.snapshot, self._facts, stamp), stamp)
+        self._write_bytes("state", messages.encode_state(self.snapshot, self._facts, stamp), stamp)
 
     def _open(self, path: Path, notes: dict[str, str]) -> None:
         self._recorder = RideRecorder(path, overwrite=True, notes=notes, metadata_file=False)
@@ -148,7 +150,7 @@ class EpisodeWriter:
         before, stamp = self.snapshot, self._stamp_of(self.snapshot)
         self._rides.act(row_of(before), action[None])
         learned = _standing_message(standing)
-        learned.header.stamp = messages.time_to_message(stamp)
+        learned.header.stamp = node_tools.time_to_message(stamp)
         learned.episode, learned.step = before.episode, before.step
         learned.deterministic = deterministic
         learned.feature_names = list(self._task.layout.names)
@@ -175,11 +177,11 @@ class EpisodeWriter:
         """Write the control periods of a decision in the order of time; what was learned stands before its states."""
         for snapshot, given in held:
             stamp = self._stamp_of(before)
-            self._write_bytes("command", wire.encode_command(given, stamp), stamp)
+            self._write_bytes("command", messages.encode_command(given, stamp), stamp)
             if snapshot is held[0][0]:
                 self._write("learning/step", learned, stamp)
             stamp = self._stamp_of(snapshot)
-            self._write_bytes("state", wire.encode_state(snapshot, self._facts, stamp), stamp)
+            self._write_bytes("state", messages.encode_state(snapshot, self._facts, stamp), stamp)
             self._write_events(snapshot)
             before = snapshot
 
@@ -208,7 +210,7 @@ class EpisodeWriter:
 
     def _stamp_of(self, snapshot: Snapshot) -> int:
         """Simulated time of a state, ns. Rides begin after one period, as those of the node do."""
-        return round((snapshot.step + 1) * self._facts.control_period * messages.NANOSECONDS)
+        return round((snapshot.step + 1) * self._facts.control_period * node_tools.NANOSECONDS)
 
     def _write(self, name: str, message: Any, stamp: int) -> None:
         # rclpy leaves excess bytes behind messages with empty arrays, which strict readers refuse.

@@ -24,7 +24,7 @@ from foxglove.websocket import ChannelView, Client, ServerListener, WebSocketSer
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy
 
-from bike_sim.recording import message_type
+from bike_sim.recording.definitions import message_type
 from bike_sim.ros import node_tools
 from bike_sim.ros.raw_subscription import RawSubscription, class_of, matching_qos
 from bike_sim.ros.record import LOOK_PERIOD, SHARED_TOPICS

@@ -20,7 +20,7 @@ from rclpy.node import Node
 
 from bike_analysis.read.messages import Simulation
 from bike_sim.course.course import Course
-from bike_sim.ros import messages, node_tools, wire
+from bike_sim.ros import messages, node_tools
 from bike_sim.ros.raw_subscription import RawSubscription
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.files import load_vehicle
@@ -163,7 +163,7 @@ class LiveWatch(LiveThread):
         if self._latest is not None and self._ready():
             sent, data = self._latest
             self._latest = None
-            snapshot = wire.decode_state(data).snapshot
+            snapshot = messages.decode_state(data).snapshot
             if self._start is not None and snapshot.episode == self._start.episode:
                 self._show(snapshot, sent)
         for event in self._events:

@@ -23,9 +23,8 @@ from bike_policy.riders.making import bundle_of, make_rider
 from bike_policy.riders.rider import Rider
 from bike_sim.ros import node_tools
 from bike_sim.ros.command_gate import Command
-from bike_sim.ros.messages import course_from_message
+from bike_sim.ros.messages import StateMessage, course_from_message, decode_state, encode_command
 from bike_sim.ros.node_tools import CannotGoOn, ParameterSpec
-from bike_sim.ros.wire import StateMessage, decode_state, encode_command
 from bike_sim.sim.disturbances import load_disturbances
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.files import load_vehicle

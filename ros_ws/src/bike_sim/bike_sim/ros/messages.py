@@ -1,44 +1,52 @@
-"""Core types as messages of ``bike_msgs`` and back; states and commands travel by `bike_sim.ros.wire`.
+"""Core types as messages of ``bike_msgs`` and back.
 
-Floating-point numbers cross unchanged, so a ride is the same bit for bit on both sides. Arrays travel as
-``array.array``, which the generated classes take without looking at each element.
+Floating-point numbers cross unchanged, so a ride is the same bit for bit on both sides. States and commands pass in
+every control step: they travel as bytes, which the type store of `rosbags` writes and reads with the installed
+definitions, without a message object of rclpy between. Everything else fills the generated classes; arrays travel as
+``array.array``, which those take without looking at each element.
 """
 
 from __future__ import annotations
 
+import struct
 from array import array
 from collections.abc import Sequence
 from dataclasses import fields
-from typing import Any, Final
+from operator import attrgetter
+from typing import Any, Final, NamedTuple
 
 import numpy as np
-from bike_msgs.msg import BikeCommand, BikeState, CoursePoints, EpisodeStart, LeanHistory, RideEvent
 from bike_msgs.msg import Course as CourseMessage
+from bike_msgs.msg import CoursePoints, EpisodeStart, LeanHistory, RideEvent, Telemetry
 from bike_msgs.srv import Reset
 from geometry_msgs.msg import Point
 from numpy.typing import NDArray
-from rclpy.serialization import deserialize_message, serialize_message
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from bike_sim.course import projection
 from bike_sim.course.course import Course
 from bike_sim.course.random_paths import PathRanges
 from bike_sim.physics import state as st
+from bike_sim.recording.definitions import message_type
 from bike_sim.ros.command_gate import Command
-from bike_sim.ros.stamps import NANOSECONDS as NANOSECONDS
-from bike_sim.ros.stamps import stamp_message
-from bike_sim.ros.stamps import time_from_message as time_from_message
-from bike_sim.ros.stamps import time_to_message as time_to_message
-from bike_sim.ros.wire import BASE_FRAME as BASE_FRAME
-from bike_sim.ros.wire import MAP_FRAME as MAP_FRAME
-from bike_sim.ros.wire import Episode as Episode
-from bike_sim.ros.wire import decode_state, encode_command, encode_state
+from bike_sim.ros.node_tools import NANOSECONDS, time_to_message
+from bike_sim.schema import BIKE_STATE, FLAG, LIMITS, LOOK, SIGNALS, STATE, TELEMETRY
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
-from bike_sim.sim.events import Event, EventKind
+from bike_sim.sim.events import Event, EventKind, WallHit
 from bike_sim.sim.request import Preview, ResetRequest
-from bike_sim.sim.snapshot import Snapshot
+from bike_sim.sim.snapshot import CircuitView, Snapshot
+from bike_sim.vehicles.bicycle import Vehicle
+from bike_sim.vehicles.superbike import Superbike
 
 FloatArray = NDArray[np.float64]
+
+MAP_FRAME: Final = "map"
+BASE_FRAME: Final = "base_link"
+
+STATE_TYPE: Final = "bike_msgs/msg/BikeState"
+COMMAND_TYPE: Final = "bike_msgs/msg/BikeCommand"
 
 _OWN: Final = -1.0
 """What line and progress of a reset say to keep the simulator's own."""
@@ -52,29 +60,255 @@ _RANGE_FIELDS: Final = (
     "quintic_width_max",
 )
 
+# ------------------------------------------------------------------------------------------------------------ bytes
+
+_STORE: Final = get_typestore(Stores.EMPTY)
+for _kind in (STATE_TYPE, COMMAND_TYPE):
+    _STORE.register(
+        {
+            name: definition
+            for name, definition in get_types_from_msg(message_type(_kind).definition, _kind).items()
+            if name not in _STORE.types
+        }
+    )
+_MESSAGES: Final[dict[str, Any]] = dict(_STORE.types)
+_State, _Command = _MESSAGES[STATE_TYPE], _MESSAGES[COMMAND_TYPE]
+_Event, _Header = _MESSAGES["bike_msgs/msg/RideEvent"], _MESSAGES["std_msgs/msg/Header"]
+_Time = _MESSAGES["builtin_interfaces/msg/Time"]
+
+if not {*BIKE_STATE.names} <= {*_State.__dataclass_fields__}:
+    raise ImportError("the installed bike_msgs/BikeState is another version than this software; build the workspace")
+
+_minimal_state = attrgetter(*STATE.names)
+_derived = attrgetter(*LOOK.names)
+_beyond = attrgetter(*LIMITS.names[lk.OUTSIDE :])
+
+_EMPTY: Final = np.zeros(0)
+_NO_LIMITS: Final = (0.0, 0.0, 0.0, 0.0)
+
+
+def _encode(message: Any, kind: str) -> bytes:
+    return bytes(_STORE.serialize_cdr(message, kind))
+
+
+def _decode(data: bytes, kind: str) -> Any:
+    """Return a message of the type store; bytes after its last field are ignored.
+
+    Raises:
+        ValueError: the bytes are not such a message.
+    """
+    if len(data) < 4 or bytes(data[:2]) not in (b"\0\0", b"\0\1"):
+        raise ValueError(f"{len(data)} bytes are not a message in plain CDR")
+    definition = _STORE.get_msgdef(kind)
+    read = definition.deserialize_cdr_le if data[1] else definition.deserialize_cdr_be
+    body = bytearray(memoryview(data)[4:])  # a copy, in which arrays of numbers are aligned and may be written
+    try:
+        return read(body, 0, definition.cls, _STORE)[0]
+    except (SerdeError, struct.error, ValueError) as error:
+        raise ValueError(f"{len(data)} bytes are not a message of type {kind}: {error}") from error
+
+
+def _header(stamp: int, frame: str) -> Any:
+    sec, nanosec = divmod(stamp, NANOSECONDS)
+    return _Header(stamp=_Time(sec=sec, nanosec=nanosec), frame_id=frame)
+
+
+def time_from_message(stamp: Any) -> int:
+    """Return the nanoseconds of a time stamp."""
+    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
+
 
 # ------------------------------------------------------------------------------------------------------------ state
 
 
-def state_to_message(snapshot: Snapshot, episode: Episode, stamp: int) -> BikeState:
-    """Return the message of a snapshot; see `bike_sim.ros.wire.encode_state`, which makes its bytes.
+class Episode(NamedTuple):
+    """Constants of an episode's states.
+
+    Attributes:
+        vehicle: name of the vehicle that rides.
+        steering_limit: its largest steering set point, or the stop, rad.
+        control_period: s.
+        course_length: m.
+        course_closed: whether the course ends where it begins.
+        preview: which points of the line ahead are seen.
+    """
+
+    vehicle: str
+    steering_limit: float
+    control_period: float
+    course_length: float
+    course_closed: bool
+    preview: Preview
+
+    @classmethod
+    def of(cls, vehicle: Vehicle, course: Course, preview: Preview, period: float) -> Episode:
+        """Return the constants of an episode with a control period (s)."""
+        return cls(vehicle.name, float(vehicle.max_steer), float(period), course.length, course.closed, preview)
+
+
+class StateMessage(NamedTuple):
+    """A received state.
+
+    Attributes:
+        snapshot: of the state.
+        stamp: simulated time, ns.
+        episode: that it belongs to.
+    """
+
+    snapshot: Snapshot
+    stamp: int
+    episode: Episode
+
+
+def encode_state(snapshot: Snapshot, episode: Episode, stamp: int) -> bytes:
+    """Return the bytes of ``bike_msgs/BikeState``.
 
     Args:
         snapshot: to be sent.
         episode: that it belongs to.
         stamp: simulated time, ns.
     """
-    return deserialize_message(encode_state(snapshot, episode, stamp), BikeState)
+    view, preview, header = snapshot.circuit, episode.preview, _header(stamp, MAP_FRAME)
+    outside, off_track_time, wall_energy, wrong_way = _NO_LIMITS if view is None else view.limits[lk.OUTSIDE :].tolist()
+    hit = None if view is None else view.wall
+    message = _State(
+        header=header,
+        episode=snapshot.episode,
+        step=snapshot.step,
+        control_period=episode.control_period,
+        vehicle=episode.vehicle,
+        steering_limit=episode.steering_limit,
+        **dict(zip(STATE.names, snapshot.state.tolist(), strict=True)),
+        **dict(zip(LOOK.names, snapshot.look.tolist(), strict=True)),
+        steering_command=snapshot.steering,
+        throttle_command=snapshot.throttle,
+        steer_torque=snapshot.steer_torque,
+        course_length=episode.course_length,
+        course_closed=episode.course_closed,
+        preview_by_time=preview.by_time,
+        preview_interval=preview.interval,
+        preview_x=snapshot.preview_x,
+        preview_y=snapshot.preview_y,
+        roll_history=np.array(snapshot.roll_history, dtype=np.float64),
+        steer_history=np.array(snapshot.steer_history, dtype=np.float64),
+        fallen=snapshot.fallen,
+        off_course=snapshot.off_course,
+        finished=snapshot.finished,
+        fall=snapshot.fall,
+        signals=snapshot.signals,
+        centre_place=_EMPTY if view is None else view.place,
+        outside=outside,
+        limit_margins=_EMPTY if view is None else view.limits[: lk.OUTSIDE],
+        off_track_time=off_track_time,
+        wall_energy=wall_energy,
+        wrong_way=wrong_way != 0.0,
+        course_points=_EMPTY if view is None else view.points.ravel(),
+        wall_hit=_EMPTY if hit is None else np.array((hit.speed, hit.angle, hit.energy)),
+        events=[
+            _Event(
+                header=header,
+                episode=snapshot.episode,
+                step=snapshot.step,
+                kind=int(event.kind),
+                time=float(event.time),
+                progress=float(event.progress),
+                value=float(event.value),
+                text=event.text,
+            )
+            for event in snapshot.events
+        ],
+    )
+    return _encode(message, STATE_TYPE)
 
 
-def snapshot_from_message(message: BikeState) -> Snapshot:
-    """Return the snapshot in a message, bit for bit."""
-    return decode_state(serialize_message(message)).snapshot
+def decode_state(data: bytes) -> StateMessage:
+    """Return snapshot and episode of a state, bit for bit.
+
+    Raises:
+        ValueError: the bytes are not a state.
+    """
+    message = _decode(data, STATE_TYPE)
+    preview = Preview(message.preview_by_time, message.preview_interval, len(message.preview_x))
+    episode = Episode(
+        message.vehicle,
+        message.steering_limit,
+        message.control_period,
+        message.course_length,
+        message.course_closed,
+        preview,
+    )
+    return StateMessage(snapshot_from_message(message), time_from_message(message.header.stamp), episode)
 
 
-def command_to_message(command: Command, state_stamp: int = 0) -> BikeCommand:
-    """Return the message of a command, which answers a state with a stamp (ns)."""
-    return deserialize_message(encode_command(command, state_stamp), BikeCommand)
+def snapshot_from_message(message: Any) -> Snapshot:
+    """Return the snapshot in a ``bike_msgs/BikeState`` of rclpy or of the type store, bit for bit.
+
+    Raises:
+        ValueError: arrays that do not fit each other.
+    """
+    preview_x, preview_y = np.asarray(message.preview_x), np.asarray(message.preview_y)
+    rolls, steers = message.roll_history, message.steer_history
+    if len(preview_x) != len(preview_y) or len(rolls) != len(steers):
+        raise ValueError("a state whose preview or lean history has columns of different length")
+    return Snapshot(
+        episode=message.episode,
+        step=message.step,
+        time=message.step * message.control_period,
+        state=np.array(_minimal_state(message)),
+        look=np.array(_derived(message)),
+        steering=message.steering_command,
+        throttle=message.throttle_command,
+        steer_torque=message.steer_torque,
+        preview_x=preview_x,
+        preview_y=preview_y,
+        roll_history=tuple(rolls.tolist()),
+        steer_history=tuple(steers.tolist()),
+        fallen=message.fallen,
+        off_course=message.off_course,
+        finished=message.finished,
+        fall=message.fall,
+        signals=np.asarray(message.signals),
+        circuit=_circuit_view(message) if len(message.centre_place) else None,
+        events=tuple(map(event_from_message, message.events)) if message.events else (),
+    )
+
+
+def _circuit_view(message: Any) -> CircuitView:
+    place, margins, wall = (
+        np.asarray(part) for part in (message.centre_place, message.limit_margins, message.wall_hit)
+    )
+    if len(place) != lk.PLACE_SIZE or len(margins) != lk.OUTSIDE or len(wall) not in (0, len(fields(WallHit))):
+        raise ValueError(f"a state with {len(place)} places, {len(margins)} margins and {len(wall)} numbers of a wall")
+    limits = np.array((*margins, *map(float, _beyond(message))))
+    points = np.asarray(message.course_points).reshape(3, -1, 3)
+    return CircuitView(place, limits, points, WallHit(*wall.tolist()) if len(wall) else None)
+
+
+def encode_command(command: Command, state_stamp: int = 0) -> bytes:
+    """Return the bytes of ``bike_msgs/BikeCommand``.
+
+    Args:
+        command: the command.
+        state_stamp: stamp of the state that it answers, ns.
+    """
+    message = _Command(
+        header=_header(state_stamp, ""),
+        episode=command.episode,
+        step=command.step,
+        steering=float(command.steering),
+        throttle=float(command.throttle),
+    )
+    return _encode(message, COMMAND_TYPE)
+
+
+def decode_command(data: bytes) -> Command:
+    """Return the command of a message.
+
+    Raises:
+        ValueError: the bytes are not a command.
+    """
+    message = _decode(data, COMMAND_TYPE)
+    return Command(message.episode, message.step, message.steering, message.throttle)
 
 
 # ------------------------------------------------------------------------------------------------------------ reset
@@ -225,7 +459,7 @@ def course_points_to_message(snapshot: Snapshot, course: Course, stamp: int) -> 
         stamp: simulated time, ns.
     """
     message = CoursePoints()
-    stamp_message(message, snapshot, stamp, BASE_FRAME)
+    _stamp_message(message, snapshot, stamp, BASE_FRAME)
     message.progress = float(snapshot.look[lk.PROGRESS])
     message.lateral_error = float(snapshot.look[lk.LATERAL_ERROR])
     message.heading_error = float(snapshot.look[lk.HEADING_ERROR])
@@ -269,7 +503,7 @@ def lean_history_to_message(snapshot: Snapshot, stamp: int, period: int) -> Lean
         period: control period, ns.
     """
     message = LeanHistory()
-    stamp_message(message, snapshot, stamp, BASE_FRAME)
+    _stamp_message(message, snapshot, stamp, BASE_FRAME)
     count = len(snapshot.roll_history)
     message.stamps = [time_to_message(stamp - (count - 1 - k) * period) for k in range(count)]
     message.roll = array("d", snapshot.roll_history)
@@ -291,7 +525,7 @@ def event_to_message(event: Event, snapshot: Snapshot, stamp: int) -> RideEvent:
         stamp: simulated time of the snapshot, ns.
     """
     message = RideEvent()
-    stamp_message(message, snapshot, stamp, MAP_FRAME)
+    _stamp_message(message, snapshot, stamp, MAP_FRAME)
     message.kind = int(event.kind)
     message.time = float(event.time)
     message.progress = float(event.progress)
@@ -300,9 +534,57 @@ def event_to_message(event: Event, snapshot: Snapshot, stamp: int) -> RideEvent:
     return message
 
 
-def event_from_message(message: RideEvent) -> Event:
+def event_from_message(message: Any) -> Event:
     """Return the event in a message."""
     return Event(EventKind(message.kind), message.time, message.progress, message.value, message.text)
+
+
+# -------------------------------------------------------------------------------------------------------- telemetry
+
+_COPIED: Final = tuple((q.name, SIGNALS.index(q.signal), q.unit == FLAG) for q in TELEMETRY if q.signal)
+"""Fields that carry a signal: name, place of the signal, whether it is a flag."""
+
+_REAR_LOAD, _FRONT_LOAD = SIGNALS.index("rear_load"), SIGNALS.index("front_load")
+_DRIVE, _REAR_BRAKE, _FRONT_BRAKE = (SIGNALS.index(name) for name in ("drive_torque", "rear_brake", "front_brake"))
+
+
+def telemetry_to_message(snapshot: Snapshot, vehicle: Superbike, stamp: int) -> Telemetry:
+    """Return tyres, engine, brakes and electronics of a superbike.
+
+    Args:
+        snapshot: to be sent.
+        vehicle: the superbike; its radii turn torques into forces.
+        stamp: simulated time, ns.
+    """
+    message = Telemetry()
+    _stamp_message(message, snapshot, stamp, BASE_FRAME)
+    measured = snapshot.signals.tolist()
+    for name, place, is_flag in _COPIED:
+        setattr(message, name, measured[place] != 0.0 if is_flag else measured[place])
+    message.engine_force = measured[_DRIVE] / vehicle.rR
+    message.rear_brake_force = measured[_REAR_BRAKE] / vehicle.rR
+    message.front_brake_force = measured[_FRONT_BRAKE] / vehicle.rF
+    message.rear_contact_lost = measured[_REAR_LOAD] <= 0.0
+    message.front_contact_lost = measured[_FRONT_LOAD] <= 0.0
+    return message
+
+
+# ---------------------------------------------------------------------------------------------------------- helpers
+
+
+def _stamp_message(message: Any, snapshot: Snapshot, stamp: int, frame: str) -> None:
+    """Fill header, episode and step of a message.
+
+    Args:
+        message: with these fields.
+        snapshot: that the message describes.
+        stamp: simulated time, ns.
+        frame: name of the frame of its coordinates.
+    """
+    message.header.stamp = time_to_message(stamp)
+    message.header.frame_id = frame
+    message.episode = snapshot.episode
+    message.step = snapshot.step
 
 
 def _floats(values: Sequence[float] | FloatArray) -> array[float]:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any, Final, NoReturn
 
 import rclpy
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
@@ -30,8 +31,10 @@ from rclpy.timer import Timer
 from bike_sim.ros.isolation import prepare_discovery
 from bike_sim.ros.parent import PARENT_PERIOD, parent_is_gone
 from bike_sim.ros.shared_memory import remove_leftovers
-from bike_sim.ros.stamps import time_to_message
 from bike_sim.ros.stream_loop import StreamLoop
+
+NANOSECONDS: Final = 1_000_000_000
+"""Of a second."""
 
 NAMESPACE: Final = "bike"
 """Namespace of the nodes unless ``__ns`` is remapped."""
@@ -373,3 +376,9 @@ def _figure(value: object) -> str:
 def wall_timer(node: Node, period: float, callback: Callable[[], object]) -> Timer:
     """Call back every so many seconds of wall-clock time, whatever the simulated time does."""
     return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+
+def time_to_message(nanoseconds: int) -> Time:
+    """Return a time stamp."""
+    seconds, rest = divmod(nanoseconds, NANOSECONDS)
+    return Time(sec=seconds, nanosec=rest)

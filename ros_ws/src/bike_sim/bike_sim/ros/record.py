@@ -19,11 +19,11 @@ from typing import Any, Final, NoReturn
 import rclpy.node
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from bike_sim.recording import CHUNK_BYTES, FLUSH_PERIOD_S, MessageType, RideRecorder, Split, message_type
+from bike_sim.recording.definitions import MessageType, message_type
+from bike_sim.recording.recorder import CHUNK_BYTES, FLUSH_PERIOD_S, RideRecorder, Split
 from bike_sim.ros import node_tools
-from bike_sim.ros.node_tools import CannotGoOn, ParameterSpec
+from bike_sim.ros.node_tools import NANOSECONDS, CannotGoOn, ParameterSpec
 from bike_sim.ros.raw_subscription import RawSubscription, asks_too_much, class_of, described_qos, matching_qos
-from bike_sim.ros.stamps import NANOSECONDS
 
 SIMULATED, WALL = "simulated", "wall"
 

@@ -36,18 +36,19 @@ from bike_sim.course.course import Course
 from bike_sim.ros import node_tools, standard_messages
 from bike_sim.ros.command_gate import Command, CommandCounts, CommandGate, Verdict
 from bike_sim.ros.messages import (
-    NANOSECONDS,
     Episode,
     course_points_to_message,
     course_to_message,
+    decode_command,
+    encode_state,
     episode_start_to_message,
     event_to_message,
     lean_history_to_message,
     reset_from_message,
-    time_to_message,
+    telemetry_to_message,
 )
 from bike_sim.ros.node_settings import END, FALL, LOCKSTEP, SPECS, NodeSettings
-from bike_sim.ros.wire import decode_command, encode_state
+from bike_sim.ros.node_tools import NANOSECONDS, time_to_message
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import DIVERGED, Snapshot
@@ -145,8 +146,6 @@ class SimNode(rclpy.node.Node):
         extra(LeanHistory, "lean_history", lambda s: lean_history_to_message(s, self._stamp, self._period))
         machine = self._simulator.vehicle
         if isinstance(machine, Superbike):
-            from bike_sim.ros.telemetry_message import telemetry_to_message  # late: bicycles are spared the tyres
-
             extra(Telemetry, "telemetry", lambda s: telemetry_to_message(s, machine, self._stamp))
         extra(Odometry, "odom", lambda s: standard_messages.odometry(s, self._stamp))
         # The same as on /tf, for viewers of recordings made where tf2_msgs is missing.

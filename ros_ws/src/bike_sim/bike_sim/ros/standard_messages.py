@@ -15,7 +15,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from bike_sim.course.course import Course
 from bike_sim.physics import state as st
-from bike_sim.ros.messages import BASE_FRAME, MAP_FRAME, time_to_message
+from bike_sim.ros.messages import BASE_FRAME, MAP_FRAME
+from bike_sim.ros.node_tools import time_to_message
 from bike_sim.sim import look as lk
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.bicycle import Vehicle
