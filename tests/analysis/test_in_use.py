@@ -140,7 +140,7 @@ def test_where_there_are_no_locks_nothing_is_refused(tmp_path: Path, monkeypatch
         pass
 
 
-@pytest.mark.parametrize("words", [["ride"], ["lap", "--nodes"]])
+@pytest.mark.parametrize("words", [["ride"], ["ride", "--course", "barcelona", "--nodes"]])
 def test_a_ride_in_a_folder_in_use_ends_with_one_line(
     words: list[str], elsewhere, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

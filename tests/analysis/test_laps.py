@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bike_analysis import compare, open_ride
-from bike_analysis.commands.analyze import text_of
 from bike_analysis.figures.lap_recording import Theory, load_laps
 from bike_analysis.figures.numbers import best_sectors_together, lap_text
 from bike_analysis.figures.track_limits import time_outside
@@ -21,6 +20,7 @@ from bike_analysis.report import analyze
 from bike_sim.course.course import Course
 from bike_sim.course.elements import Arc
 from bike_sim.course.track import Track
+from bike_training.commands.analyze import text_of
 
 LENGTH = 20.0 * np.pi
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import re
 import shutil
@@ -20,11 +19,12 @@ from hypothesis.extra import numpy as hnp
 from PIL import Image
 
 from bike_analysis import RecordingError, find_rides, read_recording
-from bike_analysis.commands import analyze as command
 from bike_analysis.page import ride_page
 from bike_analysis.page.plots import overview_figure, thin
 from bike_analysis.page.ride_view import ride_view
 from bike_analysis.report import analyze
+from bike_training import cli
+from bike_training.commands import analyze as command
 
 
 @pytest.fixture(scope="module")
@@ -195,10 +195,7 @@ def test_torn_recordings_say_so_on_the_page(recorded: Path, tmp_path: Path) -> N
 
 
 def run_command(*words: str) -> dict:
-    parser = argparse.ArgumentParser()
-    command.configure(parser)
-    parser.add_argument("--json", action="store_true")
-    return command.run(parser.parse_args(words))
+    return command.run(cli.parse("analyze", words))
 
 
 def test_command_prints_a_table_and_writes_beside_the_recording(recorded: Path, tmp_path: Path, capsys) -> None:
@@ -256,7 +253,7 @@ def test_command_refuses_what_is_no_ride(tmp_path: Path) -> None:
 def test_nothing_here_needs_ros() -> None:
     """Reading and reporting load neither rclpy nor a message package."""
     code = (
-        "import sys, bike_analysis.report, bike_analysis.commands.analyze, bike_sim.recording;"
+        "import sys, bike_analysis.report, bike_training.commands.analyze, bike_sim.recording;"
         "sys.exit(any(m.split('.')[0] in ('rclpy', 'bike_msgs', 'rosidl_parser') for m in sys.modules))"
     )
     paths = [str(Path(__file__).parents[2] / p) for p in ("analysis", "ros_ws/src/bike_sim")]

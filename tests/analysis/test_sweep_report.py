@@ -142,9 +142,9 @@ def test_figures_are_those_of_the_table_and_the_same_each_time(sweep: Path) -> N
 
 
 def test_the_command_is_not_ok_while_a_run_is_missing(sweep: Path, capsys) -> None:
-    assert main(["report", str(sweep), "--json"]) == 1
+    assert main(["analyze", str(sweep), "--json"]) == 1
     answer = json.loads(capsys.readouterr().out)
-    assert (answer["schema"], answer["ok"], answer["figures"]["finished"]) == ("bike.report/1", False, 9)
+    assert (answer["schema"], answer["ok"], answer["figures"]["finished"]) == ("bike.analyze_sweep/1", False, 9)
 
 
 def test_duckdb_reads_the_tables(sweep: Path) -> None:
@@ -153,12 +153,12 @@ def test_duckdb_reads_the_tables(sweep: Path) -> None:
     assert duckdb.sql(query).fetchall() == [("failed", 1), ("finished", 9)]
 
 
-@pytest.mark.parametrize(("name", "words"), [(None, "holds no sweep"), ("x", "cannot be read")])
+@pytest.mark.parametrize(("name", "words"), [(None, "no .mcap file"), ("x", "cannot be read")])
 def test_what_is_no_sweep_is_told_in_one_line(name, words: str, tmp_path: Path, capsys) -> None:
     if name:
         for table in (RUNS_TABLE, CURVES_TABLE):
             (tmp_path / table).write_text(name)
-    assert main(["report", str(tmp_path)]) == 2
+    assert main(["analyze", str(tmp_path)]) == 2
     err = capsys.readouterr().err
     assert words in err
     assert err.count("\n") == 1

@@ -1,4 +1,4 @@
-"""`bike course`, as a shell calls it."""
+"""`bike validate --course`, as a shell calls it."""
 
 import json
 
@@ -15,11 +15,11 @@ def ring(tmp_path, shapes):
 
 
 def test_sound_file_passes_with_its_figures(ring, capsys):
-    assert cli.main(["course", "check", str(ring), "--json"]) == 0
+    assert cli.main(["validate", "--course", str(ring), "--json"]) == 0
     out = capsys.readouterr().out
     result = json.loads(out)
     figures = result["figures"]
-    assert result["schema"] == "bike.course/1"
+    assert result["schema"] == "bike.validate_course/1"
     assert result["ok"] is True
     assert figures["length_m"] == pytest.approx(1040.0, rel=0.1)
     assert (figures["width_min_m"], figures["width_max_m"]) == pytest.approx((9.0, 9.0))
@@ -29,7 +29,7 @@ def test_sound_file_passes_with_its_figures(ring, capsys):
 
 def test_broken_file_is_one_line_on_standard_error(ring, capsys):
     ring.write_text(ring.read_text().replace("4.0,5.0", "4.0,nan", 1))
-    assert cli.main(["course", "check", str(ring), "--json"]) == 2
+    assert cli.main(["validate", "--course", str(ring), "--json"]) == 2
     out, err = capsys.readouterr()
     assert out == ""
     assert err.count("\n") == 1
@@ -38,12 +38,12 @@ def test_broken_file_is_one_line_on_standard_error(ring, capsys):
 
 
 def test_missing_file_is_named(tmp_path, capsys):
-    assert cli.main(["course", "check", str(tmp_path / "nowhere.csv")]) == 2
+    assert cli.main(["validate", "--course", str(tmp_path / "nowhere.csv")]) == 2
     assert "nowhere.csv" in capsys.readouterr().err
 
 
 def test_plot_is_a_picture(ring, tmp_path, capsys):
-    assert cli.main(["course", "plot", str(ring), "--out", str(tmp_path / "pictures")]) == 0
+    assert cli.main(["validate", "--course", str(ring), "--out", str(tmp_path / "pictures")]) == 0
     picture = (tmp_path / "pictures" / "ring.png").read_bytes()
     assert picture[:4] == b"\x89PNG"
     assert len(picture) > 20_000

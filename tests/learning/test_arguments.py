@@ -1,10 +1,177 @@
 """What a command refuses before it starts anything: one line that names the option and the value, and exit code 2."""
 
+from pathlib import Path
+
 import pytest
 
-from bike_training.cli import main
+from bike_training import cli
+from bike_training.commands import declarations as dc
+from bike_training.commands.declarations import COMMANDS, RENAMED, RENAMED_OPTIONS
+from bike_training.learning.refinement_files import TABLE
 
-pytest.importorskip("rclpy")
+SUBJECTS = {
+    "ride": {
+        dc.BICYCLE: [],
+        dc.SUPERBIKE: ["--vehicle", "r1"],
+        dc.NODES: ["--vehicle", "r1", "--nodes"],
+        dc.ALL: ["--all"],
+    },
+    "train": {
+        dc.BICYCLE: ["--out", "never"],
+        dc.SUPERBIKE: ["r1", "--out", "never"],
+        dc.RESUMED: ["--out", "never", "--resume"],
+        dc.REFINEMENT: ["--out", "never", "--preset", "exact"],
+    },
+    "evaluate": {dc.BICYCLE: ["whipple"], dc.SUPERBIKE: ["racer"], dc.CLASSICAL: ["classical"]},
+    "analyze": {
+        dc.RECORDING: ["ride.mcap"],
+        dc.REPLAY: ["ride.mcap", "--replay"],
+        dc.EXPLANATION: ["ride.mcap", "--explain"],
+        dc.RUNS: ["run"],
+        dc.SWEEP: ["sweep"],
+    },
+    "live": {dc.BICYCLE: [], dc.SUPERBIKE: ["--vehicle", "r1"], dc.ATTACHED: ["--attach"]},
+    "sweep": {dc.WORK: ["seeds.yaml", "--out", "never"]},
+    "validate": {
+        dc.BICYCLE: [],
+        dc.SUPERBIKE: ["--vehicle", "superbikes"],
+        dc.CIRCUIT: ["--course", "barcelona"],
+    },
+    "bench": {dc.WORK: []},
+    "export": {dc.RUN: ["run"], dc.REFINED: ["refined"]},
+    "reproduce": {
+        dc.LEARNING: ["bicycle", "--out", "never"],
+        dc.DATA: ["bicycle", "--out", "never", "--data", "data"],
+    },
+}
+"""Words that make each command be about each of its subjects."""
+
+SELECTING = {"--all", "--nodes", "--resume", "--replay", "--explain", "--attach", "--course", "--data"}
+"""Options that choose the subject of their command, so that none of another subject can be given beside them."""
+
+
+@pytest.fixture
+def folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Folders by which a command knows what it is about."""
+    for name in ("run/run.json", "sweep/runs.parquet", f"refined/{TABLE}"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    monkeypatch.chdir(tmp_path)
+
+
+PAIRS = [(command, subject) for command, subjects in SUBJECTS.items() for subject in subjects]
+
+
+def test_the_table_has_all_commands_and_subjects() -> None:
+    assert {name: set(command.functions) for name, command in COMMANDS.items()} == {
+        name: set(subjects) for name, subjects in SUBJECTS.items()
+    }
+
+
+@pytest.mark.parametrize(("command", "subject"), PAIRS)
+def test_options_apply_to_the_subject_or_are_refused_by_name(command, subject, folders, tmp_path, capsys) -> None:
+    words = SUBJECTS[command][subject]
+    assert cli.parse(command, words).subject == subject
+    parser = COMMANDS[command].parser(command)
+    value = {"type": "1", "choices": None}
+    for option in parser.options.values():
+        if subject in option.defaults or not option.flag.startswith("--") or option.flag in SELECTING:
+            continue
+        action = next(action for action in parser._actions if action.dest == option.dest)
+        given = [] if action.nargs == 0 else [str(next(iter(action.choices))) if action.choices else value["type"]]
+        if option.flag == "--compare":
+            given = ["lqr"]
+        before = sorted(tmp_path.iterdir())
+        assert cli.main([command, *words, option.flag, *given]) == 2, option.flag
+        error = capsys.readouterr().err
+        assert error.startswith(f"bike {command}: "), error
+        assert option.flag in error
+        assert error.count("\n") == 1
+        assert sorted(tmp_path.iterdir()) == before
+
+
+@pytest.mark.parametrize(("command", "subject"), PAIRS)
+def test_every_option_that_applies_has_its_default(command, subject, folders) -> None:
+    args = cli.parse(command, SUBJECTS[command][subject])
+    assert set(COMMANDS[command].parser(command).options) | {"json", "subject"} == set(vars(args))
+
+
+def test_options_of_bicycles_are_not_dropped_beside_a_superbike(capsys) -> None:
+    options = (
+        ["--disturbances", "delay_150"],
+        ["--time-step", "0.004"],
+        ["--engine", "pybullet"],
+        ["--compare", "lqr"],
+    )
+    for words in options:
+        assert cli.main(["evaluate", "racer", *words]) == 2
+        assert words[0] in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", RENAMED)
+def test_a_former_command_names_what_does_its_work(name, capsys) -> None:
+    assert cli.main([name, "whatever", "--json"]) == 2
+    error = capsys.readouterr().err
+    assert error == f"bike: {name} is now: {RENAMED[name]}\n"
+    assert error.split()[5] in COMMANDS
+
+
+@pytest.mark.parametrize(("command", "flag"), RENAMED_OPTIONS)
+def test_a_former_option_names_what_stands_for_it(command, flag, folders, capsys) -> None:
+    first = next(iter(SUBJECTS[command].values()))
+    assert cli.main([command, *first, flag, "x"]) == 2
+    assert RENAMED_OPTIONS[command, flag] in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["rid"], "did you mean ride?"),
+        (["laps"], "did you mean lap?"),
+        (["fly"], "there are ride, train, "),
+        (["ride", "--sped", "3"], "did you mean --speed?"),
+        (["ride", "--speed", "fast"], "invalid float value: 'fast'"),
+        (["ride", "--engine", "diesel"], "invalid choice: 'diesel'"),
+        (["ride", "--all", "--nodes"], "leave --all out"),
+        (["ride", "--nodes"], "'whipple' is a bicycle"),
+        (["ride", "--vehicle", "unicycle"], "'unicycle'"),
+        (["ride", "--vehicle", "r1", "--engine", "whipple"], "'whipple'"),
+        (["ride", "--vehicle", "r1", "--rider", "whipple"], "'whipple'"),
+        (["train", "r1", "--preset", "exact", "--out", "never"], "not of 'r1'"),
+        (["train", "--preset", "slow", "--out", "never"], "--preset slow is not one of "),
+        (["evaluate", "lqr", "--compare", "mpc"], "--compare names all riders"),
+        (["evaluate", "racer", "--vehicle", "whipple"], "'racer'"),
+        (["analyze", "a.mcap", "--replay", "--explain"], "choose one"),
+        (["analyze", "a.mcap", "b.mcap", "--replay"], "--replay takes one recording, got 2"),
+        (["validate", "--vehicle", "r1"], "--vehicle superbikes, not r1"),
+        (["live", "--attach", "--domain", "233"], "--domain must be 0 to 232"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused_in_one_line(words, message, tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(words) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("words", [["sweep", "{file}", "--out", "out"], ["ride", "--course", "x" * 5000], ["y" * 999]])
+def test_no_error_is_longer_than_a_few_lines(words, tmp_path, monkeypatch, capsys) -> None:
+    """Also where a file repeats itself in its error."""
+    monkeypatch.chdir(tmp_path)
+    file = tmp_path / "sweep.yaml"
+    file.write_text("task: " + 100_000 * "ab" + "\n")
+    assert cli.main([word.format(file=file) for word in words]) == 2
+    error = capsys.readouterr().err
+    assert len(error) <= cli.LONGEST_ERROR + 30
+    assert error.count("\n") == 1
+
+
+def test_the_version_is_that_of_the_project(capsys) -> None:
+    assert cli.main(["--version"]) == 0
+    version = capsys.readouterr().out.split()[1]
+    assert f'version = "{version}"' in (Path(__file__).parents[2] / "pyproject.toml").read_text()
 
 
 @pytest.mark.parametrize(
@@ -15,22 +182,22 @@ pytest.importorskip("rclpy")
         (["ride", "--domain", "-1"], "--domain must be 0 to 232, got -1"),
         (["ride", "--domain", "9999"], "--domain must be 0 to 232, got 9999"),
         (["ride", "--time-step", "0.003"], "not a whole number of time steps"),
-        (["lap", "--nodes", "--laps", "0"], "--laps must be at least 1, got 0"),
-        (["lap", "--laps", "-1"], "--laps must be at least 1, got -1"),
-        (["lap", "--nodes", "--engine", "compiled"], "--nodes rides in pybullet; leave --engine compiled out"),
+        (["ride", "--vehicle", "r1", "--nodes", "--laps", "0"], "--laps must be at least 1, got 0"),
         (["evaluate", "--speeds", "4", "0"], "--speeds must be positive and finite, got 0 m/s"),
         (["evaluate", "--random-rides", "-1"], "--random-rides must be at least 0, got -1"),
         (["evaluate", "--seed", "-1"], "--seed must be at least 0, got -1"),
         (["evaluate", "--client", "nodes", "--course", "nowhere"], "'nowhere'"),
+        (["evaluate", "racer", "--starts", "0"], "--starts must be at least 1, got 0"),
         (["validate", "--time-step", "0"], "--time-step must be positive and at most 0.05 s, got 0 s"),
         (["validate", "--time-step", "1e9"], "--time-step must be positive and at most 0.05 s, got 1e+09 s"),
-        (["validate", "superbike", "--time-step", "0"], "--time-step must be positive and at most 0.02 s, got 0 s"),
-        (["course", "plot", "barcelona", "--lateral-g", "1e9"], "--lateral-g must be positive and at most 10 g"),
+        (["validate", "--vehicle", "superbikes", "--time-step", "0"], "must be positive and at most 0.02 s, got 0 s"),
+        (["validate", "--course", "barcelona", "--lateral-g", "1e9"], "--lateral-g must be positive and at most 10 g"),
     ],
 )
 def test_odd_values_are_refused_before_anything_starts(words, message, tmp_path, capsys):
+    pytest.importorskip("rclpy")
     out = tmp_path / "out"
-    assert main([*words, "--out", str(out)]) == 2
+    assert cli.main([*words, "--out", str(out)]) == 2
     error = capsys.readouterr().err
     assert message in error
     assert error.startswith(f"bike {words[0]}: ")
@@ -39,15 +206,23 @@ def test_odd_values_are_refused_before_anything_starts(words, message, tmp_path,
 
 
 @pytest.mark.parametrize(
-    "words", [["ride"], ["evaluate"], ["lap", "--nodes"], ["validate"], ["course", "plot", "barcelona"]]
+    "words",
+    [
+        ["ride"],
+        ["evaluate"],
+        ["ride", "--vehicle", "r1", "--nodes"],
+        ["validate"],
+        ["validate", "--course", "barcelona"],
+    ],
 )
 def test_a_folder_that_cannot_be_made_is_known_before_the_work(words, tmp_path, capsys):
+    pytest.importorskip("rclpy")
     (tmp_path / "file").write_text("precious")
     for out in (tmp_path / "file", tmp_path / "file" / "below"):
-        assert main([*words, "--out", str(out)]) == 2
+        assert cli.main([*words, "--out", str(out)]) == 2
         assert capsys.readouterr().err == f"bike {words[0]}: --out {out} cannot be a folder: a file is in the way\n"
 
 
 def test_an_empty_policy_is_not_the_recorded_one(tmp_path, capsys):
-    assert main(["explain", str(tmp_path / "none.mcap"), "--policy", ""]) == 2
+    assert cli.main(["analyze", "--explain", str(tmp_path / "none.mcap"), "--policy", ""]) == 2
     assert "is not a policy bundle" in capsys.readouterr().err

@@ -76,12 +76,17 @@ def test_help_of_every_command_shows_how_to_use_it(command, capsys):
         (["train", "whipple", "--out", "{tmp}", "--simulators", "4"], "--simulators 4 is for simulators"),
         (["train", "whipple", "--out", "{tmp}", "--time-step", "0.001"], "--time-step 0.001 is for simulators"),
         (["train", "whipple", "--out", "{tmp}", "--engine", "pybullet", "--time-step", "nan"], "time_step"),
-        (["train", "whipple", "--out", "{tmp}", "--resume", "--seed", "0", "--set", "gamma=0.9"], "--set, --seed"),
-        (["train", "whipple", "--out", "{tmp}", "--resume", "--preset", "fast"], "leave out --preset"),
+        (
+            ["train", "whipple", "--out", "{tmp}", "--resume", "--seed", "0", "--set", "gamma=0.9"],
+            "--set is for a bicycle",
+        ),
+        (
+            ["train", "whipple", "--out", "{tmp}", "--resume", "--preset", "fast"],
+            "--preset is for a bicycle, or a superbike",
+        ),
         (["export", "{tmp}"], "no checkpoint"),
         (["analyze", "{tmp}/nothing.mcap"], "nothing.mcap"),
         (["bench", "everything"], "everything"),
-        (["curves", "{tmp}"], "validations.csv"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(words, message, tmp_path, capsys):
@@ -239,17 +244,17 @@ def test_export_and_curves_name_what_they_cannot_read(tmp_path, capsys):
     assert "there is no 'last' actor yet; train longer\n" in told("export", str(run), "--which", "last")
     assert "--which last" in told("export", str(run))
     (run / "validations.csv").write_text("step,seconds,part,mean_error_m,passed\n4000,1.0,1,0.3,0\n8000,2\n")
-    assert "validations.csv: a row has no number" in told("curves", str(run))
+    assert "validations.csv: a row has no number" in told("analyze", str(run))
     whole = (run / "run.json").read_text()
     (run / "run.json").write_text('{"steps": 3')
     assert "run.json cannot be read" in told("export", str(run))
     (run / "validations.csv").write_text("step,seconds,part,mean_error_m,passed\n4000,1.0,1,0.3,0\n")
-    assert "run.json cannot be read" in told("curves", str(run))
+    assert "run.json cannot be read" in told("analyze", str(run))
     (run / "run.json").write_text(whole)
-    assert main(["curves", str(run), "--out", str(tmp_path / "pictures")]) == 1  # drawn, and not finished
+    assert main(["analyze", str(run), "--out", str(tmp_path / "pictures")]) == 1  # drawn, and not finished
     assert (tmp_path / "pictures" / "learning_curves.png").is_file()
     (run / "run.json").write_text("[]")
-    assert "run.json must hold" in told("curves", str(run))
+    assert "run.json must hold" in told("analyze", str(run))
 
 
 def test_a_lost_simulator_says_how_to_go_on(tmp_path, capsys, monkeypatch):

@@ -215,10 +215,10 @@ def test_the_statement_follows_the_signs_of_the_policy(seen):
 @pytest.mark.slow
 @pytest.mark.ros
 def test_command_explains_the_policy_that_the_recording_names(recording, tmp_path, capsys):
-    assert main(["explain", str(recording), "--out", str(tmp_path), "--json"]) == 0
+    assert main(["analyze", str(recording), "--explain", "--out", str(tmp_path), "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     figures = result["figures"]
-    assert result["schema"] == "bike.explain/1"
+    assert result["schema"] == "bike.analyze_explanation/1"
     assert (figures["policy"], figures["section"], figures["course"]) == ("whipple", "slalom", "short slalom")
     assert figures["answers_differ_rad"] < 1e-6
     assert figures["additivity_error_rad"] < 1e-5
@@ -232,7 +232,7 @@ def test_command_explains_the_policy_that_the_recording_names(recording, tmp_pat
 @pytest.mark.ros
 def test_another_policy_is_explained_but_said_to_be_another(recording, tmp_path, capsys):
     swapped(load_bundle("whipple"), ["roll"]).save(tmp_path / "other")
-    words = ["explain", str(recording), "--policy", str(tmp_path / "other"), "--section", "end"]
+    words = ["analyze", str(recording), "--explain", "--policy", str(tmp_path / "other"), "--section", "end"]
     assert main([*words, "--out", str(tmp_path)]) == 0
     assert "did not drive the ride" in " ".join(capsys.readouterr().out.split())
 
@@ -251,7 +251,7 @@ def test_another_policy_is_explained_but_said_to_be_another(recording, tmp_path,
 )
 def test_bad_input_is_one_line_and_exit_code_2(recording, words, message, tmp_path, capsys):
     filled = [word.format(ride=recording, tmp=tmp_path) for word in words]
-    assert main(["explain", *filled, "--out", str(tmp_path / "out")]) == 2
+    assert main(["analyze", "--explain", *filled, "--out", str(tmp_path / "out")]) == 2
     error = capsys.readouterr().err
     assert message in error
     assert len(error.strip().splitlines()) == 1

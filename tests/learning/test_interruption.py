@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from bike_training import cli
+from bike_training.commands.declarations import COMMANDS, Command
 from bike_training.interruption import interrupt, signals_handled, signals_noted
 
 CODES = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129}
@@ -22,9 +23,10 @@ CODES = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129}
 @pytest.fixture
 def command(monkeypatch):
     """A command `bike wait` whose work the test gives."""
-    module = types.SimpleNamespace(configure=lambda parser: None)
-    monkeypatch.setitem(sys.modules, "bike_waits", module)
-    monkeypatch.setitem(cli.COMMANDS, "wait", ("bike_waits", "waits"))
+    module = types.SimpleNamespace()
+    monkeypatch.setitem(sys.modules, "bike_training.commands.waits", module)
+    waits = Command("waits", "", lambda parser: None, lambda args: "it", {"it": "waits:run"})
+    monkeypatch.setitem(COMMANDS, "wait", waits)
     return module
 
 

@@ -1,4 +1,4 @@
-"""Evaluating a racing policy: `bike evaluate --superbike` and the bundle of a run."""
+"""Evaluating a racing policy: `bike evaluate` on superbikes and the bundle of a run."""
 
 import json
 from dataclasses import replace
@@ -10,9 +10,7 @@ import pytest
 from bike_policy.contract.actor import Actor
 from bike_policy.contract.bundle import Bundle, load_bundle
 from bike_policy.contract.race import COMPACT, GUIDED, RaceLayout
-from bike_policy.riders.rider import Rider
 from bike_training.cli import main
-from bike_training.commands import lap
 from bike_training.commands.evaluate_races import _pairs
 from bike_training.reproduce.superbike.bundle_tables import bundle_tables
 from bike_training.rollout.laps import ride_laps
@@ -59,7 +57,7 @@ def test_a_run_becomes_a_bundle_with_its_share_that_is_evaluated(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run = tmp_path / "run"
-    words = ["train", "superbike", "--preset", "race_direct", "--out", str(run), "--steps", "60", "--json"]
+    words = ["train", "panigale_v4r", "--preset", "race_direct", "--out", str(run), "--steps", "60", "--json"]
     words += ["--record-every", "0"]
     for setting in ("learner=sb3", "layers=8", "environments=2", "updates=1", "learning_starts=20", "share=0.9"):
         words += ["--set", setting]
@@ -73,8 +71,8 @@ def test_a_run_becomes_a_bundle_with_its_share_that_is_evaluated(
     assert isinstance(exported.layout, RaceLayout)
     assert exported.layout == replace(COMPACT, share=0.9)
     out = tmp_path / "races"
-    words = ["evaluate", str(run / "policy"), "--superbike", "--starts", "2", "--out", str(out), "--json"]
-    words += ["--tables", "--machines", "panigale_v4r", "--circuits", "barcelona"]
+    words = ["evaluate", str(run / "policy"), "--starts", "2", "--out", str(out), "--json"]
+    words += ["--tables", "--vehicle", "panigale_v4r", "--course", "barcelona"]
     assert main(words) == 1  # a beginner
     races = json.loads((out / "races.json").read_text())["races"]
     assert [race["whole"] for race in races] == [0]
@@ -100,17 +98,3 @@ def test_the_papers_tables_hold_each_ride_at_its_place() -> None:
 def test_machines_ride_each_circuit_or_take_circuits_in_turn() -> None:
     assert _pairs("ab", "xyz", False) == [("a", "x"), ("b", "x"), ("a", "y"), ("b", "y"), ("a", "z"), ("b", "z")]
     assert _pairs("ab", "xyz", True) == [("a", "x"), ("b", "y"), ("a", "z")]
-
-
-def test_the_learned_rider_of_laps_is_the_shipped_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[str] = []
-
-    def refuse(name: str) -> Rider:
-        asked.append(name)
-        raise ValueError("enough")
-
-    monkeypatch.setattr(lap, "make_rider", refuse)
-    assert main(["lap", "--rider", "learned"]) == 2
-    assert main(["lap", "--rider", "classical"]) == 2
-    assert asked == ["racer", "classical"]
-    assert isinstance(load_bundle("racer").layout, RaceLayout)

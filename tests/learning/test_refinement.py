@@ -237,7 +237,7 @@ def make(folder: Path) -> Path:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--set", "speed=3"], "--set takes NAME=VALUE with a setting of a refinement"),
+        (["--set", "speed=3"], "--set speed: settings of --preset exact are seed, "),
         (["--set", "task=alt1"], "have no slopes"),
         (["--set", "tail=500"], "tail=500 must be 0 to"),
         (["--from", "nobody"], "nobody"),
@@ -246,7 +246,7 @@ def make(folder: Path) -> Path:
 def test_what_cannot_be_refined_is_refused(
     words: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert cli.main(["refine", "--out", str(tmp_path / "out"), *words]) == 2
+    assert cli.main(["train", "--preset", "exact", "--out", str(tmp_path / "out"), *words]) == 2
     assert message in capsys.readouterr().err
 
 

@@ -208,7 +208,7 @@ def test_a_start_that_cannot_be_met_is_one_line(recording, tmp_path, capsys, cha
             setattr(message, name, value)
         return message
 
-    assert main(["replay", str(rewrite(recording, tmp_path / "ride.mcap", changed))]) == 2
+    assert main(["analyze", "--replay", str(rewrite(recording, tmp_path / "ride.mcap", changed))]) == 2
     line = capsys.readouterr().err.strip().splitlines()[-1]
     assert line.startswith("bike replay: ")
     assert words in line
@@ -230,14 +230,14 @@ def test_recordings_that_cannot_be_ridden_again_say_why(recording, tmp_path, cap
         (tmp_path / "text.mcap", "is not an MCAP recording"),
         (tmp_path / "none.mcap", "does not exist"),
     ):
-        assert main(["replay", str(path)]) == 2
+        assert main(["analyze", "--replay", str(path)]) == 2
         assert words in capsys.readouterr().err
-    assert main(["replay", str(recording), "--episode", "7"]) == 2
+    assert main(["analyze", "--replay", str(recording), "--episode", "7"]) == 2
     assert "has no ride of episode 7; it has 1" in capsys.readouterr().err
 
 
 def test_the_command_tells_what_came_out(recording, tmp_path, capsys):
-    assert main(["replay", str(recording)]) == 0
+    assert main(["analyze", "--replay", str(recording)]) == 0
     assert "the same ride, bit for bit" in capsys.readouterr().out
 
     def softer(topic: str, message: Any) -> Any:
@@ -246,15 +246,15 @@ def test_the_command_tells_what_came_out(recording, tmp_path, capsys):
         return message
 
     path = rewrite(recording, tmp_path / "changed.mcap", softer)
-    assert main(["replay", str(path)]) == 1
+    assert main(["analyze", "--replay", str(path)]) == 1
     assert "the first that differs: step 20 (1.00 s)" in capsys.readouterr().out
-    assert main(["replay", str(path), "--json"]) == 1
+    assert main(["analyze", "--replay", str(path), "--json"]) == 1
     result = json.loads(capsys.readouterr().out)
-    assert result["schema"] == "bike.replay/1"
+    assert result["schema"] == "bike.analyze_replay/1"
     (ride,) = result["figures"]["rides"]
     assert ride["first_difference"]["step"] == 20
     assert ride["as_recorded"]
-    assert main(["replay", str(recording), "--engine", "pybullet", "--episode", "1"]) == 1
+    assert main(["analyze", "--replay", str(recording), "--engine", "pybullet", "--episode", "1"]) == 1
     assert "recorded with whipple at 10 ms" in capsys.readouterr().out
 
 
@@ -263,7 +263,7 @@ def test_no_ros_is_needed(recording):
         "import sys; from bike_training.cli import main; code = main(sys.argv[1:]); "
         "sys.exit(code or any(m.split('.')[0] in ('rclpy', 'bike_msgs', 'std_msgs') for m in sys.modules))"
     )
-    words = [sys.executable, "-c", script, "replay", str(recording)]
+    words = [sys.executable, "-c", script, "analyze", "--replay", str(recording)]
     done = subprocess.run(words, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     assert "the same ride, bit for bit" in done.stdout
@@ -275,7 +275,7 @@ def test_a_torn_recording_is_ridden_as_far_as_it_goes(recording, tmp_path, capsy
     whole = recording.read_bytes()
     path = tmp_path / "torn.mcap"
     path.write_bytes(whole[: round(share * len(whole))])
-    code = main(["replay", str(path)])
+    code = main(["analyze", "--replay", str(path)])
     said = capsys.readouterr()
     assert code in (0, 2)
     if code == 0:

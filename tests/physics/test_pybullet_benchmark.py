@@ -1,6 +1,5 @@
 """What `bike validate` measures, held: every check of both engines, at the steps they are used with."""
 
-import argparse
 import functools
 import json
 import math
@@ -9,6 +8,7 @@ import pytest
 
 from bike_sim.validation import bicycle as validation
 from bike_sim.vehicles.files import load_vehicle
+from bike_training import cli
 from bike_training.commands import validate as command
 
 VEHICLE = load_vehicle("whipple")
@@ -53,11 +53,7 @@ def test_nan_does_not_pass() -> None:
 
 
 def test_command_prints_writes_and_returns_the_figures(tmp_path, capsys: pytest.CaptureFixture[str]) -> None:
-    parser = argparse.ArgumentParser()
-    command.configure(parser)
-    args = parser.parse_args(["--time-step", "0.005", "--out", str(tmp_path / "new")])
-    args.json = False
-    answer = command.run(args)
+    answer = command.run(cli.parse("validate", ["--time-step", "0.005", "--out", str(tmp_path / "new")]))
     assert answer["schema"] == "bike.validate/1"
     assert answer["ok"] is True
     assert answer["figures"]["weave_speed_m_s"] == pytest.approx(4.292, rel=0.01)
@@ -70,18 +66,10 @@ def test_command_prints_writes_and_returns_the_figures(tmp_path, capsys: pytest.
 
 
 def test_command_is_silent_for_json(capsys: pytest.CaptureFixture[str]) -> None:
-    parser = argparse.ArgumentParser()
-    command.configure(parser)
-    args = parser.parse_args(["--engine", "whipple", "--time-step", "0.005"])
-    args.json = True
-    json.dumps(command.run(args))
+    json.dumps(command.run(cli.parse("validate", ["--engine", "whipple", "--time-step", "0.005", "--json"])))
     assert capsys.readouterr().out == ""
 
 
 def test_unknown_vehicle_is_one_clear_error() -> None:
-    parser = argparse.ArgumentParser()
-    command.configure(parser)
-    args = parser.parse_args(["no_such_bike"])
-    args.json = True
     with pytest.raises(FileNotFoundError, match="no_such_bike"):
-        command.run(args)
+        cli.parse("validate", ["--vehicle", "no_such_bike"])

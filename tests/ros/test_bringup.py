@@ -14,9 +14,8 @@ from bike_analysis.read.container import Container
 from bike_sim.ros import record
 from bike_sim.ros.node_settings import SPECS, NodeSettings
 from bike_sim.ros.node_tools import ParameterSpec
-from bike_sim.vehicles.files import load_vehicle
+from bike_sim.vehicles.files import load_vehicle, shipped_superbikes
 from bike_training.cli import main
-from bike_training.commands.lap import shipped_superbikes
 
 ROOT = Path(__file__).parents[2]
 BRINGUP = ROOT / "ros_ws" / "src" / "bike_bringup"

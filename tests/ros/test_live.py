@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import shutil
@@ -40,7 +39,6 @@ from bike_sim.ros.isolation import DomainLease
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
-from bike_training.commands import live
 from bike_training.envs.node_process import NodeLost, NodeProcess
 from bike_training.nodes import live_watch
 from bike_training.nodes.live_messages import PACES, STATE_NAMES, checked_request, state_names
@@ -510,22 +508,3 @@ def test_where_no_simulator_runs_it_is_told_in_one_sentence(monkeypatch: pytest.
         with pytest.raises(NodeLost, match=f"no simulator at /other in ROS domain {lease.domain_id} within 1 s"):
             watch.start()
         watch.end()
-
-
-@pytest.mark.parametrize(
-    ("given", "complaint"),
-    [
-        (["--attach", "--course", "circle"], "--course is for a ride"),
-        (["--domain", "7"], "belong to --attach"),
-        (["--attach", "--domain", "233"], "--domain must be 0 to 232"),
-    ],
-)
-def test_options_of_the_other_kind_are_refused(given: list[str], complaint: str) -> None:
-    with pytest.raises(ValueError, match=complaint):
-        live.run(parsed(given))
-
-
-def parsed(given: list[str]) -> argparse.Namespace:
-    parser = argparse.ArgumentParser()
-    live.configure(parser)
-    return parser.parse_args(given)

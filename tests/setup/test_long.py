@@ -93,5 +93,5 @@ def test_rides_compile_nothing_that_the_set_up_did_not(tmp_path: Path) -> None:
     bike = Path(sys.executable).with_name("bike")
     run(bike, "ride")
     run(bike, "ride", "--engine", "whipple", "--course", "junction")
-    run(bike, "lap", "--nodes", "--laps", "1")
+    run(bike, "ride", "--course", "barcelona", "--nodes", "--laps", "1")
     assert compiled() == ahead

@@ -23,8 +23,7 @@ from bike_sim.planning.lap_limit import lap_limit
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
 from bike_training import cli
-from bike_training.commands.lap import ALLOWED_EXCESS
-from bike_training.rollout.laps import ride_laps
+from bike_training.rollout.laps import ALLOWED_EXCESS, ride_laps
 from tests.circuits import OVAL
 from tests.superbike.conftest import write_circuit
 
@@ -234,10 +233,10 @@ def test_a_start_line_in_a_bend_is_begun_slowly(tmp_path: Path) -> None:
 
 
 def test_command_prints_one_object(circuit: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code = cli.main(["lap", "--vehicle", "zx10rr", "--course", str(circuit), "--laps", "1", "--json"])
+    code = cli.main(["ride", "--vehicle", "zx10rr", "--course", str(circuit), "--laps", "1", "--json"])
     answer = json.loads(capsys.readouterr().out)
     assert code == 0
-    (pair,) = answer["pairs"]
+    (pair,) = answer["figures"]["pairs"]
     assert pair["vehicle"] == "zx10rr"
     assert pair["falls"] == pair["walls"] == 0
     assert pair["closest_limit_s"] < pair["limit_s"] < pair["lap_s"]
@@ -245,7 +244,7 @@ def test_command_prints_one_object(circuit: Path, capsys: pytest.CaptureFixture[
 
 
 def test_bicycles_and_unknown_circuits_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["lap", "--vehicle", "whipple"]) == 2
-    assert "no superbike" in capsys.readouterr().err
-    assert cli.main(["lap", "--course", "nowhere"]) == 2
+    assert cli.main(["ride", "--vehicle", "whipple", "--laps", "1"]) == 2
+    assert "--laps is for a superbike" in capsys.readouterr().err
+    assert cli.main(["ride", "--vehicle", "r1", "--course", "nowhere"]) == 2
     assert "nowhere" in capsys.readouterr().err

@@ -2,52 +2,29 @@
 
 from __future__ import annotations
 
-import argparse
+import difflib
 import importlib
 import json
 import os
 import signal
 import sys
-from collections.abc import Sequence
+import tomllib
+from argparse import Namespace
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Final
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, Final
 
+from bike_sim.documents import shorten
 from bike_training import learning_packages
+from bike_training.commands.declarations import COMMANDS, RENAMED, Command
 from bike_training.envs.node_process import NodeLost
 from bike_training.interruption import SHELL_BASE, interrupt, leave_at_once, signals_handled, signals_noted
 
-COMMANDS: Final[dict[str, tuple[str, str]]] = {
-    "ride": ("bike_training.commands.ride", "ride a course through the nodes, record it and report"),
-    "live": ("bike_training.commands.live", "ride in a browser: watch, steer, and compare with other riders"),
-    "train": ("bike_training.commands.train", "learn to ride"),
-    "refine": ("bike_training.commands.refine", "learn to ride exactly, through the derivatives of the bicycle"),
-    "evaluate": ("bike_training.commands.evaluate", "ride a policy at 21 speeds and write down how well"),
-    "export": ("bike_training.commands.export", "make a policy bundle of a run"),
-    "analyze": ("bike_analysis.commands.analyze", "figures, plots and a report page from a recording"),
-    "replay": ("bike_training.commands.replay", "ride a recorded ride again and tell whether it is the same"),
-    "explain": ("bike_training.commands.explain", "which parts of its observation make a policy steer as it does"),
-    "validate": ("bike_training.commands.validate", "hold the physics against its publications"),
-    "lap": ("bike_training.commands.lap", "lap circuits on superbikes, with the classical or a learned rider"),
-    "course": ("bike_training.commands.course", "check a circuit's file, or draw a circuit"),
-    "bench": ("bike_training.commands.bench", "measure speeds and compare them"),
-    "sweep": ("bike_training.commands.sweep", "do many runs from one file, and go on where they stopped"),
-    "report": ("bike_analysis.commands.report", "tables with intervals, curves and a page of a sweep"),
-    "reproduce": ("bike_training.commands.reproduce", "do the experiments of a publication again"),
-    "curves": ("bike_training.commands.curves", "learning curves of several runs"),
-}
-"""Name, module and one line of each command. Modules are loaded when they are called."""
-
-
-def build_parser(chosen: str | None) -> argparse.ArgumentParser:
-    """Return the parser; only the chosen command declares its arguments, so that others need not be loaded."""
-    parser = argparse.ArgumentParser(prog="bike", description="An open two-wheeler lab for ROS 2.")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for name, (module, summary) in COMMANDS.items():
-        sub = commands.add_parser(name, help=summary, description=summary[0].upper() + summary[1:] + ".")
-        sub.add_argument("--json", action="store_true", help="print one JSON object on standard output, nothing else")
-        if name == chosen:
-            importlib.import_module(module).configure(sub)
-    return parser
+DISTRIBUTION: Final = "two-wheeler-lab"
+LONGEST_ERROR: Final = 300
+"""Characters of an error's line."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -71,29 +48,92 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(words: Sequence[str]) -> int:
-    chosen = next((word for word in words if not word.startswith("-")), None)
+    name, *rest = words or [""]
+    if name in ("", "-h", "--help"):
+        print(_overview())
+        return 0 if name else 2
+    if name == "--version":
+        print(f"bike {_version()}")
+        return 0
+    prefix = f"bike {name}" if name in COMMANDS else "bike"
     with signals_noted() as interrupted_code:
         try:
             with signals_handled(leave_at_once):
-                args = build_parser(chosen).parse_args(words)
-                command = importlib.import_module(COMMANDS[args.command][0])
+                args = parse(name, rest)
+                run = _load(COMMANDS[name].functions[args.subject])
             with signals_handled(interrupt):
-                result = command.run(args)
+                result = run(args)
         except ModuleNotFoundError as error:
             package = learning_packages.missing_package(error)
             if package is None:
                 raise
-            return learning_packages.offer(str(chosen), package)
+            return learning_packages.offer(name, package)
         except (KeyboardInterrupt, ValueError, OSError, NodeLost) as error:
             interrupted = isinstance(error, KeyboardInterrupt) and SHELL_BASE + signal.SIGINT
             # Nodes that a signal ended may be missed before the interruption comes.
             code = interrupted_code() or interrupted or 2
-            print(f"bike {chosen}: {error if code == 2 else 'interrupted'}", file=sys.stderr)
+            message = shorten(str(error), LONGEST_ERROR) if code == 2 else "interrupted"
+            print(f"{prefix}: {message}", file=sys.stderr)
             return code
         if args.json:
             print(json.dumps(result))
-        # Learning ends by itself after a signal, with a checkpoint, and tells what it learned.
+        # Learning ends by itself after a signal, with a checkpoint, and reports what it learned.
         return 0 if result["ok"] else interrupted_code() or 1
+
+
+def parse(name: str, words: Sequence[str]) -> Namespace:
+    """Return the arguments of a command, with its subject, and with the defaults for it.
+
+    Args:
+        name: of the command.
+        words: after the name.
+
+    Raises:
+        ValueError: an unknown command, option or value, or an option that does not apply to the subject.
+        FileNotFoundError: an unknown vehicle, rider or course.
+    """
+    command = _command(name)
+    parser = command.parser(name)
+    args = parser.parse_args(words)
+    args.subject = command.subject(args)
+    parser.resolve(args, args.subject)
+    return args
+
+
+def _overview() -> str:
+    """Return the help of the command without a subcommand."""
+    lines = [f"  {name:10} {command.summary}" for name, command in COMMANDS.items()]
+    head = "usage: bike COMMAND ... | --help | --version\n\nAn open two-wheeler lab for ROS 2.\n\ncommands:"
+    return "\n".join([head, *lines, "\nbike COMMAND --help shows options and examples."])
+
+
+def _version() -> str:
+    try:
+        return version(DISTRIBUTION)
+    except PackageNotFoundError:  # of a checkout, which is not installed
+        with (Path(__file__).parents[2] / "pyproject.toml").open("rb") as file:
+            return str(tomllib.load(file)["project"]["version"])
+
+
+def _command(name: str) -> Command:
+    """Return a command.
+
+    Raises:
+        ValueError: there is none of that name, with the one that may be meant.
+    """
+    if name in RENAMED:
+        raise ValueError(f"{name} is now: {RENAMED[name]}")
+    if name not in COMMANDS:
+        near = difflib.get_close_matches(name, [*COMMANDS, *RENAMED], 1)
+        known = f"did you mean {near[0]}?" if near else f"there are {', '.join(COMMANDS)}"
+        raise ValueError(f"unknown command {name!r}; {known}")
+    return COMMANDS[name]
+
+
+def _load(function: str) -> Callable[[Any], dict[str, Any]]:
+    module, name = function.split(":")
+    loaded: Callable[[Any], dict[str, Any]] = getattr(importlib.import_module(f"bike_training.commands.{module}"), name)
+    return loaded
 
 
 if __name__ == "__main__":

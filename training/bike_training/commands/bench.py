@@ -24,15 +24,6 @@ DEFAULT_PARTS: Final = ("physics", "environment", "ros")
 """Parts that are measured where none is named; the others take minutes."""
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    parser.epilog = "examples:\n  bike bench physics environment\n  bike bench analysis --json"
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument(
-        "parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)} (default: {', '.join(DEFAULT_PARTS)})"
-    )
-
-
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Measure and return all figures."""
     unknown = [part for part in args.parts if part not in PARTS]

@@ -1,10 +1,10 @@
-"""`bike course`: check a circuit's file, or draw a circuit."""
+"""`bike validate --course`: check a circuit's file, and draw it."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from rich import box
@@ -13,37 +13,17 @@ from rich.table import Table
 
 from bike_analysis.figures.numbers import lap_text
 from bike_sim.course.drawing import track_figure
-from bike_sim.course.files import load_track, shipped_tracks
+from bike_sim.course.files import load_track
 from bike_sim.course.track import Track
 from bike_sim.planning.envelope import point_mass_envelope
 from bike_sim.planning.lap_limit import LapLimit, lap_limit
 from bike_sim.planning.minimum_time import with_fastest_line
 from bike_training.arguments import check_positive, make_folder
 
-SCHEMA = "bike.course/1"
+SCHEMA: Final = "bike.validate_course/1"
 
-LARGEST_LATERAL = 10.0
+LARGEST_LATERAL: Final = 10.0
 """Largest cornering of a reference machine, in g: far more than any has, and far from where no line is found."""
-
-_EXAMPLES = """examples:
-  bike course check monza.csv                      is the file a circuit? length, widths, corners, theoretical lap
-  bike course check monza.csv --json               the same as one JSON object
-  bike course plot barcelona                       barcelona.png, with the ideal line coloured by speed
-  bike course plot monza.csv --out pictures        pictures/monza.png
-
-A CSV file has the columns x_m,y_m,w_tr_right_m,w_tr_left_m: centre line and distances to its limits."""
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the command's arguments."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.epilog = _EXAMPLES
-    parser.add_argument("action", choices=("check", "plot"))
-    parser.add_argument("circuit", help=f"CSV or YAML file, or one of {', '.join(shipped_tracks())}")
-    parser.add_argument(
-        "--lateral-g", type=float, default=1.4, metavar="G", help="cornering of the reference machine (default: 1.4)"
-    )
-    parser.add_argument("--out", type=Path, default=Path(), metavar="DIR", help="folder of the picture (default: here)")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -53,16 +33,16 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         ValueError: the file is broken. FileNotFoundError: it does not exist.
     """
     check_positive("--lateral-g", args.lateral_g, "g", LARGEST_LATERAL)
-    if args.action == "plot":
+    if args.out is not None:
         make_folder("--out", args.out)
     envelope = point_mass_envelope(args.lateral_g)
     console = Console(quiet=args.json)
     with console.status("computing the fastest line"):
-        track = with_fastest_line(load_track(args.circuit), envelope)
+        track = with_fastest_line(load_track(args.course), envelope)
         ideal, median = lap_limit(envelope, track.line(1.0)), lap_limit(envelope, track.line(0.0))
     figures = _figures(track, ideal, median)
     console.print(_table(track, figures))
-    if args.action == "plot":
+    if args.out is not None:
         path = args.out / f"{track.name}.png"
         _draw(track, ideal, path)
         console.print(f"written: {path}")

@@ -1,4 +1,4 @@
-"""`bike curves`: learning curves of several runs, as in Fig. 9 of Weyrer et al. (2026)."""
+"""`bike analyze` on runs: learning curves of several runs, as in Fig. 9 of Weyrer et al. (2026)."""
 
 from __future__ import annotations
 
@@ -41,19 +41,9 @@ class Curve:
     error: NDArray[np.float64]
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    parser.epilog = "example:\n  bike curves runs/seed* --out docs/images/learning_curves.png"
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("runs", type=Path, nargs="+", help="folders of runs of bike train")
-    parser.add_argument(
-        "--out", type=Path, default=Path("out") / PICTURE, help="picture, or folder for it (default: %(default)s)"
-    )
-
-
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Draw the curves; not ok when a run has not finished its curriculum."""
-    curves = [read_curve(folder) for folder in args.runs]
+    curves = [read_curve(folder) for folder in args.objects]
     picture: Path = args.out if args.out.suffix else args.out / PICTURE
     picture.parent.mkdir(parents=True, exist_ok=True)
     draw(curves, picture)
@@ -74,7 +64,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         for entry in runs:
             print(", ".join(f"{key} {value}" for key, value in entry.items()))
         print(f"picture: {picture}")
-    return {"schema": "bike.curves/1", "ok": all(entry["finished_at_step"] for entry in runs), "figures": figures}
+    return {"schema": "bike.analyze_runs/1", "ok": all(entry["finished_at_step"] for entry in runs), "figures": figures}
 
 
 def _spread(runs: Sequence[dict[str, Any]], key: str) -> dict[str, Any]:

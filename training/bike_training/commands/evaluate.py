@@ -1,4 +1,4 @@
-"""`bike evaluate`: ride a policy at 21 speeds and write down how well."""
+"""`bike evaluate` on bicycles: ride a policy at 21 speeds and write down how well."""
 
 from __future__ import annotations
 
@@ -15,15 +15,14 @@ from tqdm import tqdm
 
 from bike_policy.contract.bundle import DEFAULT_POLICY
 from bike_policy.riders.disturbed import DisturbedRider
-from bike_policy.riders.making import RIDERS, bundle_of, make_rider
+from bike_policy.riders.making import bundle_of, make_rider
 from bike_policy.riders.rider import Rider
 from bike_sim.course.files import load_course
 from bike_sim.sim.config import SimulatorConfig
-from bike_sim.sim.disturbances import Disturbances, load_disturbances, shipped_disturbances
+from bike_sim.sim.disturbances import Disturbances, load_disturbances
 from bike_sim.sim.simulator import Simulator
 from bike_training.arguments import check_positive, check_whole, make_folder
-from bike_training.commands.evaluate_races import configure_races, evaluate_races
-from bike_training.envs.clients import CLIENT_KINDS, make_client
+from bike_training.envs.clients import make_client
 from bike_training.rollout.evaluation import PAPER_MAX, PAPER_MEAN, SPEEDS, Ride, draw, evaluate
 from bike_training.rollout.riding import ride_through
 from bike_training.rollout.stability import stability
@@ -31,60 +30,17 @@ from bike_training.rollout.timed_rider import TimedRider
 
 NODES = "nodes"
 
-EXAMPLES = """examples:
-  bike evaluate                                the shipped policy, in process, PyBullet at 1 ms
-  bike evaluate runs/a/policy --client nodes   through the simulator node and the policy node
-  bike evaluate whipple --course junction --speeds 4
-  bike evaluate --rider mpc                    a rider that is not learned
-  bike evaluate --rider lqr --disturbances noise delay_50 mine.yaml
-  bike evaluate runs/r/policy --superbike --machines panigale_v4r,r1 --circuits barcelona,cremona
-  bike evaluate --compare whipple lqr mpc stanley   side by side in one table
-"""
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    parser.epilog = EXAMPLES
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("policy", nargs="?", default=DEFAULT_POLICY, help="name or folder (default: %(default)s)")
-    parser.add_argument("--rider", help=f"the same by name of the rider: a policy, or {', '.join(RIDERS)}")
-    parser.add_argument(
-        "--disturbances",
-        nargs="+",
-        default=[],
-        metavar="FILE",
-        help=f"ride the course again under each: a YAML file, or {', '.join(shipped_disturbances())}",
-    )
-    parser.add_argument("--compare", nargs="+", metavar="RIDER", help="several riders, side by side in one table")
-    parser.add_argument(
-        "--client",
-        choices=[*CLIENT_KINDS, NODES],
-        default="local",
-        help="local: in this process; ros: simulator node, policy here; nodes: simulator node and policy node",
-    )
-    parser.add_argument("--engine", choices=["pybullet", "whipple"], default="pybullet")
-    parser.add_argument("--time-step", type=float, default=0.001, help="integration step, s (default: %(default)s)")
-    parser.add_argument("--course", default="benchmark", help="fixed course (default: %(default)s)")
-    parser.add_argument("--speeds", type=float, nargs="+", default=list(SPEEDS), help="m/s (default: 2 to 7 by 0.25)")
-    parser.add_argument("--random-rides", type=int, default=1, help="30 s rides on random paths at each speed")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the random paths")
-    parser.add_argument("--out", type=Path, default=Path("out/evaluate"), help="folder of evaluation.json and .png")
-    configure_races(parser)
-
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Evaluate and return the figures; not ok when a ride was not completed."""
-    if args.superbike:
-        return evaluate_races(args)
+    args.speeds = args.speeds or list(SPEEDS)
     for speed in args.speeds:
         check_positive("--speeds", speed, "m/s")
     check_whole("--random-rides", args.random_rides, 0)
     check_whole("--seed", args.seed, 0)
-    if args.compare and (args.rider or args.policy != DEFAULT_POLICY):
-        raise ValueError("--compare names all riders that are evaluated; leave out the policy and --rider")
-    names = args.compare or [args.rider or args.policy]
+    names = args.compare or [args.rider or DEFAULT_POLICY]
     riders = [make_rider(name) for name in names]
-    config = SimulatorConfig(engine=args.engine, time_step=args.time_step)
+    config = SimulatorConfig(vehicle=args.vehicle, engine=args.engine, time_step=args.time_step)
     for rider in riders:
         bundle = bundle_of(rider)
         if bundle is not None:

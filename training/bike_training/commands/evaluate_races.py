@@ -1,4 +1,4 @@
-"""`bike evaluate --superbike`: a racing policy on machines and circuits."""
+"""`bike evaluate` on superbikes: a rider on machines and circuits."""
 
 from __future__ import annotations
 
@@ -14,33 +14,16 @@ from rich.table import Table
 from tqdm import tqdm
 
 from bike_analysis.figures.numbers import lap_text
-from bike_policy.contract.bundle import load_bundle
+from bike_policy.contract.bundle import DEFAULT_RACER, load_bundle
 from bike_training.arguments import check_positive, check_whole, make_folder
+from bike_training.commands.declarations import DEFAULT_SUPERBIKE
 from bike_training.rollout.races import RaceResult, ride_races
 from bike_training.tasks.fleet import round_robin
 
-MACHINE: Final = "panigale_v4r"
 CIRCUIT: Final = "barcelona"
 
 
-def configure_races(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments of races."""
-    races = parser.add_argument_group("races of superbikes")
-    races.add_argument("--superbike", action="store_true", help="laps of a racing policy instead of rides on paths")
-    races.add_argument("--machines", help=f"with commas between them (default: {MACHINE}; all with --tables)")
-    races.add_argument("--circuits", help=f"with commas between them (default: {CIRCUIT}; all with --tables)")
-    races.add_argument(
-        "--in-turn", action="store_true", help="one machine on each circuit, in turn, instead of each on each"
-    )
-    races.add_argument("--starts", type=int, default=100, help="rides on each (default: %(default)s)")
-    races.add_argument("--laps", type=int, default=1, help="flying laps of each ride (default: %(default)s)")
-    races.add_argument(
-        "--tables", action="store_true", help="print Tables I to III of the superbike paper, and write tables.md"
-    )
-    races.add_argument("--share", type=float, help="part of the planned speed that is asked (default: the policy's)")
-
-
-def evaluate_races(args: argparse.Namespace) -> dict[str, Any]:
+def run(args: argparse.Namespace) -> dict[str, Any]:
     """Ride, write ``races.json`` and ``races.csv``, and return the figures; not ok when a ride was not whole.
 
     Raises:
@@ -50,9 +33,9 @@ def evaluate_races(args: argparse.Namespace) -> dict[str, Any]:
     check_whole("--laps", args.laps, 1)
     if args.share is not None:
         check_positive("--share", args.share, "")
-    bundle = load_bundle(args.rider or args.policy)
+    bundle = load_bundle(args.rider or DEFAULT_RACER)
     make_folder("--out", args.out)
-    pairs = _pairs(*_asked(args), args.round_robin)
+    pairs = _pairs(*_asked(args), args.in_turn)
     results = [
         ride_races(bundle, machine, circuit, args.starts, args.laps, args.share)
         for machine, circuit in tqdm(pairs, unit="pair", disable=args.json or len(pairs) == 1)
@@ -71,18 +54,18 @@ def evaluate_races(args: argparse.Namespace) -> dict[str, Any]:
         Console(width=120).print(_table(bundle.name, found))
         print(tables)
     ok = all(race["whole"] == race["rides"] for race in found)
-    return {"schema": "bike.races/1", "ok": ok, "figures": figures}
+    return {"schema": "bike.evaluate_races/1", "ok": ok, "figures": figures}
 
 
 def _asked(args: argparse.Namespace) -> tuple[list[str], list[str]]:
     """Return the machines and the circuits that are asked for."""
-    machines, circuits = [MACHINE], [CIRCUIT]
+    machines, circuits = [DEFAULT_SUPERBIKE], [CIRCUIT]
     if args.tables:
         from bike_training.reproduce.superbike.experiment import CIRCUITS, MACHINES  # late: it loads the presets
 
         machines, circuits = list(MACHINES), list(CIRCUITS)
-    return (args.machines.split(",") if args.machines else machines), (
-        args.circuits.split(",") if args.circuits else circuits
+    return (args.vehicle.split(",") if args.vehicle else machines), (
+        args.course.split(",") if args.course else circuits
     )
 
 

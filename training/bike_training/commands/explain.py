@@ -1,4 +1,4 @@
-"""`bike explain`: which parts of its observation make a policy steer as it does, from a recorded ride."""
+"""`bike analyze --explain`: which parts of its observation make a policy steer as it does, from a recorded ride."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ import argparse
 import json
 import math
 import textwrap
-from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from rich.console import Console
@@ -25,45 +24,19 @@ from bike_training.explain.observations import WHOLE_RIDE, RecordedObservations,
 from bike_training.explain.race_rides import RaceObservations, read_race
 from bike_training.explain.shap_values import Explanation, explain, set_values
 
-EXAMPLES = """examples:
-  bike explain out/ride/ride.mcap                        the policy that drove, on the slalom
-  bike explain out/ride/ride.mcap --section "full circle" --out out/circle
-  bike explain ride.mcap --policy runs/mine/policy       what another policy makes of the same states
-  bike explain episode.mcap --policy runs/mine/policy --section all
-  bike explain out/lap/lap.mcap --policy racer           a racing policy: which blocks make it choose line and pace
-"""
-
-SECTION = "slalom"
-"""Of paths; races are explained whole."""
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    parser.description = "SHAP values of a policy's output on a recorded ride, two plots, and what they show."
-    parser.epilog = EXAMPLES
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("recording", type=Path, help="an .mcap file or a rosbag2 directory")
-    parser.add_argument("--policy", help="name or folder of a policy (default: the one the recording names)")
-    parser.add_argument(
-        "--section", help=f"section of the course, or {WHOLE_RIDE} (default: {SECTION}; of a race {WHOLE_RIDE})"
-    )
-    parser.add_argument("--ride", type=int, default=1, help="which ride of the recording (default: %(default)s)")
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path("out/explain"),
-        help="folder of explanation.json and .png (default: %(default)s)",
-    )
+SCHEMA: Final = "bike.analyze_explanation/1"
+SECTION: Final = "slalom"
+"""Section of paths that is explained; races are explained whole."""
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Explain; not ok when the values do not sum to the outputs."""
     named = args.policy
-    bundle = _policy(policy_of(read_recording(args.recording).notes, args.recording) if named is None else named)
+    bundle = _policy(policy_of(read_recording(args.objects[0]).notes, args.objects[0]) if named is None else named)
     make_folder("--out", args.out)
     if isinstance(bundle.layout, RaceLayout):
         return _explain_race(args, bundle)
-    seen = read_observations(args.recording, bundle, args.section or SECTION, args.ride)
+    seen = read_observations(args.objects[0], bundle, args.section or SECTION, args.ride)
     explanation = explain(bundle, seen.observations, silent=args.json)
     differ = _answers_differ(bundle, seen)
     statement = state_findings(explanation, differ)
@@ -73,7 +46,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if not args.json:
         print(_text(bundle, seen, explanation, statement))
         print(f"picture and figures: {args.out}")
-    return {"schema": "bike.explain/1", "ok": explanation.additivity_error < 1e-5, "figures": figures}
+    return {"schema": SCHEMA, "ok": explanation.additivity_error < 1e-5, "figures": figures}
 
 
 def _explain_race(args: argparse.Namespace, bundle: Bundle) -> dict[str, Any]:
@@ -81,7 +54,7 @@ def _explain_race(args: argparse.Namespace, bundle: Bundle) -> dict[str, Any]:
     with Progress(console=Console(stderr=True), disable=args.json, transient=True) as progress:
         riding = progress.add_task("riding again")
         seen = read_race(
-            args.recording,
+            args.objects[0],
             bundle,
             args.section,
             args.ride,
@@ -98,7 +71,7 @@ def _explain_race(args: argparse.Namespace, bundle: Bundle) -> dict[str, Any]:
         print(f"{headline}: {len(explanation.outputs)} of {len(seen.observations)} decisions\n")
         print(_race_text(seen, explanation))
         print(f"picture and figures: {args.out}")
-    return {"schema": "bike.explain/1", "ok": explanation.additivity_error < 1e-5, "figures": figures}
+    return {"schema": SCHEMA, "ok": explanation.additivity_error < 1e-5, "figures": figures}
 
 
 def _race_figures(bundle: Bundle, seen: RaceObservations, explanation: BlockExplanation) -> dict[str, Any]:

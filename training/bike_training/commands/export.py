@@ -18,41 +18,12 @@ from bike_training.curricula.parts import SPEED_RANGES
 from bike_training.learning.checkpoint import Checkpoint
 from bike_training.learning.presets import Preset
 from bike_training.learning.progress import chosen_actor
-from bike_training.learning.refinement_files import POLICY, TABLE
+from bike_training.learning.refinement_files import POLICY
 from bike_training.learning.run_settings import machines_of
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    parser.epilog = "example:\n  bike export runs/a --name mine && bike evaluate runs/a/policy"
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("run", type=Path, help="folder of a run of bike train, or of bike refine")
-    parser.add_argument("--name", help="name of the policy (default: that of the vehicle)")
-    parser.add_argument("--out", type=Path, help="folder of the bundle (default: RUN/policy)")
-    parser.add_argument(
-        "--which",
-        choices=["best", "success", "last"],
-        help="the best on the rides that actors are compared on (success where none was compared yet), the most recent "
-        "one that passed every ride of a validation (as the paper does), or the last one (default: success for the "
-        "paper's presets, else best)",
-    )
-    parser.add_argument(
-        "--range",
-        help="parts of the range of each action that the policy keeps, as 0.5,0.7: less of line and pace of a race are "
-        "slower and safer than what it learned with (default: all)",
-    )
-    parser.add_argument(
-        "--within",
-        help="pairs of a speed (m/s) and the largest value of a bicycle's steering set point there (rad), as "
-        "3:1.2,4.5:0.8; linear between them, constant beyond them (default: no limit but the action's)",
-    )
-    parser.add_argument("--evaluation", type=Path, help="evaluation.json whose summary goes into the card")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Write the bundle."""
-    if (args.run / TABLE).is_file():
-        return _export_refined(args)
     checkpoint = Checkpoint(args.run)
     summary = _read_table(args.run / "run.json", ("vehicle", "preset", "steps"))
     with checkpoint.reading():
@@ -94,12 +65,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _export_refined(args: argparse.Namespace) -> dict[str, Any]:
+def run_refined(args: argparse.Namespace) -> dict[str, Any]:
     """Write the bundle of a refinement, which holds its best actor already, with name and results."""
-    if args.range is not None:
-        raise ValueError(f"--range {args.range}: {args.run} holds a refinement, whose actor needs all of its range")
-    if args.which not in (None, "best"):
-        raise ValueError(f"{args.run} holds a refinement, which keeps its best actor only, not the {args.which!r} one")
     found = load_bundle(args.run / POLICY)
     training = {**found.training, "exported": time.strftime("%Y-%m-%d")}
     bundle = replace(

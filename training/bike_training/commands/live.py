@@ -14,10 +14,8 @@ from bike_analysis import compare
 from bike_analysis.page.live_page import ghost_of, live_view, render_live_page
 from bike_analysis.page.settings import settings_words
 from bike_analysis.report import analyze
-from bike_policy.contract.bundle import DEFAULT_POLICY
-from bike_policy.riders.classical import CLASSICAL
 from bike_policy.riders.making import make_rider
-from bike_sim.course.files import load_course, shipped_tracks
+from bike_sim.course.files import kind_of, load_course, shipped_tracks
 from bike_sim.recording.in_use import claim_folder
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import Preview, ResetRequest
@@ -25,7 +23,7 @@ from bike_sim.sim.superbike_plant import superbike_config
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.arguments import check_positive, check_whole, make_folder
-from bike_training.commands.ride import LARGEST_DOMAIN
+from bike_training.commands.declarations import LARGEST_DOMAIN
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -35,70 +33,25 @@ if TYPE_CHECKING:
 
 START_SHARE: Final = 0.5
 """Speed of a superbike's start by that of the theoretical lap there."""
+PATH_SPEED: Final = 4.0
+"""Speed of a superbike's start on a path, m/s."""
 LARGEST_PORT: Final = 65535
-FOXGLOVE_PORT: Final = 8765
-"""Which Foxglove's app offers when a connection is opened."""
 NAMESPACE: Final = "bike"
 """Of a simulator's topics, as in `bike_sim.ros.node_tools`, which only live rides load."""
 
-OF_RIDES: Final = ("vehicle", "course", "rider", "speed", "against", "out")
-"""Options that only a ride of its own has."""
-
-_EXAMPLES: Final = """examples:
-  bike live                                               the bicycle on the benchmark path; open the address it prints
-  bike live --vehicle panigale_v4r --course barcelona     a superbike; arrows, touch or a gamepad ride it
-  bike live --course circle --against out/ride/ride.mcap  beside another recording in the report at the end
-  bike live --foxglove                                    its topics for Foxglove's app as well, at ws://127.0.0.1:8765
-  bike live --attach --domain 7                           watch the simulator that runs in that ROS domain
-
-The page is served at 127.0.0.1 only, and its address has a token. Ctrl-C ends the ride and writes the report."""
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the command's arguments."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.epilog = _EXAMPLES
-    parser.add_argument("--vehicle", default="whipple", help="name or file of a vehicle (default: %(default)s)")
-    parser.add_argument("--course", help="name or file of a course (default: benchmark; barcelona for superbikes)")
-    parser.add_argument("--rider", help=f"the computer's rider (default: {DEFAULT_POLICY}; {CLASSICAL} for superbikes)")
-    parser.add_argument("--speed", type=float, default=4.0, help="of a bicycle, m/s (default: %(default)s)")
-    parser.add_argument("--port", type=int, default=0, help="port of the page (default: a free one)")
-    parser.add_argument(
-        "--foxglove",
-        type=int,
-        nargs="?",
-        const=FOXGLOVE_PORT,
-        metavar="PORT",
-        help="serve the ride's topics to Foxglove's app as well (default port: %(const)s; 0: a free one)",
-    )
-    parser.add_argument("--attach", action="store_true", help="watch a simulator that already runs, ridden by others")
-    parser.add_argument("--domain", type=int, help="its ROS domain (default: ROS_DOMAIN_ID, or 0)")
-    parser.add_argument("--namespace", help="of its topics (default: bike)")
-    parser.add_argument("--seconds", type=float, help="end after this wall-clock time (default: at Ctrl-C)")
-    parser.add_argument(
-        "--against", type=Path, nargs="*", default=[], help="recordings: a ghost now, a comparison at the end"
-    )
-    parser.add_argument("--out", type=Path, default=Path("out/live"), help="folder of recording and report")
-
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Serve the ride until it is ended, then write its report; of a ride that is only watched there is none.
+    """Serve a ride until it is ended, then write its report.
 
     Raises:
-        ValueError: a broken file or value. FileNotFoundError: an unknown vehicle or course. OSError: the port is taken.
-        NodeLost: the simulator or the recorder ended, or no simulator was found to watch.
+        ValueError: a broken file or value.
+        FileNotFoundError: an unknown vehicle or course.
+        OSError: the port is taken.
+        NodeLost: the simulator or the recorder ended.
     """
-    _check_kind(args)
-    check_positive("--speed", args.speed, "m/s")
-    check_whole("--port", args.port, 0, LARGEST_PORT)
-    if args.foxglove is not None:
-        from bike_training.nodes import foxglove_bridge  # noqa: F401 - a missing package is told before the ride
-
-        check_whole("--foxglove", args.foxglove, 0, LARGEST_PORT)
-    if args.seconds is not None:
-        check_positive("--seconds", args.seconds, "s")
-    if args.attach:
-        return {"schema": "bike.live/1", "ok": True, "figures": _watch(args)}
+    if args.speed is not None:
+        check_positive("--speed", args.speed, "m/s")
+    _check_page(args)
     make_folder("--out", args.out)
     recording = args.out / "live.mcap"
     with claim_folder(args.out):
@@ -111,22 +64,15 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     return {"schema": "bike.live/1", "ok": True, "figures": figures}
 
 
-def _check_kind(args: argparse.Namespace) -> None:
-    """Check that what is given belongs to a ride of its own, or to one that is watched.
+def _check_page(args: argparse.Namespace) -> None:
+    """Check what the page is served with."""
+    check_whole("--port", args.port, 0, LARGEST_PORT)
+    if args.foxglove is not None:
+        from bike_training.nodes import foxglove_bridge  # noqa: F401 - a missing package is told before the ride
 
-    Raises:
-        ValueError: an option of the other kind.
-    """
-    if args.domain is not None:
-        check_whole("--domain", args.domain, 0, LARGEST_DOMAIN)
-    if args.attach:
-        plain = argparse.ArgumentParser()
-        configure(plain)
-        given = [name for name in OF_RIDES if getattr(args, name) != plain.get_default(name)]
-        if given:
-            raise ValueError(f"--{given[0]} is for a ride that `bike live` starts; --attach watches one that runs")
-    elif args.domain is not None or args.namespace is not None:
-        raise ValueError("--domain and --namespace belong to --attach; a ride that `bike live` starts is on its own")
+        check_whole("--foxglove", args.foxglove, 0, LARGEST_PORT)
+    if args.seconds is not None:
+        check_positive("--seconds", args.seconds, "s")
 
 
 def _live(args: argparse.Namespace, recording: Path) -> dict[str, Any]:
@@ -137,13 +83,13 @@ def _live(args: argparse.Namespace, recording: Path) -> dict[str, Any]:
 
     machine = load_vehicle(args.vehicle)
     powered = isinstance(machine, Superbike)
-    rider = make_rider(args.rider or (CLASSICAL if powered else DEFAULT_POLICY))
-    course = args.course or ("barcelona" if powered else "benchmark")
+    rider, course = make_rider(args.rider), args.course
     if course not in shipped_tracks():
         load_course(course)  # refuses an unknown one before anything starts
     config = superbike_config(args.vehicle) if powered else SimulatorConfig(vehicle=args.vehicle)
-    begin: dict[str, Any] = {"speed_range": (args.speed, args.speed)}
-    if powered and course in shipped_tracks():
+    speed = PATH_SPEED if args.speed is None else args.speed
+    begin: dict[str, Any] = {"speed_range": (speed, speed)}
+    if powered and kind_of(course) == "circuit":
         begin = {"speed_share": START_SHARE}
     against = compare(args.against) if args.against else None  # refuses a broken recording before anything starts
     request = ResetRequest(course=course, preview=rider.preview or Preview(), **begin)
@@ -161,6 +107,20 @@ def _live(args: argparse.Namespace, recording: Path) -> dict[str, Any]:
 
     wall = _serve(args, ride, tally, serve)
     return {"states": tally.states, "wall_s": round(wall, 1), "rider": rider.name, "course": course}
+
+
+def watch(args: argparse.Namespace) -> dict[str, Any]:
+    """Serve a page of a simulator that others ride until it is ended; there is no report.
+
+    Raises:
+        ValueError: a broken value.
+        OSError: the port is taken.
+        NodeLost: no simulator was found to watch.
+    """
+    if args.domain is not None:
+        check_whole("--domain", args.domain, 0, LARGEST_DOMAIN)
+    _check_page(args)
+    return {"schema": "bike.live/1", "ok": True, "figures": _watch(args)}
 
 
 def _watch(args: argparse.Namespace) -> dict[str, Any]:

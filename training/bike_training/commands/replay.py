@@ -1,4 +1,4 @@
-"""`bike replay`: replays a recording from its commands and reports whether the ride is the same."""
+"""`bike analyze --replay`: replays a recording from its commands and reports whether the ride is the same."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import math
 import sys
 import time
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any, Final
 
 from tqdm import tqdm
@@ -15,28 +14,7 @@ from tqdm import tqdm
 from bike_training.replay.recorded_rides import RideSource, read_rides
 from bike_training.replay.replaying import Difference, Replay, ride_again
 
-SCHEMA: Final = "bike.replay/1"
-
-EXAMPLES: Final = """examples:
-  bike replay out/ride/ride.mcap                  the same ride, bit for bit, or the first step that differs
-  bike replay out/lap/lap.mcap --json             laps of a superbike
-  bike replay runs/a/episodes/step_000004000_training.mcap
-  bike replay out/ride/ride.mcap --engine whipple --time-step 0.005
-                                                  how fast the same commands lead elsewhere in another physics
-
-The exit code is 1 where the ride is not the same. With another engine or step it never is: a bicycle does not keep its
-balance with commands that were meant for another one. The simulator runs in this process; no ROS is needed."""
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    parser.epilog = EXAMPLES
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("recording", type=Path, help="an .mcap file or a rosbag2 directory")
-    parser.add_argument("--episode", type=int, metavar="N", help="only the rides of this number of the simulator")
-    parser.add_argument("--engine", choices=["pybullet", "whipple"], help="another engine than the recorded one")
-    parser.add_argument("--time-step", type=float, metavar="S", help="another integration step than the recorded one")
-    parser.add_argument("--vehicle", metavar="NAMESPACE", help="which vehicle, if several were recorded")
+SCHEMA: Final = "bike.analyze_replay/1"
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -46,7 +24,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         FileNotFoundError: there is no such recording, or its vehicle or course is not here.
         ValueError: it cannot be replayed, with the reason.
     """
-    recording, rides = read_rides(args.recording, args.vehicle)
+    recording, rides = read_rides(args.objects[0], args.namespace)
     episodes = [recorded.ride.episode for recorded in rides]
     if args.episode is not None and args.episode not in episodes:
         known = ", ".join(map(str, sorted(set(episodes))))

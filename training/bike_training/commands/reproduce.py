@@ -6,7 +6,6 @@ import argparse
 import os
 from dataclasses import replace
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any, Final
 
 import yaml
@@ -29,44 +28,8 @@ from bike_training.sweeps.training_job import TrainJob
 
 PAPERS: Final[dict[str, Paper[Any, Any]]] = {paper.name: paper for paper in (BICYCLE, SUPERBIKE)}
 DATA: Final = "data"
-LEARNING: Final = ("settings", "seeds", "steps", "cores", "plan", "quick")
-"""Options that say nothing where nothing is learned."""
 STATEMENTS_FILE: Final = "statements.md"
 TABLES_FILE: Final = "tables.md"
-
-EXAMPLES: Final = """examples:
-  bike reproduce bicycle --out runs/paper --plan             how long it will take; starts nothing
-  bike reproduce bicycle --out runs/paper                    all settings, five seeds; the same command goes on
-  bike reproduce bicycle --out runs/paper --settings prop alt3 --seeds 2 --steps 200000
-  bike reproduce bicycle --out drawn --data runs/paper/data  draw figures and tables again, without learning
-  bike reproduce bicycle --out late --seeds 2-4              some of the seeds, as on another machine
-  bike reproduce bicycle --out all --data runs/paper/data late/data   both together
-  bike reproduce bicycle --out tried --quick                 the whole way in seconds; learns nothing
-  bike reproduce superbike --out runs/race --settings spdl sac   SPDL and SAC in Barcelona alone
-"""
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    parser.epilog = EXAMPLES
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    sources = "; ".join(f"{name}: {paper.source}" for name, paper in PAPERS.items())
-    parser.add_argument("paper", choices=PAPERS, help=sources)
-    parser.add_argument("--out", type=Path, required=True, help="folder; what it holds already is kept")
-    parser.add_argument("--settings", nargs="+", metavar="SETTING", help="what is learned (default: all)")
-    parser.add_argument("--seeds", help="of each setting: 5 for seeds 0 to 4, 2-4 for some of them (default: 5)")
-    steps = ", ".join(f"{name} {paper.experiment.steps:,}" for name, paper in PAPERS.items())
-    parser.add_argument("--steps", type=int, help=f"most learning steps of a run (default: {steps})")
-    parser.add_argument("--cores", type=int, help="processor cores to use (default: all)")
-    parser.add_argument("--plan", action="store_true", help="say how long it will take, and start nothing")
-    parser.add_argument("--quick", action="store_true", help="try the whole way with a run that learns nothing")
-    parser.add_argument(
-        "--data",
-        type=Path,
-        nargs="+",
-        metavar="FOLDER",
-        help="draw from the tables of these folders, put together; nothing is learned or ridden",
-    )
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -80,8 +43,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         if value is not None:
             check_whole(f"--{name}", value, least)
     paper = PAPERS[args.paper]
-    if args.data is not None:
-        return _drawn(args)
     experiment = _experiment(args)
     sweep = experiment.sweep()
     plan = make_plan(sweep, args.out)
@@ -126,15 +87,12 @@ def _experiment(args: argparse.Namespace) -> Experiment:
     return replace(experiment, **{name: value for name, value in asked.items() if value})
 
 
-def _drawn(args: argparse.Namespace) -> dict[str, Any]:
+def run_drawing(args: argparse.Namespace) -> dict[str, Any]:
     """Draw from tables; those of several folders are left together as well.
 
     Raises:
-        ValueError, FileNotFoundError: as of `read_all`, or an option that is for learning.
+        ValueError, FileNotFoundError: as of `read_all`.
     """
-    given = [name for name in LEARNING if getattr(args, name) not in (None, False)]
-    if given:
-        raise ValueError(f"--{given[0]} is for what is learned; --data draws what its folders hold")
     together = args.out / DATA
     if together.resolve() in [folder.resolve() for folder in args.data] and len(args.data) > 1:
         raise ValueError(f"--out {args.out} would write over the tables of --data {together}; choose another folder")

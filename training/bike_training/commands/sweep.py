@@ -6,7 +6,6 @@ import argparse
 import os
 import shutil
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any, Final
 
 from bike_sim.recording.in_use import claim_folder
@@ -24,37 +23,6 @@ SCHEMA: Final = "bike.sweep/1"
 SEARCH_SCHEMA: Final = "bike.search/1"
 SEARCH_FILE: Final = "search.json"
 SPEC_COPY: Final = "sweep.yaml"
-
-EXAMPLES = """examples:
-  bike sweep seeds.yaml --out sweeps/seeds              what is missing of the sweep, on all cores
-  bike sweep seeds.yaml --out sweeps/seeds --plan       check the file and estimate the hours; nothing is started
-  bike sweep seeds.yaml --out sweeps/seeds --address 10.0.0.5:6379 --store s3://bucket/seeds
-  bike report sweeps/seeds                              tables with intervals, curves and a page
-
-a file, docs/sweeps.md has all of it:
-  task: train
-  base: {vehicle: whipple, until_finished: true}
-  grid: {seed: [0, 1, 2, 3, 4], set.gamma: [0.97, 0.99]}
-"""
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    parser.epilog = EXAMPLES
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("spec", type=Path, help="YAML file of the sweep")
-    parser.add_argument("--out", type=Path, required=True, help="folder of the sweep; what it holds already is kept")
-    parser.add_argument("--plan", action="store_true", help="check and estimate only")
-    parser.add_argument("--search", action="store_true", help="search the settings under `search` of the file instead")
-    parser.add_argument("--cores", type=int, help="processor cores of this machine to use (default: all)")
-    parser.add_argument("--address", help="of a running Ray cluster (default: Ray is started here, on 127.0.0.1)")
-    parser.add_argument(
-        "--store", help="second place for the runs' folders, at an fsspec address such as s3://bucket/a"
-    )
-    parser.add_argument("--mlflow", metavar="URI", help="log finished runs to MLflow at this address or file store too")
-    parser.add_argument(
-        "--retries", type=int, help="how often a run goes on whose worker was lost (default: the file's)"
-    )
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:

@@ -13,46 +13,18 @@ from rich.console import Console
 from rich.table import Table
 
 from bike_sim.physics import linear, modes
-from bike_sim.physics.engine import BICYCLE_ENGINES, Engine, make_engine
-from bike_sim.physics.superbike_engine import TIME_STEP
+from bike_sim.physics.engine import Engine, make_engine
 from bike_sim.validation import bicycle as validation
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.arguments import check_positive, make_folder
-from bike_training.commands import validate_superbike
 
 SCHEMA = "bike.validate/1"
 
-_EXAMPLES = """examples:
-  bike validate                                   the benchmark bicycle in PyBullet at 1 ms
-  bike validate --time-step 0.005 --out out       at 5 ms, with modes.png and validate.json in out/
-  bike validate --engine whipple --json           the compiled bicycle, figures as JSON
-  bike validate superbike --out out               five superbikes against statics and closed formulas"""
-
-SUPERBIKES = "superbike"
 
 BICYCLE_PERIOD: Final = 0.05
-SUPERBIKE_PERIOD: Final = 0.02
-"""Control periods, s; integration steps must not be longer."""
-
+"""Control period, s; integration steps must not be longer."""
 _PLOT_SPEEDS = np.arange(0.5, 10.01, 0.5)
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the command's arguments."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.epilog = _EXAMPLES
-    parser.add_argument(
-        "vehicle",
-        nargs="?",
-        default="whipple",
-        help=f"bicycle: shipped vehicle or YAML file (default: whipple); {SUPERBIKES}: all five machines",
-    )
-    parser.add_argument("--engine", choices=BICYCLE_ENGINES, default="pybullet", help="default: pybullet")
-    parser.add_argument(
-        "--time-step", type=float, metavar="S", help="integration step, s (default: 0.001; superbike 0.002)"
-    )
-    parser.add_argument("--out", type=Path, metavar="DIR", help="folder for modes.png and validate.json")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -62,15 +34,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         ValueError: a broken vehicle's file, or an invalid step. OSError: an unknown vehicle or a folder
             that cannot be made.
     """
-    superbikes = args.vehicle == SUPERBIKES
-    usual, longest = (TIME_STEP, SUPERBIKE_PERIOD) if superbikes else (0.001, BICYCLE_PERIOD)
-    if args.time_step is None:
-        args.time_step = usual
-    check_positive("--time-step", args.time_step, "s", longest)
+    check_positive("--time-step", args.time_step, "s", BICYCLE_PERIOD)
     if args.out is not None:
         make_folder("--out", args.out)
-    if superbikes:
-        return validate_superbike.run(args)
     vehicle = load_vehicle(args.vehicle)
     console = Console(quiet=args.json)
     with console.status("measuring") as status:

@@ -1,4 +1,4 @@
-"""`bike validate superbike`: the five machines compared with statics and closed-form solutions."""
+"""`bike validate --vehicle superbikes`: the five machines compared with statics and closed-form solutions."""
 
 from __future__ import annotations
 
@@ -26,9 +26,12 @@ from bike_sim.validation import superbike as validation
 from bike_sim.validation.bicycle import Check
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
+from bike_training.arguments import check_positive, make_folder
 from bike_training.rollout.laps import ride_laps
 
 SCHEMA: Final = "bike.validate_superbike/1"
+SUPERBIKE_PERIOD: Final = 0.02
+"""Control period, s; integration steps must not be longer."""
 PICTURES: Final = ("tyres", "lean_steps", "turns", "modes", "launch_and_stop", "envelopes", "convergence", "shake")
 BOLD: Final = (0.9, 0.92)
 """Parts of the lateral limit that riders use who try the theoretical laps; the last falls at times."""
@@ -41,6 +44,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     Args:
         args: ``json``, ``time_step`` (s) and ``out`` (folder or None).
     """
+    check_positive("--time-step", args.time_step, "s", SUPERBIKE_PERIOD)
+    if args.out is not None:
+        make_folder("--out", args.out)
     console = Console(quiet=args.json)
     with console.status("measuring") as status:
         result = validation.validate(args.time_step, lambda part: status.update(f"measuring: {part}"))
@@ -50,7 +56,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     console.print(_ranges(result))
     answer = as_dict(result)
     if args.out is not None:
-        args.out.mkdir(parents=True, exist_ok=True)
         (args.out / "validate_superbike.json").write_text(json.dumps(answer, indent=2) + "\n", encoding="utf-8")
         written = draw(result, args.out)
         console.print("written: " + ", ".join(str(path) for path in written))

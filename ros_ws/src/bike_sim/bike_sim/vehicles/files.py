@@ -18,7 +18,7 @@ from bike_sim.documents import (
     show,
 )
 from bike_sim.vehicles.bicycle import Vehicle, VehicleError, bicycle_from_document
-from bike_sim.vehicles.superbike import superbike_from_document
+from bike_sim.vehicles.superbike import Superbike, superbike_from_document
 
 SHIPPED: Final = resources.files("bike_sim") / "config" / "vehicles"
 """Folder of the vehicles that come with the package."""
@@ -27,6 +27,11 @@ SHIPPED: Final = resources.files("bike_sim") / "config" / "vehicles"
 def shipped_vehicles() -> tuple[str, ...]:
     """Return the names of the vehicles that come with the package, sorted."""
     return tuple(sorted(entry.name[: -len(".yaml")] for entry in SHIPPED.iterdir() if entry.name.endswith(".yaml")))
+
+
+def shipped_superbikes() -> tuple[str, ...]:
+    """Return the names of the superbikes among them, sorted."""
+    return tuple(name for name in shipped_vehicles() if isinstance(load_vehicle(name), Superbike))
 
 
 def load_vehicle(name_or_path: str | Path) -> Vehicle:

@@ -1,4 +1,4 @@
-"""``bike analyze``: figures, comparisons, plots and a report page of recordings, without ROS."""
+"""`bike analyze`: figures, comparisons, plots and pages of recordings and of sweeps, without ROS."""
 
 from __future__ import annotations
 
@@ -9,59 +9,23 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from bike_analysis.figures.numbers import lap_text
+from bike_analysis.figures.numbers import lap_text, significant
 from bike_analysis.figures.results import SCHEMA
 from bike_analysis.read.text import LONGEST_SENTENCE, shown
 from bike_analysis.report import Video, analyze
+from bike_analysis.sweeps.pictures import label_of
+from bike_analysis.sweeps.report import report_sweep
+from bike_analysis.sweeps.report_page import interval_text
 
+SWEEP_SCHEMA: Final = "bike.analyze_sweep/1"
 MOST_SECTORS: Final = 6
 """Sectors whose times fit beside a lap. A path has a section for each of its elements, told in lines of their own."""
 LONGEST_LINE: Final = 10_000
 """Characters of a printed line; a table of many sectors is wide."""
 
-EPILOG = """examples:
-  bike analyze ride.mcap                    print the figures, write ride.html and ride.png beside the recording
-  bike analyze a.mcap b.mcap --out report   compare two rides or laps, page in report/
-  bike analyze lap.mcap --csv laps.csv      all laps, aligned by the way, as a table; --parquet for pandas
-  bike analyze ride.mcap --json             the figures as JSON, and no files
-  bike analyze recordings/ride_1 --json     a rosbag2 directory
-  bike analyze ride.mcap --video ride.mp4   the ride as seen from behind; ride.gif --begin 20 --duration 10
-
-A recording that was torn off (recorder killed, disk full) or damaged is analyzed as far as it can be read, with a
-warning. The exit code is 1 if one of several recordings could not be read at all, 2 if none could.
-"""
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments.
-
-    Args:
-        parser: Parser of the subcommand.
-    """
-    parser.description = "Read recorded rides and report how well they followed their path. Needs no ROS."
-    parser.epilog = EPILOG
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument(
-        "recordings", type=Path, nargs="+", metavar="RECORDING", help="an .mcap file or a rosbag2 directory"
-    )
-    parser.add_argument("--out", type=Path, metavar="DIR", help="directory for ride.html and ride.png")
-    parser.add_argument("--csv", type=Path, metavar="FILE", help="write rides or laps, aligned by the way, as CSV")
-    parser.add_argument("--parquet", type=Path, metavar="FILE", help="the same as Parquet")
-    parser.add_argument("--station", type=float, metavar="M", help="distance of rows of these tables, m")
-    parser.add_argument("--video", type=Path, metavar="FILE", help="the longest ride as seen from behind, .mp4 or .gif")
-    parser.add_argument("--begin", type=float, default=0.0, metavar="S", help="where the video begins, s of the ride")
-    parser.add_argument("--duration", type=float, metavar="S", help="length of the video, s (default: to the end)")
-    parser.add_argument("--vehicle", metavar="NAMESPACE", help="which vehicle, if several were recorded")
-
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Analyze recordings and print their figures.
-
-    Args:
-        args: Parsed arguments, with ``json`` from the central command.
-
-    Returns:
-        The result object, schema ``bike.analyze/2``.
+    """Analyze recordings, print their figures unless `args.json`, and return them, schema ``bike.analyze/2``.
 
     Raises:
         FileNotFoundError: If there is no such recording.
@@ -69,16 +33,15 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         ValueError: If the distance of rows is not positive, or a file to be written is one of the recordings.
         OSError: If a file cannot be read or written.
     """
-    as_json = bool(getattr(args, "json", False))
-    out, first = args.out, args.recordings[0]
-    if out is None and not as_json:
+    out, first = args.out, args.objects[0]
+    if out is None and not args.json:
         out = first if first.is_dir() else first.parent
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of NumPy about damaged numbers, of Matplotlib about letters without a glyph
         figures = analyze(
-            args.recordings,
+            args.objects,
             out,
-            namespace=args.vehicle,
+            namespace=args.namespace,
             csv=args.csv,
             parquet=args.parquet,
             station_m=args.station,
@@ -86,9 +49,25 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         )
     for warning in figures["warnings"]:
         print(f"warning: {shown(warning, LONGEST_SENTENCE)}", file=sys.stderr)
-    if not as_json:
+    if not args.json:
         print(text_of(figures))
-    return {"schema": SCHEMA, "ok": len(figures["recordings"]) == len(args.recordings), "figures": figures}
+    return {"schema": SCHEMA, "ok": len(figures["recordings"]) == len(args.objects), "figures": figures}
+
+
+def run_sweep(args: argparse.Namespace) -> dict[str, Any]:
+    """Report a sweep, print tables with intervals unless `args.json`; not ok where a run has not finished.
+
+    Raises:
+        FileNotFoundError: there is no such sweep.
+        ValueError: a damaged file of it.
+        OSError: a file cannot be written.
+    """
+    sweep = args.objects[0]
+    figures = report_sweep(sweep, args.out or sweep / "report")
+    if not args.json:
+        print("\n".join(shown(line, LONGEST_LINE) for line in _sweep(figures)))
+    finished = figures["finished"] == figures["runs"]
+    return {"schema": SWEEP_SCHEMA, "ok": finished, "figures": figures}
 
 
 def text_of(figures: dict[str, Any]) -> str:
@@ -205,6 +184,34 @@ def _speeds(speeds: Sequence[dict[str, Any]]) -> list[str]:
         for s in speeds
     ]
     return _table(("course", "m/s", "T(v) m", "max m", "controllers", "completed"), rows)
+
+
+def _sweep(figures: dict[str, Any]) -> list[str]:
+    rows = []
+    for entry in figures["groups"]:
+        interval = interval_text(entry["low"], entry["high"])
+        values = [significant(entry[name]) for name in ("median", "min", "max")]
+        rows.append(
+            (
+                entry["group"],
+                label_of(entry["figure"]),
+                str(entry["runs"]),
+                significant(entry["iqm"]),
+                interval,
+                *values,
+            )
+        )
+    head = ("group", "figure", "runs", "IQM", "95 % interval", "median", "least", "largest")
+    lines = [f"{figures['sweep']}: {figures['finished']} of {figures['runs']} runs finished", *_table(head, rows)]
+    if figures["comparisons"]:
+        pairs = []
+        for entry in figures["comparisons"]:
+            difference = significant(entry["difference"]), interval_text(entry["low"], entry["high"])
+            pair = (label_of(entry["figure"]), entry["first"], entry["second"])
+            pairs.append((*pair, str(entry["seeds"]), *difference))
+        titles = ("figure", "first", "second", "seeds", "difference", "95 % interval")
+        lines += ["each seed with itself: second minus first", *_table(titles, pairs)]
+    return [*lines, f"page: {figures['page']}"]
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:

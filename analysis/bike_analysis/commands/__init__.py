@@ -1,1 +1,0 @@
-"""Subcommands of ``bike`` that belong to the analysis."""
