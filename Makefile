@@ -33,7 +33,7 @@ ride: setup ## Ride the benchmark path with the shipped actor and write ride.mca
 	@$(BIN)/bike ride
 
 lap: setup ## Three laps of Barcelona by a learned and by the classical rider through the nodes: out/lap/lap.html, ride.html
-	@$(BIN)/bike lap --nodes --rider racer --beside classical
+	@$(BIN)/bike ride --course barcelona --nodes --rider racer --beside classical
 
 live: setup ## A ride in the browser: watch it, or ride yourself (V=panigale_v4r for a superbike)
 	@$(BIN)/bike live --vehicle $(or $(V),whipple)

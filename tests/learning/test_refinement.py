@@ -237,7 +237,7 @@ def make(folder: Path) -> Path:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--set", "speed=3"], "--set speed: settings of --preset exact are seed, "),
+        (["--set", "speed=3"], "--set speed: settings of --preset exact are task, "),
         (["--set", "task=alt1"], "have no slopes"),
         (["--set", "tail=500"], "tail=500 must be 0 to"),
         (["--from", "nobody"], "nobody"),
