@@ -1,4 +1,13 @@
-"""Circuit files that tests of several folders write."""
+"""Circuits that tests of several folders ride."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from bike_sim.course.course import Course
 
 OVAL = """
 format: bike.track/1
@@ -12,3 +21,27 @@ elements:
 elevation_m: [[0, 10], [300, 14], [600, 12], [900, 8]]
 """
 """Two straights and two half circles, with hills."""
+
+
+def circle(radius: float, spacing: float = 0.1) -> Course:
+    """A closed circle to the left."""
+    count = round(2.0 * math.pi * radius / spacing)
+    s = np.linspace(0.0, 2.0 * math.pi * radius, count + 1)
+    angle = s / radius
+    return Course(
+        "circle",
+        s,
+        radius * np.sin(angle),
+        radius - radius * np.cos(angle),
+        angle,
+        np.full(count + 1, 1 / radius),
+        True,
+        10.0,
+    )
+
+
+def over_a_crest(height: float, turn: float = 1.0) -> Course:
+    """A circle that turns to the left (1) or to the right (-1), with a crest (m) after a quarter of the lap."""
+    level = circle(60.0, 1.0)
+    hill = height * np.exp(-(((level.s - 0.25 * level.length) / 20.0) ** 2))
+    return replace(level, y=turn * level.y, heading=turn * level.heading, curvature=turn * level.curvature, height=hill)

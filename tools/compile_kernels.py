@@ -17,7 +17,7 @@ import matplotlib.font_manager  # noqa: F401 (lists the fonts, which it does onc
 import numpy as np
 
 from bike_analysis.read.container import Container
-from bike_policy.riders.making import make_rider
+from bike_policy.riders.rider import make_rider
 from bike_sim.course.files import load_track
 from bike_sim.course.lap_timing import Sample, time_laps
 from bike_sim.planning.envelope import envelope

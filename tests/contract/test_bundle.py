@@ -103,6 +103,17 @@ def test_wrong_sizes_and_values_are_refused(bundle):
         Actor([np.full((1, 3), np.inf, dtype="f4")], [np.zeros(1, dtype="f4")])
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("part", ["weight", "bias"])
+def test_weights_that_overflow_are_refused_in_one_line(bundle, tmp_path, part):
+    bundle.save(tmp_path)
+    tensors = bundle.actor.tensors()
+    tensors[f"layers.0.{part}"].flat[0] = 1e38
+    save_file(tensors, tmp_path / "actor.safetensors")
+    with pytest.raises(ValueError, match=r"actor layer 0 holds a weight of 1e\+38, beyond 1e\+06$"):
+        load_bundle(tmp_path)
+
+
 @given(action=st.floats(-1, 1), max_steer=st.floats(0.01, 3.0))
 def test_command_stays_in_range_and_mirrors(action, max_steer):
     scale = ActionLayout.steering(max_steer)

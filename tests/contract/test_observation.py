@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from bike_policy.contract.observation import LAYOUT_VERSION, LEAN_LAYOUT, PROP_LAYOUT, ObservationLayout, SeenBlocks
+from bike_policy.contract.observation import LAYOUT_VERSION, LEAN_LAYOUT, PROP_LAYOUT, ObservationLayout, Rows
 from bike_sim.physics.state import MIRROR_SIGNS, STATE_SIZE
 from bike_sim.sim import look as lk
 from bike_training.tasks.path import TASKS
@@ -16,15 +16,19 @@ LAYOUTS = [task.layout for task in TASKS.values()]
 finite = st.floats(-20.0, 20.0)
 
 
-def blocks(state, preview_y):
-    """Return what is seen where a layout takes nothing but state and preview."""
-    return SeenBlocks(state, np.full((*state.shape[:-1], lk.LOOK_SIZE), np.nan), preview_y)
+def rows(state, preview_y):
+    """Return rows where a layout takes nothing but state and preview."""
+    state, preview_y = np.atleast_2d(state, preview_y)
+    return Rows.of_path(state, np.full((len(state), lk.LOOK_SIZE), np.nan), preview_y)
+
+
+FEATURES = LEAN_LAYOUT.size - LEAN_LAYOUT.preview_count
 
 
 def test_prop_is_the_papers_q_prime_and_preview():
     state = np.arange(1.0, 11.0) / 10.0
     preview = np.array([0.1, 0.2, 0.4, 0.8, 1.6])
-    observation = PROP_LAYOUT.observe(blocks(state, preview))
+    observation = PROP_LAYOUT.observe(rows(state, preview))[0]
     x, y, yaw, *rest = state
     expected = [x, y, math.cos(yaw), math.sin(yaw), *rest, *preview]
     np.testing.assert_allclose(observation, expected, rtol=1e-6)
@@ -37,8 +41,8 @@ def test_lean_preview_of_a_circle_is_the_steady_lean():
     speed, radius = 5.0, 40.0
     arc = speed * LEAN_LAYOUT.preview_interval * np.arange(LEAN_LAYOUT.preview_count)
     y = radius * (1.0 - np.cos(arc / radius))
-    observation = LEAN_LAYOUT.observe(blocks(np.zeros(STATE_SIZE), y))
-    lean = observation[len(LEAN_LAYOUT.features) + 2 :]
+    observation = LEAN_LAYOUT.observe(rows(np.zeros(STATE_SIZE), y))[0]
+    lean = observation[FEATURES + 2 :]
     # The first of them is seen from the tangent point; the later ones turn away by the angle of the arc.
     angles = arc[1:-1] / radius
     np.testing.assert_allclose(lean, speed**2 / (9.81 * radius) * np.cos(angles), rtol=1e-3)
@@ -48,7 +52,7 @@ def test_lean_preview_loses_nothing():
     """The preview points can be found again from their lean form."""
     rng = np.random.default_rng(0)
     y = rng.normal(size=LEAN_LAYOUT.preview_count)
-    form = LEAN_LAYOUT.observe(blocks(np.zeros(STATE_SIZE), y))[len(LEAN_LAYOUT.features) :].astype(float)
+    form = LEAN_LAYOUT.observe(rows(np.zeros(STATE_SIZE), y))[0, FEATURES:].astype(float)
     t = LEAN_LAYOUT.preview_interval
     back = [form[0], form[0] + form[1] * t]
     for second in form[2:]:
@@ -61,8 +65,8 @@ def test_lean_preview_loses_nothing():
 def test_mirrored_state_gives_mirrored_observation(layout, data):
     state = data.draw(arrays(np.float64, STATE_SIZE, elements=finite))
     preview = data.draw(arrays(np.float64, layout.preview_count, elements=finite))
-    observation = layout.observe(blocks(state, preview))
-    mirrored = layout.observe(blocks(state * MIRROR_SIGNS, -preview))
+    observation = layout.observe(rows(state, preview))
+    mirrored = layout.observe(rows(state * MIRROR_SIGNS, -preview))
     np.testing.assert_array_equal(mirrored, observation * layout.mirror_signs)
 
 
@@ -70,9 +74,9 @@ def test_mirrored_state_gives_mirrored_observation(layout, data):
 def test_batch_is_the_same_as_one_by_one(layout):
     rng = np.random.default_rng(1)
     states, previews = rng.normal(size=(7, STATE_SIZE)), rng.normal(size=(7, layout.preview_count))
-    batch = layout.observe(blocks(states, previews))
+    batch = layout.observe(rows(states, previews))
     for row, state, preview in zip(batch, states, previews, strict=True):
-        np.testing.assert_array_equal(row, layout.observe(blocks(state, preview)))
+        np.testing.assert_array_equal(row, layout.observe(rows(state, preview))[0])
     assert batch.shape == (7, layout.size) == (7, len(layout.names))
 
 
@@ -85,12 +89,15 @@ def test_card_round_trip(layout):
     ("change", "message"),
     [
         ({"version": LAYOUT_VERSION + 1}, "version"),
-        ({"features": ["roll", "mood"]}, "mood"),
-        ({"scales": [1.0]}, "scales"),
-        ({"preview_kind": "holes"}, "holes"),
+        ({"version": 1}, "version 1, this software speaks 2"),
+        ({"terms": ["roll", "mood", "preview_lean"]}, "mood"),
+        ({"terms": ["roll", "speed_margin", "preview_lean"]}, "speed_margin"),
+        ({"terms": ["preview_lean", "roll"], "factors": []}, "last term must be a preview"),
+        ({"factors": [1.0]}, "factors"),
+        ({"terms": 3}, "no lists"),
         ({"colour": "red"}, "colour"),
-        ({"preview_interval": float("nan")}, "interval"),
-        ({"preview_by_time": False}, "lean preview"),
+        ({"preview_interval": float("nan")}, "interval must be positive"),
+        ({"preview_by_time": False}, "preview_lean needs"),
     ],
 )
 def test_foreign_layout_is_refused_by_name(change, message):
@@ -119,20 +126,20 @@ def test_preview_that_does_not_serve_is_refused(by_time, interval, count, messag
 
 
 def test_bounds_hold_angles():
-    layout = replace(PROP_LAYOUT, scales=(2.0,) * len(PROP_LAYOUT.features))
-    assert layout.high[layout.features.index("roll")] == pytest.approx(2.0 * math.pi)
-    assert layout.high[layout.features.index("yaw_cos")] == pytest.approx(2.0)
+    layout = replace(PROP_LAYOUT, factors=(2.0,) * len(PROP_LAYOUT.terms))
+    assert layout.high[layout.names.index("roll")] == pytest.approx(2.0 * math.pi)
+    assert layout.high[layout.names.index("yaw_cos")] == pytest.approx(2.0)
     assert math.isinf(layout.high[0])
-    assert math.isinf(layout.high[layout.features.index("steer")])
+    assert math.isinf(layout.high[layout.names.index("steer")])
 
 
 def test_a_wrapped_yaw_forgets_whole_turns_and_mirrors():
-    layout = ObservationLayout("turns", ("yaw_wrapped",), (1.0,), preview_count=1)
+    layout = ObservationLayout("turns", ("yaw_wrapped", "preview_points"), preview_count=1)
 
     def shown(yaw: float) -> float:
         state = np.zeros(10)
         state[2] = yaw
-        return float(layout.observe(SeenBlocks(state, np.zeros(12), np.zeros(1)))[0])
+        return float(layout.observe(rows(state, np.zeros(1)))[0, 0])
 
     for yaw in (-3.0, -0.2, 0.0, 1.5, 3.1):
         assert shown(yaw) == pytest.approx(yaw, abs=1e-6)

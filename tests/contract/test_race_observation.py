@@ -9,41 +9,27 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from bike_policy.contract.bundle import layout_from_card
-from bike_policy.contract.line_tables import KEPT
-from bike_policy.contract.race import (
-    BLOCKS,
+from bike_policy.contract.action import LINE_OFFSET, PACE, ActionColumn, ActionLayout
+from bike_policy.contract.observation import (
     COMPACT,
+    DESCRIPTOR,
     GUIDED,
-    MACHINE_FACTS,
+    PROP_LAYOUT,
     RACE_LAYOUTS,
-    TOLD,
-    ObservationBuilder,
-    RaceLayout,
+    RACE_TERMS,
+    ObservationLayout,
+    RideMemory,
+    Rows,
 )
-from bike_policy.contract.reference import OPEN, Reference, ReferenceRows
-from bike_policy.contract.rows import Row
-from bike_sim.physics.state import MIRROR_SIGNS
+from bike_policy.contract.reference import KEPT, OPEN, Reference, ReferenceRows
+from bike_policy.riders.racing import RaceInterface
+from bike_sim.schema import LOOK, SIGNALS, STATE
+from bike_sim.vehicles.files import load_vehicle
+from tests.circuits import circle
 
-ALL = RaceLayout("all", tuple(name for name in BLOCKS if name != "rates"))
-SIGNALS = ALL.signals
-MACHINE = np.linspace(-0.8, 0.8, len(MACHINE_FACTS))
-SIGNAL_MIRROR = np.array(
-    [
-        next(column.mirror for column in ALL.columns if column.name == name) if name in ALL.names else 1.0
-        for name in SIGNALS
-    ]
-)
-LOOK_MIRROR = np.array([1.0, -1, 1, 1, -1, 1, -1, -1, -1, 1, -1, 1])
-"""pitch, yaw rate, speed, front contact, progress, errors, curvature, front progress and error, spacing."""
+ALL = ObservationLayout("all", tuple(name for name in RACE_TERMS if name != "rates"))
+MACHINE = np.linspace(-0.8, 0.8, len(DESCRIPTOR))
 finite = st.floats(-1e3, 1e3)
-
-
-def side_signals() -> np.ndarray:
-    """Return the signs of telemetry in the mirrored ride, also of what the observation has other names for."""
-    signs = SIGNAL_MIRROR.copy()
-    signs[SIGNALS.index("lateral_velocity_m_s")] = -1.0
-    return signs
 
 
 def drawn(rng, count, width=12.0):
@@ -58,17 +44,15 @@ def drawn(rng, count, width=12.0):
     points[:, :, :, 1] += rng.uniform(-3.0, 3.0, count)[:, None, None]
     signals = rng.normal(size=(count, len(SIGNALS)))
     circuit = rng.uniform(-2.0, 8.0, (count, 8))
-    return Row(
-        state, look, np.zeros((count, 20)), signals, np.zeros((count, 4)), circuit, points, np.zeros(count, dtype=bool)
-    )
+    return Rows(state, look, np.zeros((count, 20)), signals, circuit, points, np.zeros(count, dtype=bool))
 
 
 def mirrored(rows):
     points = rows.points[:, [0, 2, 1]] * [1.0, -1.0, 1.0]
     return rows._replace(
-        state=rows.state * MIRROR_SIGNS,
-        look=rows.look * LOOK_MIRROR,
-        signals=rows.signals * side_signals(),
+        state=rows.state * STATE.mirror_signs,
+        look=rows.look * LOOK.mirror_signs,
+        signals=rows.signals * SIGNALS.mirror_signs,
         circuit=rows.circuit[:, [1, 0, 3, 2, 4, 5, 6, 7]],
         points=points,
     )
@@ -81,24 +65,24 @@ def reference(seed=0, sign=1.0):
     return Reference(5.0, curvature, speed)
 
 
-class Beside:
-    """A guide that rides on one side of the line."""
-
-    def __init__(self, count, sign):
-        self.count, self.sign = count, sign
-
-    def shown(self):
-        return np.tile([0.3 * self.sign, 0.5, 0.7 * self.sign, -0.05], (self.count, 1))
-
-
-def eyes_of(layout, rows, sign=1.0, actions=()):
-    guide = Beside(len(rows.state), sign) if "guide" in layout.blocks else None
-    eyes = ObservationBuilder(layout, len(rows.state), SIGNALS, guide, MACHINE)
-    for row in range(len(rows.state)):
-        eyes.begin(row, rows, reference(row, sign))
+def memory_of(layout, rows, sign=1.0, actions=()):
+    """Return the memory of rides that each follow a line of their own, after some actions."""
+    count = len(rows.state)
+    references = ReferenceRows(count)
+    for row in range(count):
+        references.begin(row, reference(row, sign))
+    memory = RideMemory(
+        rolls=np.tile(rows.state[:, [3]], layout.history),
+        steers=rows.state[:, 4].copy(),
+        actions=np.zeros((count, 2, 2)),
+        guide=np.tile([0.3 * sign, 0.5, 0.7 * sign, -0.05], (count, 1)),
+        vehicle=MACHINE,
+        references=references,
+    )
     for action in actions:
-        eyes.act(rows, action)
-    return eyes
+        memory.actions[:, 1] = memory.actions[:, 0]
+        memory.actions[:, 0] = action
+    return memory
 
 
 @pytest.mark.parametrize("layout", [ALL, *RACE_LAYOUTS.values()], ids=lambda layout: layout.name)
@@ -107,10 +91,12 @@ def eyes_of(layout, rows, sign=1.0, actions=()):
 def test_the_mirrored_ride_gives_the_mirrored_observation(layout, seed):
     rng = np.random.default_rng(seed)
     rows, actions = drawn(rng, 3), rng.uniform(-1.0, 1.0, (2, 3, 2))
-    seen = eyes_of(layout, rows, actions=actions).observe(rows)
+    seen = layout.observe(rows, memory_of(layout, rows, actions=actions))
     other = mirrored(rows)
-    eyes = eyes_of(layout, other, sign=-1.0, actions=actions * [-1.0, 1.0])
-    np.testing.assert_allclose(eyes.observe(other), seen[:, layout.mirror_places] * layout.mirror_signs, atol=1e-6)
+    memory = memory_of(layout, other, sign=-1.0, actions=actions * [-1.0, 1.0])
+    np.testing.assert_allclose(
+        layout.observe(other, memory), seen[:, layout.mirror_places] * layout.mirror_signs, atol=1e-6
+    )
 
 
 @pytest.mark.parametrize("layout", RACE_LAYOUTS.values(), ids=RACE_LAYOUTS)
@@ -127,7 +113,7 @@ def test_every_number_lies_within_its_bounds(data):
         state=data.draw(arrays(np.float64, (1, 10), elements=finite)),
         signals=data.draw(arrays(np.float64, (1, len(SIGNALS)), elements=finite)),
     )
-    seen = eyes_of(ALL, wild).observe(wild)
+    seen = ALL.observe(wild, memory_of(ALL, wild))
     assert seen.dtype == np.float32
     assert seen.shape == (1, ALL.size) == (1, len(set(ALL.names)))
     assert (np.abs(seen) <= ALL.high).all()
@@ -136,35 +122,32 @@ def test_every_number_lies_within_its_bounds(data):
 def test_a_machine_is_seen_the_same_alone_and_among_others():
     rng = np.random.default_rng(3)
     rows = drawn(rng, 7)
-    together = eyes_of(ALL, rows).observe(rows)
+    together = ALL.observe(rows, memory_of(ALL, rows))
     for i in range(7):
-        alone = Row(*(part[i : i + 1] for part in rows))
-        eyes = ObservationBuilder(ALL, 1, SIGNALS, Beside(1, 1.0), MACHINE)
-        eyes.begin(0, alone, reference(i))
-        np.testing.assert_array_equal(eyes.observe(alone)[0], together[i])
+        alone = Rows(*(part[i : i + 1] for part in rows))
+        memory = memory_of(ALL, alone)
+        memory.references.begin(0, reference(i))
+        np.testing.assert_array_equal(ALL.observe(alone, memory)[0], together[i])
 
 
 def test_decisions_are_remembered_newest_first_and_forgotten_with_the_ride():
-    rows = drawn(np.random.default_rng(0), 1)
-    eyes = eyes_of(COMPACT, rows)
+    rows, line = drawn(np.random.default_rng(0), 1), circle(60.0, 1.0)
+    interfaces = [RaceInterface(COMPACT, DIRECT, load_vehicle("panigale_v4r"), 0.02, 1) for _ in range(2)]
+    for interface in interfaces:
+        interface.begin(0, rows, line)
+    interface, other = interfaces
     place = {name: i for i, name in enumerate(COMPACT.names)}
-    eyes.act(rows, np.array([[0.25, -0.5]]))
+    interface.act(rows, np.array([[0.25, -0.5]]))
     later = rows._replace(state=rows.state * 0.5)
-    eyes.act(later, np.array([[0.75, 1.0]]))
-    seen = eyes.observe(later)[0]
-    assert [seen[place[name]] for name in ("steering_1", "throttle_1", "steering_2", "throttle_2")] == [
-        0.75,
-        1,
-        0.25,
-        -0.5,
-    ]
+    interface.act(later, np.array([[0.75, 1.0]]))
+    seen = interface.observe(later)[0]
+    actions = [seen[place[name]] for name in ("steering_1", "throttle_1", "steering_2", "throttle_2")]
+    assert actions == [0.75, 1.0, 0.25, -0.5]
     assert seen[place["roll_before_2"]] == pytest.approx(np.clip(rows.state[0, 3] / 1.2, -1, 1), abs=1e-6)
-    stored = eyes.state_dict()
-    other = eyes_of(COMPACT, rows)
-    other.restore(stored)
+    other.restore(interface.state_dict())
     np.testing.assert_array_equal(other.observe(later)[0], seen)
-    eyes.begin(0, later, reference())
-    assert eyes.observe(later)[0][place["steering_1"]] == 0.0
+    interface.begin(0, later, line)
+    assert interface.observe(later)[0][place["steering_1"]] == 0.0
 
 
 @given(progress=st.floats(-1e4, 1e5), share=st.floats(0.1, 2.0), cap=st.floats(1.0, 100.0))
@@ -213,16 +196,16 @@ def test_a_reference_without_speed_is_refused(share, cap):
 @pytest.mark.parametrize("layout", RACE_LAYOUTS.values(), ids=RACE_LAYOUTS)
 def test_card_round_trip(layout):
     changed = replace(layout, repeat=2, share=1.05)
-    assert layout_from_card(json.loads(json.dumps(changed.to_card()))) == changed
+    assert ObservationLayout.from_card(json.loads(json.dumps(changed.to_card()))) == changed
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         ({"version": 9}, "version 9"),
-        ({"blocks": ["speed", "mood"]}, "mood"),
-        ({"blocks": []}, "names blocks"),
-        ({"kind": "rally"}, "rally"),
+        ({"terms": ["speed", "mood"]}, "mood"),
+        ({"terms": ["speed", "preview_points"]}, "preview_points"),
+        ({"terms": []}, "has terms"),
         ({"repeat": 0}, "repeat must be 1"),
         ({"share": float("nan")}, "share must be positive"),
         ({"colour": "red"}, "colour"),
@@ -230,19 +213,26 @@ def test_card_round_trip(layout):
 )
 def test_foreign_layouts_are_refused_by_name(change, message):
     with pytest.raises(ValueError, match=message):
-        layout_from_card({**COMPACT.to_card(), **change})
+        ObservationLayout.from_card({**COMPACT.to_card(), **change})
 
 
-def test_missing_telemetry_is_named():
-    with pytest.raises(ValueError, match="rear_slip"):
-        ObservationBuilder(COMPACT, 1, [name for name in SIGNALS if name != "rear_slip"])
+DIRECT = ActionLayout((ActionColumn("lean_request", 0.95), ActionColumn("throttle_and_brake")))
 
 
-def test_a_layout_that_shows_the_guide_needs_one():
-    with pytest.raises(ValueError, match="'guided' shows what the guide does"):
-        ObservationBuilder(GUIDED, 1, GUIDED.signals)
-
-
-def test_a_layout_that_shows_the_machine_needs_it():
-    with pytest.raises(ValueError, match="'told' shows what the machine is"):
-        ObservationBuilder(TOLD, 1, TOLD.signals, Beside(1, 1.0))
+@pytest.mark.parametrize(
+    ("layout", "action", "vehicle", "message"),
+    [
+        (GUIDED, DIRECT, "panigale_v4r", "'guided' shows the guide's commands, and there is no guide"),
+        (PROP_LAYOUT, DIRECT, "panigale_v4r", "'prop' is of paths; it cannot race"),
+        (COMPACT, DIRECT, "whipple", "needs a superbike with tyres to plan a lap, and 'whipple' is none"),
+        (
+            GUIDED,
+            ActionLayout((ActionColumn(LINE_OFFSET), ActionColumn(PACE))),
+            "whipple",
+            "needs a superbike with tyres to plan a lap, and 'whipple' is none",
+        ),
+    ],
+)
+def test_what_does_not_race_is_refused(layout, action, vehicle, message):
+    with pytest.raises(ValueError, match=message):
+        RaceInterface(layout, action, load_vehicle(vehicle), 0.02, 1)

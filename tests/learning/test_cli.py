@@ -22,7 +22,7 @@ def policy(tmp_path):
     """A linear law that balances and follows: steer into the fall, lean into the bend."""
     weight = np.zeros((1, LEAN_LAYOUT.size), dtype="f4")
     names = list(LEAN_LAYOUT.names)
-    scales = dict(zip(LEAN_LAYOUT.features, LEAN_LAYOUT.scales, strict=True))
+    scales = dict(zip(LEAN_LAYOUT.names, LEAN_LAYOUT.gains, strict=True))
     weight[0, names.index("roll")] = -1.2 / scales["roll"]
     weight[0, names.index("roll_rate")] = -0.35 / scales["roll_rate"]
     actor = Actor([weight], [np.zeros(1, dtype="f4")])

@@ -15,7 +15,7 @@ from bike_analysis.read.columns import MessageSchema
 from bike_analysis.read.container import Container
 from bike_analysis.report import analyze
 from bike_policy.contract.actor import Actor
-from bike_policy.contract.observation import ObservationLayout, SeenBlocks
+from bike_policy.contract.observation import ObservationLayout, Rows
 from bike_sim.physics.state import FIELDS
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
@@ -51,10 +51,10 @@ def messages(path: Path, topic: str) -> list:
     return found
 
 
-def blocks_of(state) -> SeenBlocks:
+def blocks_of(state) -> Rows:
     """Return what a recorded state shows."""
     blocks = (np.array([getattr(state, name) for name in names]) for names in (FIELDS, lk.FIELDS))
-    return SeenBlocks(*blocks, np.array(state.preview_y))
+    return Rows.of_path(*(block[None] for block in blocks), np.array(state.preview_y)[None])
 
 
 def notes(path: Path) -> dict:
@@ -100,7 +100,7 @@ def test_what_the_policy_saw_is_made_of_the_recorded_states(validation):
     layout = ObservationLayout.from_card(task["layout"])
     states, steps = messages(validation, "/bike/state"), messages(validation, "/bike/learning/step")
     for state, step in zip(states, steps, strict=False):
-        seen = layout.observe(blocks_of(state))
+        seen = layout.observe(blocks_of(state))[0]
         assert (state.episode, state.step) == (step.episode, step.step)
         assert tuple(step.feature_names) == layout.names
         np.testing.assert_array_equal(seen, step.observation)

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from bike_policy.contract.action import DRIVE, LEAN_REQUEST, ActionColumn, ActionLayout
-from bike_policy.contract.observation import LEAN_LAYOUT
-from bike_policy.contract.race import COMPACT
+from bike_policy.contract.observation import COMPACT, LEAN_LAYOUT
 from bike_training.learning.learner import MirrorReplayBuffer
 
 ACTION = ActionLayout((ActionColumn(LEAN_REQUEST), ActionColumn(DRIVE)))

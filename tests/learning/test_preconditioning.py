@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from bike_policy.contract.actor import Actor
-from bike_policy.contract.observation import LEAN_LAYOUT, PROP_LAYOUT, ObservationLayout, SeenBlocks
+from bike_policy.contract.observation import LEAN_LAYOUT, PROP_LAYOUT, Rows
 from bike_sim.sim.batch import COMPILED_ENGINE
 from bike_sim.sim.config import SimulatorConfig
 from bike_training.curricula.parts import PartsCurriculum
@@ -20,12 +22,10 @@ from bike_training.tasks.path import TASKS
 def test_preview_points_become_the_lean_preview() -> None:
     """The same line, seen as points every 0.2 s and as leans, is the same to the networks."""
     rng = np.random.default_rng(0)
-    seen = SeenBlocks(rng.normal(size=10), rng.normal(size=12), rng.normal(size=LEAN_LAYOUT.preview_count))
-    points = ObservationLayout(
-        "points", PROP_LAYOUT.features, PROP_LAYOUT.scales, preview_interval=0.2, preview_count=11
-    )
-    as_lean = LEAN_LAYOUT.observe(seen)[len(LEAN_LAYOUT.features) :]
-    changed = (points.observe(seen) @ coordinates(points))[len(points.features) :]
+    seen = Rows.of_path(*(rng.normal(size=(1, size)) for size in (10, 12, LEAN_LAYOUT.preview_count)))
+    points = replace(PROP_LAYOUT, preview_interval=0.2, preview_count=11)
+    as_lean = LEAN_LAYOUT.observe(seen)[0, -11:]
+    changed = (points.observe(seen) @ coordinates(points))[0, -11:]
     assert changed == pytest.approx(as_lean, abs=1e-4)
 
 
@@ -36,7 +36,7 @@ def test_nothing_is_lost(name: str) -> None:
 
 def test_only_paths_and_only_one_learner() -> None:
     with pytest.raises(ValueError, match="precondition=True is for tasks on paths"):
-        coordinates(PRESETS["race"].task.make().layout)
+        coordinates(PRESETS["race"].task.layout)
     with pytest.raises(ValueError, match="needs learner=sbx, not sb3"):
         build_model(PRESETS["paper"].override({"precondition": "true"}), TASKS["prop"], None, 0)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="critic_only=roll needs learner=sbx, not sb3"):
@@ -44,7 +44,7 @@ def test_only_paths_and_only_one_learner() -> None:
 
 
 def test_what_is_hidden_is_named_by_numbers_or_blocks() -> None:
-    layout = PRESETS["race"].task.make().layout
+    layout = PRESETS["race"].task.layout
     rows = shown(layout, "slips,front_load_n")
     hidden = [name for name, seen in zip(layout.names, rows, strict=True) if not seen]
     assert hidden == ["rear_slip", "front_slip", "front_load_n"]
@@ -53,7 +53,7 @@ def test_what_is_hidden_is_named_by_numbers_or_blocks() -> None:
     with pytest.raises(ValueError, match="hide 'tires'; the observation has"):
         shown(layout, "slips,tires")
     with pytest.raises(ValueError, match="hide all of the observation"):
-        shown(layout, ",".join(layout.blocks))
+        shown(layout, ",".join(layout.terms))
 
 
 @pytest.mark.parametrize(

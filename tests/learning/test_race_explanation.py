@@ -11,14 +11,14 @@ import numpy as np
 from bike_policy.contract.action import LINE_OFFSET, PACE, ActionColumn, ActionLayout
 from bike_policy.contract.actor import Actor
 from bike_policy.contract.bundle import Bundle, load_bundle
-from bike_policy.contract.race import GUIDED, RaceLayout
-from bike_policy.riders.learned import LearnedRider
+from bike_policy.contract.observation import GUIDED
+from bike_policy.riders.racing import RacingRider
 from bike_sim.sim.batch import SUPERBIKE_ENGINE
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.superbike_plant import superbike_config
 from bike_training.explain.block_drawing import draw_blocks
-from bike_training.explain.block_values import block_places, explain_blocks
+from bike_training.explain.block_values import explain_blocks
 from bike_training.explain.race_rides import Onlooker
 from bike_training.replay.replaying import RecordedCommands
 from bike_training.rollout.rollout import rollout
@@ -41,7 +41,7 @@ def made_up(seed: int) -> tuple[Bundle, np.ndarray]:
 def test_values_of_blocks_sum_to_the_actions() -> None:
     bundle, observations = made_up(1)
     found = explain_blocks(bundle, observations, **SMALL)
-    assert found.values.shape == (15, len(GUIDED.blocks), 2)
+    assert found.values.shape == (15, len(GUIDED.terms), 2)
     assert found.additivity_error < 1e-6
     assert np.all(np.ptp(found.outputs, axis=0) > [0.01, 0.001])  # there is something to share
     np.testing.assert_allclose(found.shares.sum(axis=0), 1.0)
@@ -53,15 +53,15 @@ def test_a_linear_policy_has_the_values_of_the_closed_form() -> None:
     observations = rng.uniform(-1.0, 1.0, (15, GUIDED.size)).astype("f4")
     found = explain_blocks(bundle_of([weight]), observations, **SMALL)
     parts = (observations - observations.mean(axis=0))[:, None, :] * weight * np.array([[0.6], [0.05]])
-    expected = np.stack([parts[..., places].sum(axis=-1) for places in block_places(GUIDED)], axis=1)
+    expected = np.stack([parts[..., places].sum(axis=-1) for places in GUIDED.places.values()], axis=1)
     np.testing.assert_allclose(found.values, expected, atol=2e-8)
 
 
 def test_a_block_without_weights_has_no_value(tmp_path: Path) -> None:
     bundle, observations = made_up(3)
-    number = GUIDED.blocks.index("stations")
+    number = GUIDED.terms.index("stations")
     tensors = bundle.actor.tensors()
-    tensors["layers.0.weight"][:, block_places(GUIDED)[number]] = 0.0
+    tensors["layers.0.weight"][:, GUIDED.places["stations"]] = 0.0
     found = explain_blocks(replace(bundle, actor=Actor.from_tensors(tensors)), observations, **SMALL)
     assert np.abs(found.values[:, number]).max() < 1e-8
     assert np.abs(found.values).max() > 1e-3
@@ -72,8 +72,8 @@ def test_a_block_without_weights_has_no_value(tmp_path: Path) -> None:
 def test_a_block_that_stays_the_same_is_named() -> None:
     bundle, observations = made_up(4)
     assert explain_blocks(bundle, observations, **SMALL).steady == ()
-    number = GUIDED.blocks.index("limits")
-    observations[:, block_places(GUIDED)[number]] = 0.3
+    number = GUIDED.terms.index("limits")
+    observations[:, GUIDED.places["limits"]] = 0.3
     found = explain_blocks(bundle, observations, **SMALL)
     assert found.steady == ("limits",)
     assert np.abs(found.values[:, number]).max() < 1e-8
@@ -82,12 +82,11 @@ def test_a_block_that_stays_the_same_is_named() -> None:
 def test_who_looks_on_sees_what_who_rides_sees() -> None:
     bundle = load_bundle("racer")
     layout = bundle.layout
-    assert isinstance(layout, RaceLayout)
     request = ResetRequest(course="barcelona", progress=700.0, speed_range=(25.0, 25.0), seed=4, perturb=True)
     config = replace(superbike_config("panigale_v4r"), engine=SUPERBIKE_ENGINE)
     commands = []
     with_policy = Simulator(config)
-    for snapshot in rollout(with_policy, LearnedRider(bundle), request):
+    for snapshot in rollout(with_policy, RacingRider(bundle), request):
         commands.append((snapshot.steering, snapshot.throttle))
         if snapshot.step == 100:
             break
@@ -95,7 +94,7 @@ def test_who_looks_on_sees_what_who_rides_sees() -> None:
     given = np.array(commands[1:])
     seen = []
     for turned in (1.0, -1.0):
-        onlooker = Onlooker(bundle, layout, RecordedCommands(given[:, 0], turned * given[:, 1]))
+        onlooker = Onlooker(bundle, RecordedCommands(given[:, 0], turned * given[:, 1]))
         again = Simulator(config)
         assert sum(1 for _ in rollout(again, onlooker, request)) > 30
         again.close()

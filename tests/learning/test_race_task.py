@@ -1,6 +1,5 @@
 """The reward, the penalty timers and the rides of a race."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -8,17 +7,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bike_policy.contract.race import COMPACT, GUIDED, MACHINE_FACTS, TOLD
-from bike_policy.contract.rows import Row, row_of
+from bike_policy.contract.observation import DESCRIPTOR, Rows, rows_of
 from bike_sim.physics import superbike_forces as sf
+from bike_sim.schema import SIGNALS
 from bike_sim.sim import look as lk
 from bike_sim.sim.batch import make_batch
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.superbike_plant import superbike_config
 from bike_sim.vehicles.files import load_vehicle
-from bike_training.tasks.base import sum_of
-from bike_training.tasks.fleet import batch_of
+from bike_training.tasks.base import batch_of, sum_of
 from bike_training.tasks.race import (
     PAPER_WEIGHTS,
     RACE_WEIGHTS,
@@ -33,7 +31,7 @@ COMPILED = replace(superbike_config("panigale_v4r"), engine="compiled")
 ALL = dict.fromkeys(REWARD_TERMS, 1.0)
 PERIOD = COMPILED.control_period
 TASK = RaceTask(weights=ALL)
-GUIDED_TASK = RaceTask(GUIDED, weights=ALL, guided=True)
+GUIDED_TASK = RaceTask(observation="guided", weights=ALL, guided=True)
 
 
 @pytest.fixture(scope="module")
@@ -43,23 +41,23 @@ def start():
     request = ResetRequest(course="barcelona", speed_range=(40.0, 40.0), progress=200.0)
     snapshot = simulator.reset(request)
     assert simulator.course is not None
-    yield row_of(snapshot), request, simulator.course
+    yield rows_of(snapshot), request, simulator.course
     simulator.close()
 
 
-def copied(row: Row) -> Row:
-    return Row(*(part.copy() for part in row))
+def copied(row: Rows) -> Rows:
+    return Rows(*(part.copy() for part in row))
 
 
 def rides_of(start, task=TASK, context=None):
     row, request, course = start
-    rides = task.rides(1, load_vehicle("panigale_v4r"))
+    rides = task.make_state(1, load_vehicle("panigale_v4r"))
     rides.begin(0, row, replace(request, context=() if context is None else context.to_request()), course)
     return rides
 
 
 def decide(rides, row, change, actions=(0.0, 0.0), periods=3):
-    """Hold a decision while a row changes the same in each control period; return the verdict and the last row."""
+    """Hold a decision while a row changes the same in each control period; return the result and the last row."""
     rides.act(row, np.array([actions]))
     for _ in range(periods):
         row = copied(row)
@@ -74,17 +72,39 @@ def forward(row, speed=40.0):
 
 
 def test_progress_is_the_way_along_the_line_and_negative_where_the_heading_is_wrong(start):
-    verdict, _ = decide(rides_of(start), start[0], forward)
-    assert verdict.terms["progress"][0] == pytest.approx(40.0 * 3 * PERIOD)
-    assert not verdict.failed[0]
+    result, _ = decide(rides_of(start), start[0], forward)
+    assert result.terms["progress"][0] == pytest.approx(40.0 * 3 * PERIOD)
+    assert not result.failed[0]
     rides = rides_of(start)
 
     def backwards(row):
         row.look[:, lk.HEADING_ERROR] = 2.0
         forward(row)
 
-    verdict, _ = decide(rides, start[0], backwards)
-    assert verdict.terms["progress"][0] == pytest.approx(-40.0 * 3 * PERIOD)
+    result, _ = decide(rides, start[0], backwards)
+    assert result.terms["progress"][0] == pytest.approx(-40.0 * 3 * PERIOD)
+
+
+@pytest.mark.parametrize("heading", [0.0, 3.0])
+def test_progress_is_negative_where_a_machine_moves_back_along_the_line(start, heading):
+    def back(row):
+        row.look[:, lk.HEADING_ERROR] = heading
+        forward(row, -20.0)
+
+    result, _ = decide(rides_of(start), start[0], back)
+    assert result.terms["progress"][0] == pytest.approx(-20.0 * 3 * PERIOD)
+    assert result.terms["gain"][0] < 0.0
+
+
+def test_motion_counts_vertical_and_sideways_speed(start):
+    def move(row, vertical, angle):
+        row.look[:, lk.SPEED] = 40.0
+        row.signals[:, SIGNALS.index("vertical_velocity")] = vertical
+        row.signals[:, sf.T_REAR_DRIFT] = angle
+
+    for vertical, angle, speed in ((-0.5, 0.0, 0.5), (0.0, -0.1, 4.0), (0.5, 0.1, 4.5)):
+        result, _ = decide(rides_of(start), start[0], lambda row, v=vertical, a=angle: move(row, v, a))
+        assert result.terms["motion"][0] == pytest.approx(-speed * 3 * PERIOD)
 
 
 def outside(row, rear=20.0, front=20.0):
@@ -110,16 +130,16 @@ def test_off_track_counts_with_speed_for_any_tyre_and_masks_progress_for_both(st
         rear_only(row)
         row.circuit[:, 2:4] += [-20.0, 20.0]
 
-    verdict, _ = decide(rides_of(start), start[0], rear_only)
-    assert verdict.terms["off_track"][0] == pytest.approx(-40.0 * 3 * PERIOD)
-    assert verdict.terms["progress"][0] > 0.0
-    verdict, _ = decide(rides_of(start), start[0], both)
-    assert verdict.terms["progress"][0] == 0.0
+    result, _ = decide(rides_of(start), start[0], rear_only)
+    assert result.terms["off_track"][0] == pytest.approx(-40.0 * 3 * PERIOD)
+    assert result.terms["progress"][0] > 0.0
+    result, _ = decide(rides_of(start), start[0], both)
+    assert result.terms["progress"][0] == 0.0
     unmasked = rides_of(start, replace(TASK, masked=False, any_tyre=False))
-    verdict, _ = decide(unmasked, start[0], both)
-    assert verdict.terms["progress"][0] > 0.0
-    verdict, _ = decide(rides_of(start, replace(TASK, any_tyre=False)), start[0], rear_only)
-    assert verdict.terms["off_track"][0] == 0.0
+    result, _ = decide(unmasked, start[0], both)
+    assert result.terms["progress"][0] > 0.0
+    result, _ = decide(rides_of(start, replace(TASK, any_tyre=False)), start[0], rear_only)
+    assert result.terms["off_track"][0] == 0.0
 
 
 @pytest.mark.parametrize(("kind", "limit"), [("off_track", 1.0), ("wrong_way", 1.0), ("stalled", 2.0)])
@@ -135,14 +155,14 @@ def test_penalty_timers_end_an_episode(start, kind, limit):
 
     rides, row = rides_of(start), start[0]
     decisions = 0
-    verdict = None
-    while decisions < 60 and (verdict is None or not verdict.failed[0]):
-        verdict, row = decide(rides, row, change)
+    result = None
+    while decisions < 60 and (result is None or not result.failed[0]):
+        result, row = decide(rides, row, change)
         decisions += 1
-    assert verdict is not None
+    assert result is not None
     assert decisions * 3 * PERIOD == pytest.approx(limit, abs=3 * PERIOD + 1e-9)
-    assert verdict.terms["failure"][0] == -1.0
-    assert verdict.terms["fall"][0] == 0.0
+    assert result.terms["failure"][0] == -1.0
+    assert result.terms["fall"][0] == 0.0
 
 
 def test_a_fall_and_a_wall_count_once(start):
@@ -152,10 +172,10 @@ def test_a_fall_and_a_wall_count_once(start):
         row.fallen[:] = True
         row.signals[:, sf.T_SPEED] = 30.0
 
-    verdict, row = decide(rides, start[0], hit)
-    assert verdict.failed[0]
-    assert verdict.terms["fall"][0] == -1.0
-    assert verdict.terms["wall"][0] == pytest.approx(-0.5 * 30.0**2)
+    result, row = decide(rides, start[0], hit)
+    assert result.failed[0]
+    assert result.terms["fall"][0] == -1.0
+    assert result.terms["wall"][0] == pytest.approx(-0.5 * 30.0**2)
     again, _ = decide(rides, row, hit)
     assert again.terms["wall"][0] == again.terms["fall"][0] == again.terms["progress"][0] == 0.0
 
@@ -175,8 +195,8 @@ def test_stability_terms_by_hand(start):
 
     before = start[0]
     rides = rides_of((first, *start[1:]))
-    verdict, _ = decide(rides, first, lean, actions=(0.5, -0.2))
-    terms = {name: float(term[0]) for name, term in verdict.terms.items()}
+    result, _ = decide(rides, first, lean, actions=(0.5, -0.2))
+    terms = {name: float(term[0]) for name, term in result.terms.items()}
     time = 3 * PERIOD
     assert terms["lean_change"] == pytest.approx(-abs(1.1 - before.state[0, 3]))
     assert terms["steer_change"] == pytest.approx(-abs(0.05 - before.state[0, 4]))
@@ -197,8 +217,8 @@ def test_overspeed_is_beyond_the_share_and_the_limit(start):
         ("capped", RaceContext(v_max=30.0)),
         ("slow", RaceContext(share=0.25)),
     ):
-        verdict, _ = decide(rides_of(start, context=context), start[0], forward)
-        terms[name] = float(verdict.terms["overspeed"][0])
+        result, _ = decide(rides_of(start, context=context), start[0], forward)
+        terms[name] = float(result.terms["overspeed"][0])
     assert terms["free"] == 0.0
     assert terms["capped"] == pytest.approx(-10.0 * 3 * PERIOD)
     assert terms["slow"] < -10.0 * 3 * PERIOD
@@ -226,11 +246,11 @@ def test_the_history_penalty_counts_swings_only(a, b):
 @pytest.mark.parametrize("weights", [RACE_WEIGHTS, PAPER_WEIGHTS], ids=["race", "paper"])
 def test_terms_have_their_weights(start, weights):
     plain, _ = decide(rides_of(start), start[0], forward, actions=(0.4, -0.4))
-    verdict, _ = decide(rides_of(start, replace(TASK, weights=weights)), start[0], forward, actions=(0.4, -0.4))
-    assert list(verdict.terms) == list(weights)
+    result, _ = decide(rides_of(start, replace(TASK, weights=weights)), start[0], forward, actions=(0.4, -0.4))
+    assert list(result.terms) == list(weights)
     for name, weight in weights.items():
-        assert verdict.terms[name][0] == weight * plain.terms[name][0]
-    assert sum_of(verdict.terms)[0] == pytest.approx(sum(term[0] for term in verdict.terms.values()))
+        assert result.terms[name][0] == weight * plain.terms[name][0]
+    assert sum_of(result.terms)[0] == pytest.approx(sum(term[0] for term in result.terms.values()))
 
 
 def test_the_error_of_a_validation_is_time_over_the_planned_lap():
@@ -250,12 +270,12 @@ def test_one_ride_is_shown_and_judged_as_in_a_batch(task):
     ]
     batch = make_batch(2, COMPILED, task.preview)
     simulator = Simulator(COMPILED)
-    together = task.rides(2, batch.vehicle)
+    together = task.make_state(2, batch.vehicle)
     for row, request in enumerate(requests):
         batch.reset(row, request)
         together.begin(row, batch, request, batch.course(row))
-    row = row_of(simulator.reset(requests[1]))
-    alone = task.rides(1, simulator.vehicle)
+    row = rows_of(simulator.reset(requests[1]))
+    alone = task.make_state(1, simulator.vehicle)
     assert simulator.course is not None
     alone.begin(0, row, requests[1], simulator.course)
     rng = np.random.default_rng(1)
@@ -267,7 +287,7 @@ def test_one_ride_is_shown_and_judged_as_in_a_batch(task):
         for _ in range(task.repeat):
             batch.step(together.commands(batch))
             together.advance(batch)
-            row = row_of(simulator.step(*alone.commands(row)[0].tolist()))
+            row = rows_of(simulator.step(*alone.commands(row)[0].tolist()))
             alone.advance(row)
         many, one = together.evaluate(batch), alone.evaluate(row)
         for name, term in many.terms.items():
@@ -278,7 +298,7 @@ def test_one_ride_is_shown_and_judged_as_in_a_batch(task):
 
 def test_machines_in_turn_are_shown_and_judged_as_each_alone():
     """Rows that take two machines in turn give what one-machine batches of the same rides give, bit for bit."""
-    task = replace(GUIDED_TASK, layout=replace(TOLD, repeat=4))
+    task = replace(GUIDED_TASK, observation="conditioned", repeat=4)
     machines = ("panigale_v4r", "r1")
     requests = [
         ResetRequest(course="barcelona", speed_range=(v, v), progress=p)
@@ -299,7 +319,7 @@ def test_machines_in_turn_are_shown_and_judged_as_each_alone():
             np.testing.assert_array_equal(seen[0][row], observation[0])
             assert [term[row] for term in seen[1].values()] == [term[0] for term in terms.values()]
     facts = [place for place, name in enumerate(task.layout.names) if name.startswith("machine_")]
-    assert len(facts) == len(MACHINE_FACTS)
+    assert len(facts) == len(DESCRIPTOR)
     np.testing.assert_array_equal(seen[0][0, facts], seen[0][2, facts])
     assert (seen[0][0, facts] != seen[0][1, facts]).sum() > 5
     stored = among[1].state_dict()
@@ -326,17 +346,14 @@ def test_only_compiled_superbikes_take_machines_in_turn():
         batch_of(TASK, 2, replace(COMPILED, engine="pybullet"), ("panigale_v4r", "r1"))
 
 
-def test_card_round_trip():
-    task = replace(TASK, layout=replace(COMPACT, repeat=2), masked=False)
-    assert RaceTask.from_card(json.loads(json.dumps(task.to_card()))) == task
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         ({"weights": {"praise": 1.0}}, "praise.*progress"),
+        ({"task": "rally"}, "task='rally' is not race"),
+        ({"observation": "told"}, "observation='told' is not one of compact"),
         ({"weights": {"line": -1.0}}, "line must be finite and not negative"),
-        ({"max_steps": 0}, "max_steps must be positive"),
+        ({"max_steps": 0}, "max_steps=0 must be positive"),
         ({"stalled_time": -1.0}, "stalled_time must not be negative"),
     ],
 )

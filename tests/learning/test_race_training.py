@@ -46,7 +46,7 @@ def test_throttle_is_learned_in_seconds(tmp_path: Path, ground: CircuitSet) -> N
     """Rewarded for the way alone, the actor opens the throttle: it is much faster on the straight than at first."""
     preset = RACE_DIRECT.override({**SMALL, "weights": "progress:3", "max_steps": "20", "gamma": "0.9", "repeat": "5"})
     preset = replace(preset, learning_rate=3e-3, final_learning_rate=3e-3, learning_starts=200, averaging=0.0)
-    task = replace(preset.task.make(), validation_duration=2.0)
+    task = replace(preset.task, validation_duration=2.0)
     request = ResetRequest(course="barcelona", speed_range=(30.0, 30.0), progress=300.0)
     process = LearningProcess(settings(preset), tmp_path / "run", 2400)
     before = ride_side_by_side(process.actor(), task, process.settings.simulator(), [request])[0][-1]
@@ -81,7 +81,7 @@ def test_a_resumed_run_is_the_uninterrupted_one(
 
 
 def test_vehicles_that_are_kept_ride_the_next_validation_as_new_ones_do(ground: CircuitSet) -> None:
-    task = replace(RACE.task.make(), validation_duration=3.0)
+    task = replace(RACE.task, validation_duration=3.0)
     config = settings(RACE).simulator()
     rng = np.random.default_rng(0)
     rides = [RaceCurriculum(ground).validation_requests(task.preview, rng) for _ in range(2)]

@@ -9,7 +9,7 @@ import pytest
 
 from bike_policy.contract.actor import Actor
 from bike_policy.contract.bundle import Bundle, load_bundle
-from bike_policy.contract.race import COMPACT, GUIDED, RaceLayout
+from bike_policy.contract.observation import COMPACT, GUIDED
 from bike_training.cli import main
 from bike_training.commands.evaluate_races import _pairs
 from bike_training.reproduce.superbike.bundle_tables import bundle_tables
@@ -38,7 +38,7 @@ def test_rides_that_leave_the_track_are_not_whole() -> None:
 
 
 def test_an_actor_that_answers_nothing_rides_as_its_guide() -> None:
-    task = RaceTask(GUIDED, guided=True)
+    task = RaceTask(observation="guided", guided=True)
     actor = Actor([np.zeros((2, GUIDED.size), dtype=np.float32)], [np.zeros(2, dtype=np.float32)])
     policy = Bundle("nothing", actor, task.layout, task.action, "panigale_v4r", 0.02)
     result = ride_races(policy, "panigale_v4r", "barcelona", starts=4)
@@ -68,7 +68,7 @@ def test_a_run_becomes_a_bundle_with_its_share_that_is_evaluated(
     assert main(["export", str(run), "--which", "last", "--within", "3:1"]) == 2
     assert "of a bicycle's steering" in capsys.readouterr().err
     exported = load_bundle(run / "policy")
-    assert isinstance(exported.layout, RaceLayout)
+    assert exported.layout.races
     assert exported.layout == replace(COMPACT, share=0.9)
     out = tmp_path / "races"
     words = ["evaluate", str(run / "policy"), "--starts", "2", "--out", str(out), "--json"]

@@ -1,35 +1,26 @@
 import json
 import math
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bike_policy.contract.observation import Rows
 from bike_sim.physics.state import ROLL, STATE_SIZE
 from bike_sim.sim import look as lk
 from bike_training.tasks.base import sum_of
 from bike_training.tasks.path import LINEAR, PROP, REWARD_TERMS, SHARP, TASKS, PathTask, validation_error
 
 
-class Blocks(NamedTuple):
-    """What a task judges, made up."""
-
-    state: np.ndarray
-    look: np.ndarray
-    preview_y: np.ndarray
-    fallen: bool | np.ndarray = False
-
-
 def at(distance, roll, fallen=False):
     """Return instants at a distance to the path, of both contact points, and a roll angle."""
-    distance, roll = np.broadcast_arrays(np.asarray(distance, dtype=float), np.asarray(roll, dtype=float))
-    state, look = np.zeros((*roll.shape, STATE_SIZE)), np.zeros((*roll.shape, lk.LOOK_SIZE))
-    state[..., ROLL] = roll
-    look[..., lk.LATERAL_ERROR] = look[..., lk.FRONT_LATERAL_ERROR] = distance
-    return Blocks(state, look, np.zeros((*roll.shape, 5)), fallen)
+    distance, roll, fallen = np.broadcast_arrays(*np.atleast_1d(distance, roll, fallen))
+    state, look = np.zeros((len(roll), STATE_SIZE)), np.zeros((len(roll), lk.LOOK_SIZE))
+    state[:, ROLL] = roll
+    look[:, lk.LATERAL_ERROR] = look[:, lk.FRONT_LATERAL_ERROR] = distance
+    return Rows.of_path(state, look, np.zeros((len(roll), 5)))._replace(fallen=np.asarray(fallen, dtype=bool))
 
 
 def reward(task, distance, roll):
@@ -80,10 +71,10 @@ def test_reward_terms_have_their_weights_and_add_up_to_the_reward(path, distance
 
 
 def test_error_is_that_of_the_contact_point_that_is_held_to_the_path():
-    blocks = at(np.array([0.3, -0.4]), 0.0)
-    blocks.look[:, lk.FRONT_LATERAL_ERROR] = [-0.1, 0.2]
-    np.testing.assert_array_equal(PROP.error(blocks), [0.3, 0.4])
-    np.testing.assert_array_equal(TASKS["alt3"].error(blocks), [0.1, 0.2])
+    rows = at(np.array([0.3, -0.4]), 0.0)
+    rows.look[:, lk.FRONT_LATERAL_ERROR] = [-0.1, 0.2]
+    np.testing.assert_array_equal(PROP.error(rows), [0.3, 0.4])
+    np.testing.assert_array_equal(TASKS["alt3"].error(rows), [0.1, 0.2])
 
 
 def test_thresholds():
@@ -109,7 +100,7 @@ def test_table_5():
     assert prop.layout.size == 16
     assert (prop.layout.preview_by_time, prop.layout.preview_interval, prop.layout.preview_count) == (True, 0.4, 5)
     assert (prop.weights, prop.contact) == ({"path_linear": 1.0}, "rear")
-    assert TASKS["alt1"].layout.features[:3] == ("x", "y", "yaw_wrapped")
+    assert TASKS["alt1"].layout.terms[:3] == ("x", "y", "yaw_wrapped")
     assert TASKS["alt1"].layout.size == 15
     assert (TASKS["alt2"].layout.preview_by_time, TASKS["alt2"].layout.preview_interval) == (False, 2.0)
     assert TASKS["alt3"].contact == "front"
@@ -121,12 +112,12 @@ def test_table_5():
     ("change", "message"),
     [
         ({"weights": {"praise": 1.0}}, "praise.*path_linear"),
-        ({"weights": {}}, "unknown terms"),
+        ({"weights": 3}, "weights=3 must name reward terms"),
         ({"weights": {"upright": math.nan}}, "weight of the reward term upright must be finite, got nan"),
-        ({"contact": "saddle"}, "contact must be rear or front, got 'saddle'"),
-        ({"max_steps": 0}, "max_steps must be positive, got 0"),
-        ({"sharpness": 0.0}, "sharpness must be positive, got 0.0"),
-        ({"max_steer": -1.0}, "max_steer must be positive, got -1.0"),
+        ({"task": "saddle"}, "task='saddle' is not one of prop"),
+        ({"max_steps": 0}, "max_steps=0 must be positive"),
+        ({"sharpness": 0.0}, "sharpness=0.0 must be positive"),
+        ({"max_steer": -1.0}, "max_steer=-1.0 must be positive"),
     ],
 )
 def test_wrong_settings_are_refused(change, message):
@@ -140,6 +131,13 @@ def test_card_round_trip(task):
     assert PathTask.from_card(card) == task
 
 
+def test_cards_of_recordings_before_tasks_had_names_are_read():
+    old = {"layout": {"name": "prop", "features": ["x"], "version": 1}, "weights": {"path_linear": 1.0}}
+    assert PathTask.from_card({**old, "contact": "rear", "max_steer": 0.7}) == replace(PROP, max_steer=0.7)
+    assert PathTask.from_card({**old, "contact": "front"}) == TASKS["alt3"]
+    assert PathTask.from_card({**old, "layout": {"name": "fine", "version": 1}}) == TASKS["fine"]
+
+
 @pytest.mark.parametrize(
     ("kind", "share", "weights"),
     [
@@ -150,8 +148,7 @@ def test_card_round_trip(task):
 )
 def test_cards_with_a_kind_of_reward_are_read_as_weights(kind, share, weights):
     """Recordings made before the terms had names hold a kind of reward and the weight of the path."""
-    card = PROP.to_card()
-    del card["weights"]
+    card = {name: value for name, value in PROP.to_card().items() if name not in ("weights", "task")}
     assert PathTask.from_card({**card, "reward": kind, "path_weight": share}).weights == weights
     assert set(weights) <= set(REWARD_TERMS)
 

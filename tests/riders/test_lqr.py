@@ -9,7 +9,7 @@ import pytest
 from scipy.linalg import expm
 
 from bike_policy.riders.lqr import LqrRider, LqrSettings, design, lateral_model
-from bike_policy.riders.making import make_rider
+from bike_policy.riders.rider import make_rider
 from bike_sim.course.files import load_course
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest

@@ -9,9 +9,8 @@ import pytest
 
 from bike_policy.contract.bundle import DEFAULT_POLICY
 from bike_policy.riders.disturbed import DisturbedRider
-from bike_policy.riders.making import bundle_of, make_rider
-from bike_policy.riders.observed import ObservedRider
-from bike_policy.riders.observer import Observer
+from bike_policy.riders.observer import ObservedRider, Observer
+from bike_policy.riders.rider import bundle_of, make_rider
 from bike_sim.physics import state as st
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig

@@ -10,9 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bike_policy.planning.lap_plan import CLEARANCE, GUIDE, plan_line
+from bike_policy.planning.line_law import OFFSET, LineLaw
 from bike_policy.riders.classical import LineController, Seen
-from bike_policy.riders.line_law import CLEARANCE, OFFSET, LineLaw, plan_line
-from bike_policy.riders.race_guide import GUIDE, RaceGuide
+from bike_policy.riders.racing import RaceGuide
 from bike_sim.course.course import Course
 from bike_sim.course.files import load_course
 from bike_sim.physics import state as ps
@@ -21,10 +22,9 @@ from bike_sim.sim.batch import SUPERBIKE_ENGINE
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.superbike_batch import CompiledSuperbikeBatch
 from bike_sim.sim.superbike_plant import superbike_config
-from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.curricula.race import CircuitSet
-from tests.superbike.test_classical import circle
+from tests.circuits import circle
 
 
 @pytest.fixture(scope="module")
@@ -83,18 +83,18 @@ def test_the_mirrored_ride_gets_the_mirrored_answer(pair: tuple[LineController, 
 
 
 def test_a_guide_answers_again_the_same_and_goes_on_from_its_memory(panigale: Superbike) -> None:
-    class Blocks:
+    class Rows:
         state, look = np.zeros((2, 10)), np.zeros((2, 12))
 
     def ride(guide: RaceGuide, steps: range) -> list[np.ndarray]:
         answers = []
         for step in steps:
-            Blocks.look[:, lk.SPEED], Blocks.look[:, lk.PROGRESS] = 30.0, 0.6 * step
-            Blocks.look[:, lk.LATERAL_ERROR] = [math.sin(0.3 * step), 0.2]
-            Blocks.state[:, ps.ROLL] = -0.4
+            Rows.look[:, lk.SPEED], Rows.look[:, lk.PROGRESS] = 30.0, 0.6 * step
+            Rows.look[:, lk.LATERAL_ERROR] = [math.sin(0.3 * step), 0.2]
+            Rows.state[:, ps.ROLL] = -0.4
             targets = np.array([[0.5, 0.02], [-0.1 * step, 0.0]])
-            answers.append(guide.commands(Blocks, targets, np.ones(2)))
-            np.testing.assert_array_equal(guide.commands(Blocks, targets, np.ones(2)), answers[-1])
+            answers.append(guide.commands(Rows, targets, np.ones(2)))
+            np.testing.assert_array_equal(guide.commands(Rows, targets, np.ones(2)), answers[-1])
             np.testing.assert_array_equal(guide.shown()[:, :2], answers[-1])
         return answers
 
@@ -104,7 +104,7 @@ def test_a_guide_answers_again_the_same_and_goes_on_from_its_memory(panigale: Su
         for row in range(2):
             guide.begin(row, line)
     ride(first, range(5))
-    second.restore(first.state_dict())
+    second.law.memory[...] = first.law.memory
     np.testing.assert_array_equal(ride(whole, range(10))[5:], ride(second, range(5, 10)))
 
 
@@ -203,8 +203,3 @@ def test_few_slow_starts_throw_the_guide_down() -> None:
     fallen = int(batch.fallen.sum())
     batch.close()
     assert fallen <= 1
-
-
-def test_a_bicycle_is_refused() -> None:
-    with pytest.raises(ValueError, match="'whipple' is none"):
-        RaceGuide(load_vehicle("whipple"), 0.02, 1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from bike_policy.contract.bundle import DEFAULT_POLICY, load_bundle
-from bike_policy.riders.making import make_rider
+from bike_policy.riders.rider import make_rider
 from bike_sim.course.files import load_course
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import RANDOM_COURSE, ResetRequest

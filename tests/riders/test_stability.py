@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 from bike_policy.contract.bundle import load_bundle, shipped_policies
-from bike_policy.contract.race import RaceLayout
-from bike_policy.riders.making import make_rider
+from bike_policy.riders.rider import make_rider
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.simulator import Simulator
 from bike_training.rollout.stability import SPEEDS, _slopes_at_rest, deviations, settle, stability
 
 CLASSICAL = ("lqr", "mpc", "stanley")
-LEARNED = [name for name in shipped_policies() if not isinstance(load_bundle(name).layout, RaceLayout)]
+LEARNED = [name for name in shipped_policies() if not load_bundle(name).layout.races]
 
 
 @pytest.mark.parametrize("name", [*CLASSICAL, *LEARNED])

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bike_policy.riders.making import make_rider
+from bike_policy.riders.rider import make_rider
 from bike_policy.riders.stanley import StanleyRider
 from bike_sim.course.files import load_course
 from bike_sim.sim import look as lk

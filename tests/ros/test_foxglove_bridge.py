@@ -23,7 +23,7 @@ from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
 from bike_analysis.read.columns import MessageSchema
-from bike_policy.riders.making import make_rider
+from bike_policy.riders.rider import make_rider
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.sim.superbike_plant import superbike_config

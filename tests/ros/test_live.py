@@ -30,8 +30,8 @@ from bike_analysis import compare, open_ride
 from bike_analysis.page.live_page import Ghost, ghost_of, live_view, render_live_page
 from bike_analysis.page.settings import recorded_settings, settings_words
 from bike_analysis.page.view import Series
-from bike_policy.riders.hands import ManualRider
-from bike_policy.riders.making import make_rider
+from bike_policy.riders.rider import make_rider
+from bike_policy.riders.stanley import ManualRider
 from bike_sim.course.course import Course
 from bike_sim.course.elements import Arc
 from bike_sim.physics.steady_turn import steady_turns

@@ -8,8 +8,8 @@ import pytest
 
 from bike_policy.contract.actor import Actor
 from bike_policy.contract.bundle import Bundle
-from bike_policy.contract.race import COMPACT
-from bike_policy.riders.learned import LearnedRider
+from bike_policy.contract.observation import COMPACT
+from bike_policy.riders.racing import RacingRider
 from bike_sim.sim.request import ResetRequest
 from bike_training.envs.race_env import RaceEnv
 from bike_training.rollout.rollout import rollout
@@ -63,7 +63,7 @@ def test_a_policy_commands_the_same(environments: tuple[RaceEnv, RaceEnv]) -> No
     rides = []
     for env in environments:
         commands = []
-        for snapshot in rollout(env.client, LearnedRider(bundle), REQUEST):
+        for snapshot in rollout(env.client, RacingRider(bundle), REQUEST):
             commands.append((snapshot.steering, snapshot.throttle))
             if snapshot.step == 90:
                 break

@@ -10,9 +10,9 @@ import pytest
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from bike_policy.contract.bundle import load_bundle
-from bike_policy.contract.race import RACE_LAYOUTS
+from bike_policy.contract.observation import RACE_LAYOUTS
 from bike_policy.riders.disturbed import DisturbedRider
-from bike_policy.riders.making import make_rider
+from bike_policy.riders.rider import make_rider
 from bike_sim.physics import state as st
 from bike_sim.physics.superbike_engine import TIME_STEP
 from bike_sim.sim.batch import make_batch

@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, plan_lap, reserved
+from bike_policy.planning.line_law import P_SPEED
 from bike_policy.riders.classical import LineController, Seen
-from bike_policy.riders.lap_plan import CLASSICAL_SETTINGS, plan_lap, reserved
-from bike_policy.riders.line_law import P_SPEED
-from bike_sim.course.course import Course
 from bike_sim.physics import state as st
 from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics.state import upright_state
@@ -24,30 +23,13 @@ from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
 from bike_training import cli
 from bike_training.rollout.laps import ALLOWED_EXCESS, ride_laps
-from tests.circuits import OVAL
+from tests.circuits import OVAL, circle
 from tests.superbike.conftest import write_circuit
 
 
 @pytest.fixture(scope="module")
 def limits(panigale: Superbike) -> Envelope:
     return envelope(panigale)
-
-
-def circle(radius: float, spacing: float = 0.1) -> Course:
-    """A closed circle to the left."""
-    count = round(2.0 * math.pi * radius / spacing)
-    s = np.linspace(0.0, 2.0 * math.pi * radius, count + 1)
-    angle = s / radius
-    return Course(
-        "circle",
-        s,
-        radius * np.sin(angle),
-        radius - radius * np.cos(angle),
-        angle,
-        np.full(count + 1, 1 / radius),
-        True,
-        10.0,
-    )
 
 
 def test_plan_keeps_its_reserve(panigale: Superbike, limits: Envelope) -> None:

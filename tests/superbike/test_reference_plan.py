@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bike_policy.riders.lap_plan import CLASSICAL_SETTINGS, RiderSettings, plan_lap
-from bike_policy.riders.race_reference import REFERENCE
+from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, REFERENCE, RiderSettings, plan_lap
 from tests.superbike.test_theory import machine_of, wavy
 
 PINNED = {

@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
+from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
 from bike_policy.riders.classical import ClassicalRider
-from bike_policy.riders.lap_plan import CLASSICAL_SETTINGS
 from bike_sim.course.course import Course
 from bike_sim.course.files import load_track
 from bike_sim.physics import superbike_forces as sf

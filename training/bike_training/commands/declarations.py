@@ -125,13 +125,12 @@ def rider_kind(name: str) -> str:
         FileNotFoundError, ValueError: an unknown rider, or a broken bundle.
     """
     from bike_policy.contract.bundle import load_bundle
-    from bike_policy.contract.race import RaceLayout
     from bike_policy.riders.classical import CLASSICAL as CLASSICAL_RIDER
-    from bike_policy.riders.making import RIDERS
+    from bike_policy.riders.rider import RIDERS
 
     if name in RIDERS:
         return SUPERBIKE if name == CLASSICAL_RIDER else BICYCLE
-    return SUPERBIKE if isinstance(load_bundle(name).layout, RaceLayout) else BICYCLE
+    return SUPERBIKE if load_bundle(name).layout.races else BICYCLE
 
 
 def course_kind(courses: str) -> str:
@@ -378,7 +377,7 @@ _TRAIN: Final = Command(
   bike train panigale_v4r --out runs/r --course cremona --seed 3            races; the default preset
   bike train panigale_v4r --out runs/s --preset paper --curriculum spdl     as published, on our circuits
   bike train r1 --out runs/x --course barcelona,cremona
-  bike train r1,zx10rr --out runs/m --set observation=told                  one actor for two machines""",
+  bike train r1,zx10rr --out runs/m --set observation=conditioned                  one actor for two machines""",
     _declare_train,
     _train_subject,
     {BICYCLE: "train:run", SUPERBIKE: "train:run", RESUMED: "train:run", REFINEMENT: "train:run_refinement"},
@@ -485,7 +484,7 @@ def _declare_evaluate(parser: CommandParser) -> None:
 
 
 def _evaluate_subject(args: Namespace) -> str:
-    from bike_policy.riders.making import RIDERS
+    from bike_policy.riders.rider import RIDERS
 
     if args.compare and args.rider is not None:
         raise ValueError("--compare names all riders that are evaluated; leave out the other")

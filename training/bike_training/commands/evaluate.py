@@ -15,8 +15,7 @@ from tqdm import tqdm
 
 from bike_policy.contract.bundle import DEFAULT_POLICY
 from bike_policy.riders.disturbed import DisturbedRider
-from bike_policy.riders.making import bundle_of, make_rider
-from bike_policy.riders.rider import Rider
+from bike_policy.riders.rider import Rider, bundle_of, make_rider
 from bike_sim.course.files import load_course
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.disturbances import Disturbances, load_disturbances

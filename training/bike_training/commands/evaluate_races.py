@@ -18,7 +18,7 @@ from bike_policy.contract.bundle import DEFAULT_RACER, load_bundle
 from bike_training.arguments import check_positive, check_whole, make_folder
 from bike_training.commands.declarations import DEFAULT_SUPERBIKE
 from bike_training.rollout.races import RaceResult, ride_races
-from bike_training.tasks.fleet import round_robin
+from bike_training.tasks.base import round_robin
 
 CIRCUIT: Final = "barcelona"
 

@@ -14,7 +14,6 @@ from rich.progress import Progress
 
 from bike_analysis import read_recording
 from bike_policy.contract.bundle import Bundle, load_bundle
-from bike_policy.contract.race import RaceLayout
 from bike_training.arguments import make_folder
 from bike_training.explain.block_drawing import UNITS, draw_blocks
 from bike_training.explain.block_values import BlockExplanation, explain_blocks
@@ -34,7 +33,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     named = args.policy
     bundle = _policy(policy_of(read_recording(args.objects[0]).notes, args.objects[0]) if named is None else named)
     make_folder("--out", args.out)
-    if isinstance(bundle.layout, RaceLayout):
+    if bundle.layout.races:
         return _explain_race(args, bundle)
     seen = read_observations(args.objects[0], bundle, args.section or SECTION, args.ride)
     explanation = explain(bundle, seen.observations, silent=args.json)

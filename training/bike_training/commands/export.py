@@ -12,7 +12,6 @@ from typing import Any
 
 from bike_policy.contract.action import STEERING_SET_VALUE, ActionLayout
 from bike_policy.contract.bundle import Bundle, load_bundle
-from bike_policy.contract.race import RaceLayout
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.curricula.parts import SPEED_RANGES
 from bike_training.learning.checkpoint import Checkpoint
@@ -34,7 +33,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         advice = "" if wanted == "last" else ", or export --which last"
         raise ValueError(f"{args.run}: there is no {wanted!r} actor yet; train longer{advice}")
     vehicle = load_vehicle(machines_of(summary["vehicle"])[0])
-    task = preset.task.make()
+    task = preset.task
     name = args.name or vehicle.name
     parts = _parts(args.range, task.action.size)
     bundle = Bundle(
@@ -45,7 +44,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         vehicle=vehicle.name,
         control_period=vehicle.control_period,
         training={
-            **({} if isinstance(task.layout, RaceLayout) else {"speed_range_m_s": list(SPEED_RANGES[-1])}),
+            **({} if task.layout.races else {"speed_range_m_s": list(SPEED_RANGES[-1])}),
             **summary,
             "actor": which,
             "actor_step": step,

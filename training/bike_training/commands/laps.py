@@ -18,7 +18,7 @@ from bike_analysis.figures.lap_recording import Machine, Theory, load_laps
 from bike_analysis.figures.numbers import lap_text
 from bike_analysis.page.lap_page import lap_figures, write_lap_report
 from bike_analysis.report import analyze
-from bike_policy.riders.making import make_rider
+from bike_policy.riders.rider import make_rider
 from bike_sim.course.files import shipped_tracks
 from bike_sim.planning.envelope import Envelope, envelope
 from bike_sim.planning.lap_limit import lap_limit

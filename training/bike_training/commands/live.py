@@ -14,7 +14,7 @@ from bike_analysis import compare
 from bike_analysis.page.live_page import ghost_of, live_view, render_live_page
 from bike_analysis.page.settings import settings_words
 from bike_analysis.report import analyze
-from bike_policy.riders.making import make_rider
+from bike_policy.riders.rider import make_rider
 from bike_sim.course.files import kind_of, load_course, shipped_tracks
 from bike_sim.recording.in_use import claim_folder
 from bike_sim.sim.config import SimulatorConfig

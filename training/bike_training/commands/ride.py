@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from bike_analysis.report import analyze
-from bike_policy.riders.making import bundle_of, make_rider
-from bike_policy.riders.rider import Rider
+from bike_policy.riders.rider import Rider, bundle_of, make_rider
 from bike_sim.course.files import load_course
 from bike_sim.recording.in_use import claim_folder
 from bike_sim.ros.isolation import DomainLease

@@ -15,8 +15,8 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
 from bike_policy.riders.classical import ClassicalRider
-from bike_policy.riders.lap_plan import CLASSICAL_SETTINGS
 from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics import superbike_statics as statics
 from bike_sim.physics import tyres

@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_policy.contract.line_tables import KEPT
+from bike_policy.contract.reference import KEPT
 from bike_sim.course.files import shipped_tracks
 from bike_sim.planning.envelope import Envelope, envelope
 from bike_sim.planning.line_cache import track_with_line

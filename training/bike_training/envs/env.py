@@ -9,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_policy.contract.rows import row_of
+from bike_policy.contract.observation import rows_of
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
@@ -64,7 +64,7 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._steps = 0
         self._full_episodes = 0
         self._goes_on = False
-        self.rides = self.task.rides(1, self.client.vehicle)
+        self.rides = self.task.make_state(1, self.client.vehicle)
         self.snapshot: Snapshot | None = None
         self._request = ResetRequest()
         self.watch: RideWatch | None = None
@@ -95,7 +95,7 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             request = replace(request, preview=self.task.preview)
             self.snapshot = self.client.reset(request)
             assert self.client.course is not None
-            self.rides.begin(0, row_of(self.snapshot), request, self.client.course)
+            self.rides.begin(0, rows_of(self.snapshot), request, self.client.course)
             self._request = request
             self._full_episodes = 0
             if self.watch is not None:
@@ -108,7 +108,7 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         before = self.snapshot
         if before is None:
             raise RuntimeError("call reset before step")
-        row, states = row_of(before), []
+        row, states = rows_of(before), []
         observation = None if self.watch is None else self.rides.observe(row)[0]
         self.rides.act(row, np.asarray(action)[None])
         snapshot = before
@@ -116,7 +116,7 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             if snapshot.fallen:
                 break  # a node ends its ride with the fall
             snapshot = self.client.step(*self.rides.commands(row)[0].tolist())
-            row = row_of(snapshot)
+            row = rows_of(snapshot)
             self.rides.advance(row)
             states.append(snapshot.state)
         if self.watch is not None and observation is not None:
@@ -139,7 +139,7 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.client.close()
 
     def _observe(self, snapshot: Snapshot) -> NDArray[np.float32]:
-        return self.rides.observe(row_of(snapshot))[0]
+        return self.rides.observe(rows_of(snapshot))[0]
 
     def _info(self, snapshot: Snapshot) -> dict[str, Any]:
         return {

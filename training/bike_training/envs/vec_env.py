@@ -16,8 +16,7 @@ from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_training.curricula.base import Episodes
 from bike_training.envs.watch import RideWatch
-from bike_training.tasks.base import Task, sum_of
-from bike_training.tasks.fleet import batch_of
+from bike_training.tasks.base import Task, batch_of, sum_of
 
 
 def task_spaces(task: Task) -> tuple[gym.spaces.Box, gym.spaces.Box]:

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_policy.contract.bundle import Bundle
-from bike_policy.contract.race import BLOCKS, RaceLayout
 from bike_training.explain.shap_values import BACKGROUND, PERMUTATIONS, ShapValues, permute, spread
 
 FloatArray = NDArray[np.float64]
@@ -46,12 +45,6 @@ class BlockExplanation(ShapValues):
         return self.mean_abs / np.maximum(self.mean_abs.sum(axis=0), np.finfo(float).tiny)
 
 
-def block_places(layout: RaceLayout) -> list[NDArray[np.intp]]:
-    """Return the places of each block's numbers in an observation."""
-    sizes = [len(BLOCKS[block].columns(layout)) for block in layout.blocks]
-    return list(np.split(np.arange(sum(sizes)), np.cumsum(sizes)[:-1]))
-
-
 def explain_blocks(
     bundle: Bundle,
     observations: NDArray[np.float32],
@@ -75,24 +68,23 @@ def explain_blocks(
     """
     begun = time.monotonic()
     layout = bundle.layout
-    assert isinstance(layout, RaceLayout), "the caller has chosen by the layout"
     inputs = np.asarray(observations, dtype=np.float64)
     explained, behind = spread(inputs, most), spread(inputs, background)
-    places = block_places(layout)
+    places = [np.arange(layout.size)[place] for place in layout.places.values()]
     found = permute(
         lambda batch: _actions(bundle, batch),
         _Blocks(behind, places),
         explained,
-        parts=len(layout.blocks),
+        parts=len(layout.terms),
         permutations=permutations,
         seed=seed,
         silent=silent,
     )
     return BlockExplanation(
-        blocks=layout.blocks,
+        blocks=layout.terms,
         actions=bundle.action.names,
         steady=tuple(
-            name for name, own in zip(layout.blocks, places, strict=True) if not np.ptp(inputs[:, own], axis=0).any()
+            name for name, own in zip(layout.terms, places, strict=True) if not np.ptp(inputs[:, own], axis=0).any()
         ),
         values=np.asarray(found.values, dtype=np.float64),
         base=np.asarray(found.base_values, dtype=np.float64)[0],

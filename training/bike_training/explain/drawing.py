@@ -21,12 +21,12 @@ def labels(layout: ObservationLayout) -> list[str]:
     """Return one readable label for each number of an observation."""
     unit = "s" if layout.preview_by_time else "m"
     ahead = [f"{k * layout.preview_interval:g} {unit}" for k in range(layout.preview_count)]
-    if layout.preview_kind == "points":
+    if "preview_points" in layout.terms:
         preview = [f"t_p{k}: line {distance} ahead" for k, distance in enumerate(ahead)]
     else:  # a second difference belongs to its middle point
         preview = ["t_p0: offset", "t_p1: lateral velocity"]
         preview += [f"t_p{k}: lean {ahead[k - 1]} ahead" for k in range(2, layout.preview_count)]
-    return [SYMBOLS.get(feature, feature) for feature in layout.features] + preview
+    return [SYMBOLS.get(feature, feature) for feature in layout.terms[:-1]] + preview
 
 
 def draw(explanation: Explanation, title: str, path: Path) -> None:

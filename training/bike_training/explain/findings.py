@@ -146,10 +146,10 @@ def state_findings(explanation: Explanation, answers_differ: float) -> Statement
 def _subjects(layout: ObservationLayout) -> dict[str, list[int]]:
     """Places of the features that each sentence is about."""
     states = {"roll": "roll", "roll rate": "roll_rate", "steer": "steer", "steer rate": "steer_rate"}
-    found = {name: [layout.features.index(f)] for name, f in states.items() if f in layout.features}
-    preview = list(range(len(layout.features), layout.size))
+    found = {name: [layout.names.index(term)] for name, term in states.items() if term in layout.terms}
+    preview = list(range(layout.size - layout.preview_count, layout.size))
     found["offset"], ahead = preview[:1], preview[1:]
-    if layout.preview_kind == "lean":
+    if "preview_lean" in layout.terms:
         found["direction"], ahead = ahead[:1], ahead[1:]
     half = (len(ahead) + 1) // 2
     found["near preview"], found["far preview"], found["line ahead"] = ahead[:half], ahead[half:], ahead

@@ -13,8 +13,7 @@ from bike_analysis import Ride, find_rides, read_recording
 from bike_analysis.read.columns import ColumnReader
 from bike_analysis.read.files import find_files
 from bike_policy.contract.bundle import Bundle
-from bike_policy.contract.observation import ObservationLayout, SeenBlocks
-from bike_policy.contract.race import RaceLayout
+from bike_policy.contract.observation import ObservationLayout, Rows
 from bike_sim.physics.state import FIELDS
 from bike_sim.sim import look as lk
 from bike_training.replay.recorded_rides import blocks_of
@@ -143,7 +142,7 @@ def path_layout(bundle: Bundle) -> ObservationLayout:
     Raises:
         ValueError: it races; what it sees is not made of one state.
     """
-    if isinstance(bundle.layout, RaceLayout):
+    if bundle.layout.races:
         raise ValueError(f"policy {bundle.name!r} races; only policies that follow paths can be explained so far")
     return bundle.layout
 
@@ -154,7 +153,7 @@ def _observe(bundle: Bundle, columns: dict[str, NDArray[Any]]) -> NDArray[np.flo
         bool(columns["preview_by_time"][0]), float(columns["preview_interval"][0]), preview.shape[1]
     )
     state, look = (np.stack([columns[name] for name in names], axis=1) for names in (FIELDS, lk.FIELDS))
-    observations = layout.observe(SeenBlocks(state, look, preview), picked)
+    observations = layout.observe(Rows.of_path(state, look, preview[:, picked]))
     if not np.isfinite(observations).all():
         raise ValueError("the recorded states hold values that are not finite")
     return observations

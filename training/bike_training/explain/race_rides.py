@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_policy.contract.bundle import Bundle
-from bike_policy.contract.race import RaceLayout
-from bike_policy.riders.race_policy import RacePolicy
+from bike_policy.riders.racing import RacingRider
 from bike_sim.course.course import Course
 from bike_sim.sim.request import Preview
 from bike_sim.sim.snapshot import Snapshot
@@ -54,26 +53,26 @@ class Onlooker:
 
     preview: Preview | None = None
 
-    def __init__(self, bundle: Bundle, layout: RaceLayout, commands: RecordedCommands) -> None:
+    def __init__(self, bundle: Bundle, commands: RecordedCommands) -> None:
         """Take the policy and the commands that are ridden."""
         self.name = bundle.name
-        self._sight, self._commands = RacePolicy(bundle, layout), commands
+        self._policy, self._commands = RacingRider(bundle), commands
         self.steps: list[int] = []
         self.seen: list[NDArray[np.float32]] = []
         self.differ = 0.0
 
     def begin(self, vehicle: Vehicle, course: Course, period: float, preview: Preview) -> None:
         """Plan the lap; see `Rider`."""
-        self._sight.begin(vehicle, course, period, preview)
+        self._policy.begin(vehicle, course, period, preview)
 
     def command(self, snapshot: Snapshot) -> tuple[float, float] | None:
         """Look, and return the recorded command."""
         ridden = self._commands.command(snapshot)
-        before = self._sight.seen
-        own = self._sight.command(snapshot)
-        if self._sight.seen is not before and self._sight.seen is not None and ridden is not None:
+        before = self._policy.seen
+        own = self._policy.command(snapshot)
+        if self._policy.seen is not before and self._policy.seen is not None and own and ridden:
             self.steps.append(snapshot.step)
-            self.seen.append(self._sight.seen)
+            self.seen.append(self._policy.seen)
             self.differ = max(self.differ, *(abs(a - b) for a, b in zip(own, ridden, strict=True)))
         return ridden
 
@@ -98,8 +97,6 @@ def read_race(
         FileNotFoundError: there is no such recording, or its vehicle or circuit is not here.
         ValueError: it has no such ride or section, cannot be ridden again, or shows what this policy cannot use.
     """
-    layout = bundle.layout
-    assert isinstance(layout, RaceLayout), "the caller has chosen by the layout"
     _, rides = read_rides(path)
     if not 1 <= number <= len(rides):
         raise ValueError(f"{path} has {len(rides)} ride(s), there is no ride {number}")
@@ -108,7 +105,7 @@ def read_race(
     riders: list[Onlooker] = []
 
     def onlooker(commands: RecordedCommands) -> Onlooker:
-        riders.append(Onlooker(bundle, layout, commands))
+        riders.append(Onlooker(bundle, commands))
         return riders[0]
 
     ride_with(source, onlooker, tell)

@@ -120,7 +120,7 @@ def explain(
     )
     return Explanation(
         layout=path_layout(bundle),
-        features=inputs / _scales(path_layout(bundle)),
+        features=inputs / path_layout(bundle).gains,
         values=np.asarray(found.values, dtype=np.float64),
         base=float(np.mean(found.base_values)),
         outputs=set_values(bundle, observations),
@@ -175,9 +175,3 @@ class _Background:
 
     def __call__(self, mask: NDArray[np.bool_], observation: FloatArray) -> tuple[FloatArray]:
         return (np.where(mask, observation, self._rows),)
-
-
-def _scales(layout: ObservationLayout) -> FloatArray:
-    """Factors from features to the numbers of an observation."""
-    preview = layout.preview_scale if layout.preview_kind == "points" else 1.0
-    return np.array([*layout.scales, *[preview] * layout.preview_count])

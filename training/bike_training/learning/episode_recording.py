@@ -23,7 +23,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from bike_analysis.read.columns import MessageSchema
 from bike_policy.contract.actor import Actor
-from bike_policy.contract.rows import row_of
+from bike_policy.contract.observation import rows_of
 from bike_sim.course.random_paths import PathRanges
 from bike_sim.recording.definitions import message_type
 from bike_sim.recording.metadata import LATCHED, Qos
@@ -112,8 +112,8 @@ class EpisodeWriter:
         self.snapshot = simulator.reset(request)
         self.failed = False
         assert simulator.course is not None
-        self._rides = task.rides(1, simulator.vehicle)
-        self._rides.begin(0, row_of(self.snapshot), request, simulator.course)
+        self._rides = task.make_state(1, simulator.vehicle)
+        self._rides.begin(0, rows_of(self.snapshot), request, simulator.course)
         config = simulator.config
         self._facts = messages.Episode.of(simulator.vehicle, simulator.course, request.preview, config.control_period)
         self._open(path, {"rider": rider, "layout": task.layout.name, "task": task_note(task)})
@@ -148,7 +148,7 @@ class EpisodeWriter:
             deterministic: whether the action is the mean of the policy.
         """
         before, stamp = self.snapshot, self._stamp_of(self.snapshot)
-        self._rides.act(row_of(before), action[None])
+        self._rides.act(rows_of(before), action[None])
         learned = _standing_message(standing)
         learned.header.stamp = node_tools.time_to_message(stamp)
         learned.episode, learned.step = before.episode, before.step
@@ -159,10 +159,10 @@ class EpisodeWriter:
         learned.steer_set = float(action[0]) * self._task.action.columns[0].scale
         held: list[tuple[Snapshot, Command]] = []
         while len(held) < self._task.repeat and not self.snapshot.fallen:
-            command = self._rides.commands(row_of(self.snapshot))[0].tolist()
+            command = self._rides.commands(rows_of(self.snapshot))[0].tolist()
             given = Command(self.snapshot.episode, self.snapshot.step, *command)
             self.snapshot = self._simulator.step(*command)
-            self._rides.advance(row_of(self.snapshot))
+            self._rides.advance(rows_of(self.snapshot))
             held.append((self.snapshot, given))
         learned.steering = held[0][1].steering if held else 0.0
         self._judge(learned)
@@ -171,7 +171,7 @@ class EpisodeWriter:
 
     def observe(self) -> NDArray[np.float32]:
         """Return what a policy sees now."""
-        return self._rides.observe(row_of(self.snapshot))[0]
+        return self._rides.observe(rows_of(self.snapshot))[0]
 
     def _write_held(self, before: Snapshot, held: Sequence[tuple[Snapshot, Command]], learned: LearningStep) -> None:
         """Write the control periods of a decision in the order of time; what was learned stands before its states."""
@@ -196,7 +196,7 @@ class EpisodeWriter:
 
     def _judge(self, message: LearningStep) -> None:
         """Say what the step was worth and whether an episode of learning ended with it."""
-        terms, failed = self._rides.evaluate(row_of(self.snapshot))
+        terms, failed = self._rides.evaluate(rows_of(self.snapshot))
         self.failed = bool(failed[0])
         message.reward_names = list(terms)
         message.reward_terms = array("d", (float(term[0]) for term in terms.values()))

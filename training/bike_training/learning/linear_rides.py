@@ -15,7 +15,7 @@ from numpy import ndarray
 from numpy.typing import NDArray
 
 from bike_policy.contract.actor import Actor
-from bike_policy.contract.observation import ObservationLayout, SeenBlocks
+from bike_policy.contract.observation import ObservationLayout, Rows
 from bike_sim.physics import state as st
 from bike_sim.physics.whipple_engine import advance, pushed
 from bike_sim.sim import look as lk
@@ -137,25 +137,21 @@ class ObservationJacobian:
             ValueError: it shows where in the map the bicycle is.
         """
         known = {*INNER, "front_wheel_rate", "speed"}
-        if not set(layout.features) <= known:
-            raise ValueError(
-                f"layout {layout.name!r} shows {sorted(set(layout.features) - known)}, which have no slopes"
-            )
-        self._size, self._first = layout.size, len(layout.features)
+        shown = set(layout.terms[:-1])
+        if not shown <= known:
+            raise ValueError(f"layout {layout.name!r} shows {sorted(shown - known)}, which have no slopes")
+        self._size, self._first = layout.size, layout.size - layout.preview_count
         self._inner = np.zeros((layout.size, len(DEVIATIONS)))
         for column, name in enumerate(INNER, start=2):
-            if name in layout.features:
-                place = layout.features.index(name)
-                self._inner[place, column] = layout.scales[place]
+            if name in shown:
+                place = layout.names.index(name)
+                self._inner[place, column] = layout.gains[place]
         # What is shown of the preview is linear in it.
-        nothing = SeenBlocks(np.zeros((1, 10)), np.zeros((1, 12)), np.zeros((1, layout.preview_count)))
-        ones = nothing._replace(
-            state=np.zeros((layout.preview_count, 10)),
-            look=np.zeros((layout.preview_count, 12)),
-            preview_y=np.eye(layout.preview_count),
-        )
-        shown = (layout.observe(ones) - layout.observe(nothing))[:, self._first :]
-        self._preview = shown.T.astype(np.float64)
+        count = layout.preview_count
+        nothing = Rows.of_path(np.zeros((1, 10)), np.zeros((1, 12)), np.zeros((1, count)))
+        ones = Rows.of_path(np.zeros((count, 10)), np.zeros((count, 12)), np.eye(count))
+        effect = (layout.observe(ones) - layout.observe(nothing))[:, self._first :]
+        self._preview = effect.T.astype(np.float64)
 
     def slopes(self, preview_x: FloatArray) -> FloatArray:
         """Return the derivatives of observations, shape (n, k, 6).

@@ -22,8 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sbx.common.policies import SquashedGaussianActor, VectorCritic
 
-from bike_policy.contract.observation import ObservationLayout
-from bike_policy.contract.race import BLOCKS
+from bike_policy.contract.observation import TERMS, ObservationLayout
 from bike_sim.schema import GRAVITY
 
 _SIZES: Final = {
@@ -44,26 +43,26 @@ _SIZES: Final = {
 Matrix = tuple[tuple[float, ...], ...]
 
 
-def coordinates(layout: object) -> NDArray[np.float32]:
+def coordinates(layout: ObservationLayout) -> NDArray[np.float32]:
     """Return the matrix that an observation, as a row, is multiplied by, shape (layout size, layout size).
 
     Raises:
         ValueError: it is not the observation of a path task.
     """
-    if not isinstance(layout, ObservationLayout):
+    if layout.races:
         raise ValueError("preset setting precondition=True is for tasks on paths")
-    sizes = [abs(scale) * _SIZES.get(name, 1.0) for name, scale in zip(layout.features, layout.scales, strict=True)]
-    matrix = np.diag([1.0 / size for size in sizes] + [1.0] * layout.preview_count)
-    if layout.preview_kind == "points":
-        first = len(layout.features)
-        matrix[first:, first:] = _differences(layout).T / layout.preview_scale
+    first = layout.size - layout.preview_count
+    sizes = [abs(gain) * _SIZES.get(name, 1.0) for name, gain in zip(layout.names, layout.gains, strict=True)]
+    matrix = np.diag([1.0 / size for size in sizes[:first]] + [1.0] * layout.preview_count)
+    if "preview_points" in layout.terms:
+        matrix[first:, first:] = _differences(layout).T / layout.gains[first]
     return matrix.astype(np.float32)
 
 
 def _differences(layout: ObservationLayout) -> NDArray[np.float64]:
     """Return what turns preview points (m) into the offset, the first difference and the second ones.
 
-    By time they are a lateral velocity (m/s) and tangents of the lean that the path asks for, as with ``lean``.
+    By time they are a lateral velocity (m/s) and tangents of the lean that the path asks for, as ``preview_lean`` is.
     """
     count, step = layout.preview_count, layout.preview_interval
     matrix = np.eye(count)
@@ -108,18 +107,17 @@ def shown(layout: Any, hidden: str) -> NDArray[np.float32]:
 
     Args:
         layout: of the observation.
-        hidden: names of numbers, or of blocks of them, with commas between them.
+        hidden: names of numbers, or of terms, with commas between them.
 
     Raises:
         ValueError: a name that the observation has not, or nothing is left.
     """
     rows_shown = np.ones(layout.size, dtype=np.float32)
     for name in filter(None, hidden.split(",")):
-        in_block = BLOCKS[name].columns(layout) if name in getattr(layout, "blocks", ()) else ()
-        names = {column.name for column in in_block} or {name}
+        names = set(TERMS[name].numbers(name, layout)) if name in layout.terms else {name}
         rows = [row for row, known in enumerate(layout.names) if known in names]
         if not rows:
-            known = ", ".join(dict.fromkeys((*getattr(layout, "blocks", ()), *layout.names)))
+            known = ", ".join(dict.fromkeys((*layout.terms, *layout.names)))
             raise ValueError(f"preset settings hide {name!r}; the observation has {known}")
         rows_shown[rows] = 0.0
     if not rows_shown.any():

@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, Final
 
 from bike_policy.contract.observation import ObservationLayout
-from bike_policy.contract.race import RaceLayout
 from bike_training.learning.algorithm import Algorithm
 from bike_training.learning.setting_records import check_entries, parse
 from bike_training.learning.subjects import (
@@ -15,13 +14,10 @@ from bike_training.learning.subjects import (
     TASK_SETTINGS,
     CurriculumSettings,
     PartsSettings,
-    PathSettings,
     RaceCurriculumSettings,
-    RaceSettings,
-    TaskSettings,
 )
-from bike_training.tasks.path import SHARP, TASKS
-from bike_training.tasks.race import GUIDED_WEIGHTS, PAPER_WEIGHTS
+from bike_training.tasks.path import SHARP, TASKS, PathTask
+from bike_training.tasks.race import GUIDED_WEIGHTS, PAPER_WEIGHTS, RaceTask
 
 _SUBJECTS: Final = ("task", "curriculum")
 """Records inside of a preset; each holds its own name under the name of its place."""
@@ -38,7 +34,7 @@ class Preset(Algorithm):
     """
 
     name: str
-    task: TaskSettings = field(default_factory=PathSettings)
+    task: PathTask | RaceTask = field(default_factory=PathTask)
     curriculum: CurriculumSettings = field(default_factory=PartsSettings)
 
     @property
@@ -47,12 +43,10 @@ class Preset(Algorithm):
         return self.name == PAPER.name or self.name in _ALTERNATIVES
 
     @property
-    def deployed_layout(self) -> ObservationLayout | RaceLayout:
+    def deployed_layout(self) -> ObservationLayout:
         """What a deployed actor sees: in races, of the part of the planned speed that it is asked for in the end."""
-        layout = self.task.make().layout
-        if not isinstance(layout, RaceLayout):
-            return layout
-        return replace(layout, share=getattr(self.curriculum, "share", 1.0))
+        layout = self.task.layout
+        return replace(layout, share=getattr(self.curriculum, "share", 1.0)) if layout.races else layout
 
     def to_card(self) -> dict[str, Any]:
         """Return plain values for a policy card."""
@@ -121,7 +115,7 @@ Source: Weyrer et al. (2026), Sects. 4 (n_tot) and 5.1.
 
 FAST: Final = Preset(
     name="fast",
-    task=PathSettings(task="lean", weights=SHARP),
+    task=PathTask(task="lean", weights=SHARP),
     curriculum=PartsSettings(refine=True),
     learner="sbx",
     environments=8,
@@ -155,7 +149,7 @@ Validations are asked for by whole episodes of 1,200 steps, so two bicycles wait
 
 RACE_DIRECT: Final = Preset(
     name="race_direct",
-    task=RaceSettings(),
+    task=RaceTask(),
     curriculum=RaceCurriculumSettings(spread=0.1, failure_share=0.25, validate_every=20_000, select_every=50_000),
     learner="sbx",
     environments=32,
@@ -178,7 +172,7 @@ RACE_DIRECT: Final = Preset(
 RACE: Final = replace(
     RACE_DIRECT,
     name="race",
-    task=RaceSettings(observation="guided", guided=True, weights=GUIDED_WEIGHTS, repeat=10, max_steps=200),
+    task=RaceTask(observation="guided", guided=True, weights=GUIDED_WEIGHTS, repeat=10, max_steps=200),
     curriculum=RaceCurriculumSettings(failure_share=0.25, validate_every=20_000, select_every=50_000),
     updates=16,
     layers=(128, 128),
@@ -195,7 +189,7 @@ ends of their range before the critics could tell one action from another.
 
 RACE_PAPER: Final = Preset(
     name="race_paper",
-    task=RaceSettings(observation="paper_race", weights=PAPER_WEIGHTS, repeat=1, max_steps=1500, masked=False),
+    task=RaceTask(observation="paper_race", weights=PAPER_WEIGHTS, repeat=1, max_steps=1500, masked=False),
     curriculum=RaceCurriculumSettings(curriculum="spdl"),
     environments=10,
     updates=10,
@@ -208,7 +202,7 @@ Its learning rate and the size of its replay buffer could not be read; they are 
 """
 
 _ALTERNATIVES: Final[dict[str, Preset]] = {
-    name: replace(PAPER, name=name, task=PathSettings(task=name)) for name in TASKS if name.startswith("alt")
+    name: replace(PAPER, name=name, task=PathTask(task=name)) for name in TASKS if name.startswith("alt")
 }
 
 PRESETS: Final[dict[str, Preset]] = {

@@ -75,7 +75,7 @@ class LearningProcess:
         vehicles = [load_vehicle(name) for name in settings.machines]
         for vehicle in vehicles:
             preset.task.check_vehicle(vehicle)
-        self.settings, self.out, self.steps, self.task = settings, out, steps, preset.task.make()
+        self.settings, self.out, self.steps, self.task = settings, out, steps, preset.task
         self.progress = Progress(
             preset.curriculum.make(vehicles),
             AveragedActor(preset.averaging),

@@ -6,42 +6,18 @@ A new subject is a record of settings with ``make`` and an entry in TASK_SETTING
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
-from bike_policy.contract.race import RACE_LAYOUTS
 from bike_sim.vehicles.bicycle import Vehicle
-from bike_sim.vehicles.superbike import Superbike
 from bike_training.curricula.base import Curriculum
 from bike_training.curricula.parts import PartsCurriculum
 from bike_training.curricula.race import CircuitSet, RaceCurriculum, SpeedCurriculum
 from bike_training.curricula.spdl import SpdlCurriculum
 from bike_training.learning.setting_records import check_number, check_positive
-from bike_training.tasks.base import Task
-from bike_training.tasks.path import TASKS
+from bike_training.tasks.path import TASKS, PathTask
 from bike_training.tasks.race import RaceTask
-
-
-class TaskSettings(Protocol):
-    """Settings of a task."""
-
-    @property
-    def task(self) -> str:
-        """Name of the task."""
-        ...
-
-    def make(self) -> Task:
-        """Return the task."""
-        ...
-
-    def check_vehicle(self, vehicle: Vehicle) -> None:
-        """Refuse a vehicle that the task is not for.
-
-        Raises:
-            ValueError: naming vehicle and task.
-        """
-        ...
 
 
 class CurriculumSettings(Protocol):
@@ -69,47 +45,6 @@ class CurriculumSettings(Protocol):
             ValueError: it is not for these vehicles. FileNotFoundError: an unknown course.
         """
         ...
-
-
-@dataclass(frozen=True, kw_only=True)
-class PathSettings:
-    """Settings of a bicycle's path following.
-
-    Attributes:
-        task: name in :data:`bike_training.tasks.path.TASKS`.
-        max_steer: steering set point of action 1, rad.
-        weights: terms of the reward by name and their weights; empty keeps the task's.
-        sharpness: width of the term ``path_peak``, m.
-    """
-
-    task: str = "prop"
-    max_steer: float = math.radians(70.0)
-    weights: Mapping[str, float] = field(default_factory=dict)
-    sharpness: float = 0.2
-
-    def __post_init__(self) -> None:
-        """Refuse values that mean nothing.
-
-        Raises:
-            ValueError: naming the setting and its value.
-        """
-        if self.task not in TASKS:
-            raise ValueError(f"preset setting task={self.task!r} is not one of {', '.join(TASKS)}")
-        for name in ("max_steer", "sharpness"):
-            check_positive(name, getattr(self, name))
-        if not isinstance(self.weights, Mapping):
-            raise ValueError(f"preset setting weights={self.weights!r} must name reward terms and their weights")
-        self.make()
-
-    def make(self) -> Task:
-        """Return the task."""
-        task = replace(TASKS[self.task], max_steer=self.max_steer, sharpness=self.sharpness)
-        return replace(task, weights=dict(self.weights)) if self.weights else task
-
-    def check_vehicle(self, vehicle: Vehicle) -> None:
-        """Refuse superbikes: they ride circuits, and this task shows and judges none."""
-        if isinstance(vehicle, Superbike):
-            raise ValueError(f"task {self.task!r} is for bicycles on paths, and {vehicle.name!r} is a superbike")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,75 +84,6 @@ class PartsSettings:
     def make(self, vehicles: Sequence[Vehicle]) -> Curriculum:
         """Return the curriculum at its beginning."""
         return PartsCurriculum(self.refine, self.sharp, self.last_speeds)
-
-
-@dataclass(frozen=True, kw_only=True)
-class RaceSettings:
-    """Settings of racing a superbike.
-
-    Attributes:
-        task: ``race``.
-        observation: name in :data:`bike_policy.contract.race.RACE_LAYOUTS`.
-        weights: terms of the reward by name and their weights; empty keeps the task's.
-        repeat: control periods that a decision is held.
-        max_steps: decisions of an episode.
-        lean_scale: part of the virtual rider's largest lean that action 1 asks for.
-        guided: whether actions are targets of a guide. offset: farthest from the followed line, m.
-        pace: largest change of the planned speed as a part of it.
-        limiter: whether the speed asked cuts the throttle.
-        any_tyre: whether one contact point outside the limits is off the track; else both.
-        masked: whether progress counts on the track only.
-        validation_duration: of a validation ride, s.
-    """
-
-    task: str = "race"
-    observation: str = "compact"
-    weights: Mapping[str, float] = field(default_factory=dict)
-    repeat: int = 3
-    max_steps: int = 500
-    lean_scale: float = 0.95
-    guided: bool = False
-    offset: float = 0.6
-    pace: float = 0.05
-    limiter: bool = False
-    any_tyre: bool = True
-    masked: bool = True
-    validation_duration: float = 120.0
-
-    def __post_init__(self) -> None:
-        """Refuse values that mean nothing.
-
-        Raises:
-            ValueError: naming the setting and its value.
-        """
-        if self.task != "race":
-            raise ValueError(f"preset setting task={self.task!r} is not race")
-        if self.observation not in RACE_LAYOUTS:
-            raise ValueError(f"preset setting observation={self.observation!r} is not one of {', '.join(RACE_LAYOUTS)}")
-        if not isinstance(self.weights, Mapping):
-            raise ValueError(f"preset setting weights={self.weights!r} must name reward terms and their weights")
-        self.make()
-
-    def make(self) -> RaceTask:
-        """Return the task."""
-        task = RaceTask(
-            layout=replace(RACE_LAYOUTS[self.observation], repeat=self.repeat),
-            max_steps=self.max_steps,
-            lean_scale=self.lean_scale,
-            guided=self.guided,
-            offset=self.offset,
-            pace=self.pace,
-            limiter=self.limiter,
-            any_tyre=self.any_tyre,
-            masked=self.masked,
-            validation_duration=self.validation_duration,
-        )
-        return replace(task, weights=dict(self.weights)) if self.weights else task
-
-    def check_vehicle(self, vehicle: Vehicle) -> None:
-        """Refuse bicycles: they have no engine and no tyres to race with."""
-        if not isinstance(vehicle, Superbike):
-            raise ValueError(f"task {self.task!r} is for superbikes on circuits, and {vehicle.name!r} is none")
 
 
 RACE_CURRICULA: Final = ("none", "speed", "spdl", "target", "schedule")
@@ -291,7 +157,7 @@ class RaceCurriculumSettings:
         return RaceCurriculum(*common)
 
 
-TASK_SETTINGS: Final[dict[str, type[Any]]] = {**dict.fromkeys(TASKS, PathSettings), "race": RaceSettings}
+TASK_SETTINGS: Final[dict[str, type[Any]]] = {**dict.fromkeys(TASKS, PathTask), "race": RaceTask}
 CURRICULUM_SETTINGS: Final[dict[str, type[Any]]] = {
     "parts": PartsSettings,
     **dict.fromkeys(RACE_CURRICULA, RaceCurriculumSettings),

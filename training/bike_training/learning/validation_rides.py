@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_policy.contract.actor import Actor
-from bike_policy.contract.rows import row_of
+from bike_policy.contract.observation import rows_of
 from bike_sim.sim.batch import Batch
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_training.envs.clients import Client
-from bike_training.tasks.base import Task
-from bike_training.tasks.fleet import batch_of
+from bike_training.tasks.base import Task, batch_of
 
 
 def selection_error(
@@ -110,8 +109,8 @@ def validate_simulator(
 
 
 def _ride(actor: Actor, task: Task, simulator: Client, request: ResetRequest) -> float:
-    rides = task.strict().rides(1, simulator.vehicle)
-    row = row_of(simulator.reset(request))
+    rides = task.strict().make_state(1, simulator.vehicle)
+    row = rows_of(simulator.reset(request))
     assert simulator.course is not None
     rides.begin(0, row, request, simulator.course)
     track: list[float] = []
@@ -121,7 +120,7 @@ def _ride(actor: Actor, task: Task, simulator: Client, request: ResetRequest) ->
             action = actor.act(rides.observe(row)[0])
             rides.act(row, action[None])
         snapshot = simulator.step(*rides.commands(row)[0].tolist())
-        row = row_of(snapshot)
+        row = rows_of(snapshot)
         rides.advance(row)
         track.append(float(rides.error(row)[0]))
         if ((step + 1) % task.repeat == 0 or snapshot.fallen) and rides.evaluate(row).failed[0]:

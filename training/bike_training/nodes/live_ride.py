@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from bike_analysis.read.messages import Simulation
-from bike_policy.riders.hands import HANDS, ManualRider
 from bike_policy.riders.rider import Rider
+from bike_policy.riders.stanley import HANDS, ManualRider
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.superbike_plant import SuperbikePlant

@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from bike_policy.contract.observation import rows_of
 from bike_policy.riders.rider import Rider
 from bike_sim.course.course import Course
 from bike_sim.sim.config import SimulatorConfig
@@ -237,8 +238,9 @@ class _Ridden:
         others = [snapshot.steering, snapshot.throttle, snapshot.steer_torque, *flags]
         self._rows.append(np.concatenate([snapshot.state, snapshot.look, others]))
         if self._task is not None:
-            self.observations.append(self._task.layout.observe(snapshot))
-            self.rewards.append(float(sum_of(self._task.reward_terms(snapshot))))
+            rows = rows_of(snapshot)
+            self.observations.append(self._task.layout.observe(rows)[0])
+            self.rewards.append(float(sum_of(self._task.reward_terms(rows))))
 
     def columns(self) -> Columns:
         return dict(zip(EXACT, np.stack(self._rows, axis=1), strict=True))

@@ -8,8 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from bike_policy.contract.bundle import Bundle
-from bike_policy.contract.race import RaceLayout
-from bike_policy.riders.race_plan_verification import rehearsed_racer
+from bike_policy.riders.racing import PolicyBatch
 from bike_sim.course.lap_timing import Lap
 from bike_sim.planning.envelope import envelope
 from bike_sim.planning.line_cache import closest_lap
@@ -97,25 +96,21 @@ def ride_races(
         ValueError: a policy that does not race, or a vehicle that is no superbike.
         FileNotFoundError: an unknown vehicle or circuit.
     """
-    if not isinstance(bundle.layout, RaceLayout):
-        raise ValueError(f"policy {bundle.name!r} follows paths; it cannot race")
     layout = bundle.layout if share is None else replace(bundle.layout, share=share)
     config = replace(superbike_config(vehicle), engine=SUPERBIKE_ENGINE)
     ground = CircuitSet(load_vehicle(vehicle), [circuit])
     batch = CompiledSuperbikeBatch(starts, config)
-    racer = rehearsed_racer(replace(bundle, layout=layout), batch.vehicle, config.control_period, starts)
+    rider = PolicyBatch(replace(bundle, layout=layout), batch.vehicle, config.control_period, starts)
     for row in range(starts):
         request = _start(ground, circuit, row, starts)
         batch.reset(row, request)
-        racer.begin(row, batch, batch.course(row))
+        rider.begin(row, batch, batch.course(row))
     theory = closest_lap(circuit, envelope(batch.vehicle))
     whole = np.ones(starts, dtype=bool)
     distance, activity, moments, outside = 0.0, np.zeros(2), 0, 0
     before = np.zeros((starts, 2))
     for step in range(round(TIME * theory * (laps + 1) / config.control_period)):
-        if step % layout.repeat == 0:
-            racer.decide(batch, racer.observe(batch))
-        commands = racer.commands(batch)
+        commands = rider.commands(batch, step)
         riding = ~batch.fallen & (_finished(batch) < laps)
         if not riding.any():
             break

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bike_policy.contract.observation import rows_of
 from bike_policy.riders.rider import Rider
 from bike_sim.course.course import Course
 from bike_sim.course.finish import Finish, up_to_finish
@@ -19,7 +20,7 @@ from bike_sim.sim.request import RANDOM_COURSE, ResetRequest
 from bike_sim.sim.snapshot import Snapshot
 from bike_training.envs.clients import Client
 from bike_training.rollout.rollout import rollout
-from bike_training.tasks.path import PROP, has_failed
+from bike_training.tasks.path import PROP
 
 FloatArray = NDArray[np.float64]
 
@@ -113,7 +114,11 @@ def ride_through(client: Client, rider: Rider, request: ResetRequest, longest: f
 
 def is_over(snapshot: Snapshot, longest: float) -> bool:
     """Return whether a ride ends with a snapshot: failed, at the end of the course, or out of time (s)."""
-    return has_failed(PROP, snapshot) or snapshot.finished or snapshot.time > longest - 1e-9
+    return _has_failed(snapshot) or snapshot.finished or snapshot.time > longest - 1e-9
+
+
+def _has_failed(snapshot: Snapshot) -> bool:
+    return bool(PROP.failed(rows_of(snapshot))[0])
 
 
 def is_completed(last: Snapshot, request: ResetRequest) -> bool:
@@ -121,7 +126,7 @@ def is_completed(last: Snapshot, request: ResetRequest) -> bool:
 
     A course must be ridden to its end; on a random path it is enough to have lasted.
     """
-    return not has_failed(PROP, last) and (last.finished or request.course == RANDOM_COURSE)
+    return not _has_failed(last) and (last.finished or request.course == RANDOM_COURSE)
 
 
 def time_for(course: Course, speed: float) -> float:

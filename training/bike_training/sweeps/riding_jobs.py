@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Final, Self
 
 from bike_policy.contract.bundle import DEFAULT_POLICY
 from bike_policy.riders.classical import CLASSICAL
-from bike_policy.riders.making import bundle_of, make_rider
+from bike_policy.riders.rider import bundle_of, make_rider
 from bike_sim.course.files import load_course, load_track
 from bike_sim.documents import show
 from bike_sim.physics.engine import ENGINE_KINDS, SUPERBIKE_ENGINES

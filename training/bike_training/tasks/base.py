@@ -1,28 +1,34 @@
-"""The protocol of a task, for environments and learners that do not depend on a vehicle."""
+"""The protocol of a task, for environments and learners that do not depend on a vehicle, and tasks of several machines.
+
+Rows take several machines in turn: a row rides the machine whose number is its own modulo the number of machines, in
+training, in validations and in comparisons alike.
+"""
 
 from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Collection, Mapping
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bike_policy.contract.action import ActionLayout
-from bike_policy.contract.observation import ObservationLayout
-from bike_policy.contract.race import RaceLayout
-from bike_policy.contract.rows import RowBlocks
+from bike_policy.contract.observation import ObservationLayout, Rows, VehicleRows
 from bike_sim.course.course import Course
+from bike_sim.sim.batch import Batch, make_batch
+from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.vehicles.bicycle import Vehicle
+from bike_sim.vehicles.files import load_vehicle
 
 FloatArray = NDArray[np.float64]
+ItemT = TypeVar("ItemT")
 
 
 class StepResult(NamedTuple):
-    """What a decision was worth to each vehicle.
+    """Outcome of a decision for each vehicle.
 
     Attributes:
         terms: weighted terms of the reward by name, shape (n,) each; their sum is the reward.
@@ -34,44 +40,44 @@ class StepResult(NamedTuple):
 
 
 class TaskState(Protocol):
-    """What a task shows and judges of vehicles side by side, with what it must remember of their rides.
+    """Observations, commands and rewards of a task for vehicles side by side, with the memory of their rides.
 
     A decision is: :meth:`observe`, :meth:`act`, control periods between :meth:`commands` and :meth:`advance`, then
     :meth:`evaluate`.
     """
 
-    def begin(self, row: int, blocks: RowBlocks, request: ResetRequest, course: Course) -> None:
+    def begin(self, row: int, rows: VehicleRows, request: ResetRequest, course: Course) -> None:
         """Begin the ride of one vehicle.
 
         Args:
             row: of the vehicle.
-            blocks: of all vehicles, after its reset.
+            rows: of all vehicles, after its reset.
             request: how it began.
             course: the followed line.
         """
         ...
 
-    def observe(self, blocks: RowBlocks) -> NDArray[np.float32]:
+    def observe(self, rows: VehicleRows) -> NDArray[np.float32]:
         """Return the observations, shape (n, layout.size)."""
         ...
 
-    def act(self, blocks: RowBlocks, actions: NDArray[np.floating]) -> None:
+    def act(self, rows: VehicleRows, actions: NDArray[np.floating]) -> None:
         """Take actions that are held from now on, shape (n, action.size)."""
         ...
 
-    def commands(self, blocks: RowBlocks) -> FloatArray:
-        """Return what the actions become in a control period: steering and throttle in [-1, 1], shape (n, 2)."""
+    def commands(self, rows: VehicleRows) -> FloatArray:
+        """Return the commands of a control period: steering and throttle in [-1, 1], shape (n, 2)."""
         ...
 
-    def advance(self, blocks: RowBlocks) -> None:
-        """Take note of the end of a control period."""
+    def advance(self, rows: VehicleRows) -> None:
+        """Add the signals at the end of a control period."""
         ...
 
-    def evaluate(self, blocks: RowBlocks) -> StepResult:
-        """Return what has come of the decision."""
+    def evaluate(self, rows: VehicleRows) -> StepResult:
+        """Return the outcome of the decision."""
         ...
 
-    def error(self, blocks: RowBlocks) -> FloatArray:
+    def error(self, rows: VehicleRows) -> FloatArray:
         """Return the error of each vehicle at this instant, shape (n,); the task says what it is."""
         ...
 
@@ -94,7 +100,7 @@ class Task(Protocol):
     @property
     def max_steps(self) -> int: ...  # noqa: D102
     @property
-    def layout(self) -> ObservationLayout | RaceLayout: ...  # noqa: D102
+    def layout(self) -> ObservationLayout: ...  # noqa: D102
     @property
     def action(self) -> ActionLayout: ...  # noqa: D102
 
@@ -108,11 +114,19 @@ class Task(Protocol):
         """Control periods that a decision is held."""
         ...
 
-    def rides(self, count: int, vehicle: Vehicle) -> TaskState:
-        """Return what it shows and judges of a number of vehicles.
+    def make_state(self, count: int, vehicle: Vehicle) -> TaskState:
+        """Return the state of the task for a number of vehicles.
 
         Raises:
             ValueError: the task is not for this vehicle.
+        """
+        ...
+
+    def check_vehicle(self, vehicle: Vehicle) -> None:
+        """Refuse a vehicle that the task is not for.
+
+        Raises:
+            ValueError: naming vehicle and task.
         """
         ...
 
@@ -184,11 +198,118 @@ def check_weights(weights: Mapping[str, float], known: Collection[str], negative
 
 
 def check_positive_settings(task: Any, names: Collection[str]) -> None:
-    """Check that settings of a task are positive.
+    """Check that settings of a task are positive and finite.
 
     Raises:
         ValueError: naming the setting and its value.
     """
     for name in names:
-        if not getattr(task, name) > 0:
-            raise ValueError(f"{name} must be positive, got {getattr(task, name)!r}")
+        value = getattr(task, name)
+        if not (value > 0 and math.isfinite(value)):
+            raise ValueError(f"setting {name}={value!r} must be positive and finite")
+
+
+# ---------------------------------------------------------------------------------------------------- several machines
+
+
+def round_robin(machines: Sequence[ItemT], count: int) -> list[ItemT]:
+    """Return the machine of each of a number of rows."""
+    return [machines[row % len(machines)] for row in range(count)]
+
+
+def batch_of(task: Task, count: int, config: SimulatorConfig, machines: Sequence[str] = ()) -> tuple[Batch, TaskState]:
+    """Return vehicles side by side, and the state of a task for them.
+
+    Args:
+        task: that they ride.
+        count: number of rows.
+        config: vehicle, engine and steps.
+        machines: names or files that the rows take in turn, where there are several; none for the config's.
+
+    Raises:
+        ValueError: the task or the engine is not for them.
+        FileNotFoundError: an unknown vehicle.
+    """
+    names = round_robin(machines, count) if len(machines) > 1 else None
+    batch = make_batch(count, config, task.preview, vehicles=names)
+    vehicles = [batch.vehicle] if names is None else [load_vehicle(name) for name in machines]
+    return batch, state_of(task, vehicles, count)
+
+
+def state_of(task: Task, vehicles: Sequence[Vehicle], count: int) -> TaskState:
+    """Return the state of a task for rows that take machines in turn.
+
+    Raises:
+        ValueError: the task is not for one of the machines.
+    """
+    if len(vehicles) == 1:
+        return task.make_state(count, vehicles[0])
+    return MultiVehicleTaskState(task, vehicles[:count], count)
+
+
+class MultiVehicleTaskState:
+    """State of a task for several machines in turn; implements `TaskState`."""
+
+    def __init__(self, task: Task, vehicles: Sequence[Vehicle], count: int) -> None:
+        """Prepare the rows of each machine.
+
+        Raises:
+            ValueError: the task is not for one of the machines.
+        """
+        self._count, self._kinds = count, len(vehicles)
+        self._parts = [
+            task.make_state(len(range(first, count, len(vehicles))), vehicle) for first, vehicle in enumerate(vehicles)
+        ]
+
+    def _of(self, rows: VehicleRows, part: int) -> Rows:
+        """Return the rows of a machine; views, so that what a batch does is seen."""
+        return Rows(*(getattr(rows, name)[part :: self._kinds] for name in Rows._fields))
+
+    def _together(self, parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
+        """Return the results of the parts, row by row."""
+        whole = np.empty((self._count, *parts[0].shape[1:]), dtype=parts[0].dtype)
+        for part, found in enumerate(parts):
+            whole[part :: self._kinds] = found
+        return whole
+
+    def begin(self, row: int, rows: VehicleRows, request: ResetRequest, course: Course) -> None:
+        """Begin the ride of one machine; see `TaskState`."""
+        place, part = divmod(row, self._kinds)
+        self._parts[part].begin(place, self._of(rows, part), request, course)
+
+    def observe(self, rows: VehicleRows) -> NDArray[np.float32]:
+        """Return the observations; see `TaskState`."""
+        return self._together([state.observe(self._of(rows, part)) for part, state in enumerate(self._parts)])
+
+    def act(self, rows: VehicleRows, actions: NDArray[np.floating]) -> None:
+        """Begin a decision; see `TaskState`."""
+        for part, state in enumerate(self._parts):
+            state.act(self._of(rows, part), actions[part :: self._kinds])
+
+    def commands(self, rows: VehicleRows) -> FloatArray:
+        """Return the commands of a control period; see `TaskState`."""
+        return self._together([state.commands(self._of(rows, part)) for part, state in enumerate(self._parts)])
+
+    def advance(self, rows: VehicleRows) -> None:
+        """Add a control period; see `TaskState`."""
+        for part, state in enumerate(self._parts):
+            state.advance(self._of(rows, part))
+
+    def evaluate(self, rows: VehicleRows) -> StepResult:
+        """Return the outcome of the decision; see `TaskState`."""
+        results = [state.evaluate(self._of(rows, part)) for part, state in enumerate(self._parts)]
+        terms = {name: self._together([result.terms[name] for result in results]) for name in results[0].terms}
+        return StepResult(terms, self._together([result.failed for result in results]))
+
+    def error(self, rows: VehicleRows) -> FloatArray:
+        """Return the error of each machine at this instant; see `TaskState`."""
+        return self._together([state.error(self._of(rows, part)) for part, state in enumerate(self._parts)])
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the memory; see `TaskState`."""
+        return {str(part): state.state_dict() for part, state in enumerate(self._parts)}
+
+    def restore(self, stored: Mapping[str, Any]) -> None:
+        """Continue from a stored memory; see `TaskState`."""
+        for part, state in enumerate(self._parts):
+            state.restore(stored[str(part)])

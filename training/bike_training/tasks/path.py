@@ -8,19 +8,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
-from typing import Any, Final, Literal, Protocol
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bike_policy.contract.action import ActionLayout
-from bike_policy.contract.observation import FINE_LAYOUT, LEAN_LAYOUT, PROP_LAYOUT, Blocks, ObservationLayout
-from bike_policy.contract.rows import RowBlocks
+from bike_policy.contract.observation import FINE_LAYOUT, LEAN_LAYOUT, PROP_LAYOUT, ObservationLayout, VehicleRows
 from bike_sim.course.course import Course
 from bike_sim.physics.state import ROLL
 from bike_sim.sim import look as lk
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.vehicles.bicycle import Vehicle
+from bike_sim.vehicles.superbike import Superbike
 from bike_training.tasks.base import FloatArray, StepResult, check_positive_settings, check_weights
 
 DISTANCE_THRESHOLD: Final = 3.5
@@ -31,17 +31,6 @@ VALIDATION_THRESHOLD: Final = 0.2
 """Mean distance of a successful validation ride, m (eta_e times eta_y, Eq. 13)."""
 VALIDATION_DURATION: Final = 30.0
 """Duration of a validation ride, s (Sect. 4.2)."""
-
-
-class RideBlocks(Blocks, Protocol):
-    """Blocks that this task evaluates: one snapshot, or a batch with leading dimensions.
-
-    Attributes:
-        fallen: whether the vehicle has fallen.
-    """
-
-    @property
-    def fallen(self) -> bool | NDArray[np.bool_]: ...  # noqa: D102
 
 
 def _path_linear(task: PathTask, distance: FloatArray, roll: FloatArray) -> FloatArray:
@@ -76,25 +65,52 @@ LINEAR: Final[Mapping[str, float]] = {"path_linear": 1.0}
 SHARP: Final[Mapping[str, float]] = {"path_linear": 0.5, "path_peak": 0.5}
 
 
-@dataclass(frozen=True)
+class PathVariant(NamedTuple):
+    """Settings of Table 5 that belong together.
+
+    Attributes:
+        layout: of the observation.
+        contact: contact point that is held to the path, ``rear`` d(P, P_P0) or ``front`` d(Q, P_Q0).
+        weights: terms of the reward by name, with their weights.
+    """
+
+    layout: ObservationLayout = PROP_LAYOUT
+    contact: Literal["rear", "front"] = "rear"
+    weights: Mapping[str, float] = LINEAR
+
+
+VARIANTS: Final[Mapping[str, PathVariant]] = {
+    "prop": PathVariant(),
+    "alt1": PathVariant(
+        replace(PROP_LAYOUT, name="alt1", terms=("x", "y", "yaw_wrapped", *PROP_LAYOUT.terms[4:])),
+    ),
+    "alt2": PathVariant(replace(PROP_LAYOUT, name="alt2", preview_by_time=False, preview_interval=2.0)),
+    "alt3": PathVariant(contact="front"),
+    "alt4": PathVariant(weights={"path_exponential": 1.0}),
+    "alt5": PathVariant(weights={"path_linear": 0.5, "upright": 0.5}),
+    "lean": PathVariant(LEAN_LAYOUT),
+    "fine": PathVariant(FINE_LAYOUT),
+}
+"""Table 5 by name, and this project's own."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class PathTask:
     """Settings of the task; implements `bike_training.tasks.base.Task`.
 
     Attributes:
-        layout: of the observation.
+        task: name in VARIANTS.
         max_steer: steering set point of action 1, rad.
-        weights: terms of the reward by name, with their weights; they sum to 1 in the paper (chi_1 of Eq. 7 is the
-            weight of the distance).
+        weights: terms of the reward by name, with their weights; empty for those of the variant. They sum to 1 in the
+            paper (chi_1 of Eq. 7 is the weight of the distance).
         sharpness: width of the term ``path_peak``, m.
-        contact: which contact point is held to the path, ``rear`` d(P, P_P0) or ``front`` d(Q, P_Q0).
         max_steps: n_max, steps of an episode.
     """
 
-    layout: ObservationLayout = LEAN_LAYOUT
+    task: str = "prop"
     max_steer: float = math.radians(70.0)
-    weights: Mapping[str, float] = field(default_factory=lambda: LINEAR)
+    weights: Mapping[str, float] = field(default_factory=dict)
     sharpness: float = 0.2
-    contact: Literal["rear", "front"] = "rear"
     max_steps: int = 1200
 
     def __post_init__(self) -> None:
@@ -103,10 +119,28 @@ class PathTask:
         Raises:
             ValueError: naming the value.
         """
+        if self.task not in VARIANTS:
+            raise ValueError(f"setting task={self.task!r} is not one of {', '.join(VARIANTS)}")
+        if not isinstance(self.weights, Mapping):
+            raise ValueError(f"setting weights={self.weights!r} must name reward terms and their weights")
+        object.__setattr__(self, "weights", dict(self.weights or VARIANTS[self.task].weights))
         check_weights(self.weights, REWARD_TERMS, negative=True)
-        if self.contact not in ("rear", "front"):
-            raise ValueError(f"contact must be rear or front, got {self.contact!r}")
         check_positive_settings(self, ("max_steps", "sharpness", "max_steer"))
+
+    @property
+    def layout(self) -> ObservationLayout:
+        """Layout of the observation."""
+        return VARIANTS[self.task].layout
+
+    @property
+    def contact(self) -> Literal["rear", "front"]:
+        """Contact point that is held to the path."""
+        return VARIANTS[self.task].contact
+
+    def check_vehicle(self, vehicle: Vehicle) -> None:
+        """Refuse superbikes: they ride circuits, and this task has none."""
+        if isinstance(vehicle, Superbike):
+            raise ValueError(f"task {self.task!r} is for bicycles on paths, and {vehicle.name!r} is a superbike")
 
     @property
     def preview(self) -> Preview:
@@ -123,9 +157,9 @@ class PathTask:
         """Control periods that a decision is held."""
         return 1
 
-    def rides(self, count: int, vehicle: Vehicle) -> PathRides:
-        """Return what it shows and judges of a number of bicycles."""
-        return PathRides(self, vehicle.max_steer)
+    def make_state(self, count: int, vehicle: Vehicle) -> PathState:
+        """Return the state of the task for a number of bicycles; see `Task`."""
+        return PathState(self, vehicle.max_steer)
 
     def strict(self) -> PathTask:
         """Return itself: a validation fails where learning does."""
@@ -143,23 +177,23 @@ class PathTask:
         """
         return float(np.sqrt(np.mean(np.where(whole, track, self.largest_error) ** 2)))
 
-    def error(self, blocks: RideBlocks) -> FloatArray:
+    def error(self, rows: VehicleRows) -> FloatArray:
         """Return t_0 of the contact point that is held to the path, m."""
         place = lk.LATERAL_ERROR if self.contact == "rear" else lk.FRONT_LATERAL_ERROR
-        return np.abs(blocks.look[..., place])
+        return np.abs(rows.look[:, place])
 
-    def reward_terms(self, blocks: RideBlocks) -> dict[str, FloatArray]:
+    def reward_terms(self, rows: VehicleRows) -> dict[str, FloatArray]:
         """Return the weighted terms of the reward of one or many instants, Eqs. (7) to (10), by name.
 
         Their sum, the reward, lies in [0, 1] for the paper's weights, also on the step that leaves the thresholds.
         """
-        distance, roll = self.error(blocks), blocks.state[..., ROLL]
+        distance, roll = self.error(rows), rows.state[:, ROLL]
         return {name: weight * REWARD_TERMS[name](self, distance, roll) for name, weight in self.weights.items()}
 
-    def failed(self, blocks: RideBlocks) -> NDArray[np.bool_]:
+    def failed(self, rows: VehicleRows) -> NDArray[np.bool_]:
         """Return where a ride has failed: too far from the path or fallen (Sect. 4). NaN has failed."""
-        rear, roll = np.abs(blocks.look[..., lk.LATERAL_ERROR]), np.abs(blocks.state[..., ROLL])
-        return ~(np.less_equal(rear, DISTANCE_THRESHOLD) & np.less_equal(roll, ROLL_THRESHOLD)) | blocks.fallen
+        rear, roll = np.abs(rows.look[:, lk.LATERAL_ERROR]), np.abs(rows.state[:, ROLL])
+        return ~(np.less_equal(rear, DISTANCE_THRESHOLD) & np.less_equal(roll, ROLL_THRESHOLD)) | rows.fallen
 
     @property
     def validation_duration(self) -> float:
@@ -177,55 +211,58 @@ class PathTask:
 
     def to_card(self) -> dict[str, Any]:
         """Return plain values for recordings."""
-        return {**asdict(self), "weights": dict(self.weights), "layout": self.layout.to_card()}
+        return {**asdict(self), "layout": self.layout.to_card()}
 
     @classmethod
     def from_card(cls, card: Mapping[str, Any]) -> PathTask:
-        """Read what :meth:`to_card` wrote.
+        """Read what :meth:`to_card` wrote, also that of recordings of older versions.
 
         Raises:
             ValueError: an entry is missing, unknown or wrong.
         """
         values = dict(_named_weights(card))
+        layout, contact = values.pop("layout", None), values.pop("contact", "rear")
+        if "task" not in values and isinstance(layout, Mapping):
+            values["task"] = "alt3" if contact == "front" else layout.get("name")
         unknown = sorted(set(values) - {spec.name for spec in fields(cls)})
-        if unknown or "layout" not in values:
-            raise ValueError(f"the task has unknown entries {unknown}, or no layout; another version wrote it")
-        return cls(**{**values, "layout": ObservationLayout.from_card(values["layout"])})
+        if unknown or "task" not in values:
+            raise ValueError(f"the task has unknown entries {unknown}, or no name; another version wrote it")
+        return cls(**values)
 
 
-class PathRides:
-    """What a path task shows and judges: each instant by itself; implements `bike_training.tasks.base.TaskState`."""
+class PathState:
+    """State of a path task, which evaluates each instant by itself; implements `bike_training.tasks.base.TaskState`."""
 
     def __init__(self, task: PathTask, max_steer: float) -> None:
-        """Show and judge for a task, of bicycles whose command 1 is a steering set point of `max_steer` (rad)."""
+        """Take a task, and the steering set point of a bicycle's command 1 (rad)."""
         self._task, self._max_steer = task, max_steer
         self._actions: NDArray[np.floating] = np.zeros((0, 1))
 
-    def begin(self, row: int, blocks: RowBlocks, request: ResetRequest, course: Course) -> None:
+    def begin(self, row: int, rows: VehicleRows, request: ResetRequest, course: Course) -> None:
         """Need nothing of how a ride begins."""
 
-    def observe(self, blocks: RowBlocks) -> NDArray[np.float32]:
+    def observe(self, rows: VehicleRows) -> NDArray[np.float32]:
         """Return the observations; see `TaskState`."""
-        return self._task.layout.observe(blocks)
+        return self._task.layout.observe(rows)
 
-    def act(self, blocks: RowBlocks, actions: NDArray[np.floating]) -> None:
+    def act(self, rows: VehicleRows, actions: NDArray[np.floating]) -> None:
         """Hold actions; see `TaskState`."""
         self._actions = actions
 
-    def commands(self, blocks: RowBlocks) -> FloatArray:
+    def commands(self, rows: VehicleRows) -> FloatArray:
         """Return the same commands in each control period; see `TaskState`."""
-        return self._task.action.to_commands(self._actions, self._max_steer, blocks.look[:, lk.SPEED])
+        return self._task.action.to_commands(self._actions, self._max_steer, rows.look[:, lk.SPEED])
 
-    def advance(self, blocks: RowBlocks) -> None:
+    def advance(self, rows: VehicleRows) -> None:
         """Need nothing between decisions."""
 
-    def evaluate(self, blocks: RowBlocks) -> StepResult:
-        """Return what has come of the decision; see `TaskState`."""
-        return StepResult(self._task.reward_terms(blocks), self._task.failed(blocks))
+    def evaluate(self, rows: VehicleRows) -> StepResult:
+        """Return the outcome of the decision; see `TaskState`."""
+        return StepResult(self._task.reward_terms(rows), self._task.failed(rows))
 
-    def error(self, blocks: RowBlocks) -> FloatArray:
+    def error(self, rows: VehicleRows) -> FloatArray:
         """Return the distances to the path, m."""
-        return self._task.error(blocks)
+        return self._task.error(rows)
 
     def state_dict(self) -> dict[str, Any]:
         """Return an empty memory."""
@@ -233,11 +270,6 @@ class PathRides:
 
     def restore(self, stored: Mapping[str, Any]) -> None:
         """Take up nothing."""
-
-
-def has_failed(task: PathTask, blocks: RideBlocks) -> bool:
-    """Return whether one ride has failed."""
-    return bool(task.failed(blocks))
 
 
 def _named_weights(card: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -264,23 +296,7 @@ def validation_error(distances: FloatArray, succeeded: bool) -> float:
     return float(np.mean(distances[len(distances) // 5 :]) / DISTANCE_THRESHOLD)
 
 
-PROP: Final = PathTask(layout=PROP_LAYOUT)
+TASKS: Final[Mapping[str, PathTask]] = {name: PathTask(task=name) for name in VARIANTS}
+"""Tasks by name."""
+PROP: Final = TASKS["prop"]
 """The proposed settings of Table 5."""
-
-_MINIMAL_LAYOUT = ObservationLayout(
-    "alt1",
-    ("x", "y", "yaw_wrapped", *PROP_LAYOUT.features[4:]),
-    (1.0,) * (len(PROP_LAYOUT.features) - 1),
-)
-
-TASKS: Final[dict[str, PathTask]] = {
-    "prop": PROP,
-    "alt1": replace(PROP, layout=_MINIMAL_LAYOUT),
-    "alt2": replace(PROP, layout=replace(PROP_LAYOUT, name="alt2", preview_by_time=False, preview_interval=2.0)),
-    "alt3": replace(PROP, contact="front"),
-    "alt4": replace(PROP, weights={"path_exponential": 1.0}),
-    "alt5": replace(PROP, weights={"path_linear": 0.5, "upright": 0.5}),
-    "lean": PathTask(),
-    "fine": PathTask(layout=FINE_LAYOUT),
-}
-"""Table 5 by name, and this project's own."""

@@ -9,25 +9,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bike_policy.contract.action import DRIVE, LEAN_REQUEST, LINE_OFFSET, PACE, ActionColumn, ActionLayout
-from bike_policy.contract.race import COMPACT, ObservationBuilder, RaceLayout
+from bike_policy.contract.observation import RACE_LAYOUTS, ObservationLayout, VehicleRows
 from bike_policy.contract.reference import OPEN
-from bike_policy.contract.rows import RowBlocks
-from bike_policy.riders.race_guide import RaceGuide, commands_of
-from bike_policy.riders.race_reference import References
-from bike_policy.riders.vehicle_descriptor import vehicle_descriptor
+from bike_policy.riders.racing import RaceInterface
 from bike_sim.course.course import Course
-from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics.state import ROLL, ROLL_RATE, STEER
+from bike_sim.schema import SIGNALS
 from bike_sim.sim import look as lk
 from bike_sim.sim.request import COURSE_POINTS, Preview, ResetRequest
 from bike_sim.vehicles.bicycle import Vehicle
+from bike_sim.vehicles.superbike import Superbike
 from bike_training.tasks.base import FloatArray, StepResult, check_positive_settings, check_weights
 
 HISTORY_LEAST: Final = 0.014
@@ -42,37 +40,49 @@ STALLED: Final = 3.0
 MAX_STEPS: Final = 500
 """Decisions of an episode, 30 s at 60 ms."""
 
+_REAR_SLIP, _FRONT_SLIP = map(SIGNALS.index, ("rear_slip", "front_slip"))
+_REAR_SLIP_ANGLE, _FRONT_SLIP_ANGLE = map(SIGNALS.index, ("rear_slip_angle", "front_slip_angle"))
+_REAR_USE, _FRONT_USE = map(SIGNALS.index, ("rear_use", "front_use"))
+_SPEED, _VERTICAL_VELOCITY, _FALL = map(SIGNALS.index, ("speed", "vertical_velocity", "fall"))
+
 
 @dataclass
 class RewardSignals:
-    """What passed during a decision, row by row; rates are integrated over its control periods.
+    """Signals of a decision that reward terms are functions of, row by row; rates are integrated over its periods.
 
     Attributes:
-        way: along the followed line, m; negative where the machine heads the wrong way.
-        gain: time gained on the planned lap, s.
-        off_track: speed times time with a contact point outside, m. fully_off: s with both outside.
+        progress: distance along the followed line, m; negative where the machine heads the wrong way.
+        time_gain: time gained on the planned lap, s.
+        off_track: speed times time with a contact point outside, m.
         energy: kinetic energy per mass in a collision with a wall, m^2/s^2.
-        line: distance to the line times time, m s. overspeed: beyond the speed asked, times time, m.
-        lean_excess: beyond the largest lean, times time, rad s.
-        slip: ratios, times time, s. drift: slip angles times time, rad s. use: of the tyres beyond their linear
-            saturation, times time, s.
+        line: distance to the line times time, m s.
+        overspeed: speed beyond the one asked, times time, m.
+        lean_excess: lean beyond the largest one, times time, rad s.
+        slip: slip ratios times time, s.
+        slip_angle: slip angles times time, rad s.
+        use: use of the tyres beyond their linear saturation, times time, s.
         motion: vertical and sideways speed of the machine, times time, m.
-        steer_change: rad. lean_change: rad. rate_change: of the angular velocity, rad/s.
-        steering_change: of the action. throttle_change: of the action. effort: sum of the squares of the action.
-        steer_history: 0 to 1. lean_history: 0 to 1.
-        fell: 1 where the ride is over. ended: 1 where the episode fails for any reason.
+        steer_change: rad.
+        lean_change: rad.
+        rate_change: change of the angular velocity, rad/s.
+        steering_change: change of the action's first column.
+        throttle_change: change of its second column.
+        effort: sum of the squares of the action.
+        steer_history: 0 to 1, see `history_penalty`.
+        lean_history: 0 to 1.
+        fell: 1 where the ride is over.
+        failed: 1 where the episode fails for any reason.
     """
 
-    way: FloatArray
-    gain: FloatArray
+    progress: FloatArray
+    time_gain: FloatArray
     off_track: FloatArray
-    fully_off: FloatArray
     energy: FloatArray
     line: FloatArray
     overspeed: FloatArray
     lean_excess: FloatArray
     slip: FloatArray
-    drift: FloatArray
+    slip_angle: FloatArray
     use: FloatArray
     motion: FloatArray
     steer_change: FloatArray
@@ -84,36 +94,36 @@ class RewardSignals:
     steer_history: FloatArray
     lean_history: FloatArray
     fell: FloatArray
-    ended: FloatArray
+    failed: FloatArray
 
     @classmethod
-    def nothing(cls, count: int) -> RewardSignals:
-        """Return what has passed before anything has."""
+    def zeros(cls, count: int) -> RewardSignals:
+        """Return the signals of a number of machines at the beginning of a decision."""
         return cls(**{spec.name: np.zeros(count) for spec in fields(cls)})
 
 
 REWARD_TERMS: Final[Mapping[str, Callable[[RewardSignals], FloatArray]]] = {
-    "progress": lambda passed: passed.way,
-    "gain": lambda passed: passed.gain,
-    "off_track": lambda passed: -passed.off_track,
-    "wall": lambda passed: -passed.energy,
-    "steer_change": lambda passed: -passed.steer_change,
-    "lean_change": lambda passed: -passed.lean_change,
-    "rate_change": lambda passed: -passed.rate_change,
-    "steer_history": lambda passed: -passed.steer_history,
-    "lean_history": lambda passed: -passed.lean_history,
-    "max_lean": lambda passed: -passed.lean_excess,
-    "slip_ratio": lambda passed: -passed.slip,
-    "slip_angle": lambda passed: -passed.drift,
-    "motion": lambda passed: -passed.motion,
-    "tyre_use": lambda passed: -passed.use,
-    "line": lambda passed: -passed.line,
-    "overspeed": lambda passed: -passed.overspeed,
-    "steering_change": lambda passed: -(passed.steering_change**2),
-    "throttle_change": lambda passed: -(passed.throttle_change**2),
-    "effort": lambda passed: -passed.effort,
-    "fall": lambda passed: -passed.fell,
-    "failure": lambda passed: -passed.ended,
+    "progress": lambda s: s.progress,
+    "gain": lambda s: s.time_gain,
+    "off_track": lambda s: -s.off_track,
+    "wall": lambda s: -s.energy,
+    "steer_change": lambda s: -s.steer_change,
+    "lean_change": lambda s: -s.lean_change,
+    "rate_change": lambda s: -s.rate_change,
+    "steer_history": lambda s: -s.steer_history,
+    "lean_history": lambda s: -s.lean_history,
+    "max_lean": lambda s: -s.lean_excess,
+    "slip_ratio": lambda s: -s.slip,
+    "slip_angle": lambda s: -s.slip_angle,
+    "motion": lambda s: -s.motion,
+    "tyre_use": lambda s: -s.use,
+    "line": lambda s: -s.line,
+    "overspeed": lambda s: -s.overspeed,
+    "steering_change": lambda s: -(s.steering_change**2),
+    "throttle_change": lambda s: -(s.throttle_change**2),
+    "effort": lambda s: -s.effort,
+    "fall": lambda s: -s.fell,
+    "failure": lambda s: -s.failed,
 }
 """Terms of the reward by name; all but progress and gain are at most 0."""
 
@@ -164,28 +174,34 @@ nothing.
 """
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RaceTask:
     """Settings of the task; implements `bike_training.tasks.base.Task`.
 
     Attributes:
-        layout: of the observation.
-        weights: terms of the reward by name, with their weights.
+        task: ``race``.
+        observation: name in `bike_policy.contract.observation.RACE_LAYOUTS`.
+        weights: terms of the reward by name, with their weights; empty for RACE_WEIGHTS.
+        repeat: control periods that a decision is held.
         max_steps: decisions of an episode.
         largest_lean: of the term ``max_lean``, rad.
         lean_scale: part of the virtual rider's largest lean that action 1 asks for.
-        guided: whether actions are targets of a guide, as far as these: offset from the followed line, m.
-        pace: change of the planned speed as a part of it.
+        guided: whether actions are targets of a guide.
+        offset: farthest from the followed line with a guide, m.
+        pace: largest change of the planned speed with a guide, as a part of it.
         any_tyre: whether one contact point outside the limits is off the track, as published; else both.
         masked: whether progress counts on the track only (Wurman et al. 2022).
         off_track_time: penalty timer, s: time with both contact points outside that ends an episode.
-        wrong_way_time: the same for heading the wrong way, s. stalled_time: for hardly moving, s.
+        wrong_way_time: the same for heading the wrong way, s.
+        stalled_time: the same for hardly moving, s.
         limiter: whether a speed limit cuts the throttle instead of being penalised alone.
-        validation_duration: s.
+        validation_duration: of a validation ride, s.
     """
 
-    layout: RaceLayout = COMPACT
-    weights: Mapping[str, float] = field(default_factory=lambda: RACE_WEIGHTS)
+    task: str = "race"
+    observation: str = "compact"
+    weights: Mapping[str, float] = field(default_factory=dict)
+    repeat: int = 3
     max_steps: int = MAX_STEPS
     largest_lean: float = math.radians(58.0)
     lean_scale: float = 0.95
@@ -206,13 +222,30 @@ class RaceTask:
         Raises:
             ValueError: naming the value.
         """
+        if self.task != "race":
+            raise ValueError(f"setting task={self.task!r} is not race")
+        if self.observation not in RACE_LAYOUTS:
+            raise ValueError(f"setting observation={self.observation!r} is not one of {', '.join(RACE_LAYOUTS)}")
+        if not isinstance(self.weights, Mapping):
+            raise ValueError(f"setting weights={self.weights!r} must name reward terms and their weights")
+        object.__setattr__(self, "weights", dict(self.weights or RACE_WEIGHTS))
         check_weights(self.weights, REWARD_TERMS)
         check_positive_settings(
-            self, ("max_steps", "largest_lean", "lean_scale", "offset", "pace", "validation_duration")
+            self, ("repeat", "max_steps", "largest_lean", "lean_scale", "offset", "pace", "validation_duration")
         )
         for name in ("off_track_time", "wrong_way_time", "stalled_time"):
             if not getattr(self, name) >= 0.0:
                 raise ValueError(f"{name} must not be negative, got {getattr(self, name)!r}")
+
+    @property
+    def layout(self) -> ObservationLayout:
+        """Layout of the observation."""
+        return replace(RACE_LAYOUTS[self.observation], repeat=self.repeat)
+
+    def check_vehicle(self, vehicle: Vehicle) -> None:
+        """Refuse bicycles: they have no engine and no tyres to race with."""
+        if not isinstance(vehicle, Superbike):
+            raise ValueError(f"task {self.task!r} is for superbikes on circuits, and {vehicle.name!r} is none")
 
     @property
     def preview(self) -> Preview:
@@ -226,18 +259,13 @@ class RaceTask:
             return ActionLayout((ActionColumn(LINE_OFFSET, self.offset), ActionColumn(PACE, self.pace)))
         return ActionLayout((ActionColumn(LEAN_REQUEST, self.lean_scale), ActionColumn(DRIVE)))
 
-    @property
-    def repeat(self) -> int:
-        """Control periods that a decision is held."""
-        return self.layout.repeat
-
-    def rides(self, count: int, vehicle: Vehicle) -> RaceRides:
-        """Return what it shows and judges of a number of machines; see `Task`."""
-        return RaceRides(self, count, vehicle)
+    def make_state(self, count: int, vehicle: Vehicle) -> RaceState:
+        """Return the state of the task for a number of machines; see `Task`."""
+        return RaceState(self, count, vehicle)
 
     def strict(self) -> RaceTask:
         """Return the task as validations ride it: the first moment with both contact points outside fails."""
-        return RaceTask(**{**self.__dict__, "off_track_time": 0.0})
+        return replace(self, off_track_time=0.0)
 
     @property
     def error_name(self) -> str:
@@ -250,7 +278,7 @@ class RaceTask:
         return 1.0
 
     def validation_error(self, errors: FloatArray, succeeded: bool) -> float:
-        """Return how much longer a ride took than planned for its way, as a part of it.
+        """Return how much longer a ride took than planned for its distance, as a part of it.
 
         Args:
             errors: what is missing of the planned speed at each control period, as a part of it.
@@ -266,19 +294,7 @@ class RaceTask:
 
     def to_card(self) -> dict[str, Any]:
         """Return plain values for recordings."""
-        return {**asdict(self), "weights": dict(self.weights), "layout": self.layout.to_card()}
-
-    @classmethod
-    def from_card(cls, card: Mapping[str, Any]) -> RaceTask:
-        """Read what :meth:`to_card` wrote.
-
-        Raises:
-            ValueError: an entry is missing, unknown or wrong.
-        """
-        unknown = sorted(set(card) - {spec.name for spec in fields(cls)})
-        if unknown or "layout" not in card:
-            raise ValueError(f"the task has unknown entries {unknown}, or no layout; another version wrote it")
-        return cls(**{**card, "layout": RaceLayout.from_card(card["layout"])})
+        return {**asdict(self), "layout": self.layout.to_card()}
 
 
 @dataclass(frozen=True)
@@ -309,11 +325,11 @@ class RaceContext:
         return cls(*request.context) if len(request.context) == len(fields(cls)) else None
 
 
-class RaceRides:
-    """What a race shows and judges of machines side by side; implements `bike_training.tasks.base.TaskState`.
+class RaceState:
+    """State of a race for machines side by side; implements `bike_training.tasks.base.TaskState`.
 
     Attributes:
-        eyes: make the observations.
+        interface: observations and commands.
     """
 
     def __init__(self, task: RaceTask, count: int, vehicle: Vehicle, action: ActionLayout | None = None) -> None:
@@ -323,19 +339,14 @@ class RaceRides:
             task: to be ridden.
             count: number of machines.
             vehicle: the machine.
-            action: what actions mean; None for the task's.
+            action: meaning of the actions; None for the task's.
 
         Raises:
             ValueError: it is no superbike.
         """
-        self._task = task
-        self._references = References(vehicle)
-        self._period, self._max_steer = vehicle.control_period, vehicle.max_steer
-        self._action = task.action if action is None else action
-        self._guide = RaceGuide(vehicle, vehicle.control_period, count) if self._action.guided else None
-        self.eyes = ObservationBuilder(task.layout, count, sf.TELEMETRY_NAMES, self._guide, vehicle_descriptor(vehicle))
-        self._passed = RewardSignals.nothing(count)
-        self._count = count
+        self._task, self._count, self._period = task, count, vehicle.control_period
+        self.interface = RaceInterface(task.layout, action or task.action, vehicle, self._period, count)
+        self._signals = RewardSignals.zeros(count)
         self._progress = np.zeros(count)
         self._rate = np.ones(count)
         self._angles = np.zeros((count, 2))
@@ -346,108 +357,104 @@ class RaceRides:
         self._over = np.zeros(count, dtype=np.bool_)
         self._expired = np.zeros(count, dtype=np.bool_)
 
-    def begin(self, row: int, blocks: RowBlocks, request: ResetRequest, course: Course) -> None:
+    def begin(self, row: int, rows: VehicleRows, request: ResetRequest, course: Course) -> None:
         """Begin the ride of one machine; see `TaskState`."""
         context = RaceContext.of(request)
         share, cap = (None, OPEN) if context is None else (context.share, context.v_max)
-        self.eyes.begin(row, blocks, self._references.of(course), share, cap)
-        if self._guide is not None:
-            self._guide.begin(row, course)
-        self._progress[row] = blocks.look[row, lk.PROGRESS]
+        self.interface.begin(row, rows, course, share, cap)
+        self._progress[row] = rows.look[row, lk.PROGRESS]
         self._rate[row] = 1.0
-        self._angles[row], self._omega[row] = blocks.state[row, [STEER, ROLL]], _omega(blocks)[row]
+        self._angles[row], self._omega[row] = rows.state[row, [STEER, ROLL]], _omega(rows)[row]
         self._changes[row], self._timers[row] = 0.0, 0.0
         self._over[row] = self._expired[row] = False
 
-    def observe(self, blocks: RowBlocks) -> NDArray[np.float32]:
+    def observe(self, rows: VehicleRows) -> NDArray[np.float32]:
         """Return the observations; see `TaskState`."""
-        return self.eyes.observe(blocks)
+        return self.interface.observe(rows)
 
-    def act(self, blocks: RowBlocks, actions: NDArray[np.floating]) -> None:
+    def act(self, rows: VehicleRows, actions: NDArray[np.floating]) -> None:
         """Begin a decision; see `TaskState`."""
-        before = self.eyes.actions[:, 0].copy()
-        self.eyes.act(blocks, actions)
-        self._passed = RewardSignals.nothing(self._count)
-        change = np.abs(self.eyes.actions[:, 0] - before)
-        self._passed.steering_change, self._passed.throttle_change = change[:, 0], change[:, 1]
-        self._passed.effort = np.sum(self.eyes.actions[:, 0] ** 2, axis=1)
+        self.interface.act(rows, actions)
+        self._signals = RewardSignals.zeros(self._count)
+        now, before = self.interface.memory.actions[:, 0], self.interface.memory.actions[:, 1]
+        change = np.abs(now - before)
+        self._signals.steering_change, self._signals.throttle_change = change[:, 0], change[:, 1]
+        self._signals.effort = np.sum(now**2, axis=1)
 
-    def commands(self, blocks: RowBlocks) -> FloatArray:
+    def commands(self, rows: VehicleRows) -> FloatArray:
         """Return commands, with the throttle closed beyond the speed asked where the task has a limiter."""
-        commands = commands_of(self._action, self._guide, self.eyes, blocks, self._max_steer)
+        commands = self.interface.commands(rows)
         if self._task.limiter:
-            _, asked = self.eyes.references.at(blocks.look[:, lk.PROGRESS])
+            _, asked = self.interface.references.at(rows.look[:, lk.PROGRESS])
             closed = np.minimum(commands[:, 1], 0.0)
-            commands[:, 1] = np.where(blocks.look[:, lk.SPEED] > asked, closed, commands[:, 1])
+            commands[:, 1] = np.where(rows.look[:, lk.SPEED] > asked, closed, commands[:, 1])
         return commands
 
-    def advance(self, blocks: RowBlocks) -> None:
+    def advance(self, rows: VehicleRows) -> None:
         """Add a control period; see `TaskState`."""
-        passed, dt, task = self._passed, self._period, self._task
-        look, signals = blocks.look, blocks.signals
+        signals, dt, task = self._signals, self._period, self._task
+        look, telemetry = rows.look, rows.signals
         running = ~self._over
         speed, error = look[:, lk.SPEED], np.abs(look[:, lk.LATERAL_ERROR])
         wrong = np.abs(look[:, lk.HEADING_ERROR]) > 0.5 * math.pi
-        any_off, both_off = off_track(blocks)
+        any_off, both_off = off_track(rows)
         off = any_off if task.any_tyre else both_off
-        way = np.where(blocks.fallen, 0.0, look[:, lk.PROGRESS] - self._progress)
+        distance = np.where(rows.fallen, 0.0, look[:, lk.PROGRESS] - self._progress)
         self._progress = look[:, lk.PROGRESS].copy()
-        _, asked = self.eyes.references.at(self._progress)
-        self._rate = way / (dt * asked / self.eyes.references.share)
-        counted = np.where(wrong, -np.abs(way), way)
+        _, asked = self.interface.references.at(self._progress)
+        self._rate = distance / (dt * asked / self.interface.references.share)
+        counted = np.where(wrong, -np.abs(distance), distance)
         gained = np.where(wrong, -1.0, self._rate - 1.0) * dt
         if task.masked:
             counted, gained = (np.where(both_off, np.minimum(part, 0.0), part) for part in (counted, gained))
-        passed.way += running * counted
-        passed.gain += running * gained
-        passed.off_track += running * off * speed * dt
-        passed.line += running * error * dt
-        passed.overspeed += running * np.maximum(0.0, speed - asked) * dt
-        passed.lean_excess += running * np.maximum(0.0, np.abs(blocks.state[:, ROLL]) - task.largest_lean) * dt
-        passed.slip += running * _both(signals, sf.T_REAR_SLIP, sf.T_FRONT_SLIP, 1.0) * dt
-        passed.drift += running * _both(signals, sf.T_REAR_DRIFT, sf.T_FRONT_DRIFT, math.pi) * dt
-        passed.use += (
-            running * np.maximum(0.0, np.maximum(signals[:, sf.T_REAR_USE], signals[:, sf.T_FRONT_USE]) - 1.0) * dt
-        )
-        passed.motion += running * speed * np.minimum(np.abs(signals[:, sf.T_REAR_DRIFT]), 1.0) * dt
-        hit = running & blocks.fallen & (signals[:, sf.T_FALL] == 0.0)
-        passed.energy += hit * 0.5 * signals[:, sf.T_SPEED] ** 2
-        passed.fell += running & blocks.fallen
+        use = np.maximum(telemetry[:, _REAR_USE], telemetry[:, _FRONT_USE])
+        sideways = speed * np.minimum(np.abs(telemetry[:, _REAR_SLIP_ANGLE]), 1.0)
+        signals.progress += running * counted
+        signals.time_gain += running * gained
+        signals.off_track += running * off * speed * dt
+        signals.line += running * error * dt
+        signals.overspeed += running * np.maximum(0.0, speed - asked) * dt
+        signals.lean_excess += running * np.maximum(0.0, np.abs(rows.state[:, ROLL]) - task.largest_lean) * dt
+        signals.slip += running * _both(telemetry, _REAR_SLIP, _FRONT_SLIP, 1.0) * dt
+        signals.slip_angle += running * _both(telemetry, _REAR_SLIP_ANGLE, _FRONT_SLIP_ANGLE, math.pi) * dt
+        signals.use += running * np.maximum(0.0, use - 1.0) * dt
+        signals.motion += running * (np.abs(telemetry[:, _VERTICAL_VELOCITY]) + sideways) * dt
+        hit = running & rows.fallen & (telemetry[:, _FALL] == 0.0)
+        signals.energy += hit * 0.5 * telemetry[:, _SPEED] ** 2
+        signals.fell += running & rows.fallen
         for timer, ticking in enumerate((both_off, wrong, speed < STALLED)):
             self._timers[:, timer] = np.where(ticking, self._timers[:, timer] + dt, 0.0)
             self._expired |= self._timers[:, timer] > self._limits[timer] + 1e-9
-        self._over |= blocks.fallen
+        self._over |= rows.fallen
 
-    def evaluate(self, blocks: RowBlocks) -> StepResult:
-        """Return what has come of the decision; see `TaskState`."""
-        passed, task = self._passed, self._task
-        angles, omega = blocks.state[:, [STEER, ROLL]], _omega(blocks)
+    def evaluate(self, rows: VehicleRows) -> StepResult:
+        """Return the outcome of the decision; see `TaskState`."""
+        signals = self._signals
+        angles, omega = rows.state[:, [STEER, ROLL]], _omega(rows)
         change = angles - self._angles
-        passed.steer_change, passed.lean_change = np.abs(change[:, 0]), np.abs(change[:, 1])
-        passed.rate_change = np.sqrt(np.sum((omega - self._omega) ** 2, axis=1))
+        signals.steer_change, signals.lean_change = np.abs(change[:, 0]), np.abs(change[:, 1])
+        signals.rate_change = np.sqrt(np.sum((omega - self._omega) ** 2, axis=1))
         self._changes = np.stack((change, self._changes[:, 0]), axis=1)
-        passed.steer_history = history_penalty(self._changes[:, :, 0])
-        passed.lean_history = history_penalty(self._changes[:, :, 1] / LEAN_FACTOR)
+        signals.steer_history = history_penalty(self._changes[:, :, 0])
+        signals.lean_history = history_penalty(self._changes[:, :, 1] / LEAN_FACTOR)
         self._angles, self._omega = angles, omega
-        failed = blocks.fallen | self._expired
-        passed.ended = failed.astype(np.float64)
-        return StepResult({name: weight * REWARD_TERMS[name](passed) for name, weight in task.weights.items()}, failed)
+        failed = rows.fallen | self._expired
+        signals.failed = failed.astype(np.float64)
+        terms = {name: weight * REWARD_TERMS[name](signals) for name, weight in self._task.weights.items()}
+        return StepResult(terms, failed)
 
-    def error(self, blocks: RowBlocks) -> FloatArray:
+    def error(self, rows: VehicleRows) -> FloatArray:
         """Return what is missing of the planned speed in the last control period, as a part of it."""
         return 1.0 - self._rate
 
     def state_dict(self) -> dict[str, Any]:
         """Return the memory; see `TaskState`."""
-        guide = {} if self._guide is None else self._guide.state_dict()
         own = {name: getattr(self, f"_{name}").copy() for name in _MEMORY}
-        return {"eyes": self.eyes.state_dict(), "guide": guide, **own}
+        return {"interface": self.interface.state_dict(), **own}
 
     def restore(self, stored: Mapping[str, Any]) -> None:
-        """Take up the memory; see `TaskState`."""
-        self.eyes.restore(stored["eyes"])
-        if self._guide is not None:
-            self._guide.restore(stored["guide"])
+        """Continue from a stored memory; see `TaskState`."""
+        self.interface.restore(stored["interface"])
         for name in _MEMORY:
             getattr(self, f"_{name}")[...] = stored[name]
 
@@ -455,9 +462,9 @@ class RaceRides:
 _MEMORY: Final = ("progress", "rate", "angles", "omega", "changes", "timers", "over", "expired")
 
 
-def off_track(blocks: RowBlocks) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def off_track(rows: VehicleRows) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return where one contact point at least, and where both are outside the limits, shape (n,) each."""
-    margins = blocks.circuit[:, : lk.OUTSIDE]
+    margins = rows.circuit[:, : lk.OUTSIDE]
     rear_off, front_off = np.min(margins[:, :2], axis=1) < 0.0, np.min(margins[:, 2:], axis=1) < 0.0
     return rear_off | front_off, rear_off & front_off
 
@@ -475,8 +482,8 @@ def history_penalty(changes: FloatArray) -> FloatArray:
     return swings / (1.0 + np.exp(-HISTORY_SLOPE * (np.sum(size, axis=1) - HISTORY_OFFSET)))
 
 
-def _omega(blocks: RowBlocks) -> FloatArray:
-    return np.stack((blocks.state[:, ROLL_RATE], blocks.look[:, lk.YAW_RATE]), axis=1)
+def _omega(rows: VehicleRows) -> FloatArray:
+    return np.stack((rows.state[:, ROLL_RATE], rows.look[:, lk.YAW_RATE]), axis=1)
 
 
 def _both(signals: FloatArray, rear: int, front: int, most: float) -> FloatArray:

@@ -19,8 +19,7 @@ import rclpy.node
 from bike_msgs.msg import BikeCommand, BikeState, Course
 
 from bike_policy.contract.bundle import DEFAULT_POLICY
-from bike_policy.riders.making import bundle_of, make_rider
-from bike_policy.riders.rider import Rider
+from bike_policy.riders.rider import Rider, bundle_of, make_rider
 from bike_sim.ros import node_tools
 from bike_sim.ros.command_gate import Command
 from bike_sim.ros.messages import StateMessage, course_from_message, decode_state, encode_command

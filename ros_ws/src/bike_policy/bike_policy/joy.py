@@ -13,7 +13,7 @@ from typing import Any, Final, NoReturn
 from sensor_msgs.msg import Joy
 
 from bike_policy.drive import VEHICLE, Drive
-from bike_policy.riders.hands import ManualRider
+from bike_policy.riders.stanley import ManualRider
 from bike_sim.ros import node_tools
 from bike_sim.ros.node_tools import ParameterSpec
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_policy.contract.bundle import Bundle
-from bike_policy.contract.observation import ObservationLayout
+from bike_policy.contract.observation import rows_of
 from bike_policy.riders.learned import LearnedRider
 from bike_sim.course.course import Course
 from bike_sim.course.elements import Arc, Element
@@ -87,9 +87,8 @@ def impacts(
         permutations: orders in which features are put in.
     """
     layout = bundle.layout
-    assert isinstance(layout, ObservationLayout), "it follows paths"
     begin, end = _section(load_course(COURSE), SECTION)
-    seen = [layout.observe(each) for each in ride if begin <= each.look[lk.PROGRESS] < end]
+    seen = [layout.observe(rows_of(each))[0] for each in ride if begin <= each.look[lk.PROGRESS] < end]
     if len(seen) < 2:
         return []
     from bike_training.explain.shap_values import explain  # late: shap takes seconds to import

@@ -9,8 +9,7 @@ from typing import Any, Final
 
 from bike_policy.contract.bundle import Bundle
 from bike_policy.riders.learned import LearnedRider
-from bike_policy.riders.making import make_rider
-from bike_policy.riders.rider import Rider
+from bike_policy.riders.rider import Rider, make_rider
 from bike_sim.course.files import load_course
 from bike_sim.physics import state as st
 from bike_sim.sim import look as lk
@@ -153,7 +152,7 @@ def controller(folder: Path, setting: str, which: str) -> Bundle | None:
         actor = stored_actor(progress, which)
     if actor is None:
         return None
-    task = PRESETS[preset_of(setting)].task.make()
+    task = PRESETS[preset_of(setting)].task
     vehicle = load_vehicle(VEHICLE)
     return Bundle(setting, actor, task.layout, task.action, vehicle.name, vehicle.control_period)
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from bike_policy.contract.actor import Actor
 from bike_policy.contract.bundle import Bundle
-from bike_policy.riders.learned import LearnedRider
+from bike_policy.riders.racing import RacingRider
 from bike_sim.physics import state as st
 from bike_sim.sim import look as lk
 from bike_sim.sim.batch import SUPERBIKE_ENGINE
@@ -105,7 +105,7 @@ def deployed(folder: Path, experiment: SuperbikeExperiment) -> dict[str, tuple[i
 
 def _bundle(name: str, actor: Actor, preset: Preset) -> Bundle:
     vehicle = load_vehicle(MACHINE)
-    action = preset.task.make().action
+    action = preset.task.action
     return Bundle(name, actor, preset.deployed_layout, action, vehicle.name, vehicle.control_period)
 
 
@@ -218,6 +218,6 @@ def flying_lap(bundle: Bundle, setting: str, seed: int) -> Sequence[Moment]:
         values = (progress, state[st.X], state[st.Y], look[lk.SPEED], look[lk.LATERAL_ERROR])
         moments.append(Moment(setting, seed, float(snapshot.time - begun[1]), *map(float, values)))
 
-    rider = LearnedRider(bundle)
+    rider = RacingRider(bundle)
     ride_laps(MACHINE, circuit_of(setting), 1, rider=rider, engine=SUPERBIKE_ENGINE, tell=tell)
     return moments

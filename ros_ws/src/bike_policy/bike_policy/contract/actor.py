@@ -1,14 +1,18 @@
-"""The actor: a small fully connected network that answers with the mean action, in numpy."""
+"""The actor: a small fully connected network that returns the mean action, in numpy."""
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 Float32Array = NDArray[np.float32]
+
+MAX_WEIGHT: Final = 1e6
+"""Largest magnitude of a weight or bias: far above any that learning gives, and far below what overflows in a layer."""
 
 
 class Actor:
@@ -25,7 +29,7 @@ class Actor:
             biases: vectors of shape (outputs,).
 
         Raises:
-            ValueError: shapes that do not chain, or values that are not finite.
+            ValueError: shapes that do not chain, or values that are not finite or beyond MAX_WEIGHT.
         """
         if not weights or len(weights) != len(biases):
             raise ValueError(f"actor has {len(weights)} weight matrices and {len(biases)} bias vectors")
@@ -38,6 +42,9 @@ class Actor:
                 )
             if not (np.all(np.isfinite(weight)) and np.all(np.isfinite(bias))):
                 raise ValueError(f"actor layer {i} holds values that are not finite")
+            largest = float(max(np.abs(weight).max(initial=0.0), np.abs(bias).max(initial=0.0)))
+            if largest > MAX_WEIGHT:
+                raise ValueError(f"actor layer {i} holds a weight of {largest:.3g}, beyond {MAX_WEIGHT:g}")
         self.weights = [np.ascontiguousarray(w.T, dtype=np.float32) for w in weights]
         self.biases = [np.ascontiguousarray(b, dtype=np.float32) for b in biases]
 
@@ -52,7 +59,7 @@ class Actor:
         return int(self.weights[-1].shape[1])
 
     def act_batch(self, observations: Float32Array) -> Float32Array:
-        """Answer a batch.
+        """Return the actions of a batch.
 
         Args:
             observations: shape (n, inputs).
@@ -66,7 +73,7 @@ class Actor:
         return np.tanh(hidden @ self.weights[-1] + self.biases[-1])
 
     def act(self, observation: Float32Array) -> Float32Array:
-        """Answer one observation of shape (inputs,) with an action in [-1, 1], shape (outputs,).
+        """Return the action in [-1, 1], shape (outputs,), for one observation of shape (inputs,).
 
         Raises:
             ValueError: a wrong size or a value that is not finite.

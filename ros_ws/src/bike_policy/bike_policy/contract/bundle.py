@@ -1,4 +1,8 @@
-"""A policy bundle on disk: ``actor.safetensors`` and ``card.yaml``. No pickle is ever read."""
+"""A policy bundle on disk: ``actor.safetensors`` and ``card.yaml``. No pickle is ever read.
+
+The files are untrusted input: they must be regular files of limited size before anything is parsed, so that none makes
+a reader wait or fills its memory.
+"""
 
 from __future__ import annotations
 
@@ -9,29 +13,40 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Final
 
-from safetensors.numpy import save_file
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from safetensors import SafetensorError
+from safetensors.numpy import load, save_file
 
 from bike_policy.contract.action import ActionLayout
 from bike_policy.contract.actor import Actor
-from bike_policy.contract.bundle_files import (
-    ACTOR_FILE,
-    CARD_FILE,
-    FORMAT_VERSION,
-    card_mapping,
-    card_name,
-    card_period,
-    read_card,
-    read_tensors,
-    write_card,
-)
 from bike_policy.contract.observation import ObservationLayout
-from bike_policy.contract.race import RACE_KIND, RaceLayout
-from bike_sim.documents import shorten, show
+from bike_sim.documents import (
+    MAX_YAML_SIZE,
+    DocumentError,
+    check_name,
+    parse_yaml,
+    read_bytes,
+    read_text,
+    shorten,
+    show,
+)
 
 DEFAULT_POLICY: Final = "whipple"
 """The shipped policy that rides a bicycle."""
 DEFAULT_RACER: Final = "racer"
 """The shipped policy that races superbikes."""
+
+
+FORMAT_VERSION: Final = 1
+ACTOR_FILE: Final = "actor.safetensors"
+CARD_FILE: Final = "card.yaml"
+MAX_ACTOR_SIZE: Final = 64_000_000
+"""Largest file of an actor, bytes: 16 million numbers; the shipped one has 19 thousand."""
+MAX_PERIOD: Final = 10.0
+"""Longest control period, s."""
+_CARD_ENTRIES: Final = ("format", "name", "vehicle", "control_period_s", "layout", "action", "training", "results")
 
 
 @dataclass(frozen=True)
@@ -51,7 +66,7 @@ class Bundle:
 
     name: str
     actor: Actor
-    layout: ObservationLayout | RaceLayout
+    layout: ObservationLayout
     action: ActionLayout
     vehicle: str
     control_period: float
@@ -78,7 +93,7 @@ class Bundle:
         Raises:
             ValueError: naming the difference.
         """
-        if vehicle != self.vehicle and not isinstance(self.layout, RaceLayout):
+        if vehicle != self.vehicle and not self.layout.races:
             raise ValueError(
                 f"policy {self.name!r} was trained for vehicle {self.vehicle!r}, the simulator rides {vehicle!r}"
             )
@@ -113,19 +128,6 @@ class Bundle:
         write_card(folder / CARD_FILE, card)
 
 
-def layout_from_card(card: Mapping[str, Any]) -> ObservationLayout | RaceLayout:
-    """Read a layout of either kind from a policy card.
-
-    Raises:
-        ValueError: it cannot be read.
-    """
-    if "kind" not in card:
-        return ObservationLayout.from_card(card)
-    if card["kind"] != RACE_KIND:
-        raise ValueError(f"layout is of kind {show(str(card['kind']))}, this software knows {RACE_KIND}")
-    return RaceLayout.from_card(card)
-
-
 def shipped_policies() -> list[str]:
     """Return the names of the bundles that come with this package."""
     root = resources.files("bike_policy") / "policies"
@@ -151,7 +153,7 @@ def load_bundle(name_or_path: str | Path) -> Bundle:
         return Bundle(
             name=card_name(card, "name"),
             actor=Actor.from_tensors(tensors),
-            layout=layout_from_card(card_mapping(card, "layout")),
+            layout=ObservationLayout.from_card(card_mapping(card, "layout")),
             action=ActionLayout.from_card(card_mapping(card, "action")),
             vehicle=card_name(card, "vehicle"),
             control_period=card_period(card),
@@ -160,3 +162,78 @@ def load_bundle(name_or_path: str | Path) -> Bundle:
         )
     except (ValueError, TypeError, OverflowError) as error:
         raise ValueError(f"{folder}: {shorten(str(error))}") from error
+
+
+def read_card(path: Path) -> dict[str, Any]:
+    """Read a card, every entry of which is there.
+
+    Raises:
+        FileNotFoundError: it does not exist. ValueError: it is not a card of this format.
+    """
+    try:
+        card = parse_yaml(read_text(path, MAX_YAML_SIZE))
+    except FileNotFoundError:
+        raise FileNotFoundError(f"{path.parent} is not a policy bundle: it has no {CARD_FILE}") from None
+    except DocumentError as error:
+        raise ValueError(f"{path} {error}") from None
+    if not isinstance(card, dict) or card.get("format") != FORMAT_VERSION:
+        found = card.get("format") if isinstance(card, dict) else type(card).__name__
+        raise ValueError(f"{path}: policy format {show(found)}, this software reads format {FORMAT_VERSION}")
+    missing = [entry for entry in _CARD_ENTRIES if entry not in card]
+    if missing:
+        raise ValueError(f"{path}: the card lacks {missing}")
+    return card
+
+
+def read_tensors(path: Path) -> dict[str, NDArray[np.float32]]:
+    """Read named tensors as single precision.
+
+    Raises:
+        FileNotFoundError: there is no such file. ValueError: it is no safetensors file.
+    """
+    try:
+        tensors = load(read_bytes(path, MAX_ACTOR_SIZE))
+    except FileNotFoundError:
+        raise FileNotFoundError(f"{path.parent} is not a policy bundle: it has no {ACTOR_FILE}") from None
+    except (SafetensorError, KeyError, TypeError) as error:  # KeyError: a type of numbers that NumPy lacks
+        raise ValueError(f"{path}: not a safetensors file of an actor ({shorten(str(error))})") from None
+    except DocumentError as error:
+        raise ValueError(f"{path} {error}") from None
+    with np.errstate(over="ignore"):  # beyond single precision is infinite, and the actor refuses that
+        return {key: np.asarray(value, dtype=np.float32) for key, value in tensors.items()}
+
+
+class _CardDumper(yaml.SafeDumper):
+    """Safe dumper that writes out what stands in a card twice, where YAML would use an alias."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        """Use no aliases."""
+        return True
+
+
+def write_card(path: Path, card: Mapping[str, Any]) -> None:
+    """Write a card as `read_card` reads it."""
+    path.write_text(yaml.dump(card, Dumper=_CardDumper, sort_keys=False, width=100), encoding="utf-8")
+
+
+def card_name(card: Mapping[str, Any], key: str) -> str:
+    """Return a name from a card, which is short and can be shown."""
+    return check_name(card[key], f"{key} of the card")
+
+
+def card_mapping(card: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    """Return a mapping from a card."""
+    value = card[key]
+    if not isinstance(value, dict):
+        raise ValueError(f"{key} of the card must be a mapping, got {show(value)}")
+    return value
+
+
+def card_period(card: Mapping[str, Any]) -> float:
+    """Return the control period of a card, s."""
+    value = card["control_period_s"]
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value <= MAX_PERIOD:
+        raise ValueError(
+            f"control_period_s of the card must be a number above 0 and at most {MAX_PERIOD:g} s, got {show(value)}"
+        )
+    return float(value)

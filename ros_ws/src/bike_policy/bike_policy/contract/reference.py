@@ -1,4 +1,4 @@
-"""The reference of a circuit's followed line: curvature and a planned speed along it, for rows of vehicles.
+"""References of followed lines: curvature and planned speed along a circuit, in tables for rows of vehicles.
 
 What is followed and how fast it can be ridden is known before the ride; where the vehicle is on it comes with each
 state. Observation and reward look both up here, so that they mean the same reference.
@@ -6,17 +6,72 @@ state. Observation and reward look both up here, so that they mean the same refe
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Final, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_policy.contract.line_tables import LineTables
-
 FloatArray = NDArray[np.float64]
+LineT = TypeVar("LineT")
+
+KEPT: Final = 64
+"""Lines that are kept: a training on three circuits with 21 lines each plans each of them once.
+
+There are more tables where more rows ride on lines of their own."""
 
 OPEN: Final = 1000.0
 """Speed limit of a ride without one, m/s: finite, so that it passes through every file and message."""
+
+
+class LineTables(Generic[LineT]):
+    """Tables one behind another; rows on the same line share one, and lines not ridden for the longest go.
+
+    Attributes:
+        samples: of all tables, shape (m, columns). offset: first sample of each row's table.
+        last: number of its intervals less one. spacing: of its samples, m.
+    """
+
+    def __init__(self, count: int, blank: Sequence[float], table_of: Callable[[LineT], FloatArray]) -> None:
+        """Make room for a number of rows.
+
+        Args:
+            count: of rows.
+            blank: sample that rows have before they begin.
+            table_of: makes the table of a line, shape (samples, columns).
+        """
+        self.samples: FloatArray = np.array([blank, blank])
+        self.offset, self.last = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
+        self.spacing = np.ones(count)
+        self._blank, self._table_of = self.samples, table_of
+        # By identity: a line is planned once and then handed out again; keeping it keeps its id from being reused.
+        self._tables: dict[int, tuple[LineT, FloatArray]] = {}
+        self._first: dict[int, int] = {}
+        self._followed: dict[int, int] = {}
+
+    def begin(self, row: int, line: LineT, spacing: float) -> None:
+        """Let a row follow a line from now on, whose samples are `spacing` apart, m."""
+        key = id(line)
+        known = self._tables.pop(key, None)
+        table = self._table_of(line) if known is None else known[1]
+        self._tables[key] = line, table  # at the end: the first is the one that was not asked for the longest
+        self._followed[row] = key
+        if known is None:
+            self._lay()
+        self.offset[row], self.last[row], self.spacing[row] = self._first[key], len(table) - 2, spacing
+
+    def _lay(self) -> None:
+        """Lay all tables anew, without those beyond `KEPT` that no row follows."""
+        followed = set(self._followed.values())
+        spare = [key for key in self._tables if key not in followed]
+        for key in spare[: max(len(self._tables) - KEPT, 0)]:
+            del self._tables[key]
+        tables = [self._blank, *(table for _, table in self._tables.values())]
+        self.samples = np.concatenate(tables)
+        places = np.cumsum([len(table) for table in tables]).tolist()
+        self._first = dict(zip(self._tables, places, strict=False))
+        for row, key in self._followed.items():
+            self.offset[row] = self._first[key]
 
 
 class Reference(NamedTuple):

@@ -13,7 +13,7 @@ steer; the rest is textbook pole placement.
 
 Speed. The theoretical lap of the machine with some of its limits kept in reserve is the speed profile; its acceleration
 is fed forward through engine and brakes, and the error of speed fed back. Where a verification of it on the compiled
-engine ends in a fall, the profile is slower (`bike_policy.riders.plan_verification`).
+engine ends in a fall, the profile is slower (`bike_policy.planning.plan_verification`).
 
 Time. A command is held for a control period and so acts half of it late; both previews look that much farther ahead.
 The virtual rider's arms are late too: what is fed back is what e, e' and d will be when they have answered, at the
@@ -22,7 +22,7 @@ The rate of e is the difference of two states. It is also late, and at full driv
 feeds the weave (5 Hz). So when the state before is old, e' is an estimate that follows the difference slowly and e'',
 which is d, at once.
 
-The law itself is compiled, in `bike_policy.riders.line_law`.
+The law itself is compiled, in `bike_policy.planning.line_law`.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from bike_policy.riders.lap_plan import CLASSICAL_SETTINGS, RiderSettings
-from bike_policy.riders.line_law import LineLaw, LinePlan, plan_line
-from bike_policy.riders.plan_verification import rehearsed
+from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, LinePlan, RiderSettings, plan_line
+from bike_policy.planning.line_law import LineLaw
+from bike_policy.planning.plan_verification import verified_plan
 from bike_sim.course.course import Course
 from bike_sim.physics import state as st
 from bike_sim.planning.lap_limit import LapLimit
@@ -49,7 +49,7 @@ CLASSICAL: Final = "classical"
 
 
 class Seen(NamedTuple):
-    """Inputs of the rider at one control instant, in the order of `bike_policy.riders.line_law`.
+    """Inputs of the rider at one control instant, in the order of `bike_policy.planning.line_law`.
 
     Attributes:
         speed: m/s. roll: rad, positive to the right.
@@ -131,7 +131,7 @@ class ClassicalRider:
         self.controller: LineController | None = None
 
     def begin(self, vehicle: Vehicle, course: Course, period: float, preview: Preview) -> None:
-        """Plan the lap and rehearse it, a matter of seconds; a repeated ride keeps the plan.
+        """Plan the lap and verify it, a matter of seconds; a repeated ride keeps the plan.
 
         Raises:
             ValueError: a vehicle that is no superbike, or an open line.
@@ -142,7 +142,7 @@ class ClassicalRider:
         if self.controller is not None and same and self._ride is not None and self._ride[2] == period:
             self.controller.reset()
             return
-        plan = rehearsed(vehicle, course, self._settings, period)
+        plan = verified_plan(vehicle, course, self._settings, period)
         self.controller = LineController(vehicle, course, period, self._settings, plan)
         self._ride = (vehicle, course, period)
 

@@ -23,12 +23,11 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_policy.riders.bicycle_rider import BicycleRider
 from bike_sim.course.course import Course
 from bike_sim.physics import state as st
 from bike_sim.physics.linear import state_matrix
@@ -37,6 +36,7 @@ from bike_sim.sim import look as lk
 from bike_sim.sim.request import Preview
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.bicycle import Vehicle
+from bike_sim.vehicles.superbike import Superbike
 
 FloatArray = NDArray[np.float64]
 
@@ -200,6 +200,32 @@ class Worth:
         """Return the tangent of the lean that the linear model takes for a roll, rad."""
         tangent = math.tan(roll)
         return tangent * float(np.interp(abs(tangent), self._tangents, self._factors))
+
+
+class BicycleRider:
+    """Part of `bike_policy.riders.rider.Rider`: begins rides on bicycles, and keeps tables as long as they hold."""
+
+    name: str
+    preview: Preview | None = None
+
+    def __init__(self, *tables: dict[int, Any]) -> None:
+        """Take the tables by speed that hold for one bicycle and one control period; a ride on another empties them."""
+        self._tables = tables
+        self._machine: tuple[Vehicle, float] | None = None
+
+    def begin(self, vehicle: Vehicle, course: Course, period: float, preview: Preview) -> None:
+        """Take bicycle and line; see `Rider`.
+
+        Raises:
+            ValueError: a superbike, whose command is a lean and not a steering angle.
+        """
+        if isinstance(vehicle, Superbike):
+            raise ValueError(f"rider {self.name!r} steers bicycles by set point, and {vehicle.name!r} is a superbike")
+        if self._machine != (vehicle, period):
+            for table in self._tables:
+                table.clear()
+        self._machine = (vehicle, period)
+        self._vehicle, self._course, self._period = vehicle, course, period
 
 
 class LqrRider(BicycleRider):

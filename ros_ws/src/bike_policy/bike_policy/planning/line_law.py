@@ -13,12 +13,23 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from bike_policy.contract.line_tables import LineTables
-from bike_policy.riders.lap_plan import RiderSettings, SteadyLeans, plan_lap, smooth_around
-from bike_sim.course.course import Course
+from bike_policy.contract.reference import LineTables
+from bike_policy.planning.lap_plan import (
+    P_CREST,
+    P_CURVATURE,
+    P_FASTER,
+    P_GRADE,
+    P_LEFT,
+    P_LONGITUDINAL,
+    P_RIGHT,
+    P_SPEED,
+    PLAN_COLUMNS,
+    LinePlan,
+    RiderSettings,
+    SteadyLeans,
+)
 from bike_sim.physics import state as st
 from bike_sim.physics.superbike_statics import engine_force, inertial_mass
-from bike_sim.planning.lap_limit import LapLimit
 from bike_sim.sim import look as lk
 from bike_sim.vehicles.superbike import Superbike
 
@@ -35,50 +46,20 @@ KNOWN, RATE, EXCESS, STEERING, THROTTLE, OFFSET, PACE, OFFSET_RATE, MISSING, CLO
 excess of lateral acceleration (m/s^2), its answer, its way to the targets: distance from the line (m, positive to
 the left), change of the planned speed as a part of it, rate of that distance (m/s); and the speed that is missing to
 the planned one (m/s) and how fast the machine catches up (m/s^2). MEMORY is the length of all of it."""
-P_SPEED, P_LONGITUDINAL, P_CURVATURE, P_GRADE, P_CREST, P_LEFT, P_RIGHT, P_FASTER, PLAN_COLUMNS = range(9)
-"""Columns of a plan at even distances along its line."""
 LATE: Final = 0.5
 """A command is held for a control period and so acts this part of it late."""
 
 
 TARGET_TIME: Final = 0.3
 """Time constant with which targets are approached, twice over, s: line and speed then bend without a jump."""
-CLEARANCE: Final = 0.9
-"""Distance from the limits that no target may ask for, m: that of the line itself; feedback misses it by up to this."""
 CLEARING: Final = 1.0
 """A target beside the line must be clear of the limits so long ahead, s; it is looked at so many times."""
 LOOKS: Final = 5
-UNLIMITED: Final = 1e3
-"""Room beside a line without limits, m; and part of the planned speed by which targets may ask for more than that."""
 CLOSING_MEMORY: Final = 0.15
 """Time constant with which the rate of catching up with the plan is measured, s."""
 LEAN_ROOM: Final = math.radians(1.3)
 """Lean left to ask for, rad, below which a machine that is slower than planned catches up less; with none, not at all.
 That is 5 % of the lateral acceleration in the deepest lean; with 10 % a lap takes 0.1 % longer."""
-
-
-class LinePlan(NamedTuple):
-    """What the law follows: a closed line at even distances, the last sample repeating the first.
-
-    Attributes:
-        profile: the planned lap. spacing: of the samples, m.
-        table: speed (m/s), longitudinal acceleration (m/s^2), curvature (1/m), grade, crest (1/m), and the room for
-            targets: on the left and on the right (m), and above the planned speed (part of it), shape (n, 8).
-    """
-
-    profile: LapLimit
-    spacing: float
-    table: FloatArray
-
-    def with_room_above(self, room: FloatArray) -> LinePlan:
-        """Return the plan with other bounds of what targets may add to its speed.
-
-        Args:
-            room: part of the planned speed at the points of the profile but the last, shape (n - 1,).
-        """
-        table = self.table.copy()
-        table[:, P_FASTER] = np.append(room, room[0])
-        return self._replace(table=table)
 
 
 def seen_of(state: FloatArray, look: FloatArray) -> FloatArray:
@@ -99,35 +80,6 @@ def seen_of(state: FloatArray, look: FloatArray) -> FloatArray:
         ),
         axis=1,
     )
-
-
-def plan_line(vehicle: Superbike, line: Course, settings: RiderSettings, cap: FloatArray | None = None) -> LinePlan:
-    """Plan a lap of a closed line.
-
-    Args:
-        vehicle: the machine.
-        line: the line.
-        settings: how to ride.
-        cap: largest speed that is wanted, see `lap_plan.plan_lap`.
-
-    Raises:
-        ValueError: the line is open.
-    """
-    profile = plan_lap(vehicle, line, settings, cap)
-    spacing = float(profile.s[1])
-    curvature = smooth_around(profile.lateral / profile.speed**2, spacing, settings.smoothing)
-    grade, crest = (np.interp(profile.s, line.s, column) for column in (line.grade, line.crest))
-    rooms = (_room(profile.s, line.s, width) for width in (line.width_left, line.width_right))
-    above = np.full(len(profile.s), UNLIMITED)
-    columns = (profile.speed, profile.longitudinal, curvature, grade, crest, *rooms, above)
-    return LinePlan(profile, spacing, np.stack(columns, axis=1))
-
-
-def _room(places: FloatArray, s: FloatArray, width: FloatArray | None) -> FloatArray:
-    """Return how far beside the line targets may lie towards a limit, m; without limits as far as they like."""
-    if width is None:
-        return np.full(len(places), UNLIMITED)
-    return np.maximum(np.interp(places, s, width) - CLEARANCE, 0.0)
 
 
 class _Law(NamedTuple):

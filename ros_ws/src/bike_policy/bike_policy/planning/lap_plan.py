@@ -1,14 +1,16 @@
-"""The lap that the classical rider plans: the machine's theoretical lap with a reserve."""
+"""Plans of a lap: the machine's theoretical lap with a rider's reserve, as a table along the line."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bike_policy.contract.reference import KEPT, Reference
 from bike_sim.course.course import Course
 from bike_sim.physics.superbike_statics import steady_lateral
 from bike_sim.planning.envelope import Envelope, envelope, left_by_turning
@@ -16,6 +18,14 @@ from bike_sim.planning.lap_limit import LapLimit, lap_limit
 from bike_sim.vehicles.superbike import Superbike
 
 FloatArray = NDArray[np.float64]
+PlanT = TypeVar("PlanT")
+
+P_SPEED, P_LONGITUDINAL, P_CURVATURE, P_GRADE, P_CREST, P_LEFT, P_RIGHT, P_FASTER, PLAN_COLUMNS = range(9)
+"""Columns of a plan at even distances along its line."""
+CLEARANCE: Final = 0.9
+"""Distance from the limits that no target may ask for, m: that of the line itself; feedback misses it by up to this."""
+UNLIMITED: Final = 1e3
+"""Room beside a line without limits, m; and part of the planned speed by which targets may ask for more than that."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +85,23 @@ CLASSICAL_SETTINGS: Final = RiderSettings(
 )  # fmt: skip
 """How the classical rider rides, tuned on random circuits. The defaults above are not: others plan with them, whose
 plans a policy has learned to see."""
+
+GUIDE: Final = RiderSettings(
+    lateral=0.91, brake_exponent=3.2, brake_upright=1.04, brake_decline=1.0, dip=0.7, lean_rate=1.0
+)
+"""How the guide of racing policies rides: fixed, so that what a policy adds does not change when the classical rider is
+tuned."""
+
+REFERENCE: Final = RiderSettings(
+    lateral=0.87,
+    brake=0.92,
+    drive_exponent=1.9,
+    brake_exponent=1.9,
+    lean_rate=0.9,
+    smoothing=6.0,
+    largest_lean=math.radians(58.0),
+)
+"""How the reference is planned: fixed, so that what a policy sees does not change when the classical rider is tuned."""
 
 
 def reserved(vehicle: Superbike, settings: RiderSettings) -> Envelope:
@@ -152,3 +179,95 @@ def smooth_around(values: FloatArray, spacing: float, distance: float) -> FloatA
     padded = np.concatenate((lap[-count:], lap, lap[:count]))
     smooth = np.convolve(padded, window / window.sum(), mode="same")[count:-count]
     return np.append(smooth, smooth[0])
+
+
+class LinePlan(NamedTuple):
+    """What the law follows: a closed line at even distances, the last sample repeating the first.
+
+    Attributes:
+        profile: the planned lap. spacing: of the samples, m.
+        table: speed (m/s), longitudinal acceleration (m/s^2), curvature (1/m), grade, crest (1/m), and the room for
+            targets: on the left and on the right (m), and above the planned speed (part of it), shape (n, 8).
+    """
+
+    profile: LapLimit
+    spacing: float
+    table: FloatArray
+
+    def with_room_above(self, room: FloatArray) -> LinePlan:
+        """Return the plan with other bounds of what targets may add to its speed.
+
+        Args:
+            room: part of the planned speed at the points of the profile but the last, shape (n - 1,).
+        """
+        table = self.table.copy()
+        table[:, P_FASTER] = np.append(room, room[0])
+        return self._replace(table=table)
+
+
+def plan_line(vehicle: Superbike, line: Course, settings: RiderSettings, cap: FloatArray | None = None) -> LinePlan:
+    """Plan a lap of a closed line.
+
+    Args:
+        vehicle: the machine.
+        line: the line.
+        settings: how to ride.
+        cap: largest speed that is wanted, see `lap_plan.plan_lap`.
+
+    Raises:
+        ValueError: the line is open.
+    """
+    profile = plan_lap(vehicle, line, settings, cap)
+    spacing = float(profile.s[1])
+    curvature = smooth_around(profile.lateral / profile.speed**2, spacing, settings.smoothing)
+    grade, crest = (np.interp(profile.s, line.s, column) for column in (line.grade, line.crest))
+    rooms = (_room(profile.s, line.s, width) for width in (line.width_left, line.width_right))
+    above = np.full(len(profile.s), UNLIMITED)
+    columns = (profile.speed, profile.longitudinal, curvature, grade, crest, *rooms, above)
+    return LinePlan(profile, spacing, np.stack(columns, axis=1))
+
+
+def _room(places: FloatArray, s: FloatArray, width: FloatArray | None) -> FloatArray:
+    """Return how far beside the line targets may lie towards a limit, m; without limits as far as they like."""
+    if width is None:
+        return np.full(len(places), UNLIMITED)
+    return np.maximum(np.interp(places, s, width) - CLEARANCE, 0.0)
+
+
+Planner = Callable[[Course], LinePlan]
+"""Plans a lap of a closed line."""
+
+
+class PlannedLines(Generic[PlanT]):
+    """Plans of the lines that were asked for last; those not asked for the longest are forgotten."""
+
+    def __init__(self, plan: Callable[[Course], PlanT]) -> None:
+        """Take who plans."""
+        self._plan = plan
+        self._known: dict[int, tuple[Course, PlanT]] = {}
+
+    def of(self, line: Course) -> PlanT:
+        """Return the plan of a line, of the very object that was planned before or a new one.
+
+        Raises:
+            ValueError: as who plans does.
+        """
+        # By identity: whoever hands out lines hands out the same again; keeping one keeps its id from being reused.
+        known = self._known.pop(id(line), None) or (line, self._plan(line))
+        self._known[id(line)] = known
+        if len(self._known) > KEPT:
+            del self._known[next(iter(self._known))]
+        return known[1]
+
+
+def references_of(vehicle: Superbike) -> PlannedLines[Reference]:
+    """Return references of a machine by line, each planned once."""
+    return PlannedLines(lambda line: reference_of(plan_lap(vehicle, line, REFERENCE)))
+
+
+def reference_of(profile: LapLimit) -> Reference:
+    """Return the reference of a planned lap."""
+    spacing = float(profile.s[1])
+    return Reference(
+        spacing, smooth_around(profile.lateral / profile.speed**2, spacing, REFERENCE.smoothing), profile.speed
+    )
