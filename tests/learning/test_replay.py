@@ -210,7 +210,7 @@ def test_a_start_that_cannot_be_met_is_one_line(recording, tmp_path, capsys, cha
 
     assert main(["analyze", "--replay", str(rewrite(recording, tmp_path / "ride.mcap", changed))]) == 2
     line = capsys.readouterr().err.strip().splitlines()[-1]
-    assert line.startswith("bike replay: ")
+    assert line.startswith("bike analyze: ")
     assert words in line
 
 

@@ -35,8 +35,7 @@ from bike_training.rollout.rollout import rollout
 FloatArray = NDArray[np.float64]
 
 ALLOWED_EXCESS: Final = 0.06
-"""How much longer than the theoretical lap a flying lap may be, as a part of it; through `bike lap` than the one on the
-closest line."""
+"""How much longer than the theoretical lap of the closest line a flying lap may be, as a part of it."""
 
 LONGEST_LAP = 3.0
 """Times the theoretical lap, after which a lap counts as never finished."""

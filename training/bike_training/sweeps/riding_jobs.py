@@ -160,7 +160,7 @@ class EvaluateJob(RidingJob):
 
 @dataclass(frozen=True)
 class LapJob(RidingJob):
-    """Laps of a superbike, as `bike lap`.
+    """Laps of a superbike, as `bike ride` on a circuit.
 
     Attributes:
         vehicle: name or file of a superbike. course: name or file of a circuit. laps: flying laps.
@@ -178,7 +178,7 @@ class LapJob(RidingJob):
 
     @classmethod
     def from_entries(cls, entries: Mapping[str, Any]) -> Self:
-        """Check entries: those of `bike lap`."""
+        """Check entries: those of `bike ride` on a circuit."""
         check_kinds("lap", entries, dict.fromkeys(("vehicle", "course", "rider", "engine"), (str,)) | {"laps": (int,)})
         vehicle, course = entries.get("vehicle", "panigale_v4r"), entries.get("course", "barcelona")
         laps, rider = entries.get("laps", 3), entries.get("rider", CLASSICAL)

@@ -18,7 +18,7 @@ from bike_sim.physics.superbike.in_bullet import advance_in_bullet
 from bike_sim.vehicles.superbike import Superbike
 
 TIME_STEP: Final = 0.002
-"""Integration step, s, that rides a lap far faster than real time; `bike validate superbike` shows what it costs."""
+"""Integration step, s, that rides a lap far faster than real time; `bike validate` shows what it costs."""
 
 
 class SuperbikeEngine(SuperbikeBase):

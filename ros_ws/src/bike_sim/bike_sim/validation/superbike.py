@@ -1,7 +1,8 @@
 """What the simulated superbikes do, measured against statics, closed formulas and common sense.
 
 Every figure comes from riding the engine; nothing is adjusted for the occasion but where a check says so (electronics
-off to find the limits they guard). `bike validate superbike` prints the result; the tests hold the quick part of it.
+off to find the limits they guard). `bike validate --vehicle superbikes` prints the result;
+the tests hold the quick part of it.
 """
 
 from __future__ import annotations

@@ -1,0 +1,74 @@
+"""Commands in README, documents and help can be given as they stand there."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from bike_training.commands.declarations import COMMANDS
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+STARTS = re.compile(r"(?:\.venv/bin/)?bike [a-z]")
+FOR_READERS = {"...", "COMMAND", "\N{HORIZONTAL ELLIPSIS}"}
+
+
+def commands_of(text: str) -> list[str]:
+    """Commands in code blocks and code spans of a page, or in the examples of a help."""
+    blocks = re.findall(r"^```\w*\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    prose = re.sub(r"^```\w*\n.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
+    lines = [line for block in blocks for line in block.replace("\\\n", " ").splitlines()]
+    spans = [" ".join(span.split()) for span in re.findall(r"`([^`]+)`", prose)]
+    parts = [part.strip() for line in lines for part in line.partition(" # ")[0].split("&&")]
+    return [part.removeprefix(".venv/bin/") for part in [*parts, *spans] if STARTS.match(part)]
+
+
+def check(command: str, complete: bool = True) -> None:
+    """Parse a command, and resolve it where all that it names is here."""
+    words = shlex.split(re.sub(r"\$\w+", "", re.sub(r"\$\([^)]*\)", "X", command)), comments=True)[1:]
+    assert words[0] in COMMANDS, command
+    if (not complete and len(words) == 1) or FOR_READERS & set(words):
+        return
+    declared = COMMANDS[words[0]]
+    parser = declared.parser(words[0])
+    try:
+        args = parser.parse_args(words[1:])
+    except ValueError as error:
+        # Prose may leave out what a command needs, or have a capital for a value, but no unknown option.
+        if complete or not re.search("are required|expected one argument|invalid .*'[A-Z]'", str(error)):
+            raise AssertionError(command) from error
+        return
+    try:
+        subject = declared.subject(args)
+    except FileNotFoundError:
+        return  # a file or a policy of the reader
+    parser.resolve(args, subject)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_commands_of_pages_can_be_given(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for command in commands_of(page.read_text(encoding="utf-8")):
+        check(command, complete=False)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_examples_of_help_can_be_given(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    lines = [re.split(r" {2,}", line.strip())[0] for line in COMMANDS[name].examples.splitlines()]
+    examples = [part.strip() for line in lines for part in line.split("&&") if part.strip().startswith("bike ")]
+    assert any(example.startswith(f"bike {name}") for example in examples)
+    for example in examples:
+        check(example)
+
+
+def test_the_architecture_names_all_commands() -> None:
+    table = re.findall(r"^\| `bike (\w+)` \|", (ROOT / "docs" / "architecture.md").read_text(), re.MULTILINE)
+    assert table == list(COMMANDS)
+
+
+def test_make_rides_with_commands_that_exist() -> None:
+    for line in (ROOT / "Makefile").read_text().splitlines():
+        if "$(BIN)/bike " in line:
+            check(line.strip().removeprefix("@$(BIN)/").replace("$(or $(V),whipple)", "whipple"))
