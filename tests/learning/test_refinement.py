@@ -256,7 +256,7 @@ def test_steep_rides_begin_anew_with_every_segment() -> None:
     still = actor.folded(actor.draw((8,), seed=1))
     for _ in range(2):
         first = rides.ride(still, 4, push=0.5).seen[0]
-        rolls = FINE_LAYOUT.features.index("roll")
+        rolls = FINE_LAYOUT.names.index("roll")
         np.testing.assert_array_equal(first[:2, rolls], 0.0)
         assert np.all(first[2:, rolls] != 0.0)
     rides.close()

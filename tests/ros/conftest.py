@@ -333,8 +333,7 @@ def lockstep(tmp_path_factory: pytest.TempPathFactory, compiled: None) -> Iterat
 
 LINEAR_LAYOUT = ObservationLayout(
     "linear",
-    ("roll", "steer", "roll_rate", "steer_rate"),
-    (1.0,) * 4,
+    ("roll", "steer", "roll_rate", "steer_rate", "preview_points"),
     preview_interval=0.4,
     preview_count=2,
 )
