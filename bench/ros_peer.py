@@ -23,8 +23,13 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
-from bike_sim.ros.isolation import DOMAIN_VARIABLE, DomainLease, prepare_discovery
-from bike_sim.ros.parent import end_with_this_process, parent_is_gone
+from bike_sim.ros.isolation import (
+    DOMAIN_VARIABLE,
+    DomainLease,
+    end_with_this_process,
+    parent_is_gone,
+    prepare_discovery,
+)
 
 QOS: Final = QoSProfile(depth=10)
 LONGEST_START: Final = 60.0

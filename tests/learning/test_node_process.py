@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from bike_sim.ros.isolation import DomainLease
-from bike_sim.ros.parent import PARENT_PERIOD
+from bike_sim.ros.isolation import PARENT_PERIOD, DomainLease
 from bike_training.commands.bench import load_part
 from bike_training.envs.node_process import NodeLost, NodeProcess, tell_all_to_end
 

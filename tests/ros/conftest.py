@@ -1,4 +1,4 @@
-"""Processes, domains and ears for the tests that start ROS 2 nodes."""
+"""Processes, domains and probes for the tests that start ROS 2 nodes."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ class Witness(rclpy.node.Node):
     def close(self) -> None:
         self._spinner.shutdown()
         self.destroy_node()
-        self._own_context.try_shutdown()
+        node_tools.leave_domain(self._own_context)
 
     def listen(self, kind: type, topic: str, qos: Any = None) -> list[Any]:
         """Return a list that grows with each message."""
@@ -144,7 +144,7 @@ class StateProbe(Witness):
     """Listens to a simulator, commands and calls."""
 
     def __init__(self, domain: int) -> None:
-        super().__init__("ears", domain)
+        super().__init__("probe", domain)
         self.commands = self.create_publisher(BikeCommand, "command", node_tools.COMMAND_QOS)
         self._reset = self.create_client(Reset, "reset")
         self._pause = self.create_client(Pause, "pause")
@@ -187,9 +187,9 @@ class StateProbe(Witness):
         Nodes learn of subscriptions in the order in which these were made, so a later one that hears a state tells.
         """
         heard = self.listen(kind, topic)
-        probe: list[BikeState] = []
-        later = self.create_subscription(BikeState, "state", probe.append, node_tools.STREAM_QOS)
-        self.until(lambda: probe)
+        states: list[BikeState] = []
+        later = self.create_subscription(BikeState, "state", states.append, node_tools.STREAM_QOS)
+        self.until(lambda: states)
         self.destroy_subscription(later)
         return heard
 
@@ -235,7 +235,7 @@ class TopicPublisher(Witness):
 
 
 class RosFixture:
-    """A ROS domain with the programs and ears of one test."""
+    """A ROS domain with the programs and probes of one test."""
 
     def __init__(self, folder: Path) -> None:
         self._lease = DomainLease()
@@ -252,18 +252,18 @@ class RosFixture:
     def simulator(self, **parameters: Any) -> Program:
         return self.start("bike_sim.ros.sim_node", **{"time_step": 0.005, "course": "line", **parameters})
 
-    def ears(self) -> StateProbe:
-        """Return ears that hear the simulator."""
-        ears = StateProbe(self.domain)
-        self._witnesses.append(ears)
-        ears.until(ears.connected)
-        return ears
+    def probe(self) -> StateProbe:
+        """Return a probe that the simulator knows."""
+        probe = StateProbe(self.domain)
+        self._witnesses.append(probe)
+        probe.until(probe.connected)
+        return probe
 
-    def mouth(self) -> TopicPublisher:
+    def sender(self) -> TopicPublisher:
         """Return a node that publishes what it likes."""
-        mouth = TopicPublisher("mouth", self.domain)
-        self._witnesses.append(mouth)
-        return mouth
+        sender = TopicPublisher("sender", self.domain)
+        self._witnesses.append(sender)
+        return sender
 
     def close(self) -> None:
         for witness in self._witnesses:
@@ -309,26 +309,26 @@ def circuit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def stage(tmp_path: Path, compiled: None) -> Iterator[RosFixture]:
-    stage = RosFixture(tmp_path)
-    yield stage
-    stage.close()
+def ros(tmp_path: Path, compiled: None) -> Iterator[RosFixture]:
+    ros = RosFixture(tmp_path)
+    yield ros
+    ros.close()
 
 
 @pytest.fixture
-def other_stage(tmp_path: Path) -> Iterator[RosFixture]:
-    stage = RosFixture(tmp_path)
-    yield stage
-    stage.close()
+def other_ros(tmp_path: Path) -> Iterator[RosFixture]:
+    ros = RosFixture(tmp_path)
+    yield ros
+    ros.close()
 
 
 @pytest.fixture(scope="module")
 def lockstep(tmp_path_factory: pytest.TempPathFactory, compiled: None) -> Iterator[StateProbe]:
     """StateProbe on a simulator in lockstep that the tests of a module share; each begins with a reset of its own."""
-    stage = RosFixture(tmp_path_factory.mktemp("lockstep"))
-    stage.simulator()
-    yield stage.ears()
-    stage.close()
+    ros = RosFixture(tmp_path_factory.mktemp("lockstep"))
+    ros.simulator()
+    yield ros.probe()
+    ros.close()
 
 
 LINEAR_LAYOUT = ObservationLayout(

@@ -82,63 +82,63 @@ def same_qos(profile: QoSProfile, offered: QoSProfile) -> bool:
     return (profile.reliability, profile.durability) == (offered.reliability, offered.durability)
 
 
-def publishers(ears: Any) -> dict[str, tuple[str, set[str]]]:
+def publishers(probe: Any) -> dict[str, tuple[str, set[str]]]:
     """Type of each topic, and which of the nodes publish it."""
     found: dict[str, tuple[str, set[str]]] = {}
     for node in NODES:
-        for topic, kinds in ears.get_publisher_names_and_types_by_node(node, "/bike"):
+        for topic, kinds in probe.get_publisher_names_and_types_by_node(node, "/bike"):
             if topic not in EVERY_NODE_HAS:
                 found.setdefault(topic, (kinds[0].replace("/msg/", "/"), set()))[1].add(node)
     return found
 
 
-def check_topics(ears: Any) -> None:
+def check_topics(probe: Any) -> None:
     rows = {row[0].strip("`"): row for row in table("## Topics")}
     documented = {topic: (row[1], set(row[3].split(", "))) for topic, row in rows.items()}
     perhaps = {topic: documented[topic] for topic in ONLY_WITH}
-    ears.until_equal(lambda: perhaps | publishers(ears), documented)
-    for topic in publishers(ears):
-        for end in ears.get_publishers_info_by_topic(topic):
+    probe.until_equal(lambda: perhaps | publishers(probe), documented)
+    for topic in publishers(probe):
+        for end in probe.get_publishers_info_by_topic(topic):
             profile = PROFILES[rows[topic][2].strip("`")]
             assert end.node_name not in NODES or same_qos(profile, end.qos_profile), topic
 
     def heard() -> set[str]:
         nodes = (node for node in NODES if node != "record")  # which hears everything
-        return {topic for node in nodes for topic, _ in ears.get_subscriber_names_and_types_by_node(node, "/bike")}
+        return {topic for node in nodes for topic, _ in probe.get_subscriber_names_and_types_by_node(node, "/bike")}
 
-    ears.until(lambda: {"/bike/state", "/bike/command", "/bike/course"} <= heard())
+    probe.until(lambda: {"/bike/state", "/bike/command", "/bike/course"} <= heard())
     assert heard() - set(EVERY_NODE_HAS) <= set(documented)
 
 
-def check_services(ears: Any) -> None:
+def check_services(probe: Any) -> None:
     def found() -> set[tuple[str, str, str]]:
         return {
             (f"`{service}`", kinds[0].replace("/srv/", "/"), node)
             for node in NODES
-            for service, kinds in ears.get_service_names_and_types_by_node(node, "/bike")
+            for service, kinds in probe.get_service_names_and_types_by_node(node, "/bike")
             if not kinds[0].startswith(("rcl_interfaces/", "type_description_interfaces/"))
         }
 
-    ears.until_equal(found, {tuple(row[:3]) for row in table("## Services")})
+    probe.until_equal(found, {tuple(row[:3]) for row in table("## Services")})
 
 
-def check_diagnostics(ears: Any) -> None:
+def check_diagnostics(probe: Any) -> None:
     explained = {row[0]: set(row[1].replace("`", "").split(", ")) for row in table("## Diagnostics")}
-    ears.until_equal(
-        lambda: {node: {entry.key for entry in sent[-1].values} for node, sent in ears.statuses.items()}, explained
+    probe.until_equal(
+        lambda: {node: {entry.key for entry in sent[-1].values} for node, sent in probe.statuses.items()}, explained
     )
 
 
 @pytest.mark.ros
-def test_topics_services_and_diagnostics_are_those_of_the_nodes(stage, policy: str, tmp_path: Path) -> None:
-    stage.simulator()
-    stage.start("bike_sim.ros.record", path=str(tmp_path / "ride.mcap"))
-    stage.start("bike_policy.drive", policy=policy)
-    ears = stage.ears()
-    ears.until(lambda: {name for name, _ in ears.get_node_names_and_namespaces()} >= set(NODES))
-    check_topics(ears)
-    check_services(ears)
-    check_diagnostics(ears)
+def test_topics_services_and_diagnostics_are_those_of_the_nodes(ros, policy: str, tmp_path: Path) -> None:
+    ros.simulator()
+    ros.start("bike_sim.ros.record", path=str(tmp_path / "ride.mcap"))
+    ros.start("bike_policy.drive", policy=policy)
+    probe = ros.probe()
+    probe.until(lambda: {name for name, _ in probe.get_node_names_and_namespaces()} >= set(NODES))
+    check_topics(probe)
+    check_services(probe)
+    check_diagnostics(probe)
 
 
 INTERFACES = sorted(path for folder in ("msg", "srv") for path in (ROOT / "ros_ws/src/bike_msgs" / folder).iterdir())

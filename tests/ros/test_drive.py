@@ -27,40 +27,40 @@ pytestmark = pytest.mark.ros
 
 
 @pytest.mark.slow
-def test_a_ride_with_both_nodes_killed_and_restarted(stage, policy) -> None:
-    simulator = stage.simulator(course="circle")
-    driver = stage.start("bike_policy.drive", policy=policy)
-    ears = stage.ears()
-    ears.until(lambda: ears.states[-1].step > 50)
+def test_a_ride_with_both_nodes_killed_and_restarted(ros, policy) -> None:
+    simulator = ros.simulator(course="circle")
+    driver = ros.start("bike_policy.drive", policy=policy)
+    probe = ros.probe()
+    probe.until(lambda: probe.states[-1].step > 50)
     driver.end(signal.SIGKILL)
-    left_at = ears.still().step
-    driver = stage.start("bike_policy.drive", policy=policy)
-    ears.until(lambda: ears.states[-1].step > left_at + 50)
-    steps = [s.step for s in ears.states]
+    left_at = probe.still().step
+    driver = ros.start("bike_policy.drive", policy=policy)
+    probe.until(lambda: probe.states[-1].step > left_at + 50)
+    steps = [s.step for s in probe.states]
     assert steps == sorted(steps)
-    assert {s.episode for s in ears.states} == {1}
-    assert not ears.states[-1].fallen
+    assert {s.episode for s in probe.states} == {1}
+    assert not probe.states[-1].fallen
     simulator.end(signal.SIGKILL)
-    ears.until(lambda: "no state for" in driver.words)
-    before = len(ears.states)
+    probe.until(lambda: "no state for" in driver.words)
+    before = len(probe.states)
     assert "from step 0" not in driver.words
-    stage.simulator(course="circle")
-    ears.until(lambda: "driving episode 1 from step 0" in driver.words)
-    # These ears may find the new simulator later than the driver does, and miss its first states.
-    ears.until(lambda: len(ears.states) > before and ears.states[-1].step > 50)
+    ros.simulator(course="circle")
+    probe.until(lambda: "driving episode 1 from step 0" in driver.words)
+    # These probe may find the new simulator later than the driver does, and miss its first states.
+    probe.until(lambda: len(probe.states) > before and probe.states[-1].step > 50)
     assert driver.process.poll() is None
     assert driver.end(signal.SIGTERM)[0] == 0
 
 
-def test_the_nodes_ride_as_the_policy_rides_in_process(stage, policy) -> None:
-    stage.simulator(course="benchmark", seed=3, perturb=True)
-    ears = stage.ears()
-    driver = stage.start("bike_policy.drive", policy=policy)
-    ears.until(lambda: ears.states[-1].step >= 300)
+def test_the_nodes_ride_as_the_policy_rides_in_process(ros, policy) -> None:
+    ros.simulator(course="benchmark", seed=3, perturb=True)
+    probe = ros.probe()
+    driver = ros.start("bike_policy.drive", policy=policy)
+    probe.until(lambda: probe.states[-1].step >= 300)
     bundle, simulator = load_bundle(policy), Simulator(SimulatorConfig(time_step=0.005))
     snapshot = simulator.reset(ResetRequest(seed=3, course="benchmark", perturb=True))
     index = bundle.layout.pick_preview(True, 0.1, 25)
-    heard = {s.step: s for s in ears.states}
+    heard = {s.step: s for s in probe.states}
     while snapshot.step < 300:
         action = bundle.actor.act(bundle.layout.observe(snapshot, index))
         snapshot = simulator.step(*bundle.action.to_command(action, simulator.vehicle.max_steer, snapshot.speed))
@@ -68,8 +68,8 @@ def test_the_nodes_ride_as_the_policy_rides_in_process(stage, policy) -> None:
             same = heard[snapshot.step]
             assert (same.x, same.y, same.roll, same.steer) == tuple(snapshot.state[[0, 1, 3, 4]])
     assert len(heard) > 250
-    ears.until(lambda: ears.count("drive", "states_answered") >= 300)
-    latest = {entry.key: entry.value for entry in ears.statuses["drive"][-1].values}
+    probe.until(lambda: probe.count("drive", "states_answered") >= 300)
+    latest = {entry.key: entry.value for entry in probe.statuses["drive"][-1].values}
     assert 0.0 < float(latest["latency_median_ms"]) <= float(latest["latency_p99_ms"])
     driver.end()
     assert "latency median" in driver.words
@@ -78,17 +78,17 @@ def test_the_nodes_ride_as_the_policy_rides_in_process(stage, policy) -> None:
 class Asker:
     """Publishes states of its own, and hears what the policy answers."""
 
-    def __init__(self, ears: Any) -> None:
-        self._ears = ears
+    def __init__(self, probe: Any) -> None:
+        self._ears = probe
         self._answers: list[tuple[float, BikeCommand]] = []
-        ears.create_subscription(
+        probe.create_subscription(
             BikeCommand,
             "command",
             lambda command: self._answers.append((time.monotonic(), command)),
             node_tools.SENDER_QOS,
         )
-        self._publisher = ears.create_publisher(BikeState, "state", node_tools.SENDER_QOS)
-        self._courses = ears.create_publisher(Course, "course", node_tools.LATCHED_QOS)
+        self._publisher = probe.create_publisher(BikeState, "state", node_tools.SENDER_QOS)
+        self._courses = probe.create_publisher(Course, "course", node_tools.LATCHED_QOS)
 
     def show_course(self, state: BikeState) -> None:
         """Publish the course of a state's episode, without which no rider begins."""
@@ -122,13 +122,13 @@ class Asker:
 
 
 @pytest.fixture
-def asked(stage, policy) -> tuple[Asker, BikeState, Any]:
+def asked(ros, policy) -> tuple[Asker, BikeState, Any]:
     """A policy node that has answered a state, and that takes no silence for a new simulator."""
-    simulator = stage.simulator(course="line")
-    ears = stage.ears()
-    asker, state = Asker(ears), ears.states[-1]
+    simulator = ros.simulator(course="line")
+    probe = ros.probe()
+    asker, state = Asker(probe), probe.states[-1]
     simulator.end()
-    driver = stage.start("bike_policy.drive", policy=policy, stale_after_s=1e6)
+    driver = ros.start("bike_policy.drive", policy=policy, stale_after_s=1e6)
     asker.show_course(state)
     asker.repeat_until_answered(state)  # it answers nothing before all who listen have found it
     return asker, state, driver
@@ -173,18 +173,18 @@ def test_states_that_are_old_or_not_finite_are_told_and_not_answered(asked) -> N
         ({}, {"preview_by_time": False, "preview_interval": 1.0}, "needs a preview by time"),
     ],
 )
-def test_a_policy_that_does_not_fit_is_refused(stage, policy, tmp_path: Path, changes, parameters, words) -> None:
+def test_a_policy_that_does_not_fit_is_refused(ros, policy, tmp_path: Path, changes, parameters, words) -> None:
     replace(load_bundle(policy), **changes).save(tmp_path / "misfit")
-    stage.simulator(**parameters)
-    driver = stage.start("bike_policy.drive", policy=str(tmp_path / "misfit"))
-    ears = stage.ears()
+    ros.simulator(**parameters)
+    driver = ros.start("bike_policy.drive", policy=str(tmp_path / "misfit"))
+    probe = ros.probe()
     assert driver.wait() == 2
     assert words in driver.words
-    assert ears.states[-1].step == 0
+    assert probe.states[-1].step == 0
 
 
-def test_a_policy_that_does_not_exist_is_one_line(stage) -> None:
-    driver = stage.start("bike_policy.drive", policy="nobody")
+def test_a_policy_that_does_not_exist_is_one_line(ros) -> None:
+    driver = ros.start("bike_policy.drive", policy="nobody")
     assert driver.wait() == 2
     assert driver.words.count("\n") == 1
     assert "no policy 'nobody'" in driver.words

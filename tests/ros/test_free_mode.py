@@ -19,56 +19,56 @@ def test_commands_may_be_as_old_as_the_timeout(step: int, timeout: float, oldest
     assert oldest_step(step, timeout, 0.05) == oldest
 
 
-def test_time_runs_at_the_wanted_pace_and_commands_are_held(stage) -> None:
-    stage.simulator(mode="free", real_time_factor=2.0, command_timeout_s=0.0)
-    ears = stage.ears()
-    ears.during(0.7)
-    assert ears.states[-1].step == 0  # an episode's time begins with its first command
+def test_time_runs_at_the_wanted_pace_and_commands_are_held(ros) -> None:
+    ros.simulator(mode="free", real_time_factor=2.0, command_timeout_s=0.0)
+    probe = ros.probe()
+    probe.during(0.7)
+    assert probe.states[-1].step == 0  # an episode's time begins with its first command
     began = time.monotonic()
-    ears.command(ears.states[-1], 0.01)
-    ears.until(lambda: ears.states[-1].step >= 40)
+    probe.command(probe.states[-1], 0.01)
+    probe.until(lambda: probe.states[-1].step >= 40)
     elapsed = time.monotonic() - began
-    ridden = [s for s in ears.states if s.step > 0]
+    ridden = [s for s in probe.states if s.step > 0]
     assert {s.steering_command for s in ridden} == {0.01}
     assert elapsed > 0.8 * 40 * 0.05 / 2.0  # never faster; how much slower is up to the machine
-    assert ears.pause(True).success
-    step = ears.still().step
-    ears.pause(False)
-    ears.until(lambda: ears.states[-1].step > step)
+    assert probe.pause(True).success
+    step = probe.still().step
+    probe.pause(False)
+    probe.until(lambda: probe.states[-1].step > step)
 
 
-def test_silence_sets_steering_straight_and_a_command_ends_it(stage) -> None:
-    stage.simulator(mode="free", command_timeout_s=0.25, real_time_factor=1.0)
-    ears = stage.ears()
-    ears.command(ears.states[-1], 0.02)
-    ears.until(lambda: ears.states[-1].step >= 12)
-    applied = {s.step: s.steering_command for s in ears.states}
+def test_silence_sets_steering_straight_and_a_command_ends_it(ros) -> None:
+    ros.simulator(mode="free", command_timeout_s=0.25, real_time_factor=1.0)
+    probe = ros.probe()
+    probe.command(probe.states[-1], 0.02)
+    probe.until(lambda: probe.states[-1].step >= 12)
+    applied = {s.step: s.steering_command for s in probe.states}
     assert {applied[step] for step in range(1, 6)} == {0.02}
     assert {applied[step] for step in range(7, 12)} == {0.0}
     # A command of the far past is stale, one that names no episode is not, however late it comes.
-    ears.judged("stale", ears.states[-1], 0.03, step=1)
-    ears.command(ears.states[-1], 0.04, episode=0, step=0)
-    ears.until(lambda: ears.states[-1].steering_command == 0.04)
-    ears.judged("stale", ears.states[-1], 0.03, step=1)
-    ears.command(ears.states[-1], 0.05, episode=0, step=0)
-    ears.until(lambda: ears.states[-1].steering_command == 0.05)
-    assert 0.03 not in {s.steering_command for s in ears.states}
+    probe.judged("stale", probe.states[-1], 0.03, step=1)
+    probe.command(probe.states[-1], 0.04, episode=0, step=0)
+    probe.until(lambda: probe.states[-1].steering_command == 0.04)
+    probe.judged("stale", probe.states[-1], 0.03, step=1)
+    probe.command(probe.states[-1], 0.05, episode=0, step=0)
+    probe.until(lambda: probe.states[-1].steering_command == 0.05)
+    assert 0.03 not in {s.steering_command for s in probe.states}
 
 
-def test_without_a_pace_each_command_is_a_step_and_falls_begin_anew(stage) -> None:
-    stage.simulator(mode="free", real_time_factor=0.0, auto_reset="fall", seed=5)
-    ears = stage.ears()
-    events = ears.attend(RideEvent, "events")
+def test_without_a_pace_each_command_is_a_step_and_falls_begin_anew(ros) -> None:
+    ros.simulator(mode="free", real_time_factor=0.0, auto_reset="fall", seed=5)
+    probe = ros.probe()
+    events = probe.attend(RideEvent, "events")
     for _ in range(200):
-        state = ears.states[-1]
+        state = probe.states[-1]
         if state.episode == 2:
             break
-        ears.command(state, 0.4, episode=0)
-        ears.until(
-            lambda before=state: (ears.states[-1].episode, ears.states[-1].step) != (before.episode, before.step)
+        probe.command(state, 0.4, episode=0)
+        probe.until(
+            lambda before=state: (probe.states[-1].episode, probe.states[-1].step) != (before.episode, before.step)
         )
-    ears.until(lambda: any(e.kind == RideEvent.RESET and e.episode == 2 for e in events))
-    fallen = [s for s in ears.states if s.fallen]
+    probe.until(lambda: any(e.kind == RideEvent.RESET and e.episode == 2 for e in events))
+    fallen = [s for s in probe.states if s.fallen]
     assert [s.episode for s in fallen] == [1]
-    assert [s.step for s in ears.states if s.episode == 1] == sorted(s.step for s in ears.states if s.episode == 1)
-    assert ears.states[-1].episode == 2
+    assert [s.step for s in probe.states if s.episode == 1] == sorted(s.step for s in probe.states if s.episode == 1)
+    assert probe.states[-1].episode == 2

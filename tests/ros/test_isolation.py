@@ -18,7 +18,7 @@ from typing import Any
 import pytest
 
 from bike_sim.ros import isolation
-from bike_sim.ros.shared_memory import SHARED_MEMORY, remove_leftovers
+from bike_sim.ros.isolation import SHARED_MEMORY, remove_leftovers
 
 PATIENCE = 90.0
 """Longest wait for anything, s."""
@@ -173,15 +173,15 @@ def udp_addresses(process: int) -> set[str]:
 
 
 @pytest.mark.ros
-def test_nodes_listen_at_this_machine_only(stage: Any, policy: str, tmp_path: Path) -> None:
-    simulator = stage.simulator()
+def test_nodes_listen_at_this_machine_only(ros: Any, policy: str, tmp_path: Path) -> None:
+    simulator = ros.simulator()
     programs = [
         simulator,
-        stage.start("bike_policy.drive", policy=policy),
-        stage.start("bike_sim.ros.record", path=str(tmp_path / "ride.mcap")),
+        ros.start("bike_policy.drive", policy=policy),
+        ros.start("bike_sim.ros.record", path=str(tmp_path / "ride.mcap")),
     ]
-    ears = stage.ears()
-    ears.until(lambda: ears.records("state", "command"))
+    probe = ros.probe()
+    probe.until(lambda: probe.records("state", "command"))
     for program in programs:
         assert udp_addresses(program.process.pid) == {"127.0.0.1"}
     assert udp_addresses(os.getpid()) <= {"127.0.0.1"}
@@ -203,15 +203,15 @@ SHELL_SPIN_TIME = 10.0
 
 
 @pytest.mark.ros
-def test_a_shell_with_the_documented_variables_finds_the_topics_each_time(stage: Any) -> None:
-    stage.simulator()
-    stage.ears()
+def test_a_shell_with_the_documented_variables_finds_the_topics_each_time(ros: Any) -> None:
+    ros.simulator()
+    ros.probe()
     clean = {name: value for name, value in os.environ.items() if not re.match(r"ROS_|FASTRTPS|FASTDDS|RMW_", name)}
     exports = subprocess.run(
         [sys.executable, "-m", "bike_sim.ros.isolation"], env=clean, capture_output=True, text=True, check=True
     ).stdout
     assert exports.count("export ") == 2
-    shell = f'{exports}\nexport ROS_DOMAIN_ID={stage.domain}\nexec "$PYTHON" -c "$FINDS" {SHELL_SPIN_TIME}'
+    shell = f'{exports}\nexport ROS_DOMAIN_ID={ros.domain}\nexec "$PYTHON" -c "$FINDS" {SHELL_SPIN_TIME}'
     environment = clean | {"PYTHON": sys.executable, "FINDS": FINDS}
     for _ in range(10):
         found = subprocess.run(["sh", "-c", shell], env=environment, capture_output=True, text=True, check=True).stdout
@@ -280,13 +280,13 @@ def test_ports_without_content_are_removed_unless_somebody_is_making_them(tmp_pa
 
 @pytest.mark.ros
 @pytest.mark.slow
-def test_a_port_without_content_makes_nobody_deaf(stage: Any) -> None:
+def test_a_port_without_content_makes_nobody_deaf(ros: Any) -> None:
     """The second participant of a domain gets its second port: the simulator, for the test's own is there sooner."""
-    port = isolation.FIRST_PORT + isolation.PORTS_PER_DOMAIN * stage.domain + 13
+    port = isolation.FIRST_PORT + isolation.PORTS_PER_DOMAIN * ros.domain + 13
     (SHARED_MEMORY / f"fastrtps_port{port}").touch()
-    stage.simulator()
-    ears = stage.ears()
-    assert ears.pause(True).success
+    ros.simulator()
+    probe = ros.probe()
+    assert probe.pause(True).success
 
 
 def segments_of(process: int) -> set[str]:
@@ -297,16 +297,16 @@ def segments_of(process: int) -> set[str]:
 
 
 @pytest.mark.ros
-def test_the_next_start_removes_what_a_kill_left(stage: Any) -> None:
-    first = stage.simulator()
-    ears = stage.ears()
+def test_the_next_start_removes_what_a_kill_left(ros: Any) -> None:
+    first = ros.simulator()
+    probe = ros.probe()
     segments = segments_of(first.process.pid)
     assert segments
-    ears.during(2.5)  # longer than SETTLED
+    probe.during(2.5)  # longer than SETTLED
     first.end(signal.SIGKILL)
     there = {path.name for path in SHARED_MEMORY.iterdir()}
     assert segments <= there
-    second = stage.simulator()
-    ears.until(lambda: segments_of(second.process.pid))  # states may still be those of the first
+    second = ros.simulator()
+    probe.until(lambda: segments_of(second.process.pid))  # states may still be those of the first
     assert not segments & {path.name for path in SHARED_MEMORY.iterdir()}
     assert segments_of(os.getpid()) <= {path.name for path in SHARED_MEMORY.iterdir()}

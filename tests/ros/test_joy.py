@@ -16,23 +16,23 @@ def test_the_dead_zone_takes_nothing_from_the_ends(value: float, wish: float) ->
 
 
 @pytest.mark.ros
-def test_a_stick_steers_and_a_lost_gamepad_rides_straight_on(stage) -> None:
+def test_a_stick_steers_and_a_lost_gamepad_rides_straight_on(ros) -> None:
     """Without balance the stick is the set point itself; 0.525 is half of what lies beyond the dead zone."""
-    stage.simulator(mode="free", real_time_factor=1.0, auto_reset="fall")
-    stage.start("bike_policy.joy", balance=False, timeout_s=0.5)
-    mouth, ears = stage.mouth(), stage.ears()
-    joy = mouth.open(Joy, "/joy")
+    ros.simulator(mode="free", real_time_factor=1.0, auto_reset="fall")
+    ros.start("bike_policy.joy", balance=False, timeout_s=0.5)
+    sender, probe = ros.sender(), ros.probe()
+    joy = sender.open(Joy, "/joy")
     pad = Joy(axes=[0.525, 0.0, 1.0, 0.0, 0.0, 1.0])
 
     def steered() -> bool:
         joy.publish(pad)
-        return any(abs(state.steering_command - 0.5) < 1e-6 for state in ears.states)
+        return any(abs(state.steering_command - 0.5) < 1e-6 for state in probe.states)
 
-    ears.until(steered)
-    count = len(ears.states)
-    ears.until(lambda: any(state.steering_command == 0.0 and state.step > 0 for state in ears.states[count:]))
+    probe.until(steered)
+    count = len(probe.states)
+    probe.until(lambda: any(state.steering_command == 0.0 and state.step > 0 for state in probe.states[count:]))
     for broken in (Joy(), Joy(axes=[float("nan")])):
         joy.publish(broken)
-    count = len(ears.states)
-    ears.until(lambda: len(ears.states) > count + 5)
-    assert all(abs(state.steering_command) <= 0.5 for state in ears.states)
+    count = len(probe.states)
+    probe.until(lambda: len(probe.states) > count + 5)
+    assert all(abs(state.steering_command) <= 0.5 for state in probe.states)

@@ -55,11 +55,11 @@ def test_the_same_seed_is_the_same_ride_in_process_and_through_ros(engine: str, 
         assert_same(client.step(0.0), local.step(0.0))
 
 
-def begin(ears, **values):
-    response = ears.reset(ResetRequest(**{"seed": 1, "course": "line", **values}))
+def begin(probe, **values):
+    response = probe.reset(ResetRequest(**{"seed": 1, "course": "line", **values}))
     assert response.success, response.message
-    ears.until(lambda: ears.states[-1].episode == response.state.episode)
-    return ears.states[-1]
+    probe.until(lambda: probe.states[-1].episode == response.state.episode)
+    return probe.states[-1]
 
 
 def test_a_repeated_command_gets_the_same_state_again(lockstep) -> None:

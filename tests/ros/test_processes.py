@@ -13,10 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from bike_msgs.msg import BikeCommand, BikeState
+from bike_msgs.msg import BikeCommand, BikeState, Course, EpisodeStart, RideEvent
 from bike_msgs.srv import Reset
+from diagnostic_msgs.msg import DiagnosticArray
 from mcap.reader import make_reader
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
+from rosgraph_msgs.msg import Clock
 
 from bike_sim.ros.isolation import DISCOVERY_VARIABLE, PROFILES_VARIABLE
 from bike_sim.ros.node_settings import SPECS, NodeSettings
@@ -25,6 +28,8 @@ from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_training.envs.node_process import NodeLost
 from bike_training.envs.ros_client import RosClient
+from bike_training.nodes.live_watch import LiveWatch
+from bike_training.nodes.ride_monitor import RideMonitor
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("compiled")]
 
@@ -40,8 +45,8 @@ PATIENCE = 90.0
         ({"mode": "free", "real_time_factor": 1e-12}, "real_time_factor must be 0 or at least 1.39e-05"),
     ],
 )
-def test_a_parameter_that_cannot_be_is_one_line_and_exit_code_2(stage, parameters, words) -> None:
-    program = stage.simulator(**parameters)
+def test_a_parameter_that_cannot_be_is_one_line_and_exit_code_2(ros, parameters, words) -> None:
+    program = ros.simulator(**parameters)
     assert program.wait() == 2
     assert words in program.words
     assert program.words.count("\n") == 1
@@ -79,14 +84,14 @@ def test_an_episode_that_cannot_begin_is_named() -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_all_programs_end_within_two_seconds_and_close_their_files(stage, policy, tmp_path: Path, number: int) -> None:
-    simulator = stage.simulator(course="circle")
-    recorder = stage.start("bike_sim.ros.record", path=str(tmp_path / "ride.mcap"), notes=["policy=linear"])
-    driver = stage.start("bike_policy.drive", policy=policy)
-    ears = stage.ears()
-    ears.until(lambda: ears.records("state", "command", "course", "course_points"))
-    step = ears.states[-1].step
-    ears.until(lambda: ears.states[-1].step > step + 40)
+def test_all_programs_end_within_two_seconds_and_close_their_files(ros, policy, tmp_path: Path, number: int) -> None:
+    simulator = ros.simulator(course="circle")
+    recorder = ros.start("bike_sim.ros.record", path=str(tmp_path / "ride.mcap"), notes=["policy=linear"])
+    driver = ros.start("bike_policy.drive", policy=policy)
+    probe = ros.probe()
+    probe.until(lambda: probe.records("state", "command", "course", "course_points"))
+    step = probe.states[-1].step
+    probe.until(lambda: probe.states[-1].step > step + 40)
     programs = [driver, simulator, recorder]
     began = time.monotonic()
     for program in programs:
@@ -94,7 +99,7 @@ def test_all_programs_end_within_two_seconds_and_close_their_files(stage, policy
     assert [program.wait() for program in programs] == [0, 0, 0]
     assert time.monotonic() - began < 2.0
     # They said goodbye: who does not is missed after 20 s, the lease that Fast DDS grants.
-    ears.until(lambda: not ears.count_publishers("state"), patience=15.0)
+    probe.until(lambda: not probe.count_publishers("state"), patience=15.0)
     with (tmp_path / "ride.mcap").open("rb") as file:
         reader = make_reader(file)
         summary = reader.get_summary()
@@ -109,16 +114,56 @@ def test_all_programs_end_within_two_seconds_and_close_their_files(stage, policy
     assert " 0 dropped" in recorder.words
 
 
-def test_a_recording_has_no_gaps(stage, policy, tmp_path: Path) -> None:
+GARBAGE = (bytes([0, 1, 0, 0, 0, 0, 0, 0]), b"\0\1\0\0", bytes(range(60)), b"\0\1\0\0" + b"\xff" * 200)
+
+
+def test_bytes_of_a_stranger_end_no_node_and_are_recorded_as_they_are(ros, policy, tmp_path: Path) -> None:
+    simulator = ros.simulator(course="circle")
+    recorder = ros.start("bike_sim.ros.record", path=str(tmp_path / "ride.mcap"))
+    driver = ros.start("bike_policy.drive", policy=policy)
+    probe, sender = ros.probe(), ros.sender()
+    watch = LiveWatch(ros.domain, "bike", lambda message: None)
+    watch.start()
+    monitor = RideMonitor(ros.domain)
+    probe.until(lambda: probe.records("state", "command"))
+    kinds = {"command": BikeCommand, "state": BikeState, "course": Course, "episode": EpisodeStart, "events": RideEvent}
+    topics = {f"/bike/{name}": kind for name, kind in kinds.items()}
+    topics |= {"/bike/_screen_state": BikeState, "/clock": Clock, "/diagnostics": DiagnosticArray}
+    probe.destroy_subscription(next(s for s in probe.subscriptions if s.topic_name == "/bike/state"))
+    probe.destroy_subscription(next(s for s in probe.subscriptions if s.topic_name == "/diagnostics"))
+    qos = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    for topic, kind in topics.items():
+        publisher = sender.create_publisher(kind, topic, qos)
+        for data in GARBAGE:
+            publisher.publish(data[:8] if kind is Clock else data)  # a type without texts has a largest size
+    clock = time.monotonic()
+    while time.monotonic() < clock + 4.0:
+        monitor._executor.spin_once(0.05)
+    step = monitor._state.step
+    while monitor._state.step <= step + 20 and time.monotonic() < clock + PATIENCE:
+        monitor._executor.spin_once(0.05)
+    assert monitor._state.step > step + 20
+    watch.check()
+    watch.end()
+    monitor.__exit__()
+    for program in (simulator, driver, recorder):
+        assert program.end(signal.SIGTERM)[0] == 0
+    assert recorder.words.count("bytes on /bike/command are not of type bike_msgs/msg/BikeCommand") == 1
+    with (tmp_path / "ride.mcap").open("rb") as file:
+        messages = [message.data for _, _, message in make_reader(file).iter_messages(topics=["/bike/command"])]
+    assert set(GARBAGE) <= set(messages)
+
+
+def test_a_recording_has_no_gaps(ros, policy, tmp_path: Path) -> None:
     path = tmp_path / "ride.mcap"
-    recorder = stage.start("bike_sim.ros.record", path=str(path))
-    simulator = stage.simulator(course="circle")
-    ears = stage.ears()
-    ears.pause(True)
-    driver = stage.start("bike_policy.drive", policy=policy)
-    ears.until(lambda: ears.records("state", "command"))
-    ears.pause(False)
-    ears.until(lambda: ears.states[-1].step > 200)
+    recorder = ros.start("bike_sim.ros.record", path=str(path))
+    simulator = ros.simulator(course="circle")
+    probe = ros.probe()
+    probe.pause(True)
+    driver = ros.start("bike_policy.drive", policy=policy)
+    probe.until(lambda: probe.records("state", "command"))
+    probe.pause(False)
+    probe.until(lambda: probe.states[-1].step > 200)
     for program in (driver, simulator, recorder):
         assert program.end()[0] == 0
     with path.open("rb") as file:
@@ -130,29 +175,29 @@ def test_a_recording_has_no_gaps(stage, policy, tmp_path: Path) -> None:
     assert commands >= states - {max(states)}
 
 
-def test_an_existing_recording_is_not_overwritten(stage, tmp_path: Path) -> None:
+def test_an_existing_recording_is_not_overwritten(ros, tmp_path: Path) -> None:
     (tmp_path / "ride.mcap").write_text("precious")
-    recorder = stage.start("bike_sim.ros.record", path=str(tmp_path / "ride.mcap"))
+    recorder = ros.start("bike_sim.ros.record", path=str(tmp_path / "ride.mcap"))
     assert recorder.wait() == 2
     assert "exists already" in recorder.words
     assert (tmp_path / "ride.mcap").read_text() == "precious"
 
 
-def test_simulators_side_by_side_do_not_hear_each_other(stage, other_stage) -> None:
-    assert stage.domain != other_stage.domain
-    stage.simulator(course="line")
-    other_stage.simulator(course="circle")
-    one, other = stage.ears(), other_stage.ears()
-    for ears, seed in ((one, 1), (other, 2)):
-        assert ears.reset(ResetRequest(seed=seed, course="random", perturb=True)).success
-        ears.until(lambda ears=ears: ears.states[-1].episode == 2)
-    for ears in (one, other):
-        state = ears.states[-1]
+def test_simulators_side_by_side_do_not_hear_each_other(ros, other_ros) -> None:
+    assert ros.domain != other_ros.domain
+    ros.simulator(course="line")
+    other_ros.simulator(course="circle")
+    one, other = ros.probe(), other_ros.probe()
+    for probe, seed in ((one, 1), (other, 2)):
+        assert probe.reset(ResetRequest(seed=seed, course="random", perturb=True)).success
+        probe.until(lambda probe=probe: probe.states[-1].episode == 2)
+    for probe in (one, other):
+        state = probe.states[-1]
         for _ in range(5):
-            state = ears.answer(state)
-        ears.during(0.2)
-        assert len({(s.roll, s.step) for s in ears.states if s.episode == 2}) == 6
-        assert [p.node_name for p in ears.get_publishers_info_by_topic("/bike/state")] == ["sim_node"]
+            state = probe.answer(state)
+        probe.during(0.2)
+        assert len({(s.roll, s.step) for s in probe.states if s.episode == 2}) == 6
+        assert [p.node_name for p in probe.get_publishers_info_by_topic("/bike/state")] == ["sim_node"]
     assert one.states[-1].roll != other.states[-1].roll
 
 

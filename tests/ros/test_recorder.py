@@ -40,8 +40,8 @@ pytestmark = pytest.mark.ros
 
 
 @pytest.fixture
-def mouth(stage: Any) -> Any:
-    return stage.mouth()
+def sender(ros: Any) -> Any:
+    return ros.sender()
 
 
 def counts_in(path: Path) -> Counter[str]:
@@ -78,13 +78,11 @@ def test_what_is_wrong_with_a_parameter_is_named(changes: dict[str, Any], words:
         RecordSettings.from_parameters({spec.name: spec.read(values[spec.name]) for spec in SPECS})
 
 
-def test_settings_that_cannot_be_end_the_node_with_one_line(stage: Any, tmp_path: Path) -> None:
+def test_settings_that_cannot_be_end_the_node_with_one_line(ros: Any, tmp_path: Path) -> None:
     programs = {
-        "give a directory": stage.start("bike_sim.ros.record", path=str(tmp_path / "a.mcap"), max_bag_size=1000),
-        "'no good' is no name of a topic": stage.start("bike_sim.ros.record", topics=["no good"]),
-        "directory /dev/null cannot be made: File exists": stage.start(
-            "bike_sim.ros.record", path="/dev/null/ride.mcap"
-        ),
+        "give a directory": ros.start("bike_sim.ros.record", path=str(tmp_path / "a.mcap"), max_bag_size=1000),
+        "'no good' is no name of a topic": ros.start("bike_sim.ros.record", topics=["no good"]),
+        "directory /dev/null cannot be made: File exists": ros.start("bike_sim.ros.record", path="/dev/null/ride.mcap"),
     }
     for words, program in programs.items():
         assert program.wait() == 2
@@ -103,30 +101,30 @@ def test_the_recorder_starts_without_the_simulator() -> None:
 
 
 def test_late_unknown_and_uninstalled_topics_are_no_error(
-    stage: Any, mouth: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ros: Any, sender: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     hidden = tmp_path / "without" / "shape_msgs"  # the recorder's own process does not have this package
     hidden.mkdir(parents=True)
     (hidden / "__init__.py").write_text("raise ImportError('shape_msgs is not installed')\n")
     monkeypatch.setenv("PYTHONPATH", str(hidden.parent))
     chosen = ["late", "/never", "plane", "mixed"]
-    strange = mouth.create_publisher(Plane, "plane", 1)
-    mixed = mouth.create_publisher(String, "mixed", node_tools.SENDER_QOS)
-    recorder = stage.start("bike_sim.ros.record", path=str(tmp_path / "ride.mcap"), topics=chosen)
-    mouth.until(lambda: "not there yet" in recorder.words)
+    strange = sender.create_publisher(Plane, "plane", 1)
+    mixed = sender.create_publisher(String, "mixed", node_tools.SENDER_QOS)
+    recorder = ros.start("bike_sim.ros.record", path=str(tmp_path / "ride.mcap"), topics=chosen)
+    sender.until(lambda: "not there yet" in recorder.words)
     assert "recorded when they come: /bike/late, /never\n" in recorder.words
-    late = mouth.open(PointStamped, "late")
-    other = mouth.create_publisher(String, "other", 1)
+    late = sender.open(PointStamped, "late")
+    other = sender.create_publisher(String, "other", 1)
     assert not other.get_subscription_count()
-    poor = mouth.open(String, "mixed", QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT))
-    mouth.until(lambda: mixed.get_subscription_count() == 1)
+    poor = sender.open(String, "mixed", QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT))
+    sender.until(lambda: mixed.get_subscription_count() == 1)
     for number in range(20):
         late.publish(PointStamped())
         strange.publish(Plane())
         mixed.publish(String(data="x" * number))
         poor.publish(String(data=f"poor {number}"))
-        mouth.during(0.02)
-    mouth.until(lambda: mouth.figures().get("messages_written") == "60")
+        sender.during(0.02)
+    sender.until(lambda: sender.figures().get("messages_written") == "60")
     assert recorder.end()[0] == 0
     assert counts_in(tmp_path / "ride.mcap") == {"/bike/late": 20, "/bike/mixed": 40}
     strings = [message.data for topic, message in decoded(tmp_path / "ride.mcap") if topic == "/bike/mixed"]
@@ -138,24 +136,24 @@ def test_late_unknown_and_uninstalled_topics_are_no_error(
 
 
 def test_a_stamp_of_the_wall_clock_before_the_first_clock_is_no_simulated_time(
-    stage: Any, mouth: Any, tmp_path: Path
+    ros: Any, sender: Any, tmp_path: Path
 ) -> None:
-    recorder = stage.start("bike_sim.ros.record", path=str(tmp_path / "ride"), max_bag_duration=60.0)
-    place, clock = mouth.open(PointStamped, "place"), mouth.open(Clock, "/clock")
+    recorder = ros.start("bike_sim.ros.record", path=str(tmp_path / "ride"), max_bag_duration=60.0)
+    place, clock = sender.open(PointStamped, "place"), sender.open(Clock, "/clock")
 
     def publish(stamp_ns: int) -> None:
         message = PointStamped()
         message.header.stamp = time_to_message(stamp_ns)
         place.publish(message)
-        mouth.during(0.05)
+        sender.during(0.05)
 
     publish(time.time_ns())
     publish(3 * NANOSECONDS)  # somebody who knows the simulated time already
     clock.publish(Clock(clock=time_to_message(5 * NANOSECONDS)))
-    mouth.during(0.05)
+    sender.during(0.05)
     publish(time.time_ns())
     publish(64 * NANOSECONDS)
-    mouth.until(lambda: mouth.figures().get("file", "").endswith("ride_1.mcap"))
+    sender.until(lambda: sender.figures().get("file", "").endswith("ride_1.mcap"))
     assert recorder.end()[0] == 0
     times = []
     for file in sorted((tmp_path / "ride").glob("*.mcap")):
@@ -166,19 +164,19 @@ def test_a_stamp_of_the_wall_clock_before_the_first_clock_is_no_simulated_time(
     assert recorder.words.count("get time 0 until a state or /clock comes") == 1
 
 
-def test_all_topics_by_wall_clock_in_files_by_duration(stage: Any, mouth: Any, tmp_path: Path) -> None:
+def test_all_topics_by_wall_clock_in_files_by_duration(ros: Any, sender: Any, tmp_path: Path) -> None:
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    static = mouth.create_publisher(String, "/static", latched)
+    static = sender.create_publisher(String, "/static", latched)
     static.publish(String(data="stays"))
-    recorder = stage.start(
+    recorder = ros.start(
         "bike_sim.ros.record", path=str(tmp_path / "all"), all_topics=True, clock="wall", max_bag_duration=0.5
     )
-    bare, hidden = mouth.open(Float64, "/elsewhere/bare"), mouth.create_publisher(Float64, "/_hidden", 1)
+    bare, hidden = sender.open(Float64, "/elsewhere/bare"), sender.create_publisher(Float64, "/_hidden", 1)
     began = time.time_ns()
     for number in range(110):
         bare.publish(Float64(data=float(number)))
         hidden.publish(Float64())
-        mouth.during(0.01)
+        sender.during(0.01)
     ended = time.time_ns()
     assert recorder.end()[0] == 0
     files = sorted((tmp_path / "all").glob("*.mcap"))
@@ -201,14 +199,14 @@ def test_all_topics_by_wall_clock_in_files_by_duration(stage: Any, mouth: Any, t
 
 
 @pytest.mark.slow
-def test_a_ride_in_several_files_opens_everywhere(stage: Any, mouth: Any, policy: str, tmp_path: Path) -> None:
-    stage.simulator(course="circle", mode="free", real_time_factor=5.0)
-    recorder = stage.start(
+def test_a_ride_in_several_files_opens_everywhere(ros: Any, sender: Any, policy: str, tmp_path: Path) -> None:
+    ros.simulator(course="circle", mode="free", real_time_factor=5.0)
+    recorder = ros.start(
         "bike_sim.ros.record", path=str(tmp_path / "ride"), max_bag_duration=3.0, chunk_size=8192, compression="lz4"
     )
-    mouth.until(lambda: mouth.figures().get("messages_written", "0") > "0")
-    stage.start("bike_policy.drive", policy=policy)
-    mouth.until(lambda: not re.search(r"ride_[012]\.mcap$", mouth.figures()["file"]))
+    sender.until(lambda: sender.figures().get("messages_written", "0") > "0")
+    ros.start("bike_policy.drive", policy=policy)
+    sender.until(lambda: not re.search(r"ride_[012]\.mcap$", sender.figures()["file"]))
     assert recorder.end()[0] == 0
     files = sorted((tmp_path / "ride").glob("*.mcap"))
     with AnyReader([tmp_path / "ride"]) as reader:
@@ -227,14 +225,14 @@ def test_a_ride_in_several_files_opens_everywhere(stage: Any, mouth: Any, policy
 # -------------------------------------------------------------------------------------------------------------- faults
 
 
-def test_a_kill_costs_less_than_a_second(stage: Any, mouth: Any, tmp_path: Path) -> None:
-    recorder = stage.start("bike_sim.ros.record", path=str(tmp_path / "ride.mcap"), clock="wall")
-    publisher = mouth.open(Float64, "number")
+def test_a_kill_costs_less_than_a_second(ros: Any, sender: Any, tmp_path: Path) -> None:
+    recorder = ros.start("bike_sim.ros.record", path=str(tmp_path / "ride.mcap"), clock="wall")
+    publisher = sender.open(Float64, "number")
     sent: dict[int, float] = {}
     for number in range(500):
         sent[number] = time.monotonic()
         publisher.publish(Float64(data=float(number)))
-        mouth.during(0.005)
+        sender.during(0.005)
     killed_at = time.monotonic()
     recorder.process.send_signal(signal.SIGKILL)
     recorder.wait()
@@ -252,12 +250,12 @@ def decode_float(data: bytes) -> int:
     return int(struct.unpack_from("<d", data, 4)[0])
 
 
-def test_a_full_disk_ends_the_recording_and_not_the_ride(stage: Any, policy: str, tmp_path: Path) -> None:
-    simulator = stage.simulator(course="circle")
-    recorder = stage.start("bike_sim.ros.record", path=str(tmp_path / "ride"), chunk_size=16_384)
-    ears = stage.ears()
-    driver = stage.start("bike_policy.drive", policy=policy)
-    ears.until(lambda: ears.records("state", "command") and ears.states[-1].step > 20)
+def test_a_full_disk_ends_the_recording_and_not_the_ride(ros: Any, policy: str, tmp_path: Path) -> None:
+    simulator = ros.simulator(course="circle")
+    recorder = ros.start("bike_sim.ros.record", path=str(tmp_path / "ride"), chunk_size=16_384)
+    probe = ros.probe()
+    driver = ros.start("bike_policy.drive", policy=policy)
+    probe.until(lambda: probe.records("state", "command") and probe.states[-1].step > 20)
     # The same as a full disk, for this process alone: no file of it may grow beyond this.
     file = tmp_path / "ride" / "ride_0.mcap"
     limit = file.stat().st_size + 100_000
@@ -265,12 +263,12 @@ def test_a_full_disk_ends_the_recording_and_not_the_ride(stage: Any, policy: str
     assert recorder.wait() == 2
     complaints = [line for line in recorder.words.splitlines() if not line.startswith("[")]
     assert complaints == [f"record: recording {file} stopped: File too large"]
-    step = ears.states[-1].step
-    ears.until(lambda: ears.states[-1].step > step + 20)
+    step = probe.states[-1].step
+    probe.until(lambda: probe.states[-1].step > step + 20)
     assert simulator.process.poll() is None
     assert driver.process.poll() is None
-    ears.until(lambda: ears.reports[-1].level == DiagnosticStatus.ERROR)
-    assert ears.reports[-1].message.endswith("File too large")
+    probe.until(lambda: probe.reports[-1].level == DiagnosticStatus.ERROR)
+    assert probe.reports[-1].message.endswith("File too large")
     with AnyReader([tmp_path / "ride"]) as reader:
         steps = [
             reader.deserialize(data, c.msgtype).step for c, _, data in reader.messages() if c.topic.endswith("state")
@@ -293,9 +291,9 @@ def ride_a_little(domain: int, recording: Path, **record: Any) -> None:
 
 
 @pytest.mark.parametrize("trial", range(4))
-def test_a_recorded_ride_has_its_first_state_and_command(stage: Any, tmp_path: Path, trial: int) -> None:
+def test_a_recorded_ride_has_its_first_state_and_command(ros: Any, tmp_path: Path, trial: int) -> None:
     """However late the nodes find each other, which is different each time."""
-    ride_a_little(stage.domain, tmp_path / "ride.mcap")
+    ride_a_little(ros.domain, tmp_path / "ride.mcap")
     messages = decoded(tmp_path / "ride.mcap")
     states = {message.step for topic, message in messages if topic == "/bike/state"}
     commands = {message.step for topic, message in messages if topic == "/bike/command"}
@@ -315,28 +313,28 @@ main()
 
 
 def test_a_start_that_works_for_long_is_waited_for_and_explained(
-    stage: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    ros: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """As the first one on a machine, which compiles: limits count silence."""
     (tmp_path / "slow_simulator.py").write_text(SLOW_SIMULATOR)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     parameters = {"course": "circle", "engine": "whipple", "time_step": 0.01}
-    with RideMonitor(stage.domain) as monitor, NodeProcess("slow_simulator", parameters, stage.domain) as simulator:
+    with RideMonitor(ros.domain) as monitor, NodeProcess("slow_simulator", parameters, ros.domain) as simulator:
         began = time.monotonic()
         monitor.pause(True, 5.0, [simulator])
         assert time.monotonic() - began > 7.0
     assert capfd.readouterr().err == f"{ride_monitor.EXPLANATION}\n"
 
 
-def test_a_ride_waits_for_its_recorder(stage: Any, tmp_path: Path) -> None:
+def test_a_ride_waits_for_its_recorder(ros: Any, tmp_path: Path) -> None:
     """Somebody else who listens to the states is no recorder."""
-    simulator = stage.simulator(course="circle")
-    stage.ears()
-    with RideMonitor(stage.domain) as monitor:
+    simulator = ros.simulator(course="circle")
+    ros.probe()
+    with RideMonitor(ros.domain) as monitor:
         with pytest.raises(NodeLost, match="did not find each other within 2 s; missing: /bike/state"):
             monitor.wait_for_recorder(2.0, [], ["state"])
         record = {"path": str(tmp_path / "ride.mcap")}
-        with NodeProcess("bike_sim.ros.record", record, stage.domain) as recorder:
+        with NodeProcess("bike_sim.ros.record", record, ros.domain) as recorder:
             monitor.wait_for_recorder(START_TIMEOUT, [recorder], ["state", "course"])
             with pytest.raises(NodeLost, match="within 1 s; missing: /bike/command"):
                 monitor.wait_for_recorder(1.0, [recorder], ["state", "command"])  # nobody drives
@@ -348,7 +346,7 @@ def test_a_ride_waits_for_its_recorder(stage: Any, tmp_path: Path) -> None:
 
 
 def test_a_recorder_that_cannot_close_its_file_fails_the_ride(
-    stage: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ros: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A ride whose recording was cut short by a full disk at its very end is not reported as if it were whole."""
     watch = RideMonitor.watch
@@ -361,27 +359,29 @@ def test_a_recorder_that_cannot_close_its_file_fails_the_ride(
 
     monkeypatch.setattr(RideMonitor, "watch", watch_and_fill)
     with pytest.raises(NodeLost, match=r"record: recording .*ride.mcap stopped: File too large"):
-        ride_a_little(stage.domain, tmp_path / "ride.mcap", chunk_size=1 << 20)
+        ride_a_little(ros.domain, tmp_path / "ride.mcap", chunk_size=1 << 20)
 
 
-def test_lost_messages_are_counted(stage: Any, mouth: Any, tmp_path: Path) -> None:
-    recorder = stage.start("bike_sim.ros.record", path=str(tmp_path / "ride.mcap"))
-    publisher = mouth.open(String, "flood", QoSProfile(depth=5))
+def test_lost_messages_are_counted(ros: Any, sender: Any, tmp_path: Path) -> None:
+    recorder = ros.start("bike_sim.ros.record", path=str(tmp_path / "ride.mcap"))
+    publisher = sender.open(String, "flood", QoSProfile(depth=5))
     publisher.publish(String(data="before"))
-    mouth.until(lambda: mouth.figures().get("messages_written", "0") != "0")
-    mouth.during(1.0)
+    sender.until(lambda: sender.figures().get("messages_written", "0") != "0")
+    sender.during(1.0)
     recorder.process.send_signal(signal.SIGSTOP)  # held up for longer than the publisher can wait
     for _ in range(3000):
         publisher.publish(String(data="x" * 2000))
     recorder.process.send_signal(signal.SIGCONT)
     publisher.publish(String(data="after"))
-    mouth.until(lambda: int(mouth.figures()["messages_dropped"]) > 0)
-    mouth.until(lambda: sum(int(mouth.figures()[f"messages_{what}"]) for what in ("written", "dropped")) >= 3002)
-    assert any(s.level == DiagnosticStatus.WARN and "dropped since the last report" in s.message for s in mouth.reports)
+    sender.until(lambda: int(sender.figures()["messages_dropped"]) > 0)
+    sender.until(lambda: sum(int(sender.figures()[f"messages_{what}"]) for what in ("written", "dropped")) >= 3002)
+    assert any(
+        s.level == DiagnosticStatus.WARN and "dropped since the last report" in s.message for s in sender.reports
+    )
     assert recorder.end()[0] == 0
     dropped = 3002 - counts_in(tmp_path / "ride.mcap")["/bike/flood"]
     assert f"{dropped} dropped" in recorder.words.splitlines()[-1]
-    mouth.until(lambda: mouth.figures()["messages_dropped"] == str(dropped))  # the last report arrives
+    sender.until(lambda: sender.figures()["messages_dropped"] == str(dropped))  # the last report arrives
 
 
 # ---------------------------------------------------------------------------------------------------------- throughput
@@ -393,20 +393,20 @@ SENT_FOR = 4.0
 
 
 @pytest.mark.slow
-def test_ten_bicycles_at_a_hundred_hertz_are_recorded_whole(stage: Any, mouth: Any, tmp_path: Path) -> None:
+def test_ten_bicycles_at_a_hundred_hertz_are_recorded_whole(ros: Any, sender: Any, tmp_path: Path) -> None:
     folder = tmp_path / "ride"
-    recorder = stage.start("bike_sim.ros.record", path=str(folder), max_bag_size=2_000_000)
-    mouth.until(mouth.figures)
+    recorder = ros.start("bike_sim.ros.record", path=str(folder), max_bag_size=2_000_000)
+    sender.until(sender.figures)
     command = [sys.executable, "-m", "bench.recorder_speed", "--send", str(BIKES), str(RATE), str(SENT_FOR)]
-    environment = {**os.environ, DOMAIN_VARIABLE: str(stage.domain)}
+    environment = {**os.environ, DOMAIN_VARIABLE: str(ros.domain)}
     root = Path(__file__).parents[2]
     with subprocess.Popen(command, env=environment, cwd=root, stdout=subprocess.PIPE, text=True) as publisher:
         assert publisher.stdout is not None
         assert publisher.stdout.readline() == "heard on all topics\n"
         sent = int(publisher.stdout.readline())
-        mouth.until(lambda: int(mouth.figures()["messages_written"]) >= sent)
-    assert mouth.figures()["messages_dropped"] == "0"
-    assert float(mouth.figures()["write_lag_ms"]) < 5000.0
+        sender.until(lambda: int(sender.figures()["messages_written"]) >= sent)
+    assert sender.figures()["messages_dropped"] == "0"
+    assert float(sender.figures()["write_lag_ms"]) < 5000.0
     assert recorder.end()[0] == 0
     with Reader(folder) as reader:
         counts = Counter(connection.topic for connection, *_ in reader.messages())

@@ -43,20 +43,20 @@ def end(*programs) -> None:
 
 
 @pytest.mark.slow
-def test_rides_in_lockstep_come_out_the_same(stage, policy, tmp_path: Path) -> None:
+def test_rides_in_lockstep_come_out_the_same(ros, policy, tmp_path: Path) -> None:
     """The ride that the node begins, and one asked for at random; a recorder starts before the node, another after."""
     paths = [tmp_path / "early" / "ride.mcap", tmp_path / "late" / "ride.mcap"]
-    early = stage.start("bike_sim.ros.record", path=str(paths[0]))
-    simulator = stage.simulator(course="circle")
-    ears = stage.ears()
-    late = stage.start("bike_sim.ros.record", path=str(paths[1]))
-    ears.pause(True)
-    driver = stage.start("bike_policy.drive", policy=policy)
-    ears.until(lambda: all(ears.records("episode", "state", "command", file=path) for path in paths))
-    ears.pause(False)
-    ears.until(lambda: ears.states[-1].step > 30)
-    assert ears.reset(ResetRequest(seed=8, speed_range=(4.0, 4.5), perturb=True)).success
-    ears.until(lambda: ears.states[-1].episode == 2 and ears.states[-1].step > 30)
+    early = ros.start("bike_sim.ros.record", path=str(paths[0]))
+    simulator = ros.simulator(course="circle")
+    probe = ros.probe()
+    late = ros.start("bike_sim.ros.record", path=str(paths[1]))
+    probe.pause(True)
+    driver = ros.start("bike_policy.drive", policy=policy)
+    probe.until(lambda: all(probe.records("episode", "state", "command", file=path) for path in paths))
+    probe.pause(False)
+    probe.until(lambda: probe.states[-1].step > 30)
+    assert probe.reset(ResetRequest(seed=8, speed_range=(4.0, 4.5), perturb=True)).success
+    probe.until(lambda: probe.states[-1].episode == 2 and probe.states[-1].step > 30)
     end(driver, early, late, simulator)
     for path in paths:
         found = replays(path)
@@ -77,18 +77,18 @@ vehicle: {mB: 1.1}
 """
 
 
-def test_a_disturbed_ride_is_the_same_everywhere(stage, policy, tmp_path: Path) -> None:
+def test_a_disturbed_ride_is_the_same_everywhere(ros, policy, tmp_path: Path) -> None:
     """One file: through the nodes, replayed from their recording, in this process, and in a batch."""
     path, file = tmp_path / "ride.mcap", tmp_path / "rough.yaml"
     file.write_text(DISTURBANCES)
-    recorder = stage.start("bike_sim.ros.record", path=str(path))
-    simulator = stage.simulator(course="circle", disturbances=str(file))
-    ears = stage.ears()
-    ears.pause(True)
-    driver = stage.start("bike_policy.drive", policy=policy, disturbances=str(file))
-    ears.until(lambda: ears.records("episode", "state", "command", "disturbances"))
-    ears.pause(False)
-    ears.until(lambda: ears.states[-1].step > 60 or ears.states[-1].fallen)
+    recorder = ros.start("bike_sim.ros.record", path=str(path))
+    simulator = ros.simulator(course="circle", disturbances=str(file))
+    probe = ros.probe()
+    probe.pause(True)
+    driver = ros.start("bike_policy.drive", policy=policy, disturbances=str(file))
+    probe.until(lambda: probe.records("episode", "state", "command", "disturbances"))
+    probe.pause(False)
+    probe.until(lambda: probe.states[-1].step > 60 or probe.states[-1].fallen)
     end(driver, recorder, simulator)
     (recorded,) = read_rides(path)[1]
     known = load_disturbances(file)
@@ -115,8 +115,8 @@ def test_a_disturbed_ride_is_the_same_everywhere(stage, policy, tmp_path: Path) 
         np.testing.assert_array_equal(recorded.columns[name][: steps + 1], [one.state[place] for one in ride])
 
 
-def test_disturbances_that_are_none_stop_the_node(stage, tmp_path: Path) -> None:
-    node = stage.simulator(disturbances=str(tmp_path / "none.yaml"))
+def test_disturbances_that_are_none_stop_the_node(ros, tmp_path: Path) -> None:
+    node = ros.simulator(disturbances=str(tmp_path / "none.yaml"))
     assert node.wait() == 2
     assert "none.yaml" in node.words
 
@@ -142,17 +142,17 @@ def test_a_ride_of_a_learner_behind_ros_comes_out_the_same(tmp_path: Path) -> No
     np.testing.assert_array_equal(recorded.learned.observation, seen[:-1])
 
 
-def test_a_ride_by_the_clock_comes_out_the_same(stage, tmp_path: Path) -> None:
+def test_a_ride_by_the_clock_comes_out_the_same(ros, tmp_path: Path) -> None:
     """Free mode: commands come when they come, some periods repeat the last, and silence sets it straight."""
     path = tmp_path / "ride.mcap"
-    recorder = stage.start("bike_sim.ros.record", path=str(path))
-    simulator = stage.simulator(mode="free", command_timeout_s=0.2, real_time_factor=2.0)
-    ears = stage.ears()
-    ears.until(lambda: ears.records("episode", "state") and ears.commands.get_subscription_count() == 2)
+    recorder = ros.start("bike_sim.ros.record", path=str(path))
+    simulator = ros.simulator(mode="free", command_timeout_s=0.2, real_time_factor=2.0)
+    probe = ros.probe()
+    probe.until(lambda: probe.records("episode", "state") and probe.commands.get_subscription_count() == 2)
     for steering in (0.02, -0.03, 0.01):
-        ears.command(ears.states[-1], steering, episode=0)  # answers no particular state, so it is never too late
-        ears.until(lambda steering=steering: ears.states[-1].steering_command == steering)
-    ears.until(lambda: ears.states[-1].steering_command == 0.0)
+        probe.command(probe.states[-1], steering, episode=0)  # answers no particular state, so it is never too late
+        probe.until(lambda steering=steering: probe.states[-1].steering_command == steering)
+    probe.until(lambda: probe.states[-1].steering_command == 0.0)
     end(recorder, simulator)
     ((replay, recorded),) = zip(replays(path), read_rides(path)[1], strict=True)
     assert replay.same
@@ -163,7 +163,7 @@ def test_a_ride_by_the_clock_comes_out_the_same(stage, tmp_path: Path) -> None:
     assert len(applied) > 10
 
 
-def test_a_superbike_comes_out_the_same(stage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_superbike_comes_out_the_same(ros, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its tyres, engine and rider have inner states that no message shows: they begin as the request says."""
     monkeypatch.setenv("BIKE_CACHE", str(tmp_path / "lines"))
     circuit = tmp_path / "ring.csv"
@@ -171,15 +171,15 @@ def test_a_superbike_comes_out_the_same(stage, tmp_path: Path, monkeypatch: pyte
     rows = "\n".join(f"{150.0 * np.cos(a):.4f},{150.0 * np.sin(a):.4f},6.0,6.0" for a in angle)
     circuit.write_text(f"# x_m,y_m,w_tr_right_m,w_tr_left_m\n{rows}\n")
     path = tmp_path / "ride.mcap"
-    recorder = stage.start("bike_sim.ros.record", path=str(path))
-    simulator = stage.simulator(
+    recorder = ros.start("bike_sim.ros.record", path=str(path))
+    simulator = ros.simulator(
         vehicle="panigale_v4r", course=str(circuit), time_step=TIME_STEP, line=0.5, progress=40.0, speed=20.0, seed=4
     )
-    ears = stage.ears()
-    ears.until(lambda: ears.records("episode", "state") and ears.commands.get_subscription_count() == 2)
-    state = ears.states[-1]
+    probe = ros.probe()
+    probe.until(lambda: probe.records("episode", "state") and probe.commands.get_subscription_count() == 2)
+    state = probe.states[-1]
     for step in range(150):
-        state = ears.answer(state, -state.roll + 0.05 * np.sin(0.1 * step), throttle=0.4 * np.cos(0.05 * step))
+        state = probe.answer(state, -state.roll + 0.05 * np.sin(0.1 * step), throttle=0.4 * np.cos(0.05 * step))
     end(recorder, simulator)
     (replay,) = replays(path)
     assert replay.same

@@ -109,64 +109,64 @@ def test_aids_that_are_off_are_never_active(circuit: Path, tmp_path: Path) -> No
     assert seen[-1][2] == "wheelie"
 
 
-def test_reset_chooses_line_and_place_alike_in_process_and_through_ros(circuit: Path, stage) -> None:
+def test_reset_chooses_line_and_place_alike_in_process_and_through_ros(circuit: Path, ros) -> None:
     name = str(circuit)
-    stage.simulator(vehicle="panigale_v4r", course=name, time_step=0.002, speed=20.0)
-    ears = stage.ears()
-    told = ears.attend(Telemetry, "telemetry")
+    ros.simulator(vehicle="panigale_v4r", course=name, time_step=0.002, speed=20.0)
+    probe = ros.probe()
+    told = probe.attend(Telemetry, "telemetry")
     local = Simulator(superbike_config())
     for line, progress in ((0.0, 150.0), (1.0, 0.0), (0.4, 333.3)):
         request = ResetRequest(course=name, speed_range=(20.0, 20.0), line=line, progress=progress)
-        ours, response = local.reset(request), ears.reset(request)
+        ours, response = local.reset(request), probe.reset(request)
         assert response.success, response.message
         theirs = snapshot_from_message(response.state)
         assert_same(theirs, replace(ours, episode=theirs.episode), but=("events",))
         assert_same(theirs.events, tuple(replace(event, text=theirs.events[0].text) for event in ours.events))
-        ears.until(lambda number=response.state.episode: ears.states[-1].episode == number)
-        state = ears.states[-1]
+        probe.until(lambda number=response.state.episode: probe.states[-1].episode == number)
+        state = probe.states[-1]
         for _ in range(5):
-            state, ours = ears.answer(state, 0.1), local.step(0.1)
+            state, ours = probe.answer(state, 0.1), local.step(0.1)
         assert_same(snapshot_from_message(state), ours, but=("episode",))
         number = response.state.episode
-        ears.until(lambda number=number: told and (told[-1].episode, told[-1].step) == (number, 5))
+        probe.until(lambda number=number: told and (told[-1].episode, told[-1].step) == (number, 5))
         expected = telemetry_to_message(ours, local.vehicle, 0)
         expected.header, expected.episode = told[-1].header, number
         assert told[-1] == expected
     assert ours.look[lk.PROGRESS] > 300.0
     # What is left open is the node's own: the ideal line from the start.
-    response = ears.reset(Reset.Request(seed=0, course=name))
+    response = probe.reset(Reset.Request(seed=0, course=name))
     assert response.success, response.message
     first = local.reset(ResetRequest(course=name, speed_range=(20.0, 20.0)))
     np.testing.assert_array_equal(snapshot_from_message(response.state).state, first.state)
     refused = {"line": (1.5, -0.5, float("nan")), "progress": (5000.0, -3.0, float("inf"))}
     for field, values in refused.items():
         for value in values:
-            response = ears.reset(Reset.Request(seed=0, course=name, **{field: value}))
+            response = probe.reset(Reset.Request(seed=0, course=name, **{field: value}))
             assert not response.success
             assert response.message.startswith(field)
             assert str(value) in response.message
     local.close()
 
 
-def test_a_changed_parameter_does_not_load_the_circuit_again(circuit: Path, stage) -> None:
+def test_a_changed_parameter_does_not_load_the_circuit_again(circuit: Path, ros) -> None:
     """Loading it takes most of a second, in which nobody is answered. Here there is nothing to load any more."""
-    stage.simulator(vehicle="panigale_v4r", course=str(circuit), time_step=0.002)
-    ears = stage.ears()
-    speed = ears.reset(Reset.Request(seed=1)).state.speed
+    ros.simulator(vehicle="panigale_v4r", course=str(circuit), time_step=0.002)
+    probe = ros.probe()
+    speed = probe.reset(Reset.Request(seed=1)).state.speed
     circuit.unlink()
     for name, value in (("command_timeout_s", 1.0), ("seed", 3), ("auto_reset", "end")):
-        result = ears.set_parameter(name, value)
+        result = probe.set_parameter(name, value)
         assert result.successful, result.reason
-    assert ears.reset(Reset.Request(seed=1)).state.speed == speed > 0.0
+    assert probe.reset(Reset.Request(seed=1)).state.speed == speed > 0.0
     for name, value in (("line", 0.5), ("progress", 20.0), ("speed", 20.0)):
-        result = ears.set_parameter(name, value)
+        result = probe.set_parameter(name, value)
         assert result.successful, result.reason
-    begun = snapshot_from_message(ears.reset(Reset.Request(seed=1)).state)
+    begun = snapshot_from_message(probe.reset(Reset.Request(seed=1)).state)
     assert begun.speed == pytest.approx(20.0, rel=0.02)
     assert begun.progress == pytest.approx(20.0, abs=0.5)
     gone = str(circuit.with_name("gone.csv"))
     for name, value, reason in (("progress", 5000.0, "progress 5000.0 m lies beyond"), ("course", gone, gone)):
-        result = ears.set_parameter(name, value)
+        result = probe.set_parameter(name, value)
         assert not result.successful
         assert reason in result.reason
 

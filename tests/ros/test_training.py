@@ -74,9 +74,9 @@ def test_a_short_run_and_its_resume(tmp_path: Path, mark: str, capsys: pytest.Ca
     first, second = learned
     assert (first["steps"], second["steps"]) == (200, 300)
     assert 0 < first["updates"] < second["updates"]
-    (stage,) = first["stages"]
-    assert [stage] == second["stages"]
-    assert (stage["client"], stage["engine"], stage["from_step"]) == ("ros", "pybullet", 0)
+    (ros,) = first["stages"]
+    assert [ros] == second["stages"]
+    assert (ros["client"], ros["engine"], ros["from_step"]) == ("ros", "pybullet", 0)
     assert not second["interrupted"]
 
 

@@ -13,8 +13,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import IO, Any, Final
 
-from bike_sim.ros.isolation import DOMAIN_VARIABLE, prepare_discovery
-from bike_sim.ros.parent import end_with_this_process
+from bike_sim.ros.isolation import DOMAIN_VARIABLE, end_with_this_process, prepare_discovery
 
 STOP_TIMEOUT: Final = 3.0
 """Time that a node gets to end, s."""

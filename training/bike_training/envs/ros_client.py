@@ -13,20 +13,19 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
-from typing import Any, Final
+from typing import Final
 
 from bike_msgs.msg import BikeCommand, BikeState
 from bike_msgs.msg import Course as CourseMessage
 from bike_msgs.srv import Reset
-from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 
 from bike_sim.course.course import Course
 from bike_sim.ros import messages, node_tools
 from bike_sim.ros.command_gate import Command
 from bike_sim.ros.isolation import DOMAIN_VARIABLE, DomainLease
+from bike_sim.ros.subscriptions import RawReceiver, subscribe
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.sim.snapshot import Snapshot
@@ -103,7 +102,7 @@ class RosClient(AbstractContextManager["RosClient"]):
             self._process = NodeProcess("bike_sim.ros.sim_node", parameters, self.domain_id, self._ros.namespace)
             self._close.callback(self._process.close)
         context = node_tools.join(self.domain_id)
-        self._close.callback(context.try_shutdown)
+        self._close.callback(node_tools.leave_domain, context)
         self._node = Node(
             f"ride_client_{os.getpid()}_{id(self) & 0xFFFF:x}",
             context=context,
@@ -120,10 +119,10 @@ class RosClient(AbstractContextManager["RosClient"]):
         self._reset_service = self._node.create_client(Reset, "reset")
         # States that an executor took while it waited for something else.
         self._heard: deque[bytes] = deque(maxlen=HEARD)
-        self._course_message: CourseMessage | None = None
-        self._node.create_subscription(CourseMessage, "course", self._on_course, node_tools.LATCHED_QOS)
+        self._course: tuple[int, Course] | None = None
+        subscribe(self._node, CourseMessage, "course", self._on_course, node_tools.LATCHED_QOS)
         states = self._node.create_subscription(BikeState, "state", self._on_state, node_tools.SENDER_QOS, raw=True)
-        self._fast = _FastReceiver(states, context) if self._ros.wait_set else None
+        self._fast = RawReceiver(states, context) if self._ros.wait_set else None
         self._last: Snapshot | None = None
         self._wait_until(self._connected, START_TIMEOUT, "did not appear")
 
@@ -145,11 +144,12 @@ class RosClient(AbstractContextManager["RosClient"]):
             return None
         episode = self._last.episode
         self._wait_until(
-            lambda: self._course_message is not None and self._course_message.episode == episode,
+            lambda: self._course is not None and self._course[0] == episode,
             self._ros.timeout,
             f"has not sent the course of episode {episode}",
         )
-        return messages.course_from_message(self._course_message)
+        assert self._course is not None
+        return self._course[1]
 
     def reset(self, request: ResetRequest) -> Snapshot:
         """Begin an episode.
@@ -240,13 +240,19 @@ class RosClient(AbstractContextManager["RosClient"]):
                 self._executor.spin_once(timeout_sec=timeout)
         if data is None and self._heard:
             data = self._heard.popleft()
-        return None if data is None else messages.decode_state(data).snapshot
+        if data is None:
+            return None
+        try:
+            return messages.decode_state(data).snapshot
+        except ValueError as error:
+            self._node.get_logger().error(f"a state cannot be read: {error}", once=True)
+            return None
 
     def _on_state(self, message: bytes) -> None:
         self._heard.append(message)
 
     def _on_course(self, message: CourseMessage) -> None:
-        self._course_message = message
+        self._course = (message.episode, messages.course_from_message(message))
 
     def _connected(self) -> bool:
         # Both directions: a command that is sent before the simulator's reader is known would be lost until resent.
@@ -272,28 +278,3 @@ class RosClient(AbstractContextManager["RosClient"]):
     def _lost(self, complaint: str) -> NodeLost:
         where = f"/{self._ros.namespace.strip('/')} in ROS domain {self.domain_id}"
         return NodeLost(f"the simulator {where} {complaint}; is it running, in lockstep, and not paused?")
-
-
-class _FastReceiver:
-    """Takes the messages of one subscription with a wait set that is built once.
-
-    An executor rebuilds its wait set for every message, which costs more than the message. The wait set is not part
-    of rclpy's public interface; `RosClientConfig.wait_set` chooses.
-    """
-
-    def __init__(self, subscription: Any, context: Context) -> None:
-        self._handle = subscription.handle
-        self._type = subscription.msg_type
-        with context.handle:
-            self._wait_set = _rclpy.WaitSet(1, 0, 0, 0, 0, 0, context.handle)
-
-    def take(self, timeout: float) -> Any:
-        """Return the bytes of the next message, or None after the time-out (s)."""
-        with self._handle:
-            taken = self._handle.take_message(self._type, True)
-            if taken is None:
-                self._wait_set.clear_entities()
-                self._wait_set.add_subscription(self._handle)
-                self._wait_set.wait(max(int(timeout * node_tools.NANOSECONDS), 0))
-                taken = self._handle.take_message(self._type, True)
-        return None if taken is None else taken[0]

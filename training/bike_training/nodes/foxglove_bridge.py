@@ -26,8 +26,8 @@ from rclpy.qos import DurabilityPolicy
 
 from bike_sim.recording.definitions import message_type
 from bike_sim.ros import node_tools
-from bike_sim.ros.raw_subscription import RawSubscription, class_of, matching_qos
 from bike_sim.ros.record import LOOK_PERIOD, SHARED_TOPICS
+from bike_sim.ros.subscriptions import RawSubscription, class_of, matching_qos
 from bike_training.nodes.live_server import HOST
 
 PERIOD: Final = 0.01
@@ -104,8 +104,10 @@ class FoxgloveBridge(ServerListener):
         self._ended.set()
         self._thread.join()
         self._pause()
+        for topic in self._topics.values():
+            topic.subscription.close()
         self._node.destroy_node()
-        self._ros.try_shutdown()
+        node_tools.leave_domain(self._ros)
 
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:
         """Remember, in a thread of the server, who may have come too late for what was published once."""

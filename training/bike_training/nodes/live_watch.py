@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,7 +22,7 @@ from rclpy.node import Node
 from bike_analysis.read.messages import Simulation
 from bike_sim.course.course import Course
 from bike_sim.ros import messages, node_tools
-from bike_sim.ros.raw_subscription import RawSubscription
+from bike_sim.ros.subscriptions import RawSubscription, subscribe
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.envs.node_process import NodeLost
@@ -92,7 +93,7 @@ class LiveWatch(LiveThread):
         try:
             self._watch(context)
         finally:
-            context.try_shutdown()
+            node_tools.leave_domain(context)
 
     def _watch(self, context: Context) -> None:
         node = Node(
@@ -103,9 +104,9 @@ class LiveWatch(LiveThread):
         # Before the subscriptions: a matched simulator knows where to send its answers; earlier ones are dropped.
         self._pause_service = node.create_client(Pause, "pause")
         self._reset_service = node.create_client(Reset, "reset")
-        node.create_subscription(EpisodeStart, "episode", self._on_episode, node_tools.LATCHED_QOS)
-        node.create_subscription(CourseMessage, "course", self._on_course, node_tools.LATCHED_QOS)
-        node.create_subscription(RideEvent, "events", self._events.append, node_tools.EVENT_QOS)
+        subscribe(node, EpisodeStart, "episode", self._on_episode, node_tools.LATCHED_QOS)
+        subscribe(node, CourseMessage, "course", self._on_course, node_tools.LATCHED_QOS)
+        subscribe(node, RideEvent, "events", self._events.append, node_tools.EVENT_QOS)
         states = RawSubscription(node, BikeState, node_tools.SCREEN_STATE, node_tools.SCREEN_QOS)
         try:
             self._find(executor, states)
@@ -163,9 +164,10 @@ class LiveWatch(LiveThread):
         if self._latest is not None and self._ready():
             sent, data = self._latest
             self._latest = None
-            snapshot = messages.decode_state(data).snapshot
-            if self._start is not None and snapshot.episode == self._start.episode:
-                self._show(snapshot, sent)
+            with suppress(ValueError):  # bytes of a stranger
+                snapshot = messages.decode_state(data).snapshot
+                if self._start is not None and snapshot.episode == self._start.episode:
+                    self._show(snapshot, sent)
         for event in self._events:
             self._tell(event_message(event.kind, event.text, event.value))
         self._events.clear()

@@ -17,6 +17,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from bike_sim.ros import node_tools
+from bike_sim.ros.subscriptions import subscribe
 from bike_training.envs.node_process import NodeLost, NodeProcess
 from bike_training.envs.patience import InactivityTimeout
 from bike_training.progress import distance_progress_bar
@@ -110,14 +111,14 @@ class RideMonitor(AbstractContextManager["RideMonitor"]):
         self._recorder = f"{self._node.get_namespace()}/record".lstrip("/")
         # Before the subscriptions: a matched simulator knows where to send its answers; earlier ones are dropped.
         self._pause = self._node.create_client(Pause, "pause")
-        self._node.create_subscription(BikeState, "state", self._on_state, node_tools.STREAM_QOS)
-        self._node.create_subscription(DiagnosticArray, "/diagnostics", self._on_report, node_tools.EVENT_QOS)
+        subscribe(self._node, BikeState, "state", self._on_state, node_tools.STREAM_QOS)
+        subscribe(self._node, DiagnosticArray, "/diagnostics", self._on_report, node_tools.EVENT_QOS)
 
     def __exit__(self, *_: object) -> None:
         """Leave the domain."""
         self._executor.shutdown()
         self._node.destroy_node()
-        self._context.try_shutdown()
+        node_tools.leave_domain(self._context)
 
     def _on_state(self, message: BikeState) -> None:
         self._state = message
@@ -126,7 +127,7 @@ class RideMonitor(AbstractContextManager["RideMonitor"]):
         for status in message.status:
             if status.name == self._recorder:
                 figures = {value.key: value.value for value in status.values}
-                self._recorded = frozenset(figures["topics_heard"].split())
+                self._recorded = frozenset(figures.get("topics_heard", "").split())
 
     def pause(self, paused: bool, timeout: float, needed: Sequence[NodeProcess]) -> None:
         """Pause the simulator as soon as it is available, or resume it.

@@ -16,14 +16,17 @@ from typing import Any, Final, NoReturn
 
 import numpy as np
 import rclpy.node
-from bike_msgs.msg import BikeCommand, BikeState, Course
+from bike_msgs.msg import BikeCommand, BikeState
+from bike_msgs.msg import Course as CourseMessage
 
 from bike_policy.contract.bundle import DEFAULT_POLICY
 from bike_policy.riders.rider import Rider, bundle_of, make_rider
+from bike_sim.course.course import Course
 from bike_sim.ros import node_tools
 from bike_sim.ros.command_gate import Command
 from bike_sim.ros.messages import StateMessage, course_from_message, decode_state, encode_command
 from bike_sim.ros.node_tools import CannotGoOn, ParameterSpec
+from bike_sim.ros.subscriptions import subscribe
 from bike_sim.sim.disturbances import load_disturbances
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.files import load_vehicle
@@ -92,8 +95,8 @@ class Drive(rclpy.node.Node):
         super().__init__(name, namespace=node_tools.NAMESPACE)
         values = node_tools.declare(self, specs)
         self._rider = self._rider_of(values)
-        self._told = load_vehicle(values["vehicle"]) if values["vehicle"] else None
-        self._course: Course | None = None
+        self._given_vehicle = load_vehicle(values["vehicle"]) if values["vehicle"] else None
+        self._course: tuple[int, Course] | None = None
         self._accept(values)
         self._last: StateMessage | None = None
         self._answered_at = self._heard_at = time.monotonic()
@@ -104,7 +107,7 @@ class Drive(rclpy.node.Node):
         )
         self._started_at = time.monotonic()
         self._diagnostics = node_tools.Diagnostics(self)
-        self.create_subscription(Course, "course", self._on_course, node_tools.LATCHED_QOS)
+        subscribe(self, CourseMessage, "course", self._on_course, node_tools.LATCHED_QOS)
         states = self.create_subscription(BikeState, "state", self._on_state, node_tools.STREAM_QOS, raw=True)
         self.streams = (states,)
         node_tools.on_change(self, specs, self._accept)
@@ -152,7 +155,12 @@ class Drive(rclpy.node.Node):
             self._counts.repeated += 1
             if began - self._answered_at < REANSWER_AFTER:
                 return
-        if self._is_new_ride(message) and not self._fits(message):
+        if self._is_new_ride(message):
+            if not self._fits(message):
+                return
+        elif self._last is not None and _shape(message) != _shape(self._last):
+            self._counts.refused += 1
+            self.get_logger().error("a state has another shape than those of its episode before", once=True)
             return
         self._last = message
         if snapshot.fallen:
@@ -199,12 +207,12 @@ class Drive(rclpy.node.Node):
         Raises:
             CannotGoOn: naming the difference.
         """
-        if self._course is None or self._course.episode != message.snapshot.episode:
+        if self._course is None or self._course[0] != message.snapshot.episode:
             return False
         episode = message.episode
         try:
             vehicle = self._vehicle(episode.vehicle)
-            self._rider.begin(vehicle, course_from_message(self._course), episode.control_period, episode.preview)
+            self._rider.begin(vehicle, self._course[1], episode.control_period, episode.preview)
         except (ValueError, FileNotFoundError) as error:
             self.get_logger().error(f"the policy does not fit the simulator: {error}")
             raise CannotGoOn(f"the policy does not fit the simulator: {error}") from error
@@ -215,8 +223,8 @@ class Drive(rclpy.node.Node):
         self.get_logger().info(f"driving episode {message.snapshot.episode} from step {message.snapshot.step}")
         return True
 
-    def _on_course(self, message: Course) -> None:
-        self._course = message
+    def _on_course(self, message: CourseMessage) -> None:
+        self._course = (message.episode, course_from_message(message))
 
     def _vehicle(self, name: str) -> Vehicle:
         """Return the vehicle that the simulator rides: the one given as parameter, or the shipped one of its name.
@@ -224,9 +232,9 @@ class Drive(rclpy.node.Node):
         Raises:
             ValueError: another one was given. FileNotFoundError: it is neither given nor shipped.
         """
-        if self._told is not None and self._told.name != name:
-            raise ValueError(f"the simulator rides {name!r}, parameter vehicle is {self._told.name!r}")
-        return self._told or load_vehicle(name)
+        if self._given_vehicle is not None and self._given_vehicle.name != name:
+            raise ValueError(f"the simulator rides {name!r}, parameter vehicle is {self._given_vehicle.name!r}")
+        return self._given_vehicle or load_vehicle(name)
 
     # ---------------------------------------------------------------------------------------------------- diagnostics
 
@@ -266,6 +274,13 @@ def _same(a: StateMessage, b: StateMessage) -> bool:
     """Whether two messages are copies of one state; a simulator that was restarted counts the same numbers again."""
     same_place = (a.snapshot.episode, a.snapshot.step, a.stamp) == (b.snapshot.episode, b.snapshot.step, b.stamp)
     return same_place and np.array_equal(a.snapshot.state, b.snapshot.state)
+
+
+def _shape(message: StateMessage) -> tuple[object, ...]:
+    """Return what no state of an episode changes: its constants, and which numbers it has."""
+    snapshot = message.snapshot
+    points = None if snapshot.circuit is None else snapshot.circuit.points.shape
+    return (message.episode, len(snapshot.signals), points)
 
 
 def main() -> NoReturn:

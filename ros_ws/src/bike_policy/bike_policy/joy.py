@@ -16,6 +16,7 @@ from bike_policy.drive import VEHICLE, Drive
 from bike_policy.riders.stanley import ManualRider
 from bike_sim.ros import node_tools
 from bike_sim.ros.node_tools import ParameterSpec
+from bike_sim.ros.subscriptions import subscribe
 
 SPECS: Final = (
     VEHICLE,
@@ -42,7 +43,7 @@ class Joystick(Drive):
         self._hands = ManualRider()
         self._heard_joy = -1e9
         super().__init__("joystick", SPECS)
-        self.create_subscription(Joy, "/joy", self._on_joy, node_tools.STREAM_QOS)
+        subscribe(self, Joy, "/joy", self._on_joy, node_tools.STREAM_QOS)
         node_tools.wall_timer(self, 0.1, self._forget)
 
     def _rider_of(self, values: dict[str, Any]) -> ManualRider:

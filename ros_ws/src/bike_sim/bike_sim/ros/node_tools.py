@@ -28,10 +28,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.timer import Timer
 
-from bike_sim.ros.isolation import prepare_discovery
-from bike_sim.ros.parent import PARENT_PERIOD, parent_is_gone
-from bike_sim.ros.shared_memory import remove_leftovers
-from bike_sim.ros.stream_loop import StreamLoop
+from bike_sim.ros.isolation import PARENT_PERIOD, parent_is_gone, prepare_discovery, remove_leftovers
+from bike_sim.ros.subscriptions import StreamLoop
 
 NANOSECONDS: Final = 1_000_000_000
 """Of a second."""
@@ -140,6 +138,7 @@ def run_node(
         rclpy.try_shutdown()
         rclpy.get_default_context().destroy()  # notifies the others at once that the node is gone
         ended.set()
+        remove_leftovers()
     return code
 
 
@@ -167,11 +166,17 @@ def leave(code: int) -> NoReturn:
 
 
 def join(domain_id: int) -> Context:
-    """Return a context of its own in a ROS domain, for nodes beside others in a process; its user shuts it down."""
+    """Return a context of its own in a ROS domain, for nodes beside others in a process; see `leave_domain`."""
     _prepare()
     context = Context()
     context.init(args=[], domain_id=domain_id)
     return context
+
+
+def leave_domain(context: Context) -> None:
+    """Shut down a context of `join` and what it has in shared memory; its nodes must be destroyed before."""
+    context.try_shutdown()
+    context.destroy()
 
 
 def _prepare() -> None:

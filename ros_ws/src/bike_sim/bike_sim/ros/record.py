@@ -23,7 +23,7 @@ from bike_sim.recording.definitions import MessageType, message_type
 from bike_sim.recording.recorder import CHUNK_BYTES, FLUSH_PERIOD_S, RideRecorder, Split
 from bike_sim.ros import node_tools
 from bike_sim.ros.node_tools import NANOSECONDS, CannotGoOn, ParameterSpec
-from bike_sim.ros.raw_subscription import RawSubscription, asks_too_much, class_of, described_qos, matching_qos
+from bike_sim.ros.subscriptions import RawSubscription, asks_too_much, class_of, described_qos, matching_qos
 
 SIMULATED, WALL = "simulated", "wall"
 
@@ -76,6 +76,8 @@ stamp that is less than this from the wall clock's time of publication."""
 CLOCK_SOURCE_TYPES: Final = ("rosgraph_msgs/msg/Clock", "bike_msgs/msg/BikeState")
 """Types that carry the present simulated time."""
 LARGEST_CHUNK: Final = 1 << 30
+STAMPED_SIZE: Final = 12
+"""Least size of a message that begins with a stamp: head, seconds and nanoseconds, bytes."""
 
 
 @dataclass(frozen=True)
@@ -132,6 +134,7 @@ class _Topic:
     stamped: bool
     publishers: int
     heard: bool = False
+    unreadable: int = 0
 
     @property
     def gives_time(self) -> bool:
@@ -182,6 +185,8 @@ class Record(rclpy.node.Node):
             self._report()
             written = f"{self._recorder.message_count} messages on {len(self._topics)} topics"
             self.get_logger().info(f"{written} in {self._recorder.path}, {self._dropped} dropped")
+            for topic in self._topics.values():
+                topic.subscription.close()
 
     # ---------------------------------------------------------------------------------------------------------- topics
 
@@ -310,7 +315,15 @@ class Record(rclpy.node.Node):
         if self._settings.wall_clock:
             return sent
         # A stamp of 0 is what nodes write that do not know the time yet.
-        stamp = (_stamp(data) if topic.stamped else 0) or self._time
+        stamp = self._time
+        if topic.stamped and len(data) >= STAMPED_SIZE:
+            stamp = _stamp(data) or self._time
+        elif topic.stamped:
+            if not topic.unreadable:
+                self.get_logger().error(
+                    f"{len(data)} bytes on {topic.name} are not of type {topic.kind.name}; they are recorded"
+                )
+            topic.unreadable += 1
         if topic.gives_time:
             self._time = stamp
         elif self._is_of_another_clock(stamp, sent):
@@ -359,6 +372,7 @@ class Record(rclpy.node.Node):
         figures = {
             "messages_written": self._recorder.message_count,
             "messages_dropped": dropped,
+            "messages_unreadable": sum(topic.unreadable for topic in self._topics.values()),
             "bytes_written": self._recorder.bytes_written,
             "write_lag_ms": 1e3 * (self._longest_wait + self._recorder.take_longest_lag()),
             "topics": len(self._topics),

@@ -1,19 +1,26 @@
-"""Subscriptions that take messages as bytes and many at a time, and the QoS that matches all publishers of a topic.
+"""Subscriptions that take messages as bytes, and the QoS that matches all publishers of a topic.
 
-rclpy's executor takes one message of a topic each time it wakes, and a wake-up costs more the more topics there are.
-The subscriptions here never wake it: their owner takes all that waits, a hundred times a second.
+rclpy's executor makes a wait set of all that a node has for each message, wraps the callback into a task and wakes
+itself up again: several times the cost of the message (``bike bench ros``). A `RawSubscription` never wakes it: its
+owner takes all that waits, a hundred times a second. A `StreamLoop` and a `RawReceiver` keep a wait set of their own;
+wait sets are not part of rclpy's public interface. `subscribe` is for what comes seldom.
 """
 
 from __future__ import annotations
 
 import importlib
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 from rclpy.callback_groups import CallbackGroup
+from rclpy.context import Context
 from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.executors import Executor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from bike_sim.recording.metadata import Qos
@@ -99,6 +106,105 @@ class RawSubscription:
         """Unsubscribe."""
         self._losses.destroy_when_not_in_use()
         self._node.destroy_subscription(self._subscription)
+
+
+_OTHERS = ("service", "timer", "guard_condition", "client")
+
+
+class StreamLoop:
+    """Waits for a node and calls back, message by message for streams and through its executor for the rest."""
+
+    def __init__(self, node: Node, executor: Executor, streams: Sequence[Subscription]) -> None:
+        """Take over the waiting.
+
+        Args:
+            node: the only node of the executor.
+            executor: what handles all but the streams.
+            streams: raw subscriptions of the node.
+        """
+        self._node = node
+        self._executor = executor
+        self._streams = [(stream, stream.handle, stream.msg_type) for stream in streams]
+        self._own = {stream.handle.pointer for stream in streams}
+        self._make_wait_set()
+
+    def spin_once(self, timeout_sec: float) -> None:
+        """Wait for anything, at most for a time, s, and handle a message of each stream, or one thing else."""
+        waiting = self._wait_set
+        waiting.clear_entities()
+        for add, handle in self._entities:
+            add(handle)
+        waiting.wait(int(timeout_sec * 1e9))
+        ready = waiting.get_ready_entities("subscription")
+        if any(waiting.get_ready_entities(kind) for kind in _OTHERS) or not self._own.issuperset(ready):
+            self._executor.spin_once(timeout_sec=0.0)
+            self._make_wait_set()
+        for stream, handle, kind in self._streams if ready else ():
+            with handle:
+                taken = handle.take_message(kind, True)
+            if taken is not None:
+                stream.callback(taken[0])
+
+    def _make_wait_set(self) -> None:
+        """Make a wait set of what the node has now: a callback may have made or destroyed a timer."""
+        node = self._node
+        kinds = [
+            list(entities) for entities in (node.subscriptions, node.guards, node.timers, node.clients, node.services)
+        ]
+        self._wait_set: Any = rclpy_implementation.WaitSet(*map(len, kinds), 0, node.context.handle)
+        adders = ("add_subscription", "add_guard_condition", "add_timer", "add_client", "add_service")
+        self._entities = [
+            (getattr(self._wait_set, adder), entity.handle)
+            for adder, entities in zip(adders, kinds, strict=True)
+            for entity in entities
+        ]
+
+
+class RawReceiver:
+    """Waits for the messages of one raw subscription with a wait set that is built once."""
+
+    def __init__(self, subscription: Subscription, context: Context) -> None:
+        """Take over a subscription of a node in a context."""
+        self._handle = subscription.handle
+        self._kind = subscription.msg_type
+        with context.handle:
+            self._wait_set: Any = rclpy_implementation.WaitSet(1, 0, 0, 0, 0, 0, context.handle)
+
+    def take(self, timeout: float) -> bytes | None:
+        """Return the next message, or None after the time-out (s)."""
+        with self._handle:
+            taken = self._handle.take_message(self._kind, True)
+            if taken is None:
+                self._wait_set.clear_entities()
+                self._wait_set.add_subscription(self._handle)
+                self._wait_set.wait(max(int(timeout * 1e9), 0))
+                taken = self._handle.take_message(self._kind, True)
+        return None if taken is None else taken[0]
+
+
+def subscribe(node: Node, kind: type, topic: str, callback: Callable[[Any], object], qos: QoSProfile) -> Subscription:
+    """Subscribe to messages as objects; bytes that are not such a message are named once in the log.
+
+    rclpy's own subscription raises in the executor then, which ends the node.
+
+    Args:
+        node: whose subscription it is.
+        kind: class of the messages.
+        topic: name of the topic.
+        callback: gets each message. A ValueError from it counts as bytes that are not such a message.
+        qos: that is requested.
+    """
+    refused: list[bytes] = []
+
+    def take(data: bytes) -> None:
+        try:
+            callback(deserialize_message(data, kind))
+        except (RuntimeError, ValueError) as error:
+            if not refused:
+                refused.append(data)
+                node.get_logger().error(f"{len(data)} bytes on {topic} are not of type {kind.__name__}: {error}")
+
+    return node.create_subscription(kind, topic, take, qos, raw=True)
 
 
 def class_of(kind: str) -> type:
