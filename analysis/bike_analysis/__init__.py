@@ -8,14 +8,13 @@
     table = recording.rides[0].table()          # pandas
     both = compare(["a.mcap", "b.mcap"])        # aligned by arc length along the course
 
-Rooms: `read` (files to typed columns), `figures` (columns to numbers), `page` (numbers to pages and pictures); each
-imports only those before it. `api` is what programs call, `report` what ``bike analyze`` writes.
+Packages: `read` (files to typed columns), `figures` (columns to numbers), `page` (numbers to pages and pictures); each
+imports only those before it. `report` is what ``bike analyze`` writes.
 """
 
-from bike_analysis.api import compare, open_ride
 from bike_analysis.figures.compare import Comparison
 from bike_analysis.figures.metrics import RideFigures, ride_figures
-from bike_analysis.figures.recorded import RecordedLap, RecordedRide, RideRecording
+from bike_analysis.figures.recorded import RecordedLap, RecordedRide, RideRecording, compare, open_ride
 from bike_analysis.read.container import RecordingError
 from bike_analysis.read.reading import Recording, read_recording
 from bike_analysis.read.rides import Ride, find_rides

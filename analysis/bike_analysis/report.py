@@ -6,16 +6,16 @@ import os
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
 import matplotlib as mpl
+import pandas as pd
 
-from bike_analysis.api import comparable, compare, open_ride
 from bike_analysis.figures.compare import Comparison, CourseError
-from bike_analysis.figures.export import aligned_table, write_csv, write_parquet
 from bike_analysis.figures.metrics import RideFigures
-from bike_analysis.figures.recorded import RecordedLap, RecordedRide, RideRecording
+from bike_analysis.figures.recorded import RecordedLap, RecordedRide, RideRecording, comparable, compare, open_ride
 from bike_analysis.figures.results import Analysis, RideEntry, comparison_figures, distance_by_speed, recording_figures
 from bike_analysis.page.plots import overview_figure
 from bike_analysis.page.ride_page import write_page
@@ -81,7 +81,7 @@ def analyze(
     pages = [] if out_dir is None else [Path(out_dir) / PAGE_NAME, Path(out_dir) / PICTURE_NAME]
     _keep_recordings(given, [*pages, *(Path(path) for path in (csv, parquet, video and video.path) if path)])
     recordings, unread = _open_all(given, namespace)
-    comparisons, untold = _comparisons(recordings, station_m)
+    comparisons, incomparable = _comparisons(recordings, station_m)
     several = [c for c in comparisons if len(c.runs) > 1]
     rides = [ride for recording in recordings for ride in recording.rides]
     analysis = Analysis(
@@ -90,7 +90,7 @@ def analyze(
         comparisons=tuple(comparison_figures(comparison) for comparison in several),
         distance_by_speed=distance_by_speed(recordings),
         truncated=any(recording.data.truncated for recording in recordings),
-        warnings=(*unread, *_warnings(recordings), *untold),
+        warnings=(*unread, *_warnings(recordings), *incomparable),
     )
     if csv is not None or parquet is not None:
         table = aligned_table(comparisons)
@@ -164,13 +164,13 @@ def _comparisons(recordings: Sequence[RideRecording], station_m: float | None) -
     for item in comparable(recordings):
         course = item.ride.course if isinstance(item, RecordedLap) else item.course
         groups.setdefault(course.name if course is not None else "", []).append(item)
-    found, untold = [], []
+    found, incomparable = [], []
     for items in groups.values():
         try:
             found.append(compare(items, station_m))
         except CourseError as error:
-            untold.append(f"no comparison: {error}")
-    return found, untold
+            incomparable.append(f"no comparison: {error}")
+    return found, incomparable
 
 
 def write_report(
@@ -196,7 +196,7 @@ def write_report(
     rides = [ride for recording in recordings for ride in recording.rides]
     longest = max(rides, key=lambda ride: ride.figures.distance_m)
     with mpl.rc_context(RC):
-        overview_figure(longest.judged, _headline(longest.figures)).savefig(picture, dpi=160)
+        overview_figure(longest.evaluated, _headline(longest.figures)).savefig(picture, dpi=160)
     return page, picture
 
 
@@ -207,3 +207,51 @@ def _headline(f: RideFigures) -> str:
     if f.mean_error_m is not None and f.max_error_m is not None:
         parts.append(f"mean distance {f.mean_error_m:.3f} m, largest {f.max_error_m:.3f} m")
     return " · ".join(parts)
+
+
+def aligned_table(comparisons: Sequence[Comparison]) -> pd.DataFrame:
+    """Put comparisons on several courses into one table.
+
+    Args:
+        comparisons: At least one.
+
+    Returns:
+        The rows of `Comparison.table`, with the name of the ``course`` in front.
+    """
+    parts = []
+    for comparison in comparisons:
+        part = comparison.table.copy(deep=False)
+        part.insert(0, "course", comparison.course)
+        parts.append(part)
+    return parts[0] if len(parts) == 1 else pd.concat(parts, ignore_index=True)
+
+
+def write_csv(table: pd.DataFrame, path: str | os.PathLike[str]) -> Path:
+    """Write a table as CSV: a line of names, commas, points, ten digits; empty where a value is not known.
+
+    Raises:
+        OSError: If the file cannot be written.
+    """
+    target = _target(path)
+    table.to_csv(target, index=False, float_format="%.10g", errors="backslashreplace")
+    return target
+
+
+def write_parquet(table: pd.DataFrame, path: str | os.PathLike[str]) -> Path:
+    """Write a table as Parquet, in full precision.
+
+    Raises:
+        ModuleNotFoundError: If pyarrow is not installed.
+        OSError: If the file cannot be written.
+    """
+    if find_spec("pyarrow") is None:
+        raise ModuleNotFoundError("Parquet files need pyarrow: pip install pyarrow", name="pyarrow")
+    target = _target(path)
+    table.to_parquet(target, index=False, compression="zstd")
+    return target
+
+
+def _target(path: str | os.PathLike[str]) -> Path:
+    target = Path(path)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    return target

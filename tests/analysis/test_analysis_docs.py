@@ -15,10 +15,9 @@ import pytest
 
 from bike_analysis import open_ride
 from bike_analysis.figures.metrics import LapFigures, RideFigures
-from bike_analysis.figures.results import Analysis, RecordingFigures, SpeedFigures
-from bike_analysis.figures.schema import make_schema, shipped_schema
-from bike_analysis.read.tables import TELEMETRY_COLUMNS
+from bike_analysis.figures.results import Analysis, RecordingFigures, SpeedFigures, make_schema, shipped_schema
 from bike_sim.recording.recorder import RideRecorder
+from bike_sim.schema import TELEMETRY
 from bike_training.cli import main
 
 PAGE = (Path(__file__).parents[2] / "docs" / "analysis.md").read_text(encoding="utf-8")
@@ -60,7 +59,7 @@ def with_telemetry(messages, share, folder: Path) -> Path:
     for name in ("bike_msgs/msg/Telemetry", "bike_msgs/msg/BikeState"):
         messages.learn(name)
     path = folder / "telemetry.mcap"
-    values = {name: float(k) for k, name in enumerate(TELEMETRY_COLUMNS)}
+    values = {name: float(k) for k, name in enumerate(TELEMETRY.names)}
     flags = ("traction_control", "anti_wheelie", "brake_control", "anti_stoppie", *_LOST)
     with RideRecorder(path, share=share, metadata_file=False) as recorder:
         recorder.add_topic("/bike/state", "bike_msgs/msg/BikeState")
@@ -94,7 +93,7 @@ def test_telemetry_is_beside_its_state(with_telemetry: Path) -> None:
     known = table.step != 3
     np.testing.assert_allclose(table.rear_slip_angle_rad[known], 0.01 * (table.step[known] - 10))
     assert np.isnan(table.rear_slip_angle_rad[3])
-    assert set(table.front_load_n[known]) == {float(list(TELEMETRY_COLUMNS).index("front_load"))}
+    assert set(table.front_load_n[known]) == {float(TELEMETRY.index("front_load"))}
     tyres = ride.figures.tyres
     assert tyres.rear_slip_angle_max_deg == pytest.approx(np.degrees(0.1))
     assert tyres.anti_wheelie_s == pytest.approx(5 * 0.02)
@@ -111,7 +110,7 @@ def test_its_figures_are_those_of_the_json() -> None:
 
 
 def test_the_schema_is_that_of_the_records() -> None:
-    assert shipped_schema() == make_schema(), "run python -m bike_analysis.figures.schema > analyze.schema.json"
+    assert shipped_schema() == make_schema(), "run python -m bike_analysis.figures.results > analyze.schema.json"
     jsonschema.Draft202012Validator.check_schema(shipped_schema())
     ride = shipped_schema()["$defs"]["Ride"]["properties"]
     assert [name for name, entry in ride.items() if not entry.get("description")] == []

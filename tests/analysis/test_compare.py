@@ -11,10 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bike_analysis import compare, open_ride
-from bike_analysis.api import folder_prefixes
 from bike_analysis.figures.compare import Comparison, CourseError
-from bike_analysis.figures.export import aligned_table, write_csv, write_parquet
-from bike_analysis.report import analyze
+from bike_analysis.figures.recorded import folder_prefixes
+from bike_analysis.report import aligned_table, analyze, write_csv, write_parquet
 
 LENGTH = 20.0 * np.pi
 
@@ -112,7 +111,7 @@ def test_best_sectors_make_the_theoretical_lap(writer, circle, tmp_path: Path) -
         pytest.approx((half / 5, half / 3), abs=0.02),  # the step in speed lies within a control period
         pytest.approx((half / 4, half / 6), abs=0.02),
     ]
-    assert [s.best for s in both.sectors] == [0, 1]
+    assert [s.best_run for s in both.sectors] == [run.label for run in both.runs]
     assert both.best_sectors_s == pytest.approx(half / 5 + half / 6, abs=0.02)
     assert both.best_sectors_s < min(run.duration_s for run in both.runs)
 
@@ -128,7 +127,7 @@ def test_open_rides_are_compared_by_their_sections(writer, circle, tmp_path: Pat
     assert [run.lap for run in both.runs] == [None, None]
     first, second = both.sectors
     assert first.times_s == pytest.approx((0.5 * LENGTH / 3.0, 0.5 * LENGTH / 3.5), rel=1e-2)
-    assert second.best == 1
+    assert second.best_run == both.runs[1].label
 
 
 @pytest.mark.parametrize("late", [0, 1, 100])

@@ -11,10 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bike_analysis.figures.corners import LapTrace, corner_figures
-from bike_analysis.figures.histograms import time_shares
-from bike_analysis.figures.lap_recording import Machine
-from bike_analysis.figures.tyres import PEAK_USE, grip_used
+from bike_analysis.figures.lap_recording import LapTrace, Machine, corner_figures
+from bike_analysis.figures.numbers import time_shares
+from bike_analysis.figures.signals import PEAK_USE, grip_used
 from bike_sim.course.track import Corner
 from bike_sim.planning.envelope import envelope
 from bike_sim.vehicles.files import load_vehicle

@@ -96,7 +96,7 @@ def test_pages_and_comparisons_end_at_the_finish(
 ) -> None:
     paths = [writer.write(tmp_path / f"{behind}.mcap", [open_ride_of(radius, speed, behind)]) for behind in (1, 4)]
     first, second = (open_ride(path).rides[0] for path in paths)
-    views = [ride_view(ride.judged, "ride", "ride").data() for ride in (first, second)]
+    views = [ride_view(ride.evaluated, "ride", "ride").data() for ride in (first, second)]
     assert views[0] == views[1]
     both = compare([first, second])
     begun = both.station_m > 0.1
@@ -130,4 +130,4 @@ def test_a_ride_that_stops_before_the_finish_is_judged_whole(writer, open_ride_o
     ride = open_ride_of()
     ride.states = {name: column[:-5] for name, column in ride.states.items()}
     recorded = open_ride(writer.write(tmp_path / "ride.mcap", [ride])).rides[0]
-    assert recorded.judged is recorded.data
+    assert recorded.evaluated is recorded.data

@@ -10,12 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bike_analysis import compare, open_ride
+from bike_analysis.figures.course import time_outside
 from bike_analysis.figures.lap_recording import Theory, load_laps
 from bike_analysis.figures.numbers import best_sectors_together, lap_text
-from bike_analysis.figures.track_limits import time_outside
-from bike_analysis.page.compare_view import sector_table
 from bike_analysis.page.lap_page import lap_figures, render_lap_page
 from bike_analysis.page.lap_view import lap_view
+from bike_analysis.page.ride_page import sector_table
 from bike_analysis.report import analyze
 from bike_sim.course.course import Course
 from bike_sim.course.elements import Arc

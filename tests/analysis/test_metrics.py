@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bike_analysis import find_rides, read_recording, ride_figures
-from bike_analysis.figures.delays import command_delay
 from bike_analysis.figures.metrics import RideFigures, latency_figures
 from bike_analysis.figures.numbers import rate
+from bike_analysis.figures.signals import command_delay
 from bike_analysis.read.messages import Latency
 from bike_analysis.read.rides import Ride
 
@@ -200,7 +200,7 @@ def test_line_is_recovered_where_no_course_was_recorded(ride_of, circle) -> None
 
 def test_figures_are_plain_json(ride_of, circle) -> None:
     _, (figures,) = ride_of(circle(steps=30), topics=["/bike/state"])
-    text = json.dumps(figures.as_dict(), allow_nan=False)
+    text = json.dumps(asdict(figures), allow_nan=False)
     assert json.loads(text)["mean_error_m"] == pytest.approx(0.3)
 
 
@@ -230,9 +230,9 @@ def test_command_delay_is_that_of_a_plain_search(circle_ride_of_ten: Ride, data:
     steps = np.array(data.draw(st.lists(st.integers(0, 9), min_size=count, max_size=count)), dtype=np.int64)
     steering = np.array(data.draw(st.lists(values, min_size=count, max_size=count)))
     table = ride.commands.take(np.zeros(count, dtype=np.int64))
-    commands = replace(table, step=steps, steering=steering, time_s=0.05 * steps)
+    commands = replace(table, step=steps, time_s=0.05 * steps).with_columns(steering=steering)
     applied = np.array(data.draw(st.lists(values, min_size=10, max_size=10)))
-    found = command_delay(replace(ride, commands=commands, states=replace(ride.states, steering_command=applied)))
+    found = command_delay(replace(ride, commands=commands, states=ride.states.with_columns(steering_command=applied)))
     wanted = []
     for row in range(1, 10):
         same = [s for s, v in zip(steps, steering, strict=True) if np.clip(v, -1, 1) == applied[row] and s <= row - 1]

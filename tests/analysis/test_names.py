@@ -17,6 +17,8 @@ from hypothesis import strategies as st
 from bike_analysis import RecordingError, read_recording
 from bike_analysis.page.html import html_text, script_json
 from bike_analysis.read.text import shown
+from bike_sim.recording.definitions import MessageType
+from bike_sim.recording.recorder import RideRecorder
 from bike_training.cli import main
 
 
@@ -51,6 +53,17 @@ def test_controls_are_escaped_and_long_names_cut() -> None:
     assert shown("a\x1b[2Jb\u202e\U000e0001") == "a\\x1b[2Jb\\u202e\\U000e0001"
     assert shown("x" * 300) == "x" * 199 + "…"
     assert shown("x" * 200) == "x" * 200
+
+
+def test_errors_and_warnings_are_lines_of_a_terminal(tmp_path: Path, capsys: Any) -> None:
+    """Whatever texts a recording holds: here the name of its only topic."""
+    path = tmp_path / "long.mcap"
+    with RideRecorder(path, metadata_file=False) as recorder:
+        recorder.add_topic(f"/{'n' * 5000}", MessageType("std_msgs/msg/Float64", "float64 data\n"))
+    assert main(["analyze", str(path)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "not a recording of a ride" in line
+    assert len(line) < 450
 
 
 @given(st.recursive(st.text() | st.integers(), lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner)))

@@ -28,11 +28,10 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import WebDriverWait
 
 from bike_analysis import compare, open_ride
-from bike_analysis.page.embed import MISSING, embed
+from bike_analysis.page.document import SHORT, page_shell, program_version
+from bike_analysis.page.html import MISSING, embed
 from bike_analysis.page.ride_page import render_page, write_page
 from bike_analysis.page.ride_view import panels_for, ride_view
-from bike_analysis.page.settings import SHORT
-from bike_analysis.page.shell import page_shell, program_version
 from bike_analysis.page.view import (
     KMH,
     Band,
@@ -112,9 +111,9 @@ def test_places_off_the_track_are_marked_and_missing_places_are_not(writer: Any,
     recording = open_ride(writer.write(tmp_path / "off.mcap", [ride]))
     data = ride_view(recording.rides[0].data, "off", "off").data()
     json.dumps(data, allow_nan=False)
-    marks = {mark["name"]: mark for mark in data["map"]["marks"]}
+    marks = {mark["name"]: mark for mark in data["marks"]}
     assert len(marks["off the track"]["x"]) == len(marks["off the track"]["y"]) == 99
-    assert [line["role"] for line in data["map"]["lines"]] == ["wanted", "limit", "limit"]
+    assert [line["role"] for line in data["lines"]] == ["reference", "limit", "limit"]
 
 
 # ---- the browser ----------------------------------------------------------------------------------------------------
@@ -307,7 +306,12 @@ def lap_page(path: Path) -> Path:
         cloud=Cloud("g-g", "lateral", "along", "lateral in g", "longitudinal in g", (-1.0, 1.0, -0.6, 0.6), ""),
         follow={"title": "", "lapTime": "", "step": 8.0, "line": [], "edges": [edge.tolist() for edge in edges]},
     )
-    path.write_text(page_shell("a lap", "", [view_html(view)], [view]))
+    return page_of(view, path)
+
+
+def page_of(view: View, path: Path) -> Path:
+    """Write a page of one view."""
+    path.write_text(page_shell(view.title, "", [view_html(view)], [view]))
     return path
 
 
@@ -337,8 +341,13 @@ def assert_marks_lie_on_the_drawings(browser: webdriver.Chrome, *kinds: str) -> 
 
 @pytest.mark.parametrize("dark", [False, True])
 def test_the_cursor_lies_where_its_state_is_drawn(opened: Opener, tmp_path: Path, dark: bool) -> None:
-    browser = opened(lap_page(tmp_path / "lap.html"), (1300, 900), dark)
+    browser = opened(lap_page(tmp_path / "lap.html"), (1300, 3800), dark)
+    hidden = "return document.querySelector('[data-plot=\"cloud\"] .here').hidden"
+    assert browser.execute_script(hidden), "a missing place has no mark"
     browser.execute_script('document.querySelector(".view").view.setPlace(2222)')
+    settled(browser)
+    assert not browser.execute_script(hidden)
+    resized(browser, (1300, 900))
     settled(browser)
     before = assert_marks_lie_on_the_drawings(browser, "map")
     resized(browser, (1300, 600))
@@ -354,15 +363,6 @@ def test_the_cursor_lies_where_its_state_is_drawn(opened: Opener, tmp_path: Path
         settled(browser)
         assert_marks_lie_on_the_drawings(browser)
     assert browser.execute_script(CURSOR)["map"]["size"] == before["map"]["size"]
-
-
-def test_a_missing_place_has_no_mark(opened: Opener, tmp_path: Path) -> None:
-    browser = opened(lap_page(tmp_path / "lap.html"), (1300, 3800))
-    hidden = "return document.querySelector('[data-plot=\"cloud\"] .here').hidden"
-    assert browser.execute_script(hidden)
-    browser.execute_script('document.querySelector(".view").view.setPlace(10)')
-    settled(browser)
-    assert not browser.execute_script(hidden)
 
 
 def test_hover_on_a_trace_moves_the_marker_on_the_map(opened: Opener, ride_page: Path) -> None:
@@ -450,14 +450,9 @@ def test_a_dragged_stretch_is_zoomed_into_on_all_traces(opened: Opener, ride_pag
     ends = browser.execute_script("""return ["error", "age"].map(key => {
       const { x } = document.querySelector(`[data-plot=${key}]`).drawn.chart.u.scales; return [x.min, x.max]; })""")
     assert ends == [[low, high], [low, high]]
-
-
-def test_traces_over_time_keep_the_stretch(opened: Opener, ride_page: Path) -> None:
-    browser = opened(ride_page)
-    browser.execute_script('const v = document.querySelector(".view").view; v.setRange(20, 40);')
     browser.find_element(By.CSS_SELECTOR, 'input[value="time"]').send_keys(Keys.SPACE)
     settled(browser)
-    assert shown_range(browser) == pytest.approx([5.0, 10.0], abs=0.1)
+    assert shown_range(browser) == pytest.approx([low / 4.0, high / 4.0], abs=0.1), "over time the stretch is kept"
 
 
 @pytest.mark.parametrize("page", ["ride_page", "comparison_page"])
@@ -536,17 +531,24 @@ def test_dark_and_light_differ_and_the_reader_chooses(opened: Opener, ride_page:
 
 
 @pytest.mark.parametrize("plot", ["error", "map"])
-def test_plots_are_saved_as_pictures(opened: Opener, ride_page: Path, plot: str, tmp_path: Path) -> None:
-    browser = opened(ride_page)
+def test_plots_are_saved_as_pictures_in_which_names_are_no_tags(
+    opened: Opener, writer: Any, circle: Any, plot: str, tmp_path: Path
+) -> None:
+    name, ride = "&lt;a <b>bold</b> <a href='#'>link</a>", circle(steps=200)
+    ride.course["name"] = name
+    browser = opened(write_page([open_ride(writer.write(tmp_path / "ride.mcap", [ride]))], tmp_path / "page.html"))
     browser.execute_cdp_cmd("Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(tmp_path)})
     for kind in ("svg", "png"):
         browser.find_element(By.CSS_SELECTOR, f'[data-plot="{plot}"] [data-save="{kind}"]').click()
-    names = [tmp_path / f"ride-on-circle-{plot}.{kind}" for kind in ("svg", "png")]
-    WebDriverWait(browser, 30).until(lambda _: all(name.exists() and name.stat().st_size for name in names))
-    root = ElementTree.parse(names[0]).getroot()
+        WebDriverWait(browser, 30).until(lambda _, kind=kind: [*tmp_path.glob(f"*-{plot}.{kind}")])
+    svg, png = (next(tmp_path.glob(f"*-{plot}.{kind}")) for kind in ("svg", "png"))
+    WebDriverWait(browser, 30).until(lambda _: svg.read_text().endswith("</svg>") and png.stat().st_size)
+    root = ElementTree.parse(svg).getroot()
     assert root.tag == "{http://www.w3.org/2000/svg}svg"
     assert sum(element.tag.endswith("path") for element in root.iter()) > 5
-    with Image.open(names[1]) as image:
+    words = {"".join(element.itertext()) for element in root.iter() if element.tag.endswith("text")}
+    assert {"map": f"ride on {name}", "error": "Distance to the path"}[plot] in words
+    with Image.open(png) as image:
         assert image.width == 2 * int(float(root.attrib["width"]))
         assert len(image.convert("RGB").getcolors(maxcolors=1 << 24)) > 50
 
@@ -652,20 +654,6 @@ def test_names_do_not_break_the_page(
     assert browser.execute_script(elements)[1:] == [3, 0]
 
 
-def test_names_are_no_tags_in_saved_pictures(opened: Opener, writer: Any, circle: Any, tmp_path: Path) -> None:
-    name = "&lt;a <b>bold</b> <a href='#'>link</a>"
-    ride = circle(steps=200)
-    ride.course["name"] = name
-    page = write_page([open_ride(writer.write(tmp_path / "ride.mcap", [ride]))], tmp_path / "page.html")
-    browser = opened(page)
-    browser.execute_cdp_cmd("Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(tmp_path)})
-    browser.find_element(By.CSS_SELECTOR, '[data-plot="map"] [data-save="svg"]').click()
-    WebDriverWait(browser, 30).until(lambda _: list(tmp_path.glob("*-map.svg")))
-    WebDriverWait(browser, 30).until(lambda _: next(tmp_path.glob("*-map.svg")).read_text().endswith("</svg>"))
-    root = ElementTree.parse(next(tmp_path.glob("*-map.svg"))).getroot()
-    assert f"ride on {name}" in {"".join(element.itertext()) for element in root.iter() if element.tag.endswith("text")}
-
-
 def test_long_notes_are_folded_and_say_whose_they_are(writer: Any, circle: Any, tmp_path: Path) -> None:
     paths = [tmp_path / folder / "<ride>.mcap" for folder in ("a", "b")]
     for path, task in zip(paths, ("first", "second"), strict=True):
@@ -710,8 +698,7 @@ def test_poor_rides_are_drawn_as_far_as_they_go(opened: Opener, writer: Any, cir
 def test_a_spike_of_one_state_is_drawn_at_every_zoom(opened: Opener, tmp_path: Path) -> None:
     """From ten minutes down to eight states, wherever in the stretch it lies."""
     view = circuit_view(60_000)
-    path = tmp_path / "spike.html"
-    path.write_text(page_shell("a spike", "", [view_html(view)], [view]))
+    path = page_of(view, tmp_path / "spike.html")
     found = opened(path).execute_script("""
       const view = document.querySelector(".view").view, part = view.parts.find(part => part.spec?.key === "error");
       const { distance, error } = view.main.columns, row = 20000, [first, last] = view.whole(), found = [];
@@ -744,8 +731,7 @@ def test_extremes_of_any_stretch_are_among_what_is_drawn(opened: Opener, tmp_pat
     columns = view.series[0].columns
     columns["roll"][5_000:25_000] = np.nan
     columns["steer"][::3] = np.nan
-    path = tmp_path / "extremes.html"
-    path.write_text(page_shell("extremes", "", [view_html(view)], [view]))
+    path = page_of(view, tmp_path / "extremes.html")
     rng = np.random.default_rng(7)
     end = float(columns["distance"][-1])
     stretches = [sorted(rng.uniform(0.0, end, 2)) for _ in range(15)]
@@ -775,19 +761,17 @@ def test_extremes_of_any_stretch_are_among_what_is_drawn(opened: Opener, tmp_pat
         assert points < 4 * 800, where
 
 
-def test_a_zoom_is_drawn_in_the_frame_that_asks_for_it(opened: Opener, tmp_path: Path) -> None:
+def test_the_map_follows_pan_and_zoom(opened: Opener, tmp_path: Path) -> None:
+    """What is drawn moves with the fingers: the box in the middle of a dark line, and the mark on it."""
     browser = opened(lap_page(tmp_path / "lap.html"), (1300, 3800))
     ends = browser.execute_script("""const view = document.querySelector(".view").view;
       view.active = view.parts.find(part => part.spec?.key === "error");
       view.zoom(0.4, 700); view.frame();
-      const { x } = view.active.chart.u.scales;
-      return [[x.min, x.max], view.range];""")
-    assert ends[0] == ends[1]
-
-
-def test_the_map_follows_pan_and_zoom(opened: Opener, tmp_path: Path) -> None:
-    """What is drawn moves with the fingers: the box in the middle of a dark line, and the mark on it."""
-    browser = opened(lap_page(tmp_path / "lap.html"), (1300, 900))
+      const { x } = view.active.chart.u.scales, ends = [[x.min, x.max], view.range];
+      view.setRange(...view.whole()); view.frame();
+      return ends;""")
+    assert ends[0] == ends[1], "a zoom is drawn in the frame that asks for it"
+    resized(browser, (1300, 900))
     places = """const view = document.querySelector(".view").view, part = view.parts.find(part => part.bounds);
       %s
       const { canvas } = part.chart.u.ctx;
@@ -826,8 +810,7 @@ def test_differences_are_to_the_reference_that_is_chosen(opened: Opener, tmp_pat
         histograms=(Histogram("lean-histogram", "Lean", "lean in °", (0.0, 30.0, 60.0), shares),),
         reference=2,
     )
-    path = tmp_path / "laps.html"
-    path.write_text(page_shell("laps", "", [view_html(view)], [view]))
+    path = page_of(view, tmp_path / "laps.html")
     browser = opened(path)
     browser.execute_script('document.querySelector(".view").view.setPlace(1000)')
     settled(browser)
@@ -899,7 +882,7 @@ def circuit_view(rows: int) -> View:
         "reached": noise(1.0),
         "age": (rng.random(rows) < 0.01).astype(float),
     }
-    path = MapLine("path wanted", "wanted", columns["x"][:6000], columns["y"][:6000])
+    path = MapLine("reference path", "reference", columns["x"][:6000], columns["y"][:6000])
     sections = tuple(
         Section(str(k % 12 + 1), f"section {k}", 1000 * k, 1000 * (k + 1)) for k in range(rows // 1000 - 1)
     )
@@ -919,12 +902,10 @@ def cpu_seconds(browser: webdriver.Chrome) -> float:
 
 def test_an_hour_at_100_hz_loads_and_zooms(opened: Opener, tmp_path: Path, record_property: Any) -> None:
     view = circuit_view(HOUR)
-    path = tmp_path / "hour.html"
-    path.write_text(page_shell("an hour", "", [view_html(view)], [view]))
+    path = page_of(view, tmp_path / "hour.html")
     assert path.stat().st_size < 30e6
-    bare = tmp_path / "bare.html"
     nothing = Series("none", {"time": np.zeros(1), "distance": np.zeros(1)})
-    bare.write_text(page_shell("bare", "", [view_html(view)], [replace(view, series=(nothing,), lines=())]))
+    bare = page_of(replace(view, series=(nothing,), lines=()), tmp_path / "bare.html")
     assert bare.stat().st_size < 1e6, "what a page has besides its data"
     began = time.monotonic()
     browser = opened(path)

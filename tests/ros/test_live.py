@@ -27,8 +27,8 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from bike_analysis import compare, open_ride
+from bike_analysis.page.document import recorded_settings, settings_words
 from bike_analysis.page.live_page import Ghost, ghost_of, live_view, render_live_page
-from bike_analysis.page.settings import recorded_settings, settings_words
 from bike_analysis.page.view import Series
 from bike_policy.riders.rider import make_rider
 from bike_policy.riders.stanley import ManualRider

@@ -69,6 +69,11 @@ class Run:
         return self.lap.begin_m if self.lap is not None else 0.0
 
     @property
+    def rows(self) -> slice:
+        """Rows of the ride's states inside it."""
+        return slice(0, len(self.ride.states)) if self.lap is None else self.lap.rows
+
+    @property
     def duration_s(self) -> float:
         """Lap time, or the time of the whole ride since its reset, s."""
         return self.lap.duration_s if self.lap is not None else float(self.ride.time[-1]) - self.begin_s
@@ -80,16 +85,16 @@ class Run:
 
 
 @dataclass(frozen=True)
-class SectorComparison:
-    """One sector over all complete laps (or one section of an open course over all runs).
+class SectorFigures:
+    """A sector of a closed course, or a section of an open one, within a comparison.
 
     Attributes:
         name: Of the sector.
-        start_m: Where it begins, m.
-        end_m: Where it ends, m.
-        times_s: Time of each run of the comparison, s; None where a run did not complete it.
-        best_s: The best of these times, out-laps not counted where there are others, s; None if no run completed it.
-        best: Index of the run with the best time, or None.
+        start_m: Where it begins.
+        end_m: Where it ends.
+        times_s: Time of each run, in the order of the runs; null where it was not completed.
+        best_s: The best of them, out-laps not counted where there are others; null if no run completed it.
+        best_run: Who rode it.
     """
 
     name: str
@@ -97,7 +102,7 @@ class SectorComparison:
     end_m: float
     times_s: tuple[float | None, ...]
     best_s: float | None
-    best: int | None
+    best_run: str | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +124,7 @@ class Comparison:
     reference: int
     station_m: Floats
     scales: tuple[float, ...]
-    sectors: tuple[SectorComparison, ...]
+    sectors: tuple[SectorFigures, ...]
 
     def __repr__(self) -> str:
         return f"<Comparison of {', '.join(run.label for run in self.runs)} at {len(self.station_m)} stations>"
@@ -148,7 +153,7 @@ class Comparison:
         return self._aligned(index, {"time_s": run.ride.time[_rows(run)] - run.begin_s})["time_s"]
 
     def lost(self, index: int) -> Floats:
-        """What one run had lost on the reference at each station, s; NaN where one of them was not."""
+        """Time that one run had lost on the reference at each station, s; NaN where one of them was not."""
         return self.times(index) - self._reference_times
 
     @cached_property
@@ -158,11 +163,11 @@ class Comparison:
     def _aligned(self, index: int, columns: dict[str, Any]) -> dict[str, Floats]:
         """Columns of one run's rows, put on the stations."""
         run = self.runs[index]
-        fresh, ways = _ways(run, self.scales[index])
+        fresh, places = _arc_lengths(run, self.scales[index])
         found = {}
         for name, column in columns.items():
             values = np.asarray(column, dtype=np.float64)[fresh]
-            found[name] = np.interp(self.station_m, ways, values, left=np.nan, right=np.nan)
+            found[name] = np.interp(self.station_m, places, values, left=np.nan, right=np.nan)
         return found
 
     def column(self, name: str) -> Floats:
@@ -206,7 +211,7 @@ class Comparison:
         return pd.DataFrame(names | {name: self.values[name][index][known] for name in self.columns})
 
     def ghosts(self, period_s: float = 0.1) -> pd.DataFrame:
-        """Where each run was at the same time since its begin.
+        """Positions of the runs at the same time since its begin.
 
         Args:
             period_s: Time between two positions, s.
@@ -286,8 +291,8 @@ def compare_runs(runs: Sequence[Run], station_m: float | None = None) -> Compari
     if not runs:
         raise ValueError("nothing to compare: no ride or lap was given")
     lengths = [known_length(run.ride.states) for run in runs]
-    told = [length for length in lengths if length is not None]
-    if told and max(told) > (1.0 + SAME_LENGTH) * min(told):
+    known_lengths = [length for length in lengths if length is not None]
+    if known_lengths and max(known_lengths) > (1.0 + SAME_LENGTH) * min(known_lengths):
         raise CourseError(f"rides on different courses cannot be aligned ({_lengths_text(runs, lengths)})")
     reference = _reference(runs)
     whole = lengths[reference] or max(float(np.nanmax(station(runs[reference].ride), initial=0.0)), 1e-6)
@@ -336,18 +341,18 @@ def _rows(run: Run) -> slice:
     return slice(max(run.lap.first - 1, 0), run.lap.last + 1)
 
 
-def _ways(run: Run, scale: float) -> tuple[Flags, Floats]:
+def _arc_lengths(run: Run, scale: float) -> tuple[Flags, Floats]:
     """Which of a run's rows are farther than all before, and their arc lengths, m, scaled by `scale`."""
     progress = run.ride.states.progress
     if not np.isfinite(progress).any():
         progress = run.ride.distance
-    way = (progress[_rows(run)] - run.begin_m) * scale
-    farthest = np.maximum.accumulate(np.where(np.isfinite(way), way, -np.inf))
+    place = (progress[_rows(run)] - run.begin_m) * scale
+    farthest = np.maximum.accumulate(np.where(np.isfinite(place), place, -np.inf))
     fresh = farthest > np.concatenate([[-np.inf], farthest[:-1]])
-    return fresh, way[fresh]
+    return fresh, place[fresh]
 
 
-def _sectors(runs: Sequence[Run]) -> tuple[SectorComparison, ...]:
+def _sectors(runs: Sequence[Run]) -> tuple[SectorFigures, ...]:
     """Times of the sectors. Laps have their own; for a whole ride it is the time between the sector ends."""
     course = next((run.ride.course for run in runs if run.ride.course is not None), None)
     if course is None or not course.section_names:
@@ -362,7 +367,8 @@ def _sectors(runs: Sequence[Run]) -> tuple[SectorComparison, ...]:
     for name, start, end, row in zip(names, starts, ends, zip(*times, strict=True), strict=True):
         known = {k: t for k, t in enumerate(row) if t is not None and k in counted}
         best = min(known, key=lambda k: known[k], default=None)
-        found.append(SectorComparison(name, float(start), float(end), row, None if best is None else known[best], best))
+        best_s, best_run = (None, None) if best is None else (known[best], runs[best].label)
+        found.append(SectorFigures(name, float(start), float(end), row, best_s, best_run))
     return tuple(found)
 
 
@@ -375,8 +381,8 @@ def _sector_names(names: Sequence[str], given: Floats, starts: Floats) -> list[s
 def _sector_times(run: Run, starts: Floats, ends: Floats) -> list[float | None]:
     """Time of a run in each sector; None for one that it did not complete."""
     if run.lap is not None:
-        told: list[float | None] = list(run.lap.sectors_s)
-        return told if len(told) == len(starts) else [None] * len(starts)
+        times: list[float | None] = list(run.lap.sectors_s)
+        return times if len(times) == len(starts) else [None] * len(starts)
     progress, time = farther_than_before(run.ride.states.progress, run.ride.time)
     if not len(progress):
         return [None] * len(starts)

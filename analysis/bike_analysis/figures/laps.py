@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from bike_analysis.read.messages import RecordedEvent
 from bike_analysis.read.rides import Ride
-from bike_analysis.read.tables import Floats, States
+from bike_analysis.read.tables import Floats, Table
 
 SHORTEST_COURSE: Final = 1.0
 """A course shorter than a bicycle is no course but damage, m."""
@@ -95,10 +95,10 @@ def course_length(ride: Ride) -> float | None:
     return known_length(ride.states) if ride.states.course_closed[-1] else None
 
 
-def known_length(states: States) -> float | None:
+def known_length(states: Table) -> float | None:
     """Length of the course as last recorded, m; None if no state has a valid one."""
-    told = states.course_length[states.course_length >= SHORTEST_COURSE]
-    return float(told[-1]) if len(told) else None
+    lengths = states.course_length[states.course_length >= SHORTEST_COURSE]
+    return float(lengths[-1]) if len(lengths) else None
 
 
 def lap_range(first_m: float, last_m: float, length: float) -> range:
@@ -181,19 +181,19 @@ def _as_recorded(ride: Ride, lap: CompleteLap) -> CompleteLap:
     if end is None or not end.value > 0.0:
         return lap
     sectors = [e for e in ride.events if e.kind == "sector"]
-    told: list[float] = []
+    times: list[float] = []
     at = lap.begin_s + zero
     for seconds in lap.sectors_s:
         at += seconds
         event = _nearest(sectors, at)
         if event is not None:
-            told.append(event.value)
-    complete = len(told) == len(lap.sectors_s)
+            times.append(event.value)
+    complete = len(times) == len(lap.sectors_s)
     return replace(
         lap,
         begin_s=end.time_s - end.value - zero,
         duration_s=end.value,
-        sectors_s=tuple(told) if complete else lap.sectors_s,
+        sectors_s=tuple(times) if complete else lap.sectors_s,
         from_events=True,
     )
 

@@ -9,24 +9,22 @@ their units; what cannot be computed from the recording is None.
 from __future__ import annotations
 
 import re
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_analysis.figures.delays import CommandDelay, command_delay
-from bike_analysis.figures.judged import judged_ride
+from bike_analysis.figures.course import beyond_limits, evaluated_ride, time_outside
 from bike_analysis.figures.laps import CompleteLap, counted_laps, course_length, find_laps
 from bike_analysis.figures.numbers import best_sectors_together, over, rate, rms_of
-from bike_analysis.figures.track_limits import beyond_limits, time_outside
-from bike_analysis.figures.tyres import TyreFigures, tyre_figures
+from bike_analysis.figures.signals import CommandDelay, TyreFigures, command_delay, tyre_figures
 from bike_analysis.read.messages import Latency
 from bike_analysis.read.rides import Ride
-from bike_analysis.read.tables import Floats, States
+from bike_analysis.read.tables import Floats, Table
 
 IDEAL_LINE: Final = "(ideal)"
-"""How the name of a followed line ends that is the circuit's ideal line."""
+"""End of the name of a followed line that is the circuit's ideal line."""
 
 _ENERGY: Final = re.compile(r"([0-9.]+) kJ")
 
@@ -38,7 +36,7 @@ class SectionFigures:
     Attributes:
         name: The section's name.
         start_m: Where it begins, as arc length.
-        samples: States in it.
+        samples: Table in it.
         mean_error_m: Mean distance.
         max_error_m: Maximum distance.
         rms_error_m: Root of the mean squared distance.
@@ -71,9 +69,54 @@ class Collision:
     text: str
 
 
-@dataclass(frozen=True)
-class LapFigures:
-    """Figures of one complete lap. Fields without explanation are as in `RideFigures`, over this lap.
+@dataclass(frozen=True, kw_only=True)
+class MotionFigures:
+    """Figures of a ride or of one of its laps.
+
+    Attributes:
+        off_track_s: Time with both contact points outside the limits; None where the limits were not recorded.
+        mean_error_m: Mean distance of the rear contact to the path.
+        max_error_m: Maximum distance.
+        rms_error_m: Root of the mean squared distance.
+        ideal_distance_mean_m: Mean distance to the ideal line, over time; None unless that is the followed line.
+        ideal_distance_max_m: Largest distance to it.
+        speed_min_m_s: Lowest speed.
+        speed_mean_m_s: Mean speed.
+        speed_max_m_s: Highest speed.
+        roll_min_deg: Farthest lean to the left (negative).
+        roll_max_deg: Farthest lean to the right.
+        roll_rate_rms_deg_s: Root mean square of the roll rate.
+        steer_rate_rms_deg_s: Root mean square of the steer rate: the steering activity.
+        acceleration_max_m_s2: Largest change of the speed, by central differences over two steps.
+        braking_max_m_s2: Largest change of the speed downwards, positive.
+        lateral_acceleration_max_m_s2: Largest speed times yaw rate on either side.
+        falls: Falls in this ride.
+        lost_steps: Steps missing between the first and the last.
+    """
+
+    off_track_s: float | None
+    mean_error_m: float | None
+    max_error_m: float | None
+    rms_error_m: float | None
+    ideal_distance_mean_m: float | None
+    ideal_distance_max_m: float | None
+    speed_min_m_s: float | None
+    speed_mean_m_s: float | None
+    speed_max_m_s: float | None
+    roll_min_deg: float | None
+    roll_max_deg: float | None
+    roll_rate_rms_deg_s: float | None
+    steer_rate_rms_deg_s: float | None
+    acceleration_max_m_s2: float | None
+    braking_max_m_s2: float | None
+    lateral_acceleration_max_m_s2: float | None
+    falls: int
+    lost_steps: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class LapFigures(MotionFigures):
+    """Figures of one complete lap.
 
     Attributes:
         lap: Number in the ride, from 1.
@@ -92,28 +135,10 @@ class LapFigures:
     from_events: bool
     begin_s: float
     out_lap: bool
-    off_track_s: float | None
-    mean_error_m: float | None
-    max_error_m: float | None
-    rms_error_m: float | None
-    ideal_distance_mean_m: float | None
-    ideal_distance_max_m: float | None
-    speed_min_m_s: float | None
-    speed_mean_m_s: float | None
-    speed_max_m_s: float | None
-    roll_min_deg: float | None
-    roll_max_deg: float | None
-    roll_rate_rms_deg_s: float | None
-    steer_rate_rms_deg_s: float | None
-    acceleration_max_m_s2: float | None
-    braking_max_m_s2: float | None
-    lateral_acceleration_max_m_s2: float | None
-    falls: int
-    lost_steps: int
 
 
-@dataclass(frozen=True)
-class RideFigures:
+@dataclass(frozen=True, kw_only=True)
+class RideFigures(MotionFigures):
     """Figures of one ride.
 
     Attributes:
@@ -122,46 +147,28 @@ class RideFigures:
         course: Name of the course, or None where it was not recorded.
         ended_by: ``finished``, ``fell``, ``off_course`` or ``stopped``.
         completed: Whether the end of the course, or a full lap of a closed one, was reached without fault.
-        falls: Falls in this ride.
         off_course: Times that it left the course.
         duration_s: Simulated time from the first to the last state, or to the finish of an open course.
         distance_m: Way of the rear contact point up to there.
         laps: Full laps of a closed course.
-        speed_min_m_s: Lowest speed.
-        speed_mean_m_s: Mean speed.
-        speed_max_m_s: Highest speed.
-        mean_error_m: Mean distance of the rear contact to the path.
-        max_error_m: Maximum distance.
-        rms_error_m: Root of the mean squared distance.
         max_error_at_m: Progress at which the maximum was met.
-        roll_min_deg: Farthest lean to the left (negative).
-        roll_max_deg: Farthest lean to the right.
         steer_min_deg: Farthest steer to the right (negative).
         steer_max_deg: Farthest steer to the left.
-        roll_rate_rms_deg_s: Root mean square of the roll rate.
-        steer_rate_rms_deg_s: Root mean square of the steer rate: the steering activity.
         steer_torque_rms_nm: Root mean square of the steering drive's torque.
         roll_rate_max_deg_s: Largest roll rate on either side.
         steer_rate_max_deg_s: Largest steer rate on either side.
         command_change_mean: Mean absolute change of the steering command from step to step, of [-1, 1].
         throttle_change_mean: The same of throttle and brake.
-        acceleration_max_m_s2: Largest change of the speed, by central differences over two steps.
-        braking_max_m_s2: Largest change of the speed downwards, positive.
-        lateral_acceleration_max_m_s2: Largest speed times yaw rate on either side.
         steps: Recorded steps.
-        lost_steps: Steps missing between the first and the last.
         lost_commands: Steps between the first and the last command for which none was recorded; None without commands.
-        repeated_states: States recorded more than once.
-        unanswered_states: States without a command, the last state not counted; None if commands were not recorded.
+        repeated_states: Table recorded more than once.
+        unanswered_states: Table without a command, the last state not counted; None if commands were not recorded.
         command_delay_mean_steps: Mean age of the applied command, see `command_delay`.
         command_delay_max_steps: Largest age.
         command_delay_mean_s: Mean age in simulated time.
         command_delay_max_s: Largest age in simulated time.
         latency_median_s: Median wall-clock time of the policy's answers since its start, by the ride's last report.
         latency_p99_s: 99th percentile of the same.
-        ideal_distance_mean_m: Mean distance to the ideal line, over time; None unless that is the followed line.
-        ideal_distance_max_m: Largest distance to it.
-        off_track_s: Time with both contact points outside the limits; None where the limits were not recorded.
         collisions: Walls that were met.
         best_lap_s: The fastest complete lap, out-laps not counted where there are others; None without one.
         theoretical_lap_s: Sum of the best sectors over the same laps; None where sectors are not known.
@@ -175,34 +182,19 @@ class RideFigures:
     course: str | None
     ended_by: str
     completed: bool
-    falls: int
     off_course: int
     duration_s: float
     distance_m: float
     laps: int | None
-    speed_min_m_s: float | None
-    speed_mean_m_s: float | None
-    speed_max_m_s: float | None
-    mean_error_m: float | None
-    max_error_m: float | None
-    rms_error_m: float | None
     max_error_at_m: float | None
-    roll_min_deg: float | None
-    roll_max_deg: float | None
     steer_min_deg: float | None
     steer_max_deg: float | None
-    roll_rate_rms_deg_s: float | None
-    steer_rate_rms_deg_s: float | None
     steer_torque_rms_nm: float | None
     roll_rate_max_deg_s: float | None
     steer_rate_max_deg_s: float | None
     command_change_mean: float | None
     throttle_change_mean: float | None
-    acceleration_max_m_s2: float | None
-    braking_max_m_s2: float | None
-    lateral_acceleration_max_m_s2: float | None
     steps: int
-    lost_steps: int
     lost_commands: int | None
     repeated_states: int
     unanswered_states: int | None
@@ -212,9 +204,6 @@ class RideFigures:
     command_delay_max_s: float | None
     latency_median_s: float | None
     latency_p99_s: float | None
-    ideal_distance_mean_m: float | None
-    ideal_distance_max_m: float | None
-    off_track_s: float | None
     collisions: tuple[Collision, ...]
     best_lap_s: float | None
     theoretical_lap_s: float | None
@@ -222,26 +211,20 @@ class RideFigures:
     complete_laps: tuple[LapFigures, ...]
     sections: tuple[SectionFigures, ...]
 
-    def as_dict(self) -> dict[str, Any]:
-        """The figures as plain types, ready for JSON."""
-        lists = {name: list(map(asdict, getattr(self, name))) for name in ("collisions", "complete_laps", "sections")}
-        return {**asdict(self), **lists}
-
 
 def ride_figures(ride: Ride) -> RideFigures:
     """Compute the figures of a ride.
 
     Args:
-        ride: A ride as recorded. Its motion is evaluated up to the finish of an open course (`judged_ride`); falls,
+        ride: A ride as recorded. Its motion is evaluated up to the finish of an open course (`evaluated_ride`); falls,
             collisions, gaps and delays are those of the whole recording.
 
     Returns:
         Its figures.
     """
-    whole, ride = ride, judged_ride(ride)
+    whole, ride = ride, evaluated_ride(ride)
     states = ride.states
     error = np.abs(states.lateral_error)
-    mean, largest, rms = error_figures(error)
     laps = find_laps(ride)
     outside = beyond_limits(states, ride.course)
     median, p99 = latency_figures(ride.latencies)
@@ -257,9 +240,7 @@ def ride_figures(ride: Ride) -> RideFigures:
         duration_s=float(ride.time[-1]),
         distance_m=float(ride.distance[-1]),
         laps=_laps(ride),
-        mean_error_m=mean,
-        max_error_m=largest,
-        rms_error_m=rms,
+        **error_figures(error),
         max_error_at_m=_at_maximum(error, states.progress),
         **motion_figures(states),
         steps=len(whole.states),
@@ -281,7 +262,7 @@ def ride_figures(ride: Ride) -> RideFigures:
     )
 
 
-def motion_figures(states: States) -> dict[str, Any]:
+def motion_figures(states: Table) -> dict[str, Any]:
     """Speed, lean, steering and accelerations over some states, by name as in `RideFigures`."""
     roll, steer = np.degrees(states.roll), np.degrees(states.steer)
     roll_rate, steer_rate = np.degrees(states.roll_rate), np.degrees(states.steer_rate)
@@ -339,10 +320,8 @@ def lap_figures(ride: Ride, lap: CompleteLap, outside: Floats) -> LapFigures:
         Its figures.
     """
     states = ride.states.take(lap.rows)
-    mean, largest, rms = error_figures(np.abs(states.lateral_error))
     off_track = time_outside(ride.time, outside, lap.begin_s, lap.end_s)
-    motion = motion_figures(states)
-    wanted = [f.name for f in fields(LapFigures) if f.name in motion]
+    wanted = {f.name for f in fields(LapFigures)}
     return LapFigures(
         lap=lap.number,
         lap_s=lap.duration_s,
@@ -352,11 +331,9 @@ def lap_figures(ride: Ride, lap: CompleteLap, outside: Floats) -> LapFigures:
         begin_s=lap.begin_s,
         out_lap=lap.out_lap,
         off_track_s=off_track,
-        mean_error_m=mean,
-        max_error_m=largest,
-        rms_error_m=rms,
+        **error_figures(np.abs(states.lateral_error)),
         **ideal_figures(ride, lap.rows),
-        **{name: motion[name] for name in wanted},
+        **{name: value for name, value in motion_figures(states).items() if name in wanted},
         falls=int(states.fallen.any()),
         lost_steps=_lost_steps(states) if len(states) else 0,
     )
@@ -367,8 +344,8 @@ def collisions(ride: Ride) -> tuple[Collision, ...]:
     found = []
     for event in ride.events:
         if event.kind == "wall":
-            told = _ENERGY.search(event.text)
-            energy = 1e3 * float(told[1]) if told else None
+            match = _ENERGY.search(event.text)
+            energy = 1e3 * float(match[1]) if match else None
             found.append(Collision(event.time_s, event.progress_m, event.value, energy, event.text))
     return tuple(found)
 
@@ -390,7 +367,7 @@ def section_figures(ride: Ride) -> tuple[SectionFigures, ...]:
     figures = []
     for index, (name, start) in enumerate(zip(course.section_names, course.section_starts, strict=False)):
         inside = error[section == index]
-        figures.append(SectionFigures(name, float(start), len(inside), *error_figures(inside)))
+        figures.append(SectionFigures(name, float(start), len(inside), **error_figures(inside)))
     return tuple(figures)
 
 
@@ -408,9 +385,13 @@ def latency_figures(latencies: tuple[Latency, ...]) -> tuple[float | None, float
     return median[-1] if median else None, p99[-1] if p99 else None
 
 
-def error_figures(error: Floats) -> tuple[float | None, float | None, float | None]:
-    """Mean, maximum and root mean square of distances, m."""
-    return over(np.mean, error), over(np.max, error), over(rms_of, error)
+def error_figures(error: Floats) -> dict[str, Any]:
+    """Mean, maximum and root mean square of distances, by name as in `MotionFigures`."""
+    return {
+        "mean_error_m": over(np.mean, error),
+        "max_error_m": over(np.max, error),
+        "rms_error_m": over(rms_of, error),
+    }
 
 
 def _at_maximum(values: Floats, places: Floats) -> float | None:
@@ -421,7 +402,7 @@ def _at_maximum(values: Floats, places: Floats) -> float | None:
 
 
 def _times(flags: NDArray[np.bool_], events: int) -> int:
-    """How often something happened: rises of its flag, or events where the flag was not recorded in time."""
+    """Number of times that something happened: rises of its flag, or events where the flag was not recorded in time."""
     rises = int(flags[0]) + int(np.sum(flags[1:] & ~flags[:-1]))
     return max(rises, events)
 
@@ -431,7 +412,7 @@ def _laps(ride: Ride) -> int | None:
     return None if length is None or not len(progress) else int((progress[-1] - progress[0]) // length)
 
 
-def _lost_steps(states: States) -> int:
+def _lost_steps(states: Table) -> int:
     return int(states.step[-1] - states.step[0] + 1 - len(states))
 
 

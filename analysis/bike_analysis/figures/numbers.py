@@ -1,4 +1,4 @@
-"""Small things about numbers: columns of them that may be unknown (NaN), and lap times as people write them."""
+"""Columns of numbers that may be unknown (NaN): means, rates, shares of time; and lap times as text."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from bike_analysis.read.tables import Floats
 
 
 def rms_of(values: NDArray[Any]) -> float:
@@ -75,3 +75,23 @@ def significant(value: float, digits: int = 4) -> str:
         return "0" if value == 0.0 else "–"
     decimals = max(0, digits - 1 - int(np.floor(np.log10(abs(value)))))
     return f"{value:,.{min(decimals, 8)}f}"
+
+
+def time_shares(values: Floats, time_s: Floats, edges: Sequence[float]) -> tuple[float, ...]:
+    """Share of the time that a quantity spent in each bin.
+
+    Args:
+        values: One per state; missing ones are left out, those beyond the ends count in the first and the last bin.
+        time_s: Of each state, s.
+        edges: Of the bins, rising; one more than bins.
+
+    Returns:
+        Shares, %, together 100; zeros where nothing is known. A value holds until the next state.
+    """
+    lasting = np.diff(time_s, append=time_s[-1:])
+    known = np.isfinite(values) & (lasting > 0.0)
+    if not known.any():
+        return (0.0,) * (len(edges) - 1)
+    within = np.clip(values[known], edges[0], np.nextafter(edges[-1], -np.inf))
+    counts, _ = np.histogram(within, np.asarray(edges), weights=lasting[known])
+    return tuple(float(share) for share in 100.0 * counts / counts.sum())

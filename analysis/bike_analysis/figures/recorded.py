@@ -1,21 +1,26 @@
-"""A recording, its rides and its laps, with figures and tables that are computed when they are first needed."""
+"""A recording, its rides and its laps, with figures and tables that are computed when they are first needed.
+
+All numbers are those of every recorded state; nothing is decimated here. Only drawing decimates.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence, Set
+import os
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import count
+from itertools import chain, count
 from pathlib import Path
 
 import pandas as pd
 
-from bike_analysis.figures.judged import judged_ride
+from bike_analysis.figures.compare import Comparison, Run, compare_runs
+from bike_analysis.figures.course import evaluated_ride
 from bike_analysis.figures.laps import CompleteLap, counted_laps, find_laps
 from bike_analysis.figures.metrics import RideFigures, ride_figures
 from bike_analysis.figures.table import ride_table
 from bike_analysis.read.messages import RecordedCourse, RecordedEvent
-from bike_analysis.read.reading import Recording
+from bike_analysis.read.reading import Recording, read_recording
 from bike_analysis.read.rides import Ride, find_rides
 
 
@@ -56,9 +61,9 @@ class RecordedRide:
         return self.data.events
 
     @cached_property
-    def judged(self) -> Ride:
+    def evaluated(self) -> Ride:
         """The ride up to the finish of an open course: what figures, pages and comparisons are about."""
-        return judged_ride(self.data)
+        return evaluated_ride(self.data)
 
     @cached_property
     def figures(self) -> RideFigures:
@@ -152,12 +157,12 @@ class RideRecording:
 
     @property
     def policy(self) -> str:
-        """Who rode, from the recorder's note ``policy``; empty where unknown."""
+        """Rider, from the recorder's note ``policy``; empty where unknown."""
         return self.data.notes.get("policy", "")
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What was missing or wrong, one sentence each."""
+        """Faults of the recording, one sentence each."""
         return self.data.warnings
 
     @cached_property
@@ -184,17 +189,90 @@ def folder_prefixes(paths: Sequence[Path]) -> list[str]:
     folders: dict[str, set[Path]] = {}
     for path in whole.values():
         folders.setdefault(path.stem, set()).add(path.parent)
-    depths = {name: _depth(those) for name, those in folders.items()}
+    depths = {
+        name: next(n for n in count() if len({_last(folder, n) for folder in those}) == len(those))
+        for name, those in folders.items()
+    }
     return [
         "".join(f"{part.strip('/')}/" for part in _last(path.parent, depths[path.stem]))
         for path in map(whole.__getitem__, paths)
     ]
 
 
-def _depth(folders: Set[Path]) -> int:
-    """Number of trailing path parts that distinguish the folders."""
-    return next(n for n in count() if len({_last(folder, n) for folder in folders}) == len(folders))
-
-
 def _last(folder: Path, parts: int) -> tuple[str, ...]:
     return folder.parts[-parts:] if parts else ()
+
+
+Comparable = str | os.PathLike[str] | RideRecording | RecordedRide | RecordedLap
+"""Arguments of `compare`."""
+
+
+def open_ride(path: str | os.PathLike[str], namespace: str | None = None) -> RideRecording:
+    """Open a recording.
+
+    Args:
+        path: An MCAP file, complete or truncated, or a rosbag2 directory with one.
+        namespace: Namespace of the vehicle's topics, where several were recorded.
+
+    Returns:
+        The recording. Rides, laps, figures and tables are computed when they are first needed.
+
+    Raises:
+        FileNotFoundError: If there is no such recording.
+        RecordingError: If it is not a recording of a ride, or nothing of it can be read.
+        OSError: If the file cannot be read.
+    """
+    return RideRecording(read_recording(path, namespace))
+
+
+def compare(items: Iterable[Comparable], station_m: float | None = None) -> Comparison:
+    """Put rides and laps side by side.
+
+    Args:
+        items: Paths, opened recordings, rides or laps. Of a recording all rides are taken; of a ride with complete laps
+            the fastest one, unless only one ride was found in all: then all its laps.
+        station_m: Distance of the stations at which they are compared, m; by default about 2500 along the course.
+
+    Returns:
+        The comparison.
+
+    Raises:
+        ValueError: If nothing was given, the courses differ in length, or `station_m` is not positive.
+        FileNotFoundError: If there is no such recording.
+        RecordingError: If a file is not a recording of a ride.
+    """
+    return compare_runs(_runs(comparable(items)), station_m)
+
+
+def comparable(items: Iterable[Comparable]) -> list[RecordedRide | RecordedLap]:
+    """Which rides and laps `compare` would compare; see there."""
+    given = [open_ride(i) if isinstance(i, str | os.PathLike) else i for i in items]
+    flat: list[RecordedRide | RecordedLap] = []
+    for item in given:
+        flat += item.rides if isinstance(item, RideRecording) else [item]
+    if len(flat) == 1 and isinstance(flat[0], RecordedRide) and flat[0].laps:
+        return list(flat[0].laps)
+    return [(item.best_lap or item) if isinstance(item, RecordedRide) else item for item in flat]
+
+
+def _runs(items: Iterable[RecordedRide | RecordedLap]) -> list[Run]:
+    """The compared runs, with labels that differ."""
+    given = list(items)
+    rides = [item.ride if isinstance(item, RecordedLap) else item for item in given]
+    runs: dict[str, Run] = {}
+    for item, ride, named in zip(given, rides, _names([r.recording for r in rides]), strict=True):
+        name = named + item.label.removeprefix(ride.recording.path.stem)
+        labels = chain([name], (f"{name} ({n})" for n in count(2)))
+        label = next(label for label in labels if label not in runs)
+        lap = item.data if isinstance(item, RecordedLap) else None
+        runs[label] = Run(label, ride.recording.path.name, ride.evaluated, lap, ride.recording.policy)
+    return list(runs.values())
+
+
+def _names(recordings: Sequence[RideRecording]) -> list[str]:
+    """Names of the recordings: the rider, where each of several has a rider of its own, else its file."""
+    riders = {recording.path: recording.policy for recording in recordings}
+    if len(riders) > 1 and all(riders.values()) and len(set(riders.values())) == len(riders):
+        return [recording.policy for recording in recordings]
+    paths = [recording.path for recording in recordings]
+    return [prefix + path.stem for prefix, path in zip(folder_prefixes(paths), paths, strict=True)]

@@ -1,15 +1,24 @@
-"""Results of `bike analyze` as typed records: the figures of its ``--json``, schema ``bike.analyze/2``."""
+"""Results of `bike analyze` as typed records: the figures of its ``--json``, and their JSON Schema.
+
+The JSON Schema is generated from the records and their docstrings. The package carries it as ``analyze.schema.json``;
+``python -m bike_analysis.figures.results`` prints it.
+"""
 
 from __future__ import annotations
 
+import inspect
+import json
 import math
+import re
+import types
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
-from typing import Any, Final
+from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from importlib.resources import files
+from typing import Any, Final, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from bike_analysis.figures.compare import Comparison
+from bike_analysis.figures.compare import Comparison, SectorFigures
 from bike_analysis.figures.metrics import RideFigures, latency_figures
 from bike_analysis.figures.recorded import RideRecording
 
@@ -74,27 +83,6 @@ class RunFigures:
     duration_s: float | None
     complete: bool
     delta_s: float | None
-
-
-@dataclass(frozen=True)
-class SectorFigures:
-    """A sector within a comparison.
-
-    Attributes:
-        name: Of the sector.
-        start_m: Where it begins.
-        end_m: Where it ends.
-        times_s: Time of each run, in the order of the runs; null where it was not completed.
-        best_s: The best of them.
-        best_run: Who rode it.
-    """
-
-    name: str
-    start_m: float
-    end_m: float
-    times_s: tuple[float | None, ...]
-    best_s: float | None
-    best_run: str | None
 
 
 @dataclass(frozen=True)
@@ -237,12 +225,7 @@ def comparison_figures(comparison: Comparison) -> ComparisonFigures:
         spacing_m=float(stations[1] - stations[0]) if len(stations) > 1 else 0.0,
         stations=len(stations),
         runs=tuple(_run_figures(comparison, index) for index in range(len(runs))),
-        sectors=tuple(
-            SectorFigures(
-                s.name, s.start_m, s.end_m, s.times_s, s.best_s, None if s.best is None else runs[s.best].label
-            )
-            for s in comparison.sectors
-        ),
+        sectors=comparison.sectors,
         theoretical_lap_s=comparison.best_sectors_s,
     )
 
@@ -301,3 +284,95 @@ def _speed_figures(course: str, speed: float, found: Sequence[tuple[str, RideFig
         mean_error_m=float(np.mean([np.mean(means) for means in by_controller.values()])),
         max_error_m=max(f.max_error_m or 0.0 for _, f in found),
     )
+
+
+FILE_NAME: Final = "analyze.schema.json"
+
+_PLAIN: Final[dict[Any, str]] = {str: "string", int: "integer", bool: "boolean"}
+_ATTRIBUTE: Final = re.compile(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", re.MULTILINE)
+
+
+def shipped_schema() -> dict[str, Any]:
+    """The schema that comes with the package."""
+    return json.loads((files("bike_analysis.figures") / FILE_NAME).read_text(encoding="utf-8"))
+
+
+def make_schema() -> dict[str, Any]:
+    """Return the schema of the whole output."""
+    definitions: dict[str, Any] = {}
+    figures = _object(Analysis, definitions)
+    figures["required"] = [name for name in figures["required"] if name not in WRITTEN]
+    for name in WRITTEN:
+        figures["properties"][name]["type"] = "string"
+    ride = _object(RideFigures, definitions)
+    ride["properties"] = {"recording": {"type": "string", "description": "The file."}, **ride["properties"]}
+    ride["required"] = ["recording", *ride["required"]]
+    definitions.pop("RideEntry")
+    definitions["Ride"] = ride
+    figures["properties"]["rides"]["items"] = {"$ref": "#/$defs/Ride"}
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": SCHEMA,
+        "description": "What `bike analyze --json` prints. Names end in their units; null is what is not known.",
+        "type": "object",
+        "properties": {
+            "schema": {"const": SCHEMA},
+            "ok": {"type": "boolean", "description": "Whether all recordings could be read."},
+            "figures": figures,
+        },
+        "required": ["schema", "ok", "figures"],
+        "additionalProperties": False,
+        "$defs": dict(sorted(definitions.items())),
+    }
+
+
+def _object(kind: type, definitions: dict[str, Any]) -> dict[str, Any]:
+    """Schema of a record; records within it go to the definitions."""
+    hints, descriptions = get_type_hints(kind), _descriptions(kind)
+    properties = {}
+    for f in fields(kind):
+        properties[f.name] = _value(hints[f.name], definitions)
+        if f.name in descriptions:
+            properties[f.name]["description"] = descriptions[f.name]
+    first_line = inspect.cleandoc(kind.__doc__ or "").splitlines()[0]
+    return {
+        "type": "object",
+        "description": first_line,
+        "properties": properties,
+        "required": list(properties),
+        "additionalProperties": False,
+    }
+
+
+def _descriptions(kind: type) -> dict[str, str]:
+    """Description of each attribute from a docstring, as plain text."""
+    texts = [inspect.cleandoc(base.__doc__ or "") for base in reversed(kind.__mro__) if is_dataclass(base)]
+    return {name: " ".join(said.replace("`", "").split()) for t in texts for name, said in _ATTRIBUTE.findall(t)}
+
+
+def _value(hint: Any, definitions: dict[str, Any]) -> dict[str, Any]:
+    """Schema of a value."""
+    if hint in _PLAIN:
+        return {"type": _PLAIN[hint]}
+    if hint is float:
+        return {"type": ["number", "null"]}  # what is not finite is null
+    origin, arguments = get_origin(hint), get_args(hint)
+    if origin in (tuple, list):
+        return {"type": "array", "items": _value(arguments[0], definitions)}
+    if origin is dict:
+        return {"type": "object", "additionalProperties": _value(arguments[1], definitions)}
+    if origin in (Union, types.UnionType):
+        inner = _value(next(a for a in arguments if a is not type(None)), definitions)
+        if "$ref" in inner:
+            return {"anyOf": [inner, {"type": "null"}]}
+        kinds = inner["type"] if isinstance(inner["type"], list) else [inner["type"]]
+        return {**inner, "type": list(dict.fromkeys([*kinds, "null"]))}
+    if is_dataclass(hint) and isinstance(hint, type):
+        definitions.setdefault(hint.__name__, {})
+        definitions[hint.__name__] = _object(hint, definitions)
+        return {"$ref": f"#/$defs/{hint.__name__}"}
+    raise TypeError(f"no JSON Schema for {hint!r}")
+
+
+if __name__ == "__main__":
+    print(json.dumps(make_schema(), indent=2, ensure_ascii=False))

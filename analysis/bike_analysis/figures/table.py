@@ -12,42 +12,15 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from bike_analysis.figures.delays import command_ages
+from bike_analysis.figures.course import beyond_limits
 from bike_analysis.figures.laps import CompleteLap, course_length, find_laps, lap_of_states
 from bike_analysis.figures.numbers import rate
-from bike_analysis.figures.track_limits import beyond_limits
-from bike_analysis.figures.tyres import telemetry_columns
+from bike_analysis.figures.signals import command_ages, telemetry_columns
 from bike_analysis.read.rides import Ride
-from bike_analysis.read.tables import Floats
+from bike_analysis.read.tables import STATE_QUANTITIES, Floats
 
-STATE_COLUMNS: Final = {
-    "progress_m": "progress",
-    "x_m": "x",
-    "y_m": "y",
-    "yaw_rad": "yaw",
-    "roll_rad": "roll",
-    "pitch_rad": "pitch",
-    "steer_rad": "steer",
-    "rear_wheel_angle_rad": "rear_wheel_angle",
-    "front_wheel_angle_rad": "front_wheel_angle",
-    "roll_rate_rad_s": "roll_rate",
-    "steer_rate_rad_s": "steer_rate",
-    "yaw_rate_rad_s": "yaw_rate",
-    "front_wheel_rate_rad_s": "front_wheel_rate",
-    "speed_m_s": "speed",
-    "front_x_m": "front_x",
-    "front_y_m": "front_y",
-    "lateral_error_m": "lateral_error",
-    "front_lateral_error_m": "front_lateral_error",
-    "heading_error_rad": "heading_error",
-    "curvature_1_m": "curvature",
-    "steering_command": "steering_command",
-    "throttle_command": "throttle_command",
-    "steer_torque_nm": "steer_torque",
-    "fallen": "fallen",
-    "off_course": "off_course",
-    "finished": "finished",
-}
+_CONSTANT: Final = ("control_period", "steering_limit", "course_length", "course_closed", "front_progress")
+STATE_COLUMNS: Final = {q.column: q.name for q in STATE_QUANTITIES if q.name not in _CONSTANT}
 """Columns that are fields of the recorded state, by name of the column."""
 
 
@@ -87,7 +60,7 @@ def motion_columns(ride: Ride, rows: slice) -> dict[str, Any]:
 
 
 def station(ride: Ride) -> Floats:
-    """Where on the course each state is, m: progress (within the lap on a closed course), else distance travelled."""
+    """Place on the course of each state, m: progress (within the lap on a closed course), else distance travelled."""
     states = ride.states
     if not np.isfinite(states.progress).any():
         return ride.distance

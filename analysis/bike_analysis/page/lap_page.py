@@ -9,13 +9,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from bike_analysis.figures.corners import LapTrace, corner_figures
-from bike_analysis.figures.lap_recording import LapRecording, Theory, timing_agrees
+from bike_analysis.figures.lap_recording import LapRecording, LapTrace, Theory, corner_figures, timing_agrees
 from bike_analysis.figures.numbers import best_sectors_together, best_times, lap_text
-from bike_analysis.page.html import html_text, key_html, table_html
+from bike_analysis.page.document import long_notes, note_words, page_shell, program_version, recorded_settings
+from bike_analysis.page.html import html_text, key_html, number_text, row_html, table_html, time_cell
 from bike_analysis.page.lap_view import lap_view, theory_columns
-from bike_analysis.page.settings import long_notes, note_words, recorded_settings
-from bike_analysis.page.shell import page_shell, program_version
 from bike_analysis.page.view import View, view_html
 from bike_analysis.read.tables import Floats
 from bike_analysis.read.text import LONGEST_SENTENCE
@@ -72,7 +70,7 @@ def render_lap_page(laps: LapRecording, theory: Theory) -> str:
 
 
 def _header(laps: LapRecording) -> list[str]:
-    """What was ridden, by whom, when, and with what settings. The tiles do not show an out-lap."""
+    """Machine, circuit, rider, date and settings. The tiles do not show an out-lap."""
     recording, track = laps.recording, laps.track
     notes = dict(recording.notes)
     words = [f"machine {recording.vehicle}", f"circuit {track.name}, {track.length:.0f} m"]
@@ -92,7 +90,7 @@ def _key(laps: LapRecording, figures: dict[str, Any]) -> str:
     entries = [
         ("best lap", "–" if best is None else lap_text(best), ""),
         ("theoretical best", lap_text(limit), ""),
-        ("best over theoretical", "–" if best is None else f"{best - limit:+.2f}".replace("-", "−"), "s"),
+        ("best over theoretical", "–" if best is None else number_text(best - limit, 2, "+"), "s"),
         ("laps after the out-lap", str(ridden), ""),
         ("of them inside the limits", f"{figures['valid_laps']} of {ridden}", ""),
         ("time outside the limits", f"{figures['off_track_s']:.2f}", "s"),
@@ -125,16 +123,11 @@ def _time_table(laps: LapRecording, theory: Theory) -> str:
 def _time_row(name: str, times: Sequence[float | None], best: Sequence[float | None], last: str | None) -> str:
     cells = []
     for time, least in zip_longest(times, best):
-        mark = ' class="best"' if time is not None and time == least else ""
-        over = "" if time is None or least is None or time == least else f"<small>{signed(time - least)}</small>"
-        cells.append(f"<td{mark}>{'–' if time is None else lap_text(time)}{over}</td>")
+        behind = None if time is None or least is None or time == least else time - least
+        more = "" if behind is None else f"<small>{number_text(behind, 3, '+')}</small>"
+        cells.append(time_cell(time, least, more))
     cells += [] if last is None else [f"<td>{last}</td>"]
-    return f"<tr><td>{html_text(name)}</td>{''.join(cells)}</tr>"
-
-
-def signed(seconds: float) -> str:
-    """A difference of times with its sign, to thousandths."""
-    return f"{round(seconds, 3) + 0.0:+.3f}".replace("-", "−")
+    return row_html(name, cells)
 
 
 def corner_tables(laps: LapRecording, theory: Theory, view: View) -> str:
@@ -158,9 +151,9 @@ def _trace(columns: dict[str, Floats], length: float, duration: float) -> LapTra
     """A lap from line to line: its first and last state lie a little inside, and the times of the line are known."""
     nothing = np.zeros(len(columns["distance"]))
     ended = [columns["speed"], columns.get("roll", nothing), columns.get("brake", nothing)]
-    way = np.concatenate([[0.0], np.clip(columns["distance"], 0.0, length), [length]])
+    distance = np.concatenate([[0.0], np.clip(columns["distance"], 0.0, length), [length]])
     time = np.concatenate([[0.0], np.clip(columns["time"], 0.0, duration), [duration]])
-    return LapTrace(way, time, *(np.pad(column, 1, mode="edge") for column in ended))
+    return LapTrace(distance, time, *(np.pad(column, 1, mode="edge") for column in ended))
 
 
 _CORNER_HEAD: Final = (
@@ -176,18 +169,18 @@ def _corner_table(
     worst = max((corner.lost_s for corner in found), default=0.0)
     rows = []
     for corner in found:
+        speeds = (corner.entry_speed, corner.least_speed, corner.exit_speed)
         cells = [
-            f"<td>{html_text(corner.name)} {corner.direction}</td>",
-            f"<td>{'–' if corner.braking_m is None else f'{corner.braking_m:.0f}'}</td>",
-            f"<td>{'–' if corner.before_apex_m is None else f'{corner.before_apex_m:.0f}'}</td>",
-            *(f"<td>{value:.0f}</td>" for value in (corner.entry_speed, corner.least_speed, corner.exit_speed)),
-            f"<td>{corner.lean_deg:.0f}</td>",
-            f"<td{' class=worst' if corner.lost_s == worst > 0.0 else ''}>{signed(corner.lost_s)}</td>",
+            *(
+                f"<td>{number_text(v, 0)}</td>"
+                for v in (corner.braking_m, corner.before_apex_m, *speeds, corner.lean_deg)
+            ),
+            f"<td{' class=worst' if corner.lost_s == worst > 0.0 else ''}>{number_text(corner.lost_s, 3, '+')}</td>",
             f"<td class=text>{corner.lost_in}</td>",
         ]
-        rows.append(f"<tr>{''.join(cells)}</tr>")
-    total = signed(sum(corner.lost_s for corner in found))
-    rows.append(f"<tr><td>whole lap</td>{'<td></td>' * 6}<td>{total}</td><td></td></tr>")
+        rows.append(row_html(f"{corner.name} {corner.direction}", cells))
+    total = number_text(sum(corner.lost_s for corner in found), 3, "+")
+    rows.append(row_html("whole lap", ["<td></td>" * 6, f"<td>{total}</td><td></td>"]))
     words = f"{html_text(name)}, measured against {html_text(against)}"
     table = table_html(_CORNER_HEAD, rows, "corners")
     return f"<details{' open' if is_open else ''}><summary>{words}</summary>{table}</details>"

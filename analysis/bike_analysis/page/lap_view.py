@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
 
-from bike_analysis.figures.histograms import time_shares
 from bike_analysis.figures.lap_recording import LapRecording, Machine, Theory
-from bike_analysis.figures.numbers import lap_text, rate
-from bike_analysis.page.compare_view import comparison_panels
-from bike_analysis.page.ride_view import aid_bands, off_track, ride_columns, speed_channels
+from bike_analysis.figures.numbers import lap_text, rate, time_shares
+from bike_analysis.page.ride_view import (
+    aid_bands,
+    compared,
+    comparison_panels,
+    follow_spec,
+    map_lines,
+    off_track,
+    ride_columns,
+    speed_channels,
+)
 from bike_analysis.page.view import (
     KMH,
     Cloud,
     Histogram,
     Limit,
-    MapLine,
-    Panel,
-    PanelLine,
     Section,
     Series,
     View,
@@ -27,20 +30,9 @@ from bike_analysis.page.view import (
     series_colour,
 )
 from bike_analysis.read.tables import Floats
-from bike_analysis.read.text import shown
 from bike_sim.course.lap_timing import Lap
 from bike_sim.schema import GRAVITY
 
-DELTA: Final = Panel(
-    *("delta", "Time lost on the reference", "time lost", "s", (PanelLine("delta", "time lost", "orange"),)),
-    caption="Difference of the times at the same place to the lap chosen above; where it rises, time is lost.",
-    least=0.05,
-)
-SPEED_DELTA: Final = Panel(
-    *("speed_delta", "Speed less that of the reference", "difference", "km/h"),
-    (PanelLine("speed_delta", "difference", "green"),),
-    least=1.0,
-)
 LEAN_BINS: Final = tuple(range(0, 71, 5))
 """Edges of the histogram of lean, degrees."""
 GRIP_BINS: Final = tuple(range(0, 121, 10))
@@ -87,8 +79,8 @@ def lap_view(laps: LapRecording, theory: Theory, key: str, title: str) -> View:
         key,
         title,
         tuple(series),
-        (DELTA, SPEED_DELTA, *_ordered(comparison_panels(first, fast=True))),
-        track_lines(laps),
+        tuple(sorted(comparison_panels(first, fast=True), key=lambda panel: panel.key == "error")),
+        map_lines(laps.ride),
         () if off is None else (off,),
         corner_labels(laps),
         corner_sections(laps, first["distance"]),
@@ -103,21 +95,12 @@ def lap_view(laps: LapRecording, theory: Theory, key: str, title: str) -> View:
     )
 
 
-def _ordered(panels: tuple[Panel, ...]) -> list[Panel]:
-    """The distance to the path last, and lean with its own caption."""
-    lean = "Positive leaning right."
-    panels = tuple(replace(panel, caption=lean) if panel.key == "lean" else panel for panel in panels)
-    return sorted(panels, key=lambda panel: panel.key == "error")
-
-
 def lap_columns(laps: LapRecording, lap: Lap | None, machine: Machine | None = None) -> dict[str, Floats]:
     """Columns of a lap, over arc length along the centre line; the whole ride if None."""
     rows = slice(0, len(laps.ride.states)) if lap is None else laps.rows(lap)
-    columns = ride_columns(laps.ride, rows)
-    for name in ("balance", "reached", "age", "command"):
-        columns.pop(name, None)
-    way = laps.progress[rows]
-    columns["distance"] = growing(way - laps.track.length * np.round(way[0] / laps.track.length))
+    columns = compared(ride_columns(laps.ride, rows))
+    place = laps.progress[rows]
+    columns["distance"] = growing(place - laps.track.length * np.round(place[0] / laps.track.length))
     if lap is not None:
         columns["time"] = growing(laps.time[rows] - lap.began)
     if machine is not None:
@@ -158,7 +141,7 @@ def accelerations(laps: LapRecording, rows: slice) -> tuple[Floats, Floats]:
 
 
 def lap_histograms(series: list[Series]) -> tuple[Histogram, ...]:
-    """How long each lap was at which lean, and used which share of its tyres' grip."""
+    """Distribution of each lap's time over lean and over the used share of its tyres' grip."""
     found = []
     for key, title, label, edges in (
         ("roll", "Lean by time", "lean to either side in °", LEAN_BINS),
@@ -197,18 +180,6 @@ def gg_cloud(columns: list[dict[str, Floats]], machine: Machine | None = None) -
     )
 
 
-def track_lines(laps: LapRecording) -> tuple[MapLine, ...]:
-    """The limits of the circuit and the line that was followed."""
-    track = laps.track
-    centre = track.centre
-    lines = []
-    for name, offset in (("left limit", track.width_left), ("right limit", -track.width_right)):
-        edge = track.points(centre.s, offset)
-        lines.append(MapLine(name, "limit", edge[:, 0], edge[:, 1]))
-    x, y = laps.ride.reference_line()
-    return (MapLine("line followed", "wanted", x, y), *lines)
-
-
 def corner_labels(laps: LapRecording) -> tuple[dict[str, Any], ...]:
     """Name of each corner beside the track: outside of the corner, or where it is farthest from any part of it."""
     track = laps.track
@@ -238,26 +209,14 @@ def corner_sections(laps: LapRecording, distance: Floats) -> tuple[Section, ...]
 
 
 def follow_data(laps: LapRecording, lap: Lap | None) -> dict[str, Any]:
-    """Additional data of the follow view: limits, line and labels."""
+    """Additional data of the view from behind: limits, line and labels."""
     track, course = laps.track, laps.ride.course
     count = round(track.length / ROAD_STEP)
     progress = np.linspace(0.0, track.length, count, endpoint=False)
-    line: list[list[float]] = []
-    if course is not None and len(course.x):
-        rows = np.linspace(0, len(course.x) - 1, count).astype(int)
-        line = [_rounded(course.x[rows]), _rounded(course.y[rows])]
-    edges = []
-    for width, sign in ((track.width_left, 1.0), (track.width_right, -1.0)):
-        points = track.points(progress, sign * track.at(width, progress))
-        edges += [_rounded(points[:, 0]), _rounded(points[:, 1])]
-    return {
-        "title": shown(f"{laps.recording.vehicle}, {track.name}"),
-        "lapTime": "" if lap is None else lap_text(lap.duration),
-        "step": track.length / count,
-        "edges": edges,
-        "line": line,
-    }
-
-
-def _rounded(values: Floats) -> list[float]:
-    return [round(float(value), 1) for value in values]
+    rows = np.linspace(0, len(course.x) - 1, count).astype(int) if course is not None and len(course.x) else None
+    line = [] if course is None or rows is None else [course.x[rows], course.y[rows]]
+    widths = ((track.width_left, 1.0), (track.width_right, -1.0))
+    edges = np.concatenate([track.points(progress, sign * track.at(w, progress))[:, :2].T for w, sign in widths])
+    title = f"{laps.recording.vehicle}, {track.name}"
+    time = "" if lap is None else lap_text(lap.duration)
+    return follow_spec(title, track.length / count, line, list(edges), powered=True, lapTime=time)

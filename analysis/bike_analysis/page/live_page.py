@@ -3,32 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from typing import Final
 
 import numpy as np
 
 from bike_analysis.figures.compare import Comparison
-from bike_analysis.page.compare_view import run_columns
-from bike_analysis.page.follow import edge, follow_spec
+from bike_analysis.page.document import page_shell, program_version
 from bike_analysis.page.html import html_text
-from bike_analysis.page.ride_view import BRAKE, ERROR, LOAD, SLIP, SPEED, THROTTLE
-from bike_analysis.page.shell import page_shell, program_version
-from bike_analysis.page.view import KMH, MapLine, Panel, PanelLine, Series, View, series_colour, view_html
-from bike_analysis.read.tables import Floats
+from bike_analysis.page.ride_view import (
+    BRAKE,
+    COMMAND,
+    ERROR,
+    LEAN,
+    LOAD,
+    SLIP,
+    SPEED,
+    THROTTLE,
+    closed,
+    edge,
+    follow_spec,
+    in_kmh,
+    run_columns,
+)
+from bike_analysis.page.view import KMH, MapLine, Series, View, series_colour, view_html
 from bike_analysis.read.text import LONGEST_SENTENCE
 from bike_sim.course.course import Course
 
-_LEAN: Final = Panel(
-    *("lean", "Lean and steer", "angle", "°"),
-    (PanelLine("steer", "steer δ", "orange"), PanelLine("roll", "lean φ", "blue")),
-    caption="Lean is positive to the right, steer to the left.",
-)
-_COMMAND: Final = Panel(
-    *("command", "Steering command", "command", "", (PanelLine("command", "applied", "violet", step=True),)),
-    caption="In [−1, 1], positive to the left.",
-    ends=(-1.0, 1.0),
+_LEAN: Final = replace(LEAN, lines=LEAN.lines[1:], caption="Lean is positive to the right, steer to the left.")
+_COMMAND: Final = replace(
+    COMMAND, lines=COMMAND.lines[1:], caption="In [−1, 1], positive to the left.", ends=(-1.0, 1.0)
 )
 _MOVING: Final = ("time", "distance", "yaw", "roll", "steer", "speed", "error", "command")
 _DRIVEN: Final = ("throttle", "brake", "rear_slip", "front_slip", "rear_load", "front_load")
@@ -89,34 +94,28 @@ def live_view(course: Course, machine: str, powered: bool, ghost: Ghost | None =
         "y": np.full(2, course.y[0]),
         **({name: still for name in _DRIVEN} if powered else {}),
     }
-    panels = [SPEED, _LEAN, *((THROTTLE, BRAKE, SLIP, LOAD) if powered else ()), _COMMAND, ERROR]
+    speed = replace(in_kmh(SPEED), zero=True, least=10.0) if powered else SPEED
+    panels = (speed, _LEAN, *((THROTTLE, BRAKE, SLIP, LOAD) if powered else ()), _COMMAND, ERROR)
     limits = ((1.0, course.width_left), (-1.0, course.width_right))
     left, right = (edge(course.x, course.y, course.heading, side, width) for side, width in limits)
-    lines = [MapLine("line followed", "wanted", *_closed(course, course.x, course.y))]
+    lines = [MapLine("reference path", "reference", *closed(course.closed, course.x, course.y))]
     if course.width_left is not None:
         edges = (("left limit", left), ("right limit", right))
-        lines += [MapLine(name, "limit", *_closed(course, *edge)) for name, edge in edges]
+        lines += [MapLine(name, "limit", *closed(course.closed, *line)) for name, line in edges]
     return View(
         "live",
         f"{machine} on {course.name}",
         (Series("this ride", columns), *((ghost.series,) if ghost else ())),
-        tuple(_in_kmh(panel) if powered and panel.key == "speed" else panel for panel in panels),
+        panels,
         tuple(lines),
         colours=(),
         map_caption="Where the ride is, and its last half minute." + (_GHOST_WORDS[ghost.is_lap] if ghost else ""),
         channels={"speed": KMH} if powered else {},
         follow=follow_spec(
-            f"{machine}, {course.name}", (course.s, course.x, course.y), (*left, *right), course.closed, powered
+            *(f"{machine}, {course.name}", float(course.s[1]), (course.x, course.y), (*left, *right), powered),
+            open=not course.closed,
         ),
     )
-
-
-def _in_kmh(panel: Panel) -> Panel:
-    return Panel(panel.key, panel.title, panel.label, KMH.unit, panel.lines, zero=True, least=10.0)
-
-
-def _closed(course: Course, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-    return (np.append(x, x[0]), np.append(y, y[0])) if course.closed else (x, y)
 
 
 def render_live_page(
@@ -147,8 +146,8 @@ def render_live_page(
     steers = rider is not None
     spec = {"names": list(names), "scales": scales, "powered": powered, "watched": not steers, "ghostLaps": laps}
     parts = [_controls(rider, powered), view_html(view), *([_pads(powered)] if steers else [])]
-    told = [f"rider of the computer: {rider}", "recorded as it is ridden"] if rider is not None else []
-    below = html_text(" · ".join([*told, *words, f"page by {program_version()}"]), LONGEST_SENTENCE)
+    facts = [f"rider of the computer: {rider}", "recorded as it is ridden"] if rider is not None else []
+    below = html_text(" · ".join([*facts, *words, f"page by {program_version()}"]), LONGEST_SENTENCE)
     keys = (*_STEER_KEYS, *_KEYS, *_OTHER_HANDS) if steers else _KEYS
     return page_shell(title, f'<p class="soft">{below}</p>', parts, [view], connect=host, live=spec, keys=keys)
 

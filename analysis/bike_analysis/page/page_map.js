@@ -57,7 +57,7 @@ function paintMap(view, box, width, g, at) {
   clipTo(g, at);
   for (const line of view.map.lines) {
     const rows = mapRows(line, box, width);
-    if (line.role === "wanted") strokeRows(g, at, line.x, line.y, rows, colour("band"), 5);
+    if (line.role === "reference") strokeRows(g, at, line.x, line.y, rows, colour("band"), 5);
     else strokeRows(g, at, line.x, line.y, rows, colour("muted"), 1);
   }
   for (const series of view.shown().toReversed()) {
@@ -152,7 +152,7 @@ class MapPart extends PlotPart {
     const { view } = this, margin = asFile ? { l: 24, r: 24, t: 92, b: 24 } : { l: 0, r: 0, t: 0, b: 0 };
     const box = asFile ? fittedBox(this.box, width - 48, height - 116, 0) : this.box, { chosen } = view.map;
     const series = view.shown().filter(one => one.columns.x && (!chosen || one === view.main));
-    const names = [...view.map.lines.filter(line => line.role === "wanted").map(line => ({ name: line.name, ink: colour("band") })),
+    const names = [...view.map.lines.filter(line => line.role === "reference").map(line => ({ name: line.name, ink: colour("band") })),
       ...series.map(one => ({ name: one.name, ink: colour(chosen ? `e${LEVELS - 1}` : one.colour) })),
       ...view.bands.map(band => ({ name: band.name, ink: colour(band.colour) })),
       ...view.map.marks.map(mark => ({ name: mark.name, ink: colour(mark.colour) }))];
@@ -207,7 +207,7 @@ class CloudPart extends PlotPart {
     return {
       found, width, height, margin, x: [box[0], box[1]], y: [box[2], box[3]], title: spec.title, lines: [],
       legend: found.map(one => ({ name: one.name, ink: colour(one.colour) })),
-      xAxis: { space: 60, label: spec.xLabel }, yAxis: { space: 40, label: spec.yLabel }, zero: paintZero,
+      xAxis: { space: 60, label: spec.x_label }, yAxis: { space: 40, label: spec.y_label }, zero: paintZero,
       over: (g, at) => this.paint(g, at, found),
     };
   }
@@ -221,17 +221,17 @@ class CloudPart extends PlotPart {
       g.fillStyle = inkOf(series.colour, series.theory ? 0.9 : 0.5);
       g.fill();
     }
-    const curve = spec.envelope?.curves[this.envelopeRow];
+    const curve = spec.limit?.curves[this.envelopeRow];
     if (curve) strokeRows(g, at, curve[0], curve[1], curve[0].map((_, k) => k), colour("ink"), 1.5, [6, 3]);
   }
   // The envelope of the speed nearest to the one at the cursor.
   nearestEnvelope() {
-    const { envelope } = this.spec, speed = this.view.main.columns.speed?.[this.view.row];
+    const { limit: envelope } = this.spec, speed = this.view.main.columns.speed?.[this.view.row];
     if (!envelope || !(speed === speed)) return -1;
     return nearestRow(envelope.speeds, speed);
   }
   label({ found }) {
-    const { envelope } = this.spec;
+    const { limit: envelope } = this.spec;
     this.limit ??= envelope ? element("b") : null;
     labelSeries(this, found, ...(envelope ? [element("span", {}, element("i", { className: "limit" }), "limit of the machine at ", this.limit)] : []));
     if (this.limit && this.envelopeRow >= 0) write(this.limit, `${numberText(envelope.speeds[this.envelopeRow], 0)}\u202f${envelope.unit}`);
@@ -240,6 +240,6 @@ class CloudPart extends PlotPart {
     if (!this.shows) return;
     const { row, main } = this.view;
     this.mark(this.dot, main.columns[this.spec.x]?.[row], main.columns[this.spec.y]?.[row]);
-    if (this.spec.envelope && this.nearestEnvelope() !== this.envelopeRow) this.view.redraw(part => part === this);
+    if (this.spec.limit && this.nearestEnvelope() !== this.envelopeRow) this.view.redraw(part => part === this);
   }
 }

@@ -45,8 +45,8 @@ class View {
     if (spec.reference !== null) this.compareWith(this.series[spec.reference]);
     this.range = this.whole();
     const withPlaces = async line => ({ ...line, ...await decodedAll({ x: line.x, y: line.y }) });
-    const lines = await Promise.all(spec.map.lines.map(withPlaces));
-    this.map = { ...spec.map, lines, chosen: spec.map.colours[0] || "" };
+    const lines = await Promise.all(spec.lines.map(withPlaces));
+    this.map = { lines, marks: spec.marks, labels: spec.labels, chosen: spec.colours[0] || "" };
     this.build();
     this.moved = true;
     this.redraw();

@@ -10,11 +10,9 @@ from typing import Final
 from bike_analysis.figures.compare import Comparison
 from bike_analysis.figures.metrics import RideFigures
 from bike_analysis.figures.recorded import RecordedRide, RideRecording, folder_prefixes
-from bike_analysis.page.compare_view import comparison_view, comparison_words, sector_table
-from bike_analysis.page.html import html_text, key_html, table_html
-from bike_analysis.page.ride_view import ride_view
-from bike_analysis.page.settings import long_notes, note_words, recorded_settings
-from bike_analysis.page.shell import page_shell, program_version
+from bike_analysis.page.document import long_notes, note_words, page_shell, program_version, recorded_settings
+from bike_analysis.page.html import html_text, key_html, number_text, row_html, table_html, time_cell
+from bike_analysis.page.ride_view import comparison_view, ride_view
 from bike_analysis.page.view import View, view_html
 from bike_analysis.read.rides import Ride
 from bike_analysis.read.text import LONGEST_SENTENCE
@@ -68,19 +66,43 @@ def render_page(recordings: Sequence[RideRecording], comparison: Comparison | No
     parts = ["".join(map(_warnings, recordings, sources))]
     if comparison is not None:
         views.append(comparison_view(comparison, "comparison"))
-        parts.append(f'<section id="comparison"><h2>Side by side</h2>{comparison_words(comparison)}')
-        parts.append(f"{view_html(views[-1])}<h3>Times and best sectors</h3>{sector_table(comparison)}</section>")
+        course = f" on {html_text(comparison.course)}" if comparison.course else ""
+        reference = html_text(comparison.runs[comparison.reference].label)
+        parts.append(
+            f'<section id="comparison"><h2>Side by side</h2><p class="soft">{len(comparison.runs)} rides or laps'
+            f"{course}, at the same places along the course. The reference is {reference}.</p>"
+            f"{view_html(views[-1])}<h3>Times and best sectors</h3>{sector_table(comparison)}</section>"
+        )
     if len(rides) > 1:
         parts.append(_overview(rides, names, drawn))
     for index in drawn:
-        view = ride_view(rides[index].judged, f"ride-{index + 1}", f"{labels[index]} on {_course(rides[index])}")
+        view = ride_view(rides[index].evaluated, f"ride-{index + 1}", f"{labels[index]} on {_course(rides[index])}")
         views.append(view)
         parts.append(_ride(rides[index], names[index], view))
     return page_shell(title, _below(list(zip(recordings, sources, strict=True))), parts, views)
 
 
+def sector_table(comparison: Comparison) -> str:
+    """The times of the runs and of their sectors, as HTML: a column a run, and one of the best."""
+    runs = comparison.runs
+    reference = runs[comparison.reference]
+    head = "".join(f"<th>{html_text(name)}</th>" for name in ("time", *(run.label for run in runs), "best"))
+    durations = [run.duration_s if run.complete else None for run in runs]
+    lost = [number_text(None if d is None else d - reference.duration_s, 3, "+") for d in durations]
+    lines = [("whole", durations, reference.duration_s if reference.complete else None)]
+    lines += [(f"{n}\u2002{s.name}", list(s.times_s), s.best_s) for n, s in enumerate(comparison.sectors, start=1)]
+    rows = [
+        row_html(name, [*(time_cell(t, best) for t in times), time_cell(best, None)]) for name, times, best in lines
+    ]
+    rows.insert(1, row_html("lost on the reference", [*(f"<td>{text}</td>" for text in lost), "<td></td>"]))
+    together = comparison.best_sectors_s
+    if together is not None:
+        rows.append(row_html("best sectors together", ["<td></td>" * len(runs), time_cell(together, None)]))
+    return table_html(head, rows)
+
+
 def _below(recordings: Sequence[tuple[RideRecording, str]]) -> str:
-    """What stands below the title: a line for each recording; who made the page ends that of a single one."""
+    """Text below the title: a line for each recording; who made the page ends that of a single one."""
     lines = [html_text(" · ".join(_words(recording, file)), LONGEST_SENTENCE) for recording, file in recordings]
     made = html_text(f"page by {program_version()}")
     lines = [f"{lines[0]} · {made}"] if len(lines) == 1 else [*lines, made]
@@ -105,9 +127,9 @@ def _chosen(figures: Sequence[RideFigures]) -> list[int]:
 
 def _words(recording: RideRecording, file: str) -> list[str]:
     total = sum(ride.figures.duration_s for ride in recording.rides)
-    way = sum(ride.figures.distance_m for ride in recording.rides)
+    distance = sum(ride.figures.distance_m for ride in recording.rides)
     words = [file] if file else []
-    words += [f"{total:.1f} s of simulated time", f"{way:.0f} m", f"{recording.data.message_count:,} messages"]
+    words += [f"{total:.1f} s of simulated time", f"{distance:.0f} m", f"{recording.data.message_count:,} messages"]
     if recording.vehicle:
         words.append(f"vehicle {recording.vehicle}")
     words += recorded_settings(recording.data)
@@ -123,7 +145,7 @@ def _warnings(recording: RideRecording, file: str) -> str:
 
 
 def _overview(rides: Sequence[RecordedRide], names: Sequence[str], drawn: Sequence[int]) -> str:
-    head = "<th>ride</th><th class=text>course</th><th>speed<br>m/s</th><th>way<br>m</th><th>time<br>s</th>"
+    head = "<th>ride</th><th class=text>course</th><th>speed<br>m/s</th><th>distance<br>m</th><th>time<br>s</th>"
     head += "<th>mean error<br>m</th><th>RMS error<br>m</th><th>max error<br>m</th><th class=text>end</th>"
     rows = []
     for index, ride in enumerate(rides):
@@ -176,12 +198,12 @@ def _outcome(ride: Ride, figures: RideFigures) -> str:
 
 def _key_figures(f: RideFigures) -> list[tuple[str, str, str]]:
     return [
-        ("mean error", _number(f.mean_error_m, 3), "m"),
-        ("RMS error", _number(f.rms_error_m, 3), "m"),
-        ("max error", _number(f.max_error_m, 3), "m"),
-        ("speed", _number(f.speed_mean_m_s, 2), "m/s"),
-        ("way", _number(f.distance_m, 0), "m"),
-        ("time", _number(f.duration_s, 1), "s"),
+        ("mean error", number_text(f.mean_error_m, 3), "m"),
+        ("RMS error", number_text(f.rms_error_m, 3), "m"),
+        ("max error", number_text(f.max_error_m, 3), "m"),
+        ("speed", number_text(f.speed_mean_m_s, 2), "m/s"),
+        ("distance", number_text(f.distance_m, 0), "m"),
+        ("time", number_text(f.duration_s, 1), "s"),
         ("roll", _range(f.roll_min_deg, f.roll_max_deg, 0), "°"),
         ("steer", _range(f.steer_min_deg, f.steer_max_deg, 0), "°"),
     ]
@@ -204,43 +226,39 @@ def _section_table(f: RideFigures) -> str:
 def _figure_table(f: RideFigures) -> str:
     entries: Iterable[tuple[str, str]] = [
         ("duration", f"{f.duration_s:.2f} s"),
-        ("distance driven", f"{f.distance_m:.2f} m"),
-        ("full laps", _number(f.laps, 0)),
+        ("distance ridden", f"{f.distance_m:.2f} m"),
+        ("full laps", number_text(f.laps, 0)),
         ("speed, lowest to highest", f"{_range(f.speed_min_m_s, f.speed_max_m_s, 3)} m/s"),
-        ("largest error at", f"{_number(f.max_error_at_m, 1)} m"),
+        ("largest error at", f"{number_text(f.max_error_at_m, 1)} m"),
         ("falls", str(f.falls)),
         ("times off course", str(f.off_course)),
         ("roll", f"{_range(f.roll_min_deg, f.roll_max_deg)} °"),
         ("steer", f"{_range(f.steer_min_deg, f.steer_max_deg)} °"),
-        ("roll rate, RMS", f"{_number(f.roll_rate_rms_deg_s, 1)} °/s"),
-        ("steer rate, RMS (steering activity)", f"{_number(f.steer_rate_rms_deg_s, 1)} °/s"),
-        ("steering torque, RMS", f"{_number(f.steer_torque_rms_nm, 2)} Nm"),
-        ("change of the command from step to step, mean", _number(f.command_change_mean, 4)),
+        ("roll rate, RMS", f"{number_text(f.roll_rate_rms_deg_s, 1)} °/s"),
+        ("steer rate, RMS (steering activity)", f"{number_text(f.steer_rate_rms_deg_s, 1)} °/s"),
+        ("steering torque, RMS", f"{number_text(f.steer_torque_rms_nm, 2)} Nm"),
+        ("change of the command from step to step, mean", number_text(f.command_change_mean, 4)),
         ("recorded steps", f"{f.steps:,}"),
         ("steps missing", str(f.lost_steps)),
         ("states recorded twice", str(f.repeated_states)),
-        ("states without a command", _number(f.unanswered_states, 0)),
-        ("age of the command, mean", f"{_number(f.command_delay_mean_steps, 2)} steps"),
-        ("age of the command, largest", f"{_number(f.command_delay_max_steps, 0)} steps"),
-        ("the same in simulated time, mean", f"{_scaled(f.command_delay_mean_s, 1e3, 1)} ms"),
-        ("policy's answers since its start, median (wall clock)", f"{_scaled(f.latency_median_s, 1e3, 3)} ms"),
-        ("the same, 99th percentile", f"{_scaled(f.latency_p99_s, 1e3, 3)} ms"),
+        ("states without a command", number_text(f.unanswered_states, 0)),
+        ("age of the command, mean", f"{number_text(f.command_delay_mean_steps, 2)} steps"),
+        ("age of the command, largest", f"{number_text(f.command_delay_max_steps, 0)} steps"),
+        ("the same in simulated time, mean", _milliseconds(f.command_delay_mean_s, 1)),
+        ("policy's answers since its start, median (wall clock)", _milliseconds(f.latency_median_s, 3)),
+        ("the same, 99th percentile", _milliseconds(f.latency_p99_s, 3)),
     ]
-    rows = "".join(f"<tr><td>{html_text(name)}</td><td>{html_text(value)}</td></tr>" for name, value in entries)
+    rows = "".join(row_html(name, [f"<td>{html_text(value)}</td>"]) for name, value in entries)
     return f'<div class="columns"><table><tbody>{rows}</tbody></table></div>'
 
 
-def _number(value: float | None, digits: int) -> str:
-    return "–" if value is None else f"{value:.{digits}f}".replace("-", "−")
-
-
-def _scaled(value: float | None, factor: float, digits: int) -> str:
-    return _number(None if value is None else value * factor, digits)
+def _milliseconds(seconds: float | None, digits: int) -> str:
+    return f"{number_text(None if seconds is None else 1e3 * seconds, digits)} ms"
 
 
 def _range(low: float | None, high: float | None, digits: int = 1) -> str:
-    return f"{_number(low, digits)} … {_number(high, digits)}" if low is not None and high is not None else "–"
+    return f"{number_text(low, digits)} … {number_text(high, digits)}" if low is not None and high is not None else "–"
 
 
 def _cell(value: float | None, digits: int) -> str:
-    return f"<td>{_number(value, digits)}</td>"
+    return f"<td>{number_text(value, digits)}</td>"

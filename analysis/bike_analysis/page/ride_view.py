@@ -1,11 +1,11 @@
-"""The view of one ride: its map, and error, lean, speed and command over distance or time.
+"""Views of rides and laps: map, and error, lean, speed and command over distance or time; one alone or side by side.
 
 Signs are those of the recording: roll positive leaning right, steer and lateral error positive to the left.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any, Final
@@ -13,10 +13,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_analysis.figures.delays import command_ages
+from bike_analysis.figures.compare import Comparison
+from bike_analysis.figures.course import beyond_limits, has_limits
 from bike_analysis.figures.laps import lap_range
-from bike_analysis.figures.track_limits import beyond_limits, has_limits
-from bike_analysis.figures.tyres import AIDS, grip_used, telemetry_columns
+from bike_analysis.figures.signals import AIDS, command_ages, grip_used, telemetry_columns
 from bike_analysis.page.view import (
     KMH,
     KMH_DIFFERENCE,
@@ -30,6 +30,7 @@ from bike_analysis.page.view import (
     Series,
     View,
     growing,
+    series_colour,
 )
 from bike_analysis.read.messages import RecordedCourse
 from bike_analysis.read.rides import Ride
@@ -41,7 +42,23 @@ FAST: Final = 15.0
 OFF_TRACK_POINTS: Final = 400
 """Largest number of markers of positions off the track."""
 _KMH: Final = 3.6
+ROAD_POINTS: Final = 1500
+"""Most points of each edge of the road in the view from behind."""
+PATH_HALF_WIDTH: Final = 1.5
+"""Half of the width of the road that is drawn about a path without limits, m."""
+ROAD_STEPS: Final = {True: 4.0, False: 1.0}
+"""Distance of the road's points for machines with and without an engine, m."""
 
+DELTA: Final = Panel(
+    *("delta", "Time lost on the reference", "time lost", "s", (PanelLine("delta", "time lost", "orange"),)),
+    caption="Difference of the times at the same place to the ride or lap chosen above; where it rises, time is lost.",
+    least=0.05,
+)
+SPEED_DELTA: Final = Panel(
+    *("speed_delta", "Speed less that of the reference", "difference", "m/s"),
+    (PanelLine("speed_delta", "difference", "green"),),
+    least=0.2,
+)
 ERROR: Final = Panel(
     *("error", "Distance to the path", "to the left", "m", (PanelLine("error", "distance", "blue", fill="area"),)),
     caption="Signed distance of the rear contact point, positive to the left.",
@@ -140,10 +157,67 @@ def ride_view(ride: Ride, key: str, title: str) -> View:
         section_labels(ride.course),
         course_sections(ride, columns["distance"]),
         tuple(name for name in ("error", "speed", "roll", "steer", "throttle") if name in columns),
-        "The path driven over the path wanted; the dot is the rear contact point at the cursor.",
+        "The ridden path over the reference path; the dot is the rear contact point at the cursor.",
         speed_channels(fast),
         bands=aid_bands(ride, slice(0, len(ride.states))),
     )
+
+
+def comparison_view(comparison: Comparison, key: str) -> View:
+    """Return the view of a comparison: traces over distance, time lost, and a ghost for each other run.
+
+    Args:
+        comparison: The runs, aligned.
+        key: Unique name on the page.
+
+    Returns:
+        Its view. The reference comes first and carries the cursor.
+    """
+    runs = comparison.runs
+    order = [comparison.reference, *(i for i in range(len(runs)) if i != comparison.reference)]
+    columns = [run_columns(comparison, i) for i in order]
+    reference = runs[comparison.reference]
+    fast = is_fast(reference.ride)
+    series = tuple(
+        Series(runs[i].label, c, series_colour(n)) for n, (i, c) in enumerate(zip(order, columns, strict=True))
+    )
+    return View(
+        key,
+        f"{comparison.course or 'rides'} side by side",
+        series,
+        comparison_panels(columns[0], fast),
+        map_lines(reference.ride),
+        labels=section_labels(reference.ride.course),
+        sections=course_sections(reference.ride, columns[0]["distance"], reference.begin_m),
+        map_caption="The full dot is the reference, rings are the ghosts of the others at the same time since the "
+        "beginning. Buttons above show and hide them.",
+        channels=speed_channels(fast),
+        bands=aid_bands(reference.ride, reference.rows),
+        reference=0,
+    )
+
+
+def comparison_panels(columns: dict[str, Floats], fast: bool) -> tuple[Panel, ...]:
+    """Panels of differences, then those with a line a series, or one for each wheel; steer is left out."""
+    found = [DELTA, in_kmh(SPEED_DELTA) if fast else SPEED_DELTA]
+    for panel in panels_for(columns, fast):
+        if panel.key == "lean":
+            panel = replace(panel, title="Lean", caption="Positive leaning right.", lines=panel.lines[-1:])
+        if panel.key not in ("command", "age"):
+            found.append(replace(panel, lines=tuple(replace(line, fill="") for line in panel.lines)))
+    return tuple(found)
+
+
+def run_columns(comparison: Comparison, index: int) -> dict[str, Floats]:
+    """Columns of a compared run as pages show them, from its beginning, with distances as those of the reference."""
+    run = comparison.runs[index]
+    columns = compared(ride_columns(run.ride, run.rows, run.begin_m, run.begin_s))
+    return columns | {"distance": comparison.scales[index] * columns["distance"]}
+
+
+def compared(columns: dict[str, Floats]) -> dict[str, Floats]:
+    """Columns that mean something beside those of another ride."""
+    return {name: c for name, c in columns.items() if name not in ("steer", "balance", "command", "reached", "age")}
 
 
 _CONTROLS: Final = (THROTTLE, BRAKE, GEAR, ENGINE, ROLL_RATE, TORQUE, SLIP, DRIFT, LOAD, GRIP)
@@ -175,11 +249,11 @@ def ride_columns(ride: Ride, rows: slice, begin_m: float = 0.0, begin_s: float |
     states = ride.states.take(rows)
     time = ride.time[rows]
     known = np.isfinite(states.progress).any()
-    way = states.progress - begin_m if known else ride.distance[rows] - ride.distance[rows][0]
+    place = states.progress - begin_m if known else ride.distance[rows] - ride.distance[rows][0]
     speed = states.speed
     limit = np.where(states.steering_limit > 0.0, states.steering_limit, np.nan)
     columns: dict[str, NDArray[Any]] = {
-        "distance": growing(way),
+        "distance": growing(place),
         "time": growing(time - (time[0] if begin_s is None else begin_s)),
         "x": states.x,
         "y": states.y,
@@ -205,7 +279,7 @@ def ride_columns(ride: Ride, rows: slice, begin_m: float = 0.0, begin_s: float |
 
 def tyre_columns(ride: Ride, rows: slice) -> dict[str, Floats]:
     """Telemetry of both tyres as the page shows it; empty where it was not recorded."""
-    told = telemetry_columns(ride, rows)
+    telemetry = telemetry_columns(ride, rows)
     columns = {}
     for wheel in ("rear", "front"):
         for name, field, shown_as in (
@@ -214,26 +288,31 @@ def tyre_columns(ride: Ride, rows: slice) -> dict[str, Floats]:
             ("load", f"{wheel}_load_n", lambda load: 1e-3 * load),
             ("grip", f"{wheel}_slip_use", grip_used),
         ):
-            if field in told:
-                columns[f"{wheel}_{name}"] = shown_as(told[field])
+            if field in telemetry:
+                columns[f"{wheel}_{name}"] = shown_as(telemetry[field])
     return columns
 
 
 def aid_bands(ride: Ride, rows: slice) -> tuple[Band, ...]:
     """When each rider aid acted, as ranges of the part's rows; aids that never did are left out."""
-    told = telemetry_columns(ride, rows)
+    telemetry = telemetry_columns(ride, rows)
     bands = []
     for (key, name), colour in zip(AIDS.items(), ("violet", "gold", "rose", "blue"), strict=True):
-        acting = np.nan_to_num(told.get(key, np.zeros(0))) > 0.5
+        acting = np.nan_to_num(telemetry.get(key, np.zeros(0))) > 0.5
         edges = np.flatnonzero(np.diff(acting, prepend=False, append=False))
         if len(edges):
             bands.append(Band(key, name, colour, tuple(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))))
     return tuple(bands)
 
 
+def in_kmh(panel: Panel) -> Panel:
+    """The panel of a speed in km/h."""
+    return replace(panel, unit=KMH.unit, least=5.0 * panel.least)
+
+
 def panels_for(columns: dict[str, Floats], fast: bool) -> tuple[Panel, ...]:
     """The panels of which there is something to draw."""
-    speed = replace(SPEED, unit=KMH.unit) if fast else SPEED
+    speed = in_kmh(SPEED) if fast else SPEED
     order = (
         (ERROR, LEAN, speed, *_CONTROLS, COMMAND, AGE) if fast else (ERROR, LEAN, speed, THROTTLE, BRAKE, COMMAND, AGE)
     )
@@ -246,22 +325,58 @@ def panels_for(columns: dict[str, Floats], fast: bool) -> tuple[Panel, ...]:
 
 
 def map_lines(ride: Ride) -> tuple[MapLine, ...]:
-    """The path wanted and, where they were recorded, the limits."""
+    """The reference path and, where they were recorded, the limits."""
     x, y = ride.reference_line()
-    lines = [MapLine("path wanted", "wanted", x, y)]
+    lines = [MapLine("reference path", "reference", x, y)]
     course = ride.course
     if course is not None and has_limits(course):
         heading = np.arctan2(np.gradient(course.y), np.gradient(course.x))
-        for name, side in (("left limit", course.width_left), ("right limit", -course.width_right)):
-            limit_x, limit_y = course.x - side * np.sin(heading), course.y + side * np.cos(heading)
-            if course.closed:
-                limit_x, limit_y = np.append(limit_x, limit_x[0]), np.append(limit_y, limit_y[0])
-            lines.append(MapLine(name, "limit", limit_x, limit_y))
+        for name, side, width in (("left limit", 1.0, course.width_left), ("right limit", -1.0, course.width_right)):
+            limit = edge(course.x, course.y, heading, side, width)
+            lines.append(MapLine(name, "limit", *closed(course.closed, *limit)))
     return tuple(lines)
 
 
+def closed(ends_where_it_begins: bool, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """A line, with its first point as its last one if it is closed."""
+    return (np.append(x, x[0]), np.append(y, y[0])) if ends_where_it_begins else (x, y)
+
+
+def edge(x: Floats, y: Floats, heading: Floats, side: float, width: Floats | None) -> tuple[Floats, Floats]:
+    """Edge of a road on the left (`side` 1) or on the right (-1) of a line; `PATH_HALF_WIDTH` away without limits."""
+    away = side * (np.full(len(x), PATH_HALF_WIDTH) if width is None else width)
+    return x - away * np.sin(heading), y + away * np.cos(heading)
+
+
+def follow_spec(
+    title: str, step: float, line: Sequence[Floats], edges: Sequence[Floats], powered: bool, **more: Any
+) -> dict[str, Any]:
+    """Return the data of a view from behind.
+
+    Args:
+        title: Above the instruments.
+        step: Distance of the road's points, m.
+        line: x and y of the followed line; nothing where it is not known.
+        edges: x and y of the left edge, then of the right one.
+        powered: Whether the machine has an engine: its speed is in km/h.
+        more: ``open``, whether the road does not end where it begins, and ``lapTime``, a text.
+    """
+    every = max(1, -(-len(edges[0]) // ROAD_POINTS), round(ROAD_STEPS[powered] / step))
+    return {
+        "title": title,
+        "lapTime": "",
+        "step": step * every,
+        "edges": [np.round(values[::every], 2).tolist() for values in edges],
+        "line": [np.round(values[::every], 2).tolist() for values in line],
+        "open": False,
+        "unit": "km/h" if powered else "m/s",
+        "machine": "superbike" if powered else "bicycle",
+        **more,
+    }
+
+
 def ride_marks(ride: Ride) -> tuple[Mark, ...]:
-    """Where it began and ended, where something went wrong, and where both wheels were beyond the limits."""
+    """Marks of beginning and end, of faults, and of places where both wheels were beyond the limits."""
     states = ride.states
     marks = [marked("start", "triangle-up", "ink", ride, [0])]
     flags = {"fall": states.fallen, "off_course": states.off_course}
@@ -287,8 +402,10 @@ def off_track(ride: Ride, outside: Floats) -> Mark | None:
 
 
 def marked(name: str, symbol: str, colour: str, ride: Ride, rows: list[int]) -> Mark:
-    """Mark the positions of some states."""
-    return Mark(name, symbol, colour, ride.states.x[rows].tolist(), ride.states.y[rows].tolist())
+    """Mark the known positions of some states."""
+    x, y = ride.states.x[rows], ride.states.y[rows]
+    known = np.isfinite(x) & np.isfinite(y)
+    return Mark(name, symbol, colour, x[known].tolist(), y[known].tolist())
 
 
 def section_labels(course: RecordedCourse | None) -> tuple[dict[str, Any], ...]:

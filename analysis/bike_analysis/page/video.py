@@ -12,11 +12,10 @@ from matplotlib import font_manager
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from bike_analysis.figures.course import has_limits
 from bike_analysis.figures.numbers import lap_text
 from bike_analysis.figures.recorded import RecordedRide
-from bike_analysis.figures.track_limits import has_limits
-from bike_analysis.page.follow import edge
-from bike_analysis.page.ride_view import is_fast
+from bike_analysis.page.ride_view import edge, is_fast
 from bike_analysis.read.rides import Ride
 from bike_analysis.read.tables import Floats
 from bike_analysis.read.text import shown

@@ -1,20 +1,19 @@
-"""What an interactive view of the page consists of, and how it becomes HTML and data.
+"""Interactive views of a page: records of what is drawn, their data and their HTML.
 
 A view has one cursor and one shown range for everything that it draws: panels over distance or time, a map, a cloud of
-points, the ride seen from behind. ``page_view.js`` draws it; here is only said what there is to draw.
+points, the ride seen from behind. ``page_view.js`` draws it; these records, as JSON, say what there is to draw.
 """
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from html import escape
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_analysis.page.embed import embed
-from bike_analysis.page.html import html_text
+from bike_analysis.page.html import embed, html_text
 from bike_analysis.read.tables import Floats
 from bike_analysis.read.text import shown
 
@@ -84,7 +83,7 @@ KMH_DIFFERENCE: Final = Channel("Difference of speed", "km/h", 1)
 
 
 FOLLOWED: Final = ("speed", "roll", "throttle", "brake", "gear", "engine")
-"""What the instruments of the follow view show."""
+"""Columns of the instruments of the view from behind."""
 
 
 @dataclass(frozen=True)
@@ -156,7 +155,7 @@ class Series:
 
 @dataclass(frozen=True)
 class MapLine:
-    """A line behind the trajectory: ``wanted`` or ``limit`` in `role`; positions in m."""
+    """A line behind the trajectory: ``reference`` or ``limit`` in `role`; positions in m."""
 
     name: str
     role: str
@@ -166,7 +165,7 @@ class MapLine:
 
 @dataclass(frozen=True)
 class Mark:
-    """Places marked on the map: ``triangle-up``, ``square``, ``x-thin`` or ``circle-open`` in `symbol`."""
+    """Known places on the map: ``triangle-up``, ``square``, ``x-thin`` or ``circle-open`` in `symbol`."""
 
     name: str
     symbol: str
@@ -198,7 +197,7 @@ class Band:
 
 @dataclass(frozen=True)
 class Histogram:
-    """How often a quantity had which value.
+    """Distribution of a quantity over time.
 
     Attributes:
         key: Name within its view.
@@ -286,40 +285,16 @@ class View:
         return self.channels.get(name, CHANNELS[name])
 
     def data(self) -> dict[str, Any]:
-        """The view as plain values for JSON."""
+        """The view as plain values for JSON; all text is made fit to be shown."""
         names = self._drawn()
-        cloud = self.cloud
-        return {
-            "title": shown(self.title),
-            "axes": ["distance", "time"],
-            "channels": {name: asdict(self.channel(name)) for name in sorted(names)},
-            "series": [self._packed(series) for series in self.series],
-            "panels": [asdict(panel) for panel in self.panels],
-            "map": {
-                "lines": [_packed_line(line) for line in self.lines],
-                "marks": [_packed_mark(mark) for mark in self.marks],
-                "labels": [label | {"text": shown(label["text"])} for label in self.labels],
-                "colours": list(self.colours),
-            },
-            "sections": [
-                asdict(section) | {"label": shown(section.label), "name": shown(section.name)}
-                for section in self.sections
-            ],
-            "cloud": None
-            if cloud is None
-            else {
-                **{"title": cloud.title, "x": cloud.x, "y": cloud.y, "box": list(cloud.box)},
-                **{"xLabel": cloud.x_label, "yLabel": cloud.y_label},
-                "envelope": None if cloud.limit is None else asdict(cloud.limit),
-            },
-            "bands": [asdict(band) for band in self.bands],
-            "histograms": [
-                {**asdict(h), "shares": {shown(name): shares for name, shares in h.shares.items()}}
-                for h in self.histograms
-            ],
-            "reference": self.reference,
-            "follow": self.follow,
-        }
+        channels = {name: self.channel(name) for name in sorted(names)}
+        plain: dict[str, Any] = _plain(replace(self, series=(), lines=(), channels=channels))
+        plain["axes"] = ["distance", "time"]
+        plain["lines"] = [_plain(_thinned(line)) for line in self.lines]
+        for series in self.series:
+            columns = {n: embed(c, self._quantum(n)) for n, c in series.columns.items() if n in names}
+            plain["series"].append(_plain(replace(series, columns={})) | {"columns": columns})
+        return plain
 
     def _drawn(self) -> set[str]:
         """Names of the columns that something draws; the page carries no others."""
@@ -331,25 +306,27 @@ class View:
             names.add("speed")  # the page computes differences of it
         return names | set(FOLLOWED) if self.follow is not None else names
 
-    def _packed(self, series: Series) -> dict[str, Any]:
-        drawn = self._drawn()
-        columns = {n: embed(column, self._quantum(n)) for n, column in series.columns.items() if n in drawn}
-        return {"name": shown(series.name), "colour": series.colour, "theory": series.theory, "columns": columns}
-
     def _quantum(self, name: str) -> float:
         return MAP_QUANTUM if name in ("x", "y") else 10.0 ** -(self.channel(name).digits + 2)
 
 
-def _packed_mark(mark: Mark) -> dict[str, Any]:
-    places = [(x, y) for x, y in zip(mark.x, mark.y, strict=True) if np.isfinite(x) and np.isfinite(y)]
-    return asdict(mark) | {"x": [x for x, _ in places], "y": [y for _, y in places]}
+def _plain(value: Any) -> Any:
+    """Records as dictionaries, text fit to be shown, and positions as embedded columns; captions are in the frame."""
+    if isinstance(value, str):
+        return shown(value)
+    if isinstance(value, np.ndarray):
+        return embed(value, MAP_QUANTUM)
+    if is_dataclass(value):
+        return {f.name: _plain(getattr(value, f.name)) for f in fields(value) if f.name != "caption"}
+    if isinstance(value, dict):
+        return {shown(key): _plain(part) for key, part in value.items()}
+    return [_plain(part) for part in value] if isinstance(value, list | tuple) else value
 
 
-def _packed_line(line: MapLine) -> dict[str, Any]:
+def _thinned(line: MapLine) -> MapLine:
     every = max(1, -(-len(line.x) // LINE_POINTS))
     rows = np.unique(np.append(np.arange(0, len(line.x), every), len(line.x) - 1)) if len(line.x) else np.arange(0)
-    packed = {"x": embed(line.x[rows], MAP_QUANTUM), "y": embed(line.y[rows], MAP_QUANTUM)}
-    return {"name": shown(line.name), "role": line.role, **packed}
+    return replace(line, x=line.x[rows], y=line.y[rows])
 
 
 def growing(values: NDArray[Any]) -> Floats:

@@ -31,11 +31,71 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Footer, Header, Metadata, Schema
+from mcap.records import Channel, Chunk, Footer, Header, Metadata, Schema
+from numba import njit
 from numpy.typing import NDArray
 
-from bike_analysis.read.records import MESSAGE_BYTES, RECORD_BYTES, scan
-from bike_analysis.read.text import LONGEST_SENTENCE, shown
+from bike_analysis.read.text import LONGEST_FAULT, shown
+
+RECORD_BYTES = 9
+"""Opcode and length before each record of MCAP."""
+MESSAGE_BYTES = 22
+"""Channel, sequence number and two times before each message's data."""
+_MESSAGE_RECORD = 0x05
+
+
+@njit(cache=True)
+def _number(contents: NDArray[np.uint8], position: int, size: int) -> np.int64:
+    """A little-endian number; values beyond 63 bits become negative, and are refused as a length."""
+    value = np.int64(0)
+    for k in range(size):
+        value |= np.int64(contents[position + k]) << np.int64(8 * k)
+    return value
+
+
+@njit(cache=True)
+def scan(
+    contents: NDArray[np.uint8], bounds: NDArray[np.int64], messages: NDArray[np.int64], others: NDArray[np.int64]
+) -> tuple[int, int, int]:
+    """Walk through the records of chunks that lie next to each other.
+
+    Args:
+        contents: The chunks' contents.
+        bounds: Where each chunk begins, and at last where the last one ends.
+        messages: Filled with channel, log time, begin and end of the data, one row per message.
+        others: Filled with opcode, begin and end of the content of all other records.
+
+    Returns:
+        Numbers of messages, of other records, and of chunks with a record that is incomplete: what stands before it
+        counts.
+    """
+    found, rest, broken = 0, 0, 0
+    for chunk in range(len(bounds) - 1):
+        position, end = bounds[chunk], bounds[chunk + 1]
+        while position < end:
+            if position + RECORD_BYTES > end:
+                broken += 1
+                break
+            opcode = contents[position]
+            length = _number(contents, position + 1, 8)
+            start = position + RECORD_BYTES
+            if length < 0 or length > end - start or (opcode == _MESSAGE_RECORD and length < MESSAGE_BYTES):
+                broken += 1
+                break
+            position = start + length
+            if opcode == _MESSAGE_RECORD:
+                messages[found, 0] = _number(contents, start, 2)
+                messages[found, 1] = _number(contents, start + 6, 8)
+                messages[found, 2] = start + MESSAGE_BYTES
+                messages[found, 3] = position
+                found += 1
+            else:
+                others[rest, 0] = opcode
+                others[rest, 1] = start
+                others[rest, 2] = position
+                rest += 1
+    return found, rest, broken
+
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 BLOCK_BYTES: Final = 8 * 1024 * 1024
@@ -45,8 +105,8 @@ LARGEST_RECORD: Final = 256 * 1024 * 1024
 
 _ZSTD: Final = zstandard.ZstdDecompressor()
 _RECORD: Final = struct.Struct("<BQ")
-_CHUNK: Final = struct.Struct("<QQQII")
-_LENGTH: Final = struct.Struct("<Q")
+_CHUNK_NAME: Final = 32
+"""Bytes of a chunk before the name of its compression, which the compressed length follows."""
 _KINDS: Final[dict[int, Any]] = {
     Opcode.HEADER: Header,
     Opcode.SCHEMA: Schema,
@@ -57,21 +117,14 @@ _DAMAGE: Final = (McapError, EOFError, struct.error, UnicodeDecodeError, Overflo
 
 
 class RecordingError(ValueError):
-    """The file is not a recording of a ride, or nothing of it can be read."""
+    """The file is not a recording of a ride, or nothing of it can be read; one plain line, which may quote the file."""
 
-    def __init__(self, told: str) -> None:
-        """Return the fault as one plain line, which may quote content of the file."""
-        super().__init__(shown(told, LONGEST_SENTENCE))
+    def __init__(self, fault: str) -> None:
+        super().__init__(shown(fault, LONGEST_FAULT))
 
 
 class RawMessage(NamedTuple):
-    """One message as recorded.
-
-    Attributes:
-        channel: Id of its channel in `Container.channels`.
-        log_time_ns: Time at which it was recorded, ns.
-        data: Its CDR bytes.
-    """
+    """One message as recorded: id of its channel in `Container.channels`, log time in ns, CDR bytes."""
 
     channel: int
     log_time_ns: int
@@ -196,7 +249,8 @@ class Container:
                     if opcode == Opcode.DATA_END:
                         self._only_summary_left = True
                     if opcode == Opcode.FOOTER:
-                        _check_end(file, length)
+                        if length != 20 or len(file.read(length)) != length or file.read(len(MAGIC)) != MAGIC:
+                            raise ValueError("the file's end is damaged")
                         self.bytes_read = file.tell()
                         return
                     piece = self._content(file, opcode, length)
@@ -355,42 +409,27 @@ def _summary_records(file: IO[bytes], size: int) -> Iterator[tuple[int, bytes]]:
         yield opcode, summary[position - length : position]
 
 
-def _check_end(file: IO[bytes], length: int) -> None:
-    """Read the footer and the closing magic.
-
-    Raises:
-        ValueError: If they are not whole.
-    """
-    if length != 20 or len(file.read(length)) != length or file.read(len(MAGIC)) != MAGIC:
-        raise ValueError("the file's end is damaged")
-
-
 def _chunk_contents(record: bytes) -> bytes:
     """Decompress a chunk and check it.
 
     Raises:
-        ValueError: If the chunk is damaged, or with a compression that MCAP does not define.
+        ValueError, McapError: If the chunk is damaged, or with a compression that MCAP does not define.
     """
-    _, _, size, crc, name_length = _CHUNK.unpack_from(record)
-    position = _CHUNK.size + name_length
-    if name_length > 16 or position + _LENGTH.size > len(record):
-        raise ValueError("a chunk's header is damaged")
-    compression = record[_CHUNK.size : position].decode()
-    (length,) = _LENGTH.unpack_from(record, position)
-    position += _LENGTH.size
-    if length != len(record) - position:
+    chunk = Chunk.read(ReadDataStream(BytesIO(record)))
+    size, name_end = chunk.uncompressed_size, _CHUNK_NAME + len(chunk.compression.encode())
+    if int.from_bytes(record[name_end : name_end + 8], "little") != len(chunk.data):
         raise ValueError("a chunk's length is wrong")
     if size > LARGEST_RECORD:
         raise ValueError(f"a chunk declares {size} bytes, more than the {LARGEST_RECORD} that are read")
-    contents = _decompressed(compression, memoryview(record)[position:], size)
+    contents = _decompressed(chunk.compression, chunk.data, size)
     if len(contents) != size:
         raise ValueError(f"a chunk holds {len(contents)} bytes and declares {size}")
-    if crc and zlib.crc32(contents) != crc:
+    if chunk.uncompressed_crc and zlib.crc32(contents) != chunk.uncompressed_crc:
         raise ValueError("a chunk's checksum is wrong")
     return contents
 
 
-def _decompressed(compression: str, data: memoryview, size: int) -> bytes:
+def _decompressed(compression: str, data: bytes, size: int) -> bytes:
     """Contents of a chunk, `size` bytes if it is whole; never many more.
 
     Raises:
@@ -406,11 +445,11 @@ def _decompressed(compression: str, data: memoryview, size: int) -> bytes:
             return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1))
     except (zstandard.ZstdError, RuntimeError) as error:
         raise ValueError(f"a chunk cannot be decompressed: {error}") from error
-    if compression == "":
-        return bytes(data)
-    raise ValueError(f"a chunk has the unknown compression {compression!r}")
+    if compression:
+        raise ValueError(f"a chunk has the unknown compression {compression!r}")
+    return data
 
 
 def _said(error: BaseException) -> str:
-    """What an error says, for people."""
+    """Text of an error."""
     return str(error) or "a record is not whole"

@@ -21,6 +21,7 @@ DECODED_BY_MESSAGE: Final = (
 )
 """Types of these messages."""
 
+_COURSE_ARRAYS: Final = ("s", "x", "y", "curvature", "width_left", "width_right", "section_starts")
 _LATENCY_KEY: Final = re.compile(r"^(?:\w+_)?latency_(median|p50|p99)_(s|ms|us)$")
 _COUNT: Final = re.compile(r"[0-9]{1,18}")
 _SECONDS: Final = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
@@ -28,7 +29,7 @@ _SECONDS: Final = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 
 @dataclass(frozen=True)
 class Simulation:
-    """How the motion was computed (``bike_msgs/EpisodeStart``).
+    """Engine and step by which the motion was computed (``bike_msgs/EpisodeStart``).
 
     Attributes:
         engine: Physics engine; empty where it was not recorded.
@@ -116,12 +117,8 @@ class Latency:
     p99_s: float
 
 
-def _floats(values: Any) -> Floats:
-    return np.array(values, dtype=np.float64)
-
-
 def simulation_of(_: int, message: Any) -> Simulation:
-    """How an episode's motion was computed; nothing that it does not tell.
+    """Engine and step of an episode; empty and 0 where it does not state them.
 
     Raises:
         ValueError: If its step is no time.
@@ -138,21 +135,13 @@ def course_of(order: int, message: Any) -> RecordedCourse:
     Raises:
         ValueError: If its columns do not describe one.
     """
+    arrays: dict[str, Any] = {name: np.array(getattr(message, name), dtype=np.float64) for name in _COURSE_ARRAYS}
     course = RecordedCourse(
-        order=order,
-        episode=int(message.episode),
-        name=str(message.name),
-        closed=bool(message.closed),
-        length=float(message.length),
-        off_course_limit=float(message.off_course_limit),
-        s=_floats(message.s),
-        x=_floats(message.x),
-        y=_floats(message.y),
-        curvature=_floats(message.curvature),
-        width_left=_floats(message.width_left),
-        width_right=_floats(message.width_right),
-        section_names=tuple(str(name) for name in message.section_names),
-        section_starts=_floats(message.section_starts),
+        order,
+        *(int(message.episode), str(message.name), bool(message.closed)),
+        *(float(message.length), float(message.off_course_limit)),
+        section_names=tuple(map(str, message.section_names)),
+        **arrays,
     )
     if not 0.0 < course.length <= LONGEST_COURSE:
         raise ValueError(f"a course of {course.length:.3g} m")
@@ -160,7 +149,7 @@ def course_of(order: int, message: Any) -> RecordedCourse:
         raise ValueError("columns of unequal length")
     if len(course.section_names) != len(course.section_starts):
         raise ValueError(f"{len(course.section_names)} names for {len(course.section_starts)} sections")
-    for name in ("s", "x", "y", "curvature", "width_left", "width_right", "section_starts"):
+    for name in _COURSE_ARRAYS:
         if not (np.abs(getattr(course, name)) <= LARGEST).all():
             raise ValueError(f"{name} has values that cannot be")
     return course
@@ -169,16 +158,9 @@ def course_of(order: int, message: Any) -> RecordedCourse:
 def event_of(order: int, message: Any) -> RecordedEvent:
     """An event."""
     kind = int(message.kind)
-    return RecordedEvent(
-        order=order,
-        episode=int(message.episode),
-        step=int(message.step),
-        kind=EVENT_KINDS[kind] if kind < len(EVENT_KINDS) else f"kind_{kind}",
-        time_s=float(message.time),
-        progress_m=float(message.progress),
-        value=float(message.value),
-        text=str(message.text),
-    )
+    name = EVENT_KINDS[kind] if kind < len(EVENT_KINDS) else f"kind_{kind}"
+    numbers = (float(message.time), float(message.progress), float(message.value))
+    return RecordedEvent(order, int(message.episode), int(message.step), name, *numbers, str(message.text))
 
 
 @dataclass(frozen=True)

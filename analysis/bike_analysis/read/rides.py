@@ -9,10 +9,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_analysis.read.clock import ride_bounds
 from bike_analysis.read.messages import Latency, RecordedCourse, RecordedEvent
-from bike_analysis.read.reading import Recording
-from bike_analysis.read.tables import Commands, Floats, Integers, States, Telemetry
+from bike_analysis.read.reading import Recording, ride_bounds
+from bike_analysis.read.tables import Floats, Integers, Table
 
 _NEVER: Final = int(np.iinfo(np.int64).max)
 
@@ -35,13 +34,13 @@ class Ride:
 
     index: int
     episode: int
-    states: States
+    states: Table
     repeated_states: int
-    commands: Commands
+    commands: Table
     course: RecordedCourse | None
     events: tuple[RecordedEvent, ...]
     latencies: tuple[Latency, ...]
-    telemetry: Telemetry | None = None
+    telemetry: Table | None = None
 
     @property
     def distance(self) -> Floats:
@@ -152,7 +151,7 @@ class _Window:
         return after < order <= until
 
 
-def _window(states: States, first: int, last: int) -> _Window:
+def _window(states: Table, first: int, last: int) -> _Window:
     """Find the window of the ride in rows `first` to `last` (exclusive)."""
     same = states.episode == states.episode[first]
     window = {"reset_after": -1, "reset_until": _NEVER, "after": -1, "until": _NEVER}
@@ -164,7 +163,7 @@ def _window(states: States, first: int, last: int) -> _Window:
     return _Window(**window)
 
 
-def _ride(recording: Recording, index: int, states: States, repeated: int, window: _Window) -> Ride:
+def _ride(recording: Recording, index: int, states: Table, repeated: int, window: _Window) -> Ride:
     episode = int(states.episode[0])
     commands, telemetry = recording.commands, recording.telemetry
     courses = [c for c in recording.courses if c.episode == episode and window.holds(c.order)]
@@ -182,7 +181,7 @@ def _ride(recording: Recording, index: int, states: States, repeated: int, windo
     )
 
 
-def _mine(table: Commands | Telemetry, episode: int, window: _Window) -> NDArray[np.bool_] | slice:
+def _mine(table: Table, episode: int, window: _Window) -> NDArray[np.bool_] | slice:
     """Rows of a table that belong to a ride; a slice where they are all of them, which costs no copy."""
     mine: NDArray[np.bool_] = (table.episode == episode) & (table.order > window.after) & (table.order <= window.until)
     return slice(None) if mine.all() else mine

@@ -8,7 +8,9 @@ from typing import Final
 LONGEST_NAME: Final = 200
 """Characters of a name that are shown."""
 LONGEST_SENTENCE: Final = 1000
-"""Characters of a sentence that are shown; it may hold a few names."""
+"""Characters of a sentence that are shown on a page; it may hold a few names."""
+LONGEST_FAULT: Final = 400
+"""Characters of a fault that are shown in a line of a terminal."""
 
 _UNSEEN: Final = frozenset({"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"})
 """Unicode categories that do not show themselves, but move the cursor, turn the direction of writing or cannot be

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from bike_analysis.figures.numbers import lap_text, significant
 from bike_analysis.figures.results import SCHEMA
-from bike_analysis.read.text import LONGEST_SENTENCE, shown
+from bike_analysis.read.text import LONGEST_FAULT, shown
 from bike_analysis.report import Video, analyze
 from bike_analysis.sweeps.pictures import label_of
 from bike_analysis.sweeps.report import report_sweep
@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             video=None if args.video is None else Video(args.video, args.begin, args.duration),
         )
     for warning in figures["warnings"]:
-        print(f"warning: {shown(warning, LONGEST_SENTENCE)}", file=sys.stderr)
+        print(f"warning: {shown(warning, LONGEST_FAULT)}", file=sys.stderr)
     if not args.json:
         print(text_of(figures))
     return {"schema": SCHEMA, "ok": len(figures["recordings"]) == len(args.objects), "figures": figures}

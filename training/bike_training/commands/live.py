@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from bike_analysis import compare
+from bike_analysis.page.document import settings_words
 from bike_analysis.page.live_page import ghost_of, live_view, render_live_page
-from bike_analysis.page.settings import settings_words
 from bike_analysis.report import analyze
 from bike_policy.riders.rider import make_rider
 from bike_sim.course.files import kind_of, load_course, shipped_tracks
