@@ -283,7 +283,8 @@ def _windows(contents: Bytes, begin: Integers, width: int) -> Bytes:
     """Copy `width` bytes from each place in `begin` on; shape (places, width)."""
     if not len(begin) or not width:
         return np.empty((len(begin), width), np.uint8)
-    return np.lib.stride_tricks.sliding_window_view(contents, width)[begin]
+    every: Bytes = np.ndarray((len(contents) - width + 1, width), np.uint8, contents, strides=(1, 1))
+    return every[begin]
 
 
 class ColumnReader:
