@@ -27,7 +27,7 @@ from tqdm import tqdm
 from bike_analysis.read.columns import MessageSchema
 from bike_analysis.read.reading import read_recording
 from bike_sim.course.files import load_track
-from bike_sim.physics.superbike_engine import TIME_STEP
+from bike_sim.physics.superbike.engine import TIME_STEP
 from bike_sim.recording.definitions import MessageType
 from bike_sim.recording.metadata import LATCHED, Qos
 from bike_sim.recording.recorder import RideRecorder

@@ -20,8 +20,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from bike_sim.physics import kinematics, mapping
+from bike_sim.physics import bodies as bd
+from bike_sim.physics import kinematics
 from bike_sim.physics import state as st
+from bike_sim.physics.multibody import vectors
 from bike_sim.physics.state import StateVector
 from bike_sim.vehicles.bicycle import Vehicle
 
@@ -103,7 +105,7 @@ class _ExudynBicycle:
             data.SetODE2Coordinates_t(rates, configuration)
         self._solver.InitializeSolver(self._system, self._settings)
 
-    def advance(self, steer_set: float, steps: int) -> None:
+    def hold(self, steer_set: float, steps: int) -> None:
         """Integrate with the set point held, in one call of the solver.
 
         Raises:
@@ -137,7 +139,7 @@ class TreeBicycle(_ExudynBicycle):
 
     def _build(self) -> None:
         vehicle, j = self.vehicle, exudyn.JointType
-        reference, tensors = mapping.layout(vehicle), mapping.inertia_tensors(vehicle)
+        reference, tensors = bd.layout(vehicle), bd.inertia_tensors(vehicle)
         rear, frame, fork, front = reference.centres
         c, s = math.cos(vehicle.lam), math.sin(vehicle.lam)
         tilt = np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])  # the steering axis becomes z
@@ -170,10 +172,10 @@ class TreeBicycle(_ExudynBicycle):
                 linkInertiasCOM=exudyn.Matrix3DList(
                     [nothing] * 5
                     + [
-                        tensors[mapping.REAR_FRAME],
-                        tensors[mapping.REAR_WHEEL],
-                        tilt.T @ tensors[mapping.FORK] @ tilt,
-                        tensors[mapping.FRONT_WHEEL],
+                        tensors[bd.REAR_FRAME],
+                        tensors[bd.REAR_WHEEL],
+                        tilt.T @ tensors[bd.FORK] @ tilt,
+                        tensors[bd.FRONT_WHEEL],
                     ]
                 ),
                 jointPControlVector=vehicle.P * drive,
@@ -193,13 +195,13 @@ class TreeBicycle(_ExudynBicycle):
 
     def _coordinates(self, state: StateVector) -> tuple[Any, Any]:
         p = self.vehicle.parameters
-        bodies = mapping.redundant_from_minimal(state, self.vehicle)
+        bodies = bd.redundant_from_minimal(state, self.vehicle)
         yaw_rate, _, pitch_rate = kinematics.rates(state, p)
         pitch = kinematics.pitch(state[st.ROLL], state[st.STEER], p)
         angles = [state[st.YAW], state[st.ROLL], pitch, state[st.REAR_WHEEL], state[st.STEER], state[st.FRONT_WHEEL]]
         rear_rate = kinematics.rear_wheel_rate(state, p)
         rates = [yaw_rate, state[st.ROLL_RATE], pitch_rate, rear_rate, state[st.STEER_RATE], state[st.FRONT_WHEEL_RATE]]
-        axle = mapping.REAR_WHEEL
+        axle = bd.REAR_WHEEL
         return np.concatenate([bodies.positions[axle], angles]), np.concatenate([bodies.velocities[axle], rates])
 
     def _set_drive(self, steer_set: float) -> None:
@@ -222,13 +224,11 @@ class RedundantBicycle(_ExudynBicycle):
 
     def _build(self) -> None:
         vehicle, system = self.vehicle, self._system
-        reference = mapping.redundant_from_minimal(st.upright_state(0.0, vehicle.rF), vehicle)
-        layout, self._reference = mapping.layout(vehicle), self._positions(reference)
+        reference = bd.redundant_from_minimal(st.upright_state(0.0, vehicle.rF), vehicle)
+        layout, self._reference = bd.layout(vehicle), self._positions(reference)
         masses = (vehicle.mR, vehicle.mB, vehicle.mH, vehicle.mF)
         self._bodies = []
-        for row, mass, tensor in zip(
-            self._reference.reshape(4, 7), masses, mapping.inertia_tensors(vehicle), strict=True
-        ):
+        for row, mass, tensor in zip(self._reference.reshape(4, 7), masses, bd.inertia_tensors(vehicle), strict=True):
             node = system.AddNode(items.NodeRigidBodyEP(referenceCoordinates=row))
             inertia = [tensor[0, 0], tensor[1, 1], tensor[2, 2], 0.0, tensor[0, 2], 0.0]
             body = system.AddObject(items.ObjectRigidBody(mass=mass, inertia=inertia, nodeNumber=node))
@@ -241,16 +241,14 @@ class RedundantBicycle(_ExudynBicycle):
             )
         rear, frame, fork, front = layout.centres
         axle = np.array([0.0, 1.0, 0.0])
-        self._hinge(mapping.REAR_FRAME, mapping.REAR_WHEEL, rear - frame, rear - rear, axle)
-        head = self._hinge(
-            mapping.REAR_FRAME, mapping.FORK, layout.head - frame, layout.head - fork, layout.steering_axis
-        )
-        self._hinge(mapping.FORK, mapping.FRONT_WHEEL, front - fork, front - front, axle)
+        self._hinge(bd.REAR_FRAME, bd.REAR_WHEEL, rear - frame, rear - rear, axle)
+        head = self._hinge(bd.REAR_FRAME, bd.FORK, layout.head - frame, layout.head - fork, layout.steering_axis)
+        self._hinge(bd.FORK, bd.FRONT_WHEEL, front - fork, front - front, axle)
         self._drive = system.AddObject(
             items.ObjectConnectorTorsionalSpringDamper(markerNumbers=head, stiffness=vehicle.P, damping=vehicle.D)
         )
         ground = system.AddMarker(items.MarkerBodyRigid(bodyNumber=system.AddObject(items.ObjectGround())))
-        for wheel, radius in ((mapping.REAR_WHEEL, vehicle.rR), (mapping.FRONT_WHEEL, vehicle.rF)):
+        for wheel, radius in ((bd.REAR_WHEEL, vehicle.rR), (bd.FRONT_WHEEL, vehicle.rF)):
             hub = system.AddMarker(items.MarkerBodyRigid(bodyNumber=self._bodies[wheel]))
             system.AddObject(
                 items.ObjectJointRollingDisc(markerNumbers=[ground, hub], discRadius=radius, discAxis=axle)
@@ -273,15 +271,15 @@ class RedundantBicycle(_ExudynBicycle):
         return markers
 
     @staticmethod
-    def _positions(bodies: mapping.RedundantState) -> Any:
+    def _positions(bodies: bd.RedundantState) -> Any:
         """Return positions and Euler parameters (real part first) of the bodies as one vector."""
         return np.hstack([bodies.positions, np.roll(bodies.orientations, 1, axis=1)]).ravel()
 
     def _coordinates(self, state: StateVector) -> tuple[Any, Any]:
-        bodies = mapping.redundant_from_minimal(state, self.vehicle)
+        bodies = bd.redundant_from_minimal(state, self.vehicle)
         # the rate of a quaternion is half the product of the angular velocity, as a quaternion, with it
         turning = [
-            0.5 * np.roll(mapping.multiply(np.append(rate, 0.0), orientation), 1)
+            0.5 * np.roll(vectors.multiply(np.append(rate, 0.0), orientation), 1)
             for rate, orientation in zip(bodies.angular_velocities, bodies.orientations, strict=True)
         ]
         return self._positions(bodies) - self._reference, np.hstack([bodies.velocities, turning]).ravel()
@@ -297,12 +295,12 @@ class RedundantBicycle(_ExudynBicycle):
         turning = np.roll(rate_rows[:, 3:], -1, axis=1)
         omegas = np.array(
             [
-                2.0 * mapping.multiply(turn, mapping.conjugate(orientation))[:3]
+                2.0 * vectors.multiply(turn, vectors.conjugate(orientation))[:3]
                 for turn, orientation in zip(turning, orientations, strict=True)
             ]
         )
-        bodies = mapping.RedundantState(rows[:, :3], orientations, rate_rows[:, :3], omegas)
-        self._rest = mapping.minimal_from_redundant(bodies, self.vehicle, near=self._rest)
+        bodies = bd.RedundantState(rows[:, :3], orientations, rate_rows[:, :3], omegas)
+        self._rest = bd.minimal_from_redundant(bodies, self.vehicle, near=self._rest)
         return self._rest.copy()
 
 

@@ -18,9 +18,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_sim.physics import linear, modes
 from bike_sim.physics import state as st
-from bike_sim.physics.engine import Engine, make_engine
+from bike_sim.physics.bicycle import linear
+from bike_sim.physics.engine import Engine
+from bike_sim.physics.engines import make_engine
 from bike_sim.physics.state import StateVector
 from bike_sim.validation.bicycle import free_of_drive
 from bike_sim.vehicles.bicycle import Vehicle
@@ -102,7 +103,7 @@ def slalom(vehicle: Vehicle) -> tuple[StateVector, NDArray[np.float64]]:
     for k in range(_RIDE_PERIODS):
         state = engine.state()
         commands.append(-3.0 * state[st.ROLL] - state[st.ROLL_RATE] + 0.4 * math.sin(0.15 * k))
-        engine.advance(commands[-1], round(CONTROL_PERIOD / engine.time_step))
+        engine.hold(commands[-1], round(CONTROL_PERIOD / engine.time_step))
     return start, np.array(commands)
 
 
@@ -127,7 +128,7 @@ def race(contenders: list[Contender], vehicle: Vehicle, rounds: int = 15, round_
 def _run(contender: Contender, engine: Engine, start: StateVector, commands: list[float], round_s: float) -> None:
     """Repeat the ride for one turn; the reset is not timed."""
     steps = round(CONTROL_PERIOD / contender.time_step)
-    advance, read = engine.advance, getattr(engine, contender.read)
+    advance, read = engine.hold, getattr(engine, contender.read)
     until = time.perf_counter() + round_s
     while True:
         engine.reset(start)
@@ -146,8 +147,8 @@ def accuracy(contender: Contender, vehicle: Vehicle) -> dict[str, float]:
     weave, capsize = linear.weave_speed(vehicle), linear.capsize_speed(vehicle)
     try:
         found = (
-            modes.measured_weave_speed(engine, 0.85 * weave, 1.1 * weave, 1e-4),
-            modes.measured_capsize_speed(engine, 0.85 * capsize, 1.1 * capsize, 1e-4),
+            linear.measured_weave_speed(engine, 0.85 * weave, 1.1 * weave, 1e-4),
+            linear.measured_capsize_speed(engine, 0.85 * capsize, 1.1 * capsize, 1e-4),
         )
     except ValueError:  # modes so wrong that there is no such speed in reach
         found = (math.nan, math.nan)

@@ -1,4 +1,4 @@
-"""Derive the nonlinear Whipple bicycle and write `bike_sim/physics/whipple_equations.py`.
+"""Derive the nonlinear Whipple bicycle and write `bike_sim/physics/bicycle/whipple_equations.py`.
 
     python tools/derive_whipple.py            # rewrite the module
     python tools/derive_whipple.py --check    # exit 1 if the module is not what this script writes
@@ -31,7 +31,7 @@ from pathlib import Path
 
 import sympy as sp
 
-TARGET = Path(__file__).parents[1] / "ros_ws/src/bike_sim/bike_sim/physics/whipple_equations.py"
+TARGET = Path(__file__).parents[1] / "ros_ws/src/bike_sim/bike_sim/physics/bicycle/whipple_equations.py"
 
 CONSTANTS = (
     *("rR", "rF", "d1", "fx", "fz", "g"),  # geometry of the ground constraint and gravity
@@ -338,7 +338,7 @@ Constants = tuple[
     float, float, float, float, float, float, float, float, float, float, float,
     float, float, float, float, float, float, float, float, float, float, float,
 ]
-"""CONSTANT_NAMES in this order, made by `bike_sim.physics.whipple_engine.constants`."""
+"""CONSTANT_NAMES in this order, made by `bike_sim.physics.bicycle.whipple.constants`."""
 
 '''
 
@@ -375,7 +375,7 @@ def main() -> int:
     if not arguments.check:
         TARGET.write_text(text, encoding="utf-8")
         # numba looks only at the file of the outermost compiled function, so that one must be newer than its cache
-        TARGET.with_name("whipple_engine.py").touch()
+        TARGET.with_name("whipple.py").touch()
         return 0
     if TARGET.read_text(encoding="utf-8") == text:
         return 0

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bike_policy.contract.observation import DESCRIPTOR, Rows, rows_of
-from bike_sim.physics import superbike_forces as sf
+from bike_sim.physics.superbike import forces as sf
 from bike_sim.schema import SIGNALS
 from bike_sim.sim import look as lk
 from bike_sim.sim.batch import make_batch

@@ -16,7 +16,7 @@ from bike_policy.contract.actor import Actor
 from bike_policy.contract.bundle import load_bundle
 from bike_policy.contract.observation import FINE_LAYOUT, PROP_LAYOUT
 from bike_sim.physics import state as st
-from bike_sim.physics.whipple_engine import WhippleEngine
+from bike_sim.physics.bicycle.whipple import WhippleEngine
 from bike_sim.sim import look as lk
 from bike_sim.sim.bicycle_batch import CompiledBatch
 from bike_sim.sim.config import SimulatorConfig

@@ -5,18 +5,17 @@ import math
 import numpy as np
 import pytest
 
-from bike_sim.physics import articulated, mapping
 from bike_sim.physics import state as st
-from bike_sim.physics import superbike_forces as sf
-from bike_sim.physics.compiled_superbike_engine import CompiledSuperbikeEngine
-from bike_sim.physics.engine import make_engine
+from bike_sim.physics.engines import make_engine
 from bike_sim.physics.ground import GROUND, NO_BUMPS, flat_ground
-from bike_sim.physics.superbike.compiled import advance_rows
+from bike_sim.physics.multibody import articulated, vectors
+from bike_sim.physics.multibody.tree import Body, Joint
+from bike_sim.physics.superbike import forces as sf
+from bike_sim.physics.superbike.bullet import BulletSuperbikeEngine
 from bike_sim.physics.superbike.constants import constants_of
+from bike_sim.physics.superbike.engine import CompiledSuperbikeEngine, advance_rows
+from bike_sim.physics.superbike.pose import superbike_tree, without_rider
 from bike_sim.physics.superbike.records import MEMORY
-from bike_sim.physics.superbike.start import superbike_tree, without_rider
-from bike_sim.physics.superbike_engine import SuperbikeEngine
-from bike_sim.physics.tree import Body, Joint
 from bike_sim.validation.superbike import without_electronics
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
@@ -33,15 +32,13 @@ def machine(name: str) -> Superbike:
 DUCATI, YAMAHA = machine("panigale_v4r"), machine("r1")
 
 
-def slalom(engine: SuperbikeEngine | CompiledSuperbikeEngine, seconds: float, speed: float = 30.0) -> np.ndarray:
+def slalom(engine: BulletSuperbikeEngine | CompiledSuperbikeEngine, seconds: float, speed: float = 30.0) -> np.ndarray:
     """Return the states of a slalom with throttle and brake, a row each 20 ms."""
     engine.reset(st.upright_state(speed, engine.vehicle.rF))
     rows = []
     for k in range(round(seconds / 0.02)):
         now = 0.02 * k
-        engine.advance_commands(
-            0.7 * math.sin(0.9 * now), 0.5 * math.sin(0.7 * now) + 0.1, round(0.02 / engine.time_step)
-        )
+        engine.advance(0.7 * math.sin(0.9 * now), 0.5 * math.sin(0.7 * now) + 0.1, round(0.02 / engine.time_step))
         rows.append(engine.state())
     return np.array(rows)
 
@@ -59,7 +56,7 @@ def test_rides_are_those_of_bullet(vehicle: Superbike) -> None:
 
 def test_rides_meet_those_of_bullet_as_the_step_shrinks() -> None:
     """Both come to the same limit: what is left to a ride in Bullet at a fine step falls with the step."""
-    fine = slalom(SuperbikeEngine(DUCATI, 0.00025), 3.0)
+    fine = slalom(BulletSuperbikeEngine(DUCATI, 0.00025), 3.0)
     errors = [np.abs(slalom(CompiledSuperbikeEngine(DUCATI, step), 3.0) - fine).max() for step in (0.004, 0.002, 0.001)]
     assert errors[0] > 1.6 * errors[1] > 2.5 * errors[2]
     assert errors[2] < 0.3
@@ -68,13 +65,13 @@ def test_rides_meet_those_of_bullet_as_the_step_shrinks() -> None:
 def test_falls_are_those_of_bullet() -> None:
     ends = []
     bare = without_electronics(DUCATI)
-    for kind in (CompiledSuperbikeEngine, SuperbikeEngine):
+    for kind in (CompiledSuperbikeEngine, BulletSuperbikeEngine):
         engine = kind(bare, STEP)
         engine.reset(st.upright_state(45.0, bare.rF))
-        engine.advance_commands(0.8, 0.2, 1000)
-        engine.advance_commands(0.8, -1.0, 1500)
-        ends.append((engine.fall_name, engine.state()))
-        engine.advance_commands(0.0, 1.0, 100)
+        engine.advance(0.8, 0.2, 1000)
+        engine.advance(0.8, -1.0, 1500)
+        ends.append((engine.fall, engine.state()))
+        engine.advance(0.0, 1.0, 100)
         assert (engine.state() == ends[-1][1]).all()  # it stays where it lies
         engine.close()
     assert ends[0][0] == ends[1][0] == "low_side"
@@ -109,28 +106,28 @@ def momenta(motion: np.ndarray, tree: tuple[Body, ...]) -> tuple[float, np.ndarr
     """Return energy (J, without gravity), momentum and angular momentum about the map's origin, body by body."""
     m = motion[0]
     turn = articulated.principal_axes(tree[0].inertia)[0]
-    frame = mapping.multiply(np.array(m["orientation"]), mapping.conjugate(turn))
+    frame = vectors.multiply(np.array(m["orientation"]), vectors.conjugate(turn))
     places = [(frame, np.array(m["position"]), np.array(m["velocity"]), np.array(m["omega"]))]
     points = [tree[0].centre]
     for body, q, rate in zip(tree[1:], m["joints"], m["rates"], strict=True):
         carrier, origin, velocity, omega = places[body.parent]
-        arm = mapping.rotate(carrier, body.point - points[body.parent])
-        axis = mapping.rotate(carrier, body.axis)
+        arm = vectors.rotate(carrier, body.point - points[body.parent])
+        axis = vectors.rotate(carrier, body.axis)
         place, speed = origin + arm, velocity + np.cross(omega, arm)
         if body.joint is Joint.PRISMATIC:
             place, speed = place + q * axis, speed + np.cross(omega, q * axis) + rate * axis
             places.append((carrier, place, speed, omega))
         else:
             places.append(
-                (mapping.multiply(carrier, mapping.axis_angle(body.axis, q)), place, speed, omega + rate * axis)
+                (vectors.multiply(carrier, vectors.axis_angle(body.axis, q)), place, speed, omega + rate * axis)
             )
         points.append(body.point)
     energy, momentum, spin = 0.0, np.zeros(3), np.zeros(3)
     for body, point, (orientation, place, velocity, omega) in zip(tree, points, places, strict=True):
-        arm = mapping.rotate(orientation, body.centre - point)
+        arm = vectors.rotate(orientation, body.centre - point)
         centre, speed = place + arm, velocity + np.cross(omega, arm)
-        local = mapping.rotate(mapping.conjugate(orientation), omega)
-        own = mapping.rotate(orientation, body.inertia @ local)
+        local = vectors.rotate(vectors.conjugate(orientation), omega)
+        own = vectors.rotate(orientation, body.inertia @ local)
         energy += 0.5 * body.mass * speed @ speed + 0.5 * local @ body.inertia @ local
         momentum += body.mass * speed
         spin += body.mass * np.cross(centre, speed) + own
@@ -217,10 +214,10 @@ def test_a_row_rides_alone_as_among_others() -> None:
         start = st.upright_state(rng.uniform(10.0, 80.0) if i else 0.0, vehicles[m].rF)
         start[st.ROLL] = rng.uniform(0.1, 0.5)
         engine.reset(start)
-        engine.ground = flat_ground(*rng.uniform(0.5, 1.0, 2))
-        grounds[i] = engine.ground.record[0]
-        engines.append(engine)
-        states[i], motions[i], memories[i] = engine.state(), engine.motion[0], engine.memory.view(MEMORY)[0]
+        under = flat_ground(*rng.uniform(0.5, 1.0, 2))
+        grounds[i] = under.record[0]
+        engines.append((engine, under))
+        states[i], motions[i], memories[i] = engine.state(), engine.motion[0], engine.memory[0]
     work, commands = articulated.workspace(5), np.empty((count, 2))
     for _ in range(periods):
         commands[:] = rng.uniform(-1.0, 1.0, (count, 2))
@@ -228,13 +225,13 @@ def test_a_row_rides_alone_as_among_others() -> None:
             states, motions, memories, telemetries, machines, constants, records, work, commands, grounds, NO_BUMPS,
             STEP, 10,
         )  # fmt: skip
-        for i, engine in enumerate(engines):
-            engine.advance_commands(commands[i, 0], commands[i, 1], 10)
-    for i, engine in enumerate(engines):
+        for i, (engine, under) in enumerate(engines):
+            engine.advance(commands[i, 0], commands[i, 1], 10, under)
+    for i, (engine, _) in enumerate(engines):
         assert (states[i] == engine.state()).all()
         assert (telemetries[i : i + 1].view(np.float64) == engine.telemetry()).all()
-        assert (memories[i : i + 1].view(np.float64) == engine.memory).all()
-    assert 0 < sum(engine.fall != 0 for engine in engines) < count
+        assert (memories[i : i + 1] == engine.memory).all()
+    assert 0 < sum(engine.fall != "none" for engine, _ in engines) < count
 
 
 def test_rides_repeat_bit_for_bit_whatever_came_before() -> None:
@@ -246,7 +243,7 @@ def test_rides_repeat_bit_for_bit_whatever_came_before() -> None:
 
 def test_a_reset_sets_what_bullet_has() -> None:
     rng = np.random.default_rng(2)
-    engines = CompiledSuperbikeEngine(DUCATI, STEP), SuperbikeEngine(DUCATI, STEP)
+    engines = CompiledSuperbikeEngine(DUCATI, STEP), BulletSuperbikeEngine(DUCATI, STEP)
     for _ in range(20):
         state = rng.uniform(-1.0, 1.0, st.STATE_SIZE)
         state[st.STEER] *= 0.3
@@ -265,6 +262,6 @@ def test_a_reset_sets_what_bullet_has() -> None:
 def test_yaw_counts_its_turns() -> None:
     engine = CompiledSuperbikeEngine(DUCATI, STEP)
     engine.reset(st.upright_state(15.0, DUCATI.rF))
-    engine.advance_commands(0.7, 0.15, 15000)  # one call
-    assert engine.fall_name == "none"
+    engine.advance(0.7, 0.15, 15000)  # one call
+    assert engine.fall == "none"
     assert engine.state()[st.YAW] > 2.0 * math.pi

@@ -9,10 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as some
 
-from bike_sim.physics import mapping
+from bike_sim.physics import bodies as bd
 from bike_sim.physics import state as st
-from bike_sim.physics.engine import BICYCLE_ENGINES, Engine, make_engine
-from bike_sim.physics.pybullet_engine import PyBulletEngine
+from bike_sim.physics.bicycle.bullet import PyBulletEngine
+from bike_sim.physics.engine import Engine
+from bike_sim.physics.engines import BICYCLE_ENGINES, make_engine
+from bike_sim.physics.multibody import vectors
 from bike_sim.validation.bicycle import coast, free_of_drive, violent_start
 from bike_sim.vehicles.files import load_vehicle
 
@@ -26,7 +28,7 @@ def slalom(engine: Engine, start: np.ndarray, periods: int) -> np.ndarray:
     engine.reset(start)
     states = [engine.state()]
     for k in range(periods):
-        engine.advance(0.3 * math.sin(1.5 * k), steps)
+        engine.hold(0.3 * math.sin(1.5 * k), steps)
         states.append(engine.state())
     return np.array(states)
 
@@ -72,10 +74,10 @@ def test_a_wheel_without_load_leaves_the_ground_in_bullet_only() -> None:
     engine.reset(start)
     gaps = []
     for _ in range(400):
-        engine.advance(0.0, 1)
+        engine.hold(0.0, 1)
         bodies = engine.bodies()
-        axle = mapping.rotate(bodies.orientations[mapping.FRONT_WHEEL], np.array([0.0, 1.0, 0.0]))
-        lowest = bodies.positions[mapping.FRONT_WHEEL, 2] - VEHICLE.rF * math.hypot(axle[0], axle[1])
+        axle = vectors.rotate(bodies.orientations[bd.FRONT_WHEEL], np.array([0.0, 1.0, 0.0]))
+        lowest = bodies.positions[bd.FRONT_WHEEL, 2] - VEHICLE.rF * math.hypot(axle[0], axle[1])
         gaps.append(lowest)
     engine.close()
     assert max(gaps) > 5e-4
@@ -104,7 +106,7 @@ def test_a_ride_and_its_mirror_image(kind: str) -> None:
     def ride(sign: float, begin: np.ndarray) -> np.ndarray:
         engine.reset(begin)
         for steer_set, count in steps:
-            engine.advance(sign * steer_set, count)
+            engine.hold(sign * steer_set, count)
         return engine.state()
 
     mirrored = ride(-1.0, start * st.MIRROR_SIGNS) * st.MIRROR_SIGNS
@@ -129,12 +131,12 @@ def test_a_ride_does_not_depend_on_where_and_where_to_it_goes(kind: str) -> None
 
 
 def test_energy_of_both_engines_is_the_same_function() -> None:
-    from bike_sim.physics import whipple_engine
+    from bike_sim.physics.bicycle import whipple as whipple_engine
 
     rng = np.random.default_rng(4)
     for _ in range(20):
         state = rng.uniform(-1.0, 1.0, st.STATE_SIZE) * [9, 9, 3, 0.7, 1.0, 9, 9, 2, 5, 20]
-        assert mapping.energy(state, VEHICLE) == pytest.approx(sum(whipple_engine.energy(state, VEHICLE.parameters)))
+        assert bd.energy(state, VEHICLE) == pytest.approx(sum(whipple_engine.energy(state, VEHICLE.parameters)))
 
 
 @pytest.mark.parametrize(("model", "agreement"), [("tree", 5e-5), ("redundant", 5e-3)])

@@ -13,7 +13,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bike_sim.physics import superbike_statics as statics
+from bike_sim.physics.superbike import statics
 from bike_sim.planning.envelope import envelope
 from bike_sim.vehicles.bicycle import VehicleError
 from bike_sim.vehicles.files import SHIPPED, load_vehicle

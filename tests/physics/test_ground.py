@@ -12,12 +12,12 @@ import pytest
 
 from bike_sim.course.road import CLASSES, REFERENCE, bump_profile
 from bike_sim.physics import state as st
-from bike_sim.physics import superbike_forces as sf
-from bike_sim.physics.engine import make_engine
+from bike_sim.physics.engines import make_engine
 from bike_sim.physics.ground import BUMP_SAMPLES, BUMP_SPACING, NO_BUMPS, Ground, flat_ground
-from bike_sim.physics.superbike.base import SuperbikeBase
-from bike_sim.physics.superbike.surface import bump_at, surface_at
-from bike_sim.physics.superbike_statics import inertial_mass
+from bike_sim.physics.superbike import forces as sf
+from bike_sim.physics.superbike.contact import bump_at, surface_at
+from bike_sim.physics.superbike.engine import SuperbikeEngine
+from bike_sim.physics.superbike.statics import inertial_mass
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
 
@@ -29,9 +29,9 @@ DUCATI: Superbike = LOADED
 
 
 @pytest.fixture(scope="module")
-def engine() -> SuperbikeBase:
+def engine() -> SuperbikeEngine:
     made = make_engine("compiled", DUCATI, STEP)
-    assert isinstance(made, SuperbikeBase)
+    assert isinstance(made, SuperbikeEngine)
     return made
 
 
@@ -49,7 +49,7 @@ Lay = Callable[[np.ndarray, Ground], None]
 
 
 def ride(
-    machine: SuperbikeBase,
+    machine: SuperbikeEngine,
     under: Ground,
     speed: float,
     seconds: float,
@@ -65,13 +65,12 @@ def ride(
     state = st.upright_state(speed, DUCATI.rF)
     for name, value in start.items():
         state[st.FIELDS.index(name)] = value
-    machine.ground = under
     if lay is not None:
         lay(state, under)
-    machine.reset(state)
+    machine.reset(state, under)
     states, telemetry = [], []
     for _ in range(round(seconds / PERIOD)):
-        machine.advance_commands(steering, throttle, round(PERIOD / machine.time_step))
+        machine.advance(steering, throttle, round(PERIOD / machine.time_step), under)
         states.append(machine.state())
         telemetry.append(machine.telemetry())
         if lay is not None:
@@ -110,7 +109,7 @@ def hills(height: float, length: float, bank: float = 0.0, bumps: float = 0.0) -
 # --- level ground ---
 
 
-def test_level_ground_has_no_direction_and_no_place(engine: SuperbikeBase) -> None:
+def test_level_ground_has_no_direction_and_no_place(engine: SuperbikeEngine) -> None:
     """Not a bit depends on how level ground is described."""
     told = ground(x=30.0, y=-7.0, cos=0.6, sin=0.8, arc=12.0)
     one, other = (ride(engine, under, 40.0, 3.0, 0.5, 0.3) for under in (flat_ground(), told))
@@ -122,7 +121,7 @@ def test_level_ground_has_no_direction_and_no_place(engine: SuperbikeBase) -> No
 
 
 @pytest.mark.parametrize("grade", [0.08, -0.05])
-def test_a_slope_accelerates_by_its_share_of_gravity(engine: SuperbikeBase, grade: float) -> None:
+def test_a_slope_accelerates_by_its_share_of_gravity(engine: SuperbikeEngine, grade: float) -> None:
     slope = math.atan(grade)
     level, there = (ride(engine, under, 30.0, 3.0) for under in (flat_ground(), ground(grade=grade)))
     along = there[1][:, sf.T_SPEED] / math.cos(slope)
@@ -146,7 +145,7 @@ def test_the_height_of_a_closed_hill_gives_back_what_it_took() -> None:
     )
     height, length = 2.0, 300.0
     machine = make_engine("compiled", free, STEP)
-    assert isinstance(machine, SuperbikeBase)
+    assert isinstance(machine, SuperbikeEngine)
     states, told = ride(machine, ground(), 50.0, 6.2, lay=hills(height, length))
     share = free.mass / inertial_mass(free)
 
@@ -159,7 +158,7 @@ def test_the_height_of_a_closed_hill_gives_back_what_it_took() -> None:
 
 
 @pytest.mark.parametrize("crest", [-1e-3, 1e-3])
-def test_a_crest_unloads_by_speed_squared_times_curvature(engine: SuperbikeBase, crest: float) -> None:
+def test_a_crest_unloads_by_speed_squared_times_curvature(engine: SuperbikeEngine, crest: float) -> None:
     """On a vertical arc, laid anew at its top each period, the load settles at m (g + v^2 crest)."""
     speed = 50.0
 
@@ -181,7 +180,7 @@ def test_a_crest_unloads_by_speed_squared_times_curvature(engine: SuperbikeBase,
 
 
 @pytest.mark.parametrize("bank", [0.1, -0.1])
-def test_banking_takes_a_share_of_the_side_force(engine: SuperbikeBase, bank: float) -> None:
+def test_banking_takes_a_share_of_the_side_force(engine: SuperbikeEngine, bank: float) -> None:
     """In a steady right turn on a banked ring: lean to the vertical stays, camber and side force change."""
 
     def lay(state: np.ndarray, under: Ground) -> None:
@@ -202,41 +201,41 @@ def test_banking_takes_a_share_of_the_side_force(engine: SuperbikeBase, bank: fl
     assert load == pytest.approx(G * math.cos(angle) + inward * math.sin(angle), rel=0.03)
 
 
-def test_roll_is_to_the_vertical_and_a_fall_is_to_the_road(engine: SuperbikeBase) -> None:
-    engine.ground = ground(bank=math.tan(math.radians(20.0)))
+def test_roll_is_to_the_vertical_and_a_fall_is_to_the_road(engine: SuperbikeEngine) -> None:
+    under = ground(bank=math.tan(math.radians(20.0)))
     state = st.upright_state(30.0, DUCATI.rF)
     for roll, camber in ((0.0, -20.0), (20.0, 0.0), (40.0, 20.0)):
         state[st.ROLL] = math.radians(roll)
-        engine.reset(state)
+        engine.reset(state, under)
         assert engine.state()[st.ROLL] == pytest.approx(math.radians(roll), abs=1e-12)
         assert math.degrees(engine.telemetry()[sf.T_REAR_CAMBER]) == pytest.approx(camber, abs=1e-6)
     state[st.ROLL] = -math.radians(0.5 * (DUCATI.fall_roll * 180.0 / math.pi + 58.0))  # inside the limit if level
-    engine.reset(state)
-    engine.advance_commands(0.0, 0.0, 1)
-    assert engine.fall_name == "tip_over"
+    engine.reset(state, under)
+    engine.advance(0.0, 0.0, 1, under)
+    assert engine.fall == "tip_over"
 
 
 # --- starts ---
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.7, 2.5])
-def test_a_start_on_a_slope_is_the_state_that_was_asked_for(engine: SuperbikeBase, yaw: float) -> None:
-    engine.ground = ground(grade=0.09, bank=0.05, crest=-5e-4, x=10.0, y=2.0, height=130.0, cos=0.8, sin=0.6)
+def test_a_start_on_a_slope_is_the_state_that_was_asked_for(engine: SuperbikeEngine, yaw: float) -> None:
+    under = ground(grade=0.09, bank=0.05, crest=-5e-4, x=10.0, y=2.0, height=130.0, cos=0.8, sin=0.6)
     state = st.upright_state(40.0, DUCATI.rF)
     state[[st.X, st.Y, st.YAW, st.ROLL, st.STEER, st.ROLL_RATE]] = 11.0, 3.0, yaw, 0.7, -0.02, 0.4
-    engine.reset(state)
+    engine.reset(state, under)
     # the road bends: its normal where the machine stands is known to the millimetre
     assert engine.state() == pytest.approx(state, abs=1e-6)
 
 
-def test_a_start_on_a_slope_does_not_bounce(engine: SuperbikeBase) -> None:
+def test_a_start_on_a_slope_does_not_bounce(engine: SuperbikeEngine) -> None:
     _, there = ride(engine, ground(grade=0.09, bank=0.05), 20.0, 1.0)
     _, level = ride(engine, flat_ground(), 20.0, 1.0)
     assert loads(there)[:50] == pytest.approx(loads(level)[:50], rel=0.02)
 
 
 @pytest.mark.parametrize("crest", [-4e-3, 4e-3])
-def test_a_start_on_a_crest_and_in_a_dip_does_not_bounce(engine: SuperbikeBase, crest: float) -> None:
+def test_a_start_on_a_crest_and_in_a_dip_does_not_bounce(engine: SuperbikeEngine, crest: float) -> None:
     """Both wheels stand on the road that bends away below or up to the machine, and the machine turns with it."""
     bumps = bump_profile(4, BUMP_SAMPLES, BUMP_SPACING)[None]
     for size in (0.0, 4.0):  # smooth, and as rough as grass
@@ -294,7 +293,7 @@ def test_the_normal_is_that_of_the_height() -> None:
         )
 
 
-def test_rougher_roads_shake_the_load_more(engine: SuperbikeBase) -> None:
+def test_rougher_roads_shake_the_load_more(engine: SuperbikeEngine) -> None:
     bumps = bump_profile(1, BUMP_SAMPLES, BUMP_SPACING)[None]
     spread = []
     for size in (0.0, 0.5, 1.0):
@@ -333,33 +332,33 @@ def heaving_load(places: np.ndarray, profile: np.ndarray) -> np.ndarray:
 # --- loose ground and wind ---
 
 
-def test_loose_ground_slows_by_its_share_of_the_load(engine: SuperbikeBase) -> None:
+def test_loose_ground_slows_by_its_share_of_the_load(engine: SuperbikeEngine) -> None:
     level, there = (ride(engine, under, 20.0, 1.6) for under in (flat_ground(), ground(drag=0.1)))
     lost = (level[1][:, sf.T_SPEED] - there[1][:, sf.T_SPEED])[[29, 79]]
     assert lost[1] - lost[0] == pytest.approx(0.1 * G * DUCATI.mass / inertial_mass(DUCATI), rel=0.05)
-    assert engine.fall_name == "none"
+    assert engine.fall == "none"
 
 
-def test_loose_ground_holds_a_standing_machine_and_does_not_push_it(engine: SuperbikeBase) -> None:
+def test_loose_ground_holds_a_standing_machine_and_does_not_push_it(engine: SuperbikeEngine) -> None:
     states, _ = ride(engine, ground(drag=0.3), 0.5, 1.0)
     assert states[-1, st.X] < 0.1
     assert abs(states[-1, st.FRONT_WHEEL_RATE]) < 0.1
 
 
-def test_wind_counts_as_speed_in_the_air(engine: SuperbikeBase) -> None:
+def test_wind_counts_as_speed_in_the_air(engine: SuperbikeEngine) -> None:
     calm = ride(engine, flat_ground(), 60.0, 0.02)[1][0, sf.TELEMETRY_NAMES.index("drag_n")]
     for wind in (-10.0, 10.0):
         blown = ride(engine, ground(wind=(wind, 0.0)), 60.0, 0.02)[1][0, sf.TELEMETRY_NAMES.index("drag_n")]
         assert blown / calm == pytest.approx(((60.0 - wind) / 60.0) ** 2, rel=1e-3)
     aside, _ = ride(engine, ground(wind=(0.0, 10.0)), 60.0, 3.0, 0.0, 0.3)
     assert aside[:, st.ROLL].min() < -math.radians(0.5) or aside[-1, st.Y] > 0.5
-    assert engine.fall_name == "none"
+    assert engine.fall == "none"
 
 
 # --- both engines, both sides, all steps ---
 
 
-def hilly(machine: SuperbikeBase, side: float, seconds: float) -> tuple[np.ndarray, np.ndarray]:
+def hilly(machine: SuperbikeEngine, side: float, seconds: float) -> tuple[np.ndarray, np.ndarray]:
     """Ride a bend over banked, bumpy hills in a cross-wind; `side` -1 for the mirror image."""
     bumps = bump_profile(2, BUMP_SAMPLES, BUMP_SPACING)[None]
     lay = hills(3.0, 180.0, side * 0.04, 0.3)
@@ -371,13 +370,13 @@ def test_both_engines_ride_the_same_hills() -> None:
     for kind in ("compiled", "pybullet"):
         made: Any = make_engine(kind, DUCATI, STEP)  # type: ignore[arg-type]
         rides.append(hilly(made, 1.0, 10.0))
-        assert made.fall_name == "none"
+        assert made.fall == "none"
         made.close()
     assert np.abs(rides[0][0] - rides[1][0])[:, [st.X, st.Y]].max() < 1e-9
     assert np.abs(rides[0][0][:, st.ROLL]).max() > 0.3
 
 
-def test_a_mirrored_road_is_ridden_mirrored(engine: SuperbikeBase) -> None:
+def test_a_mirrored_road_is_ridden_mirrored(engine: SuperbikeEngine) -> None:
     left, right = (hilly(engine, side, 5.0) for side in (1.0, -1.0))
     assert left[0] == pytest.approx(right[0] * st.MIRROR_SIGNS, abs=1e-8)
 

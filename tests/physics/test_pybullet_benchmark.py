@@ -41,8 +41,8 @@ def test_the_limits_are_those_promised() -> None:
 
 def test_a_spoilt_engine_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     # Contacts solved too sloppily, as Bullet's defaults would: the checks must notice.
-    monkeypatch.setattr("bike_sim.physics.pybullet_engine._FRICTION", 0.5)
-    monkeypatch.setattr("bike_sim.physics.pybullet_engine._MARGIN", 0.002)
+    monkeypatch.setattr("bike_sim.physics.bicycle.bullet._FRICTION", 0.5)
+    monkeypatch.setattr("bike_sim.physics.bicycle.bullet._MARGIN", 0.002)
     result = validation.validate(VEHICLE, "pybullet", 0.001)
     assert not result.passed
     assert {check.name for check in result.checks if not check.passed} >= {"capsize_speed_m_s"}

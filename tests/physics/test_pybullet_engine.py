@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from bike_sim.physics import kinematics, mapping
+from bike_sim.physics import bodies as bd
+from bike_sim.physics import kinematics
 from bike_sim.physics import state as st
-from bike_sim.physics.pybullet_engine import FORK, FRONT_WHEEL, REAR_WHEEL, PyBulletEngine, bullet
+from bike_sim.physics.bicycle.bullet import PyBulletEngine
+from bike_sim.physics.bodies import FORK_JOINT, FRONT_JOINT, REAR_JOINT
+from bike_sim.physics.multibody.bullet import bullet
 from bike_sim.vehicles.files import load_vehicle
 
 from .test_mapping import states
@@ -33,7 +36,7 @@ def ride(engine: PyBulletEngine, start: np.ndarray, periods: int = 40, phase: fl
     states = [engine.state()]
     for k in range(periods):
         state = states[-1]
-        engine.advance(-3.0 * state[st.ROLL] - state[st.ROLL_RATE] + 0.4 * math.sin(0.15 * k + phase), steps)
+        engine.hold(-3.0 * state[st.ROLL] - state[st.ROLL_RATE] + 0.4 * math.sin(0.15 * k + phase), steps)
         states.append(engine.state())
     return np.array(states)
 
@@ -59,8 +62,8 @@ test_any_state_is_set_and_read_back.engine = PyBulletEngine(VEHICLE, 0.005)  # o
 def test_bullet_places_every_body_where_the_mapping_does(state: np.ndarray) -> None:
     shared = test_any_state_is_set_and_read_back.engine
     shared.reset(state)
-    bodies = mapping.redundant_from_minimal(state, VEHICLE)
-    for link, row in ((REAR_WHEEL, mapping.REAR_WHEEL), (FORK, mapping.FORK), (FRONT_WHEEL, mapping.FRONT_WHEEL)):
+    bodies = bd.redundant_from_minimal(state, VEHICLE)
+    for link, row in ((REAR_JOINT, bd.REAR_WHEEL), (FORK_JOINT, bd.FORK), (FRONT_JOINT, bd.FRONT_WHEEL)):
         # without computeForwardKinematics Bullet answers with poses of the last step
         found = bullet.getLinkState(
             shared.body, link, computeLinkVelocity=1, computeForwardKinematics=1, physicsClientId=shared.client
@@ -86,12 +89,12 @@ def test_a_ride_repeats_bit_for_bit_after_another_ride(engine: PyBulletEngine) -
 def test_a_reset_in_place_forgets_the_contacts(engine: PyBulletEngine) -> None:
     # The nearly same place: what Bullet remembers of the contacts would still fit and be used.
     engine.reset(start(4.0))
-    engine.advance(0.3, 1)
+    engine.hold(0.3, 1)
     engine.reset(start(4.0))
-    engine.advance(0.0, 20)
+    engine.hold(0.0, 20)
     fresh = PyBulletEngine(VEHICLE, 0.005)
     fresh.reset(start(4.0))
-    fresh.advance(0.0, 20)
+    fresh.hold(0.0, 20)
     np.testing.assert_array_equal(engine.state(), fresh.state())
     fresh.close()
 
@@ -104,8 +107,8 @@ def test_engines_side_by_side_do_not_disturb_each_other(engine: PyBulletEngine) 
     states = [engine.state()]
     for k in range(40):
         state = states[-1]
-        engine.advance(-3.0 * state[st.ROLL] - state[st.ROLL_RATE] + 0.4 * math.sin(0.15 * k), 10)
-        neighbour.advance(0.1, 7)
+        engine.hold(-3.0 * state[st.ROLL] - state[st.ROLL_RATE] + 0.4 * math.sin(0.15 * k), 10)
+        neighbour.hold(0.1, 7)
         states.append(engine.state())
     neighbour.close()
     np.testing.assert_array_equal(np.array(states), alone)
@@ -113,11 +116,11 @@ def test_engines_side_by_side_do_not_disturb_each_other(engine: PyBulletEngine) 
 
 def test_one_long_advance_equals_many_short_ones(engine: PyBulletEngine) -> None:
     engine.reset(start(5.0))
-    engine.advance(0.05, 200)
+    engine.hold(0.05, 200)
     long = engine.state()
     engine.reset(start(5.0))
     for _ in range(200):
-        engine.advance(0.05, 1)
+        engine.hold(0.05, 1)
     np.testing.assert_array_equal(engine.state(), long)
 
 
@@ -127,7 +130,7 @@ def test_yaw_and_wheel_angles_are_counted_beyond_a_turn(engine: PyBulletEngine) 
     yaw, turned = [0.0], 0.0
     for _ in range(500):
         state = engine.state()
-        engine.advance(0.2 - 3.0 * (state[st.ROLL] + 0.3) - state[st.ROLL_RATE], 10)
+        engine.hold(0.2 - 3.0 * (state[st.ROLL] + 0.3) - state[st.ROLL_RATE], 10)
         yaw.append(engine.state()[st.YAW])
         turned += kinematics.yaw_rate(engine.state(), VEHICLE.parameters) * 0.05
     assert yaw[-1] > 4.0 * math.pi
@@ -142,11 +145,11 @@ def test_yaw_is_counted_within_one_long_advance() -> None:
     begin = start(6.2)
     begin[st.ROLL], begin[st.STEER] = -0.3, 0.06
     engine.reset(begin)
-    engine.advance(0.0, 2400)
+    engine.hold(0.0, 2400)
     once = engine.state()
     engine.reset(begin)
     for _ in range(2400):
-        engine.advance(0.0, 1)
+        engine.hold(0.0, 1)
     np.testing.assert_array_equal(engine.state(), once)
     assert once[st.YAW] > math.pi
     engine.close()
@@ -155,7 +158,7 @@ def test_yaw_is_counted_within_one_long_advance() -> None:
 def test_coasting_straight_keeps_the_speed() -> None:
     engine = PyBulletEngine(COAST, 0.005)
     engine.reset(start(5.0))
-    engine.advance(0.0, 2000)
+    engine.hold(0.0, 2000)
     state = engine.state()
     assert state[st.FRONT_WHEEL_RATE] * VEHICLE.rF == pytest.approx(5.0, rel=1e-9)
     assert state[st.X] == pytest.approx(50.0, rel=1e-6)
@@ -174,7 +177,7 @@ def test_the_drive_works_against_the_frame_and_not_against_the_world() -> None:
     # Far above the ground and without gravity, the steering drive must not change the angular momentum.
     engine = PyBulletEngine(replace(VEHICLE, g=0.0), 0.0002)
     bullet.resetBasePositionAndOrientation(engine.body, (0.0, 0.0, 50.0), (0.0, 0.0, 0.0, 1.0), engine.client)
-    engine.advance(0.5, 500)
+    engine.hold(0.5, 500)
     _, frame_rate = bullet.getBaseVelocity(engine.body, engine.client)
     assert engine.state()[st.STEER] > 0.05
     assert frame_rate[2] < -1e-4
@@ -183,7 +186,7 @@ def test_the_drive_works_against_the_frame_and_not_against_the_world() -> None:
 
 def test_steer_set_positive_turns_the_fork_and_the_path_to_the_left(engine: PyBulletEngine) -> None:
     engine.reset(start(3.0))
-    engine.advance(0.2, 30)
+    engine.hold(0.2, 30)
     assert engine.state()[st.STEER] > 0.02
     assert engine.state()[st.YAW] > 0.0
     assert engine.state()[st.ROLL] > 0.0  # steered to the left it falls to the right
@@ -199,9 +202,9 @@ def test_bad_commands_are_refused_and_leave_the_state_alone(engine: PyBulletEngi
     engine.reset(start(3.0))
     before = engine.state()
     with pytest.raises(ValueError, match="steer_set"):
-        engine.advance(math.nan, 10)
+        engine.hold(math.nan, 10)
     with pytest.raises(ValueError, match="steps"):
-        engine.advance(0.0, -1)
+        engine.hold(0.0, -1)
     with pytest.raises(ValueError, match="roll_rad"):
         engine.reset(np.array([0, 0, 0, math.nan, 0, 0, 0, 0, 0, 0]))
     np.testing.assert_array_equal(engine.state(), before)

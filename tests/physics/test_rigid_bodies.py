@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from bike_sim.physics import kinematics as kin
 from bike_sim.physics import state as st
-from bike_sim.physics import whipple_engine as whipple
+from bike_sim.physics.bicycle import whipple
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.files import load_vehicle
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from bike_sim.physics import state as st
+from bike_sim.physics.bicycle.linear import state_matrix
+from bike_sim.physics.bicycle.steady_turn import LARGEST_LEAN, LARGEST_STEER, steady_turns
+from bike_sim.physics.bicycle.whipple import WhippleEngine
 from bike_sim.physics.kinematics import rates
-from bike_sim.physics.linear import state_matrix
-from bike_sim.physics.steady_turn import LARGEST_LEAN, LARGEST_STEER, steady_turns
-from bike_sim.physics.whipple_engine import WhippleEngine
 from bike_sim.vehicles.files import load_vehicle
 
 BICYCLE = load_vehicle("whipple")
@@ -31,7 +31,7 @@ def test_the_engine_stays_in_a_turn(speed: float) -> None:
             wheel *= speed / rates(state, BICYCLE.parameters)[1]
         engine = WhippleEngine(BICYCLE, 0.001)
         engine.reset(state)
-        engine.advance(float(turns.steer_set[place]), 500)
+        engine.hold(float(turns.steer_set[place]), 500)
         after = engine.state()
         assert after[st.ROLL] == pytest.approx(turns.roll[place], abs=1e-6)
         assert after[st.STEER] == pytest.approx(turns.steer[place], abs=1e-6)

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 import yaml
 
-from bike_sim.physics import linear, mapping
-from bike_sim.physics import superbike_statics as statics
-from bike_sim.physics.engine import make_engine
-from bike_sim.physics.superbike.start import without_rider
-from bike_sim.physics.superbike_engine import SuperbikeEngine
+from bike_sim.physics import bodies as bd
+from bike_sim.physics.bicycle import linear
+from bike_sim.physics.engines import make_engine
+from bike_sim.physics.superbike import statics
+from bike_sim.physics.superbike.bullet import BulletSuperbikeEngine
+from bike_sim.physics.superbike.pose import without_rider
 from bike_sim.planning.envelope import Envelope, envelope
 from bike_sim.vehicles.bicycle import Vehicle, VehicleError
 from bike_sim.vehicles.files import load_vehicle, shipped_vehicles
@@ -84,7 +85,7 @@ def test_rear_body_is_frame_and_rider_by_parallel_axes() -> None:
     assert v.IByy == pytest.approx(pitch)
     # the product of inertia that a z-down benchmark file would hold, from first principles
     product = f.Ixz - sum(body.mass * (body.x - v.xB) * (body.height + v.zB) for body in (f, r))
-    tensor = mapping.inertia_tensors(v)[mapping.REAR_FRAME]
+    tensor = bd.inertia_tensors(v)[bd.REAR_FRAME]
     assert tensor[0, 2] == pytest.approx(product)
 
 
@@ -154,7 +155,7 @@ def test_it_is_a_vehicle_to_the_rest_of_the_physics() -> None:
     with pytest.raises(ValueError, match="no tyres"):
         make_engine("whipple", DUCATI, 0.002)
     with pytest.raises(ValueError, match="is no superbike"):
-        SuperbikeEngine(load_vehicle("whipple"), 0.002)  # type: ignore[arg-type]
+        BulletSuperbikeEngine(load_vehicle("whipple"), 0.002)  # type: ignore[arg-type]
 
 
 def blade() -> Superbike:

@@ -12,18 +12,17 @@ from hypothesis import strategies as some
 from numba import njit
 
 from bike_sim.physics import state as st
-from bike_sim.physics import superbike_forces as sf
-from bike_sim.physics import superbike_statics as statics
-from bike_sim.physics.engine import make_engine
+from bike_sim.physics.engines import make_engine
 from bike_sim.physics.ground import flat_ground
+from bike_sim.physics.superbike import forces as sf
+from bike_sim.physics.superbike import statics
+from bike_sim.physics.superbike.bullet import BulletSuperbikeEngine
 from bike_sim.physics.superbike.constants import constants_of
-from bike_sim.physics.superbike.falls import Upset, fall_of
-from bike_sim.physics.superbike.lags import held
-from bike_sim.physics.superbike.records import MEMORY, Motion
-from bike_sim.physics.superbike.start import without_rider
-from bike_sim.physics.superbike.virtual_rider import through_arms
-from bike_sim.physics.superbike_engine import SuperbikeEngine
-from bike_sim.physics.superbike_modes import measure_modes
+from bike_sim.physics.superbike.forces import Upset, fall_of
+from bike_sim.physics.superbike.modes import measure_modes
+from bike_sim.physics.superbike.pose import without_rider
+from bike_sim.physics.superbike.records import MEMORY, Motion, discretise_command
+from bike_sim.physics.superbike.rider import through_arms
 from bike_sim.validation.superbike import (
     Validation,
     at_speed,
@@ -54,16 +53,16 @@ DUCATI = machine("panigale_v4r")
 
 
 @pytest.fixture(scope="module")
-def engine() -> Iterator[SuperbikeEngine]:
-    engine = SuperbikeEngine(DUCATI, STEP)
+def engine() -> Iterator[BulletSuperbikeEngine]:
+    engine = BulletSuperbikeEngine(DUCATI, STEP)
     yield engine
     engine.close()
 
 
 @pytest.fixture(scope="module")
-def bare() -> Iterator[SuperbikeEngine]:
+def bare() -> Iterator[BulletSuperbikeEngine]:
     """No electronics."""
-    engine = SuperbikeEngine(without_electronics(DUCATI), STEP)
+    engine = BulletSuperbikeEngine(without_electronics(DUCATI), STEP)
     yield engine
     engine.close()
 
@@ -89,44 +88,44 @@ def test_any_state_is_set_and_read_back(state: np.ndarray) -> None:
     assert (loads >= 0.0).all()
 
 
-test_any_state_is_set_and_read_back.engine = SuperbikeEngine(DUCATI, STEP)  # one for all examples
+test_any_state_is_set_and_read_back.engine = BulletSuperbikeEngine(DUCATI, STEP)  # one for all examples
 
 
-def test_standing_it_carries_its_weight(engine: SuperbikeEngine) -> None:
+def test_standing_it_carries_its_weight(engine: BulletSuperbikeEngine) -> None:
     engine.reset(st.upright_state(0.0, DUCATI.rF))
     loads = engine.telemetry()[[sf.T_REAR_LOAD, sf.T_FRONT_LOAD]]
     assert loads == pytest.approx(statics.wheel_loads(DUCATI, 0.0, 0.0, 0.0), rel=1e-9)
-    engine.advance_commands(0.0, 0.0, 100)
+    engine.advance(0.0, 0.0, 100)
     assert engine.telemetry()[[sf.T_REAR_LOAD, sf.T_FRONT_LOAD]] == pytest.approx(loads, rel=1e-3)
 
 
-def test_make_engine_gives_it(engine: SuperbikeEngine) -> None:
+def test_make_engine_gives_it(engine: BulletSuperbikeEngine) -> None:
     other = make_engine("pybullet", DUCATI, STEP)
-    assert isinstance(other, SuperbikeEngine)
+    assert isinstance(other, BulletSuperbikeEngine)
     other.close()
     other.close()
 
 
-def test_rides_repeat_bit_for_bit_whatever_came_before(engine: SuperbikeEngine) -> None:
-    def once(ridden: SuperbikeEngine) -> np.ndarray:
+def test_rides_repeat_bit_for_bit_whatever_came_before(engine: BulletSuperbikeEngine) -> None:
+    def once(ridden: BulletSuperbikeEngine) -> np.ndarray:
         ridden.reset(st.upright_state(30.0, DUCATI.rF))
         return ride(ridden, 2.0, lambda now, _: (0.6 * math.sin(3.0 * now), math.cos(2.0 * now))).telemetry
 
     first = once(engine)
     engine.reset(st.upright_state(80.0, DUCATI.rF))
-    engine.advance_commands(1.0, 1.0, 300)
+    engine.advance(1.0, 1.0, 300)
     assert (once(engine) == first).all()
-    other = SuperbikeEngine(DUCATI, STEP)
+    other = BulletSuperbikeEngine(DUCATI, STEP)
     assert (once(other) == first).all()
     other.close()
 
 
-def test_chunks_do_not_matter(engine: SuperbikeEngine) -> None:
+def test_chunks_do_not_matter(engine: BulletSuperbikeEngine) -> None:
     ends = []
     for chunk in (1, 7, 210):
         engine.reset(st.upright_state(25.0, DUCATI.rF))
         for _ in range(210 // chunk):
-            engine.advance_commands(0.4, 0.3, chunk)
+            engine.advance(0.4, 0.3, chunk)
         ends.append(engine.state())
     assert (ends[0] == ends[1]).all()
     assert (ends[0] == ends[2]).all()
@@ -142,16 +141,16 @@ def test_without_losses_it_rolls_on_for_ever() -> None:
         front_tyre=replace(DUCATI.front_tyre, **tyre),
         rear_tyre=replace(DUCATI.rear_tyre, **tyre),
     )
-    engine = SuperbikeEngine(free, STEP)
+    engine = BulletSuperbikeEngine(free, STEP)
     engine.reset(st.upright_state(60.0, free.rF))
-    engine.advance_commands(0.0, 0.0, 500)
+    engine.advance(0.0, 0.0, 500)
     before = engine.telemetry()[sf.T_SPEED]
-    engine.advance_commands(0.0, 0.0, 1000)
+    engine.advance(0.0, 0.0, 1000)
     assert engine.telemetry()[sf.T_SPEED] == pytest.approx(before, rel=1e-6)
     engine.close()
 
 
-def test_coasting_slows_by_drag_rolling_and_engine(engine: SuperbikeEngine) -> None:
+def test_coasting_slows_by_drag_rolling_and_engine(engine: BulletSuperbikeEngine) -> None:
     at_speed(engine, 50.0, settle=0.5)
     coasting = ride(engine, 2.0, constant(DUCATI, 0.0, 0.0))
     measured = (coasting.speed[-1] - coasting.speed[49]) / (coasting.time[-1] - coasting.time[49])
@@ -160,7 +159,7 @@ def test_coasting_slows_by_drag_rolling_and_engine(engine: SuperbikeEngine) -> N
     assert -measured == pytest.approx(force / statics.inertial_mass(DUCATI), rel=0.01)
 
 
-def test_telemetry_agrees_with_the_motion(engine: SuperbikeEngine) -> None:
+def test_telemetry_agrees_with_the_motion(engine: BulletSuperbikeEngine) -> None:
     at_speed(engine, 40.0, 40.0, 3.0)
     turn = ride(engine, 1.0, holding(DUCATI, 40.0, lambda now: 40.0))
     mean = turn.telemetry.mean(axis=0)
@@ -173,7 +172,7 @@ def test_telemetry_agrees_with_the_motion(engine: SuperbikeEngine) -> None:
     assert mean[sf.T_SLIDE] == pytest.approx(-DUCATI.rider.slide * 40.0 / DUCATI.rider.slide_lean_deg, rel=0.05)
 
 
-def test_steering_to_the_left_leans_and_turns_to_the_left(engine: SuperbikeEngine) -> None:
+def test_steering_to_the_left_leans_and_turns_to_the_left(engine: BulletSuperbikeEngine) -> None:
     at_speed(engine, 30.0)
     ride(engine, 3.0, lambda now, _: (0.5, 0.1))
     state = engine.state()
@@ -182,7 +181,7 @@ def test_steering_to_the_left_leans_and_turns_to_the_left(engine: SuperbikeEngin
     assert state[st.Y] > 1.0
 
 
-def test_it_begins_by_countersteering(engine: SuperbikeEngine) -> None:
+def test_it_begins_by_countersteering(engine: BulletSuperbikeEngine) -> None:
     at_speed(engine, 40.0)
     first = ride(engine, 0.1, lambda now, _: (-0.5, 0.1))  # to the right
     assert first.telemetry[-1, sf.T_STEER_TORQUE] > 10.0  # pushes the bars to the left
@@ -193,7 +192,7 @@ def test_it_begins_by_countersteering(engine: SuperbikeEngine) -> None:
 @pytest.mark.parametrize("speed", [12.0, 40.0, 75.0])
 def test_lean_step_to_50_deg_and_the_formula(name: str, speed: float) -> None:
     vehicle = machine(name)
-    engine = SuperbikeEngine(vehicle, STEP)
+    engine = BulletSuperbikeEngine(vehicle, STEP)
     at_speed(engine, speed)
     step = ride(engine, 5.0, holding(vehicle, speed, lambda now: 50.0))
     engine.close()
@@ -204,7 +203,7 @@ def test_lean_step_to_50_deg_and_the_formula(name: str, speed: float) -> None:
     assert -step.telemetry[tail, sf.T_LATERAL].mean() == pytest.approx(expected, rel=0.03)
 
 
-def test_the_formulas_tell_how_much_grip_a_turn_takes(engine: SuperbikeEngine) -> None:
+def test_the_formulas_tell_how_much_grip_a_turn_takes(engine: BulletSuperbikeEngine) -> None:
     at_speed(engine, 40.0, 50.0, 5.0)
     row = engine.telemetry()
     lean, speed = float(engine.state()[st.ROLL]), float(row[sf.T_SPEED])
@@ -259,7 +258,7 @@ def test_it_shakes_neither_on_the_brake_in_a_lean_nor_at_full_drive(name: str) -
 def test_a_finer_step_changes_little() -> None:
     leans = []
     for step in (0.002, 0.001, 0.0005):
-        engine = SuperbikeEngine(DUCATI, step)
+        engine = BulletSuperbikeEngine(DUCATI, step)
         at_speed(engine, 45.0, settle=0.2)
         leans.append(ride(engine, 3.0, lambda now, _: (-0.7 if now < 2.0 else 0.2, 0.3 if now > 1.0 else -0.4)).lean)
         engine.close()
@@ -298,7 +297,7 @@ def loads(
     """Return the forces of a step from arrays of one record each."""
     known = constants[0]
     return sf.loads_at(
-        motion, held(command, known), grounds[0], bumps, memories[0], telemetries[0], known, True
+        motion, discretise_command(command, known), grounds[0], bumps, memories[0], telemetries[0], known, True
     )  # fmt: skip
 
 
@@ -328,7 +327,7 @@ def test_the_order_of_fields_in_a_definition_means_nothing() -> None:
 # --- falls ---
 
 
-def test_too_much_brake_in_a_turn_is_a_low_side(bare: SuperbikeEngine) -> None:
+def test_too_much_brake_in_a_turn_is_a_low_side(bare: BulletSuperbikeEngine) -> None:
     at_speed(bare, 45.0, 50.0, 2.5)
     crash = ride(bare, 3.0, constant(DUCATI, 50.0, -1.0))
     assert crash.fall == "low_side"
@@ -337,7 +336,7 @@ def test_too_much_brake_in_a_turn_is_a_low_side(bare: SuperbikeEngine) -> None:
 
 
 def test_too_much_throttle_in_a_turn_throws_off_and_the_electronics_save(
-    bare: SuperbikeEngine, engine: SuperbikeEngine
+    bare: BulletSuperbikeEngine, engine: BulletSuperbikeEngine
 ) -> None:
     falls = []
     for ridden in (bare, engine):
@@ -347,27 +346,24 @@ def test_too_much_throttle_in_a_turn_throws_off_and_the_electronics_save(
     assert falls[1] == "none"
 
 
-def test_grass_does_not_hold_what_the_track_does(engine: SuperbikeEngine) -> None:
+def test_grass_does_not_hold_what_the_track_does(engine: BulletSuperbikeEngine) -> None:
     at_speed(engine, 30.0, 45.0, 2.5)
-    engine.ground = flat_ground(0.5, 0.5)
-    try:
-        assert ride(engine, 2.0, constant(DUCATI, 45.0, 0.1)).fall == "low_side"
-        at_speed(engine, 30.0)
-        assert ride(engine, 2.0, constant(DUCATI, 10.0, 0.1)).fall == "none"
-    finally:
-        engine.ground = flat_ground()
+    grass = flat_ground(0.5, 0.5)
+    assert ride(engine, 2.0, constant(DUCATI, 45.0, 0.1), grass).fall == "low_side"
+    at_speed(engine, 30.0)
+    assert ride(engine, 2.0, constant(DUCATI, 10.0, 0.1), grass).fall == "none"
 
 
-def test_standing_still_it_tips_over_and_stays_down(engine: SuperbikeEngine) -> None:
+def test_standing_still_it_tips_over_and_stays_down(engine: BulletSuperbikeEngine) -> None:
     start = st.upright_state(0.0, DUCATI.rF)
     start[st.ROLL] = 0.1
     engine.reset(start)
     assert ride(engine, 3.0, constant(DUCATI, 0.0, 0.0)).fall == "tip_over"
     down = engine.state()
-    engine.advance_commands(0.0, 1.0, 200)
+    engine.advance(0.0, 1.0, 200)
     assert (engine.state() == down).all()
     engine.reset(st.upright_state(20.0, DUCATI.rF))
-    assert engine.fall_name == "none"
+    assert engine.fall == "none"
 
 
 def name_of(
@@ -415,15 +411,15 @@ def test_rules_that_name_falls_over_a_wheel() -> None:
 # --- bad input ---
 
 
-def test_bad_input_is_refused(engine: SuperbikeEngine) -> None:
+def test_bad_input_is_refused(engine: BulletSuperbikeEngine) -> None:
     for steering, throttle in ((1.1, 0.0), (0.0, -1.1), (math.nan, 0.0)):
         with pytest.raises(ValueError, match=r"commands must lie in \[-1, 1\]"):
-            engine.advance_commands(steering, throttle, 1)
+            engine.advance(steering, throttle, 1)
     with pytest.raises(ValueError, match="steps = -1"):
-        engine.advance_commands(0.0, 0.0, -1)
+        engine.advance(0.0, 0.0, -1)
     for step in (0.0, -0.001, math.inf):
         with pytest.raises(ValueError, match="time step must be positive"):
-            SuperbikeEngine(DUCATI, step)
+            BulletSuperbikeEngine(DUCATI, step)
     bad = st.upright_state(10.0, DUCATI.rF)
     bad[st.ROLL] = math.nan
     with pytest.raises(ValueError, match="roll_rad"):

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as some
 
-from bike_sim.physics import tyres
+from bike_sim.physics.superbike import tyres
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import TYRE, Superbike, Tyre
 

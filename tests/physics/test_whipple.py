@@ -15,10 +15,9 @@ from hypothesis import strategies as some
 from numpy.typing import NDArray
 
 from bike_sim.physics import kinematics as kin
-from bike_sim.physics import linear
 from bike_sim.physics import state as st
-from bike_sim.physics import whipple_engine as whipple
-from bike_sim.physics.whipple_engine import WhippleEngine
+from bike_sim.physics.bicycle import linear, whipple
+from bike_sim.physics.bicycle.whipple import WhippleEngine
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.files import load_vehicle
 
@@ -204,7 +203,7 @@ def test_steering_step_response(target_deg: float) -> None:
     engine = WhippleEngine(replace(VEHICLE, g=0.0), 0.001)
     response = []
     for _ in range(3000):
-        engine.advance(target, 1)
+        engine.hold(target, 1)
         response.append(engine.state()[st.STEER] / target)
     assert max(response) < 1.10
     assert max(response) > 1.0  # it does swing over: an overdamped drive would not be the published one
@@ -224,11 +223,11 @@ def test_engine_is_the_compiled_function_behind_the_interface() -> None:
     start = wobbling()
     engine.reset(start)
     np.testing.assert_array_equal(engine.state(), start)
-    engine.advance(0.1, 20)
+    engine.hold(0.1, 20)
     np.testing.assert_array_equal(engine.state(), ride(wobbling(), 0.1, 0.005, VEHICLE, 0.1))
     engine.state()[:] = 7.0  # a copy
     start[:] = 7.0  # kept apart as well
-    engine.advance(0.1, 0)
+    engine.hold(0.1, 0)
     np.testing.assert_array_equal(engine.state(), ride(wobbling(), 0.1, 0.005, VEHICLE, 0.1))
     engine.close()
 
@@ -239,20 +238,20 @@ def test_a_fallen_bicycle_stays_where_it_lies() -> None:
     state[st.ROLL] = 0.1
     engine.reset(state)
     for _ in range(100):
-        engine.advance(0.0, 10)
-    assert engine.lying
+        engine.hold(0.0, 10)
+    assert engine.fall == "tip_over"
     lying = engine.state()
     assert np.isfinite(lying).all()
     assert math.radians(45.0) < abs(lying[st.ROLL]) <= whipple.LYING_ROLL
-    engine.advance(0.0, 10)
+    engine.hold(0.0, 10)
     np.testing.assert_array_equal(engine.state(), lying)
     engine.reset(state)
-    assert not engine.lying
+    assert engine.fall == "none"
 
 
 @pytest.mark.parametrize("time_step", [0.0, -0.005, math.nan, math.inf])
 def test_engine_refuses_a_bad_step(time_step: float) -> None:
-    with pytest.raises(ValueError, match="time_step"):
+    with pytest.raises(ValueError, match="time step"):
         WhippleEngine(VEHICLE, time_step)
 
 
@@ -267,9 +266,9 @@ def test_engine_refuses_bad_states_and_commands() -> None:
     with pytest.raises(ValueError, match="cannot stand"):
         engine.reset(on_its_side)
     with pytest.raises(ValueError, match="steer_set"):
-        engine.advance(math.nan, 1)
+        engine.hold(math.nan, 1)
     with pytest.raises(ValueError, match="steps"):
-        engine.advance(0.0, -1)
+        engine.hold(0.0, -1)
 
 
 def test_written_equations_are_those_of_the_derivation() -> None:

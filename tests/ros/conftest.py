@@ -32,7 +32,7 @@ from bike_policy.contract.actor import Actor
 from bike_policy.contract.bundle import Bundle
 from bike_policy.contract.observation import ObservationLayout
 from bike_sim.physics import state as st
-from bike_sim.physics.engine import make_engine
+from bike_sim.physics.engines import make_engine
 from bike_sim.ros import node_tools
 from bike_sim.ros.command_gate import Command
 from bike_sim.ros.isolation import DISCOVERY_VARIABLE, PROFILES_VARIABLE, DomainLease
@@ -354,7 +354,7 @@ def linear_bundle(speed: float = 4.0) -> Bundle:
         if place is not None:
             state[place] += 1e-5
         engine.reset(state)
-        engine.advance(steer_set, 10)
+        engine.hold(steer_set, 10)
         return engine.state()[places]
 
     rest = after(None, 0.0)

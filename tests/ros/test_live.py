@@ -34,7 +34,7 @@ from bike_policy.riders.rider import make_rider
 from bike_policy.riders.stanley import ManualRider
 from bike_sim.course.course import Course
 from bike_sim.course.elements import Arc
-from bike_sim.physics.steady_turn import steady_turns
+from bike_sim.physics.bicycle.steady_turn import steady_turns
 from bike_sim.ros.isolation import DomainLease
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
@@ -84,7 +84,7 @@ def test_wishes_beyond_the_bounds_are_clipped() -> None:
 
 @pytest.mark.parametrize("wish", [0.4, -0.4, 0.0])
 def test_a_wish_is_a_lean_that_the_loop_balances(wish: float) -> None:
-    """The lean is that of the steady turn (`bike_sim.physics.steady_turn`); to the left is a negative roll."""
+    """The lean is that of the steady turn (`bike_sim.physics.bicycle.steady_turn`); to the left is a negative roll."""
     with closing(Simulator(SimulatorConfig(engine="whipple"))) as simulator:
         snapshot = simulator.reset(ResetRequest(course="line", speed_range=(4.0, 4.0)))
         rider = ManualRider()

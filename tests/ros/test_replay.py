@@ -14,7 +14,7 @@ from bike_policy.contract.observation import RACE_LAYOUTS
 from bike_policy.riders.disturbed import DisturbedRider
 from bike_policy.riders.rider import make_rider
 from bike_sim.physics import state as st
-from bike_sim.physics.superbike_engine import TIME_STEP
+from bike_sim.physics.superbike.engine import TIME_STEP
 from bike_sim.sim.batch import make_batch
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.disturbances import load_disturbances

@@ -16,8 +16,8 @@ from bike_msgs.srv import Reset
 from bike_analysis.figures.lap_recording import Theory, load_laps
 from bike_analysis.page.lap_page import lap_figures, render_lap_page
 from bike_policy.riders.classical import ClassicalRider
-from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics.state import upright_state
+from bike_sim.physics.superbike import forces as sf
 from bike_sim.planning.envelope import envelope
 from bike_sim.planning.lap_limit import lap_limit
 from bike_sim.planning.line_cache import track_with_line
@@ -68,9 +68,9 @@ def straight_on(vehicle: str, circuit: Path, throttles: list[float]) -> Iterator
     seen = ride.reset(ResetRequest(course=str(circuit), speed_range=(20.0, 20.0)))
     ride.plant.engine.reset(upright_state(25.0, ride.vehicle.rF))
     for throttle in throttles:
-        ride.plant.engine.advance_commands(0.0, throttle, ride.config.substeps)
+        ride.plant.engine.advance(0.0, throttle, ride.config.substeps)
         seen = replace(seen, signals=ride.plant.engine.telemetry())
-        yield ride, telemetry_to_message(seen, ride.vehicle, 10**9), ride.plant.engine.fall_name
+        yield ride, telemetry_to_message(seen, ride.vehicle, 10**9), ride.plant.engine.fall
     ride.close()
 
 

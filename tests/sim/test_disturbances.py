@@ -12,8 +12,8 @@ import pytest
 from bike_policy.riders.disturbed import DisturbedRider, measured
 from bike_policy.riders.lqr import LqrRider
 from bike_sim.physics import state as st
-from bike_sim.physics.engine import make_engine
-from bike_sim.physics.whipple_engine import energy, mass_matrix
+from bike_sim.physics.bicycle.whipple import energy, mass_matrix
+from bike_sim.physics.engines import make_engine
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.disturbances import (
@@ -74,7 +74,7 @@ def test_a_push_does_the_work_of_its_force() -> None:
     before = sum(energy(engine.state(), BICYCLE.parameters))
     for _ in range(200):
         engine.push(30.0, 0.0, 0.3, 0.9)  # type: ignore[attr-defined]
-        engine.advance(0.0, 1)
+        engine.hold(0.0, 1)
     after = sum(energy(engine.state(), BICYCLE.parameters))
     assert after - before == pytest.approx(30.0 * engine.state()[st.X], rel=1e-3)
 
@@ -87,7 +87,7 @@ def test_both_engines_take_a_push_alike(height: float) -> None:
         engine.reset(st.upright_state(5.0, BICYCLE.rF))
         for _ in range(150):
             engine.push(5.0, 40.0, 0.3, height)  # type: ignore[attr-defined]
-            engine.advance(0.0, 1)
+            engine.hold(0.0, 1)
         ends.append(engine.state())
         engine.close()
     ours, bullet = ends

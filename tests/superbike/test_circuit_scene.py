@@ -12,7 +12,7 @@ import pytest
 from bike_sim.course.lap_timing import Timing, time_laps
 from bike_sim.course.placing import EXACT, samples_of
 from bike_sim.physics import state as st
-from bike_sim.physics.superbike_statics import turning_state
+from bike_sim.physics.superbike.statics import turning_state
 from bike_sim.planning.line_cache import content_key, track_with_line
 from bike_sim.sim import beginning
 from bike_sim.sim import look as lk
@@ -45,8 +45,8 @@ def timing_of(machine: Simulator) -> Timing:
 
 def grips_of(machine: Simulator) -> list[float]:
     """Return the factors on friction that the engine has under the rear and the front wheel."""
-    assert isinstance(machine.plant, SuperbikePlant)
-    ground = machine.plant.engine.ground.record
+    assert isinstance(machine.scene, CircuitScene)
+    ground = machine.scene.ground.record
     return [float(ground[wheel]["grip"][0]) for wheel in ("rear", "front")]
 
 

@@ -13,10 +13,11 @@ from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, plan_lap, reserved
 from bike_policy.planning.line_law import P_SPEED
 from bike_policy.riders.classical import LineController, Seen
 from bike_sim.physics import state as st
-from bike_sim.physics import superbike_forces as sf
 from bike_sim.physics.state import upright_state
-from bike_sim.physics.superbike_engine import TIME_STEP, SuperbikeEngine
-from bike_sim.physics.superbike_statics import turning_state
+from bike_sim.physics.superbike import forces as sf
+from bike_sim.physics.superbike.bullet import BulletSuperbikeEngine
+from bike_sim.physics.superbike.engine import TIME_STEP
+from bike_sim.physics.superbike.statics import turning_state
 from bike_sim.planning.envelope import Envelope, envelope
 from bike_sim.planning.lap_limit import lap_limit
 from bike_sim.vehicles.files import load_vehicle
@@ -57,7 +58,7 @@ def test_plan_keeps_its_reserve(panigale: Superbike, limits: Envelope) -> None:
 def test_speed_is_that_of_the_contacts(panigale: Superbike) -> None:
     """The frame leans 0.4 m inwards: on a line of 25 m radius 2 % of speed, 4 % of what the tyres have to hold."""
     radius, speed = 25.0, 15.0
-    engine = SuperbikeEngine(panigale, TIME_STEP)
+    engine = BulletSuperbikeEngine(panigale, TIME_STEP)
     engine.reset(turning_state(panigale, speed, -math.atan(speed**2 / radius / 9.81), speed / radius))
     told = float(engine.telemetry()[sf.T_SPEED])
     engine.close()
@@ -69,13 +70,13 @@ def test_speed_is_that_of_the_contacts(panigale: Superbike) -> None:
 
 
 def test_engine_braking_never_locks_the_rear_wheel(panigale: Superbike) -> None:
-    engine = SuperbikeEngine(panigale, 0.002)
+    engine = BulletSuperbikeEngine(panigale, 0.002)
     engine.reset(upright_state(60.0, panigale.rF))
     slips = []
     for _ in range(150):
-        engine.advance_commands(0.0, -0.8, 10)
+        engine.advance(0.0, -0.8, 10)
         slips.append(engine.telemetry()[sf.T_REAR_SLIP])
-    assert engine.fall_name == "none"
+    assert engine.fall == "none"
     assert engine.telemetry()[sf.T_SPEED] < 30.0
     assert min(slips) > -0.3
     engine.close()
@@ -142,7 +143,7 @@ def test_front_does_not_shake_at_full_drive_whatever_the_control_period(period: 
     assert isinstance(panigale, Superbike)
     radius, speed = 5000.0, 40.0
     rider = LineController(panigale, circle(radius, 1.0), period)
-    engine = SuperbikeEngine(panigale, TIME_STEP)
+    engine = BulletSuperbikeEngine(panigale, TIME_STEP)
     state = upright_state(speed, panigale.rF)
     state[st.Y], state[st.ROLL] = 1.0, -math.atan(speed**2 / radius / panigale.g)  # one metre inside the line
     engine.reset(state)
@@ -154,9 +155,9 @@ def test_front_does_not_shake_at_full_drive_whatever_the_control_period(period: 
         heading = math.remainder(float(state[st.YAW]) - along, 2.0 * math.pi)
         now = float(engine.telemetry()[sf.T_SPEED])
         seen = Seen(now, float(state[st.ROLL]), along * radius, radius - math.hypot(x, y), heading)
-        engine.advance_commands(*rider.command(seen), round(period / TIME_STEP))
+        engine.advance(*rider.command(seen), round(period / TIME_STEP))
         rates.append(float(engine.state()[st.STEER_RATE]))
-    assert engine.fall_name == "none"
+    assert engine.fall == "none"
     assert engine.telemetry()[sf.T_SPEED] > speed + 15.0
     engine.close()
     assert np.std(rates[-round(2.0 / period) :]) < 4.0  # rad/s; fed, this weave grows to 10

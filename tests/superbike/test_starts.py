@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as some
 
 from bike_sim.physics import state as st
-from bike_sim.physics import superbike_forces as sf
+from bike_sim.physics.superbike import forces as sf
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest

@@ -16,10 +16,10 @@ from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
 from bike_policy.riders.classical import ClassicalRider
 from bike_sim.course.course import Course
 from bike_sim.course.files import load_track
-from bike_sim.physics import superbike_forces as sf
-from bike_sim.physics import superbike_statics as statics
 from bike_sim.physics.superbike import equilibrium as eq
-from bike_sim.physics.superbike_engine import SuperbikeEngine
+from bike_sim.physics.superbike import forces as sf
+from bike_sim.physics.superbike import statics
+from bike_sim.physics.superbike.bullet import BulletSuperbikeEngine
 from bike_sim.planning.envelope import envelope
 from bike_sim.planning.lap_limit import MassPath, corner_speed_of, lap_limit, lean_model, least_rate
 from bike_sim.planning.passing import ROLL_FREEDOM, passings, speeds_of_own_path
@@ -59,7 +59,7 @@ def circle(radius: float, name: str = "circle") -> Course:
 
 @pytest.mark.parametrize(("speed", "lean"), [(20.0, 30.0), (40.0, 50.0), (40.0, 55.0)])
 def test_wheels_in_a_turn_are_those_of_the_simulation(speed: float, lean: float) -> None:
-    engine = SuperbikeEngine(DUCATI, 0.002)
+    engine = BulletSuperbikeEngine(DUCATI, 0.002)
     at_speed(engine, speed)
     recorded = ride(engine, 6.0, holding(DUCATI, speed, lambda now: lean))
     engine.close()

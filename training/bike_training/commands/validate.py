@@ -12,8 +12,9 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from bike_sim.physics import linear, modes
-from bike_sim.physics.engine import Engine, make_engine
+from bike_sim.physics.bicycle import linear
+from bike_sim.physics.engine import Engine
+from bike_sim.physics.engines import make_engine
 from bike_sim.validation import bicycle as validation
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.files import load_vehicle
@@ -178,4 +179,4 @@ def draw_modes(vehicle: Vehicle, kind: str, time_step: float, path: Path) -> Non
 
 def _measured_eigenvalues(engine: Engine) -> np.ndarray:
     """Return the measured eigenvalues at the speeds of the picture, 1/s, shape (speeds, 4)."""
-    return np.array([np.linalg.eigvals(modes.measured_state_matrix(engine, speed)) for speed in _PLOT_SPEEDS])
+    return np.array([np.linalg.eigvals(linear.measured_state_matrix(engine, speed)) for speed in _PLOT_SPEEDS])

@@ -17,9 +17,8 @@ from rich.table import Table
 
 from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
 from bike_policy.riders.classical import ClassicalRider
-from bike_sim.physics import superbike_forces as sf
-from bike_sim.physics import superbike_statics as statics
-from bike_sim.physics import tyres
+from bike_sim.physics.superbike import forces as sf
+from bike_sim.physics.superbike import statics, tyres
 from bike_sim.planning.envelope import envelope
 from bike_sim.schema import GRAVITY
 from bike_sim.validation import superbike as validation

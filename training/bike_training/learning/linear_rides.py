@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from bike_policy.contract.actor import Actor
 from bike_policy.contract.observation import ObservationLayout, Rows
 from bike_sim.physics import state as st
-from bike_sim.physics.whipple_engine import advance, pushed
+from bike_sim.physics.bicycle.whipple import advance, pushed
 from bike_sim.sim import look as lk
 from bike_sim.sim.bicycle_batch import CompiledBatch
 from bike_sim.sim.config import SimulatorConfig

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from bike_sim.physics.engine import ENGINE_KINDS
+from bike_sim.physics.engines import ENGINE_KINDS
 from bike_sim.sim.batch import COMPILED_ENGINE, SUPERBIKE_ENGINE
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.superbike_plant import superbike_config
@@ -41,7 +41,7 @@ class RunSettings:
             rows take in turn.
         seed: seed of everything.
         client: ``local`` or ``ros``.
-        engine: a kind of :func:`bike_sim.physics.engine.make_engine`.
+        engine: a kind of :func:`bike_sim.physics.engines.make_engine`.
         time_step: integration step of a bicycle's simulator, s; the compiled batch uses COMPILED_TIME_STEP, and
             superbikes have their own.
         checkpoint_every: learning steps between checkpoints.

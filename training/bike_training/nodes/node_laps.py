@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from bike_policy.riders.classical import CLASSICAL
-from bike_sim.physics.superbike_engine import TIME_STEP
+from bike_sim.physics.superbike.engine import TIME_STEP
 from bike_sim.ros.isolation import DomainLease
 from bike_training.nodes.ride_monitor import ride_recorded
 from bike_training.rollout.laps import LONGEST_LAP

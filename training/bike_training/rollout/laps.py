@@ -17,7 +17,7 @@ from bike_policy.riders.rider import Rider
 from bike_sim.course.lap_timing import Lap
 from bike_sim.course.track import Track
 from bike_sim.physics import state as st
-from bike_sim.physics.engine import SUPERBIKE_ENGINES
+from bike_sim.physics.engines import SUPERBIKE_ENGINES
 from bike_sim.planning.envelope import Envelope
 from bike_sim.planning.lap_limit import LapLimit
 from bike_sim.planning.line_cache import closest_lap

@@ -14,7 +14,7 @@ from bike_policy.riders.classical import CLASSICAL
 from bike_policy.riders.rider import bundle_of, make_rider
 from bike_sim.course.files import load_course, load_track
 from bike_sim.documents import show
-from bike_sim.physics.engine import ENGINE_KINDS, SUPERBIKE_ENGINES
+from bike_sim.physics.engines import ENGINE_KINDS, SUPERBIKE_ENGINES
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike

@@ -175,7 +175,7 @@ SIGNALS: Final = Schema(
         Quantity("front_brake_cut", "1", 1, "share of the front brake that brake control and anti-stoppie leave"),
         Quantity("rear_brake_cut", "1", 1, "share of the rear brake that brake control leaves"),
         Quantity("drag", "N", 1, "aerodynamic drag against the velocity"),
-        Quantity("fall", "1", 1, "kind of fall, an index of `superbike_forces.FALL_NAMES`"),
+        Quantity("fall", "1", 1, "kind of fall, an index of `forces.FALL_NAMES`"),
         Quantity("traction_active", FLAG, 1, "traction control allows less drive than the command requests"),
         Quantity("wheelie_active", FLAG, 1, "anti-wheelie allows less drive than the command requests"),
         Quantity("brake_active", FLAG, 1, "brake control allows less brake than the command requests"),

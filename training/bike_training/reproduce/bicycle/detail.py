@@ -20,7 +20,8 @@ from bike_sim.course.files import load_course
 from bike_sim.course.random_paths import CURRICULUM_PATHS, random_elements
 from bike_sim.physics import kinematics
 from bike_sim.physics import state as st
-from bike_sim.physics.engine import Engine, make_engine
+from bike_sim.physics.engine import BicycleEngine
+from bike_sim.physics.engines import make_bicycle_engine
 from bike_sim.sim import look as lk
 from bike_sim.sim.batch import COMPILED_ENGINE
 from bike_sim.sim.config import SimulatorConfig
@@ -113,7 +114,7 @@ def _section(course: Course, name: str) -> tuple[float, float]:
 def front_directions() -> list[Direction]:
     """Return Table 8, by the formula and measured by rolling in both engines."""
     vehicle = load_vehicle("whipple")
-    engines = {kind: make_engine(kind, replace(vehicle, g=0.0), 0.001) for kind in ("whipple", "pybullet")}
+    engines = {kind: make_bicycle_engine(kind, replace(vehicle, g=0.0), 0.001) for kind in ("whipple", "pybullet")}
     rows = []
     for roll, steer, published in validation.TABLE_8:
         posture = math.radians(roll), math.radians(steer)
@@ -131,13 +132,13 @@ def steering_step() -> list[SteeringStep]:
     target = math.radians(70.0)
     vehicle = replace(load_vehicle("whipple"), g=0.0)
 
-    def response(engine: Engine) -> NDArray[np.float64]:
+    def response(engine: BicycleEngine) -> NDArray[np.float64]:
         try:
             return np.degrees(validation.steering_step(engine, target, _STEP_TIME))
         finally:
             engine.close()
 
-    whipple, pybullet = (response(make_engine(kind, vehicle, 0.001)) for kind in ("whipple", "pybullet"))
+    whipple, pybullet = (response(make_bicycle_engine(kind, vehicle, 0.001)) for kind in ("whipple", "pybullet"))
     return [SteeringStep(0.0, 0.0, 0.0)] + [
         SteeringStep(1e-3 * (k + 1), float(whipple[k]), float(pybullet[k]))
         for k in range(_STEP_EVERY - 1, len(whipple), _STEP_EVERY)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bike_policy.contract.reference import KEPT, Reference
 from bike_sim.course.course import Course
-from bike_sim.physics.superbike_statics import steady_lateral
+from bike_sim.physics.superbike.statics import steady_lateral
 from bike_sim.planning.envelope import Envelope, envelope, left_by_turning
 from bike_sim.planning.lap_limit import LapLimit, lap_limit
 from bike_sim.vehicles.superbike import Superbike

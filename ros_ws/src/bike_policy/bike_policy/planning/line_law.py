@@ -29,7 +29,7 @@ from bike_policy.planning.lap_plan import (
     SteadyLeans,
 )
 from bike_sim.physics import state as st
-from bike_sim.physics.superbike_statics import engine_force, inertial_mass
+from bike_sim.physics.superbike.statics import engine_force, inertial_mass
 from bike_sim.sim import look as lk
 from bike_sim.vehicles.superbike import Superbike
 

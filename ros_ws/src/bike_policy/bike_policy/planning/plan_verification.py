@@ -32,7 +32,7 @@ from bike_sim import course, physics, sim
 from bike_sim.course.course import Course
 from bike_sim.course.road import RoadSurface, WetPatch
 from bike_sim.course.track import Track
-from bike_sim.physics.superbike_engine import TIME_STEP
+from bike_sim.physics.superbike.engine import TIME_STEP
 from bike_sim.planning.lap_limit import LapLimit
 from bike_sim.planning.line_cache import cache_folder, read_column, write_column
 from bike_sim.sim import look as lk

@@ -13,7 +13,7 @@ a steady turn costs next to nothing and is ridden without an offset.
 
 The bicycle itself is not linear: at 40 deg of lean it turns 15 % sharper than the linear model says, which is the
 largest error of such a rider. So lean and steer enter the model as what they are worth in a steady turn of the ideal
-bicycle (`bike_sim.physics.steady_turn`): a lean counts as the curvature it holds, a steer as what it rides.
+bicycle (`bike_sim.physics.bicycle.steady_turn`): a lean counts as the curvature it holds, a steer as what it rides.
 
 A command that acts late is known to the rider: the last answers are states of the model, one for each period of delay.
 """
@@ -30,8 +30,8 @@ from numpy.typing import NDArray
 
 from bike_sim.course.course import Course
 from bike_sim.physics import state as st
-from bike_sim.physics.linear import state_matrix
-from bike_sim.physics.steady_turn import steady_turns
+from bike_sim.physics.bicycle.linear import state_matrix
+from bike_sim.physics.bicycle.steady_turn import steady_turns
 from bike_sim.sim import look as lk
 from bike_sim.sim.request import Preview
 from bike_sim.sim.snapshot import Snapshot

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from bike_policy.riders.rider import Rider
 from bike_sim.course.course import Course
 from bike_sim.physics import state as st
-from bike_sim.physics.whipple_engine import advance
+from bike_sim.physics.bicycle.whipple import advance
 from bike_sim.sim import look as lk
 from bike_sim.sim.request import Preview
 from bike_sim.sim.snapshot import Snapshot

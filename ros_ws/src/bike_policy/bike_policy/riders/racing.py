@@ -38,7 +38,7 @@ from bike_policy.planning.line_law import LineLaw, seen_of
 from bike_policy.planning.plan_verification import Rollouts, verified_margin, verified_plan
 from bike_policy.riders.learned import LearnedRider
 from bike_sim.course.course import Course
-from bike_sim.physics.superbike_statics import engine_force
+from bike_sim.physics.superbike.statics import engine_force
 from bike_sim.sim.request import Preview
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.bicycle import Vehicle

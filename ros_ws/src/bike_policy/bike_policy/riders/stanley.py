@@ -25,7 +25,7 @@ from bike_policy.riders.lqr import SLOWEST, SPEED_STEP, BicycleRider, lateral_mo
 from bike_sim.course.course import Course
 from bike_sim.course.projection import curvature_at, point_at
 from bike_sim.physics import state as st
-from bike_sim.physics.steady_turn import SteadyTurns, steady_turns
+from bike_sim.physics.bicycle.steady_turn import SteadyTurns, steady_turns
 from bike_sim.schema import GRAVITY
 from bike_sim.sim import look as lk
 from bike_sim.sim.request import Preview

@@ -1,20 +1,23 @@
-"""The door to the physics: what every engine can do, and how to get one."""
+"""The interface of all engines: one vehicle, stepped with its commands held."""
 
 from __future__ import annotations
 
+import math
 from typing import Final, Protocol, runtime_checkable
 
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_sim.physics.ground import LEVEL, Ground
 from bike_sim.physics.state import StateVector
 from bike_sim.vehicles.bicycle import Vehicle
-from bike_sim.vehicles.superbike import Superbike
 
-BICYCLE_ENGINES: Final = ("pybullet", "whipple")
-SUPERBIKE_ENGINES: Final = ("pybullet", "compiled")
-ENGINE_KINDS: Final = tuple(dict.fromkeys(BICYCLE_ENGINES + SUPERBIKE_ENGINES))
+NO_FALL: Final = "none"
+TIP_OVER: Final = "tip_over"
 
 
 class Engine(Protocol):
-    """One vehicle on flat ground, stepped with a fixed integration step.
+    """One vehicle, stepped with a fixed integration step.
 
     Attributes:
         time_step: integration step, s.
@@ -27,15 +30,55 @@ class Engine(Protocol):
         """The vehicle's parameters, the steering drive included."""
         ...
 
-    def reset(self, state: StateVector) -> None:
+    @property
+    def fall(self) -> str:
+        """How the vehicle fell, `NO_FALL` while it rides."""
+        ...
+
+    def reset(self, state: StateVector, ground: Ground = LEVEL) -> None:
         """Set any minimal state exactly, positions and velocities; nothing of the earlier ride remains.
+
+        Args:
+            state: minimal state, shape (10,).
+            ground: under the wheels; ignored by an engine that rolls on a level plane.
 
         Raises:
             ValueError: the state has the wrong shape, is not finite, or no such configuration exists.
         """
         ...
 
-    def advance(self, steer_set: float, steps: int) -> None:
+    def advance(self, steering: float, throttle: float, steps: int, ground: Ground = LEVEL) -> None:
+        """Integrate with both commands held.
+
+        Args:
+            steering: in [-1, 1], positive to the left: of a bicycle's largest set point, or of a rider's largest lean.
+            throttle: in [-1, 1]: part of the drive's torque, or below 0 of the brakes' force; a bicycle has neither.
+            steps: number of integration steps of `time_step`.
+            ground: under the wheels; ignored by an engine that rolls on a level plane.
+
+        Raises:
+            ValueError: a command is not finite or out of range, or the number of steps is negative.
+        """
+        ...
+
+    def state(self) -> StateVector:
+        """Return the minimal state as a fresh vector of ten (see `bike_sim.physics.state`)."""
+        ...
+
+    def telemetry(self) -> NDArray[np.float64]:
+        """Return the signals of the last step as a fresh vector; empty where the engine has none."""
+        ...
+
+    def close(self) -> None:
+        """Release the engine's resources; a second call does nothing."""
+        ...
+
+
+@runtime_checkable
+class BicycleEngine(Engine, Protocol):
+    """An engine of bicycles, which takes set points in rad and can be pushed."""
+
+    def hold(self, steer_set: float, steps: int) -> None:
         """Integrate with the steering drive's set point held.
 
         The drive's torque, ``-P (steer - steer_set) - D steer_rate`` on the fork and its opposite on
@@ -44,24 +87,14 @@ class Engine(Protocol):
         Args:
             steer_set: set point of the steering angle, rad, positive to the left.
             steps: number of integration steps of `time_step`.
+
+        Raises:
+            ValueError: the set point is not finite or the number of steps is negative.
         """
         ...
 
-    def state(self) -> StateVector:
-        """Return the minimal state as a fresh vector of ten (see `bike_sim.physics.state`)."""
-        ...
-
-    def close(self) -> None:
-        """Release what the engine holds; a second call does nothing."""
-        ...
-
-
-@runtime_checkable
-class BicycleEngine(Engine, Protocol):
-    """An engine of bicycles, which can also be pushed."""
-
     def push(self, along: float, left: float, ahead: float, height: float) -> None:
-        """Push a bicycle's rear frame with a horizontal force during the next step only.
+        """Push the rear frame with a horizontal force during the next step only.
 
         Args:
             along: component along its yaw, N.
@@ -72,40 +105,24 @@ class BicycleEngine(Engine, Protocol):
         ...
 
 
-def make_engine(kind: str, vehicle: Vehicle, time_step: float) -> Engine:
-    """Return a new engine, independent of all others in the process.
-
-    Args:
-        kind: "pybullet" (bodies in Bullet: a bicycle on Bullet's contacts, a superbike on its tyres) or "whipple"
-            (the nonlinear equations of the ideal bicycle in minimal coordinates, compiled) or "compiled" (a superbike's
-            bodies without Bullet, compiled: an independent check of it, and ten times as fast).
-        vehicle: the vehicle to simulate.
-        time_step: integration step, s.
+def check_commands(steering: float, throttle: float, steps: int) -> None:
+    """Check both commands and a number of steps.
 
     Raises:
-        ValueError: unknown kind, one that cannot simulate this vehicle, or a time step that is not positive.
+        ValueError: a command is not finite or out of range, or the number of steps is negative.
     """
-    # Imported on demand: who asks for one engine does not pay for loading the other.
-    if isinstance(vehicle, Superbike):
-        if kind == "pybullet":
-            from bike_sim.physics.superbike_engine import SuperbikeEngine
+    if not (-1.0 <= steering <= 1.0 and -1.0 <= throttle <= 1.0):
+        raise ValueError(f"commands must lie in [-1, 1], got steering {steering!r} and throttle {throttle!r}")
+    if steps < 0:
+        raise ValueError(f"steps = {steps} must not be negative")
 
-            return SuperbikeEngine(vehicle, time_step)
-        if kind == "compiled":
-            from bike_sim.physics.compiled_superbike_engine import CompiledSuperbikeEngine
 
-            return CompiledSuperbikeEngine(vehicle, time_step)
-        raise ValueError(
-            f"engine '{kind}' has no tyres for the superbike '{vehicle.name}'; choose pybullet or compiled"
-        )
-    if kind == "compiled":
-        raise ValueError(f"engine 'compiled' is for superbikes; for the bicycle '{vehicle.name}' choose whipple")
-    if kind == "pybullet":
-        from bike_sim.physics.pybullet_engine import PyBulletEngine
+def checked_time_step(time_step: float) -> float:
+    """Return a time step, s.
 
-        return PyBulletEngine(vehicle, time_step)
-    if kind == "whipple":
-        from bike_sim.physics.whipple_engine import WhippleEngine
-
-        return WhippleEngine(vehicle, time_step)
-    raise ValueError(f"unknown engine '{kind}'; choose one of {', '.join(ENGINE_KINDS)}")
+    Raises:
+        ValueError: it is not positive and finite.
+    """
+    if not (math.isfinite(time_step) and time_step > 0.0):
+        raise ValueError(f"time step must be positive and finite, got {time_step} s")
+    return float(time_step)

@@ -63,3 +63,8 @@ def flat_ground(rear_grip: float = 1.0, front_grip: float = 1.0) -> Ground:
     for wheel, grip in (("rear", rear_grip), ("front", front_grip)):
         record[wheel]["cos"], record[wheel]["grip"], record[wheel]["stretch"] = 1.0, grip, 1.0
     return Ground(record, NO_BUMPS)
+
+
+LEVEL: Final = flat_ground()
+"""Level, smooth, dry ground in still air."""
+LEVEL.record.setflags(write=False)

@@ -10,6 +10,7 @@ carry without conversion, which is why it is not a class.
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 import numpy as np
@@ -46,3 +47,26 @@ def upright_state(speed: float, front_radius: float) -> StateVector:
     state = np.zeros(STATE_SIZE)
     state[FRONT_WHEEL_RATE] = speed / front_radius
     return state
+
+
+def checked_state(state: StateVector) -> StateVector:
+    """Return the state as a float64 vector.
+
+    Raises:
+        ValueError: it is not ten finite numbers, or its roll is not below 90 deg: the angles would not say one state.
+    """
+    vector = np.asarray(state, dtype=np.float64)
+    if vector.shape != (STATE_SIZE,):
+        raise ValueError(f"a state is a vector of {STATE_SIZE} numbers, got shape {vector.shape}")
+    # finite where the sum of squares is, which takes a fraction of the time, and perhaps else
+    if not math.isfinite(vector.dot(vector)) and not np.isfinite(vector).all():
+        name = STATE_NAMES[int(np.argmin(np.isfinite(vector)))]
+        raise ValueError(f"state is not finite: {name} = {vector[STATE_NAMES.index(name)]}")
+    if abs(vector[ROLL]) >= 0.5 * math.pi:
+        raise ValueError(f"roll {math.degrees(vector[ROLL]):.6g} deg: a state has a roll below 90 deg to either side")
+    return vector
+
+
+def nearest_turn(angle: float, near: float) -> float:
+    """Return the angle plus the whole number of turns that brings it closest to `near`, rad."""
+    return angle + 2.0 * math.pi * round((near - angle) / (2.0 * math.pi))

@@ -14,9 +14,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from bike_sim.physics import superbike_statics as statics
 from bike_sim.physics.superbike import equilibrium as eq
-from bike_sim.physics.superbike.virtual_rider import steering_effort
+from bike_sim.physics.superbike import statics
+from bike_sim.physics.superbike.rider import steering_effort
 from bike_sim.schema import GRAVITY
 from bike_sim.vehicles.superbike import Record, Superbike
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-from bike_sim.physics.engine import ENGINE_KINDS
+from bike_sim.physics.engines import ENGINE_KINDS
 from bike_sim.ros.node_tools import ParameterSpec
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.disturbances import Disturbances, load_disturbances

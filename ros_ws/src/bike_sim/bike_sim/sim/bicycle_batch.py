@@ -11,8 +11,8 @@ from numpy import ndarray
 from numpy.typing import NDArray
 
 from bike_sim.course.course import Course
+from bike_sim.physics.bicycle.whipple import WhippleEngine, advance
 from bike_sim.physics.state import ROLL, STATE_SIZE
-from bike_sim.physics.whipple_engine import WhippleEngine, advance
 from bike_sim.sim import look as lk
 from bike_sim.sim.beginning import Courses, begin
 from bike_sim.sim.config import SimulatorConfig

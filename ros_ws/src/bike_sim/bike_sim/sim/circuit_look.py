@@ -19,7 +19,7 @@ from bike_sim.course.lap_timing import ideal_distance
 from bike_sim.course.placing import EXACT, REACH
 from bike_sim.course.projection import project, window
 from bike_sim.physics import state as st
-from bike_sim.physics.superbike.falls import FALL_NAMES
+from bike_sim.physics.superbike.forces import FALL_NAMES
 from bike_sim.sim import look as lk
 from bike_sim.sim.ground import LEFT, RIGHT, Road, lay_ground
 from bike_sim.sim.request import COURSE_POINTS

@@ -12,7 +12,7 @@ class SimulatorConfig:
 
     Attributes:
         vehicle: name of a shipped vehicle or path of a YAML file.
-        engine: a kind of :func:`bike_sim.physics.engine.make_engine`.
+        engine: a kind of :func:`bike_sim.physics.engines.make_engine`.
         time_step: integration step, s; the control period must be a whole number of them.
         control_period: time between two commands, s (h of Weyrer et al. 2026, Sect. 3.1).
         history: number of roll and steer angles kept.

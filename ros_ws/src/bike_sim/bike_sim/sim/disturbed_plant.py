@@ -6,7 +6,7 @@ import math
 from typing import Final
 
 from bike_sim.physics import state as st
-from bike_sim.physics.engine import BicycleEngine, make_engine
+from bike_sim.physics.engines import make_bicycle_engine
 from bike_sim.physics.ground import Ground
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.disturbances import Disturbances
@@ -32,10 +32,8 @@ class DisturbedPlant(BicyclePlant):
         Raises:
             ValueError: a parameter that cannot be wrong.
         """
-        engine = make_engine(config.engine, disturbances.wrong(vehicle), config.time_step)
-        assert isinstance(engine, BicycleEngine), "all engines of bicycles can be pushed"
-        super().__init__(vehicle, engine)
-        self._pushed = engine
+        self._ridden = make_bicycle_engine(config.engine, disturbances.wrong(vehicle), config.time_step)
+        super().__init__(vehicle, self._ridden)
         self._disturbances = disturbances
         self._time_step = config.time_step
 
@@ -51,13 +49,13 @@ class DisturbedPlant(BicyclePlant):
         """Hold the set point, step by step where something acts; the gust is held for the control period."""
         wanted, known = steering * self.vehicle.max_steer, self._disturbances
         if not known.pushes and math.isinf(known.drive_torque_nm):
-            self.engine.advance(wanted, steps)
+            self._ridden.hold(wanted, steps)
             return
         self._blow(steps * self._time_step)
         for _ in range(steps):
             state = self.engine.state()
             self._push(state)
-            self.engine.advance(self._reached(wanted, state), 1)
+            self._ridden.hold(self._reached(wanted, state), 1)
             self._steps += 1
 
     def _blow(self, period: float) -> None:
@@ -73,7 +71,7 @@ class DisturbedPlant(BicyclePlant):
         force = wind.force_n + self._gust
         if force:
             angle = math.radians(wind.direction_deg) - float(state[st.YAW])
-            self._pushed.push(force * math.cos(angle), force * math.sin(angle), wind.ahead_m, wind.height_m)
+            self._ridden.push(force * math.cos(angle), force * math.sin(angle), wind.ahead_m, wind.height_m)
         if not impulses.impulse_ns:
             return
         count, since = divmod(self._steps * self._time_step + 1e-9, impulses.every_s)
@@ -82,7 +80,7 @@ class DisturbedPlant(BicyclePlant):
         if count != self._impulse:
             self._impulse, self._side = int(count), float(self._draws.choice([-1.0, 1.0]))
         push = self._side * impulses.impulse_ns / impulses.lasting_s
-        self._pushed.push(0.0, push, impulses.ahead_m, impulses.height_m)
+        self._ridden.push(0.0, push, impulses.ahead_m, impulses.height_m)
 
     def _reached(self, wanted: float, state: st.StateVector) -> float:
         """Return the set point that a drive of limited torque acts as if it had been given."""

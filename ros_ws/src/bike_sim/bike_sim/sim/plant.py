@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from bike_sim.course.course import Course
 from bike_sim.course.projection import point_at
 from bike_sim.physics import state as st
-from bike_sim.physics.engine import Engine, make_engine
+from bike_sim.physics.engine import Engine
+from bike_sim.physics.engines import make_bicycle_engine, make_superbike_engine
 from bike_sim.physics.ground import Ground
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import Preview, Start, draw_start
-from bike_sim.sim.snapshot import NO_FALL, NO_SIGNALS, TIPPED
+from bike_sim.sim.snapshot import NO_SIGNALS
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
@@ -92,7 +93,7 @@ class Plant(Protocol):
         ...
 
     def deflect(self, x: float, y: float, turn: float, share: float, dx: float, dy: float) -> None:
-        """Turn the vehicle at a wall, see `physics.superbike.deflection`; what rolls without slip is never asked to.
+        """Turn the vehicle at a wall, see `physics.superbike.pose.deflect`; what rolls without slip is never asked to.
 
         Args:
             x: of the point about which it turns, m.
@@ -163,7 +164,7 @@ class BicyclePlant:
 
     def advance(self, steering: float, throttle: float, steps: int, ground: Ground) -> None:
         """Hold the set point of steering; the bicycle has no drive and ignores the throttle."""
-        self.engine.advance(steering * self.vehicle.max_steer, steps)
+        self.engine.advance(steering, throttle, steps)
 
     def deflect(self, x: float, y: float, turn: float, share: float, dx: float, dy: float) -> None:
         """Refuse; every wall ends a bicycle's ride."""
@@ -186,12 +187,8 @@ class BicyclePlant:
         return -self.vehicle.P * error - self.vehicle.D * float(state[st.STEER_RATE])
 
     def fall(self, state: st.StateVector) -> str:
-        """Return whether the roll is beyond the vehicle's limit.
-
-        The compiled engine has fallen, and stops, before its roll could reach a limit beyond its own.
-        """
-        lying = getattr(self.engine, "lying", False)
-        return TIPPED if lying or abs(float(state[st.ROLL])) > self.vehicle.fall_roll else NO_FALL
+        """Return whether the roll is beyond the limit of the vehicle that is ridden."""
+        return self.engine.fall
 
     def close(self) -> None:
         """Release the engine."""
@@ -210,10 +207,9 @@ def make_plant(config: SimulatorConfig, vehicle: Vehicle | None = None) -> Plant
         FileNotFoundError: an unknown vehicle.
     """
     vehicle = vehicle or load_vehicle(config.vehicle)
-    engine = make_engine(config.engine, vehicle, config.time_step)
     if isinstance(vehicle, Superbike):
         # Late: a bicycle is spared tyres and lap theory, which take a good part of a node's start.
         from bike_sim.sim.superbike_plant import SuperbikePlant
 
-        return SuperbikePlant.of(vehicle, engine)
-    return BicyclePlant(vehicle, engine)
+        return SuperbikePlant(vehicle, make_superbike_engine(config.engine, vehicle, config.time_step))
+    return BicyclePlant(vehicle, make_bicycle_engine(config.engine, vehicle, config.time_step))

@@ -16,7 +16,7 @@ FloatArray = NDArray[np.float64]
 NO_FALL: Final = "none"
 """Value of `Snapshot.fall` while the ride continues."""
 TIPPED: Final = "tip_over"
-"""A bicycle on its side; superbikes have more kinds of falls (`superbike_forces.FALL_NAMES`)."""
+"""A bicycle on its side; superbikes have more kinds of falls (`forces.FALL_NAMES`)."""
 WALL: Final = "wall"
 """A contact point met a wall."""
 DIVERGED: Final = "diverged"
@@ -73,7 +73,7 @@ class Snapshot:
         fallen: the ride is over: fallen, stopped by a wall, or diverged.
         off_course: distance beyond the course's limit; on a circuit both contact points beyond the limits.
         finished: the end of an open course is reached, or a closed course was ridden once from where the ride began.
-        fall: cause of the end: NO_FALL while the ride continues, else a name of `superbike_forces.FALL_NAMES`, TIPPED,
+        fall: cause of the end: NO_FALL while the ride continues, else a name of `forces.FALL_NAMES`, TIPPED,
             WALL or DIVERGED.
         circuit: place, limits and course points; None where there is no circuit.
         events: since the previous snapshot, in the order of time.

@@ -15,10 +15,10 @@ from bike_sim.course import timing_account as acc
 from bike_sim.course.course import Course
 from bike_sim.course.lap_timing import LapLog
 from bike_sim.course.track import Track
-from bike_sim.physics import articulated
 from bike_sim.physics import state as st
-from bike_sim.physics.compiled_superbike_engine import CompiledSuperbikeEngine
 from bike_sim.physics.ground import NO_BUMPS
+from bike_sim.physics.multibody import articulated
+from bike_sim.physics.superbike.engine import CompiledSuperbikeEngine
 from bike_sim.physics.superbike.records import CONSTANTS
 from bike_sim.sim import circuit_look as cl
 from bike_sim.sim import look as lk
@@ -232,7 +232,7 @@ class CompiledSuperbikeBatch:
         else:
             self._lay_path(index, scene, view, state)
         rows = self._rows
-        rows.state[index], rows.motion[index], rows.memory[index] = state, engine.motion[0], engine.memories[0]
+        rows.state[index], rows.motion[index], rows.memory[index] = state, engine.motion[0], engine.memory[0]
         self.signals[index] = plant.signals()
         rows.preview[index] = view.preview_x, view.preview_y
         rows.machine[index], rows.steps[index], rows.end[index] = machine.number, 0, cl.ENDS.index(view.fall)

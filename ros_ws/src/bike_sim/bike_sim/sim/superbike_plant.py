@@ -12,13 +12,11 @@ from numpy.typing import NDArray
 from bike_sim.course.course import Course
 from bike_sim.course.projection import curvature_at, point_at
 from bike_sim.physics import state as st
-from bike_sim.physics import superbike_forces as sf
-from bike_sim.physics.engine import Engine
 from bike_sim.physics.ground import Ground
 from bike_sim.physics.superbike import equilibrium
-from bike_sim.physics.superbike.base import SuperbikeBase
-from bike_sim.physics.superbike_engine import TIME_STEP
-from bike_sim.physics.superbike_statics import spread, turning_state
+from bike_sim.physics.superbike import forces as sf
+from bike_sim.physics.superbike.engine import TIME_STEP, SuperbikeEngine
+from bike_sim.physics.superbike.statics import spread, turning_state
 from bike_sim.planning.envelope import Envelope, envelope
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
@@ -40,16 +38,10 @@ class SuperbikePlant:
     preview: Preview | None = COURSE_POINTS
     signal_names = sf.TELEMETRY_NAMES
 
-    def __init__(self, vehicle: Superbike, engine: SuperbikeBase) -> None:
+    def __init__(self, vehicle: Superbike, engine: SuperbikeEngine) -> None:
         """Take a machine and its engine."""
         self.vehicle: Superbike = vehicle
         self.engine = engine
-
-    @classmethod
-    def of(cls, vehicle: Superbike, engine: Engine) -> SuperbikePlant:
-        """Return the plant of a machine with the engine that was made for it."""
-        assert isinstance(engine, SuperbikeBase), "make_engine gives a superbike one of these"
-        return cls(vehicle, engine)
 
     @cached_property
     def _spread(self) -> float:
@@ -92,17 +84,11 @@ class SuperbikePlant:
 
     def reset(self, state: st.StateVector, ground: Ground) -> None:
         """Set a state, with the tyres carrying the standing machine."""
-        before, self.engine.ground = self.engine.ground, ground
-        try:
-            self.engine.reset(state)
-        except ValueError:
-            self.engine.ground = before
-            raise
+        self.engine.reset(state, ground)
 
     def advance(self, steering: float, throttle: float, steps: int, ground: Ground) -> None:
         """Hold both commands."""
-        self.engine.ground = ground
-        self.engine.advance_commands(steering, throttle, steps)
+        self.engine.advance(steering, throttle, steps, ground)
 
     def deflect(self, x: float, y: float, turn: float, share: float, dx: float, dy: float) -> None:
         """Turn the machine at a wall; see `Plant`."""
@@ -130,7 +116,7 @@ class SuperbikePlant:
 
     def fall(self, state: st.StateVector) -> str:
         """Return the fall that the forces have found."""
-        return self.engine.fall_name
+        return self.engine.fall
 
     def close(self) -> None:
         """Release the engine."""

@@ -15,14 +15,13 @@ from numpy.typing import NDArray
 
 from bike_sim.course import timing_account as acc
 from bike_sim.course.projection import AHEAD, project, window
-from bike_sim.physics import articulated
 from bike_sim.physics import state as st
 from bike_sim.physics.ground import GROUND
-from bike_sim.physics.superbike.compiled import advance
-from bike_sim.physics.superbike.deflection import deflect
-from bike_sim.physics.superbike.lags import held
-from bike_sim.physics.superbike.records import MEMORY
-from bike_sim.physics.superbike_forces import TELEMETRY, TELEMETRY_NAMES
+from bike_sim.physics.multibody import articulated
+from bike_sim.physics.superbike.engine import advance
+from bike_sim.physics.superbike.forces import TELEMETRY, TELEMETRY_NAMES
+from bike_sim.physics.superbike.pose import deflect
+from bike_sim.physics.superbike.records import MEMORY, discretise_command
 from bike_sim.sim import circuit_look as cl
 from bike_sim.sim import look as lk
 from bike_sim.sim.ground import Road
@@ -188,7 +187,7 @@ def _step(
     if not ride.stopped:
         advance(
             state, rows.motion[i], rows.memory[i], signals, machines.constants[machine], machines.trees[machine],
-            scratch.work[0], held((steering, throttle, dt), machines.constants[machine]), rows.ground[i],
+            scratch.work[0], discretise_command((steering, throttle, dt), machines.constants[machine]), rows.ground[i],
             grounds.bumps[track], substeps,
         )  # fmt: skip
     count = -1

@@ -1,8 +1,8 @@
 """Measured against published: what an engine makes of the bicycle, figure by figure.
 
 Every check runs an engine and compares what it did with a published figure, with the closed formulas of
-`bike_sim.physics.linear`, or with the compiled nonlinear bicycle. Nothing is adjusted between engines except limits
-that follow from the integration step. `bike validate` prints the result; the tests hold it.
+`bike_sim.physics.bicycle.linear`, or with the compiled nonlinear bicycle. Nothing is adjusted between engines except
+limits that follow from the integration step. `bike validate` prints the result; the tests hold it.
 
 References: Meijaard et al. (2007), the benchmark bicycle; Weyrer et al. (2026), appendices A to C.
 """
@@ -17,10 +17,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_sim.physics import kinematics, linear, mapping, modes
+from bike_sim.physics import bodies as bd
+from bike_sim.physics import kinematics
 from bike_sim.physics import state as st
-from bike_sim.physics.engine import Engine, make_engine
-from bike_sim.physics.pybullet_engine import PyBulletEngine
+from bike_sim.physics.bicycle import linear
+from bike_sim.physics.bicycle.bullet import PyBulletEngine
+from bike_sim.physics.engine import BicycleEngine
+from bike_sim.physics.engines import make_bicycle_engine
+from bike_sim.physics.multibody import vectors
 from bike_sim.physics.state import StateVector
 from bike_sim.vehicles.bicycle import Vehicle
 
@@ -119,7 +123,7 @@ def validate(
 
     Args:
         vehicle: the bicycle, with its steering drive.
-        kind: engine kind of `bike_sim.physics.engine.make_engine`.
+        kind: engine kind of `bike_sim.physics.engines.make_engine`.
         time_step: integration step, s. Limits on the modes hold for 1 ms and grow with larger steps.
         progress: called with a few words before each part.
 
@@ -148,9 +152,9 @@ def free_of_drive(vehicle: Vehicle) -> Vehicle:
     return replace(vehicle, P=0.0, D=0.0)
 
 
-def _coaster(run: Validation, time_step: float | None = None) -> Engine:
+def _coaster(run: Validation, time_step: float | None = None) -> BicycleEngine:
     """Return a new engine without steering drive."""
-    return make_engine(run.kind, free_of_drive(run.vehicle), run.time_step if time_step is None else time_step)
+    return make_bicycle_engine(run.kind, free_of_drive(run.vehicle), run.time_step if time_step is None else time_step)
 
 
 def _step_limit(at_1_ms: float, at_5_ms: float, time_step: float) -> float:
@@ -165,19 +169,19 @@ def _stability_limits(run: Validation) -> Iterator[Check]:
     engine = _coaster(run)
     share = _step_limit(0.0025, 0.01, run.time_step)
     weave, capsize = linear.weave_speed(run.vehicle), linear.capsize_speed(run.vehicle)
-    measured = modes.measured_weave_speed(engine, 0.8 * weave, 1.1 * weave)
+    measured = linear.measured_weave_speed(engine, 0.8 * weave, 1.1 * weave)
     yield Check("weave_speed_m_s", "weave speed, m/s", measured, weave * (1 - share), weave * (1 + share), weave)
-    measured = modes.measured_capsize_speed(engine, 0.9 * capsize, 1.1 * capsize)
+    measured = linear.measured_capsize_speed(engine, 0.9 * capsize, 1.1 * capsize)
     yield Check(
         "capsize_speed_m_s", "capsize speed, m/s", measured, capsize * (1 - share), capsize * (1 + share), capsize
     )
     engine.close()
 
 
-def mode_points(engine: Engine, speeds: tuple[float, ...]) -> list[ModePoint]:
+def mode_points(engine: BicycleEngine, speeds: tuple[float, ...]) -> list[ModePoint]:
     """Return measured and published modes at the speeds, m/s; the engine's drive must be off."""
     return [
-        ModePoint(speed, modes.measured_modes(engine, speed), linear.modes(engine.vehicle, speed)) for speed in speeds
+        ModePoint(speed, linear.measured_modes(engine, speed), linear.modes(engine.vehicle, speed)) for speed in speeds
     ]
 
 
@@ -221,14 +225,14 @@ def _mode_order(run: Validation) -> Iterator[Check]:
     errors = []
     for step in steps:
         engine = _coaster(run, step)
-        errors.append(abs(modes.measured_modes(engine, speed).weave - published))
+        errors.append(abs(linear.measured_modes(engine, speed).weave - published))
         engine.close()
     order, wanted = _fitted_order(steps, errors), _ORDER[run.kind]
     title = "weave, order of the error"
     yield _order_check("mode_error_order", title, order, wanted)
 
 
-def front_direction(engine: Engine, roll: float, steer: float) -> float:
+def front_direction(engine: BicycleEngine, roll: float, steer: float) -> float:
     """Return in which direction the front contact moves against the rear frame's yaw, measured by rolling a step.
 
     Args:
@@ -240,7 +244,7 @@ def front_direction(engine: Engine, roll: float, steer: float) -> float:
     state[st.ROLL], state[st.STEER], state[st.FRONT_WHEEL_RATE] = roll, steer, 1.0
     engine.reset(state)
     _press(engine)
-    engine.advance(steer, 1)
+    engine.hold(steer, 1)
     after = engine.state()
     p = engine.vehicle.parameters
     (x0, y0), (x1, y1) = kinematics.front_contact(state, p), kinematics.front_contact(after, p)
@@ -250,7 +254,7 @@ def front_direction(engine: Engine, roll: float, steer: float) -> float:
 
 def _front_directions(run: Validation) -> Iterator[Check]:
     """Table 8, by rolling; for other vehicles than its own, Eq. (A.10) is what they are compared with."""
-    engine = make_engine(run.kind, replace(run.vehicle, g=0.0), min(run.time_step, 0.001))
+    engine = make_bicycle_engine(run.kind, replace(run.vehicle, g=0.0), min(run.time_step, 0.001))
     errors = []
     for roll_deg, steer_deg, published in TABLE_8:
         roll, steer = math.radians(roll_deg), math.radians(steer_deg)
@@ -262,13 +266,13 @@ def _front_directions(run: Validation) -> Iterator[Check]:
     yield Check("front_direction_error_max_deg", title, max(errors), 0.0, 0.1, 0.0)
 
 
-def _press(engine: Engine) -> None:
+def _press(engine: BicycleEngine) -> None:
     """Hold the wheels to the ground for the next step where contacts are one-sided."""
     if isinstance(engine, PyBulletEngine):
         engine.press(_PRESS)
 
 
-def steering_step(engine: Engine, steer_set: float, duration: float) -> NDArray[np.float64]:
+def steering_step(engine: BicycleEngine, steer_set: float, duration: float) -> NDArray[np.float64]:
     """Return the steering angle, rad, after each step from standstill at a constant set point.
 
     Args:
@@ -280,7 +284,7 @@ def steering_step(engine: Engine, steer_set: float, duration: float) -> NDArray[
     angles = []
     for _ in range(round(duration / engine.time_step)):
         _press(engine)
-        engine.advance(steer_set, 1)
+        engine.hold(steer_set, 1)
         angles.append(engine.state()[st.STEER])
     return np.array(angles)
 
@@ -290,7 +294,7 @@ def _steering_step(run: Validation) -> Iterator[Check]:
     target = math.radians(70.0)
     peaks = []
     for kind, step in ((run.kind, run.time_step), ("whipple", _REFERENCE_STEP)):
-        engine = make_engine(kind, replace(run.vehicle, g=0.0), step)
+        engine = make_bicycle_engine(kind, replace(run.vehicle, g=0.0), step)
         peaks.append(100.0 * (float(steering_step(engine, target, 1.5).max()) / target - 1.0))
         engine.close()
     yield Check("steering_overshoot_percent", "steering step, overshoot, %", peaks[0], 0.0, 10.0, peaks[1])
@@ -301,7 +305,7 @@ def _speed_loss(run: Validation) -> Iterator[Check]:
     speed = 0.5 * (linear.weave_speed(run.vehicle) + linear.capsize_speed(run.vehicle))
     engine = _coaster(run)
     engine.reset(st.upright_state(speed, run.vehicle.rF))
-    engine.advance(0.0, round(60.0 / run.time_step))
+    engine.hold(0.0, round(60.0 / run.time_step))
     left = engine.state()[st.FRONT_WHEEL_RATE] * run.vehicle.rF
     engine.close()
     loss = 100.0 * abs(1.0 - left / speed)
@@ -315,13 +319,13 @@ def violent_start(vehicle: Vehicle) -> StateVector:
     return state
 
 
-def coast(engine: Engine, start: StateVector, duration: float, interval: float = 0.05) -> NDArray[np.float64]:
+def coast(engine: BicycleEngine, start: StateVector, duration: float, interval: float = 0.05) -> NDArray[np.float64]:
     """Return the states of a ride with set point zero at each interval, the start first, shape (n, 10)."""
     steps = max(1, round(interval / engine.time_step))
     engine.reset(start)
     states = [engine.state()]
     for _ in range(round(duration / (steps * engine.time_step))):
-        engine.advance(0.0, steps)
+        engine.hold(0.0, steps)
         states.append(engine.state())
     return np.array(states)
 
@@ -332,8 +336,8 @@ def _coasting(run: Validation) -> Iterator[Check]:
     engine = _coaster(run)
     ride = coast(engine, start, 10.0)
     mirrored = coast(engine, start * st.MIRROR_SIGNS, 10.0)
-    energies = np.array([mapping.energy(state, run.vehicle) for state in ride])
-    rest = mapping.energy(np.zeros(st.STATE_SIZE), run.vehicle)
+    energies = np.array([bd.energy(state, run.vehicle) for state in ride])
+    rest = bd.energy(np.zeros(st.STATE_SIZE), run.vehicle)
     drift = 100.0 * float(np.abs(energies / energies[0] - 1.0).max()) * energies[0] / (energies[0] - rest)
     limit = _step_limit(0.05, 0.25, run.time_step)
     yield Check("energy_drift_percent", "energy drift, % of kinetic", drift, 0.0, limit, 0.0)
@@ -350,9 +354,9 @@ def _pitch_error(engine: PyBulletEngine, start: StateVector) -> float:
     engine.reset(start)
     worst = 0.0
     for _ in range(round(2.0 / engine.time_step)):
-        engine.advance(0.0, 1)
+        engine.hold(0.0, 1)
         state = engine.state()
-        nose = mapping.rotate(engine.bodies().orientations[mapping.REAR_FRAME], np.array([1.0, 0.0, 0.0]))
+        nose = vectors.rotate(engine.bodies().orientations[bd.REAR_FRAME], np.array([1.0, 0.0, 0.0]))
         # the x axis of Rz(yaw) Rx(roll) Ry(pitch) points down by sin(pitch) cos(roll)
         pitch = math.asin(-nose[2] / math.cos(state[st.ROLL]))
         worst = max(worst, abs(pitch - kinematics.pitch(state[st.ROLL], state[st.STEER], engine.vehicle.parameters)))
@@ -362,7 +366,7 @@ def _pitch_error(engine: PyBulletEngine, start: StateVector) -> float:
 def _violent_start(run: Validation) -> Iterator[Check]:
     """2 s after the hard start converge to the compiled bicycle: with the right order, and to nothing else."""
     start, steps = violent_start(run.vehicle), _ORDER_STEPS[run.kind]
-    oracle = make_engine("whipple", free_of_drive(run.vehicle), _REFERENCE_STEP)
+    oracle = make_bicycle_engine("whipple", free_of_drive(run.vehicle), _REFERENCE_STEP)
     wanted = coast(oracle, start, 2.0)
     watched = [st.YAW, st.ROLL, st.STEER]
     rides = []

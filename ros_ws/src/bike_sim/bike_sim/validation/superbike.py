@@ -17,13 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_sim.physics import state as st
-from bike_sim.physics import superbike_forces as sf
-from bike_sim.physics import superbike_statics as statics
-from bike_sim.physics.compiled_superbike_engine import CompiledSuperbikeEngine
-from bike_sim.physics.superbike.base import SuperbikeBase
-from bike_sim.physics.superbike.holding import holding_torque
-from bike_sim.physics.superbike_engine import TIME_STEP, SuperbikeEngine
-from bike_sim.physics.superbike_modes import SuperbikeModes, holding_throttle, measure_modes
+from bike_sim.physics.engine import NO_FALL
+from bike_sim.physics.ground import LEVEL, Ground
+from bike_sim.physics.superbike import forces as sf
+from bike_sim.physics.superbike import statics
+from bike_sim.physics.superbike.bullet import BulletSuperbikeEngine
+from bike_sim.physics.superbike.constants import holding_torque
+from bike_sim.physics.superbike.engine import TIME_STEP, CompiledSuperbikeEngine, SuperbikeEngine
+from bike_sim.physics.superbike.modes import SuperbikeModes, holding_throttle, measure_modes
 from bike_sim.planning.envelope import envelope
 from bike_sim.schema import GRAVITY
 from bike_sim.validation.bicycle import Check
@@ -69,8 +70,8 @@ class ManoeuvreTrace:
     """A recorded ride, one row a control period.
 
     Attributes:
-        time: s. telemetry: columns `superbike_forces.TELEMETRY_NAMES`. states: columns `state.STATE_NAMES`.
-        fall: how it ended, one of `superbike_forces.FALL_NAMES`.
+        time: s. telemetry: columns `physics.superbike.forces.TELEMETRY_NAMES`. states: columns `state.STATE_NAMES`.
+        fall: how it ended, one of `forces.FALL_NAMES`.
     """
 
     time: FloatArray
@@ -156,19 +157,19 @@ class Validation:
         return all(check.passed for check in self.checks)
 
 
-def ride(engine: SuperbikeBase, duration: float, command: Command) -> ManoeuvreTrace:
+def ride(engine: SuperbikeEngine, duration: float, command: Command, ground: Ground = LEVEL) -> ManoeuvreTrace:
     """Ride on from where the engine is and record each control period; a fall ends it."""
     steps = round(_PERIOD / engine.time_step)
     times, telemetry, states = [], [], []
     for k in range(round(duration / _PERIOD)):
         steering, throttle = command(k * _PERIOD, engine.telemetry())
-        engine.advance_commands(min(max(steering, -1.0), 1.0), min(max(throttle, -1.0), 1.0), steps)
+        engine.advance(min(max(steering, -1.0), 1.0), min(max(throttle, -1.0), 1.0), steps, ground)
         times.append((k + 1) * _PERIOD)
         telemetry.append(engine.telemetry())
         states.append(engine.state())
-        if engine.fall:
+        if engine.fall != NO_FALL:
             break
-    return ManoeuvreTrace(np.array(times), np.array(telemetry), np.array(states), engine.fall_name)
+    return ManoeuvreTrace(np.array(times), np.array(telemetry), np.array(states), engine.fall)
 
 
 def holding(vehicle: Superbike, speed: float, lean: Callable[[float], float]) -> Command:
@@ -205,7 +206,7 @@ def _weaving(side: float) -> Command:
     return lambda now, telemetry: (side * 0.7 * math.sin(2.0 * now), 0.5 * math.sin(now))
 
 
-_Engine = TypeVar("_Engine", bound=SuperbikeBase)
+_Engine = TypeVar("_Engine", bound=SuperbikeEngine)
 
 
 def at_speed(engine: _Engine, speed: float, lean: float = 0.0, settle: float = 1.0) -> _Engine:
@@ -258,7 +259,7 @@ def validate(time_step: float = TIME_STEP, report: Callable[[str], None] = lambd
 def check_kick(result: Validation, vehicle: Superbike) -> Iterator[Check]:
     """Straight running after a kick of 0.3 rad/s of roll rate: comes back, and stays."""
     largest, rest = 0.0, 0.0
-    engine = SuperbikeEngine(vehicle, result.time_step)
+    engine = BulletSuperbikeEngine(vehicle, result.time_step)
     for speed in SPEEDS:
         start = st.upright_state(speed, vehicle.rF)
         start[st.ROLL_RATE] = 0.3
@@ -273,7 +274,7 @@ def check_kick(result: Validation, vehicle: Superbike) -> Iterator[Check]:
 
 def check_lean_steps(result: Validation, vehicle: Superbike) -> Iterator[Check]:
     """Lean from upright to 30, 50 and 55 deg, and the steady turn that follows against the closed formula."""
-    engine = SuperbikeEngine(vehicle, result.time_step)
+    engine = BulletSuperbikeEngine(vehicle, result.time_step)
     for lean in LEANS:
         worst, formula_error = 0.0, 0.0
         for speed in SPEEDS:
@@ -302,7 +303,7 @@ def check_lean_steps(result: Validation, vehicle: Superbike) -> Iterator[Check]:
 
 def check_slaloms(result: Validation, vehicle: Superbike) -> Iterator[Check]:
     """Slalom of 45 deg to either side in 4 s, up to 80 m/s."""
-    engine = SuperbikeEngine(vehicle, result.time_step)
+    engine = BulletSuperbikeEngine(vehicle, result.time_step)
     worst = 0.0
     for speed in (10.0, 20.0, 40.0, 60.0, 80.0):
         at_speed(engine, speed)
@@ -317,7 +318,7 @@ def check_slaloms(result: Validation, vehicle: Superbike) -> Iterator[Check]:
 def check_trail_braking(result: Validation, vehicle: Superbike) -> Iterator[Check]:
     """Braking into and driving out of turns with the electronics on: no falls; with them off: falls, by name."""
     falls = 0
-    engine = SuperbikeEngine(vehicle, result.time_step)
+    engine = BulletSuperbikeEngine(vehicle, result.time_step)
     for lean, brake in TRAIL_BRAKING:
         at_speed(engine, 50.0, lean, 2.5)
         falls += ride(engine, 2.0, constant(vehicle, lean, -brake)).fall != "none"
@@ -329,7 +330,7 @@ def check_trail_braking(result: Validation, vehicle: Superbike) -> Iterator[Chec
         "aided_falls", f"falls in {len(TRAIL_BRAKING)} trail brakings and {len(DRIVE_OUT)} drives out", falls, 0, 0
     )
     bare = without_electronics(vehicle)
-    engine = SuperbikeEngine(bare, result.time_step)
+    engine = BulletSuperbikeEngine(bare, result.time_step)
     at_speed(engine, 50.0, 50.0, 2.5)
     fall = ride(engine, 3.0, constant(bare, 50.0, -1.0)).fall
     engine.close()
@@ -431,7 +432,7 @@ def check_pitch_limits(result: Validation, vehicle: Superbike) -> Iterator[Check
         ("stoppie", 85.0, sf.T_REAR_LOAD, 5.0, -1.0),
         ("wheelie", 15.0, sf.T_FRONT_LOAD, 2.5, 1.0),
     ):
-        engine = SuperbikeEngine(bare, result.time_step)
+        engine = BulletSuperbikeEngine(bare, result.time_step)
         at_speed(engine, start, settle=0.5)
         squeeze = ride(engine, 2.0 * duration, _squeezing(sign, duration))
         engine.close()
@@ -468,7 +469,7 @@ def _lifting_force(vehicle: Superbike, speed: float, sign: float) -> float:
 
 def check_mirror(result: Validation, vehicle: Superbike) -> Iterator[Check]:
     """The same ride to the left and to the right."""
-    engine = SuperbikeEngine(vehicle, result.time_step)
+    engine = BulletSuperbikeEngine(vehicle, result.time_step)
     rides = []
     for side in (1.0, -1.0):
         at_speed(engine, 35.0)
@@ -484,7 +485,7 @@ def check_convergence(result: Validation, vehicle: Superbike) -> Iterator[Check]
     """Turn in, brake, drive out at several steps against a very fine one."""
 
     def lap_piece(step: float) -> ManoeuvreTrace:
-        engine = SuperbikeEngine(vehicle, step)
+        engine = BulletSuperbikeEngine(vehicle, step)
         at_speed(engine, 45.0, settle=0.2)
 
         def command(now: float, telemetry: FloatArray) -> tuple[float, float]:
@@ -514,7 +515,7 @@ def check_convergence(result: Validation, vehicle: Superbike) -> Iterator[Check]
 def check_compiled(result: Validation, vehicle: Superbike) -> Iterator[Check]:
     """The same 60 s of slalom in Bullet and in the compiled engine, which share no dynamics."""
     rides = []
-    for kind in (SuperbikeEngine, CompiledSuperbikeEngine):
+    for kind in (BulletSuperbikeEngine, CompiledSuperbikeEngine):
         engine = kind(vehicle, result.time_step)
         at_speed(engine, 35.0, settle=0.2)
         slalom = holding(vehicle, 35.0, lambda now: 45.0 * math.sin(0.5 * math.pi * now))
@@ -530,13 +531,13 @@ def check_compiled(result: Validation, vehicle: Superbike) -> Iterator[Check]:
 
 def check_real_time(result: Validation, vehicle: Superbike) -> Iterator[Check]:
     """Seconds simulated by seconds of processor time, control periods of 20 ms."""
-    engine = SuperbikeEngine(vehicle, result.time_step)
+    engine = BulletSuperbikeEngine(vehicle, result.time_step)
     at_speed(engine, 40.0)
     steps, best = round(_PERIOD / result.time_step), 0.0
     for _ in range(5):  # the best of five: the machine may be busy with other things
         began = time.process_time()
         for k in range(500):
-            engine.advance_commands(0.5 * math.sin(0.03 * k), 0.15, steps)
+            engine.advance(0.5 * math.sin(0.03 * k), 0.15, steps)
         best = max(best, 500 * _PERIOD / (time.process_time() - began))
     engine.close()
     yield Check("real_time_factor", "seconds simulated by seconds of one core", best, 80.0, math.inf)
@@ -549,7 +550,7 @@ def check_machines(result: Validation, vehicle: Superbike) -> Iterator[Check]:
         machine = load_vehicle(name)
         assert isinstance(machine, Superbike)
         limits = envelope(machine)
-        engine = SuperbikeEngine(machine, result.time_step)
+        engine = BulletSuperbikeEngine(machine, result.time_step)
         at_speed(engine, 10.0)
         launch = ride(engine, 30.0, constant(machine, 0.0, 1.0))
         at_speed(engine, 80.0)
@@ -586,7 +587,7 @@ def check_road(result: Validation, vehicle: Superbike) -> Iterator[Check]:
     """Slopes and banked rings against closed-form solutions, all five machines."""
     errors = []
     for name in MACHINES:
-        engine = SuperbikeEngine(_machine(name), result.time_step)
+        engine = BulletSuperbikeEngine(_machine(name), result.time_step)
         errors.append(road_errors(engine))
         engine.close()
 

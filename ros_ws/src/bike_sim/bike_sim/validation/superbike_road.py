@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_sim.physics import state as st
-from bike_sim.physics import superbike_forces as sf
+from bike_sim.physics.engine import NO_FALL
 from bike_sim.physics.ground import Ground, flat_ground
-from bike_sim.physics.superbike.base import SuperbikeBase
-from bike_sim.physics.superbike_statics import inertial_mass
+from bike_sim.physics.superbike import forces as sf
+from bike_sim.physics.superbike.engine import SuperbikeEngine
+from bike_sim.physics.superbike.statics import inertial_mass
 from bike_sim.schema import GRAVITY
 
 FloatArray = NDArray[np.float64]
@@ -51,11 +52,10 @@ class RoadErrors:
     camber: float
 
 
-def road_errors(engine: SuperbikeBase) -> RoadErrors:
+def road_errors(engine: SuperbikeEngine) -> RoadErrors:
     """Measure one machine on all slopes and rings; the largest errors. A fall is an infinite error."""
     slopes = np.array([_slope_errors(engine, grade) for grade in GRADES])
     rings = np.array([_ring_errors(engine, math.radians(bank)) for bank in BANKS_DEG])
-    engine.ground = flat_ground()
     return RoadErrors(*np.abs(slopes).max(axis=0).tolist(), *np.abs(rings).max(axis=0).tolist())
 
 
@@ -67,22 +67,22 @@ def _laid(**patch: float) -> Ground:
     return ground
 
 
-def _coast(engine: SuperbikeBase, grade: float) -> FloatArray:
+def _coast(engine: SuperbikeEngine, grade: float) -> FloatArray:
     """Coast upright for 3 s and return speed, drag and load after each control period."""
-    engine.ground = _laid(grade=grade)
-    engine.reset(st.upright_state(_SPEED, engine.vehicle.rF))
+    ground = _laid(grade=grade)
+    engine.reset(st.upright_state(_SPEED, engine.vehicle.rF), ground)
     told = []
     for _ in range(round(3.0 / _PERIOD)):
-        engine.advance_commands(0.0, 0.0, round(_PERIOD / engine.time_step))
+        engine.advance(0.0, 0.0, round(_PERIOD / engine.time_step), ground)
         now = engine.telemetry()
         told.append((now[sf.T_SPEED], now[_DRAG], now[sf.T_REAR_LOAD] + now[sf.T_FRONT_LOAD]))
     return np.array(told)
 
 
-def _slope_errors(engine: SuperbikeBase, grade: float) -> tuple[float, float]:
+def _slope_errors(engine: SuperbikeEngine, grade: float) -> tuple[float, float]:
     """Return the errors of acceleration and load on a slope, beside the same ride on level ground."""
     level, there = _coast(engine, 0.0), _coast(engine, grade)
-    if engine.fall:
+    if engine.fall != NO_FALL:
         return math.inf, math.inf
     slope = math.atan(grade)
     part = slice(round(1.0 / _PERIOD), None)
@@ -115,15 +115,14 @@ def _lay_ring(ground: Ground, state: FloatArray, course: float, wheelbase: float
         patch["height"], patch["crest"] = rise * outside, rise * bend
 
 
-def _ring_errors(engine: SuperbikeBase, bank: float) -> tuple[float, float, float]:
+def _ring_errors(engine: SuperbikeEngine, bank: float) -> tuple[float, float, float]:
     """Return the errors of side force, load (by the weight) and lean to the road (deg) in a steady right turn.
 
     With the lateral acceleration a of the turn, the tyres carry ``m (a cos(bank) - g sin(bank))`` along the road and
     ``m (g cos(bank) + a sin(bank))`` across it; the lean to the vertical is that of level ground.
     """
     vehicle, ground = engine.vehicle, _laid(bank=math.tan(bank))
-    engine.ground = ground
-    engine.reset(st.upright_state(_SPEED, vehicle.rF))
+    engine.reset(st.upright_state(_SPEED, vehicle.rF), ground)
     rows: list[tuple[float, ...]] = []
     before, bend = engine.state(), 0.0  # curvature of the ring, to the right, 1/m
     for _ in range(round(5.0 / _PERIOD)):
@@ -133,7 +132,7 @@ def _ring_errors(engine: SuperbikeBase, bank: float) -> tuple[float, float, floa
         course = math.atan2(state[st.Y] - before[st.Y], state[st.X] - before[st.X]) - 0.5 * bend * went
         _lay_ring(ground, state, course if went else float(state[st.YAW]), vehicle.w, math.tan(bank), bend)
         before = state
-        engine.advance_commands(-_STEERING, _THROTTLE, round(_PERIOD / engine.time_step))
+        engine.advance(-_STEERING, _THROTTLE, round(_PERIOD / engine.time_step), ground)
         now = engine.telemetry()
         bend = -now[sf.T_YAW_RATE] / now[sf.T_SPEED]
         rows.append(
@@ -146,7 +145,7 @@ def _ring_errors(engine: SuperbikeBase, bank: float) -> tuple[float, float, floa
                 now[sf.T_SPEED],
             )
         )
-    if engine.fall:
+    if engine.fall != NO_FALL:
         return math.inf, math.inf, math.inf
     turn, side, load, camber, roll, speed = np.array(rows[-round(1.0 / _PERIOD) :]).mean(axis=0)
     weight = vehicle.mass * GRAVITY

@@ -42,7 +42,7 @@ _SHIFT_FLOOR: Final = 0.3
 
 @dataclass(frozen=True)
 class Tyre:
-    """A motorcycle tyre; formulas in `bike_sim.physics.tyres`.
+    """A motorcycle tyre; formulas in `bike_sim.physics.superbike.tyres`.
 
     Attributes:
         crown: radius of the tyre's cross-section, m.

@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 from numba import njit
 
-from bike_sim.physics import tyres
+from bike_sim.physics.superbike import tyres
 from bike_sim.vehicles.superbike import Record
 
 _THROW_RATE: Final = 1.0  # rad/s of roll at which the electronics keep a wheel as loaded as lying flat

@@ -19,7 +19,7 @@ from typing import Final, NamedTuple
 
 from numba import njit
 
-from bike_sim.physics import tyres
+from bike_sim.physics.superbike import tyres
 from bike_sim.physics.superbike.aids import aid_cuts, aid_limits
 from bike_sim.vehicles.superbike import Record
 

@@ -11,10 +11,11 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
+from numba import njit
 
-from bike_sim.physics.vectors import Quaternion as Quaternion
-from bike_sim.physics.vectors import Vec
-from bike_sim.vehicles.superbike import MACHINE, TORQUE_SAMPLES, TYRE
+from bike_sim.physics.multibody.vectors import Quaternion as Quaternion
+from bike_sim.physics.multibody.vectors import Vec
+from bike_sim.vehicles.superbike import MACHINE, TORQUE_SAMPLES, TYRE, Record
 
 MEMORY_NAMES: Final = (
     "rear_slip", "rear_drift", "front_slip", "front_drift", "lean_aim", "lean_aim_rate",
@@ -104,7 +105,7 @@ class Lags(NamedTuple):
 
 
 class Command(NamedTuple):
-    """What is held during a step; `lags.held` makes it.
+    """What is held during a step; `discretise_command` makes it.
 
     Attributes:
         steering: in [-1, 1], positive to the left. throttle: drive above 0, brakes below.
@@ -135,3 +136,41 @@ class Attitude(NamedTuple):
     sin_yaw: float
     speed: float
     squared_speed: float
+
+
+# s by which the electronics' sensor of the roll rate is late. Without it the wheelie aid answers every swing of weave
+# with drive, and keeps the swing alive where the front wheel is light.
+_SENSOR_LAG: Final = 0.1
+_FEELING_LAG: Final = 0.2  # s until the rider feels a change of the front wheel's load
+
+
+@njit(cache=True)
+def _closed(lag: float, dt: float) -> float:
+    """Return the part of what is missing that a lag (s) closes in a step, s."""
+    return -math.expm1(-dt / lag)
+
+
+@njit(cache=True)
+def discretise_command(command: tuple[float, float, float], constants: Record) -> Command:
+    """Return what is held during the steps of a period.
+
+    Args:
+        command: steering and throttle in [-1, 1], time step, s.
+        constants: a record of `CONSTANTS`.
+    """
+    steering, throttle, dt = command
+    machine = constants.machine
+    rider = machine.virtual_rider
+    reach = rider.arm_frequency * dt
+    lags = Lags(
+        drive=_closed(machine.motor.lag, dt),
+        brake=_closed(machine.brakes.lag, dt),
+        sensor=_closed(_SENSOR_LAG, dt),
+        feeling=_closed(_FEELING_LAG, dt),
+        grip=_closed(rider.grip_memory, dt),
+        torso=_closed(rider.torso_time, dt),
+        twist=_closed(rider.twist_time, dt),
+        arms=reach,
+        arms_left=math.exp(-reach),
+    )
+    return Command(steering, throttle, dt, lags)

@@ -15,7 +15,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from bike_sim.physics.superbike.aids import force_limits
+from bike_sim.physics.multibody.vectors import Vec, add, cross, dot, mix, scale
+from bike_sim.physics.superbike import tyres
 from bike_sim.physics.superbike.contact import (
     Axes,
     Contact,
@@ -28,40 +29,29 @@ from bike_sim.physics.superbike.contact import (
     wheel_contact,
 )
 from bike_sim.physics.superbike.drive import WheelState, drive_and_brake, tell_drive
-from bike_sim.physics.superbike.falls import (
-    FALL_NAMES,
-    HIGH_SIDE,
-    LOW_SIDE,
-    NO_FALL,
-    STOPPIE,
-    TIP_OVER,
-    WHEELIE,
-    fall_indicators,
-    fall_of,
-)
-from bike_sim.physics.superbike.records import MEMORY_NAMES, Attitude, Command, Motion
-from bike_sim.physics.superbike.virtual_rider import damper_and_stop, feel_load, slide_force, steering_torque
-from bike_sim.physics.vectors import Vec, add, cross, dot, mix, scale
+from bike_sim.physics.superbike.records import Attitude, Command, Motion
+from bike_sim.physics.superbike.rider import damper_and_stop, feel_load, slide_force, steering_torque
 from bike_sim.schema import SIGNALS
 from bike_sim.vehicles.superbike import Record
 
 Array = NDArray[np.float64]
 
-__all__ = [
-    "FALL_NAMES",
-    "HIGH_SIDE",
-    "LOW_SIDE",
-    "MEMORY_NAMES",
-    "NO_FALL",
-    "STOPPIE",
-    "TELEMETRY",
-    "TELEMETRY_NAMES",
-    "TIP_OVER",
-    "WHEELIE",
-    "Loads",
-    "force_limits",
-    "loads_at",
-]
+
+FALL_NAMES: Final = ("none", "low_side", "high_side", "tip_over", "stoppie", "wheelie")
+NO_FALL: Final = FALL_NAMES.index("none")
+LOW_SIDE: Final = FALL_NAMES.index("low_side")
+HIGH_SIDE: Final = FALL_NAMES.index("high_side")
+TIP_OVER: Final = FALL_NAMES.index("tip_over")
+STOPPIE: Final = FALL_NAMES.index("stoppie")
+WHEELIE: Final = FALL_NAMES.index("wheelie")
+
+_SLIDING: Final = 1.15  # times the peak slip from which a tyre counts as sliding
+_SLIDE_LEAN_MIN: Final = 0.15  # rad; upright a slide has no side
+_SLIDE_MEMORY: Final = 1.5  # s a slide explains a fall
+_THROWN_RATE: Final = 6.0  # rad/s of roll away from the slide at which nobody stays on
+_SPUN: Final = math.cos(math.radians(60.0))  # of the angle between heading and velocity at which a slide is a crash
+_SLIDE_SPEED: Final = 4.0  # m/s; what slips while falling over at a walk is no slide
+_OVER: Final = math.sin(math.radians(55.0))  # pitch beyond every machine's point of balance
 
 TELEMETRY_NAMES: Final = SIGNALS.columns
 """What is measured at every step; `bike_sim.schema.SIGNALS` says what each is."""
@@ -116,6 +106,67 @@ T_BRAKE_SHARE: Final = TELEMETRY_NAMES.index("brake_share")
 
 _CREEP: Final = 0.1
 """Speed, m/s, below which the resistance of loose ground fades, so that it never pushes a standing wheel."""
+
+
+class Upset(NamedTuple):
+    """What a fall is told from.
+
+    Attributes:
+        roll: to the normal of the ground, rad. roll_rate: rad/s.
+        nose_up: part of the frame's forward axis along that normal.
+        rear_load: N. front_load: N.
+        sliding: a tyre slides. sideways: the machine moves broadside.
+    """
+
+    roll: float
+    roll_rate: float
+    nose_up: float
+    rear_load: float
+    front_load: float
+    sliding: bool
+    sideways: bool
+
+
+@njit(cache=True)
+def fall_indicators(attitude: Attitude, nose_up: float, rear: TyreForce, front: TyreForce, constants: Record) -> Upset:
+    """Return what a fall is told from, out of the motion and what the tyres do."""
+    size = math.sqrt(attitude.squared_speed)
+    slip = max(rear.use / tyres.peak_slip(constants.rear_tyre), front.use / tyres.peak_slip(constants.front_tyre))
+    sliding = size > _SLIDE_SPEED and slip > _SLIDING
+    sideways = size > _SLIDE_SPEED and attitude.speed < _SPUN * size
+    return Upset(attitude.camber, attitude.roll_rate, nose_up, rear.fz, front.fz, sliding, sideways)
+
+
+@njit(cache=True)
+def fall_of(upset: Upset, dt: float, fall_roll: float, memory: Record) -> int:
+    """Return how the machine falls at this instant, or `NO_FALL`, and remember slides.
+
+    Args:
+        upset: what the machine does.
+        dt: time step, s.
+        fall_roll: rad, a larger roll is a fall.
+        memory: of slides.
+    """
+    roll, roll_rate = upset.roll, upset.roll_rate
+    if upset.sliding and abs(roll) > _SLIDE_LEAN_MIN:
+        memory.slide_side, memory.slide_age = math.copysign(1.0, roll), 0.0
+    else:
+        memory.slide_age += dt
+    slid = memory.slide_age < _SLIDE_MEMORY
+    side = memory.slide_side
+    if upset.nose_up < -_OVER and upset.rear_load <= 0.0:
+        return STOPPIE
+    if upset.nose_up > _OVER and upset.front_load <= 0.0:
+        return WHEELIE
+    if slid and roll_rate * side < -_THROWN_RATE:
+        return HIGH_SIDE
+    if upset.sideways:
+        return LOW_SIDE
+    if abs(roll) > fall_roll:
+        if not slid:
+            return TIP_OVER
+        return LOW_SIDE if roll * side > 0.0 else HIGH_SIDE
+    return NO_FALL
 
 
 class Loads(NamedTuple):

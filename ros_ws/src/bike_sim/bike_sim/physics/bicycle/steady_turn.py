@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_sim.physics import state as st
+from bike_sim.physics.bicycle.whipple import derivative
 from bike_sim.physics.kinematics import rates
-from bike_sim.physics.whipple_engine import derivative
 from bike_sim.vehicles.bicycle import Vehicle
 
 FloatArray = NDArray[np.float64]

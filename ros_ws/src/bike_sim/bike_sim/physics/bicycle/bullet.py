@@ -14,11 +14,16 @@ from typing import Final
 
 import numpy as np
 
-from bike_sim.physics import kinematics, mapping
+from bike_sim.physics import bodies as bd
+from bike_sim.physics import kinematics
 from bike_sim.physics import state as st
-from bike_sim.physics.pybullet_tree import AXLE_TO_Z, build_tree, bullet, set_free
+from bike_sim.physics.bicycle.base import BicycleBase
+from bike_sim.physics.bodies import FORK_JOINT, FRONT_JOINT, JOINTS, REAR_JOINT
+from bike_sim.physics.ground import LEVEL, Ground
+from bike_sim.physics.multibody.bullet import AXLE_TO_Z, build_tree, bullet, connect, set_free
+from bike_sim.physics.multibody.tree import principal_axes
+from bike_sim.physics.multibody.vectors import conjugate, multiply, rotate
 from bike_sim.physics.state import StateVector
-from bike_sim.physics.tree import FORK, FRONT_WHEEL, LINKS, REAR_WHEEL, principal_axes, vehicle_tree
 from bike_sim.vehicles.bicycle import Vehicle
 
 _MARGIN: Final = 1e-7
@@ -37,7 +42,7 @@ _READ_INTERVAL: Final = 0.1
 """Longest time, s, between two readings of the yaw: far too short for half a turn, so that the yaw is never wrapped."""
 
 
-class PyBulletEngine:
+class PyBulletEngine(BicycleBase):
     """A bicycle in a Bullet world of its own; implements `bike_sim.physics.engine.Engine`.
 
     Engines in one process do not see each other, and the same reset and commands give the same states
@@ -61,65 +66,48 @@ class PyBulletEngine:
             ValueError: the time step is not positive and finite.
             RuntimeError: this process holds as many Bullet worlds as Bullet allows.
         """
-        if not (math.isfinite(time_step) and time_step > 0.0):
-            raise ValueError(f"time step must be positive and finite, got {time_step} s")
-        self.vehicle = vehicle
-        self.time_step = float(time_step)
-        self.client: int = bullet.connect(bullet.DIRECT)
-        if self.client < 0:
-            raise RuntimeError("no further Bullet world can be made in this process; close engines no longer used")
+        super().__init__(vehicle, time_step)
+        self.client = connect()
         # A forgotten engine must not hold on to one of Bullet's limited number of worlds.
         self._disconnect = weakref.finalize(self, bullet.disconnect, self.client)
-        reference = mapping.layout(vehicle)
-        offset = reference.centres[mapping.REAR_WHEEL] - reference.centres[mapping.REAR_FRAME]
+        reference = bd.layout(vehicle)
+        offset = reference.centres[bd.REAR_WHEEL] - reference.centres[bd.REAR_FRAME]
         # Bullet knows the rear frame by its principal axes of inertia. The frame is symmetric about its xz plane, so
         # these come from its own axes by a turn about y, and the y axis that yaw and roll are read from is the same.
-        self._principal, _ = principal_axes(mapping.inertia_tensors(vehicle)[mapping.REAR_FRAME])
-        self._axle_offset = tuple(mapping.rotate(mapping.conjugate(self._principal), offset))
+        self._principal, _ = principal_axes(bd.inertia_tensors(vehicle)[bd.REAR_FRAME])
+        self._axle_offset = tuple(rotate(conjugate(self._principal), offset))
         self._chunk = max(1, int(_READ_INTERVAL / self.time_step))
         self.body = self._build_world()
-        self._state = np.zeros(st.STATE_SIZE)
         self.reset(st.upright_state(0.0, vehicle.rF))
 
-    def reset(self, state: StateVector) -> None:
+    def reset(self, state: StateVector, ground: Ground = LEVEL) -> None:
         """Set any minimal state exactly, positions and velocities; nothing of the earlier ride remains.
 
         Raises:
             ValueError: the state has the wrong shape, is not finite, or no such configuration exists.
         """
-        state = mapping.checked_state(state)
-        bodies = mapping.redundant_from_minimal(state, self.vehicle)
-        client, body, frame = self.client, self.body, mapping.REAR_FRAME
+        state = st.checked_state(state)
+        bodies = bd.redundant_from_minimal(state, self.vehicle)
+        client, body, frame = self.client, self.body, bd.REAR_FRAME
         # Bullet keeps contacts and their last impulses as a first guess. Lifting the vehicle off makes it forget them.
         bullet.resetBasePositionAndOrientation(body, (0.0, 0.0, _LIFT), (0.0, 0.0, 0.0, 1.0), client)
         bullet.performCollisionDetection(client)
-        orientation = mapping.multiply(bodies.orientations[frame], self._principal)
+        orientation = multiply(bodies.orientations[frame], self._principal)
         bullet.resetBasePositionAndOrientation(body, bodies.positions[frame], orientation, client)
         bullet.resetBaseVelocity(body, bodies.velocities[frame], bodies.angular_velocities[frame], client)
         rear_rate = kinematics.rear_wheel_rate(state, self.vehicle.parameters)
         for link, angle, rate in (
-            (REAR_WHEEL, state[st.REAR_WHEEL], rear_rate),
-            (FORK, state[st.STEER], state[st.STEER_RATE]),
-            (FRONT_WHEEL, state[st.FRONT_WHEEL], state[st.FRONT_WHEEL_RATE]),
+            (REAR_JOINT, state[st.REAR_WHEEL], rear_rate),
+            (FORK_JOINT, state[st.STEER], state[st.STEER_RATE]),
+            (FRONT_JOINT, state[st.FRONT_WHEEL], state[st.FRONT_WHEEL_RATE]),
         ):
             bullet.resetJointState(body, link, angle, rate, client)
         self._state = state.copy()
         self._read()
 
-    def advance(self, steer_set: float, steps: int) -> None:
-        """Integrate with the steering drive's set point held; the drive acts anew at every step.
-
-        Args:
-            steer_set: set point of the steering angle, rad, positive to the left.
-            steps: number of integration steps of `time_step`.
-
-        Raises:
-            ValueError: the set point is not finite or the number of steps is negative.
-        """
-        if not math.isfinite(steer_set):
-            raise ValueError(f"steer_set = {steer_set!r} is not a finite angle in rad")
-        if steps < 0:
-            raise ValueError(f"steps = {steps} must not be negative")
+    def hold(self, steer_set: float, steps: int) -> None:
+        """Integrate with the steering drive's set point held; see `engine.BicycleEngine`."""
+        self._check(steer_set, steps)
         while steps > self._chunk:
             self._step(steer_set, self._chunk)
             self._read()
@@ -127,29 +115,25 @@ class PyBulletEngine:
         self._step(steer_set, steps)
         self._read()
 
-    def state(self) -> StateVector:
-        """Return the minimal state as a fresh vector; yaw and wheel angles are not wrapped."""
-        return self._state.copy()
-
-    def bodies(self) -> mapping.RedundantState:
+    def bodies(self) -> bd.RedundantState:
         """Return pose and velocity of the four bodies as Bullet has them, fitting together or not."""
         position, orientation = bullet.getBasePositionAndOrientation(self.body, self.client)
-        frame_orientation = mapping.multiply(np.array(orientation), mapping.conjugate(self._principal))
+        frame_orientation = multiply(np.array(orientation), conjugate(self._principal))
         frame = (position, frame_orientation, *bullet.getBaseVelocity(self.body, self.client))
         rear, fork, front = (
             # without forward kinematics the poses are those of the step before
             bullet.getLinkState(
                 self.body, link, computeLinkVelocity=1, computeForwardKinematics=1, physicsClientId=self.client
             )
-            for link in LINKS
+            for link in JOINTS
         )
         rows = [
-            (rear[0], mapping.multiply(np.array(rear[5]), mapping.conjugate(AXLE_TO_Z)), *rear[6:8]),
+            (rear[0], multiply(np.array(rear[5]), conjugate(AXLE_TO_Z)), *rear[6:8]),
             frame,
             (fork[0], fork[5], *fork[6:8]),
-            (front[0], mapping.multiply(np.array(front[5]), mapping.conjugate(AXLE_TO_Z)), *front[6:8]),
+            (front[0], multiply(np.array(front[5]), conjugate(AXLE_TO_Z)), *front[6:8]),
         ]
-        return mapping.RedundantState(*(np.array(column) for column in zip(*rows, strict=True)))
+        return bd.RedundantState(*(np.array(column) for column in zip(*rows, strict=True)))
 
     def press(self, force: float) -> None:
         """Pull each wheel down at its contact point during the next step, in place of the weight it may lack.
@@ -162,7 +146,7 @@ class PyBulletEngine:
             force: downward force on each wheel, N.
         """
         front = kinematics.front_contact(self._state, self.vehicle.parameters)
-        for link, (x, y) in ((REAR_WHEEL, self._state[: st.YAW]), (FRONT_WHEEL, front)):
+        for link, (x, y) in ((REAR_JOINT, self._state[: st.YAW]), (FRONT_JOINT, front)):
             bullet.applyExternalForce(self.body, link, (0.0, 0.0, -force), (x, y, 0.0), bullet.WORLD_FRAME, self.client)
 
     def push(self, along: float, left: float, ahead: float, height: float) -> None:
@@ -185,7 +169,7 @@ class PyBulletEngine:
         """Step the world with the drive's torque. All time is spent here, hence the bound names and bare positions."""
         body, client, stiffness, damping = self.body, self.client, self.vehicle.P, self.vehicle.D
         read, push, step = bullet.getJointState, bullet.setJointMotorControl2, bullet.stepSimulation
-        mode, fork = bullet.TORQUE_CONTROL, FORK
+        mode, fork = bullet.TORQUE_CONTROL, FORK_JOINT
         for _ in range(steps):
             steer, rate, _, _ = read(body, fork, client)
             torque = stiffness * (steer_set - steer) - damping * rate
@@ -198,11 +182,11 @@ class PyBulletEngine:
         body, client, last = self.body, self.client, self._state
         position, orientation = bullet.getBasePositionAndOrientation(body, client)
         _, angular_velocity = bullet.getBaseVelocity(body, client)
-        rear, fork, front = bullet.getJointStates(body, LINKS, client)
-        x, y, yaw, roll, roll_rate = mapping.frame_coordinates(
+        rear, fork, front = bullet.getJointStates(body, JOINTS, client)
+        x, y, yaw, roll, roll_rate = bd.frame_coordinates(
             position, orientation, angular_velocity, self._axle_offset, self.vehicle.rR
         )
-        yaw = mapping.nearest_turn(yaw, last[st.YAW])
+        yaw = st.nearest_turn(yaw, last[st.YAW])
         self._state = np.array((x, y, yaw, roll, fork[0], rear[0], front[0], roll_rate, fork[1], front[1]))
 
     def _build_world(self) -> int:
@@ -226,7 +210,8 @@ class PyBulletEngine:
         ground = bullet.createMultiBody(0.0, plane, physicsClientId=client)
         bullet.changeDynamics(ground, -1, lateralFriction=_FRICTION, physicsClientId=client)
         wheels = [self._wheel_shape(radius) for radius in (self.vehicle.rR, self.vehicle.rF)]
-        body = build_tree(client, vehicle_tree(self.vehicle), dict(zip((REAR_WHEEL, FRONT_WHEEL), wheels, strict=True)))
+        shapes = dict(zip((REAR_JOINT, FRONT_JOINT), wheels, strict=True))
+        body = build_tree(client, bd.vehicle_tree(self.vehicle), shapes)
         set_free(client, body, _FRICTION)
         return body
 

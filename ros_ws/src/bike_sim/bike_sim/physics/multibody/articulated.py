@@ -19,9 +19,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from bike_sim.physics import mapping
-from bike_sim.physics.tree import Body, Joint, principal_axes
-from bike_sim.physics.vectors import Vec
+from bike_sim.physics.multibody.tree import Body, Joint, principal_axes
+from bike_sim.physics.multibody.vectors import Vec, conjugate, rotate
 
 Record = Any
 Array = NDArray[np.float64]
@@ -55,7 +54,7 @@ def tree_record(tree: Sequence[Body], gravity: float) -> NDArray[np.void]:
             raise ValueError(f"body {index} '{body.name}' must hang by a joint on a body before it, the first on none")
     count = len(tree)
     turn, _ = principal_axes(tree[0].inertia)
-    to_principal = np.array([mapping.rotate(mapping.conjugate(turn), axis) for axis in np.eye(3)]).T
+    to_principal = np.array([rotate(conjugate(turn), axis) for axis in np.eye(3)]).T
     kind = np.dtype(
         [
             ("gravity", np.float64),
@@ -67,6 +66,8 @@ def tree_record(tree: Sequence[Body], gravity: float) -> NDArray[np.void]:
             ("joint", np.int64, (count,)),
             ("parent", np.int64, (count,)),
             ("turns", np.int64, (count,)),
+            ("spring", np.float64, (count,)),
+            ("damper", np.float64, (count,)),
         ]
     )
     record = np.zeros(1, dtype=kind)
@@ -84,6 +85,8 @@ def tree_record(tree: Sequence[Body], gravity: float) -> NDArray[np.void]:
             "parent": body.parent,
             # whatever hangs on a wheel or how far it has turned, its inertia is the same
             "turns": body.joint is Joint.REVOLUTE and not body.wheel,
+            "spring": body.spring,
+            "damper": body.damper,
         }
         for name, value in values.items():
             record[name][0, i] = value
@@ -295,11 +298,11 @@ def accelerate(motion: Record, force: Vec, torque: Vec, joints: tuple[float, ...
         motion: a record of `motion_record`.
         force: on the base, N, map axes.
         torque: on the base about its centre of mass, N m.
-        joints: moments (N m) or forces (N) on the joints.
+        joints: moments (N m) or forces (N) on the first joints, beside their springs and dampers.
         tree: a record of `tree_record`.
         work: a record of `workspace`.
     """
-    count = len(joints) + 1
+    count = motion.rates.size + 1
     base, w = work.base, motion.omega
     base_rotation(motion.orientation, base)
     v = work.velocity[0]
@@ -314,7 +317,10 @@ def accelerate(motion: Record, force: Vec, torque: Vec, joints: tuple[float, ...
         _place(i, motion, tree, work)
         _inertia(i, tree, work)
     for i in range(count - 1, 0, -1):
-        _hand_over(i, joints[i - 1], tree.parent[i], work)
+        load = joints[i - 1] if i <= len(joints) else 0.0
+        if tree.spring[i] != 0.0 or tree.damper[i] != 0.0:
+            load -= tree.spring[i] * motion.joints[i - 1] + tree.damper[i] * motion.rates[i - 1]
+        _hand_over(i, load, tree.parent[i], work)
     a = work.spatial[0]
     for k in range(3):
         a[k] = base[0, k] * torque[0] + base[1, k] * torque[1] + base[2, k] * torque[2] - work.force[0, k]

@@ -1,11 +1,14 @@
-"""Vectors of three numbers, and rotations, in compiled code: tuples, which live in registers and need no memory."""
+"""Vectors of three numbers and rotations: as tuples in compiled code, where they live in registers, and as arrays."""
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
+Vector = NDArray[np.float64]
 Vec = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 """A rotation: x, y, z, w."""
@@ -68,3 +71,41 @@ def turned(q: Quaternion, v: Vec) -> Vec:
     a, b, c = v
     ta, tb, tc = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
     return a + w * ta + (y * tc - z * tb), b + w * tb + (z * ta - x * tc), c + w * tc + (x * tb - y * ta)
+
+
+# As arrays, for Python.
+
+
+def multiply(first: Vector, second: Vector) -> Vector:
+    """Return the quaternion product: the rotation `second`, then `first`."""
+    x1, y1, z1, w1 = map(float, first)
+    x2, y2, z2, w2 = map(float, second)
+    return np.array(
+        [
+            w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
+            w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
+            w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
+            w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
+        ]
+    )
+
+
+def axis_angle(axis: Vector, angle: float) -> Vector:
+    """Return the quaternion of a rotation by `angle` (rad) about a unit vector."""
+    x, y, z = map(float, axis)
+    sin = float(np.sin(0.5 * angle))
+    return np.array([sin * x, sin * y, sin * z, math.cos(0.5 * angle)])
+
+
+def rotate(quaternion: Vector, vector: Vector) -> Vector:
+    """Return the vector turned by a unit quaternion."""
+    # component by component: `numpy.cross` costs a hundred times as much for three numbers
+    x, y, z, w = map(float, quaternion)
+    a, b, c = map(float, vector)
+    ta, tb, tc = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+    return np.array([a + w * ta + (y * tc - z * tb), b + w * tb + (z * ta - x * tc), c + w * tc + (x * tb - y * ta)])
+
+
+def conjugate(quaternion: Vector) -> Vector:
+    """Return the inverse of a unit quaternion."""
+    return quaternion * np.array([-1.0, -1.0, -1.0, 1.0])

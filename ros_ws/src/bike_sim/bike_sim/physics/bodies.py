@@ -1,10 +1,10 @@
-"""Minimal coordinates to the motion of the four bodies and back (Weyrer et al. 2026, appendix A).
+"""The bodies of a single-track vehicle: where they are, their tree, and their motion from minimal coordinates and back.
 
-The minimal state says all there is to know about a rolling bicycle, but a multibody engine, a renderer or an
-energy balance wants the pose and the velocity of each body. `redundant_from_minimal` gives them exactly;
-`minimal_from_redundant` reads them back. Both use the project's axes (x forward, y left, z up, which are also those
-of that appendix) and differ from it in one thing: a wheel's own frame is that of its carrier turned about y, so its
-axle is y and not x.
+The minimal state says all there is to know about a rolling bicycle (Weyrer et al. 2026, appendix A), but a multibody
+engine, a renderer or an energy balance needs the pose and the velocity of each body. `redundant_from_minimal` gives
+them exactly; `minimal_from_redundant` reads them back. Both use the project's axes (x forward, y left, z up, which are
+also those of that appendix) and differ from it in one thing: a wheel's own frame is that of its carrier turned about y,
+so its axle is y and not x.
 
 Orientations are unit quaternions (x, y, z, w) that turn body coordinates into map coordinates, as in Bullet and ROS.
 """
@@ -17,14 +17,13 @@ from typing import Final
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from bike_sim.physics import kinematics
 from bike_sim.physics import state as st
+from bike_sim.physics.multibody.tree import Body, Joint
+from bike_sim.physics.multibody.vectors import Vector, axis_angle, conjugate, multiply, rotate
 from bike_sim.physics.state import StateVector
 from bike_sim.vehicles.bicycle import Vehicle
-
-Vector = NDArray[np.float64]
 
 REAR_WHEEL: Final = 0
 REAR_FRAME: Final = 1
@@ -32,6 +31,14 @@ FORK: Final = 2
 FRONT_WHEEL: Final = 3
 BODY_NAMES: Final = ("rear_wheel", "rear_frame", "fork", "front_wheel")
 """Bodies in the order of the rows of `RedundantState`; the rear frame carries the rider."""
+
+REAR_JOINT: Final = 0
+FORK_JOINT: Final = 1
+FRONT_JOINT: Final = 2
+SLIDE_JOINT: Final = 3
+"""Numbers of the joints: body `k + 1` of `vehicle_tree` hangs on joint `k`; a sliding rider comes last."""
+JOINTS: Final = (REAR_JOINT, FORK_JOINT, FRONT_JOINT)
+"""Joints of a vehicle whose rider is fixed."""
 
 _Z: Final = np.array([0.0, 0.0, 1.0])
 
@@ -95,7 +102,7 @@ def redundant_from_minimal(state: StateVector, vehicle: Vehicle) -> RedundantSta
         ValueError: wrong shape, a value that is not finite, or a roll and steer at which not both wheels can
             touch the ground.
     """
-    state = checked_state(state)
+    state = st.checked_state(state)
     reference, p = layout(vehicle), vehicle.parameters
     pitch = kinematics.pitch(state[st.ROLL], state[st.STEER], p)
     if not math.isfinite(pitch):
@@ -184,7 +191,7 @@ def minimal_from_redundant(bodies: RedundantState, vehicle: Vehicle, near: State
     state[st.STEER_RATE] = (fork_rate - frame_rate) @ rotate(frame, reference.steering_axis)
     state[st.FRONT_WHEEL_RATE] = (front_rate - fork_rate) @ rotate(fork, lateral)
     for index in (st.YAW, st.STEER, st.REAR_WHEEL, st.FRONT_WHEEL):
-        state[index] = nearest_turn(state[index], 0.0 if near is None else near[index])
+        state[index] = st.nearest_turn(state[index], 0.0 if near is None else near[index])
     return state
 
 
@@ -261,68 +268,6 @@ def inertia_tensors(vehicle: Vehicle) -> Vector:
     )
 
 
-def checked_state(state: StateVector) -> StateVector:
-    """Return the state as a float64 vector.
-
-    Raises:
-        ValueError: it is not ten finite numbers, or its roll is not below 90 deg: the angles would not say one state.
-    """
-    vector = np.asarray(state, dtype=np.float64)
-    if vector.shape != (st.STATE_SIZE,):
-        raise ValueError(f"a state is a vector of {st.STATE_SIZE} numbers, got shape {vector.shape}")
-    # finite where the sum of squares is, which takes a fraction of the time, and perhaps else
-    if not math.isfinite(vector.dot(vector)) and not np.isfinite(vector).all():
-        name = st.STATE_NAMES[int(np.argmin(np.isfinite(vector)))]
-        raise ValueError(f"state is not finite: {name} = {vector[st.STATE_NAMES.index(name)]}")
-    if abs(vector[st.ROLL]) >= 0.5 * math.pi:
-        raise ValueError(
-            f"roll {math.degrees(vector[st.ROLL]):.6g} deg: a state has a roll below 90 deg to either side"
-        )
-    return vector
-
-
-def nearest_turn(angle: float, near: float) -> float:
-    """Return the angle plus the whole number of turns that brings it closest to `near`, rad."""
-    return angle + 2.0 * math.pi * round((near - angle) / (2.0 * math.pi))
-
-
-def multiply(first: Vector, second: Vector) -> Vector:
-    """Return the quaternion product: the rotation `second`, then `first`."""
-    x1, y1, z1, w1 = map(float, first)
-    x2, y2, z2, w2 = map(float, second)
-    return np.array(
-        [
-            w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
-            w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
-            w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
-            w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
-        ]
-    )
-
-
-def axis_angle(axis: Vector, angle: float) -> Vector:
-    """Return the quaternion of a rotation by `angle` (rad) about a unit vector."""
-    x, y, z = map(float, axis)
-    sin = float(np.sin(0.5 * angle))
-    return np.array([sin * x, sin * y, sin * z, math.cos(0.5 * angle)])
-
-
-def cross(first: Vector, second: Vector) -> Vector:
-    """Return the cross product; `numpy.cross` costs a hundred times as much for three numbers."""
-    a, b, c = map(float, first)
-    x, y, z = map(float, second)
-    return np.array([b * z - c * y, c * x - a * z, a * y - b * x])
-
-
-def rotate(quaternion: Vector, vector: Vector) -> Vector:
-    """Return the vector turned by a unit quaternion."""
-    # component by component, see `cross`
-    x, y, z, w = map(float, quaternion)
-    a, b, c = map(float, vector)
-    ta, tb, tc = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
-    return np.array([a + w * ta + (y * tc - z * tb), b + w * tb + (z * ta - x * tc), c + w * tc + (x * tb - y * ta)])
-
-
 def _turn(axis: int, angle: float) -> Vector:
     """Return the quaternion of a rotation about a coordinate axis (0 is x)."""
     quaternion = np.zeros(4)
@@ -331,12 +276,34 @@ def _turn(axis: int, angle: float) -> Vector:
     return quaternion
 
 
-def conjugate(quaternion: Vector) -> Vector:
-    """Return the inverse of a unit quaternion."""
-    return quaternion * np.array([-1.0, -1.0, -1.0, 1.0])
-
-
 def _relative_angle(carrier: Vector, body: Vector, axis: Vector) -> float:
     """Return by how much a body is turned against its carrier about a unit axis common to both, rad."""
     relative = multiply(conjugate(carrier), body)
     return 2.0 * math.atan2(relative[:3] @ axis, relative[3])
+
+
+def vehicle_tree(vehicle: Vehicle, *further: Body) -> tuple[Body, ...]:
+    """Return the bodies of a vehicle, the rear frame first, in the order of the joints' numbers.
+
+    Args:
+        vehicle: masses, inertias and geometry.
+        further: bodies besides, in order: a rider on a slide, a swingarm, a twisting head.
+    """
+    reference = layout(vehicle)
+    centres = reference.centres
+    tensors = inertia_tensors(vehicle)
+    left = np.array([0.0, 1.0, 0.0])
+    masses = (vehicle.mR, vehicle.mB, vehicle.mH, vehicle.mF)  # in the order of `BODY_NAMES`
+    frame, head, axis = REAR_FRAME, reference.head, reference.steering_axis
+    joints = (
+        (frame, Joint.FREE, -1, centres[frame], left),
+        (REAR_WHEEL, Joint.REVOLUTE, 0, centres[REAR_WHEEL], left),
+        (FORK, Joint.REVOLUTE, 0, head, axis),
+        (FRONT_WHEEL, Joint.REVOLUTE, FORK_JOINT + 1, centres[FRONT_WHEEL], left),
+    )
+    wheels = (REAR_WHEEL, FRONT_WHEEL)
+    bodies = [
+        Body(BODY_NAMES[i], masses[i], centres[i], tensors[i], joint, parent, point, along, i in wheels)
+        for i, joint, parent, point, along in joints
+    ]
+    return (*bodies, *further)

@@ -16,7 +16,7 @@ Constants = tuple[
     float, float, float, float, float, float, float, float, float, float, float,
     float, float, float, float, float, float, float, float, float, float, float,
 ]
-"""CONSTANT_NAMES in this order, made by `bike_sim.physics.whipple_engine.constants`."""
+"""CONSTANT_NAMES in this order, made by `bike_sim.physics.bicycle.whipple.constants`."""
 
 CONSTANT_NAMES = ("rR", "rF", "d1", "fx", "fz", "g", "m1", "x1", "z1", "I1xx", "I1xz", "I1yy", "I1zz", "JR", "m2", "x2", "z2", "I2xx", "I2xz", "I2yy", "I2zz", "JF")
 

@@ -1,6 +1,6 @@
 """The nonlinear Whipple bicycle in minimal coordinates: an oracle for the tests and the fast engine for training.
 
-The equations of motion are those of `bike_sim.physics.whipple_equations`; this module integrates them with the
+The equations of motion are those of `bike_sim.physics.bicycle.whipple_equations`; this module integrates them with the
 classical Runge-Kutta method of fourth order. Pitch is carried along as one more integrated variable and put back
 onto the ground constraint after every step, so the constraint holds to rounding and each step costs four
 evaluations and one Newton correction.
@@ -19,16 +19,25 @@ from numba import njit
 from numpy.typing import NDArray
 
 from bike_sim.physics import state as st
+from bike_sim.physics.bicycle.base import BicycleBase
+from bike_sim.physics.bicycle.whipple_equations import Constants, energies, motion
+from bike_sim.physics.engine import TIP_OVER
+from bike_sim.physics.ground import LEVEL, Ground
 from bike_sim.physics.kinematics import Parameters, rates, solve_beta, steering_geometry
 from bike_sim.physics.state import StateVector
-from bike_sim.physics.whipple_equations import Constants, energies, motion
 from bike_sim.vehicles.bicycle import PARAMETER_NAMES, Vehicle
 
-# Indices of the parameter vector, spelled out because compiled code wants plain global integers.
+# Places of the parameters in the vector, by name; compiled code wants plain global integers.
 (
-    _W, _C, _LAM, _G, _RR, _MR, _IRXX, _IRYY, _XB, _ZB, _MB, _IBXX, _IBXZ, _IBYY, _IBZZ,
-    _XH, _ZH, _MH, _IHXX, _IHXZ, _IHYY, _IHZZ, _RF, _MF, _IFXX, _IFYY, _P, _D,
-) = range(len(PARAMETER_NAMES))  # fmt: skip
+    _LAM, _G, _MR, _IRXX, _IRYY, _XB, _ZB, _MB, _IBXX, _IBXZ, _IBYY, _IBZZ,
+    _W, _XH, _ZH, _MH, _IHXX, _IHXZ, _IHYY, _IHZZ, _MF, _IFXX, _IFYY, _P, _D,
+) = map(
+    PARAMETER_NAMES.index,
+    (
+        "lam", "g", "mR", "IRxx", "IRyy", "xB", "zB", "mB", "IBxx", "IBxz", "IByy", "IBzz",
+        "w", "xH", "zH", "mH", "IHxx", "IHxz", "IHyy", "IHzz", "mF", "IFxx", "IFyy", "P", "D",
+    ),
+)  # fmt: skip
 
 LYING_ROLL: Final = math.radians(75.0)
 """Roll beyond which the model ends: up to here the benchmark stands on both wheels at every steer within 75 deg."""
@@ -244,29 +253,20 @@ def pushed(
     return np.asarray(np.linalg.solve(mass_matrix(state, p), work), dtype=np.float64)
 
 
-class WhippleEngine:
-    """The compiled bicycle behind the engine interface.
-
-    Attributes:
-        vehicle: the bicycle.
-        time_step: integration step, s.
-        lying: True once the bicycle has come to lie on the ground; it then stays where it is until `reset`.
-    """
+class WhippleEngine(BicycleBase):
+    """The compiled bicycle behind the engine interface; once it lies on the ground, it stays there until `reset`."""
 
     def __init__(self, vehicle: Vehicle, time_step: float) -> None:
-        """Start at rest in the upright reference configuration at the origin.
+        """Start at rest in the upright reference configuration at the origin."""
+        super().__init__(vehicle, time_step)
+        self._lying = False
 
-        Raises:
-            ValueError: the step is not a positive finite number.
-        """
-        if not (math.isfinite(time_step) and time_step > 0.0):
-            raise ValueError(f"time_step = {time_step!r} must be positive, in seconds")
-        self.vehicle = vehicle
-        self.time_step = time_step
-        self.lying = False
-        self._state = np.zeros(st.STATE_SIZE)
+    @property
+    def fall(self) -> str:
+        """Whether it lies or its roll is beyond the vehicle's limit, as the name of a fall."""
+        return TIP_OVER if self._lying else super().fall
 
-    def reset(self, state: StateVector) -> None:
+    def reset(self, state: StateVector, ground: Ground = LEVEL) -> None:
         """Set the minimal state exactly.
 
         Raises:
@@ -283,30 +283,19 @@ class WhippleEngine:
                 "the bicycle cannot stand on both wheels like this"
             )
         self._state = state
-        self.lying = False
+        self._lying = False
 
-    def advance(self, steer_set: float, steps: int) -> None:
-        """Integrate `steps` steps of `time_step` with the steering drive's set point held, rad.
-
-        Raises:
-            ValueError: the set point is not finite or the number of steps is negative.
-        """
-        if not math.isfinite(steer_set):
-            raise ValueError(f"steer_set = {steer_set!r} is not a finite angle in rad")
-        if steps < 0:
-            raise ValueError(f"steps = {steps} must not be negative")
-        if not self.lying:
-            self.lying = not advance(self._state, steer_set, self.time_step, steps, self.vehicle.parameters)
+    def hold(self, steer_set: float, steps: int) -> None:
+        """Integrate with the steering drive's set point held; see `engine.BicycleEngine`."""
+        self._check(steer_set, steps)
+        if not self._lying:
+            self._lying = not advance(self._state, steer_set, self.time_step, steps, self.vehicle.parameters)
 
     def push(self, along: float, left: float, ahead: float, height: float) -> None:
         """Push the rear frame as during one step: the rates take up its momentum; see `engine.BicycleEngine`."""
-        if not self.lying:
+        if not self._lying:
             force = (along, left, ahead, height)
             self._state[list(_RATES)] += self.time_step * pushed(self._state, *force, self.vehicle.parameters)
-
-    def state(self) -> StateVector:
-        """Return a copy of the minimal state."""
-        return self._state.copy()
 
     def close(self) -> None:
         """Release nothing: the engine holds no resources."""

@@ -1,0 +1,1 @@
+"""The Whipple bicycle: equations of motion, engines, linear modes and steady turns."""

@@ -1,0 +1,1 @@
+"""Trees of rigid bodies and joints: as data, compiled, and in PyBullet. Knows no vehicle."""

@@ -1,0 +1,318 @@
+"""Engines of a superbike: their common part, and the compiled one.
+
+A machine is five records: minimal state (a vector), motion (`articulated.motion_record`), memory and telemetry (see
+`bike_sim.physics.superbike.forces`), and its constants (`records.CONSTANTS`, `articulated.tree_record`). The same
+compiled code steps one machine and rows of many, bit for bit.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from typing import Any, Final
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from bike_sim.physics import state as st
+from bike_sim.physics.bodies import FORK_JOINT, FRONT_JOINT, REAR_JOINT, SLIDE_JOINT
+from bike_sim.physics.engine import check_commands, checked_time_step
+from bike_sim.physics.ground import LEVEL, Ground
+from bike_sim.physics.multibody import articulated
+from bike_sim.physics.multibody.tree import principal_axes
+from bike_sim.physics.multibody.vectors import Quaternion
+from bike_sim.physics.superbike.constants import constants_of
+from bike_sim.physics.superbike.forces import FALL_NAMES, TELEMETRY, Loads, loads_at
+from bike_sim.physics.superbike.pose import begin, deflect, state_at, superbike_tree, without_rider
+from bike_sim.physics.superbike.records import MEMORY, Command, Motion, discretise_command
+from bike_sim.vehicles.superbike import Superbike
+
+Record = Any
+Array = NDArray[np.float64]
+
+TIME_STEP: Final = 0.002
+"""Integration step, s, that rides a lap far faster than real time; `bike validate` shows what it costs."""
+
+_LONGEST: Final = 0.1
+"""Longest time, s, between two readings of the yaw: far too short for half a turn, so that the yaw is never wrapped."""
+
+
+@njit(cache=True)
+def reading_interval(dt: float) -> int:
+    """Return after how many steps of a length (s) the yaw must be read."""
+    return max(1, int(_LONGEST / dt))
+
+
+@njit(cache=True)
+def to_motion(motion: Record) -> Motion:
+    """Return the motion of frame and joints as the forces take it."""
+    p, q, v, w = motion.position, motion.orientation, motion.velocity, motion.omega
+    joints, rates = motion.joints, motion.rates
+    return Motion(
+        (p[0], p[1], p[2]),
+        (q[0], q[1], q[2], q[3]),
+        (v[0], v[1], v[2]),
+        (w[0], w[1], w[2]),
+        rates[REAR_JOINT],
+        joints[FORK_JOINT],
+        rates[FORK_JOINT],
+        rates[FRONT_JOINT],
+        joints[SLIDE_JOINT],
+        rates[SLIDE_JOINT],
+    )
+
+
+@njit(cache=True)
+def read(motion: Record, ground: Record, constants: Record, state: Array) -> None:
+    """Write the minimal state, counting turns of yaw on from what stands there."""
+    now = to_motion(motion)
+    x, y, yaw, roll, roll_rate = state_at(now.position, now.orientation, now.omega, ground.rear, constants)
+    turns = round((state[st.YAW] - yaw) / (2.0 * math.pi))
+    state[st.X], state[st.Y], state[st.YAW], state[st.ROLL] = x, y, yaw + 2.0 * math.pi * turns, roll
+    state[st.STEER], state[st.STEER_RATE] = now.steer, now.steer_rate
+    state[st.REAR_WHEEL], state[st.FRONT_WHEEL] = motion.joints[REAR_JOINT], motion.joints[FRONT_JOINT]
+    state[st.ROLL_RATE], state[st.FRONT_WHEEL_RATE] = roll_rate, now.front_rate
+
+
+@njit(cache=True)
+def advance(
+    state: Array, motion: Record, memory: Record, telemetry: Record, constants: Record, tree: Record, work: Record,
+    command: Command, ground: Record, bumps: Array, steps: int,
+) -> int:  # fmt: skip
+    """Step a machine until a fall or to the end, and return the fall, an index of `forces.FALL_NAMES`.
+
+    Args:
+        state: minimal state, written.
+        motion: of the bodies, advanced.
+        memory: of the forces, advanced.
+        telemetry: of the last step, written.
+        constants: of the machine.
+        tree: its bodies.
+        work: scratch memory.
+        command: what is held, with the time step.
+        ground: a record of `ground.GROUND`.
+        bumps: profiles, see `ground.Ground`.
+        steps: number of steps.
+    """
+    chunk = reading_interval(command.dt)
+    for done in range(steps):
+        if memory.fall != 0.0:
+            break
+        telling = done == steps - 1
+        loads = loads_at(to_motion(motion), command, ground, bumps, memory, telemetry, constants, telling)
+        if loads.fall != 0:
+            break
+        joints = (loads.rear, loads.steer, loads.front, loads.slide)
+        articulated.accelerate(motion, loads.force, loads.torque, joints, tree, work)
+        articulated.integrate(motion, work, command.dt)
+        if (done + 1) % chunk == 0:
+            read(motion, ground, constants, state)
+    read(motion, ground, constants, state)
+    return int(memory.fall)
+
+
+@njit(cache=True)
+def _advance_one(
+    state: Array, motions: Record, memories: Record, telemetries: Record, constants: Record, trees: Record,
+    works: Record, command: tuple[float, float, float], grounds: Record, bumps: Array, steps: int,
+) -> int:  # fmt: skip
+    """Do as `advance` with arrays of one record each, which cost a caller in Python less than records."""
+    held = discretise_command(command, constants[0])
+    return advance(
+        state, motions[0], memories[0], telemetries[0], constants[0], trees[0], works[0], held, grounds[0], bumps, steps
+    )
+
+
+@njit(cache=True)
+def _look_one(
+    state: Array, motions: Record, memories: Record, telemetries: Record, constants: Record,
+    command: tuple[float, float, float], grounds: Record, bumps: Array,
+) -> None:  # fmt: skip
+    """Fill minimal state and telemetry without moving anything; the memory is a copy that nobody needs afterwards."""
+    read(motions[0], grounds[0], constants[0], state)
+    now, held = to_motion(motions[0]), discretise_command(command, constants[0])
+    loads_at(now, held, grounds[0], bumps, memories[0], telemetries[0], constants[0], True)
+
+
+@njit(cache=True)
+def loads_one(
+    motions: Record, memories: Record, telemetries: Record, constants: Record, command: tuple[float, float, float],
+    grounds: Record, bumps: Array, telling: bool,
+) -> Loads:  # fmt: skip
+    """Return `forces.loads_at` of arrays of one record each."""
+    held = discretise_command(command, constants[0])
+    return loads_at(to_motion(motions[0]), held, grounds[0], bumps, memories[0], telemetries[0], constants[0], telling)
+
+
+@njit(cache=True)
+def read_one(motions: Record, constants: Record, grounds: Record, state: Array) -> None:
+    """Do as `read` with arrays of one record each."""
+    read(motions[0], grounds[0], constants[0], state)
+
+
+@njit(cache=True)
+def advance_rows(
+    states: Array, motions: Record, memories: Record, telemetries: Record, machines: NDArray[np.int64],
+    constants: Record, trees: Record, works: Record, commands: Array, grounds: Record, bumps: Array, dt: float,
+    steps: int,
+) -> None:  # fmt: skip
+    """Step rows of machines, each with its own command held; fallen ones stay where they are.
+
+    Args:
+        states: minimal states, shape (n, 10), written.
+        motions: shape (n,), advanced.
+        memories: shape (n,), advanced; their field `fall` tells who fell.
+        telemetries: shape (n,), written.
+        machines: which of the constants a row has, shape (n,).
+        constants: one record a machine.
+        trees: one record a machine.
+        works: scratch memory, shape (1,).
+        commands: steering and throttle, shape (n, 2).
+        grounds: records of `ground.GROUND`, shape (n,); each says which of the profiles its road has.
+        bumps: profiles, see `ground.Ground`.
+        dt: time step, s.
+        steps: number of steps.
+    """
+    for i in range(states.shape[0]):
+        machine = machines[i]
+        command = discretise_command((commands[i, 0], commands[i, 1], dt), constants[machine])
+        advance(
+            states[i], motions[i], memories[i], telemetries[i], constants[machine], trees[machine], works[0], command,
+            grounds[i], bumps, steps,
+        )  # fmt: skip
+
+
+class SuperbikeEngine(ABC):
+    """A superbike that is stepped with a fixed integration step; implements `bike_sim.physics.engine.Engine`.
+
+    The same reset and commands give the same states bit for bit, whatever the engine did before. Once the machine has
+    fallen, time passes but nothing moves any more.
+
+    Attributes:
+        vehicle: its parameters.
+        time_step: integration step, s.
+        tree: its bodies and joints.
+        motion: of the bodies, a record of `articulated.motion_record`, shape (1,).
+        memory: of the forces, a record of `records.MEMORY`, shape (1,).
+        constants: of the forces, a record of `records.CONSTANTS`, shape (1,), read-only.
+    """
+
+    def __init__(self, vehicle: Superbike, time_step: float) -> None:
+        """Check the arguments and make the records; a subclass sets up its integrator and resets.
+
+        Args:
+            vehicle: the machine to simulate.
+            time_step: integration step, s.
+
+        Raises:
+            ValueError: the vehicle is no superbike, or the time step is not positive and finite.
+        """
+        if not isinstance(vehicle, Superbike):
+            raise ValueError(f"vehicle '{vehicle.name}' is no superbike: it has no tyres")
+        self.vehicle = vehicle
+        self.time_step = checked_time_step(time_step)
+        self.tree = superbike_tree(vehicle)
+        self._principal: Quaternion = tuple(principal_axes(self.tree[0].inertia)[0].tolist())
+        self.motion = np.zeros(1, dtype=articulated.motion_record(len(self.tree)))
+        self.memory = np.zeros(1, dtype=MEMORY)
+        self.constants = constants_of(vehicle, without_rider(vehicle))
+        self._telemetry = np.zeros(1, dtype=TELEMETRY)
+        self._signals = self._telemetry.view(np.float64)
+        self._state = np.zeros(st.STATE_SIZE)
+
+    @property
+    def fall(self) -> str:
+        """How the machine fell, one of `forces.FALL_NAMES`."""
+        return FALL_NAMES[int(self.memory["fall"][0])]
+
+    def reset(self, state: st.StateVector, ground: Ground = LEVEL) -> None:
+        """Set any minimal state, with the tyres carrying the standing machine and the rider riding to this lean.
+
+        The rear wheel rolls without slip; yaw rate and sideways velocity are those of ideal rolling, which the tyres
+        correct within a few tenths of a second.
+
+        Args:
+            state: minimal state, shape (10,).
+            ground: under the wheels.
+
+        Raises:
+            ValueError: the state has the wrong shape, is not finite, or no such configuration exists.
+        """
+        state = st.checked_state(state)
+        begin(self.vehicle, self.constants, self._principal, state, ground, self.motion, self.memory)
+        self._state = state.copy()
+        self.set_motion()
+        _look_one(
+            self._state, self.motion, self.memory.copy(), self._telemetry, self.constants, (0.0, 0.0, self.time_step),
+            *ground,
+        )  # fmt: skip
+
+    def advance(self, steering: float, throttle: float, steps: int, ground: Ground = LEVEL) -> None:
+        """Integrate with both commands held.
+
+        Args:
+            steering: in [-1, 1], positive to the left; the rider leans the machine that part of his largest lean.
+            throttle: in [-1, 1]; above 0 part of the engine's torque, below 0 part of the brakes' force.
+            steps: number of integration steps of `time_step`.
+            ground: under the wheels.
+
+        Raises:
+            ValueError: a command is not finite or out of range, or the number of steps is negative.
+        """
+        check_commands(steering, throttle, steps)
+        self._run((float(steering), float(throttle), self.time_step), steps, ground)
+
+    def deflect(self, x: float, y: float, turn: float, share: float, dx: float, dy: float) -> None:
+        """Turn the machine at a wall; see `pose.deflect`. State and telemetry show it from the next step on."""
+        deflect(self.motion, x, y, turn, share, dx, dy)
+        self.set_motion()
+
+    def state(self) -> st.StateVector:
+        """Return the minimal state as a fresh vector; yaw and wheel angles are not wrapped."""
+        return self._state.copy()
+
+    def telemetry(self) -> Array:
+        """Return the signals of the last step as a fresh vector, in the order of `forces.TELEMETRY_NAMES`."""
+        return self._signals.copy()
+
+    @abstractmethod
+    def close(self) -> None:
+        """Release the engine's resources; a second call does nothing."""
+
+    @abstractmethod
+    def set_motion(self) -> None:
+        """Have the integrator go on from `motion`, and write there the motion that it holds."""
+
+    @abstractmethod
+    def _run(self, command: tuple[float, float, float], steps: int, ground: Ground) -> None:
+        """Step until a fall or to the end, and fill the minimal state; a command ends with the time step, s."""
+
+
+class CompiledSuperbikeEngine(SuperbikeEngine):
+    """A superbike whose bodies are integrated by `bike_sim.physics.multibody.articulated`.
+
+    It shares the forces with the engine in Bullet, but not a line of the dynamics, so each checks the other: their
+    rides come together as the step shrinks. One step is a single compiled call, and batches step rows of many machines
+    with the same code (`advance_rows`).
+    """
+
+    def __init__(self, vehicle: Superbike, time_step: float) -> None:
+        """Put the machine upright at rest; see `SuperbikeEngine`."""
+        super().__init__(vehicle, time_step)
+        self._tree = articulated.tree_record(self.tree, vehicle.g)
+        self._work = articulated.workspace(len(self.tree))
+        self.reset(st.upright_state(0.0, vehicle.rF))
+
+    def close(self) -> None:
+        """Do nothing: there is nothing to release."""
+
+    def set_motion(self) -> None:
+        """Do nothing: the record is the motion."""
+
+    def _run(self, command: tuple[float, float, float], steps: int, ground: Ground) -> None:
+        """Step until a fall or to the end, and fill the minimal state."""
+        _advance_one(
+            self._state, self.motion, self.memory, self._telemetry, self.constants, self._tree, self._work, command,
+            *ground, steps,
+        )  # fmt: skip
