@@ -151,7 +151,7 @@ def tyre_figures(ride: Ride) -> TyreFigures | None:
 
 PEAK_USE: Final = 1.5 * math.tan(math.pi / 3.0)
 """Normalised slip at which the force is largest, for the shape of 1.5 that all shipped tyres have
-(`bike_sim.physics.tyres.peak_slip`)."""
+(`bike_sim.physics.superbike.tyres.peak_slip`)."""
 AIDS: Final = {
     "traction_control": "traction control",
     "anti_wheelie": "anti-wheelie",
