@@ -32,7 +32,7 @@ from bike_sim.recording.definitions import MessageType
 from bike_sim.recording.metadata import LATCHED, Qos
 from bike_sim.recording.recorder import RideRecorder
 from bike_sim.ros.isolation import DomainLease
-from bike_training.nodes.ride_monitor import ride_recorded
+from bike_training.nodes.node_rides import ride_recorded
 
 VEHICLE: Final = "panigale_v4r"
 CIRCUIT: Final = "barcelona"

@@ -39,7 +39,7 @@ from bike_analysis.page.live_page import live_view, render_live_page
 from bike_sim.ros import node_tools, sim_node
 from bike_sim.ros.isolation import DomainLease
 from bike_training.envs.node_process import NodeProcess
-from bike_training.nodes.live_messages import state_names
+from bike_training.nodes.live_ride import state_names
 from bike_training.nodes.live_server import LiveServer
 from bike_training.nodes.live_watch import LiveWatch
 

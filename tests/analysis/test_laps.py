@@ -214,11 +214,11 @@ def test_laps_have_the_numbers_of_the_events_in_all_reports(writer, circle, ring
 
 def test_laps_through_the_nodes_note_who_rode(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     pytest.importorskip("rclpy")
-    from bike_training.nodes import node_laps
+    from bike_training.nodes import node_rides
 
     told = {}
-    monkeypatch.setattr(node_laps, "ride_recorded", lambda domain, record, *rest, **named: told.update(record))
-    node_laps.ride_through_nodes("r1", "monza", 5000.0, 1, tmp_path / "lap.mcap", 100.0)
+    monkeypatch.setattr(node_rides, "ride_recorded", lambda domain, record, *rest, **named: told.update(record))
+    node_rides.ride_through_nodes("r1", "monza", 5000.0, 1, tmp_path / "lap.mcap", 100.0)
     assert told["notes"] == ["policy=classical", "circuit=monza"]
 
 

@@ -10,8 +10,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from bike_training.envs.node_process import NodeProcess
-from bike_training.envs.patience import InactivityTimeout
+from bike_training.envs.node_process import InactivityTimeout, NodeProcess
 from bike_training.progress import distance_progress_bar
 
 

@@ -41,8 +41,7 @@ from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_training.envs.node_process import NodeLost, NodeProcess
 from bike_training.nodes import live_watch
-from bike_training.nodes.live_messages import PACES, STATE_NAMES, checked_request, state_names
-from bike_training.nodes.live_ride import LiveRide, LiveSettings
+from bike_training.nodes.live_ride import PACES, STATE_NAMES, LiveRide, LiveSettings, checked_request, state_names
 from bike_training.nodes.live_server import LONGEST_REQUEST, LiveServer
 from bike_training.nodes.live_watch import LiveWatch
 

@@ -29,7 +29,7 @@ from bike_sim.sim.simulator import Simulator
 from bike_training.envs.node_process import NodeLost
 from bike_training.envs.ros_client import RosClient
 from bike_training.nodes.live_watch import LiveWatch
-from bike_training.nodes.ride_monitor import RideMonitor
+from bike_training.nodes.node_rides import RideMonitor
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("compiled")]
 

@@ -33,8 +33,8 @@ from bike_sim.ros.isolation import DOMAIN_VARIABLE
 from bike_sim.ros.node_tools import NANOSECONDS, time_to_message
 from bike_sim.ros.record import SPECS, RecordSettings
 from bike_training.envs.node_process import NodeLost, NodeProcess
-from bike_training.nodes import ride_monitor
-from bike_training.nodes.ride_monitor import START_TIMEOUT, RideMonitor, ride_recorded
+from bike_training.nodes import node_rides
+from bike_training.nodes.node_rides import START_TIMEOUT, RideMonitor, ride_recorded
 
 pytestmark = pytest.mark.ros
 
@@ -323,7 +323,7 @@ def test_a_start_that_works_for_long_is_waited_for_and_explained(
         began = time.monotonic()
         monitor.pause(True, 5.0, [simulator])
         assert time.monotonic() - began > 7.0
-    assert capfd.readouterr().err == f"{ride_monitor.EXPLANATION}\n"
+    assert capfd.readouterr().err == f"{node_rides.EXPLANATION}\n"
 
 
 def test_a_ride_waits_for_its_recorder(ros: Any, tmp_path: Path) -> None:

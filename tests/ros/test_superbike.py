@@ -35,7 +35,7 @@ from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.superbike_plant import superbike_config
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
-from bike_training.nodes.node_laps import ride_through_nodes
+from bike_training.nodes.node_rides import ride_through_nodes
 from tests.same import assert_same
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("compiled")]

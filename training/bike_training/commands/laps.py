@@ -71,7 +71,7 @@ def run_through_nodes(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _through_nodes(args: argparse.Namespace) -> dict[str, Any]:
-    from bike_training.nodes.node_laps import ride_through_nodes  # only rides through nodes need ROS
+    from bike_training.nodes.node_rides import ride_through_nodes  # only rides through nodes need ROS
 
     machine = load_vehicle(args.vehicle)
     assert isinstance(machine, Superbike)

@@ -28,8 +28,8 @@ from bike_training.commands.declarations import LARGEST_DOMAIN
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from bike_training.nodes.live_ride import LiveThread
     from bike_training.nodes.live_server import LiveServer
-    from bike_training.nodes.live_thread import LiveThread
 
 START_SHARE: Final = 0.5
 """Speed of a superbike's start by that of the theoretical lap there."""
@@ -77,8 +77,11 @@ def _check_page(args: argparse.Namespace) -> None:
 
 def _live(args: argparse.Namespace, recording: Path) -> dict[str, Any]:
     """Ride and serve; return what was counted."""
-    from bike_training.nodes.live_messages import state_names  # only live rides need ROS
-    from bike_training.nodes.live_ride import LiveRide, LiveSettings
+    from bike_training.nodes.live_ride import (
+        LiveRide,
+        LiveSettings,
+        state_names,  # only live rides need ROS
+    )
     from bike_training.nodes.live_server import LiveServer
 
     machine = load_vehicle(args.vehicle)
@@ -126,7 +129,7 @@ def watch(args: argparse.Namespace) -> dict[str, Any]:
 def _watch(args: argparse.Namespace) -> dict[str, Any]:
     """Serve a page of a simulator that others ride; return what was counted."""
     from bike_sim.ros.isolation import DOMAIN_VARIABLE
-    from bike_training.nodes.live_messages import state_names
+    from bike_training.nodes.live_ride import state_names
     from bike_training.nodes.live_server import LiveServer
     from bike_training.nodes.live_watch import LiveWatch
 

@@ -71,7 +71,7 @@ def _ride(args: argparse.Namespace, domain: int, recording: Path, length: float,
     # By its full path, so that the note serves from anywhere; shipped policies by name.
     policy = str(Path(args.rider).resolve()) if Path(args.rider).is_dir() else args.rider
     record = {"path": str(recording.resolve()), "overwrite": True, "notes": [f"policy={policy}"]}
-    from bike_training.nodes.ride_monitor import NEEDED_TOPICS, ride_recorded  # only rides through nodes need ROS
+    from bike_training.nodes.node_rides import NEEDED_TOPICS, ride_recorded  # only rides through nodes need ROS
 
     needed = (*NEEDED_TOPICS, *disturbed)
     title = f"{args.course} at {args.speed:g} m/s"

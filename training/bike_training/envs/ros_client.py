@@ -31,8 +31,7 @@ from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.files import load_vehicle
-from bike_training.envs.node_process import NodeLost, NodeProcess
-from bike_training.envs.patience import InactivityTimeout
+from bike_training.envs.node_process import InactivityTimeout, NodeLost, NodeProcess
 
 START_TIMEOUT: Final = 60.0
 """Longest wait for a simulator that is not at work either, s. Its first start on a machine compiles the physics."""

@@ -1,26 +1,186 @@
-"""A ride that people watch and steer: a simulator node in lockstep at the pace of the clock, recorded as any other."""
+"""A ride that people watch and steer: a node in lockstep at the pace of the clock, and its messages with the page."""
 
 from __future__ import annotations
 
+import queue
+import threading
 import time
-from collections.abc import Callable
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 from bike_analysis.read.messages import Simulation
 from bike_policy.riders.rider import Rider
 from bike_policy.riders.stanley import HANDS, ManualRider
+from bike_sim.course.course import Course
+from bike_sim.physics import state as st
+from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.events import EventKind
 from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.snapshot import Snapshot
 from bike_sim.sim.superbike_plant import SuperbikePlant
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.envs.node_process import NodeProcess
 from bike_training.envs.ros_client import RosClient
-from bike_training.nodes.live_messages import event_message, places_of, state_values
-from bike_training.nodes.live_thread import LiveThread
-from bike_training.nodes.ride_monitor import START_TIMEOUT, RideMonitor
+from bike_training.nodes.node_rides import START_TIMEOUT, RideMonitor
+
+STATE_NAMES: Final = (
+    *("time", "distance", "x", "y", "yaw", "roll", "steer", "speed", "error", "command", "throttle", "brake"),
+)
+"""What is told of each state, in order: s, m, rad and m/s; commands in [-1, 1]."""
+WHEELS: Final = {
+    **{"rear_slip": "rear_slip", "front_slip": "front_slip", "rear_load": "rear_load_n", "front_load": "front_load_n"}
+}
+"""What is told after these of a superbike, with the names of its signals: slip, and loads in N."""
+PACES: Final = (0.1, 10.0)
+"""Slowest and fastest ride, times the clock."""
+
+
+def state_names(powered: bool) -> tuple[str, ...]:
+    """Return the names of what is told of a state, in order; of vehicles with signals it is more."""
+    return (*STATE_NAMES, *WHEELS) if powered else STATE_NAMES
+
+
+def places_of(signals: Sequence[str]) -> list[int]:
+    """Return where the signals of `WHEELS` stand among a vehicle's; none where it has no signals."""
+    return [list(signals).index(name) for name in WHEELS.values()] if len(signals) else []
+
+
+def state_values(snapshot: Snapshot, places: Sequence[int]) -> list[float]:
+    """Return what is told of a state, in the order of `state_names`, with the signals at some places."""
+    state, look = snapshot.state, snapshot.look
+    values = (
+        snapshot.time,
+        look[lk.PROGRESS],
+        *(state[place] for place in (st.X, st.Y, st.YAW, st.ROLL, st.STEER)),
+        snapshot.speed,
+        look[lk.LATERAL_ERROR],
+        snapshot.steering,
+        max(snapshot.throttle, 0.0),
+        max(-snapshot.throttle, 0.0),
+        *(snapshot.signals[place] for place in places),
+    )
+    return [round(float(value), 5) for value in values]
+
+
+def event_message(kind: EventKind | int, text: str, value: float) -> dict[str, Any]:
+    """Return what is told of an event; a lap's has its time, s."""
+    return {"event": text, **({"lap": value} if kind == EventKind.LAP else {})}
+
+
+def checked_request(message: Any) -> dict[str, Any] | None:
+    """Return a request of the page with its values in bounds, or None if it is none.
+
+    Args:
+        message: what the page sent, decoded from JSON.
+    """
+    if not isinstance(message, dict):
+        return None
+    kind = message.get("type")
+    if kind == "input":
+        values = {name: _within(message.get(name), -1.0, 1.0) for name in ("steering", "throttle")}
+    elif kind == "pace":
+        values = {"factor": _within(message.get("factor"), *PACES)}
+    elif kind == "pause":
+        values = {"on": _flag(message.get("on"))}
+    elif kind == "rider":
+        values = {"hands": _flag(message.get("hands")), "balance": _flag(message.get("balance"))}
+    elif kind in ("step", "reset"):
+        values = {}
+    else:
+        return None
+    return None if None in values.values() else {"type": kind, **values}
+
+
+def _within(value: Any, low: float, high: float) -> float | None:
+    if isinstance(value, bool) or not isinstance(value, int | float) or value != value:
+        return None
+    return float(min(max(value, low), high))
+
+
+def _flag(value: Any) -> bool | None:
+    return value if isinstance(value, bool) else None
+
+
+class LiveThread(ABC):
+    """Goes on until `end`; requests come through `ask`.
+
+    Attributes:
+        course: the followed line, once the ride has begun.
+        domain_id: ROS domain of its nodes, likewise.
+        settings: control period, s, and how the motion is computed, likewise.
+    """
+
+    thread_name: ClassVar[str]
+    course: Course | None = None
+    domain_id = 0
+    settings: tuple[float, Simulation | None] = (0.0, None)
+
+    def __init__(self, tell: Callable[[dict[str, Any]], None]) -> None:
+        """Prepare.
+
+        Args:
+            tell: called from the ride's thread with each message for the page; the last one is ``{"ended": True}``.
+        """
+        self._tell = tell
+        self._requests: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
+        self._ended = threading.Event()
+        self._begun = threading.Event()
+        self._failure: BaseException | None = None
+        self._thread = threading.Thread(target=self._run, name=self.thread_name, daemon=True)
+
+    def start(self) -> None:
+        """Begin, and return when course and first state are there.
+
+        Raises:
+            NodeLost: no simulator appeared. ValueError: a rider that cannot ride this.
+        """
+        self._thread.start()
+        self._begun.wait()
+        self.check()
+
+    def check(self) -> None:
+        """Raise what ended the ride, if anything did."""
+        if self._failure is not None:
+            raise self._failure
+
+    def end(self) -> None:
+        """End, and wait until all that was opened is closed."""
+        self._ended.set()
+        self._thread.join()
+
+    def ask(self, request: dict[str, Any]) -> None:
+        """Put in a request, checked by `checked_request`."""
+        self._requests.put(request)
+
+    @abstractmethod
+    def status(self) -> dict[str, Any]:
+        """Return how the ride goes on, for the page; from any thread."""
+
+    # ------------------------------------------------------------------------------------------------ in its own thread
+
+    @abstractmethod
+    def _live(self) -> None:
+        """Set `_begun` once course and first state are there, and return when `_ended` is set."""
+
+    def _run(self) -> None:
+        try:
+            self._live()
+        except BaseException as error:
+            self._failure = error
+        finally:
+            self._begun.set()
+            self._tell({"ended": True})
+
+    def _asked(self) -> Iterator[dict[str, Any]]:
+        """Take the requests that wait."""
+        while not self._requests.empty():
+            yield self._requests.get()
+
 
 HELD: Final = 0.5
 """Wall-clock time for which a wish holds, s: who is cut off rides straight on with closed throttle."""

@@ -21,7 +21,7 @@ from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
-from bike_training.nodes.live_messages import checked_request
+from bike_training.nodes.live_ride import checked_request
 
 HOST: Final = "127.0.0.1"
 LONGEST_REQUEST: Final = 1000

@@ -26,8 +26,7 @@ from bike_sim.ros.subscriptions import RawSubscription, subscribe
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.envs.node_process import NodeLost
-from bike_training.nodes.live_messages import event_message, places_of, state_values
-from bike_training.nodes.live_thread import LiveThread
+from bike_training.nodes.live_ride import LiveThread, event_message, places_of, state_values
 
 PERIOD: Final = 1.0 / 30.0
 """Wall-clock time between two visits to the states, s; each tells at most one."""
