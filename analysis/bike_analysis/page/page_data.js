@@ -1,4 +1,4 @@
-// Columns of numbers as `embed.py` writes them, and what is drawn of them.
+// Columns of numbers as `html.py` embeds them, and what is drawn of them.
 
 const MISSING = -(2 ** 31);
 
