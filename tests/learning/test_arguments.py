@@ -7,7 +7,7 @@ import pytest
 from bike_training import cli
 from bike_training.commands import declarations as dc
 from bike_training.commands.declarations import COMMANDS, RENAMED, RENAMED_OPTIONS
-from bike_training.learning.refinement_files import TABLE
+from bike_training.learning.run_settings import GRADIENT_TABLE as TABLE
 
 SUBJECTS = {
     "ride": {
@@ -138,7 +138,7 @@ def test_a_former_option_names_what_stands_for_it(command, flag, folders, capsys
         (["ride", "--vehicle", "r1", "--engine", "whipple"], "'whipple'"),
         (["ride", "--vehicle", "r1", "--rider", "whipple"], "'whipple'"),
         (["train", "r1", "--preset", "exact", "--out", "never"], "not of 'r1'"),
-        (["train", "--preset", "slow", "--out", "never"], "--preset slow is not one of "),
+        (["train", "--preset", "slow", "--out", "never"], "preset 'slow' is not one of "),
         (["evaluate", "lqr", "--compare", "mpc"], "--compare names all riders"),
         (["evaluate", "racer", "--vehicle", "whipple"], "'racer'"),
         (["analyze", "a.mcap", "--replay", "--explain"], "choose one"),

@@ -21,7 +21,7 @@ from bike_training.envs.vec_env import BatchVecEnv
 from bike_training.learning.checkpoint import Checkpoint
 from bike_training.learning.learner import build_model
 from bike_training.learning.learner_state import learner_state, restore_learner
-from bike_training.learning.presets import FAST
+from bike_training.learning.presets import load_preset
 from bike_training.learning.process import LearningProcess
 from bike_training.learning.run import run, stored_settings
 from bike_training.learning.run_settings import RunSettings
@@ -30,15 +30,23 @@ from bike_training.tasks.path import TASKS
 
 COMPILED = SimulatorConfig(engine=COMPILED_ENGINE, time_step=0.01)
 FILES = ["state.json", "tensors.safetensors", "replay.npz"]
-PRESET = replace(
-    FAST, learner="sb3", layers=(8,), batch_size=16, buffer_size=400, learning_starts=20, environments=2, updates=1
+PRESET = load_preset("fast").changed(
+    {
+        "learner": "sb3",
+        "learner.layers": [8],
+        "learner.batch_size": 16,
+        "learner.buffer_size": 400,
+        "learner.learning_starts": 20,
+        "learner.environments": 2,
+        "learner.updates": 1,
+    }
 )
 
 
 @pytest.fixture(scope="module")
 def finished_run(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("run") / "run"
-    summary = run(RunSettings(replace(PRESET, steps=60), seed=5), folder)
+    summary = run(RunSettings(PRESET.changed({"learner.steps": 60}), seed=5), folder)
     assert (summary["steps"], summary["updates"], summary["interrupted"]) == (60, 20, False)
     return folder
 
@@ -129,7 +137,7 @@ def test_another_format_is_refused(finished_run, tmp_path):
 
 def test_networks_of_another_size_are_refused(finished_run):
     settings = stored_settings(finished_run)
-    wider = replace(settings, preset=replace(settings.preset, layers=(16,)))
+    wider = replace(settings, preset=settings.preset.changed({"learner.layers": [16]}))
     with pytest.raises(ValueError, match="has shape"):
         LearningProcess(wider, finished_run, 80, resume=True)
 
@@ -222,7 +230,7 @@ def test_a_learner_goes_on_bit_for_bit(learner, tmp_path):
 
     def made(seed: int):
         env = BatchVecEnv(2, TASKS["lean"], PartsCurriculum().episodes(0), COMPILED, seed)
-        return build_model(replace(PRESET, learner=learner), TASKS["lean"], env, seed)
+        return build_model(replace(PRESET.sac, learner=learner), TASKS["lean"], env, seed)
 
     first = made(1)
     first.learn(60, log_interval=None)

@@ -13,7 +13,7 @@ from bike_sim.sim.simulator import Simulator
 from bike_training.cli import COMMANDS, main
 from bike_training.commands import train
 from bike_training.envs.node_process import NodeLost
-from bike_training.learning.presets import PRESETS
+from bike_training.learning.presets import load_preset, preset_names
 from bike_training.learning.run_settings import RunSettings
 
 
@@ -54,20 +54,20 @@ def test_help_of_every_command_shows_how_to_use_it(command, capsys):
     [
         (["evaluate", "no_such_policy"], "no_such_policy"),
         (["train", "whipple", "--out", "{tmp}", "--resume"], "no run to resume"),
-        (["train", "whipple", "--out", "{tmp}", "--set", "gama=0.9"], "gama"),
-        (["train", "whipple", "--out", "{tmp}", "--set", "gamma=high"], "high"),
+        (["train", "whipple", "--out", "{tmp}", "--set", "learner.gama=0.9"], "gama"),
+        (["train", "whipple", "--out", "{tmp}", "--set", "learner.gamma=high"], "high"),
         (["train", "whipple", "--out", "{tmp}", "--set", "task=foo"], "task='foo'"),
         (["train", "whipple", "--out", "{tmp}", "--set", "learner=foo"], "learner='foo'"),
-        (["train", "whipple", "--out", "{tmp}", "--set", "weights=foo:1"], "'foo'"),
-        (["train", "whipple", "--out", "{tmp}", "--set", "weights=upright:much"], "weights='upright:much'"),
-        (["train", "whipple", "--out", "{tmp}", "--set", "environments=0"], "environments=0"),
-        (["train", "whipple", "--out", "{tmp}", "--set", "gamma=nan"], "gamma=nan"),
-        (["train", "whipple", "--out", "{tmp}", "--set", "averaging=2"], "averaging=2.0"),
-        (["train", "whipple", "--out", "{tmp}", "--set", "averaging=1"], "averaging=1.0"),
-        (["train", "whipple", "--out", "{tmp}", "--set", "batch_size=0"], "batch_size=0"),
-        (["train", "whipple", "--out", "{tmp}", "--set", "updates=0"], "updates=0"),
-        (["train", "whipple", "--out", "{tmp}", "--set", "layers=64,0"], "layers=(64, 0)"),
-        (["train", "whipple", "--out", "{tmp}", "--set", "max_steer=inf"], "max_steer=inf"),
+        (["train", "whipple", "--out", "{tmp}", "--set", "task.weights.foo=1"], "'foo'"),
+        (["train", "whipple", "--out", "{tmp}", "--set", "task.weights.upright=much"], "task.weights.upright='much'"),
+        (["train", "whipple", "--out", "{tmp}", "--set", "learner.environments=0"], "environments=0"),
+        (["train", "whipple", "--out", "{tmp}", "--set", "learner.gamma=.nan"], "gamma=nan"),
+        (["train", "whipple", "--out", "{tmp}", "--set", "learner.averaging=2"], "averaging=2.0"),
+        (["train", "whipple", "--out", "{tmp}", "--set", "learner.averaging=1"], "averaging=1.0"),
+        (["train", "whipple", "--out", "{tmp}", "--set", "learner.batch_size=0"], "batch_size=0"),
+        (["train", "whipple", "--out", "{tmp}", "--set", "learner.updates=0"], "updates=0"),
+        (["train", "whipple", "--out", "{tmp}", "--set", "learner.layers=64,0"], "layers=(64, 0)"),
+        (["train", "whipple", "--out", "{tmp}", "--set", "task.max_steer=.inf"], "max_steer"),
         (["train", "whipple", "--out", "{tmp}", "--steps", "-5"], "steps=-5"),
         (["train", "whipple", "--out", "{tmp}", "--seed", "-1"], "seed must be 0 to 4294967295, got -1"),
         (["train", "whipple", "--out", "{tmp}", "--checkpoint-every", "0"], "checkpoint_every"),
@@ -77,7 +77,7 @@ def test_help_of_every_command_shows_how_to_use_it(command, capsys):
         (["train", "whipple", "--out", "{tmp}", "--time-step", "0.001"], "--time-step 0.001 is for simulators"),
         (["train", "whipple", "--out", "{tmp}", "--engine", "pybullet", "--time-step", "nan"], "time_step"),
         (
-            ["train", "whipple", "--out", "{tmp}", "--resume", "--seed", "0", "--set", "gamma=0.9"],
+            ["train", "whipple", "--out", "{tmp}", "--resume", "--seed", "0", "--set", "learner.gamma=0.9"],
             "--set is for a bicycle",
         ),
         (
@@ -99,7 +99,16 @@ def test_bad_input_is_one_line_and_exit_code_2(words, message, tmp_path, capsys)
 
 def test_train_export_and_evaluate(tmp_path, capsys):
     run = str(tmp_path / "run")
-    sizes = ["--set", "layers=16,16", "--set", "learner=sb3", "--set", "environments=8", "--set", "updates=1"]
+    sizes = [
+        "--set",
+        "learner.layers=16,16",
+        "--set",
+        "learner=sb3",
+        "--set",
+        "learner.environments=8",
+        "--set",
+        "learner.updates=1",
+    ]
     code, result = run_json(capsys, "train", "whipple", "--out", run, "--steps", "2400", "--record-every", "0", *sizes)
     assert (code, result["schema"], result["figures"]["steps"]) == (0, "bike.train/1", 2400)
     (tmp_path / "list.json").write_text("[]")
@@ -136,8 +145,8 @@ def test_evaluate_rides_a_line_with_a_known_law(policy, tmp_path, capsys):
     assert figures["worst_max_m"] < 1e-6
 
 
-SMALL = ("layers=8,8", "learner=sb3", "environments=4", "updates=4", "buffer_size=1000", "learning_starts=200")
-SMALL_WORDS = [word for setting in SMALL for word in ("--set", setting)]
+SMALL = ("layers=8,8", "environments=4", "updates=4", "buffer_size=1000", "learning_starts=200")
+SMALL_WORDS = ["--set", "learner=sb3", *(word for setting in SMALL for word in ("--set", f"learner.{setting}"))]
 
 
 def settings_of(run):
@@ -150,7 +159,7 @@ def test_a_resume_takes_what_may_change_and_keeps_the_rest(tmp_path, capsys):
     code, _ = run_json(capsys, *words, "--steps", "40", "--seed", "3", *SMALL_WORDS)
     assert code == 0
     first = settings_of(run)
-    assert (first["seed"], first["record_every"], first["preset"]["steps"]) == (3, 10, 40)
+    assert (first["seed"], first["record_every"], first["preset"]["learner"]["steps"]) == (3, 10, 40)
     code, result = run_json(capsys, *words, "--resume")
     assert (code, result["figures"]["steps"]) == (0, 40)
     assert settings_of(run) == first
@@ -159,7 +168,7 @@ def test_a_resume_takes_what_may_change_and_keeps_the_rest(tmp_path, capsys):
     assert (code, result["figures"]["steps"]) == (0, 60)
     second = settings_of(run)
     assert second == first | {
-        "preset": first["preset"] | {"steps": 60},
+        "preset": first["preset"] | {"learner": first["preset"]["learner"] | {"steps": 60}},
         "until_finished": True,
         "checkpoint_every": 70,
         "record_every": 0,
@@ -179,9 +188,11 @@ def test_a_resume_takes_what_may_change_and_keeps_the_rest(tmp_path, capsys):
     assert (code, result["figures"]["steps"]) == (0, 66)
     third = settings_of(run)
     assert (third["engine"], third["time_step"], third["until_finished"]) == ("pybullet", 0.01, False)
-    assert (third["preset"]["environments"], third["preset"]["updates"]) == (3, 3)
+    assert [third["preset"]["learner"][name] for name in ("environments", "updates")] == [3, 3]
     code, result = run_json(capsys, *words, "--resume", "--steps", "69")
-    assert settings_of(run) == third | {"preset": third["preset"] | {"steps": 69}}
+    assert settings_of(run) == third | {
+        "preset": third["preset"] | {"learner": third["preset"]["learner"] | {"steps": 69}}
+    }
 
 
 def test_simulators_are_as_many_as_asked_for(monkeypatch):
@@ -197,7 +208,7 @@ def test_simulators_are_as_many_as_asked_for(monkeypatch):
 
     def chosen(*words):
         assert main(["train", "whipple", "--out", "x", *words]) == 2
-        return asked[-1].environments, asked[-1].updates
+        return asked[-1].sac.environments, asked[-1].sac.updates
 
     assert chosen("--preset", "paper", "--client", "ros", "--simulators", "4") == (4, 4)
     assert chosen("--preset", "paper", "--client", "ros") == (1, 1)
@@ -207,9 +218,9 @@ def test_simulators_are_as_many_as_asked_for(monkeypatch):
 
 
 def test_the_paper_preset_learns_as_long_as_the_paper():
-    names = [name for name in PRESETS if name == "paper" or name.startswith("alt")]
-    assert {PRESETS[name].steps for name in names} == {4_000_000}
-    assert PRESETS["race_paper"].steps == 1900 * 5000  # of the superbike paper (VI-A)
+    names = [name for name in preset_names() if name == "paper" or name.startswith("alt")]
+    assert {load_preset(name).sac.steps for name in names} == {4_000_000}
+    assert load_preset("race_paper").sac.steps == 1900 * 5000  # of the superbike paper (VI-A)
 
 
 @pytest.mark.parametrize(
@@ -217,9 +228,9 @@ def test_the_paper_preset_learns_as_long_as_the_paper():
     [
         ("settings.json", "{", "cannot be read"),
         ("settings.json", "[]", "table of settings"),
-        ("settings.json", '{"preset": {"name": "x", "layers": [8], "colour": 1}}', "colour"),
-        ("settings.json", '{"preset": {"name": "x", "layers": ["a"]}}', "layers"),
-        ("settings.json", '{"preset": {"name": "x", "layers": [8]}, "seed": "one"}', "seed"),
+        ("settings.json", '{"preset": {"name": "x", "colour": 1}}', "colour"),
+        ("settings.json", '{"preset": {"name": "x", "learner": {"layers": ["a"]}}}', "layers"),
+        ("settings.json", '{"preset": {"name": "x"}, "seed": "one"}', "seed"),
     ],
 )
 def test_damaged_settings_are_named(name, text, message, tmp_path, capsys):

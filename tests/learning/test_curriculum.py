@@ -11,6 +11,7 @@ from bike_training.curricula.parts import (
     SLOW_AND_SHARP,
     TRANSITION_STEPS,
     PartsCurriculum,
+    PartsSettings,
 )
 
 GOOD = [0.05] * 10
@@ -59,7 +60,7 @@ def test_the_last_part_finishes_the_curriculum_once():
 
 
 def test_refinement_grows_out_of_the_last_part_and_is_not_validated():
-    curriculum = PartsCurriculum(refine=True)
+    curriculum = PartsCurriculum(PartsSettings(refine=True))
     for step in (1, 20_000, 40_000, 60_000):
         curriculum.validated(step, GOOD)
     start, end = (curriculum.episodes(60_000 + n) for n in (0, TRANSITION_STEPS))
@@ -81,7 +82,7 @@ def test_refinement_draws_both_kinds_of_rides_and_never_the_hard_lane_change():
 
 def test_the_last_part_may_draw_fast_and_slow_sharp_rides():
     """Its validations stay those of the paper."""
-    plain, sharp = PartsCurriculum(refine=True), PartsCurriculum(refine=True, sharp=True)
+    plain, sharp = PartsCurriculum(PartsSettings(refine=True)), PartsCurriculum(PartsSettings(refine=True, sharp=True))
     for step in (1, 20_000, 40_000, 60_000):
         for at in (step - 1, step + TRANSITION_STEPS // 2):
             assert sharp.episodes(at).also == (
@@ -96,7 +97,7 @@ def test_the_last_part_may_draw_fast_and_slow_sharp_rides():
 
 def test_the_last_part_may_be_validated_at_even_speeds():
     """Ten random speeds leave the slowest and the fastest out now and then."""
-    curriculum = PartsCurriculum(last_speeds=21)
+    curriculum = PartsCurriculum(PartsSettings(last_speeds=21))
     for step in (1, 20_000, 40_000, 60_000):
         requests = curriculum.validation_requests(Preview(), np.random.default_rng(0))
         assert len(requests) == (21 if curriculum.part == 4 else 10)

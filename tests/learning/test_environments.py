@@ -22,7 +22,9 @@ from bike_training.learning.validation_rides import SideBySide, validate_simulat
 from bike_training.tasks.base import sum_of
 from bike_training.tasks.path import TASKS
 
-RANGES = PartsCurriculum(part=4, entered_at=-10_000).episodes(0)
+LAST_PART = PartsCurriculum()
+LAST_PART.part, LAST_PART.entered_at = 4, -10_000
+RANGES = LAST_PART.episodes(0)
 COMPILED = SimulatorConfig(engine="whipple", time_step=0.01)
 
 

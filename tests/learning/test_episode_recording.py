@@ -25,7 +25,7 @@ from bike_training.curricula.parts import REFINEMENT, PartsCurriculum
 from bike_training.envs.env import BikeEnv
 from bike_training.envs.vec_env import BatchVecEnv
 from bike_training.learning.learner import actor_tensors
-from bike_training.learning.presets import FAST
+from bike_training.learning.presets import load_preset
 from bike_training.learning.process import LearningProcess
 from bike_training.learning.run_settings import RunSettings
 from bike_training.tasks.path import TASKS, PathTask
@@ -165,7 +165,8 @@ def test_rides_of_the_learner_are_recorded_as_it_learned_from_them(make, config,
 
 def test_a_run_records_validations_and_rides_of_the_learner_and_learns_the_same(tmp_path):
     """Recording changes nothing in what is learned, and checkpoints are written while it goes on."""
-    preset = replace(FAST, learner="sb3", layers=(8, 8), batch_size=32, learning_starts=400, updates=1)
+    tiny = {"layers": [8, 8], "batch_size": 32, "learning_starts": 400, "updates": 1}
+    preset = load_preset("fast").changed({"learner": "sb3", **{f"learner.{name}": tiny[name] for name in tiny}})
 
     def learned(name: str, record_every: int) -> np.ndarray:
         settings = RunSettings(preset, seed=3, record_every=record_every, checkpoint_every=400)

@@ -15,7 +15,7 @@ from bike_training.curricula.parts import PartsCurriculum
 from bike_training.envs.vec_env import BatchVecEnv
 from bike_training.learning.learner import actor_tensors, build_model
 from bike_training.learning.preconditioning import coordinates, shown
-from bike_training.learning.presets import FAST, PRESETS
+from bike_training.learning.presets import load_preset
 from bike_training.tasks.path import TASKS
 
 
@@ -36,15 +36,15 @@ def test_nothing_is_lost(name: str) -> None:
 
 def test_only_paths_and_only_one_learner() -> None:
     with pytest.raises(ValueError, match="precondition=True is for tasks on paths"):
-        coordinates(PRESETS["race"].task.layout)
+        coordinates(load_preset("race").task.layout)
     with pytest.raises(ValueError, match="needs learner=sbx, not sb3"):
-        build_model(PRESETS["paper"].override({"precondition": "true"}), TASKS["prop"], None, 0)  # type: ignore[arg-type]
+        build_model(load_preset("paper").changed({"learner.precondition": True}).sac, TASKS["prop"], None, 0)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="critic_only=roll needs learner=sbx, not sb3"):
-        build_model(PRESETS["paper"].override({"critic_only": "roll"}), TASKS["prop"], None, 0)  # type: ignore[arg-type]
+        build_model(load_preset("paper").changed({"learner.critic_only": "roll"}).sac, TASKS["prop"], None, 0)  # type: ignore[arg-type]
 
 
 def test_what_is_hidden_is_named_by_numbers_or_blocks() -> None:
-    layout = PRESETS["race"].task.layout
+    layout = load_preset("race").task.layout
     rows = shown(layout, "slips,front_load_n")
     hidden = [name for name, seen in zip(layout.names, rows, strict=True) if not seen]
     assert hidden == ["rear_slip", "front_slip", "front_load_n"]
@@ -67,11 +67,12 @@ def test_what_is_hidden_is_named_by_numbers_or_blocks() -> None:
 def test_the_deployed_actor_answers_as_the_one_that_learns(settings: dict[str, str]) -> None:
     pytest.importorskip("sbx")
     task = TASKS["prop"]
-    preset = FAST.override({"environments": "2", "buffer_size": "100", "layers": "16,16", **settings})
+    settings = {"environments": "2", "buffer_size": "100", "layers": "16,16", **settings}
+    preset = load_preset("fast").changed({f"learner.{name}": value for name, value in settings.items()})
     episodes = PartsCurriculum().episodes(0)
     env = BatchVecEnv(2, task, episodes, SimulatorConfig(engine=COMPILED_ENGINE, time_step=0.01), 0)
     try:
-        model = build_model(preset, task, env, 3)
+        model = build_model(preset.sac, task, env, 3)
         observations = env.reset()
         wanted, _ = model.predict(observations, deterministic=True)
         weights, biases = actor_tensors(model)

@@ -1,95 +1,224 @@
-"""Presets: the document says what they are, and their cards and texts come back as they were."""
+"""Presets: what they hold is written down here and in the document, and every form of them comes back as it was."""
 
 import json
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from bike_sim.documents import parse_yaml
 from bike_sim.sim.batch import COMPILED_ENGINE
-from bike_training.learning.presets import FAST, PAPER, PRESETS, Preset
+from bike_training.learning.presets import KINDS, Preset, load_preset, preset_names
 from bike_training.learning.process import LearningProcess
 from bike_training.learning.run_settings import RunSettings
-from bike_training.learning.setting_records import parse
+from bike_training.settings import paths_of
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "training.md"
+FAST, PAPER = load_preset("fast"), load_preset("paper")
+
+SHARP = {"path_linear": 0.5, "path_peak": 0.5}
+CALM = {"learner": "sbx", "mirror": True, "averaging": 0.999, "learning_starts": 2000}
+BICYCLE = {**CALM, "layers": [64, 64], "final_learning_rate": 1e-5, "gamma": 0.97, "target_entropy": -3.0}
+RACE = {
+    **CALM,
+    "environments": 32,
+    "layer_norm": True,
+    "learning_rate": 5e-4,
+    "final_learning_rate": 5e-5,
+    "policy_delay": 2,
+}
+GUIDED = {
+    "gain": 30.0,
+    "off_track": 0.5,
+    "tyre_use": 0.5,
+    "effort": 0.05,
+    "steering_change": 0.02,
+    "throttle_change": 0.02,
+    "failure": 60.0,
+}
+PUBLISHED_RACE = {
+    "progress": 1.0,
+    "off_track": 1.0,
+    "wall": 5e-4,
+    "steer_change": 3.0,
+    "lean_change": 1.0,
+    "rate_change": 0.1,
+    "steer_history": 0.5,
+    "lean_history": 0.5,
+    "max_lean": 20.0,
+    "slip_ratio": 1.0,
+    "slip_angle": 1.0,
+    "motion": 0.05,
+    "overspeed": 1.0,
+    "fall": 10.0,
+}
+EXPECTED = {
+    "paper": ({"task": "prop"}, {"curriculum": "parts"}, {"learner": "sb3", "steps": 4_000_000}),
+    **{
+        f"alt{k}": ({"task": f"alt{k}"}, {"curriculum": "parts"}, {"learner": "sb3", "steps": 4_000_000})
+        for k in range(1, 6)
+    },
+    "fast": (
+        {"task": "lean", "weights": SHARP},
+        {"curriculum": "parts", "refine": True},
+        {**BICYCLE, "environments": 8, "updates": 8},
+    ),
+    "quick": (
+        {"task": "lean", "weights": SHARP},
+        {"curriculum": "parts", "refine": True, "sharp": True, "last_speeds": 126},
+        {**BICYCLE, "environments": 2, "updates": 4, "learning_rate": 1.5e-3, "steps": 90_000},
+    ),
+    "exact": ({"task": "fine"}, {"curriculum": "parts"}, {"learner": "gradients"}),
+    "race_direct": (
+        {"task": "race"},
+        {"curriculum": "none", "spread": 0.1, "failure_share": 0.25, "validate_every": 20_000, "select_every": 50_000},
+        {**RACE, "updates": 8, "layers": [64, 64], "gamma": 0.98, "target_entropy": -6.0, "steps": 500_000},
+    ),
+    "race": (
+        {"task": "race", "observation": "guided", "guided": True, "weights": GUIDED, "repeat": 10, "max_steps": 200},
+        {"curriculum": "none", "failure_share": 0.25, "validate_every": 20_000, "select_every": 50_000},
+        {**RACE, "updates": 16, "layers": [128, 128], "gamma": 0.95, "temperature": 0.02, "steps": 200_000},
+    ),
+    "race_paper": (
+        {
+            "task": "race",
+            "observation": "paper_race",
+            "weights": PUBLISHED_RACE,
+            "repeat": 1,
+            "max_steps": 1500,
+            "masked": False,
+        },
+        {"curriculum": "spdl"},
+        {"learner": "sb3", "environments": 10, "updates": 10, "batch_size": 512, "steps": 9_500_000},
+    ),
+}
+"""What differs from the defaults of the records."""
 
 
 def documented() -> dict[str, tuple[str | None, str | None]]:
-    """Return the values of `paper` and `fast` in the document's table, by setting."""
+    """Return the values of `paper` and `fast` in the document's table, by path; None where it has no literal."""
     section = DOCUMENT.read_text(encoding="utf-8").split("## The default preset")[1].split("\n## ")[0]
     found = {}
     for line in section.splitlines():
         cells = [cell.strip() for cell in line.strip("| ").split(" | ")]
-        names = re.findall(r"`(\w+)`", cells[0])
-        if len(cells) == 4 and names:
+        paths = re.findall(r"`([\w.]+)`", cells[0])
+        if len(cells) == 4 and paths:
             literals = [re.match(r"`([^`]+)`", cell) for cell in cells[1:3]]
-            found[names[0]] = tuple(literal and literal[1] for literal in literals)
+            path = f"{paths[0]}.{paths[0]}" if paths[0] in KINDS else paths[0]
+            found[path] = tuple(literal and literal[1] for literal in literals)
     return found
 
 
-def test_the_document_lists_what_differs_between_the_presets():
-    paper, fast = PAPER.settings(), FAST.settings()
-    differing = {name for name in paper if paper[name] != fast[name]} - {"name"}
-    # `task` holds the name of the task once flat, and the settings of tasks and curricula stand for themselves.
+def value_at(preset: Preset, path: str) -> object:
+    value = preset.to_plain()
+    for name in path.split("."):
+        value = value[name]
+    return value
+
+
+def test_every_preset_holds_what_is_written_down() -> None:
+    assert set(preset_names()) == set(EXPECTED)
+    for name, records in EXPECTED.items():
+        tables = dict(zip(KINDS, records, strict=True))
+        assert load_preset(name) == Preset.from_plain(tables, name)
+
+
+def test_the_document_lists_what_differs_between_the_presets() -> None:
+    differing = {path for path in paths_of(FAST.to_plain()) if value_at(FAST, path) != value_at(PAPER, path)} - {"name"}
     assert set(documented()) == differing
 
 
-@pytest.mark.parametrize("name", sorted(documented()))
-def test_the_values_in_the_document_are_those_of_the_presets(name):
-    for preset, literal in zip((PAPER, FAST), documented()[name], strict=True):
-        value = preset.settings()[name]
-        value = tuple(value) if isinstance(value, list) else value
-        assert parse(name, literal, value) == value
+@pytest.mark.parametrize("path", sorted(documented()))
+def test_the_values_in_the_document_are_those_of_the_presets(path: str) -> None:
+    for preset, literal in zip((PAPER, FAST), documented()[path], strict=True):
+        assert literal is not None
+        assert preset.changed({path: literal}) == preset
 
 
-def test_what_the_document_says_of_both_presets_is_so():
+def test_what_the_document_says_of_both_presets_is_so() -> None:
     said = DOCUMENT.read_text(encoding="utf-8").split("The same in both: ")[1].split(".\n")[0].split(". Reasons")[0]
-    pairs = re.findall(r"`(\w+)`\s+(\S+?)(?:,|\s|$)", said)
+    pairs = re.findall(r"`([\w.]+)`\s+(\S+?)(?:,|\s|$)", said)
     assert len(pairs) >= 7
-    for name, text in pairs:
+    for path, text in pairs:
         for preset in (PAPER, FAST):
-            assert parse(name, text, preset.settings()[name]) == preset.settings()[name]
+            assert preset.changed({path: text}) == preset
 
 
-@pytest.mark.parametrize("preset", PRESETS.values(), ids=PRESETS)
-def test_a_card_comes_back(preset):
-    assert Preset.from_card(json.loads(json.dumps(preset.to_card()))) == preset
+@pytest.mark.parametrize("name", preset_names())
+def test_a_preset_comes_back_from_json_and_from_a_file(name: str, tmp_path: Path) -> None:
+    preset = load_preset(name)
+    plain = json.dumps(preset.to_plain())
+    assert Preset.from_plain(json.loads(plain)) == preset
+    (tmp_path / f"{name}.yaml").write_text(plain)
+    assert load_preset(str(tmp_path / f"{name}.yaml")) == preset
+    assert Preset.from_plain(parse_yaml(plain)) == preset
 
 
-def test_settings_are_changed_by_name_in_every_record():
-    changed = FAST.override({"gamma": "0.5", "task": "alt3", "sharpness": "0.3", "refine": "false", "layers": "8,9"})
-    assert (changed.gamma, changed.layers) == (0.5, (8, 9))
-    assert changed.task == replace(FAST.task, task="alt3", sharpness=0.3)
-    assert changed.curriculum == replace(FAST.curriculum, refine=False)
-    assert changed.task.contact == "front"
-    with pytest.raises(ValueError, match=r"no setting 'gama'; it has .*'refine'.*'sharpness'"):
-        FAST.override({"gama": "0.5"})
+def test_settings_are_changed_by_path() -> None:
+    changed = FAST.changed(
+        {"learner.gamma": "0.5", "task.weights.upright": "0.25", "curriculum.refine": "false", "learner.layers": "8,9"}
+    )
+    assert (changed.sac.gamma, changed.sac.layers) == (0.5, (8, 9))
+    assert changed.task.weights == {**SHARP, "upright": 0.25}
+    assert changed == FAST.changed(
+        {"learner": "sbx", "learner.gamma": 0.5, "learner.layers": [8, 9], "curriculum.refine": False}
+        | {"task.weights": {**SHARP, "upright": 0.25}}
+    )
+
+
+def test_another_kind_keeps_what_both_have_and_its_own_defaults() -> None:
+    direct = load_preset("race_direct")
+    spdl = direct.changed({"curriculum": "spdl", "curriculum.kl": "0.1"})
+    assert spdl.to_plain()["curriculum"] == {
+        **direct.to_plain()["curriculum"],
+        **{"curriculum": "spdl", "kl": 0.1, "threshold": 500.0, "iteration": 5000},
+    }
+    assert PAPER.changed({"task": "alt4"}).task == load_preset("alt4").task
 
 
 @pytest.mark.parametrize(
-    ("card", "message"),
+    ("changes", "message"),
     [
-        ({"task": "prop"}, "entry task is 'prop'"),
-        ({"task": {"task": "swim"}}, "entry task is 'swim'"),
-        ({"task": {"task": "prop", "depth": 1}}, "unknown entries"),
-        ({"curriculum": {"curriculum": "parts", "refine": 3}}, "entry refine is 3"),
+        ({"gama": "0.5"}, r"no setting 'gama'; it has .*'?task\.sharpness.*learner\.gamma"),
+        ({"learner.gama": "0.5"}, "no setting 'learner.gama'"),
+        ({"curriculum.kl": "0.1"}, "no setting 'curriculum.kl'"),
+        ({"learner.gamma.x": "0.1"}, "no setting 'learner.gamma.x'"),
+        ({"learner.layers": "8,many"}, "learner.layers"),
+        ({"learner.steps": "1.5"}, "learner.steps=1.5 is not a whole number"),
+        ({"learner.mirror": "1"}, "learner.mirror=1 is not a truth value"),
+        ({"task.weights": "3"}, "task.weights=3 is not a table of numbers"),
+        ({"curriculum": "spdl", "curriculum.kl": "-1"}, "curriculum.kl=-1.0 must be positive"),
     ],
 )
-def test_cards_of_other_records_are_refused(card, message):
+def test_changes_that_mean_nothing_are_refused(changes: dict[str, str], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        Preset.from_card({**PAPER.to_card(), **card})
+        FAST.changed(changes)
 
 
-def test_a_task_for_bicycles_refuses_a_superbike(tmp_path):
+@pytest.mark.parametrize(
+    ("stored", "message"),
+    [
+        ({"task": "prop"}, "task must be a table of settings, got 'prop'"),
+        ({"task": {"task": "swim"}}, "task='swim' is not one of"),
+        ({"task": {"task": "prop", "depth": 1}}, "task has no setting 'depth'"),
+        ({"curriculum": {"curriculum": "parts", "refine": 3}}, "curriculum.refine=3 is not a truth value"),
+        ({"layers": [8]}, "a version whose settings had no paths wrote it"),
+        ({"name": 3}, "name of a preset must be text"),
+    ],
+)
+def test_tables_of_other_records_are_refused(stored: dict[str, object], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Preset.from_plain({**PAPER.to_plain(), **stored})
+
+
+def test_a_task_for_bicycles_refuses_a_superbike(tmp_path: Path) -> None:
     settings = RunSettings(PAPER, vehicle="panigale_v4r", engine=COMPILED_ENGINE)
     with pytest.raises(ValueError, match=r"'prop' is for bicycles on paths, and '.*' is a superbike"):
         LearningProcess(settings, tmp_path / "run", 10)
     assert not (tmp_path / "run").exists()
 
 
-def test_the_papers_presets_are_told_from_those_made_of_them():
+def test_the_papers_presets_are_told_from_those_made_of_them() -> None:
     """The paper deploys the last actor that passed a validation, so `bike export` does so for these presets only."""
-    published = {name for name, preset in PRESETS.items() if preset.published}
+    published = {name for name in preset_names() if load_preset(name).published}
     assert published == {"paper", "alt1", "alt2", "alt3", "alt4", "alt5"}

@@ -21,19 +21,19 @@ from bike_training.envs.node_process import NodeLost
 from bike_training.envs.vec_env import BatchVecEnv
 from bike_training.learning.callback import LearningCallback
 from bike_training.learning.learner import AveragedActor, actor_tensors, build_model
-from bike_training.learning.presets import FAST, PAPER
+from bike_training.learning.presets import load_preset
 from bike_training.learning.process import LearningProcess
 from bike_training.learning.run_settings import RunSettings
 from bike_training.learning.selection import kept
 from bike_training.tasks.path import TASKS
 
 TINY = {
-    "layers": (16, 16),
-    "batch_size": 32,
-    "learning_starts": 200,
-    "environments": 8,
-    "updates": 2,
-    "buffer_size": 5000,
+    "learner.layers": [16, 16],
+    "learner.batch_size": 32,
+    "learner.learning_starts": 200,
+    "learner.environments": 8,
+    "learner.updates": 2,
+    "learner.buffer_size": 5000,
 }
 COMPILED = SimulatorConfig(engine=COMPILED_ENGINE, time_step=0.01)
 STEPS = 1600
@@ -42,7 +42,7 @@ COMPILED_LEARNER = pytest.param("sbx", marks=pytest.mark.slow)
 
 
 def learner_settings(learner: str) -> RunSettings:
-    preset = replace(FAST, learner=learner, curriculum=replace(FAST.curriculum, validate_every=400), **TINY)
+    preset = load_preset("fast").changed({"learner": learner, "curriculum.validate_every": 400, **TINY})
     return RunSettings(preset, seed=3, checkpoint_every=10_000)
 
 
@@ -94,7 +94,7 @@ def test_same_seed_same_run_and_other_seed_another(tmp_path):
 
 def test_paper_preset_learns_over_a_simulator(tmp_path):
     """One update a step on PyBullet, as published but tiny."""
-    preset = replace(PAPER, layers=(16, 16), learning_starts=50)
+    preset = load_preset("paper").changed({"learner.layers": [16, 16], "learner.learning_starts": 50})
     process = LearningProcess(RunSettings(preset, engine="pybullet"), tmp_path, 200)
     process.run()
     assert process.model._n_updates == 150
@@ -107,7 +107,8 @@ def test_paper_preset_learns_over_a_simulator(tmp_path):
 @pytest.mark.slow
 def test_learning_learns(tmp_path):
     """A few thousand steps must make rides at least twice as long as random ones."""
-    settings = RunSettings(replace(FAST, learning_starts=1000, layers=(32, 32), updates=16), seed=1)
+    changes = {"learner.learning_starts": 1000, "learner.layers": [32, 32], "learner.updates": 16}
+    settings = RunSettings(load_preset("fast").changed(changes), seed=1)
     process = LearningProcess(settings, tmp_path, 20_000)
     lengths: list[float] = []
 
@@ -143,7 +144,7 @@ def test_a_run_goes_on_with_another_simulator(learner, tmp_path):
     settings = learner_settings(learner)
     first = LearningProcess(settings, tmp_path, 800)
     first.run()
-    preset = replace(settings.preset, environments=2, updates=1)
+    preset = settings.preset.changed({"learner.environments": 2, "learner.updates": 1})
     second = LearningProcess(replace(settings, preset=preset, engine="pybullet"), tmp_path, 840, resume=True)
     assert second.model.replay_buffer.size() * 2 == first.model.replay_buffer.size() * 8
     np.testing.assert_array_equal(weights(second), weights(first))
@@ -151,7 +152,7 @@ def test_a_run_goes_on_with_another_simulator(learner, tmp_path):
     assert second.model.num_timesteps == 840
     assert second.model._n_updates == first.model._n_updates + 20
     stages = [(stage["engine"], stage["environments"], stage["updates"]) for stage in second.summary()["stages"]]
-    assert stages == [("whipple", 8, settings.preset.updates), ("pybullet", 2, 1)]
+    assert stages == [("whipple", 8, settings.preset.sac.updates), ("pybullet", 2, 1)]
     assert np.abs(weights(second) - weights(first)).max() > 0.0
 
 
@@ -178,7 +179,11 @@ def test_nothing_to_resume(tmp_path):
 
 def tiny_process(folder: Path, **changes) -> LearningProcess:
     settings = replace(learner_settings("sb3"), **changes)
-    return LearningProcess(replace(settings, preset=replace(settings.preset, environments=2, updates=1)), folder, 400)
+    return LearningProcess(
+        replace(settings, preset=settings.preset.changed({"learner.environments": 2, "learner.updates": 1})),
+        folder,
+        400,
+    )
 
 
 def drawn_seeds(process: LearningProcess, monkeypatch, steps: int) -> list[int]:
@@ -239,7 +244,7 @@ def test_a_stored_actor_stays_as_it_was():
 def tiny_model():
     task = TASKS["lean"]
     env = BatchVecEnv(1, task, PartsCurriculum().episodes(0), COMPILED, seed=0)
-    return build_model(replace(FAST, learner="sb3", layers=(4,), buffer_size=10), task, env, seed=0)
+    return build_model(replace(load_preset("paper").sac, layers=(4,), buffer_size=10), task, env, seed=0)
 
 
 def test_a_full_episode_asks_for_a_validation_only_when_one_is_allowed(tmp_path):

@@ -15,16 +15,37 @@ from bike_sim.sim.request import ResetRequest
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.curricula.base import EndedEpisode
 from bike_training.curricula.gaussian import Gaussian
-from bike_training.curricula.race import CircuitSet, RaceCurriculum, SpeedCurriculum
-from bike_training.curricula.spdl import FIRST_MEAN, TARGET_MEAN, SpdlCurriculum, log_mass_inside
-from bike_training.learning.presets import RACE, RACE_DIRECT, RACE_PAPER, Preset
+from bike_training.curricula.race import (
+    CircuitSet,
+    RaceCurriculum,
+    RaceCurriculumSettings,
+    SpeedCurriculum,
+    SpeedSettings,
+)
+from bike_training.curricula.spdl import (
+    FIRST_MEAN,
+    TARGET_MEAN,
+    ScheduleSettings,
+    SpdlCurriculum,
+    SpdlSettings,
+    TargetSettings,
+    log_mass_inside,
+)
+from bike_training.learning.presets import Preset, load_preset
 from bike_training.learning.process import LearningProcess
 from bike_training.learning.run_settings import RunSettings
 from bike_training.learning.validation_rides import SideBySide, ride_side_by_side
 from bike_training.tasks.race import RaceContext, RaceTask
 
 VEHICLE = "panigale_v4r"
-SMALL = {"learner": "sb3", "layers": "16,16", "environments": "4", "updates": "2", "batch_size": "64"}
+SMALL = {
+    "learner": "sb3",
+    "learner.layers": "16,16",
+    "learner.environments": "4",
+    "learner.updates": "2",
+    "learner.batch_size": "64",
+}
+RACE, RACE_DIRECT = load_preset("race"), load_preset("race_direct")
 
 
 @pytest.fixture(scope="module")
@@ -44,8 +65,10 @@ def final_actor(preset: Preset, out: Path, steps: int, vehicle: str = VEHICLE, r
 
 def test_throttle_is_learned_in_seconds(tmp_path: Path, ground: CircuitSet) -> None:
     """Rewarded for the way alone, the actor opens the throttle: it is much faster on the straight than at first."""
-    preset = RACE_DIRECT.override({**SMALL, "weights": "progress:3", "max_steps": "20", "gamma": "0.9", "repeat": "5"})
-    preset = replace(preset, learning_rate=3e-3, final_learning_rate=3e-3, learning_starts=200, averaging=0.0)
+    changes = {"learning_rate": 3e-3, "final_learning_rate": 3e-3, "learning_starts": 200, "averaging": 0.0}
+    changes = {f"learner.{name}": value for name, value in {"gamma": 0.9, **changes}.items()}
+    task = {"task.weights": "{progress: 3}", "task.max_steps": "20", "task.repeat": "5"}
+    preset = RACE_DIRECT.changed({**SMALL, **task, **changes})
     task = replace(preset.task, validation_duration=2.0)
     request = ResetRequest(course="barcelona", speed_range=(30.0, 30.0), progress=300.0)
     process = LearningProcess(settings(preset), tmp_path / "run", 2400)
@@ -58,16 +81,17 @@ def test_throttle_is_learned_in_seconds(tmp_path: Path, ground: CircuitSet) -> N
 @pytest.mark.parametrize(
     ("preset", "changes", "vehicle"),
     [
-        (RACE_DIRECT, {"curriculum": "spdl", "iteration": "80"}, VEHICLE),
-        (RACE, {"observation": "told"}, f"{VEHICLE},r1"),
+        (RACE_DIRECT, {"curriculum": "spdl", "curriculum.iteration": "80"}, VEHICLE),
+        (RACE, {"task.observation": "told"}, f"{VEHICLE},r1"),
     ],
     ids=["spdl", "guided machines"],
 )
 def test_a_resumed_run_is_the_uninterrupted_one(
     tmp_path: Path, preset: Preset, changes: dict[str, str], vehicle: str
 ) -> None:
-    preset = preset.override({**SMALL, "max_steps": "12", **changes})
-    preset = replace(preset, learning_starts=60, final_learning_rate=preset.learning_rate)  # the same for any length
+    preset = preset.changed({**SMALL, "task.max_steps": "12", **changes})
+    constant = {"learner.learning_starts": 60, "learner.final_learning_rate": preset.sac.learning_rate}
+    preset = preset.changed(constant)  # the same for any length
     whole = final_actor(preset, tmp_path / "whole", 240, vehicle)
     final_actor(preset, tmp_path / "parts", 120, vehicle)
     resumed = final_actor(preset, tmp_path / "parts", 240, vehicle, resume=True)
@@ -104,7 +128,7 @@ def ended(request: ResetRequest, total: float = 1.0, failed: bool = False, progr
 def test_starts_lie_all_around_and_lead_up_to_failures(ground: CircuitSet) -> None:
     rng = np.random.default_rng(0)
     preview = RaceTask().preview
-    curriculum = RaceCurriculum(ground, failure_share=0.5)
+    curriculum = RaceCurriculum(ground, RaceCurriculumSettings(failure_share=0.5))
     even = [curriculum.episodes(0).draw(rng, preview) for _ in range(200)]
     length = ground.length("barcelona")
     counts, _ = np.histogram([request.progress for request in even], bins=8, range=(0.0, length))
@@ -121,7 +145,7 @@ def test_starts_lie_all_around_and_lead_up_to_failures(ground: CircuitSet) -> No
 def test_validations_ride_some_of_many_circuits(ground: CircuitSet) -> None:
     preview = RaceTask().preview
     many = CircuitSet(load_vehicle("panigale_v4r"), ["barcelona", "cremona", "phillip_island"])
-    curriculum = RaceCurriculum(many, sampled=2)
+    curriculum = RaceCurriculum(many, RaceCurriculumSettings(sampled=2))
     rng = np.random.default_rng(0)
     drawn = [curriculum.validation_requests(preview, rng) for _ in range(20)]
     assert {len(requests) for requests in drawn} == {8}
@@ -134,7 +158,7 @@ def test_validations_ride_some_of_many_circuits(ground: CircuitSet) -> None:
 
 
 def test_the_share_of_the_speed_rises_while_episodes_stay_whole(ground: CircuitSet) -> None:
-    curriculum = SpeedCurriculum(ground, share=0.7, first=0.6)
+    curriculum = SpeedCurriculum(ground, SpeedSettings(share=0.7))
     request = curriculum.episodes(0).draw(np.random.default_rng(0), RaceTask().preview)
     for _ in range(200):
         curriculum.ended(ended(request, failed=True))
@@ -143,7 +167,7 @@ def test_the_share_of_the_speed_rises_while_episodes_stay_whole(ground: CircuitS
         curriculum.ended(ended(request))
     assert curriculum.share == pytest.approx(0.7)
     assert curriculum.may_validate(0)
-    other = SpeedCurriculum(ground, share=0.7, first=0.6)
+    other = SpeedCurriculum(ground, SpeedSettings(share=0.7))
     other.restore(curriculum.state_dict())
     assert other.state_dict()["share"] == curriculum.share
 
@@ -151,7 +175,7 @@ def test_the_share_of_the_speed_rises_while_episodes_stay_whole(ground: CircuitS
 def test_spdl_leads_a_good_agent_to_the_ideal_line_and_survives_a_checkpoint(ground: CircuitSet) -> None:
     rng = np.random.default_rng(0)
     preview = RaceTask().preview
-    curriculum = SpdlCurriculum(ground, threshold=1.0, kl=1.0, iteration=10)
+    curriculum = SpdlCurriculum(ground, SpdlSettings(threshold=1.0, kl=1.0, iteration=10))
     first = [RaceContext.of(curriculum.episodes(0).draw(rng, preview)) for _ in range(100)]
     step = 0
     while curriculum.steps == [] or curriculum.steps[-1].kl > 0.1:
@@ -165,7 +189,7 @@ def test_spdl_leads_a_good_agent_to_the_ideal_line_and_survives_a_checkpoint(gro
         begun, now = (np.mean([getattr(context, name) for context in drawn]) for drawn in (first, last))
         assert sign * now > sign * begun
     assert [entry.kl for entry in curriculum.steps] == sorted((entry.kl for entry in curriculum.steps), reverse=True)
-    other = SpdlCurriculum(ground, threshold=1.0, kl=1.0, iteration=10)
+    other = SpdlCurriculum(ground, SpdlSettings(threshold=1.0, kl=1.0, iteration=10))
     other.restore(curriculum.state_dict())
     draws = [each.episodes(step).draw(np.random.default_rng(5), preview) for each in (curriculum, other)]
     assert draws[0] == draws[1]
@@ -175,8 +199,8 @@ def test_spdl_leads_a_good_agent_to_the_ideal_line_and_survives_a_checkpoint(gro
 def test_both_arms_of_the_comparison_draw_the_same_episodes_at_the_target(ground: CircuitSet) -> None:
     """Requests are compared and not settings: starts, lines, speeds, shares; only the number of the update differs."""
     preview = RaceTask().preview
-    paced = SpdlCurriculum(ground, spread=0.1, failure_share=0.5, threshold=1.0, kl=1.0, iteration=10)
-    alone = SpdlCurriculum(ground, spread=0.1, failure_share=0.5, pacing="target")
+    paced = SpdlCurriculum(ground, SpdlSettings(spread=0.1, failure_share=0.5, threshold=1.0, kl=1.0, iteration=10))
+    alone = SpdlCurriculum(ground, TargetSettings(spread=0.1, failure_share=0.5))
     rng = np.random.default_rng(0)
     step = 0
     while not paced.steps or paced.steps[-1].kl > 1e-9:
@@ -199,7 +223,7 @@ def test_both_arms_of_the_comparison_draw_the_same_episodes_at_the_target(ground
 
 
 def test_a_fixed_schedule_ends_at_the_target_whatever_the_returns(ground: CircuitSet) -> None:
-    curriculum = SpdlCurriculum(ground, iteration=10, pacing="schedule", schedule=100)
+    curriculum = SpdlCurriculum(ground, ScheduleSettings(iteration=10, schedule=100))
     for step in range(10, 130, 10):
         curriculum.episodes(step)
     apart = [entry.kl for entry in curriculum.steps]
@@ -210,7 +234,7 @@ def test_a_fixed_schedule_ends_at_the_target_whatever_the_returns(ground: Circui
 
 def test_an_update_looks_at_the_episodes_since_the_one_before(ground: CircuitSet) -> None:
     """Returns that were low long ago do not hold an agent back that has become good."""
-    curriculum = SpdlCurriculum(ground, threshold=1.0, kl=1.0, iteration=10)
+    curriculum = SpdlCurriculum(ground, SpdlSettings(threshold=1.0, kl=1.0, iteration=10))
     rng, preview = np.random.default_rng(0), RaceTask().preview
     for step, total in ((10, 0.0), (20, 2.0)):
         episodes = curriculum.episodes(step - 10)
@@ -230,6 +254,6 @@ def test_densities_are_those_of_contexts_drawn_within_their_limits() -> None:
 
 def test_presets_name_their_circuits_and_refuse_bicycles(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"'race' is for superbikes on circuits, and '.*' is none"):
-        LearningProcess(RunSettings(RACE_PAPER, "whipple"), tmp_path / "run", 10)
+        LearningProcess(RunSettings(load_preset("race_paper"), "whipple"), tmp_path / "run", 10)
     with pytest.raises(FileNotFoundError, match="nowhere"):
-        LearningProcess(settings(RACE_DIRECT.override({"circuits": "nowhere"})), tmp_path / "run", 10)
+        LearningProcess(settings(RACE_DIRECT.changed({"curriculum.circuits": "nowhere"})), tmp_path / "run", 10)

@@ -23,7 +23,9 @@ from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_training import cli
 from bike_training.curricula.parts import REFINEMENT
-from bike_training.learning import linear_rides, refinement_cost
+from bike_training.learning import gradient_cost, linear_rides
+from bike_training.learning.gradient_cost import cost
+from bike_training.learning.gradients import STEEP, Comparison, GradientLearning, learn_by_gradients
 from bike_training.learning.linear_rides import (
     FREE,
     LinearRides,
@@ -33,17 +35,19 @@ from bike_training.learning.linear_rides import (
     push_sideways,
 )
 from bike_training.learning.mirror_symmetric_actor import MirrorSymmetricActor, Weights
-from bike_training.learning.refinement import Refinement, refine
-from bike_training.learning.refinement_comparison import STEEP, Comparison
-from bike_training.learning.refinement_cost import cost
-from bike_training.learning.refinement_settings import RefinementSettings
+from bike_training.learning.presets import GradientSettings, load_preset
+from bike_training.learning.run_settings import RunSettings
 from bike_training.tasks.path import TASKS
 
 COMPILED = SimulatorConfig(engine="whipple", time_step=0.01)
 TASK = TASKS["fine"]
-SMALL = RefinementSettings(
+SMALL = GradientSettings(
     layers=(16,), bicycles=6, periods=20, tail=5, updates=2, segments=3, select_every=3, learning_rate=5e-3
 )
+
+
+def run_of(learner: GradientSettings, start: str = "") -> RunSettings:
+    return RunSettings(replace(load_preset("exact"), learner=learner), start=start)
 
 
 def test_slopes_are_those_of_the_engine_and_of_what_is_seen() -> None:
@@ -97,7 +101,7 @@ def test_a_push_leaves_what_the_disturbance_leaves() -> None:
 
 
 def test_pushed_rides_count_in_a_comparison() -> None:
-    process = Refinement(replace(SMALL, impulse=60.0), load_bundle("whipple"))
+    process = GradientLearning(run_of(replace(SMALL, impulse=60.0), "whipple"))
     hit: list[int] = []
 
     def strike(batch: object, row: int, impulse: float) -> None:
@@ -128,8 +132,8 @@ def ridden(weights: Weights, actor: MirrorSymmetricActor) -> Segment:
 
 
 def test_the_cost_of_a_changed_actor_is_that_of_its_ride_to_first_order(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(refinement_cost, "_FAR", 0.0)  # these rides neither steer nor lean far
-    monkeypatch.setattr(refinement_cost, "_STEEP", 0.0)
+    monkeypatch.setattr(gradient_cost, "_FAR", 0.0)  # these rides neither steer nor lean far
+    monkeypatch.setattr(gradient_cost, "_STEEP", 0.0)
     settings = replace(SMALL, tail=0, square=5.0, steer_rate=0.1, change=2.0, lean=2.0, steer=5.0)
     actor = MirrorSymmetricActor(FINE_LAYOUT)
     weights = actor.draw((16,), seed=2)
@@ -197,7 +201,7 @@ def test_an_actor_is_better_by_rides_then_by_stability_then_by_distance() -> Non
 def test_it_learns_to_stay_upright_from_nothing() -> None:
     """Within seconds; how exactly it rides in the end stands in docs/results.md."""
     settings = replace(SMALL, bicycles=12, periods=60, tail=20, updates=12, segments=20)
-    process = Refinement(settings)
+    process = GradientLearning(run_of(settings))
     wholes = []
     for _ in range(settings.segments):
         process.learn()
@@ -208,8 +212,8 @@ def test_it_learns_to_stay_upright_from_nothing() -> None:
 
 
 def test_the_command_writes_the_same_policy_again(tmp_path: Path) -> None:
-    first = refine(SMALL, make(tmp_path / "a"))
-    refine(SMALL, make(tmp_path / "b"))
+    first = learn_by_gradients(run_of(SMALL), tmp_path / "a")
+    learn_by_gradients(run_of(SMALL), tmp_path / "b")
     tensors = [(tmp_path / name / "policy" / "actor.safetensors").read_bytes() for name in "ab"]
     assert tensors[0] == tensors[1]
     rows = list(csv.DictReader((tmp_path / "a" / "refinement.csv").open()))
@@ -224,22 +228,18 @@ def test_the_command_writes_the_same_policy_again(tmp_path: Path) -> None:
     assert exported.action.columns[0].within == ((3.0, 1.2), (4.5, 0.8))
     assert (exported.name, exported.results) == ("mine", {"worst_mean_m": 0.5})
     assert exported.training["steps"] == card["steps"]
-    later = Refinement(SMALL, load_bundle(tmp_path / "a" / "policy"))
+    later = GradientLearning(run_of(SMALL, str(tmp_path / "a" / "policy")))
     assert later.summary()["begins_with"]["steps"] == card["steps"]
     later.close()
-
-
-def make(folder: Path) -> Path:
-    folder.mkdir()
-    return folder
 
 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--set", "speed=3"], "--set speed: settings of --preset exact are task, "),
+        (["--set", "speed=3"], "no setting 'speed'"),
         (["--set", "task=alt1"], "have no slopes"),
-        (["--set", "tail=500"], "tail=500 must be 0 to"),
+        (["--set", "learner.tail=500"], "tail=500 must be 0 to"),
+        (["--set", "curriculum.refine=true"], "takes no curriculum"),
         (["--from", "nobody"], "nobody"),
     ],
 )

@@ -8,21 +8,22 @@ from pathlib import Path
 import numpy as np
 from safetensors.numpy import load_file
 
-from bike_training.learning.presets import FAST
+from bike_training.learning.presets import load_preset
 from bike_training.learning.run import run, stored_settings
 from bike_training.learning.run_settings import RunSettings
 
-PRESET = replace(
-    FAST,
-    learner="sb3",
-    curriculum=replace(FAST.curriculum, validate_every=40),
-    layers=(8,),
-    batch_size=16,
-    buffer_size=400,
-    learning_starts=20,
-    environments=2,
-    updates=1,
-    steps=240,
+PRESET = load_preset("fast").changed(
+    {
+        "learner": "sb3",
+        "curriculum.validate_every": 40,
+        "learner.layers": [8],
+        "learner.batch_size": 16,
+        "learner.buffer_size": 400,
+        "learner.learning_starts": 20,
+        "learner.environments": 2,
+        "learner.updates": 1,
+        "learner.steps": 240,
+    }
 )
 SETTINGS = RunSettings(PRESET, seed=5)
 
@@ -58,7 +59,7 @@ def test_a_run_that_was_stopped_and_resumed_is_the_whole_run_bit_for_bit(tmp_pat
 
 
 def test_the_summary_is_what_the_folder_holds(tmp_path: Path):
-    summary = run(replace(SETTINGS, preset=replace(PRESET, steps=30)), tmp_path)
+    summary = run(replace(SETTINGS, preset=PRESET.changed({"learner.steps": 30})), tmp_path)
     stored = json.loads((tmp_path / "run.json").read_text())
     assert summary == stored | {"interrupted": False}
     assert (stored["vehicle"], stored["seed"], stored["steps"]) == ("whipple", 5, 30)

@@ -11,7 +11,7 @@ import pytest
 
 from bike_policy.contract.bundle import load_bundle
 from bike_training.cli import main
-from bike_training.learning.presets import PRESETS
+from bike_training.learning.presets import load_preset
 from bike_training.reproduce.bicycle.data import Chance, Data, Direction, Impact, Instant, Rides, SteeringStep, Track
 from bike_training.reproduce.bicycle.detail import front_directions, full_circles, impacts, ride_benchmark
 from bike_training.reproduce.bicycle.detail_figures import weights
@@ -157,10 +157,10 @@ def test_all_settings_are_those_of_the_paper_but_for_the_learner() -> None:
     runs = [run.job().settings for run in BicycleExperiment(seeds=(0,)).sweep().runs]  # type: ignore[attr-defined]
     assert [run.preset.name for run in runs] == ["paper", "alt1", "alt2", "alt3", "alt4", "alt5"]
     for run in runs:
-        published = PRESETS[run.preset.name]
+        published = load_preset(run.preset.name)
         assert (run.preset.task, run.preset.curriculum) == (published.task, published.curriculum)
-        assert run.preset.steps == published.steps == 4_000_000
-        assert (run.preset.learner, run.preset.environments, run.preset.precondition) == ("sbx", 8, True)
+        assert run.preset.sac.steps == published.sac.steps == 4_000_000
+        assert (run.preset.sac.learner, run.preset.sac.environments, run.preset.sac.precondition) == ("sbx", 8, True)
         assert run.until_finished
 
 

@@ -13,13 +13,13 @@ from safetensors.numpy import load_file
 
 TINY: dict[str, Any] = {
     "learner": "sb3",
-    "layers": [8],
-    "batch_size": 16,
-    "buffer_size": 2000,
-    "learning_starts": 20,
-    "environments": 2,
-    "updates": 1,
-    "validate_every": 40,
+    "learner.layers": [8],
+    "learner.batch_size": 16,
+    "learner.buffer_size": 2000,
+    "learner.learning_starts": 20,
+    "learner.environments": 2,
+    "learner.updates": 1,
+    "curriculum.validate_every": 40,
 }
 """A training on the compiled engine with a network that learns in no time."""
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from bike_training.learning.simulators import DEFAULT_SIMULATORS as SIMULATORS
+from bike_training.learning.run_settings import DEFAULT_SIMULATORS as SIMULATORS
 from bike_training.sweeps.plan import make_plan
 from bike_training.sweeps.spec import load_sweep
 
@@ -29,7 +29,7 @@ SMALL_DISK = "700k"
 
 
 def test_workers_killed_at_random_change_no_bit(tmp_path: Path, write, drive) -> None:
-    spec = write(tiny(base=LONG_RUN, grid={"seed": [0, 1], "set.gamma": [0.95, 0.99]}, retries=50))
+    spec = write(tiny(base=LONG_RUN, grid={"seed": [0, 1], "set.learner.gamma": [0.95, 0.99]}, retries=50))
     driver = drive(spec, tmp_path / "out")
     draw = random.Random(7)
     for _ in range(3):

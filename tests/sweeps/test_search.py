@@ -13,7 +13,7 @@ from bike_training.sweeps.search_space import METRICS
 from .conftest import TINY, tiny
 
 pytest.importorskip("ray")
-SPACE = {"gamma": {"uniform": [0.9, 0.999]}, "layers": {"choice": [[8], [16, 16]]}}
+SPACE = {"learner.gamma": {"uniform": [0.9, 0.999]}, "learner.layers": {"choice": [[8], [16, 16]]}}
 
 
 @pytest.mark.long
@@ -26,8 +26,8 @@ def test_a_search_tries_settings_and_tells_the_best(tmp_path: Path, write, drive
     figures = json.loads(driver.words.read_text().strip().splitlines()[-1])["figures"]
     trials = figures["trials"]
     assert len(trials) == 3
-    assert all(0.9 <= trial["settings"]["gamma"] <= 0.999 and trial["steps"] >= 2000 for trial in trials)
-    assert len({trial["settings"]["gamma"] for trial in trials}) == 3
+    assert all(0.9 <= trial["settings"]["learner.gamma"] <= 0.999 and trial["steps"] >= 2000 for trial in trials)
+    assert len({trial["settings"]["learner.gamma"] for trial in trials}) == 3
     assert figures["best"]["value"] == max(trial["value"] for trial in trials)
     again = drive(spec, tmp_path / "out", "--search", "--json")
     assert again.end() == 0

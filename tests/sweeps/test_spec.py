@@ -19,12 +19,12 @@ from .conftest import tiny
 
 
 def test_a_grid_is_every_combination_and_nothing_else() -> None:
-    sweep = sweep_from_document(tiny(grid={"seed": [0, 1, 2], "set.gamma": [0.9, 0.99]}))
+    sweep = sweep_from_document(tiny(grid={"seed": [0, 1, 2], "set.learner.gamma": [0.9, 0.99]}))
     settings = [run.job().settings for run in sweep.runs]
-    assert [(s.seed, s.preset.gamma) for s in settings] == [(a, b) for a in (0, 1, 2) for b in (0.9, 0.99)]
-    assert {s.preset.layers for s in settings} == {(8,)}
-    assert [run.label for run in sweep.runs[:2]] == ["seed=0,gamma=0.9", "seed=0,gamma=0.99"]
-    assert {run.group for run in sweep.runs} == {"gamma=0.9", "gamma=0.99"}
+    assert [(s.seed, s.preset.learner.gamma) for s in settings] == [(a, b) for a in (0, 1, 2) for b in (0.9, 0.99)]
+    assert {s.preset.sac.layers for s in settings} == {(8,)}
+    assert [run.label for run in sweep.runs[:2]] == ["seed=0,learner.gamma=0.9", "seed=0,learner.gamma=0.99"]
+    assert {run.group for run in sweep.runs} == {"learner.gamma=0.9", "learner.gamma=0.99"}
 
 
 def test_listed_runs_stand_over_the_base_and_may_be_of_several_tasks() -> None:
@@ -52,7 +52,7 @@ def test_a_finished_run_is_found_by_another_sweep_of_it(tmp_path: Path) -> None:
     folder.mkdir(parents=True)
     record = {"schema": SCHEMA, "status": FINISHED, "seconds": 50.0, "attempts": 1, "figures": {}}
     (folder / "result.json").write_text(json.dumps(record))
-    second = make_plan(sweep_from_document(tiny(grid={"seed": [0, 1], "set.gamma": [0.97, 0.99]})), tmp_path)
+    second = make_plan(sweep_from_document(tiny(grid={"seed": [0, 1], "set.learner.gamma": [0.97, 0.99]})), tmp_path)
     assert [run.finished for run in second.runs] == [False] * 4  # gamma is given there, so these are other runs
     third = make_plan(sweep_from_document(tiny(grid={"seed": [5, 0]}, name="more")), tmp_path)
     assert [run.finished for run in third.runs] == [False, True]
@@ -66,20 +66,23 @@ def test_a_finished_run_is_found_by_another_sweep_of_it(tmp_path: Path) -> None:
         ({"grids": {}}, "unknown entry 'grids'"),
         ({"task": "dance"}, "task 'dance' is not one of train, evaluate, lap"),
         (tiny(grid={"seed": 3}), "grid entry 'seed' must be a list"),
-        (tiny(grid={"seed": list(range(200)), "set.gamma": [0.9 + k / 2e3 for k in range(101)]}), "20200 runs"),
+        (tiny(grid={"seed": list(range(200)), "set.learner.gamma": [0.9 + k / 2e3 for k in range(101)]}), "20200 runs"),
         (tiny(grid={"sed": [1]}), "task train has no entry 'sed'"),
         (tiny(grid={"seed": [0, -1]}), r"run 2 of 2 \(seed=-1\): seed must be"),
         (tiny(grid={"seed": [0, True]}), "seed must be int, got True"),
-        (tiny(grid={"set.gamma": [0.9, 2.0]}), "gamma=2.0 must be 0 to 1"),
-        (tiny(grid={"set.gama": [0.9]}), "preset has no setting 'gama'"),
+        (tiny(grid={"set.learner.gamma": [0.9, 2.0]}), "gamma=2.0 must be 0 to 1"),
+        (tiny(grid={"set.learner.gama": [0.9]}), "preset has no setting 'learner.gama'"),
         (tiny(grid={"client": ["remote"]}), "client must be one of local, ros"),
         (tiny(grid={"seed": [1, 1]}), r"run 2 is run 1 again \(train\)"),
         (tiny(cores=0), "cores must be a positive number"),
         (tiny(retries=-1), "retries must be a whole number"),
-        (tiny(search={"settings": {"gamma": {"uniform": [0.9, 1.5]}}}), "gamma=1.5 must be 0 to 1"),
-        (tiny(search={"settings": {"gama": {"uniform": [0.9, 1]}}}), "is no setting of a preset"),
-        (tiny(search={"settings": {"gamma": {"uniform": [1, 0.9]}}}), "lower and its upper end"),
-        (tiny(search={"settings": {"gamma": {"uniform": [0.9, 1]}}}, grid={"seed": [0, 1]}), "leave grid and runs out"),
+        (tiny(search={"settings": {"learner.gamma": {"uniform": [0.9, 1.5]}}}), "gamma=1.5 must be 0 to 1"),
+        (tiny(search={"settings": {"learner.gama": {"uniform": [0.9, 1]}}}), "preset has no setting"),
+        (tiny(search={"settings": {"learner.gamma": {"uniform": [1, 0.9]}}}), "lower and its upper end"),
+        (
+            tiny(search={"settings": {"learner.gamma": {"uniform": [0.9, 1]}}}, grid={"seed": [0, 1]}),
+            "leave grid and runs out",
+        ),
         ({"task": "evaluate", "base": {"speeds": ["fast"]}}, "speeds must be numbers"),
         ({"task": "evaluate", "base": {"speeds": [-1]}}, "speeds must be positive"),
         ({"task": "lap", "base": {"vehicle": "whipple"}}, "is no superbike"),
@@ -101,9 +104,9 @@ def test_what_does_not_exist_is_named(document, write) -> None:
 
 
 def test_a_bad_file_starts_nothing_and_makes_no_folder(tmp_path: Path, write, capsys) -> None:
-    path = write(tiny(grid={"set.gamma": [0.9, 2.0]}))
+    path = write(tiny(grid={"set.learner.gamma": [0.9, 2.0]}))
     assert main(["sweep", str(path), "--out", str(tmp_path / "out")]) == 2
-    assert "run 2 of 2 (gamma=2)" in capsys.readouterr().err
+    assert "run 2 of 2 (learner.gamma=2)" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
@@ -129,8 +132,8 @@ def test_a_schedule_lies_between_its_bounds(seconds: list[float], slots: int) ->
 @given(st.integers(0, 2_000_000))
 def test_a_run_until_its_end_is_never_told_to_be_further_than_it_is(made: int) -> None:
     until = TrainJob.from_entries({"vehicle": "whipple", "until_finished": True})
-    assert TrainJob.from_entries({"vehicle": "whipple"}).expected_steps(made) == until.settings.preset.steps
-    assert min(made, until.settings.preset.steps) <= until.expected_steps(made) <= until.settings.preset.steps
+    assert TrainJob.from_entries({"vehicle": "whipple"}).expected_steps(made) == until.settings.preset.sac.steps
+    assert min(made, until.settings.preset.sac.steps) <= until.expected_steps(made) <= until.settings.preset.sac.steps
 
 
 @pytest.mark.parametrize(("cores", "need", "slots"), [(2.0, 1.0, 2), (2.0, 0.5, 4), (3.0, 2.0, 1), (1.0, 4.0, 1)])

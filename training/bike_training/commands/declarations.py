@@ -370,14 +370,14 @@ _TRAIN: Final = Command(
   bike train whipple --out runs/b --client ros           through ROS, with PyBullet behind it
   bike train whipple --out runs/c --preset paper         as published
   bike train whipple --out runs/e --preset {EXACT}         through the derivatives of the bicycle, from nothing
-  bike train whipple --out runs/f --preset {EXACT} --from runs/e/policy --set segments=200
+  bike train whipple --out runs/f --preset {EXACT} --from runs/e/policy --set learner.segments=200
   bike train --out runs/a --resume --steps 2000000
   bike train --out runs/a --resume --steps 2050000 --client ros   the last steps through ROS
-  bike train whipple --out runs/d --set layers=128,128 --set gamma=0.98
+  bike train whipple --out runs/d --set learner.layers=128,128 --set learner.gamma=0.98
   bike train panigale_v4r --out runs/r --course cremona --seed 3            races; the default preset
   bike train panigale_v4r --out runs/s --preset paper --curriculum spdl     as published, on our circuits
   bike train r1 --out runs/x --course barcelona,cremona
-  bike train r1,zx10rr --out runs/m --set observation=conditioned                  one actor for two machines""",
+  bike train r1,zx10rr --out runs/m --set task.observation=conditioned                  one actor for two machines""",
     _declare_train,
     _train_subject,
     {BICYCLE: "train:run", SUPERBIKE: "train:run", RESUMED: "train:run", REFINEMENT: "train:run_refinement"},
@@ -411,7 +411,7 @@ def _declare_export(parser: CommandParser) -> None:
 
 
 def _export_subject(args: Namespace) -> str:
-    from bike_training.learning.refinement_files import TABLE
+    from bike_training.learning.run_settings import GRADIENT_TABLE as TABLE
 
     return REFINED if (args.run / TABLE).is_file() else RUN
 
@@ -701,7 +701,7 @@ _SWEEP: Final = Command(
 a file, docs/sweeps.md has all of it:
   task: train
   base: {vehicle: whipple, until_finished: true}
-  grid: {seed: [0, 1, 2, 3, 4], set.gamma: [0.97, 0.99]}""",
+  grid: {seed: [0, 1, 2, 3, 4], set.learner.gamma: [0.97, 0.99]}""",
     _declare_sweep,
     lambda args: WORK,
     {WORK: "sweep:run"},

@@ -17,8 +17,7 @@ from bike_training.curricula.parts import SPEED_RANGES
 from bike_training.learning.checkpoint import Checkpoint
 from bike_training.learning.presets import Preset
 from bike_training.learning.progress import chosen_actor
-from bike_training.learning.refinement_files import POLICY
-from bike_training.learning.run_settings import machines_of
+from bike_training.learning.run_settings import GRADIENT_POLICY, machines_of
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -26,7 +25,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     checkpoint = Checkpoint(args.run)
     summary = _read_table(args.run / "run.json", ("vehicle", "preset", "steps"))
     with checkpoint.reading():
-        preset = Preset.from_card(summary["preset"])
+        preset = Preset.from_plain(summary["preset"])
         wanted = args.which or ("success" if preset.published else "best")
         actor, which, step = chosen_actor(checkpoint.run["progress"], wanted, summary["steps"])
     if actor is None:
@@ -66,7 +65,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def run_refined(args: argparse.Namespace) -> dict[str, Any]:
     """Write the bundle of a refinement, which holds its best actor already, with name and results."""
-    found = load_bundle(args.run / POLICY)
+    found = load_bundle(args.run / GRADIENT_POLICY)
     training = {**found.training, "exported": time.strftime("%Y-%m-%d")}
     bundle = replace(
         found,
@@ -75,7 +74,7 @@ def run_refined(args: argparse.Namespace) -> dict[str, Any]:
         training=training,
         results=_results(args.evaluation),
     )
-    out = args.out or args.run / POLICY
+    out = args.out or args.run / GRADIENT_POLICY
     bundle.save(out)
     figures = {"out": str(out), "name": bundle.name, "steps": training["steps"], "actor": "best"}
     if not args.json:

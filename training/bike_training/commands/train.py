@@ -4,24 +4,23 @@ from __future__ import annotations
 
 import argparse
 import sys
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any, Final
 
 from tqdm import tqdm
 
-from bike_policy.contract.bundle import load_bundle
-from bike_training.arguments import make_folder
-from bike_training.commands.declarations import EXACT, SUPERBIKE
+from bike_training.commands.declarations import SUPERBIKE
 from bike_training.learning import run as learning
-from bike_training.learning.presets import PRESETS
+from bike_training.learning.gradients import Comparison, GradientLearning, learn_by_gradients
+from bike_training.learning.presets import GradientSettings, load_preset
 from bike_training.learning.process import LearningProcess
-from bike_training.learning.refinement import Refinement, refine
-from bike_training.learning.refinement_comparison import Comparison
-from bike_training.learning.refinement_files import POLICY, TABLE
-from bike_training.learning.refinement_settings import RefinementSettings
-from bike_training.learning.run_settings import RunSettings
-from bike_training.learning.setting_records import parse
-from bike_training.learning.simulators import ENGINES, SUPERBIKE_ENGINES, with_simulator
+from bike_training.learning.run_settings import (
+    ENGINES,
+    GRADIENT_POLICY,
+    SUPERBIKE_ENGINES,
+    RunSettings,
+    with_simulator,
+)
 
 DEFAULT_PRESET: Final = "fast"
 SUPERBIKE_PRESETS: Final = {"fast": "race", "paper": "race_paper"}
@@ -35,7 +34,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Learn and return the outcome; not ok when interrupted."""
     settings = _with_simulator(_resumed_settings(args) if args.resume else _new_settings(args), args)
     every = 0.1 if sys.stderr.isatty() else LOG_EVERY
-    with tqdm(total=settings.preset.steps, unit="step", smoothing=0.05, mininterval=every) as bar:
+    with tqdm(total=settings.preset.sac.steps, unit="step", smoothing=0.05, mininterval=every) as bar:
         summary = learning.run(settings, args.out, lambda process: _show(bar, process), args.resume)
     figures = summary | {"out": str(args.out)}
     if not args.json:
@@ -47,17 +46,16 @@ def _new_settings(args: argparse.Namespace) -> RunSettings:
     races = args.subject == SUPERBIKE
     name = args.preset or DEFAULT_PRESET
     name = SUPERBIKE_PRESETS.get(name, name) if races else name
-    if name not in PRESETS:
-        raise ValueError(f"--preset {args.preset} is not one of {', '.join((*sorted(PRESETS), EXACT))}")
-    changes = dict(_split(pair) for pair in args.set or ())
+    changes: dict[str, Any] = dict(_split(pair) for pair in args.set or ())
     changes |= {
         setting: value
-        for setting, value in (("circuits", args.course), ("curriculum", args.curriculum))
+        for setting, value in (("curriculum.circuits", args.course), ("curriculum", args.curriculum))
         if value is not None
     }
     engine = (SUPERBIKE_ENGINES if races else ENGINES)["local"]
-    preset = PRESETS[name].override(changes)
-    settings = RunSettings(preset, args.vehicle, args.seed or 0, engine=engine, record_every=RECORD_EVERY)
+    preset = load_preset(name).changed(changes)
+    vehicle = args.vehicle or RunSettings.vehicle
+    settings = RunSettings(preset, vehicle, args.seed or 0, engine=engine, record_every=RECORD_EVERY)
     return _with_choices(settings, args)
 
 
@@ -72,7 +70,7 @@ def _resumed_settings(args: argparse.Namespace) -> RunSettings:
 def _with_choices(settings: RunSettings, args: argparse.Namespace) -> RunSettings:
     """Return settings with those arguments that may change at each start."""
     if args.steps is not None:
-        settings = replace(settings, preset=replace(settings.preset, steps=args.steps))
+        settings = replace(settings, preset=settings.preset.changed({"learner.steps": args.steps}))
     names = ("checkpoint_every", "record_every", "until_finished")
     given = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
     return replace(settings, **given)
@@ -86,7 +84,7 @@ def _with_simulator(settings: RunSettings, args: argparse.Namespace) -> RunSetti
 def _split(pair: str) -> tuple[str, str]:
     name, equals, value = pair.partition("=")
     if not equals:
-        raise ValueError(f"--set takes NAME=VALUE, got {pair!r}")
+        raise ValueError(f"--set takes PATH=VALUE, got {pair!r}")
     return name, value
 
 
@@ -111,27 +109,19 @@ def run_refinement(args: argparse.Namespace) -> dict[str, Any]:
 
     It is not ok where no actor rides all rides of a comparison with a stable loop.
     """
-    settings = RefinementSettings()
-    names = [spec.name for spec in fields(RefinementSettings)]
-    for name, text in (_split(pair) for pair in args.set or ()):
-        if name not in names:
-            raise ValueError(f"--set {name}: settings of --preset {EXACT} are {', '.join(names)}")
-        settings = replace(settings, **{name: parse(name, text, getattr(settings, name))})
-    if args.seed is not None:
-        settings = replace(settings, seed=args.seed)
-    start = None if args.start is None else load_bundle(args.start)
-    make_folder("--out", args.out)
-    if (args.out / TABLE).exists():
-        raise ValueError(f"{args.out} already holds a refinement; choose another folder")
+    settings = _new_settings(args)
+    learner = settings.preset.learner
+    if not isinstance(learner, GradientSettings):
+        raise ValueError(f"preset {settings.preset.name!r} does not learn by gradients")
     every = 0.1 if sys.stderr.isatty() else LOG_EVERY
-    with tqdm(total=settings.segments, unit="segment", smoothing=0.05, mininterval=every) as bar:
+    with tqdm(total=learner.segments, unit="segment", smoothing=0.05, mininterval=every) as bar:
 
-        def report(process: Refinement, found: Comparison | None) -> None:
+        def report(process: GradientLearning, found: Comparison | None) -> None:
             if found is not None:
                 bar.set_postfix_str(f"{found.ridden} ridden, mean {found.mean_m:.4f} m", refresh=False)
             bar.update()
 
-        summary = refine(settings, args.out, start, report)
+        summary = learn_by_gradients(replace(settings, start=args.start or ""), args.out, report)
     best = summary["best_selection"]
     if not args.json:
         print(
@@ -139,6 +129,6 @@ def run_refinement(args: argparse.Namespace) -> dict[str, Any]:
             f"{summary['seconds']:.0f} s; best at segment {summary['best_segment']}: {best['ridden']} rides ridden, "
             f"mean {best['mean_m']:.4f} m, spectral radius {best['spectral_radius']:.3f}"
         )
-        print(f"policy in {args.out / POLICY}; evaluate it with: bike evaluate {args.out / POLICY}")
+        print(f"policy in {args.out / GRADIENT_POLICY}; evaluate it with: bike evaluate {args.out / GRADIENT_POLICY}")
     ok = best["swing_deg"] < 1.0 and best["spectral_radius"] < 1.0
     return {"schema": "bike.train_exact/1", "ok": ok, "figures": {**summary, "out": str(args.out)}}

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from bike_sim.sim.request import Preview, ResetRequest
+from bike_sim.vehicles.bicycle import Vehicle
 
 
 class EndedEpisode(NamedTuple):
@@ -101,4 +102,32 @@ class Curriculum(Protocol):
 
     def restore(self, stored: dict[str, Any]) -> None:
         """Continue from where :meth:`state_dict` was taken."""
+        ...
+
+
+class CurriculumSettings(Protocol):
+    """Settings of a curriculum; `bike_training.settings` says what a record is."""
+
+    @property
+    def curriculum(self) -> str:
+        """Name of its kind."""
+        ...
+
+    @property
+    def validate_every(self) -> int:
+        """Least number of learning steps between two validations."""
+        ...
+
+    @property
+    def select_every(self) -> int:
+        """Learning steps between two comparisons of actors once the curriculum is finished."""
+        ...
+
+    def make(self, vehicles: Sequence[Vehicle]) -> Curriculum:
+        """Return the curriculum of vehicles, which rows take in turn, at its beginning.
+
+        Raises:
+            ValueError: it is not for these vehicles.
+            FileNotFoundError: an unknown course.
+        """
         ...

@@ -13,7 +13,9 @@ import numpy as np
 
 from bike_sim.course.random_paths import CURRICULUM_PATHS, PathRanges
 from bike_sim.sim.request import Preview, ResetRequest
+from bike_sim.vehicles.bicycle import Vehicle
 from bike_training.curricula.base import EndedEpisode
+from bike_training.settings import check_choice, check_number
 from bike_training.tasks.path import DISTANCE_THRESHOLD, VALIDATION_DURATION, VALIDATION_THRESHOLD
 
 SPEED_RANGES: Final = ((4.0, 4.0), (2.0, 7.0), (2.0, 7.0), (2.0, 7.0))
@@ -80,7 +82,43 @@ sharp transfers at high speed. The hard lane change of the benchmark path (10 m 
 """
 
 
-@dataclass
+@dataclass(frozen=True, kw_only=True)
+class PartsSettings:
+    """Settings of the curriculum in four parts.
+
+    Attributes:
+        curriculum: ``parts``.
+        refine: whether the intervals grow into REFINEMENT once the last part is finished; else they stay its own.
+        sharp: whether a third of the rides of the last part each are FAST_AND_SHARP and SLOW_AND_SHARP.
+        last_speeds: rides of a validation of the last part, at so many even speeds with both ends, so that none is left
+            out by luck; 0 for VALIDATION_RIDES at random speeds, as published.
+        validate_every: least learning steps between two validations.
+        select_every: learning steps between two comparisons of actors once the curriculum is finished.
+    """
+
+    curriculum: str = "parts"
+    refine: bool = False
+    sharp: bool = False
+    last_speeds: int = 0
+    validate_every: int = 4000
+    select_every: int = 10_000
+
+    def __post_init__(self) -> None:
+        """Refuse values that mean nothing.
+
+        Raises:
+            ValueError: naming the setting and its value.
+        """
+        check_choice("curriculum.curriculum", self.curriculum, ("parts",))
+        for name in ("validate_every", "select_every"):
+            check_number(f"curriculum.{name}", getattr(self, name), 1)
+        check_number("curriculum.last_speeds", self.last_speeds, 0, 1000)
+
+    def make(self, vehicles: Sequence[Vehicle]) -> PartsCurriculum:
+        """Return the curriculum at its beginning; see `CurriculumSettings`."""
+        return PartsCurriculum(self)
+
+
 class PartsCurriculum:
     """The four parts of the paper; implements `bike_training.curricula.base.Curriculum`.
 
@@ -88,18 +126,14 @@ class PartsCurriculum:
         part: 1 to 4; 5 once the curriculum is finished.
         entered_at: learning step at which the part began.
         finished_at: learning step at which the last part was passed, or None.
-        refine: whether the intervals grow into REFINEMENT afterwards; otherwise they stay those of part 4.
-        sharp: whether a third of the rides of part 4 each are FAST_AND_SHARP and SLOW_AND_SHARP.
-        last_speeds: rides of a validation of part 4, at so many even speeds with both ends; 0 for VALIDATION_RIDES
-            at random speeds, as published.
     """
 
-    refine: bool = False
-    sharp: bool = False
-    last_speeds: int = 0
-    part: int = 1
-    entered_at: int = 0
-    finished_at: int | None = None
+    def __init__(self, settings: PartsSettings | None = None) -> None:
+        """Begin with the first part."""
+        self._settings = settings or PartsSettings()
+        self.part = 1
+        self.entered_at = 0
+        self.finished_at: int | None = None
 
     @property
     def finished(self) -> bool:
@@ -116,16 +150,16 @@ class PartsCurriculum:
     def episodes(self, step: int) -> RideRanges:
         """Return the intervals at a learning step, growing linearly after a new part began."""
         stages = [RideRanges(*stage) for stage in zip(SPEED_RANGES, CURRICULUM_PATHS, strict=True)]
-        if self.sharp:
+        if self._settings.sharp:
             stages[-1] = replace(stages[-1], also=(FAST_AND_SHARP, SLOW_AND_SHARP))
-        stages.append(REFINEMENT if self.refine else stages[-1])
+        stages.append(REFINEMENT if self._settings.refine else stages[-1])
         if self.part == 1:
             return stages[0]
         share = (step - self.entered_at) / TRANSITION_STEPS
         if share >= 1.0:
             return stages[self.part - 1]
         growing = _ranges_between(stages[self.part - 2], stages[self.part - 1], share)
-        return replace(growing, also=stages[self.part - 1].also if self.sharp else ())
+        return replace(growing, also=stages[self.part - 1].also if self._settings.sharp else ())
 
     def validation(self) -> RideRanges:
         """Return the intervals of validation rides: those of the present part, at most of the last."""
@@ -136,8 +170,8 @@ class PartsCurriculum:
         """Draw the rides of a validation, on paths that are long enough for all of a ride."""
         episodes = self.validation()
         chosen = [episodes] * VALIDATION_RIDES
-        if self.part >= PARTS and self.last_speeds:
-            speeds = np.linspace(*episodes.speed, self.last_speeds).tolist()
+        if self.part >= PARTS and self._settings.last_speeds:
+            speeds = np.linspace(*episodes.speed, self._settings.last_speeds).tolist()
             chosen = [replace(episodes, speed=(speed, speed)) for speed in speeds]
         drawn = [episode.draw(rng, preview) for episode in chosen]
         return [replace(request, path_length=1.2 * VALIDATION_DURATION * request.speed_range[1]) for request in drawn]

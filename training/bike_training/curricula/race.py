@@ -24,6 +24,7 @@ from bike_sim.sim.request import IDEAL, Preview, ResetRequest
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.curricula.base import EndedEpisode
+from bike_training.settings import check_number, check_positive
 from bike_training.tasks.race import RaceContext
 
 FloatArray = NDArray[np.float64]
@@ -166,7 +167,49 @@ class RaceEpisodes:
         )
 
 
-@dataclass
+@dataclass(frozen=True, kw_only=True)
+class RaceCurriculumSettings:
+    """Settings of the curriculum that asks the same of every episode.
+
+    Attributes:
+        curriculum: ``none``.
+        circuits: names or files of circuits.
+        share: part of the planned speed that is asked in the end.
+        spread: half width of the interval that the share of an episode is drawn from.
+        failure_share: part of the starts that lead up to where rides failed lately.
+        sampled: most circuits that a validation rides, drawn anew for each; comparisons ride the first ones.
+        validate_every: least learning steps between two validations.
+        select_every: learning steps between two comparisons of actors, once a validation was whole.
+    """
+
+    curriculum: str = "none"
+    circuits: tuple[str, ...] = ("barcelona",)
+    share: float = 1.0
+    spread: float = 0.0
+    failure_share: float = 0.0
+    sampled: int = 12
+    validate_every: int = 10_000
+    select_every: int = 30_000
+
+    def __post_init__(self) -> None:
+        """Refuse values that mean nothing.
+
+        Raises:
+            ValueError: naming the setting and its value.
+        """
+        check_positive("curriculum.share", self.share)
+        check_number("curriculum.spread", self.spread, 0.0, 0.9 * self.share)
+        check_number("curriculum.failure_share", self.failure_share, 0.0, 1.0)
+        for name in ("sampled", "validate_every", "select_every"):
+            check_number(f"curriculum.{name}", getattr(self, name), 1)
+        if not self.circuits or not all(name.strip() for name in self.circuits):
+            raise ValueError(f"setting curriculum.circuits={list(self.circuits)} must name circuits")
+
+    def make(self, vehicles: Sequence[Vehicle]) -> RaceCurriculum:
+        """Return the curriculum at its beginning; see `CurriculumSettings`."""
+        return RaceCurriculum(CircuitSet(vehicles, self.circuits), self)
+
+
 class RaceCurriculum:
     """The same asked of every episode; implements `bike_training.curricula.base.Curriculum`.
 
@@ -174,23 +217,21 @@ class RaceCurriculum:
     outside. Learning goes on, and actors are compared from then on.
 
     Attributes:
-        ground: the circuits. share: part of the planned speed that is asked. spread: see `RaceEpisodes`.
-        failure_share: see `RaceEpisodes`.
-        sampled: most circuits that a validation rides, drawn anew for each; comparisons ride the first ones.
-        part: always 1. finished_at: learning step of the first validation with all rides whole, or None.
+        ground: the circuits.
+        share: part of the planned speed that is asked now.
+        failures: where rides failed lately.
+        part: always 1 here.
+        finished_at: learning step of the first validation with all rides whole, or None.
     """
 
-    ground: CircuitSet
-    share: float = 1.0
-    spread: float = 0.0
-    failure_share: float = 0.0
-    sampled: int = 12
-    part: int = 1
-    finished_at: int | None = None
-
-    def __post_init__(self) -> None:
+    def __init__(self, ground: CircuitSet, settings: RaceCurriculumSettings | None = None) -> None:
         """Begin without failures."""
-        self.failures = Failures(self.ground)
+        settings = settings or RaceCurriculumSettings()
+        self.ground, self._common = ground, settings
+        self.share = settings.share
+        self.failures = Failures(ground)
+        self.part = 1
+        self.finished_at: int | None = None
 
     @property
     def finished(self) -> bool:
@@ -199,7 +240,7 @@ class RaceCurriculum:
 
     def episodes(self, step: int) -> RaceEpisodes:
         """Return where episodes begin; see `Curriculum`."""
-        return RaceEpisodes(self.ground, self.failures, self.share, self.spread, self.failure_share)
+        return RaceEpisodes(self.ground, self.failures, self.share, self._common.spread, self._common.failure_share)
 
     def may_validate(self, step: int) -> bool:
         """Return True: nothing changes but the starts."""
@@ -209,13 +250,13 @@ class RaceCurriculum:
         """Draw circuits, and rides from places around each of them."""
         shift, seed = float(rng.random()), int(rng.integers(2**31))
         names = self.ground.names
-        if len(names) > self.sampled:
-            names = tuple(names[i] for i in sorted(rng.choice(len(names), self.sampled, replace=False)))
+        if len(names) > self._common.sampled:
+            names = tuple(names[i] for i in sorted(rng.choice(len(names), self._common.sampled, replace=False)))
         return self._around(names, VALIDATION_STARTS, shift, 0.8, preview, seed)
 
     def selection_requests(self, preview: Preview) -> list[ResetRequest]:
         """Return rides from the same places around each circuit, at speeds from 0.5 to 0.9 of the theoretical."""
-        names = self.ground.names[: self.sampled]
+        names = self.ground.names[: self._common.sampled]
         count = max(LEAST_STARTS, SELECTION_STARTS // len(names))
         return self._around(names, count, 0.0, None, preview, SELECTION_SEED)
 
@@ -245,7 +286,7 @@ class RaceCurriculum:
     @property
     def final_share(self) -> float:
         """Part of the planned speed that validations ask."""
-        return self.share
+        return self._common.share
 
     def passes(self, errors: Sequence[float]) -> bool:
         """Return whether all rides were whole."""
@@ -283,45 +324,58 @@ WHOLE_SHARE: Final = 0.9
 """The share rises when so many of the last episodes were whole."""
 
 
-@dataclass
-class SpeedCurriculum(RaceCurriculum):
-    """A share of the planned speed that rises while episodes stay whole.
+RISE: Final = 0.05
+"""By which the share rises."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpeedSettings(RaceCurriculumSettings):
+    """Settings of the curriculum whose share of the planned speed rises.
 
     Attributes:
-        first: share at the beginning. rise: by which it grows.
-        last: share at which it ends.
+        curriculum: ``speed``.
+        first_share: share at the beginning.
         counted: episodes that must have been ridden with a share, WHOLE_SHARE of them whole, before it rises.
     """
 
-    first: float = 0.6
+    curriculum: str = "speed"
+    first_share: float = 0.6
     counted: int = 100
-    rise: float = 0.05
-    last: float = 1.0
 
     def __post_init__(self) -> None:
-        """Begin slowly."""
+        """Refuse values that mean nothing."""
         super().__post_init__()
-        self.last, self.share = self.share, self.first
-        self._lately: list[bool] = []
+        check_positive("curriculum.first_share", self.first_share)
+        check_number("curriculum.counted", self.counted, 1)
 
-    @property
-    def final_share(self) -> float:
-        """Part of the planned speed that validations ask."""
-        return self.last
+    def make(self, vehicles: Sequence[Vehicle]) -> SpeedCurriculum:
+        """Return the curriculum at its beginning; see `CurriculumSettings`."""
+        return SpeedCurriculum(CircuitSet(vehicles, self.circuits), self)
+
+
+class SpeedCurriculum(RaceCurriculum):
+    """A share of the planned speed that rises while episodes stay whole."""
+
+    def __init__(self, ground: CircuitSet, settings: SpeedSettings | None = None) -> None:
+        """Begin slowly."""
+        settings = settings or SpeedSettings()
+        super().__init__(ground, settings)
+        self.share, self._counted = settings.first_share, settings.counted
+        self._lately: list[bool] = []
 
     def ended(self, episode: EndedEpisode) -> None:
         """Count whole episodes and raise the share."""
         super().ended(episode)
-        self._lately = [*self._lately, not episode.failed][-self.counted :]
-        enough = len(self._lately) == self.counted and sum(self._lately) >= WHOLE_SHARE * self.counted
-        if enough and self.share < self.last:
-            self.share = min(self.last, self.share + self.rise)
+        self._lately = [*self._lately, not episode.failed][-self._counted :]
+        enough = len(self._lately) == self._counted and sum(self._lately) >= WHOLE_SHARE * self._counted
+        if enough and self.share < self.final_share:
+            self.share = min(self.final_share, self.share + RISE)
             self.part += 1
             self._lately = []
 
     def may_validate(self, step: int) -> bool:
         """Return whether all of the speed is asked."""
-        return self.share >= self.last
+        return self.share >= self.final_share
 
     def state_dict(self) -> dict[str, Any]:
         """Return where it stands; see `Curriculum`."""

@@ -9,16 +9,19 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bike_sim.vehicles.bicycle import Vehicle
 from bike_training.curricula.base import EndedEpisode
 from bike_training.curricula.gaussian import Gaussian, divergence
-from bike_training.curricula.race import LINE_STEPS, RaceCurriculum, RaceEpisodes
+from bike_training.curricula.race import LINE_STEPS, CircuitSet, RaceCurriculum, RaceCurriculumSettings, RaceEpisodes
 from bike_training.curricula.self_paced import SelfPaced, Stage
+from bike_training.settings import check_number, check_positive
 from bike_training.tasks.race import RaceContext
 
 FloatArray = NDArray[np.float64]
@@ -36,8 +39,6 @@ FIRST: Final = Gaussian.with_std(FIRST_MEAN, FIRST_STD)
 MAX_EPISODES: Final = 1000
 LEAST_EPISODES: Final = 10
 """Episodes of an update: all that have ended since the one before, as in the reference implementation."""
-PACINGS: Final = ("self", "target", "schedule")
-"""By the agent's returns; the target from the beginning; by the number of learning steps."""
 NAMES: Final = ("d_median", "d_ideal", "v_max")
 _NORMAL_DRAWS: Final = np.random.default_rng(0).standard_normal((8192, len(NAMES)))
 
@@ -128,33 +129,88 @@ def scheduled(target: Gaussian, part: float) -> Gaussian:
     return Gaussian.from_flat(flat)
 
 
-@dataclass
-class SpdlCurriculum(RaceCurriculum):
-    """SPDL with one threshold; implements `bike_training.curricula.base.Curriculum`.
+@dataclass(frozen=True, kw_only=True)
+class TargetSettings(RaceCurriculumSettings):
+    """Settings of the baseline that draws from the target from the beginning.
 
     Attributes:
-        threshold: expected return that must be kept (delta).
-        kl: largest divergence of an update, nat (epsilon).
-        iteration: learning steps between two updates.
-        pacing: one of PACINGS.
-        schedule: learning steps after which a fixed schedule is at the target.
-        distribution: of the scaled context.
-        steps: updates so far.
+        curriculum: ``target``.
+        iteration: learning steps between two rows of the log.
     """
 
-    threshold: float = 500.0
-    kl: float = 0.05
+    curriculum: str = "target"
     iteration: int = 5000
-    pacing: str = "self"
+
+    def __post_init__(self) -> None:
+        """Refuse values that mean nothing."""
+        super().__post_init__()
+        check_number("curriculum.iteration", self.iteration, 1)
+
+    def make(self, vehicles: Sequence[Vehicle]) -> SpdlCurriculum:
+        """Return the curriculum at its beginning; see `CurriculumSettings`."""
+        return SpdlCurriculum(CircuitSet(vehicles, self.circuits), self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScheduleSettings(TargetSettings):
+    """Settings of the baseline that moves to the target by a fixed schedule.
+
+    Attributes:
+        curriculum: ``schedule``.
+        schedule: learning steps after which it is at the target.
+    """
+
+    curriculum: str = "schedule"
     schedule: int = 150_000
 
     def __post_init__(self) -> None:
-        """Begin near the median at low speed, or with the target."""
+        """Refuse values that mean nothing."""
         super().__post_init__()
+        check_number("curriculum.schedule", self.schedule, 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpdlSettings(TargetSettings):
+    """Settings of SPDL.
+
+    Attributes:
+        curriculum: ``spdl``.
+        threshold: expected return of an episode that must be kept (delta).
+        kl: largest divergence of an update, nat (epsilon).
+    """
+
+    curriculum: str = "spdl"
+    threshold: float = 500.0
+    kl: float = 0.05
+
+    def __post_init__(self) -> None:
+        """Refuse values that mean nothing."""
+        super().__post_init__()
+        check_number("curriculum.threshold", self.threshold)
+        check_positive("curriculum.kl", self.kl)
+
+
+class SpdlCurriculum(RaceCurriculum):
+    """SPDL with one threshold, or a baseline of it; implements `bike_training.curricula.base.Curriculum`.
+
+    Attributes:
+        distribution: of the scaled context.
+        target: distribution that all ends with.
+        steps: updates so far.
+    """
+
+    def __init__(self, ground: CircuitSet, settings: TargetSettings | None = None) -> None:
+        """Begin near the median at low speed, or with the target."""
+        settings = settings or SpdlSettings()
+        super().__init__(ground, settings)
+        self._settings = settings
         self.target = Gaussian.with_std(TARGET_MEAN, TARGET_STD)
-        self.distribution = self.target if self.pacing == "target" else FIRST
         self.steps: list[SpdlStep] = []
-        self._paced = SelfPaced(self.target, self.threshold, self.kl, np.array(LEAST_STD))
+        self._paced: SelfPaced | None = None
+        if isinstance(settings, SpdlSettings):
+            self._paced = SelfPaced(self.target, settings.threshold, settings.kl, np.array(LEAST_STD))
+        begins_easy = isinstance(settings, SpdlSettings | ScheduleSettings)
+        self.distribution = FIRST if begins_easy else self.target
         self._seen: deque[tuple[FloatArray, float, float]] = deque(maxlen=MAX_EPISODES)
         self._reached = False
         self._updated = 0
@@ -162,15 +218,15 @@ class SpdlCurriculum(RaceCurriculum):
 
     def episodes(self, step: int) -> SpdlEpisodes:
         """Return where episodes begin, after the update of an iteration that has ended."""
-        if step - self._updated >= self.iteration:
+        if step - self._updated >= self._settings.iteration:
             self._updated = step
             self._update(step)
         return SpdlEpisodes(
             self.ground,
             self.failures,
             self.share,
-            self.spread,
-            self.failure_share,
+            self._common.spread,
+            self._common.failure_share,
             self.distribution,
             len(self._history) - 1,
         )
@@ -178,11 +234,11 @@ class SpdlCurriculum(RaceCurriculum):
     def _update(self, step: int) -> None:
         stage = Stage.WAITS
         value = float(np.mean([seen[2] for seen in self._seen])) if self._seen else float("nan")
-        if self.pacing == "schedule":
-            self.distribution, stage = scheduled(self.target, step / self.schedule), Stage.HARDER
+        if isinstance(self._settings, ScheduleSettings):
+            self.distribution, stage = scheduled(self.target, step / self._settings.schedule), Stage.HARDER
             self._history.append(self.distribution)
             self._seen.clear()
-        elif self.pacing == "self" and len(self._seen) >= LEAST_EPISODES:
+        elif self._paced is not None and len(self._seen) >= LEAST_EPISODES:
             contexts, sampled, values = (np.array(part) for part in zip(*self._seen, strict=True))
             result = self._paced.update(self.distribution, contexts, sampled, values, self._reached)
             self.distribution, stage, value = result.distribution, result.stage, result.before

@@ -113,8 +113,8 @@ class LearningCallback(BaseCallback):
         """
         process, progress = self.process, self.process.progress
         preset = process.settings.preset
-        if self.num_timesteps > preset.learning_starts:
-            progress.averaged.update(self.model, max(1, preset.updates))  # type: ignore[arg-type]
+        if self.num_timesteps > preset.sac.learning_starts:
+            progress.averaged.update(self.model, max(1, preset.sac.updates))  # type: ignore[arg-type]
         if self.validation_is_due():
             process.validate()
         if selection.is_due(progress, self.num_timesteps, preset.curriculum.select_every):

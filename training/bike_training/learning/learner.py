@@ -15,7 +15,7 @@ from stable_baselines3.common.type_aliases import ReplayBufferSamples
 from stable_baselines3.common.vec_env import VecEnv
 
 from bike_policy.contract.actor import Actor
-from bike_training.learning.algorithm import Algorithm
+from bike_training.learning.presets import SacSettings
 from bike_training.tasks.base import Task
 
 
@@ -61,7 +61,7 @@ class MirrorReplayBuffer(ReplayBuffer):
         observations.index_copy_(0, rows, taken * self.mirror_signs)
 
 
-def build_model(algorithm: Algorithm, task: Task, env: VecEnv, seed: int) -> OffPolicyAlgorithm:
+def build_model(algorithm: SacSettings, task: Task, env: VecEnv, seed: int) -> OffPolicyAlgorithm:
     """Make a learner.
 
     Args:
@@ -76,7 +76,7 @@ def build_model(algorithm: Algorithm, task: Task, env: VecEnv, seed: int) -> Off
     for name in ("precondition", "critic_only", "unseen"):
         if getattr(algorithm, name) and algorithm.learner != "sbx":
             raise ValueError(
-                f"preset setting {name}={getattr(algorithm, name)} needs learner=sbx, not {algorithm.learner}"
+                f"setting learner.{name}={getattr(algorithm, name)} needs the learner sbx, not {algorithm.learner}"
             )
     buffer: dict[str, Any] = {}
     if algorithm.mirror:

@@ -50,7 +50,7 @@ def coordinates(layout: ObservationLayout) -> NDArray[np.float32]:
         ValueError: it is not the observation of a path task.
     """
     if layout.races:
-        raise ValueError("preset setting precondition=True is for tasks on paths")
+        raise ValueError("setting learner.precondition=True is for tasks on paths")
     first = layout.size - layout.preview_count
     sizes = [abs(gain) * _SIZES.get(name, 1.0) for name, gain in zip(layout.names, layout.gains, strict=True)]
     matrix = np.diag([1.0 / size for size in sizes[:first]] + [1.0] * layout.preview_count)
@@ -118,10 +118,10 @@ def shown(layout: Any, hidden: str) -> NDArray[np.float32]:
         rows = [row for row, known in enumerate(layout.names) if known in names]
         if not rows:
             known = ", ".join(dict.fromkeys((*layout.terms, *layout.names)))
-            raise ValueError(f"preset settings hide {name!r}; the observation has {known}")
+            raise ValueError(f"settings of the learner hide {name!r}; the observation has {known}")
         rows_shown[rows] = 0.0
     if not rows_shown.any():
-        raise ValueError(f"preset settings hide all of the observation: {hidden}")
+        raise ValueError(f"settings of the learner hide all of the observation: {hidden}")
     return rows_shown
 
 

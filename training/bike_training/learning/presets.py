@@ -1,217 +1,338 @@
-"""Presets: everything that decides what a run learns, in which order and how."""
+"""Presets: task, curriculum and learner of a run, one frozen record each, with one form in YAML and JSON."""
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
+from importlib import resources
+from pathlib import Path
 from typing import Any, Final
 
 from bike_policy.contract.observation import ObservationLayout
-from bike_training.learning.algorithm import Algorithm
-from bike_training.learning.setting_records import check_entries, parse
-from bike_training.learning.subjects import (
-    CURRICULUM_SETTINGS,
-    TASK_SETTINGS,
-    CurriculumSettings,
-    PartsSettings,
-    RaceCurriculumSettings,
-)
-from bike_training.tasks.path import SHARP, TASKS, PathTask
-from bike_training.tasks.race import GUIDED_WEIGHTS, PAPER_WEIGHTS, RaceTask
+from bike_sim.documents import DocumentError, check_name, parse_yaml, read_text, show
+from bike_training.curricula.base import CurriculumSettings
+from bike_training.curricula.parts import PartsSettings
+from bike_training.curricula.race import RaceCurriculumSettings, SpeedSettings
+from bike_training.curricula.spdl import ScheduleSettings, SpdlSettings, TargetSettings
+from bike_training.settings import change_plain, check_choice, check_number, check_positive, from_plain, to_plain
+from bike_training.tasks.path import TASKS, PathTask
+from bike_training.tasks.race import RaceTask
 
-_SUBJECTS: Final = ("task", "curriculum")
-"""Records inside of a preset; each holds its own name under the name of its place."""
+LARGEST_SEED: Final = 2**32 - 1
+"""The generators of the learner take no larger one."""
+SUFFIX: Final = ".yaml"
+PUBLISHED: Final = ("paper", "alt1", "alt2", "alt3", "alt4", "alt5")
+"""Presets of the paper, of which it deploys the last actor that passed a validation."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Preset(Algorithm):
-    """Settings of the learner, with those of what it learns.
+class SacSettings:
+    """Settings of soft actor-critic (Haarnoja et al. 2018), and of what goes with it here.
+
+    Attributes:
+        learner: ``sb3`` (Stable-Baselines3, torch) or ``sbx`` (its sibling in JAX).
+        environments: vehicles that ride side by side.
+        updates: gradient updates after each step of all vehicles.
+        layers: hidden layers of actor and critics.
+        layer_norm: normalise the critics' hidden layers (sbx only).
+        precondition: networks see observations in coordinates of order one, see `preconditioning` (sbx only).
+        critic_only: what of the observation the critics see and the actor does not: names of numbers or blocks, with
+            commas between them (sbx only).
+        unseen: what neither sees, named likewise: what learning is worth without it (sbx only).
+        batch_size: transitions of an update.
+        learning_rate: of actor, critics and temperature.
+        final_learning_rate: reached linearly at the end of the run.
+        gamma: discount of a control step.
+        tau: share of the critics that their targets take over in an update.
+        buffer_size: transitions kept.
+        learning_starts: steps with random actions before the first update.
+        policy_delay: updates of the critics for each one of the actor (sbx only).
+        target_entropy: entropy that the temperature is tuned to, nat; smaller means less noise.
+        temperature: what the entropy is worth at the start, in units of reward.
+        mirror: learn each transition as often mirrored left to right as it happened.
+        averaging: share of the averaged actor kept in an update of the average; 0 deploys the actor itself.
+        steps: learning steps in all.
+    """
+
+    learner: str = "sb3"
+    environments: int = 1
+    updates: int = 1
+    layers: tuple[int, ...] = (256, 256)
+    layer_norm: bool = False
+    precondition: bool = False
+    critic_only: str = ""
+    unseen: str = ""
+    batch_size: int = 256
+    learning_rate: float = 3e-4
+    final_learning_rate: float = 3e-4
+    gamma: float = 0.99
+    tau: float = 0.005
+    buffer_size: int = 1_000_000
+    learning_starts: int = 100
+    policy_delay: int = 1
+    target_entropy: float = -1.0
+    temperature: float = 1.0
+    mirror: bool = False
+    averaging: float = 0.0
+    steps: int = 1_000_000
+
+    def __post_init__(self) -> None:
+        """Refuse values that mean nothing.
+
+        Raises:
+            ValueError: naming the setting and its value.
+        """
+        check_choice("learner.learner", self.learner, ("sb3", "sbx"))
+        if not self.layers or not all(isinstance(size, int) and size >= 1 for size in self.layers):
+            raise ValueError(f"setting learner.layers={self.layers!r} must be sizes of at least 1")
+        for name in ("environments", "updates", "batch_size", "buffer_size", "policy_delay", "steps"):
+            check_number(f"learner.{name}", getattr(self, name), 1)
+        check_number("learner.learning_starts", self.learning_starts, 0)
+        for name in ("learning_rate", "final_learning_rate", "gamma", "tau", "averaging"):
+            check_number(f"learner.{name}", getattr(self, name), 0.0, 1.0)
+        check_number("learner.target_entropy", self.target_entropy)
+        for name in ("learning_rate", "tau", "temperature"):
+            check_positive(f"learner.{name}", getattr(self, name))
+        if self.averaging == 1.0:
+            raise ValueError("setting learner.averaging=1.0 would never take in the actor")
+
+
+@dataclass(frozen=True, kw_only=True)
+class GradientSettings:
+    """Settings of learning through the derivatives of rides, see `bike_training.learning.gradients`.
+
+    Attributes:
+        learner: ``gradients``.
+        layers: hidden layers of the network, which is ridden as the odd part of itself, twice as wide.
+        bicycles: that ride side by side.
+        periods: control periods of a segment.
+        tail: of them those in which the actor is held.
+        updates: of the actor with each segment.
+        segments: in all.
+        learning_rate: at the beginning.
+        final_learning_rate: reached in the end along a half cosine.
+        averaging: share of the averaged actor kept in an update; the average is what is compared and deployed.
+        knee: d of the cost, m.
+        square: a of the cost, 1/m^2.
+        steer_rate: b of the cost, s^2/rad^2.
+        change: c of the cost.
+        lean: weight of the squared roll beyond 38 deg, 1/rad^2: a ride fails at 45.
+        steer: weight of the squared steering angle beyond 40 deg, 1/rad^2: a little further the fork of a leaning
+            bicycle turns over, whatever the drive does.
+        risky: weight that rides get besides that of every ride which lean beyond 38 deg or fail. A fall ends what its
+            ride costs, so without it falls count no more than a swing on a straight.
+        push: rates that pushes leave in the rides, rad/s.
+        delay: largest by which commands act late in a half of the rides, control periods.
+        noise: largest of the sensors in a half of the rides, in parts of the disturbances ``noise``.
+        impulse: largest sideways push on a half of the rides, N s. Where it is not 0, a quarter of the rides are SLOW
+            and actors are compared under pushes as well.
+        steep: share of the bicycles that begin each segment on STEEP. Where it is not 0, actors are compared on such
+            starts as well.
+        select_every: segments between two comparisons of actors.
+    """
+
+    learner: str = "gradients"
+    layers: tuple[int, ...] = (64, 64)
+    bicycles: int = 64
+    periods: int = 120
+    tail: int = 40
+    updates: int = 20
+    segments: int = 300
+    learning_rate: float = 2e-3
+    final_learning_rate: float = 1e-5
+    averaging: float = 0.998
+    knee: float = 0.005
+    square: float = 1.0
+    steer_rate: float = 0.002
+    change: float = 1.0
+    lean: float = 20.0
+    steer: float = 0.0
+    risky: float = 0.0
+    push: float = 0.1
+    delay: int = 0
+    noise: float = 0.0
+    impulse: float = 0.0
+    steep: float = 0.0
+    select_every: int = 25
+
+    def __post_init__(self) -> None:
+        """Refuse values that mean nothing.
+
+        Raises:
+            ValueError: naming the setting and its value.
+        """
+        if not self.layers or min(self.layers) < 1:
+            raise ValueError(f"setting learner.layers={self.layers!r} must be sizes of at least 1")
+        for name in ("bicycles", "periods", "updates", "segments", "select_every"):
+            check_number(f"learner.{name}", getattr(self, name), 1)
+        check_number("learner.tail", self.tail, 0, self.periods - 1)
+        check_number("learner.steep", self.steep, 0.0, 1.0)
+        check_number("learner.averaging", self.averaging, 0.0, 0.9999)
+        for name in ("learning_rate", "final_learning_rate", "knee"):
+            check_positive(f"learner.{name}", getattr(self, name))
+        weights = ("square", "steer_rate", "change", "lean", "steer", "risky")
+        for name in (*weights, "push", "delay", "noise", "impulse"):
+            check_number(f"learner.{name}", getattr(self, name), 0.0)
+
+
+RACE_CURRICULA: Final[Mapping[str, type[Any]]] = {
+    "none": RaceCurriculumSettings,
+    "speed": SpeedSettings,
+    "spdl": SpdlSettings,
+    "target": TargetSettings,
+    "schedule": ScheduleSettings,
+}
+KINDS: Final[Mapping[str, Mapping[str, type[Any]]]] = {
+    "task": {**dict.fromkeys(TASKS, PathTask), "race": RaceTask},
+    "curriculum": {"parts": PartsSettings, **RACE_CURRICULA},
+    "learner": {"sb3": SacSettings, "sbx": SacSettings, "gradients": GradientSettings},
+}
+"""Records by place and by the name of their kind, which they hold under the name of their place."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Preset:
+    """What a run learns, in which order and how.
 
     Attributes:
         name: name of the preset.
         task: settings of the task.
         curriculum: settings of the curriculum.
+        learner: settings of the learner.
     """
 
     name: str
-    task: PathTask | RaceTask = field(default_factory=PathTask)
-    curriculum: CurriculumSettings = field(default_factory=PartsSettings)
+    task: PathTask | RaceTask
+    curriculum: CurriculumSettings
+    learner: SacSettings | GradientSettings
+
+    def __post_init__(self) -> None:
+        """Refuse settings that mean nothing together.
+
+        Raises:
+            ValueError: a curriculum for a learner that has rides of its own.
+        """
+        if isinstance(self.learner, GradientSettings) and self.curriculum != PartsSettings():
+            raise ValueError(f"learner {self.learner.learner} rides rides of its own: it takes no curriculum")
+
+    @property
+    def sac(self) -> SacSettings:
+        """Settings of soft actor-critic.
+
+        Raises:
+            ValueError: another learner.
+        """
+        if not isinstance(self.learner, SacSettings):
+            raise ValueError(f"preset {self.name!r} learns by {self.learner.learner}, which has no such settings")
+        return self.learner
 
     @property
     def published(self) -> bool:
-        """Whether this is one of the paper's settings, of which it deploys the last actor that passed a validation."""
-        return self.name == PAPER.name or self.name in _ALTERNATIVES
+        """Whether this is one of the paper's settings."""
+        return self.name in PUBLISHED
 
     @property
     def deployed_layout(self) -> ObservationLayout:
-        """What a deployed actor sees: in races, of the part of the planned speed that it is asked for in the end."""
+        """Observation of a deployed actor: in races, of the part of the planned speed that is asked in the end."""
         layout = self.task.layout
         return replace(layout, share=getattr(self.curriculum, "share", 1.0)) if layout.races else layout
 
-    def to_card(self) -> dict[str, Any]:
-        """Return plain values for a policy card."""
-        card = asdict(self)
-        card["layers"] = list(self.layers)
-        return {"name": card.pop("name"), "task": card.pop("task"), "curriculum": card.pop("curriculum"), **card}
+    def to_plain(self) -> dict[str, Any]:
+        """Return plain values that :meth:`from_plain` reads."""
+        plain: dict[str, Any] = to_plain(self)
+        return plain
 
     @classmethod
-    def from_card(cls, card: dict[str, Any]) -> Preset:
-        """Read what :meth:`to_card` wrote.
+    def from_plain(cls, stored: Any, name: str | None = None) -> Preset:
+        """Read settings; what a record leaves out has its default.
+
+        Args:
+            stored: a table with the tables task, curriculum and learner.
+            name: of the preset; None where the table holds it.
 
         Raises:
-            ValueError: an entry is missing, unknown, or of another kind.
+            ValueError: an entry is missing, unknown, of another kind, or means nothing.
         """
-        check_entries(cls, card, needed=("name", "layers"))
-        inside: dict[str, Any] = {}
-        for place, kinds in zip(_SUBJECTS, (TASK_SETTINGS, CURRICULUM_SETTINGS), strict=True):
-            if place not in card:
-                continue
-            stored = card[place]
-            name = stored.get(place) if isinstance(stored, dict) else stored
-            if not isinstance(stored, dict) or name not in kinds:
-                raise ValueError(f"Preset: entry {place} is {name!r}, not settings of one of {', '.join(kinds)}")
-            check_entries(kinds[name], stored)
-            inside[place] = kinds[name](**stored)
-        return cls(**{**card, **inside, "layers": tuple(card["layers"])})
+        if not isinstance(stored, Mapping):
+            raise ValueError(f"a preset must be a table of settings, got {show(stored)}")
+        unknown = sorted(set(map(str, stored)) - {"name", *KINDS})
+        if unknown:
+            older = "; a version whose settings had no paths wrote it" if "layers" in unknown else ""
+            raise ValueError(f"a preset has no setting {show(unknown[0])}{older}; it has {', '.join(KINDS)}")
+        records = {place: _record(place, stored.get(place, {})) for place in KINDS}
+        return cls(name=check_name(stored.get("name") if name is None else name, "name of a preset"), **records)
 
-    def override(self, values: Mapping[str, str]) -> Preset:
-        """Return a copy with values given as text, as on a command line; a name is looked for in every record.
+    def changed(self, changes: Mapping[str, Any]) -> Preset:
+        """Return a copy with settings changed.
+
+        Args:
+            changes: values by path, as ``learner.gamma``, in plain form or as text of a command line. ``task``,
+                ``curriculum`` and ``learner`` alone change the kind: what the new kind has too, and was not left as
+                it is by default, stays.
 
         Raises:
-            ValueError: an unknown name or a value of the wrong kind.
+            ValueError: an unknown setting, or a value that means nothing.
         """
-        preset = self
-        for name, text in values.items():
-            preset = preset._with(name, text)
-        return preset
-
-    def _with(self, name: str, text: str) -> Preset:
-        for place in _SUBJECTS:
-            record: Any = getattr(self, place)
-            if name in {spec.name for spec in fields(record)}:
-                changed = replace(record, **{name: parse(name, text, getattr(record, name))})
-                return replace(self, **{place: changed})
-        if name not in {spec.name for spec in fields(self)}:
-            raise ValueError(f"preset has no setting {name!r}; it has {self.setting_names()}")
-        return replace(self, **{name: parse(name, text, getattr(self, name))})
-
-    def setting_names(self) -> list[str]:
-        """Return the names of all settings, those of task and curriculum included."""
-        records: tuple[Any, ...] = (self, self.task, self.curriculum)
-        return sorted({spec.name for record in records for spec in fields(record)})
-
-    def settings(self) -> dict[str, Any]:
-        """Return all settings with their values, those of task and curriculum included."""
-        card = self.to_card()
-        inside = {name: value for place in _SUBJECTS for name, value in card[place].items()}
-        return {**card, **inside}
+        plain = self.to_plain()
+        for place in KINDS:
+            if place in changes:
+                plain[place] = _of_kind(place, plain[place], changes[place])
+        for path, value in changes.items():
+            if path not in KINDS:
+                change_plain(plain, path, value, "a preset")
+        return Preset.from_plain(plain)
 
 
-PAPER: Final = Preset(name="paper", steps=4_000_000)
-"""*prop.* as published: SAC of Stable-Baselines3 with its defaults, one update a step.
+def _record(place: str, stored: Any) -> Any:
+    """Return a record of a place.
 
-Source: Weyrer et al. (2026), Sects. 4 (n_tot) and 5.1.
-"""
+    Raises:
+        ValueError: an unknown kind, or see `from_plain`.
+    """
+    if not isinstance(stored, Mapping):
+        raise ValueError(f"{place} must be a table of settings, got {show(stored)}")
+    kinds = KINDS[place]
+    kind = stored.get(place, next(iter(kinds)))
+    check_choice(place, kind, kinds)
+    return from_plain(kinds[kind], stored, place)
 
-FAST: Final = Preset(
-    name="fast",
-    task=PathTask(task="lean", weights=SHARP),
-    curriculum=PartsSettings(refine=True),
-    learner="sbx",
-    environments=8,
-    updates=8,
-    layers=(64, 64),
-    final_learning_rate=1e-5,
-    gamma=0.97,
-    learning_starts=2000,
-    target_entropy=-3.0,
-    mirror=True,
-    averaging=0.999,
-)
-"""The default: many bicycles, small networks, mirrored replay, little noise and a reward that is sharp at the path.
 
-Why each of them was chosen is in docs/training.md, what came of them in docs/results.md.
-"""
+def _of_kind(place: str, plain: Mapping[str, Any], kind: Any) -> dict[str, Any]:
+    """Return settings for another kind, with what is not as it is by default."""
+    default = to_plain(_record(place, {place: plain[place]}))
+    check_choice(place, kind, KINDS[place])
+    known = {spec.name for spec in fields(KINDS[place][kind])}
+    kept = {name: value for name, value in plain.items() if name in known and value != default[name]}
+    changed: dict[str, Any] = to_plain(_record(place, {**kept, place: kind}))
+    return changed
 
-QUICK: Final = replace(
-    FAST,
-    name="quick",
-    curriculum=PartsSettings(refine=True, sharp=True, last_speeds=126),
-    environments=2,
-    updates=4,
-    learning_rate=1.5e-3,
-    steps=90_000,
-)
-"""Finishes the curriculum in the fewest steps, with an actor that rides every speed; `FAST` ends more exactly.
 
-Validations are asked for by whole episodes of 1,200 steps, so two bicycles wait a quarter as long for one as eight.
-"""
+@functools.cache
+def preset_names() -> tuple[str, ...]:
+    """Return the names of the shipped presets."""
+    folder = resources.files("bike_training") / "presets"
+    return tuple(sorted(file.name.removesuffix(SUFFIX) for file in folder.iterdir() if file.name.endswith(SUFFIX)))
 
-RACE_DIRECT: Final = Preset(
-    name="race_direct",
-    task=RaceTask(),
-    curriculum=RaceCurriculumSettings(spread=0.1, failure_share=0.25, validate_every=20_000, select_every=50_000),
-    learner="sbx",
-    environments=32,
-    updates=8,
-    layers=(64, 64),
-    layer_norm=True,
-    batch_size=256,
-    learning_rate=5e-4,
-    final_learning_rate=5e-5,
-    gamma=0.98,
-    learning_starts=2000,
-    policy_delay=2,
-    target_entropy=-6.0,
-    mirror=True,
-    averaging=0.999,
-    steps=500_000,
-)
-"""Superbikes without a guide: many machines in one compiled loop, a compact observation, calm commands."""
 
-RACE: Final = replace(
-    RACE_DIRECT,
-    name="race",
-    task=RaceTask(observation="guided", guided=True, weights=GUIDED_WEIGHTS, repeat=10, max_steps=200),
-    curriculum=RaceCurriculumSettings(failure_share=0.25, validate_every=20_000, select_every=50_000),
-    updates=16,
-    layers=(128, 128),
-    gamma=0.95,
-    temperature=0.02,
-    target_entropy=-1.0,
-    steps=200_000,
-)
-"""The default of superbikes: line and pace of a guide, decided every 0.2 s and rewarded by lap time.
+@functools.cache
+def load_preset(name: str) -> Preset:
+    """Return a preset.
 
-Its noise is large (a target entropy of -1 instead of -6), for the guide smooths it: with less, actors ran into the
-ends of their range before the critics could tell one action from another.
-"""
+    Args:
+        name: of a shipped one, or path of a YAML file.
 
-RACE_PAPER: Final = Preset(
-    name="race_paper",
-    task=RaceTask(observation="paper_race", weights=PAPER_WEIGHTS, repeat=1, max_steps=1500, masked=False),
-    curriculum=RaceCurriculumSettings(curriculum="spdl"),
-    environments=10,
-    updates=10,
-    batch_size=512,
-    steps=9_500_000,
-)
-"""The superbike paper: SAC of Stable-Baselines3, batches of 512, 10 environments (VI-A), its observation and reward.
-
-Its learning rate and the size of its replay buffer could not be read; they are Stable-Baselines3's.
-"""
-
-_ALTERNATIVES: Final[dict[str, Preset]] = {
-    name: replace(PAPER, name=name, task=PathTask(task=name)) for name in TASKS if name.startswith("alt")
-}
-
-PRESETS: Final[dict[str, Preset]] = {
-    "paper": PAPER,
-    "fast": FAST,
-    "quick": QUICK,
-    "race": RACE,
-    "race_direct": RACE_DIRECT,
-    "race_paper": RACE_PAPER,
-    **_ALTERNATIVES,
-}
-"""All presets by name; alt1 to alt5 are the paper's other settings (Table 5)."""
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: an unknown name, or a file with what is not a preset.
+    """
+    if name not in preset_names() and not name.endswith(SUFFIX):
+        raise ValueError(f"preset {show(name)} is not one of {', '.join(preset_names())}, and no {SUFFIX} file")
+    shipped = Path(str(resources.files("bike_training"))) / "presets" / f"{name}{SUFFIX}"
+    path = Path(name) if name.endswith(SUFFIX) else shipped
+    try:
+        return Preset.from_plain(parse_yaml(read_text(path, 100_000)), path.stem)
+    except DocumentError as error:
+        raise ValueError(f"{path} {error}") from error
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error

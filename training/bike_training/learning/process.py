@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 def make_environment(settings: RunSettings, task: Task, episodes: Episodes) -> VecEnv:
     """Return the vector environment of a run, not yet seeded for it."""
-    count = settings.preset.environments
+    count = settings.preset.sac.environments
     if settings.compiled:
         return BatchVecEnv(count, task, episodes, settings.simulator(), settings.seed, settings.machines)
     # The monitor tells length and return of each episode, as the compiled environment does itself.
@@ -78,7 +78,7 @@ class LearningProcess:
         self.settings, self.out, self.steps, self.task = settings, out, steps, preset.task
         self.progress = Progress(
             preset.curriculum.make(vehicles),
-            AveragedActor(preset.averaging),
+            AveragedActor(preset.sac.averaging),
             np.random.default_rng(draws(settings.seed, VALIDATION_DRAWS)),
         )
         self._tables = RunTables(out, self.task.error_name)
@@ -128,7 +128,7 @@ class LearningProcess:
         settings = self.settings
         self.env = make_environment(settings, self.task, self.progress.curriculum.episodes(step))
         self._opened.callback(self.env.close)
-        self.model = build_model(settings.preset, self.task, self.env, settings.seed)
+        self.model = build_model(settings.preset.sac, self.task, self.env, settings.seed)
 
     def _seed_rides(self) -> None:
         """Seed the rides from the present step on; the learner seeds them with its own seed when it is made."""
@@ -142,8 +142,8 @@ class LearningProcess:
         where = {
             "client": settings.client,
             "engine": settings.engine,
-            "environments": settings.preset.environments,
-            "updates": settings.preset.updates,
+            "environments": settings.preset.sac.environments,
+            "updates": settings.preset.sac.updates,
         }
         if not stages or any(stages[-1].get(name) != value for name, value in where.items()):
             stages.append({**where, "from_step": self.model.num_timesteps})
@@ -216,7 +216,7 @@ class LearningProcess:
 
     def actor(self) -> Actor:
         """Return the actor that would be deployed now."""
-        if self.settings.preset.averaging and self.progress.averaged.count:
+        if self.settings.preset.sac.averaging and self.progress.averaged.count:
             return self.progress.averaged.actor()
         return Actor(*actor_tensors(self.model))
 

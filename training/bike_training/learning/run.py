@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from bike_training.envs.node_process import NodeLost
 from bike_training.learning.checkpoint import find_checkpoint, write_whole
+from bike_training.learning.presets import GradientSettings
 from bike_training.learning.process import LearningProcess
 from bike_training.learning.run_settings import RunSettings
 
@@ -38,9 +39,11 @@ def run(
         ValueError: the folder holds another run, what it holds cannot be read, or settings that do not fit together.
         NodeLost: a simulator behind ROS did not start or was lost.
     """
+    if isinstance(settings.preset.learner, GradientSettings):
+        raise ValueError(f"preset {settings.preset.name!r} learns by gradients; see `learn_by_gradients`")
     interrupted = False
     try:
-        with closing(LearningProcess(settings, out, settings.preset.steps, resume=resume)) as process:
+        with closing(LearningProcess(settings, out, settings.preset.sac.steps, resume=resume)) as process:
             # Only now: nothing stays of a run that cannot be.
             write_whole(out / SETTINGS_FILE, json.dumps(settings.to_json(), indent=1))
             try:

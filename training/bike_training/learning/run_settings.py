@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
 
+from bike_sim.documents import show
 from bike_sim.physics.engines import ENGINE_KINDS
 from bike_sim.sim.batch import COMPILED_ENGINE, SUPERBIKE_ENGINE
 from bike_sim.sim.config import SimulatorConfig
@@ -15,15 +16,26 @@ from bike_sim.sim.superbike_plant import superbike_config
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.envs.clients import CLIENT_KINDS
-from bike_training.learning.algorithm import LARGEST_SEED
-from bike_training.learning.presets import Preset
-from bike_training.learning.setting_records import check_entries
+from bike_training.learning.presets import LARGEST_SEED, GradientSettings, Preset, load_preset
+from bike_training.settings import from_plain, to_plain
 
 COMPILED_TIME_STEP: Final = 0.01
 """Integration step of the compiled engine in training, s; its error there is below 1e-6 in every state."""
 
+GRADIENT_TABLE: Final = "refinement.csv"
+"""File of a run that learns by gradients: a row for each comparison of actors."""
+GRADIENT_POLICY: Final = "policy"
+"""Its bundle of the best actor."""
+
 TRAINING_DRAWS, VALIDATION_DRAWS = 0, 1
 """Branches of a run's seed, so that no draw of a run is another draw of it or of a run with another seed."""
+
+
+DEFAULT_SIMULATORS: Final = 2
+ENGINES: Final = {"local": COMPILED_ENGINE, "ros": "pybullet"}
+"""Default engine of each client."""
+SUPERBIKE_ENGINES: Final = {"local": SUPERBIKE_ENGINE, "ros": SUPERBIKE_ENGINE}
+"""The same of superbikes."""
 
 
 def machines_of(vehicle: str) -> tuple[str, ...]:
@@ -48,9 +60,10 @@ class RunSettings:
         record_every: validations between recorded rides; 0 records none.
         until_finished: stop when the curriculum is finished.
         keep_every: learning steps between actors that are kept in ``actors/``; 0 keeps those that are compared alone.
+        start: policy that the learner ``gradients`` begins with; empty for a new network.
     """
 
-    preset: Preset
+    preset: Preset = field(default_factory=lambda: load_preset("fast"))
     vehicle: str = "whipple"
     seed: int = 0
     client: str = "local"
@@ -60,6 +73,7 @@ class RunSettings:
     record_every: int = 0
     until_finished: bool = False
     keep_every: int = 0
+    start: str = ""
 
     def __post_init__(self) -> None:
         """Refuse values that mean nothing.
@@ -79,12 +93,17 @@ class RunSettings:
             raise ValueError(f"checkpoint_every must be at least 1 learning step, got {self.checkpoint_every}")
         if self.keep_every < 0:
             raise ValueError(f"keep_every must be 0 or more learning steps, got {self.keep_every}")
+        if self.start and not isinstance(self.preset.learner, GradientSettings):
+            raise ValueError(
+                f"start {self.start!r} is for the learner gradients, not for {self.preset.learner.learner}"
+            )
         if self.record_every < 0:
             raise ValueError(f"record_every must be 0 or more validations, got {self.record_every}")
 
     def to_json(self) -> dict[str, Any]:
         """Return plain values that :meth:`from_json` reads."""
-        return {**asdict(self), "preset": self.preset.to_card()}
+        plain: dict[str, Any] = to_plain(self)
+        return plain
 
     @classmethod
     def from_json(cls, stored: dict[str, Any]) -> RunSettings:
@@ -93,8 +112,9 @@ class RunSettings:
         Raises:
             ValueError: an entry is missing, unknown, or of another kind.
         """
-        check_entries(cls, stored, needed=("preset",))
-        return cls(**{**stored, "preset": Preset.from_card(stored["preset"])})
+        if not isinstance(stored, dict):
+            raise ValueError(f"a run must be a table of settings, got {show(stored)}")
+        return from_plain(cls, {**stored, "preset": Preset.from_plain(stored.get("preset"))}, "a run")
 
     @property
     def compiled(self) -> bool:
@@ -141,3 +161,47 @@ def draws(seed: int, branch: int, step: int = 0) -> np.random.SeedSequence:
         step: learning step from which on they are drawn, so that a run whose rides begin anew has new ones.
     """
     return np.random.SeedSequence(seed, spawn_key=(branch, step))
+
+
+def with_simulator(
+    settings: RunSettings,
+    client: str | None = None,
+    engine: str | None = None,
+    time_step: float | None = None,
+    simulators: int | None = None,
+) -> RunSettings:
+    """Return settings that ride elsewhere; what is None stays, or follows from the rest.
+
+    Fewer bicycles at once learn as much from each of their steps.
+
+    Args:
+        settings: of a run.
+        client: ``local`` or ``ros``.
+        engine: kind of engine.
+        time_step: integration step of simulators, s.
+        simulators: how many, where the vehicles are not stepped by one compiled loop.
+
+    Raises:
+        ValueError: values that mean nothing, or nothing together.
+    """
+    client = client or settings.client
+    engines = SUPERBIKE_ENGINES if settings.superbike else ENGINES
+    engine = engine or (settings.engine if client == settings.client else engines.get(client, settings.engine))
+    moved = replace(settings, client=client, engine=engine)
+    if moved.compiled:
+        for option, value in (("--time-step", time_step), ("--simulators", simulators)):
+            if value is not None:
+                raise ValueError(
+                    f"{option} {value} is for simulators: add --client ros or --engine pybullet. The compiled engine "
+                    f"takes steps of {COMPILED_TIME_STEP} s and as many bicycles as --set learner.environments=N says"
+                )
+        return moved
+    moved = replace(moved, time_step=moved.time_step if time_step is None else time_step)
+    learner = settings.preset.sac
+    if simulators is None:
+        simulators = min(DEFAULT_SIMULATORS, learner.environments) if settings.compiled else learner.environments
+    if simulators < 1:
+        raise ValueError(f"--simulators must be at least 1, got {simulators}")
+    updates = max(1, round(learner.updates * simulators / learner.environments))
+    changes = {"learner.environments": simulators, "learner.updates": updates}
+    return replace(moved, preset=settings.preset.changed(changes))

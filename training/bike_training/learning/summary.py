@@ -17,7 +17,7 @@ def summarise(settings: RunSettings, progress: Progress, model: OffPolicyAlgorit
     """Return what a run did so far as plain values."""
     return {
         "vehicle": settings.vehicle,
-        "preset": settings.preset.to_card(),
+        "preset": settings.preset.to_plain(),
         "seed": settings.seed,
         "stages": progress.stages,
         "commit": source_commit(),

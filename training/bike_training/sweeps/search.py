@@ -17,7 +17,7 @@ from bike_training.sweeps.driver import Place
 from bike_training.sweeps.records import FINISHED
 from bike_training.sweeps.search_space import METRICS, SearchSpace, with_settings
 from bike_training.sweeps.spec import RunSpec, Sweep
-from bike_training.sweeps.training_job import TrainJob, as_text
+from bike_training.sweeps.training_job import TrainJob
 from bike_training.sweeps.worker import execute
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def search(sweep: Sweep, out: Path, place: Place, show: Show) -> dict[str, Any]:
         if tune.Tuner.can_restore(str(path.resolve())):
             tuner = tune.Tuner.restore(str(path.resolve()), trainable, resume_unfinished=True, restart_errored=True)
         else:
-            total = run.job().settings.preset.steps  # type: ignore[attr-defined]
+            total = run.job().settings.preset.sac.steps  # type: ignore[attr-defined]
             config = tune.TuneConfig(
                 metric=space.metric,
                 mode=mode,
@@ -94,9 +94,13 @@ def search(sweep: Sweep, out: Path, place: Place, show: Show) -> dict[str, Any]:
 def _ranges(tune: Any, space: SearchSpace) -> dict[str, Any]:
     """Return what is drawn from; choices as text, for Optuna takes no lists."""
     return {
-        name: tune.choice([as_text(value) for value in values]) if kind == "choice" else getattr(tune, kind)(*values)
+        name: tune.choice([_text(value) for value in values]) if kind == "choice" else getattr(tune, kind)(*values)
         for name, (kind, values) in space.settings.items()
     }
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value)
 
 
 def _trial(config: Mapping[str, Any], run: RunSpec, trials: Path) -> None:

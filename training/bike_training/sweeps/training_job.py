@@ -9,11 +9,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
 
-from bike_sim.documents import show
 from bike_sim.vehicles.files import load_vehicle
-from bike_training.learning.presets import PRESETS
-from bike_training.learning.run_settings import RunSettings
-from bike_training.learning.simulators import SUPERBIKE_ENGINES, with_simulator
+from bike_training.learning.presets import load_preset
+from bike_training.learning.run_settings import SUPERBIKE_ENGINES, RunSettings, with_simulator
 from bike_training.sweeps.job_parts import JobEnd, Tell, check_kinds
 
 if TYPE_CHECKING:
@@ -78,12 +76,9 @@ class TrainJob:
     def from_entries(cls, entries: Mapping[str, Any]) -> Self:
         """Check entries: those of `bike train`, with those of ``--set`` under ``set``."""
         check_kinds("train", entries, _KINDS)
-        name = entries.get("preset", "fast")
-        if name not in PRESETS:
-            raise ValueError(f"preset {show(name)} is not one of {', '.join(sorted(PRESETS))}")
-        preset = PRESETS[name].override({key: as_text(value) for key, value in entries.get("set", {}).items()})
+        preset = load_preset(entries.get("preset", "fast")).changed(entries.get("set", {}))
         if "steps" in entries:
-            preset = replace(preset, steps=entries["steps"])
+            preset = preset.changed({"learner.steps": entries["steps"]})
         chosen = {
             key: entries[key]
             for key in ("vehicle", "seed", "until_finished", "checkpoint_every", "record_every", "keep_every")
@@ -105,13 +100,13 @@ class TrainJob:
 
     def estimate(self) -> float:
         """Return the processor time that it will take, s."""
-        preset, steps = self.settings.preset, self.expected_steps()
-        update = UPDATE_SECONDS[preset.learner] * preset.updates / preset.environments
+        learner, steps = self.settings.preset.sac, self.expected_steps()
+        update = UPDATE_SECONDS[learner.learner] * learner.updates / learner.environments
         return START_SECONDS + steps * (STEP_SECONDS[self.settings.client] + update)
 
     def expected_steps(self, made: int = 0) -> int:
         """Return the learning steps that it will make in all, as far as can be said after those already made."""
-        steps = self.settings.preset.steps
+        steps = self.settings.preset.sac.steps
         return min(steps, max(FINISH_STEPS, round(1.1 * made))) if self.settings.until_finished else steps
 
     def run(self, folder: Path, tell: Tell) -> JobEnd:
@@ -155,27 +150,6 @@ def _began_at(path: Path) -> int:
     """Return the learning step from which on a session wrote a table, named as `session_logger` names them."""
     number = path.stem.rpartition("_")[2]
     return int(number) if number.isdigit() else 0
-
-
-def as_text(value: Any) -> str:
-    """Return a setting as `Preset.override` takes it.
-
-    Raises:
-        ValueError: a value inside of which there are others.
-    """
-    if isinstance(value, dict):
-        return ",".join(f"{key}:{_plain(part)}" for key, part in value.items())
-    if isinstance(value, list):
-        return ",".join(map(_plain, value))
-    return _plain(value)
-
-
-def _plain(value: Any) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    if not isinstance(value, int | float | str):
-        raise ValueError(f"a setting is text, a number, or a list or table of them, got {show(value)}")
-    return repr(value) if isinstance(value, float) else str(value)
 
 
 def _columns(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,8 +18,7 @@ from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.vehicles.files import load_vehicle
-from bike_training.learning.algorithm import Algorithm
-from bike_training.learning.presets import FAST, PAPER, PRESETS
+from bike_training.learning.presets import load_preset
 from bike_training.learning.progress import stored_actor
 from bike_training.reproduce.bicycle.data import Rides, Track
 from bike_training.reproduce.bicycle.detail import PATHS
@@ -36,12 +35,12 @@ JUNCTION_SPEED: Final = 4.0
 VEHICLE: Final = "whipple"
 
 OWN_MEANS: Final[dict[str, Any]] = {
-    "precondition": True,
-    "temperature": 0.02,
-    "learning_rate": 1e-3,
-    "final_learning_rate": 1e-3,
-    "policy_delay": 2,
-    "updates": 4,
+    "learner.precondition": True,
+    "learner.temperature": 0.02,
+    "learner.learning_rate": 1e-3,
+    "learner.final_learning_rate": 1e-3,
+    "learner.policy_delay": 2,
+    "learner.updates": 4,
 }
 """Where the learner differs from that of the default preset.
 
@@ -68,7 +67,7 @@ class BicycleExperiment(Experiment):
     """
 
     settings: tuple[str, ...] = SETTINGS
-    steps: int = PAPER.steps
+    steps: int = 4_000_000
     speeds: tuple[float, ...] = SPEEDS
     longest: float = 1e4
     learner: tuple[tuple[str, Any], ...] = ()
@@ -100,12 +99,12 @@ QUICK: Final = BicycleExperiment(
     longest=4.0,
     learner=(
         ("learner", "sb3"),
-        ("layers", [8]),
-        ("batch_size", 16),
-        ("buffer_size", 2000),
-        ("learning_starts", 20),
-        ("environments", 2),
-        ("validate_every", 40),
+        ("learner.layers", [8]),
+        ("learner.batch_size", 16),
+        ("learner.buffer_size", 2000),
+        ("learner.learning_starts", 20),
+        ("learner.environments", 2),
+        ("curriculum.validate_every", 40),
     ),
     which="averaged",
     explained=4,
@@ -120,9 +119,10 @@ def fast_means() -> dict[str, Any]:
 
     It is that of the default preset, with `OWN_MEANS` for what the paper's observation and reward ask for.
     """
-    names = [spec.name for spec in fields(Algorithm) if spec.name != "steps"]
-    values = {name: getattr(FAST, name) for name in names if getattr(FAST, name) != getattr(PAPER, name)}
-    return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()} | OWN_MEANS
+    fast, published = (load_preset(name).to_plain()["learner"] for name in ("fast", "paper"))
+    differing = {name: value for name, value in fast.items() if value != published[name] and name != "steps"}
+    kind = differing.pop("learner")
+    return {"learner": kind, **{f"learner.{name}": value for name, value in differing.items()}, **OWN_MEANS}
 
 
 def preset_of(setting: str) -> str:
@@ -152,7 +152,7 @@ def controller(folder: Path, setting: str, which: str) -> Bundle | None:
         actor = stored_actor(progress, which)
     if actor is None:
         return None
-    task = PRESETS[preset_of(setting)].task
+    task = load_preset(preset_of(setting)).task
     vehicle = load_vehicle(VEHICLE)
     return Bundle(setting, actor, task.layout, task.action, vehicle.name, vehicle.control_period)
 

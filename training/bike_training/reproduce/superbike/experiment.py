@@ -55,6 +55,8 @@ class SuperbikeExperiment(Experiment):
         starts: rides of each actor, all around the circuit. laps: flying laps of each of them.
         machines: that actors ride without learning on them. transfer_starts: rides on each, a flying lap each.
         learner: further settings, as entries of a sweep.
+        threshold: expected return that SPDL keeps.
+        iteration: decisions between two updates of SPDL.
     """
 
     settings: tuple[str, ...] = SETTINGS
@@ -64,6 +66,8 @@ class SuperbikeExperiment(Experiment):
     machines: tuple[str, ...] = MACHINES
     transfer_starts: int = 4
     learner: tuple[tuple[str, Any], ...] = ()
+    threshold: float = THRESHOLD
+    iteration: int = ITERATION
 
     @property
     def title(self) -> str:
@@ -78,11 +82,9 @@ class SuperbikeExperiment(Experiment):
     def base(self) -> dict[str, Any]:
         """Return the entries of every run."""
         learner = {
-            "validate_every": max(10_000, self.steps // VALIDATIONS),
-            "select_every": max(50_000, self.steps // COMPARISONS),
-            "threshold": THRESHOLD,
-            "iteration": ITERATION,
-            "spread": 0.0,
+            "curriculum.validate_every": max(10_000, self.steps // VALIDATIONS),
+            "curriculum.select_every": max(50_000, self.steps // COMPARISONS),
+            "curriculum.spread": 0.0,
             **dict(self.learner),
         }
         return {
@@ -96,7 +98,16 @@ class SuperbikeExperiment(Experiment):
 
     def entries(self, setting: str) -> dict[str, Any]:
         """Return the entries of the runs of a setting."""
-        return {"set": {"curriculum": CURRICULA[kind_of(setting)], "circuits": circuit_of(setting)}}
+        kind = CURRICULA[kind_of(setting)]
+        spdl = {"curriculum.threshold": self.threshold} if kind == "spdl" else {}
+        return {
+            "set": {
+                "curriculum": kind,
+                "curriculum.circuits": [circuit_of(setting)],
+                "curriculum.iteration": self.iteration,
+                **spdl,
+            }
+        }
 
 
 QUICK: Final = SuperbikeExperiment(
@@ -109,18 +120,18 @@ QUICK: Final = SuperbikeExperiment(
     transfer_starts=1,
     learner=(
         ("learner", "sb3"),
-        ("layers", [8]),
-        ("layer_norm", False),
-        ("batch_size", 16),
-        ("buffer_size", 2000),
-        ("learning_starts", 20),
-        ("environments", 4),
-        ("updates", 1),
-        ("max_steps", 10),
-        ("iteration", 100),
-        ("threshold", -1000.0),
-        ("validate_every", 200),
-        ("validation_duration", 2.0),
+        ("learner.layers", [8]),
+        ("learner.layer_norm", False),
+        ("learner.batch_size", 16),
+        ("learner.buffer_size", 2000),
+        ("learner.learning_starts", 20),
+        ("learner.environments", 4),
+        ("learner.updates", 1),
+        ("task.max_steps", 10),
+        ("curriculum.validate_every", 200),
+        ("task.validation_duration", 2.0),
     ),
+    iteration=100,
+    threshold=-1000.0,
 )
 """Tries the whole way in seconds; it learns nothing, and its threshold lets SPDL go on all the same."""

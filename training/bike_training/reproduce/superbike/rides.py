@@ -91,7 +91,7 @@ def deployed(folder: Path, experiment: SuperbikeExperiment) -> dict[str, tuple[i
         progress, steps = checkpoint.run["progress"], summary["steps"]
         last, _, _ = chosen_actor(progress, "last", steps)
         best, _, best_step = chosen_actor(progress, "best", steps)
-        preset = Preset.from_card(summary["preset"])
+        preset = Preset.from_plain(summary["preset"])
     found: dict[str, tuple[int, Actor]] = {}
     early = kept(folder, experiment.early)
     if early is not None:

@@ -1,4 +1,4 @@
-"""What a refinement descends: the cost of linearised rides, ridden by a changed actor.
+"""Cost that learning through derivatives descends: that of linearised rides, ridden by a changed actor.
 
 The cost of a control period is ``sqrt(e^2 + d^2) - d + a e^2 / (1 + |e|) + b w^2 + c (u - u')^2`` with the lateral
 error e, the steer rate w, the command u and the one before u', and more for leans close to a fall. What is descended is
@@ -16,7 +16,7 @@ import jax.numpy as jnp
 
 from bike_training.learning.linear_rides import Segment
 from bike_training.learning.mirror_symmetric_actor import MirrorSymmetricActor, Weights
-from bike_training.learning.refinement_settings import RefinementSettings
+from bike_training.learning.presets import GradientSettings
 
 _STEEP: Final = math.radians(38.0)
 """Roll from which on it costs something, rad; the steepest steady turn that is learned on leans 36 deg."""
@@ -28,7 +28,7 @@ _LEAST_COST: Final = 3e-4
 
 
 def cost(
-    settings: RefinementSettings,
+    settings: GradientSettings,
     actor: MirrorSymmetricActor,
     weights: Weights,
     held: Weights,
@@ -60,7 +60,7 @@ def cost(
 
 
 class Ridden(NamedTuple):
-    """What a ride is judged by, shape (periods, bicycles) each.
+    """Quantities that a ride costs by, shape (periods, bicycles) each.
 
     Attributes:
         error: lateral error, m. steer_rate: rad/s. roll, steer: rad. change: of the answer since the one before.
@@ -74,7 +74,7 @@ class Ridden(NamedTuple):
 
 
 def ride_on(
-    settings: RefinementSettings,
+    settings: GradientSettings,
     actor: MirrorSymmetricActor,
     weights: Weights,
     held: Weights,

@@ -1,0 +1,349 @@
+"""Learning through the model: an actor descends the gradient of its own rides.
+
+Soft actor-critic learns from rewards what a command is worth. Here the compiled engine says it: rides of the present
+actor come with their derivatives (`bike_training.learning.linear_rides`), a changed actor is ridden on them to first
+order, and the cost of that ride (`bike_training.learning.gradient_cost`) is differentiated by the actor's weights.
+One segment serves several updates, because a slightly changed actor stays close to the ride that the derivatives were
+taken on. In the last periods of a segment the actor is held as it rode, so that what a command does later counts as
+well. Related: the stochastic value gradients of Heess et al. (2015), without noise and with a model that need not be
+learned.
+
+Actors are compared on many rides, by their closed loop, and on rides under pushes and from steep starts.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+from numpy.typing import NDArray
+
+from bike_policy.contract.actor import Actor
+from bike_policy.contract.bundle import Bundle, load_bundle
+from bike_policy.riders.learned import LearnedRider
+from bike_sim.course.random_paths import PathRanges
+from bike_sim.sim.batch import Batch
+from bike_sim.sim.bicycle_batch import CompiledBatch
+from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.request import ResetRequest
+from bike_training.curricula.parts import REFINEMENT, SPEED_RANGES, PartsCurriculum, RideRanges
+from bike_training.learning.gradient_cost import cost
+from bike_training.learning.linear_rides import DEVIATIONS, SENSORS, LinearRides, Segment, push_sideways
+from bike_training.learning.mirror_symmetric_actor import MirrorSymmetricActor
+from bike_training.learning.presets import GradientSettings
+from bike_training.learning.run_settings import GRADIENT_POLICY, GRADIENT_TABLE, RunSettings
+from bike_training.learning.summary import source_commit
+from bike_training.learning.validation_rides import ride_side_by_side
+from bike_training.rollout.stability import stability
+from bike_training.tasks.path import VALIDATION_DURATION, PathTask
+
+Float32Array = NDArray[np.float32]
+
+_DEVIATION: Final = np.array([0.03, 0.01, 0.01, 0.01, 0.1, 0.1], dtype=np.float32)
+"""Largest standard deviations of the deviations that rides are given in passing: m, rad, rad/s."""
+_SMALLEST: Final = 0.03
+"""Part of them that the smallest are drawn with: the loop is to be calm about a steady ride as well."""
+_OFTEN: Final = 1.0 / 40.0
+"""How often they are, a control period."""
+STRAIGHT: Final = RideRanges((1.8, 7.3), PathRanges(200.0, 1000.0, 20.0, 22.0, 0.01, 0.5))
+RIDES: Final = replace(REFINEMENT, also=(*REFINEMENT.also, STRAIGHT))
+"""What is ridden: a third of the rides hardly bend, for on bent ones a bicycle is seldom upright for long."""
+SLOW: Final = RideRanges((1.8, 2.6), REFINEMENT.paths)
+"""Ridden as often as each of the others where rides are pushed: a push is worst where a bicycle is slow."""
+STABLE: Final = 0.99
+"""Largest spectral radius of an actor that is kept as the best."""
+STEEP: Final = RideRanges((4.0, 7.3), PathRanges(8.0, 14.0, 13.5, 16.0, 5.5, 8.2), perturb=False)
+"""Upright starts, two thirds of them before a transfer that bends with down to 1/4 m before anything can lean."""
+PUSHED: Final = 60.0
+"""Sideways impulse of the rides that actors are compared on under pushes, N s."""
+_PUSH_EVERY: Final = 100
+"""Control periods between two of them."""
+
+
+class Comparison(NamedTuple):
+    """Figures of an actor on the rides that runs of training compare actors on, and of its closed loop.
+
+    Attributes:
+        ridden: of 105 rides. mean_m: of their mean distances, m. worst_mean_m: largest of them. worst_max_m: largest
+            distance. spectral_radius: largest of 2 to 7 m/s, upright and in a turn; infinite where one is missing.
+        swing_deg: set point left swinging on a straight.
+        pushed: of 105 rides with a push of PUSHED N s every five seconds, where actors are compared under pushes.
+        pushed_mean_m: of their mean distances, m.
+        steep: of 105 rides from STEEP, where actors are compared on them. steep_mean_m: of their mean distances, m.
+    """
+
+    ridden: int
+    mean_m: float
+    worst_mean_m: float
+    worst_max_m: float
+    spectral_radius: float
+    swing_deg: float
+    pushed: int = 0
+    pushed_mean_m: float = math.nan
+    steep: int = 0
+    steep_mean_m: float = math.nan
+
+    def better_than(self, other: Comparison | None) -> bool:
+        """Return whether it is: more rides of all kinds ridden, then a stable loop, then the smaller mean."""
+        return other is None or self._rank() < other._rank()
+
+    def _rank(self) -> tuple[float, ...]:
+        return (-self.ridden - self.pushed - self.steep, max(self.spectral_radius, STABLE), self.mean_m)
+
+
+def compare_policy(policy: Bundle, task: PathTask, config: SimulatorConfig, settings: GradientSettings) -> Comparison:
+    """Evaluate a policy.
+
+    Args:
+        policy: evaluated.
+        task: that it rides.
+        config: of the simulator that it rides in.
+        settings: say whether it rides under pushes and from steep starts as well.
+    """
+    actor = policy.actor
+    requests = PartsCurriculum().selection_requests(task.preview)
+    track, whole = ride_side_by_side(actor, task, config, requests)
+    means = np.abs(track).mean(axis=0)
+    loop = stability(LearnedRider(policy)) if whole.all() else {}
+    radii = [loop.get(f"worst_spectral_radius_{place}") for place in ("upright", "turn")]
+    found = Comparison(
+        int(whole.sum()),
+        float(means[whole].mean()) if whole.any() else math.inf,
+        float(means[whole].max()) if whole.any() else math.inf,
+        float(np.abs(track[:, whole]).max()) if whole.any() else math.inf,
+        max((math.inf if radius is None else radius) for radius in radii),
+        math.inf if loop.get("worst_swing_deg") is None else loop["worst_swing_deg"],
+    )
+    if settings.impulse:
+        track, whole = ride_side_by_side(actor, task, config, requests, _push_now_and_then)
+        found = found._replace(pushed=int(whole.sum()), pushed_mean_m=_mean_of(track, whole))
+    if settings.steep:
+        track, whole = ride_side_by_side(actor, task, config, _steep(requests))
+        found = found._replace(steep=int(whole.sum()), steep_mean_m=_mean_of(track, whole))
+    return found
+
+
+def _mean_of(track: NDArray[np.float64], whole: NDArray[np.bool_]) -> float:
+    return float(np.abs(track[:, whole]).mean()) if whole.any() else math.inf
+
+
+def _steep(requests: list[ResetRequest]) -> list[ResetRequest]:
+    """Return as many rides from STEEP, over its speeds."""
+    speeds = np.linspace(*STEEP.speed, len(requests)).tolist()
+    ranges = replace(requests[0], path_ranges=STEEP.paths, path_length=1.2 * VALIDATION_DURATION * max(speeds))
+    return [
+        replace(ranges, seed=request.seed, speed_range=(speed, speed))
+        for request, speed in zip(requests, speeds, strict=True)
+    ]
+
+
+def _push_now_and_then(batch: Batch, step: int, riding: NDArray[np.bool_]) -> None:
+    """Push bicycles that ride by PUSHED every five seconds, one to the left and the next one to the right."""
+    assert isinstance(batch, CompiledBatch)
+    if step and step % _PUSH_EVERY == 0:
+        for row in np.flatnonzero(riding):
+            push_sideways(batch, int(row), PUSHED * (-1.0) ** (row + step // _PUSH_EVERY // 2))
+
+
+class GradientLearning:
+    """Learning from its settings to its bundle.
+
+    Attributes:
+        settings: of the run.
+        task: that is learned.
+        segments: that were ridden.
+        ridden: the last of them.
+        last_cost: of its last update.
+        best: figures of the best actor so far, or None.
+        seconds: time spent learning, s.
+    """
+
+    ridden: Segment
+
+    def __init__(self, run: RunSettings) -> None:
+        """Prepare it.
+
+        Args:
+            run: settings of the run.
+
+        Raises:
+            ValueError: a policy to begin with that observes something else than the task shows, or a task or vehicle
+                whose rides have no derivatives.
+        """
+        settings, task = run.preset.learner, run.preset.task
+        start = load_bundle(run.start) if run.start else None
+        if not isinstance(settings, GradientSettings) or not isinstance(task, PathTask) or run.superbike:
+            raise ValueError(f"preset {run.preset.name!r} learns by gradients of rides of bicycles on paths only")
+        if not run.compiled or len(run.machines) > 1:
+            raise ValueError("learning by gradients needs one vehicle on the compiled engine in this process")
+        if start is not None and start.layout != task.layout:
+            raise ValueError(f"policy {start.name!r} sees {start.layout.name!r}, the task {task.layout.name!r}")
+        self.run, self.settings, self.task, self._start = run, settings, task, start
+        self._config = run.compiled_simulator()
+        self._rides = LinearRides(
+            settings.bicycles,
+            task,
+            replace(RIDES, also=(*RIDES.also, SLOW)) if settings.impulse else RIDES,
+            self._config,
+            run.seed,
+            settings.delay,
+            settings.noise,
+            settings.impulse,
+            STEEP,
+            round(settings.steep * settings.bicycles),
+        )
+        largest = self._rides.batch.vehicle.max_steer
+        self._actor = MirrorSymmetricActor(task.layout, task.action.columns[0].factor(largest))
+        self._weights = (
+            self._actor.draw(settings.layers, run.seed)
+            if start is None
+            else self._actor.take(start.actor, start.action.columns[0].factor(largest))
+        )
+        self._mean = self._weights
+        self._draws = np.random.default_rng([run.seed, 1])
+        rule = optax.chain(optax.clip_by_global_norm(1.0), optax.scale_by_adam())
+        self._moments = rule.init(self._weights)
+        self.segments = 0
+        self.best: Comparison | None = None
+        self._best_actor, self._best_at = self._folded(), 0
+        self.seconds, self.last_cost = 0.0, math.nan
+        self._commit = source_commit()  # now: sources may change while it learns
+
+        @jax.jit
+        def update(weights: Any, mean: Any, moments: Any, held: Any, given: Any, rate: Any) -> Any:
+            value, slope = jax.value_and_grad(lambda w: cost(settings, self._actor, w, held, *given))(weights)
+            move, moments = rule.update(slope, moments)
+            weights = jax.tree.map(lambda w, m: w - rate * m, weights, move)
+            keep = settings.averaging
+            mean = jax.tree.map(lambda old, new: keep * old + (1.0 - keep) * new, mean, weights)
+            return weights, mean, moments, value
+
+        self._update = update
+
+    def _folded(self) -> Actor:
+        return self._actor.folded(self._mean)
+
+    @property
+    def rate(self) -> float:
+        """The present learning rate."""
+        done = self.segments / self.settings.segments
+        first, last = self.settings.learning_rate, self.settings.final_learning_rate
+        return last + (first - last) * 0.5 * (1.0 + math.cos(math.pi * min(done, 1.0)))
+
+    def learn(self) -> None:
+        """Ride a segment and update the actor with it."""
+        settings, began = self.settings, time.monotonic()
+        held = self._weights
+        self.ridden = self._rides.ride(self._actor.folded(held), settings.periods, settings.push)
+        segment = Segment(*(jnp.asarray(part) for part in self.ridden))
+        for _ in range(settings.updates):
+            self._weights, self._mean, self._moments, value = self._update(
+                self._weights, self._mean, self._moments, held, (segment, *self._draws_of(segment)), self.rate
+            )
+        self.segments += 1
+        self.last_cost = float(value)
+        self.seconds += time.monotonic() - began
+
+    def _draws_of(self, segment: Segment) -> tuple[Float32Array, Float32Array]:
+        """Return deviations that the rides are given, seldom and of all sizes, and errors of their sensors."""
+        shape = (*segment.noise.shape, len(DEVIATIONS))
+        often = self._draws.random((*shape[:2], 1)) < _OFTEN
+        size = _SMALLEST ** self._draws.random((*shape[:2], 1)) * often
+        away = self._draws.standard_normal(shape) * size * _DEVIATION
+        errors = np.asarray(segment.noise)[..., None] * SENSORS * self._draws.standard_normal(shape)
+        return away.astype(np.float32), errors.astype(np.float32)
+
+    def compare(self) -> Comparison:
+        """Evaluate the averaged actor, and remember it if it is the best so far."""
+        actor = self._folded()
+        found = compare_policy(self.bundle(actor, {}), self.task, self._config, self.settings)
+        if found.better_than(self.best):
+            self.best, self._best_actor, self._best_at = found, actor, self.segments
+        return found
+
+    def bundle(self, actor: Actor | None = None, training: dict[str, Any] | None = None) -> Bundle:
+        """Return the best actor, or another one, as a policy."""
+        name = self._rides.batch.vehicle.name
+        return Bundle(
+            name,
+            self._best_actor if actor is None else actor,
+            self.task.layout,
+            self.task.action,
+            name,
+            self._config.control_period,
+            self.summary() if training is None else training,
+        )
+
+    def summary(self) -> dict[str, Any]:
+        """Return what it did so far as plain values, for the card."""
+        return {
+            "speed_range_m_s": list(SPEED_RANGES[-1]),
+            "method": "gradient of its rides through the compiled engine",
+            "begins_with": "nothing" if self._start is None else dict(self._start.training) or self._start.name,
+            "vehicle": self.run.vehicle,
+            "preset": self.run.preset.to_plain(),
+            "seed": self.run.seed,
+            "commit": self._commit,
+            "segments": self.segments,
+            "updates": self.segments * self.settings.updates,
+            "steps": self.segments * self.settings.periods * self.settings.bicycles,
+            "seconds": round(self.seconds, 1),
+            "best_segment": self._best_at,
+            "best_selection": {} if self.best is None else self.best._asdict(),
+        }
+
+    def close(self) -> None:
+        """Release the engine."""
+        self._rides.close()
+
+
+def learn_by_gradients(
+    run: RunSettings,
+    out: Path,
+    report: Callable[[GradientLearning, Comparison | None], None] = lambda *_: None,
+) -> dict[str, Any]:
+    """Learn an actor and write the best one, and a table of all comparisons.
+
+    Args:
+        run: settings of the run; its result depends on them alone.
+        out: folder for GRADIENT_TABLE and GRADIENT_POLICY.
+        report: called after each segment, with the comparison that was made then.
+
+    Returns:
+        The summary.
+
+    Raises:
+        FileNotFoundError: no policy to begin with.
+        ValueError: settings that do not fit together, or the folder holds another run.
+    """
+    if (out / GRADIENT_TABLE).exists():
+        raise ValueError(f"{out} already holds a run; choose another folder")
+    process = GradientLearning(run)
+    settings = process.settings
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        with (out / GRADIENT_TABLE).open("w", newline="", encoding="utf-8") as file:
+            table = csv.writer(file)
+            table.writerow(["segment", "updates", "seconds", "cost", *Comparison._fields])
+            while process.segments < settings.segments:
+                process.learn()
+                found = None
+                if process.segments % settings.select_every == 0 or process.segments == settings.segments:
+                    found = process.compare()
+                    done = (process.segments, process.segments * settings.updates, round(process.seconds, 1))
+                    table.writerow([*done, process.last_cost, *found])
+                    file.flush()
+                    process.bundle().save(out / GRADIENT_POLICY)
+                report(process, found)
+    finally:
+        process.close()
+    return process.summary()
