@@ -7,7 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, RiderSettings, plan_line
+from bike_policy.planning.line_law import LineLaw
 from bike_sim.course.course import Course
+from bike_sim.vehicles.superbike import Superbike
 
 OVAL = """
 format: bike.track/1
@@ -45,3 +48,20 @@ def over_a_crest(height: float, turn: float = 1.0) -> Course:
     level = circle(60.0, 1.0)
     hill = height * np.exp(-(((level.s - 0.25 * level.length) / 20.0) ** 2))
     return replace(level, y=turn * level.y, heading=turn * level.heading, curvature=turn * level.curvature, height=hill)
+
+
+class LineController:
+    """The classical law on one line, state by state."""
+
+    def __init__(self, vehicle: Superbike, line: Course, period: float, settings: RiderSettings = CLASSICAL_SETTINGS):
+        self.plan = plan_line(vehicle, line, settings)
+        self.law = LineLaw(vehicle, period, settings)
+        self.reset()
+
+    def reset(self) -> None:
+        self.law.begin(0, self.plan)
+
+    def command(self, *seen: float) -> tuple[float, float]:
+        """Return steering and throttle for the law's inputs; the roll rate may be left out."""
+        steering, throttle = self.law.commands(np.array([[*seen, 0.0][:6]]))[0].tolist()
+        return steering, throttle

@@ -54,9 +54,9 @@ def test_card_round_trip(layout):
 @pytest.mark.parametrize(
     ("card", "message"),
     [
-        ({}, "must hold max_steer and meaning, or columns"),
-        ({"columns": "steering"}, "must hold max_steer and meaning, or columns"),
-        ({"columns": [{"meaning": DRIVE}]}, "must hold meaning and scale"),
+        ({}, "must hold a list of columns"),
+        ({"columns": "steering"}, "must hold a list of columns"),
+        ({"columns": [{"meaning": DRIVE}]}, "holds meaning, scale"),
         ({"columns": [{"meaning": "levitate", "scale": 1.0}]}, "unknown action meaning 'levitate'"),
         ({"columns": [{"meaning": DRIVE, "scale": math.nan}]}, "must be positive and finite, got nan"),
         ({"columns": []}, "one column for each command"),
@@ -112,7 +112,7 @@ def test_set_points_are_held_within_limits_that_depend_on_the_speed():
 
 def test_limits_come_back_from_a_card():
     card = HELD.to_card()
-    assert card["within"] == [[3.0, 1.2], [4.0, 0.9]]
+    assert card["columns"][0]["within"] == [[3.0, 1.2], [4.0, 0.9]]
     assert ActionLayout.from_card(card) == HELD
     assert HELD.narrowed([0.5]).columns[0].within == HELD.columns[0].within
 
@@ -134,4 +134,4 @@ def test_limits_that_mean_nothing_are_refused(within, why):
 @pytest.mark.parametrize("within", ["wide", [3.0, 1.2], [[3.0]], [[3.0, "far"]], [[True, 1.0]]])
 def test_limits_of_a_card_that_are_none_are_refused(within):
     with pytest.raises(ValueError, match="entry within of the card"):
-        ActionLayout.from_card({**ActionLayout.steering(1.2).to_card(), "within": within})
+        ActionLayout.from_card({"columns": [{"meaning": STEERING_SET_VALUE, "scale": 1.2, "within": within}]})

@@ -216,7 +216,7 @@ def test_evil_cards_are_refused_in_one_short_line(bundle, tmp_path, text, messag
         ("results", [1], "results of the card must be a mapping, got a list"),
         ("layout", 5, "layout of the card must be a mapping, got 5"),
         ("layout", {"x" * 9000: 1}, "unknown entries"),
-        ("action", {"max_steer": 10**400, "meaning": "steering_set_value"}, "too large"),
+        ("action", {"columns": [{"scale": 10**400, "meaning": "steering_set_value"}]}, "too large"),
     ],
 )
 def test_evil_entries_of_a_card_are_named(bundle, tmp_path, entry, value, message):

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from bike_policy.planning.lap_plan import CLEARANCE, GUIDE, plan_line
 from bike_policy.planning.line_law import OFFSET, LineLaw
-from bike_policy.riders.classical import LineController, Seen
 from bike_policy.riders.racing import RaceGuide
 from bike_sim.course.course import Course
 from bike_sim.course.files import load_course
@@ -24,7 +23,7 @@ from bike_sim.sim.superbike_batch import CompiledSuperbikeBatch
 from bike_sim.sim.superbike_plant import superbike_config
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.curricula.race import CircuitSet
-from tests.circuits import circle
+from tests.circuits import LineController, circle
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +63,7 @@ def test_one_is_answered_as_among_others(law: LineLaw, pair: tuple[LineControlle
         answers = law.commands(seen)
         assert np.all(np.abs(answers) <= 1.0)
         np.testing.assert_array_equal(law.commands(seen), answers)
-        assert alone.command(Seen(*seen[2].tolist())) == tuple(answers[2].tolist())
+        assert alone.command(*seen[2].tolist()) == tuple(answers[2].tolist())
 
 
 @settings(max_examples=50, deadline=None)
@@ -77,8 +76,8 @@ def test_the_mirrored_ride_gets_the_mirrored_answer(pair: tuple[LineController, 
     for step in range(3):
         speed, roll, error, heading, rate = rng.uniform(10.0, 50.0), *rng.uniform(-0.5, 0.5, 4)
         way = 40.0 + 0.5 * step
-        steering, throttle = left.command(Seen(speed, roll, way, error, heading, rate))
-        other = right.command(Seen(speed, -roll, way, -error, -heading, -rate))
+        steering, throttle = left.command(speed, roll, way, error, heading, rate)
+        other = right.command(speed, -roll, way, -error, -heading, -rate)
         assert other == pytest.approx((-steering, throttle), abs=1e-9)
 
 

@@ -11,7 +11,6 @@ import pytest
 
 from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, plan_lap, reserved
 from bike_policy.planning.line_law import P_SPEED
-from bike_policy.riders.classical import LineController, Seen
 from bike_sim.physics import state as st
 from bike_sim.physics.state import upright_state
 from bike_sim.physics.superbike import forces as sf
@@ -24,7 +23,7 @@ from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
 from bike_training import cli
 from bike_training.rollout.laps import ALLOWED_EXCESS, ride_laps
-from tests.circuits import OVAL, circle
+from tests.circuits import OVAL, LineController, circle
 from tests.superbike.conftest import write_circuit
 
 
@@ -36,7 +35,7 @@ def limits(panigale: Superbike) -> Envelope:
 def test_plan_keeps_its_reserve(panigale: Superbike, limits: Envelope) -> None:
     for radius in (25.0, 80.0):
         line = circle(radius)
-        plan, limit = LineController(panigale, line, 0.02).profile, lap_limit(limits, line)
+        plan, limit = LineController(panigale, line, 0.02).plan.profile, lap_limit(limits, line)
         # The limit of a circle is what is held at constant speed, 0.9 of what an apex may take for a moment, so a plan
         # with 0.92 of the latter asks for all of it; tables between samples leave 0.03 %.
         assert 0.8 < plan.lateral.max() / limit.lateral.max() < 1.001
@@ -63,7 +62,7 @@ def test_speed_is_that_of_the_contacts(panigale: Superbike) -> None:
     told = float(engine.telemetry()[sf.T_SPEED])
     engine.close()
     assert told < 0.99 * speed
-    seen = Seen(told, -math.atan(speed**2 / radius / 9.81), 10.0, 0.0, 0.0)
+    seen = (told, -math.atan(speed**2 / radius / 9.81), 10.0, 0.0, 0.0)
     assert LineController(panigale, circle(radius), 0.02).law.rolled(0, np.array(seen)) == pytest.approx(
         speed, rel=3e-3
     )
@@ -90,7 +89,7 @@ def test_steady_on_the_line_asks_for_the_lean_of_the_turn(panigale: Superbike) -
     table[:, P_SPEED] = speed
     rider.plan = rider.plan._replace(table=table)
     rider.reset()
-    steering, _ = rider.command(Seen(speed, -lean, 40.0, 0.0, 0.0))
+    steering, _ = rider.command(speed, -lean, 40.0, 0.0, 0.0)
     assert steering == pytest.approx(lean / math.radians(panigale.virtual_rider.max_lean_deg), abs=0.01)
 
 
@@ -101,7 +100,7 @@ def test_turns_back_to_the_line_and_mirrors(panigale: Superbike) -> None:
 
     def steering(error: float, heading: float) -> float:
         rider.reset()
-        return rider.command(Seen(speed, 0.0, 100.0, error, heading))[0]
+        return rider.command(speed, 0.0, 100.0, error, heading)[0]
 
     middle = steering(0.0, 0.0)
     assert steering(1.0, 0.0) < middle < steering(-1.0, 0.0)
@@ -112,18 +111,18 @@ def test_turns_back_to_the_line_and_mirrors(panigale: Superbike) -> None:
 
 def test_brakes_when_too_fast_and_drives_when_too_slow(panigale: Superbike) -> None:
     rider = LineController(panigale, circle(80.0), 0.02)
-    wanted = float(rider.profile.speed_at(10.0))
-    _, brake = rider.command(Seen(wanted + 8.0, -0.5, 10.0, 0.0, 0.0))
-    _, drive = rider.command(Seen(wanted - 8.0, -0.5, 10.0, 0.0, 0.0))
+    wanted = float(rider.plan.profile.speed_at(10.0))
+    _, brake = rider.command(wanted + 8.0, -0.5, 10.0, 0.0, 0.0)
+    _, drive = rider.command(wanted - 8.0, -0.5, 10.0, 0.0, 0.0)
     assert brake < -0.2
     assert drive > 0.3
 
 
 def test_same_state_again_gets_the_same_answer(panigale: Superbike) -> None:
     rider = LineController(panigale, circle(80.0), 0.02)
-    rider.command(Seen(25.0, -0.6, 40.0, 0.3, 0.01))
-    seen = Seen(25.0, -0.6, 40.5, 0.32, 0.01)
-    assert rider.command(seen) == rider.command(seen)
+    rider.command(25.0, -0.6, 40.0, 0.3, 0.01)
+    seen = (25.0, -0.6, 40.5, 0.32, 0.01)
+    assert rider.command(*seen) == rider.command(*seen)
 
 
 def test_lost_states_do_not_steepen_the_rate_of_the_error(panigale: Superbike) -> None:
@@ -131,7 +130,7 @@ def test_lost_states_do_not_steepen_the_rate_of_the_error(panigale: Superbike) -
 
     def last_answer(every: int) -> float:
         rider.reset()
-        answers = [rider.command(Seen(25.0, -0.6, 40.0 + 0.25 * k, 0.005 * k, 0.0))[0] for k in range(0, 13, every)]
+        answers = [rider.command(25.0, -0.6, 40.0 + 0.25 * k, 0.005 * k, 0.0)[0] for k in range(0, 13, every)]
         return answers[-1]
 
     assert last_answer(2) == pytest.approx(last_answer(1), abs=1e-9)
@@ -154,8 +153,8 @@ def test_front_does_not_shake_at_full_drive_whatever_the_control_period(period: 
         along = math.atan2(x, -y)
         heading = math.remainder(float(state[st.YAW]) - along, 2.0 * math.pi)
         now = float(engine.telemetry()[sf.T_SPEED])
-        seen = Seen(now, float(state[st.ROLL]), along * radius, radius - math.hypot(x, y), heading)
-        engine.advance(*rider.command(seen), round(period / TIME_STEP))
+        seen = (now, float(state[st.ROLL]), along * radius, radius - math.hypot(x, y), heading)
+        engine.advance(*rider.command(*seen), round(period / TIME_STEP))
         rates.append(float(engine.state()[st.STEER_RATE]))
     assert engine.fall == "none"
     assert engine.telemetry()[sf.T_SPEED] > speed + 15.0

@@ -163,7 +163,7 @@ def ride_laps(
                 break
         scene = _circuit_scene(machine)
         ridden, name = scene.timing().laps, scene.track.name
-        plan = rider.controller.profile if isinstance(rider, ClassicalRider) and rider.controller is not None else None
+        plan = rider.plan.profile if isinstance(rider, ClassicalRider) and rider.plan is not None else None
     finally:
         machine.close()
     flying = ridden[1 : laps + 1]

@@ -169,20 +169,14 @@ class ActionLayout:
             max_steer: steering set point of the vehicle's command 1, rad.
             speed: of the vehicle, m/s.
         """
-        steering = throttle = 0.0
-        for column, value in zip(self.columns, action, strict=True):
-            most = float(column.largest(max_steer, speed))
-            command = min(max(float(value) * column.factor(max_steer), -most), most)
-            if MEANINGS[column.meaning][0] == "steering":
-                steering = command
-            else:
-                throttle = command
+        commands = self.to_commands(np.asarray(action, dtype=np.float64)[None], max_steer, np.array([speed]))
+        steering, throttle = commands[0].tolist()
         return steering, throttle
 
     def to_commands(
         self, actions: NDArray[np.floating], max_steer: float, speed: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return :meth:`to_command` of many actions at once, the same bit for bit.
+        """Return steering and throttle in [-1, 1] for many actions.
 
         Args:
             actions: in [-1, 1], shape (n, size).
@@ -202,11 +196,11 @@ class ActionLayout:
 
     def to_card(self) -> dict[str, Any]:
         """Return plain values for a policy card."""
-        if self.names == (STEERING_SET_VALUE,):
-            (column,) = self.columns
-            card = {"max_steer": float(column.scale), "meaning": STEERING_SET_VALUE}
-            return {**card, "within": [list(pair) for pair in column.within]} if column.within else card
-        return {"columns": [{"meaning": column.meaning, "scale": column.scale} for column in self.columns]}
+        columns = []
+        for column in self.columns:
+            within = {"within": [list(pair) for pair in column.within]} if column.within else {}
+            columns.append({"meaning": column.meaning, "scale": float(column.scale), **within})
+        return {"columns": columns}
 
     @classmethod
     def from_card(cls, card: Mapping[str, Any]) -> ActionLayout:
@@ -215,19 +209,20 @@ class ActionLayout:
         Raises:
             ValueError: a missing or unknown entry.
         """
-        if set(card) - {"within"} == {"max_steer", "meaning"}:
-            column = ActionColumn(str(card["meaning"]), float(card["max_steer"]), _pairs(card.get("within", [])))
-            return cls((column,))
         columns = card.get("columns")
         if set(card) != {"columns"} or not isinstance(columns, list):
-            raise ValueError(
-                "action entry of the card must hold max_steer and meaning, or columns, and may hold within besides the "
-                f"first two, got {sorted(card)}"
-            )
+            raise ValueError(f"action entry of the card must hold a list of columns, got {sorted(card)!r:.200}")
         for column in columns:
-            if not isinstance(column, Mapping) or set(column) != {"meaning", "scale"}:
-                raise ValueError(f"a column of the card's action must hold meaning and scale, got {column!r:.200}")
-        return cls(tuple(ActionColumn(str(column["meaning"]), float(column["scale"])) for column in columns))
+            if not isinstance(column, Mapping) or set(column) - {"within"} != {"meaning", "scale"}:
+                raise ValueError(
+                    f"a column of the card's action holds meaning, scale and perhaps within, got {column!r:.200}"
+                )
+        return cls(
+            tuple(
+                ActionColumn(str(column["meaning"]), float(column["scale"]), _pairs(column.get("within", [])))
+                for column in columns
+            )
+        )
 
 
 def _pairs(entry: Any) -> tuple[tuple[float, float], ...]:

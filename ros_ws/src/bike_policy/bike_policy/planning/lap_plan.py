@@ -15,13 +15,28 @@ from bike_sim.course.course import Course
 from bike_sim.physics.superbike.statics import steady_lateral
 from bike_sim.planning.envelope import Envelope, envelope, left_by_turning
 from bike_sim.planning.lap_limit import LapLimit, lap_limit
+from bike_sim.schema import Quantity, Schema
 from bike_sim.vehicles.superbike import Superbike
 
 FloatArray = NDArray[np.float64]
 PlanT = TypeVar("PlanT")
 
-P_SPEED, P_LONGITUDINAL, P_CURVATURE, P_GRADE, P_CREST, P_LEFT, P_RIGHT, P_FASTER, PLAN_COLUMNS = range(9)
-"""Columns of a plan at even distances along its line."""
+PLAN: Final = Schema(
+    (
+        Quantity("speed", "m/s", 1, "planned"),
+        Quantity("longitudinal", "m/s^2", 1, "acceleration along the line"),
+        Quantity("curvature", "1/m", -1, "of the line, smoothed"),
+        Quantity("grade", "1", 1, "rise of the road per m"),
+        Quantity("crest", "1/m", 1, "vertical curvature of the road, positive in a dip"),
+        Quantity("left", "m", 1, "room for targets on the left"),
+        Quantity("right", "m", 1, "room for targets on the right"),
+        Quantity("faster", "1", 1, "room for targets above the planned speed, as a part of it"),
+    )
+)
+"""Columns of a plan at even distances along its line; in the mirrored ride left and right change places."""
+P_SPEED, P_LONGITUDINAL, P_CURVATURE = map(PLAN.index, ("speed", "longitudinal", "curvature"))
+P_GRADE, P_CREST = map(PLAN.index, ("grade", "crest"))
+P_LEFT, P_RIGHT, P_FASTER = map(PLAN.index, ("left", "right", "faster"))
 CLEARANCE: Final = 0.9
 """Distance from the limits that no target may ask for, m: that of the line itself; feedback misses it by up to this."""
 UNLIMITED: Final = 1e3
@@ -185,9 +200,9 @@ class LinePlan(NamedTuple):
     """What the law follows: a closed line at even distances, the last sample repeating the first.
 
     Attributes:
-        profile: the planned lap. spacing: of the samples, m.
-        table: speed (m/s), longitudinal acceleration (m/s^2), curvature (1/m), grade, crest (1/m), and the room for
-            targets: on the left and on the right (m), and above the planned speed (part of it), shape (n, 8).
+        profile: the planned lap.
+        spacing: of the samples, m.
+        table: columns of PLAN, shape (n, 8).
     """
 
     profile: LapLimit

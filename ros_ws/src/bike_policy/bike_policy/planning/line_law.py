@@ -23,14 +23,13 @@ from bike_policy.planning.lap_plan import (
     P_LONGITUDINAL,
     P_RIGHT,
     P_SPEED,
-    PLAN_COLUMNS,
+    PLAN,
     LinePlan,
     RiderSettings,
     SteadyLeans,
 )
-from bike_sim.physics import state as st
 from bike_sim.physics.superbike.statics import engine_force, inertial_mass
-from bike_sim.sim import look as lk
+from bike_sim.schema import FLAG, LOOK, STATE, Quantity, Schema
 from bike_sim.vehicles.superbike import Superbike
 
 FloatArray = NDArray[np.float64]
@@ -38,14 +37,39 @@ FloatArray = NDArray[np.float64]
 LONGEST_GAP: Final = 0.3
 """Time without states after which the last one is not used for the lateral error's rate, s."""
 
-SPEED, ROLL, PROGRESS, LATERAL_ERROR, HEADING_ERROR, ROLL_RATE, SEEN = range(7)
-"""Inputs of the law: m/s; rad, positive to the right; m, of any lap; m, positive left of the line; rad, positive to the
-left; rad/s, positive to the right. SEEN is their number."""
-KNOWN, RATE, EXCESS, STEERING, THROTTLE, OFFSET, PACE, OFFSET_RATE, MISSING, CLOSING, MEMORY = range(SEEN, SEEN + 11)
-"""What the law remembers behind the inputs of the state before: whether there is one, rate of the lateral error (m/s),
-excess of lateral acceleration (m/s^2), its answer, its way to the targets: distance from the line (m, positive to
-the left), change of the planned speed as a part of it, rate of that distance (m/s); and the speed that is missing to
-the planned one (m/s) and how fast the machine catches up (m/s^2). MEMORY is the length of all of it."""
+INPUTS: Final = Schema(
+    (
+        LOOK["speed"],
+        STATE["roll"],
+        LOOK["progress"],
+        LOOK["lateral_error"],
+        LOOK["heading_error"],
+        STATE["roll_rate"],
+    )
+)
+"""Inputs of the law, in the order of their columns; progress is of any lap."""
+MEMORY: Final = Schema(
+    (
+        *INPUTS,
+        Quantity("known", FLAG, 1, "whether there is a state before, whose inputs stand in front"),
+        Quantity("error_rate", "m/s", -1, "rate of the lateral error"),
+        Quantity("excess", "m/s^2", -1, "of lateral acceleration over that of the line"),
+        Quantity("steering", "1", -1, "command"),
+        Quantity("throttle", "1", 1, "command"),
+        Quantity("offset", "m", -1, "distance from the line that is ridden to, positive to the left"),
+        Quantity("pace", "1", 1, "change of the planned speed that is ridden to, as a part of it"),
+        Quantity("offset_rate", "m/s", -1, "rate of `offset`"),
+        Quantity("missing", "m/s", 1, "speed that is missing to the planned one"),
+        Quantity("closing", "m/s^2", 1, "rate at which the machine catches up"),
+    )
+)
+"""Memory of the law for one ride: the inputs before, its commands, and its approach to the targets."""
+SPEED, ROLL, PROGRESS = map(INPUTS.index, ("speed", "roll", "progress"))
+LATERAL_ERROR, HEADING_ERROR, ROLL_RATE = map(INPUTS.index, ("lateral_error", "heading_error", "roll_rate"))
+SEEN: Final = len(INPUTS)
+KNOWN, RATE, EXCESS, STEERING, THROTTLE = map(MEMORY.index, ("known", "error_rate", "excess", "steering", "throttle"))
+OFFSET, PACE, OFFSET_RATE = map(MEMORY.index, ("offset", "pace", "offset_rate"))
+MISSING, CLOSING = map(MEMORY.index, ("missing", "closing"))
 LATE: Final = 0.5
 """A command is held for a control period and so acts this part of it late."""
 
@@ -69,17 +93,16 @@ def seen_of(state: FloatArray, look: FloatArray) -> FloatArray:
         state: their minimal states.
         look: their looks.
     """
-    return np.stack(
-        (
-            look[:, lk.SPEED],
-            state[:, st.ROLL],
-            look[:, lk.PROGRESS],
-            look[:, lk.LATERAL_ERROR],
-            look[:, lk.HEADING_ERROR],
-            state[:, st.ROLL_RATE],
-        ),
-        axis=1,
-    )
+    seen = np.empty((len(state), SEEN))
+    seen[:, _LOOK_INPUTS] = look[:, _LOOK_COLUMNS]
+    seen[:, _STATE_INPUTS] = state[:, _STATE_COLUMNS]
+    return seen
+
+
+_LOOK_INPUTS: Final = [place for place, name in enumerate(INPUTS.names) if name in LOOK.names]
+_LOOK_COLUMNS: Final = [LOOK.index(INPUTS.names[place]) for place in _LOOK_INPUTS]
+_STATE_INPUTS: Final = [place for place, name in enumerate(INPUTS.names) if name in STATE.names]
+_STATE_COLUMNS: Final = [STATE.index(INPUTS.names[place]) for place in _STATE_INPUTS]
 
 
 class _Law(NamedTuple):
@@ -153,8 +176,8 @@ class LineLaw:
         )
         engine = np.array([engine_force(vehicle, float(speed)) for speed in self.leans.speeds])
         self._tables: Tables = (self.leans.table, self.leans.speeds, self.leans.leans, engine)
-        self._lines = LineTables[LinePlan](count, [0.0] * PLAN_COLUMNS, lambda plan: plan.table)
-        self.memory = np.zeros((count, MEMORY))
+        self._lines = LineTables[LinePlan](count, [0.0] * len(PLAN), lambda plan: plan.table)
+        self.memory = np.zeros((count, len(MEMORY)))
 
     def begin(self, row: int, plan: LinePlan) -> None:
         """Let a ride follow a plan from now on, without a past."""

@@ -27,18 +27,14 @@ The law itself is compiled, in `bike_policy.planning.line_law`.
 
 from __future__ import annotations
 
-import math
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
-from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, LinePlan, RiderSettings, plan_line
-from bike_policy.planning.line_law import LineLaw
+from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, LinePlan, RiderSettings
+from bike_policy.planning.line_law import LineLaw, seen_of
 from bike_policy.planning.plan_verification import verified_plan
 from bike_sim.course.course import Course
-from bike_sim.physics import state as st
-from bike_sim.planning.lap_limit import LapLimit
-from bike_sim.sim import look as lk
 from bike_sim.sim.request import Preview
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.bicycle import Vehicle
@@ -48,77 +44,11 @@ CLASSICAL: Final = "classical"
 """Name of this rider."""
 
 
-class Seen(NamedTuple):
-    """Inputs of the rider at one control instant, in the order of `bike_policy.planning.line_law`.
-
-    Attributes:
-        speed: m/s. roll: rad, positive to the right.
-        progress: arc length of the line, m, of any lap.
-        lateral_error: m, positive left of the line. heading_error: rad, positive to the left.
-        roll_rate: rad/s, positive to the right.
-    """
-
-    speed: float
-    roll: float
-    progress: float
-    lateral_error: float
-    heading_error: float
-    roll_rate: float = 0.0
-
-
-class LineController:
-    """Steers and drives one machine along one closed line.
-
-    Attributes:
-        plan: the line with the speed profile that is followed, the machine's theoretical lap with its reserve.
-        law: that answers.
-    """
-
-    def __init__(
-        self,
-        vehicle: Superbike,
-        line: Course,
-        control_period: float,
-        settings: RiderSettings | None = None,
-        plan: LinePlan | None = None,
-    ) -> None:
-        """Plan the lap.
-
-        Args:
-            vehicle: the machine.
-            line: closed line to follow.
-            control_period: s.
-            settings: how to ride.
-            plan: of the line; None for the one that follows from the settings.
-
-        Raises:
-            ValueError: the line is open.
-        """
-        settings = settings or CLASSICAL_SETTINGS
-        self.plan = plan or plan_line(vehicle, line, settings)
-        self.law = LineLaw(vehicle, control_period, settings)
-        self.reset()
-
-    @property
-    def profile(self) -> LapLimit:
-        """The speed profile that is followed."""
-        return self.plan.profile
-
-    def reset(self) -> None:
-        """Forget the ride before."""
-        self.law.begin(0, self.plan)
-
-    def command(self, seen: Seen) -> tuple[float, float]:
-        """Return steering and throttle in [-1, 1]; the same ones again for a repeated state."""
-        steering, throttle = self.law.commands(np.array([seen]))[0].tolist()
-        return steering, throttle
-
-
 class ClassicalRider:
     """The classical rider of superbikes; implements `bike_policy.riders.rider.Rider`.
 
     Attributes:
-        controller: of the present ride, or None before the first.
+        plan: of the present ride, the machine's theoretical lap with its reserve; None before the first.
     """
 
     name = CLASSICAL
@@ -128,7 +58,7 @@ class ClassicalRider:
         """Take the settings of the rider."""
         self._settings = settings or CLASSICAL_SETTINGS
         self._ride: tuple[Vehicle, Course, float] | None = None
-        self.controller: LineController | None = None
+        self.plan: LinePlan | None = None
 
     def begin(self, vehicle: Vehicle, course: Course, period: float, preview: Preview) -> None:
         """Plan the lap and verify it, a matter of seconds; a repeated ride keeps the plan.
@@ -138,24 +68,23 @@ class ClassicalRider:
         """
         if not isinstance(vehicle, Superbike):
             raise ValueError(f"the classical rider rides superbikes, and {vehicle.name!r} is none")
-        same = self._ride is not None and self._ride[0] is vehicle and self._ride[1] is course
-        if self.controller is not None and same and self._ride is not None and self._ride[2] == period:
-            self.controller.reset()
-            return
-        plan = verified_plan(vehicle, course, self._settings, period)
-        self.controller = LineController(vehicle, course, period, self._settings, plan)
-        self._ride = (vehicle, course, period)
+        known = self._ride
+        if (
+            self.plan is None
+            or known is None
+            or known[0] is not vehicle
+            or known[1] is not course
+            or known[2] != period
+        ):
+            self.plan = verified_plan(vehicle, course, self._settings, period)
+            self._law = LineLaw(vehicle, period, self._settings)
+            self._ride = (vehicle, course, period)
+        self._law.begin(0, self.plan)
 
     def command(self, snapshot: Snapshot) -> tuple[float, float] | None:
-        """Return the answer to a snapshot; None where it is not finite."""
-        assert self.controller is not None, "begin comes first"
-        look = snapshot.look
-        seen = Seen(
-            float(look[lk.SPEED]),
-            float(snapshot.state[st.ROLL]),
-            float(look[lk.PROGRESS]),
-            float(look[lk.LATERAL_ERROR]),
-            float(look[lk.HEADING_ERROR]),
-            float(snapshot.state[st.ROLL_RATE]),
-        )
-        return self.controller.command(seen) if all(map(math.isfinite, seen)) else None
+        """Return the law's command; None where the snapshot is not finite."""
+        seen = seen_of(snapshot.state[None], snapshot.look[None])
+        if not np.isfinite(seen).all():
+            return None
+        steering, throttle = self._law.commands(seen)[0].tolist()
+        return steering, throttle
