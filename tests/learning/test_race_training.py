@@ -82,7 +82,7 @@ def test_throttle_is_learned_in_seconds(tmp_path: Path, ground: CircuitSet) -> N
     ("preset", "changes", "vehicle"),
     [
         (RACE_DIRECT, {"curriculum": "spdl", "curriculum.iteration": "80"}, VEHICLE),
-        (RACE, {"task.observation": "told"}, f"{VEHICLE},r1"),
+        (RACE, {"task.observation": "conditioned"}, f"{VEHICLE},r1"),
     ],
     ids=["spdl", "guided machines"],
 )

@@ -240,7 +240,7 @@ class _Ridden:
         if self._task is not None:
             rows = rows_of(snapshot)
             self.observations.append(self._task.layout.observe(rows)[0])
-            self.rewards.append(float(sum_of(self._task.reward_terms(rows))))
+            self.rewards.append(float(sum_of(self._task.reward_terms(rows))[0]))
 
     def columns(self) -> Columns:
         return dict(zip(EXACT, np.stack(self._rows, axis=1), strict=True))
