@@ -113,7 +113,7 @@ def test_rewards_are_those_of_the_next_state_and_the_sum_of_their_terms(validati
         terms = task.reward_terms(blocks_of(state))
         assert dict(zip(step.reward_names, step.reward_terms, strict=True)) == terms
         assert step.reward == sum(step.reward_terms)
-        assert (state.steering_command, 0.0) == (step.steering, step.action)
+        assert (state.steering_command, 0.0) == (step.steering, np.ravel(step.action)[0])
 
 
 def compiled() -> VecEnv:
@@ -148,7 +148,7 @@ def test_rides_of_the_learner_are_recorded_as_it_learned_from_them(make, config,
     steps = messages(path, "/bike/learning/step")
     assert len(steps) == last - first
     np.testing.assert_array_equal([s.observation for s in steps], [s[0] for s in seen[first:last]])
-    np.testing.assert_array_equal([s.action for s in steps], [a[0, 0] for a in actions[first:last]])
+    np.testing.assert_array_equal([np.ravel(s.action)[0] for s in steps], [a[0, 0] for a in actions[first:last]])
     np.testing.assert_array_equal(np.float32([s.reward for s in steps]), [r[0] for r in rewards[first:last]])
     assert [s.learning_step for s in steps] == list(range(2 * first, 2 * last, 2))
     assert [s.learning_episode for s in steps] == [1] * SHORT.max_steps + [2] * SHORT.max_steps
