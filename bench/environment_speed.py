@@ -20,10 +20,10 @@ from bike_sim.course.random_paths import CURRICULUM_PATHS
 from bike_sim.physics.state import ROLL, ROLL_RATE
 from bike_sim.schema import GRAVITY
 from bike_sim.sim import look as lk
+from bike_sim.sim.batch import Batch
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
-from bike_sim.sim.superbike_batch import CompiledSuperbikeBatch
 from bike_sim.sim.superbike_plant import superbike_config
 from bike_training.curricula.parts import RideRanges
 from bike_training.envs.env import BikeEnv
@@ -149,7 +149,7 @@ def superbike_batch_speed(count: int = 32, steps: int = 100) -> float:
         steps: steps of a round.
     """
     config = replace(superbike_config(SUPERBIKE), engine="compiled")
-    batch = CompiledSuperbikeBatch(count, config)
+    batch = Batch(count, config)
     places = np.linspace(0.0, 4500.0, count)
     best = 0.0
     for _ in range(ROUNDS):

@@ -22,7 +22,7 @@ from bike_sim.course.files import load_track
 from bike_sim.course.lap_timing import Sample, time_laps
 from bike_sim.planning.envelope import envelope
 from bike_sim.recording.mcap_file import McapFile
-from bike_sim.sim.batch import make_batch
+from bike_sim.sim.batch import Batch
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import COURSE_POINTS, Preview, ResetRequest
 from bike_sim.sim.simulator import Simulator
@@ -51,7 +51,7 @@ def ride(config: SimulatorConfig, course: str, rider_name: str) -> None:
 
 def ride_side_by_side(config: SimulatorConfig, course: str, preview: Preview) -> None:
     """Ride two vehicles as learning does."""
-    batch = make_batch(2, config, preview)
+    batch = Batch(2, config, preview)
     for index in range(2):
         batch.reset(index, ResetRequest(course=course, seed=index))
     batch.step(np.zeros((2, 2)))

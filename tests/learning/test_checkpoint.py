@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bike_sim.sim.bicycle_batch import COMPILED_ENGINE, CompiledBatch
+from bike_sim.sim.batch import COMPILED_ENGINE, Batch
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_training.cli import main
@@ -191,7 +191,7 @@ def test_a_request_comes_back_as_it_was():
 
 def test_a_batch_goes_on_bit_for_bit(tmp_path):
     """Courses of its own, a shared one and a row that has not begun."""
-    batch, other = (CompiledBatch(5, COMPILED, Preview()) for _ in range(2))
+    batch, other = (Batch(5, COMPILED, Preview()) for _ in range(2))
     for index, course in enumerate(("random", "benchmark", "random", "benchmark")):
         batch.reset(index, ResetRequest(seed=index, course=course, perturb=True))
     rng = np.random.default_rng(1)
@@ -204,8 +204,8 @@ def test_a_batch_goes_on_bit_for_bit(tmp_path):
             np.testing.assert_array_equal(getattr(batch, name)[:4], getattr(other, name)[:4])
         batch.step(commands)
         other.step(commands)
-    with pytest.raises(ValueError, match="a batch of 2 bicycles"):
-        CompiledBatch(2, COMPILED, Preview()).restore(batch.state_dict())
+    with pytest.raises(ValueError, match="a batch of 2 vehicles"):
+        Batch(2, COMPILED, Preview()).restore(batch.state_dict())
 
 
 def test_an_environment_goes_on_bit_for_bit(tmp_path):

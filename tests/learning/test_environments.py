@@ -8,8 +8,8 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from bike_policy.contract.actor import Actor
-from bike_sim.physics.state import MIRROR_SIGNS, ROLL, STATE_SIZE
-from bike_sim.sim.bicycle_batch import CompiledBatch
+from bike_sim.physics.state import MIRROR_SIGNS, ROLL
+from bike_sim.sim.batch import Batch
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.events import EventKind
 from bike_sim.sim.request import ResetRequest
@@ -44,7 +44,7 @@ def test_batch_rides_as_the_simulator_does():
         ResetRequest(seed=seed, speed_range=RANGES.speed, path_ranges=RANGES.paths, perturb=True, preview=task.preview)
         for seed in range(5)
     ]
-    batch = CompiledBatch(5, COMPILED, task.preview)
+    batch = Batch(5, COMPILED, task.preview)
     commands = np.random.default_rng(0).uniform(-0.2, 0.2, (30, 5, 2))
     for index, request in enumerate(requests):
         batch.reset(index, request)
@@ -109,7 +109,7 @@ def test_a_fall_terminates_and_is_not_a_time_limit():
 def test_mirrored_ride_gets_the_same_rewards():
     """Mirroring state, path and actions mirrors the ride."""
     task = TASKS["lean"]
-    left, right = (CompiledBatch(1, COMPILED, task.preview) for _ in range(2))
+    left, right = (Batch(1, COMPILED, task.preview) for _ in range(2))
     request = ResetRequest(seed=4, course="line", speed_range=(4.0, 4.0), preview=task.preview)
     left.reset(0, request)
     right.reset(0, request)
@@ -129,13 +129,16 @@ def test_mirrored_ride_gets_the_same_rewards():
 
 def diverge_from(simulator: Simulator, monkeypatch: pytest.MonkeyPatch, step: int) -> None:
     """Give states that are not numbers from a control step on."""
-    state, asked = simulator.plant.state, []
+    slot, made = simulator.batch._slot, []
+    advance = slot.advance
 
-    def diverging() -> np.ndarray:
-        asked.append(None)
-        return state() if len(asked) <= step else np.full(STATE_SIZE, np.nan)
+    def diverging(commands, rows) -> None:
+        made.append(None)
+        advance(commands, rows)
+        if len(made) > step - 1:
+            rows.moved[:] = np.nan
 
-    monkeypatch.setattr(simulator.plant, "state", diverging)
+    monkeypatch.setattr(slot, "advance", diverging)
 
 
 @pytest.mark.parametrize("config", [COMPILED, SimulatorConfig(time_step=0.005)], ids=lambda config: config.engine)

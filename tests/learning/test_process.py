@@ -195,8 +195,7 @@ def drawn_seeds(process: LearningProcess, monkeypatch, steps: int) -> list[int]:
         return begin(request, *rest)
 
     with monkeypatch.context() as patch:
-        patch.setattr("bike_sim.sim.simulator.begin", note)
-        patch.setattr("bike_sim.sim.bicycle_batch.begin", note)
+        patch.setattr("bike_sim.sim.batch.begin", note)
         process.steps = process.model.num_timesteps + steps
         process.run()
     return seeds

@@ -11,7 +11,7 @@ from bike_policy.contract.observation import DESCRIPTOR, Rows, rows_of
 from bike_sim.physics.superbike import forces as sf
 from bike_sim.schema import SIGNALS
 from bike_sim.sim import look as lk
-from bike_sim.sim.batch import make_batch
+from bike_sim.sim.batch import Batch
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.superbike_plant import superbike_config
@@ -268,7 +268,7 @@ def test_one_ride_is_shown_and_judged_as_in_a_batch(task):
     requests = [
         ResetRequest(course="barcelona", speed_range=(v, v), progress=p) for v, p in ((30.0, 0.0), (25.0, 900.0))
     ]
-    batch = make_batch(2, COMPILED, task.preview)
+    batch = Batch(2, COMPILED, task.preview)
     simulator = Simulator(COMPILED)
     together = task.make_state(2, batch.vehicle)
     for row, request in enumerate(requests):

@@ -18,7 +18,7 @@ from bike_policy.contract.observation import FINE_LAYOUT, PROP_LAYOUT
 from bike_sim.physics import state as st
 from bike_sim.physics.bicycle.whipple import WhippleEngine
 from bike_sim.sim import look as lk
-from bike_sim.sim.bicycle_batch import CompiledBatch
+from bike_sim.sim.batch import Batch
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_training import cli
@@ -52,7 +52,7 @@ def run_of(learner: GradientSettings, start: str = "") -> RunSettings:
 
 def test_slopes_are_those_of_the_engine_and_of_what_is_seen() -> None:
     request = ResetRequest(seed=5, speed_range=(5.0, 5.0), perturb=True, path_length=200.0, preview=TASK.preview)
-    batch = CompiledBatch(2, COMPILED, TASK.preview)
+    batch = Batch(2, COMPILED, TASK.preview)
     for row in range(2):
         batch.reset(row, request)
     commands = np.full((2, 2), 0.02)
@@ -88,7 +88,7 @@ def test_slopes_are_those_of_the_engine_and_of_what_is_seen() -> None:
 
 
 def test_a_push_leaves_what_the_disturbance_leaves() -> None:
-    batch = CompiledBatch(2, COMPILED, TASK.preview)
+    batch = Batch(2, COMPILED, TASK.preview)
     for row in range(2):
         batch.reset(row, ResetRequest(seed=row, course="line", speed_range=(3.0, 3.0), preview=TASK.preview))
     push_sideways(batch, 1, 60.0)

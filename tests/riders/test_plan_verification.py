@@ -38,7 +38,7 @@ from bike_policy.planning.plan_verification import (
 from bike_policy.riders.racing import PolicyBatch, verified_for
 from bike_sim.course.course import Course
 from bike_sim.course.elements import Arc
-from bike_sim.sim.superbike_batch import CompiledSuperbikeBatch
+from bike_sim.sim.batch import Batch
 from bike_sim.vehicles.superbike import Superbike
 from tests.circuits import circle, over_a_crest
 
@@ -96,7 +96,7 @@ def test_a_place_that_no_lower_speed_helps_is_reached_slower_from_further_ahead(
     assert place - reach > plan.profile.s[cause] > place - 3.0 * reach
     rounds = []
 
-    def ride(_: Rollouts, batch: CompiledSuperbikeBatch, tried: LinePlan, *rest: object) -> NDArray[np.float64]:
+    def ride(_: Rollouts, batch: Batch, tried: LinePlan, *rest: object) -> NDArray[np.float64]:
         """End at one place as long as another, much further ahead, is ridden as planned."""
         rounds.append(tried)
         helped = tried.profile.speed[cause] < 0.97 * plan.profile.speed[cause]

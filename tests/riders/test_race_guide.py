@@ -17,9 +17,8 @@ from bike_sim.course.course import Course
 from bike_sim.course.files import load_course
 from bike_sim.physics import state as ps
 from bike_sim.sim import look as lk
-from bike_sim.sim.batch import SUPERBIKE_ENGINE
+from bike_sim.sim.batch import SUPERBIKE_ENGINE, Batch
 from bike_sim.sim.request import ResetRequest
-from bike_sim.sim.superbike_batch import CompiledSuperbikeBatch
 from bike_sim.sim.superbike_plant import superbike_config
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.curricula.race import CircuitSet
@@ -113,7 +112,7 @@ def test_a_guide_answers_again_the_same_and_goes_on_from_its_memory(panigale: Su
 def test_targets_are_reached(offset: float, pace: float, share: float) -> None:
     """Where the throttle is not all open, a machine rides beside the line, and as fast, as it is told to."""
     config = replace(superbike_config("panigale_v4r"), engine=SUPERBIKE_ENGINE)
-    batch = CompiledSuperbikeBatch(1, config)
+    batch = Batch(1, config)
     guide = RaceGuide(batch.vehicle, config.control_period, 1)
     batch.reset(0, ResetRequest(course="barcelona", progress=4000.0, speed_range=(25.0, 25.0)))
     line = replace(batch.course(0), width_left=None, width_right=None)  # targets beyond the limits are cut
@@ -188,7 +187,7 @@ def test_few_slow_starts_throw_the_guide_down() -> None:
     """Starts at half to nine tenths of the theoretical speed, where a machine that only speeds up runs wide."""
     config = replace(superbike_config("panigale_v4r"), engine=SUPERBIKE_ENGINE)
     count = 128
-    batch = CompiledSuperbikeBatch(count, config)
+    batch = Batch(count, config)
     guide = RaceGuide(batch.vehicle, config.control_period, count)
     ground = CircuitSet(batch.vehicle, ["barcelona"])
     for row in range(count):

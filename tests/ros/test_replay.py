@@ -15,7 +15,7 @@ from bike_policy.riders.disturbed import DisturbedRider
 from bike_policy.riders.rider import make_rider
 from bike_sim.physics import state as st
 from bike_sim.physics.superbike.engine import TIME_STEP
-from bike_sim.sim.batch import make_batch
+from bike_sim.sim.batch import Batch
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.disturbances import load_disturbances
 from bike_sim.sim.request import ResetRequest
@@ -103,7 +103,7 @@ def test_a_disturbed_ride_is_the_same_everywhere(ros, policy, tmp_path: Path) ->
     snapshots = rollout(here, DisturbedRider(make_rider(policy), known), recorded.start.request)
     ride = [snapshot for snapshot, _ in zip(snapshots, range(steps + 1), strict=False)]
     here.close()
-    batch = make_batch(2, CONFIG, recorded.start.request.preview, known)
+    batch = Batch(2, CONFIG, recorded.start.request.preview, known)
     for row in range(2):
         batch.reset(row, recorded.start.request)
     for snapshot in ride[1:]:

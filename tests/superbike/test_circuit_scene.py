@@ -9,18 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bike_sim.course.lap_timing import Timing, time_laps
-from bike_sim.course.placing import EXACT, samples_of
+from bike_sim.course.lap_timing import EXACT, Timing, samples_of, time_laps
 from bike_sim.physics import state as st
 from bike_sim.physics.superbike.statics import turning_state
 from bike_sim.planning.line_cache import content_key, track_with_line
 from bike_sim.sim import beginning
 from bike_sim.sim import look as lk
-from bike_sim.sim.circuit_scene import CircuitScene, FollowedLine, start_speed
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.events import EventKind, timing_event
+from bike_sim.sim.followed_line import FollowedLine, start_speed
 from bike_sim.sim.ground import GRASS_GRIP, GRAVEL_GRIP
-from bike_sim.sim.plant import BicyclePlant
+from bike_sim.sim.plant import Plant
 from bike_sim.sim.request import HORIZON, ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import Snapshot
@@ -39,14 +38,12 @@ def request(circuit: Path, **changes: object) -> ResetRequest:
 
 
 def timing_of(machine: Simulator) -> Timing:
-    assert isinstance(machine.scene, CircuitScene)
-    return machine.scene.timing()
+    return machine.batch.timing(0)
 
 
 def grips_of(machine: Simulator) -> list[float]:
     """Return the factors on friction that the engine has under the rear and the front wheel."""
-    assert isinstance(machine.scene, CircuitScene)
-    ground = machine.scene.ground.record
+    ground = machine.batch.rows.ground
     return [float(ground[wheel]["grip"][0]) for wheel in ("rear", "front")]
 
 
@@ -180,9 +177,9 @@ def test_lines_are_kept_by_what_they_depend_on(machine: Simulator, circuit: Path
 
 
 def test_vehicle_decides_what_moves() -> None:
-    for config, plant in ((SimulatorConfig(), BicyclePlant), (superbike_config("r1"), SuperbikePlant)):
+    for config, plant in ((SimulatorConfig(), Plant), (superbike_config("r1"), SuperbikePlant)):
         simulator = Simulator(config)
-        assert isinstance(simulator.plant, plant)
+        assert type(simulator.plant) is plant
         simulator.close()
     with pytest.raises(ValueError, match=r"whipple.*superbike"):
         Simulator(SimulatorConfig(vehicle="r1", engine="whipple"))

@@ -49,9 +49,9 @@ def test_a_start_is_where_and_as_fast_as_asked(
     snapshot = machine.reset(request)
     assert snapshot.look[lk.LATERAL_ERROR] == pytest.approx(offset, abs=1e-3)
     assert snapshot.look[lk.HEADING_ERROR] == pytest.approx(heading, abs=1e-3)
-    scene = machine.scene
-    limit = scene.followed.limit(machine.plant.envelope)  # type: ignore[union-attr, arg-type]
-    asked = share * float(limit.speed_at(scene.followed.place(progress)))  # type: ignore[union-attr]
+    followed = machine.begun.followed  # type: ignore[union-attr]
+    limit = followed.limit(machine.plant.envelope)  # type: ignore[union-attr, arg-type]
+    asked = share * float(limit.speed_at(followed.place(progress)))  # type: ignore[union-attr]
     assert snapshot.speed == pytest.approx(asked, rel=0.02)  # of the frame, which leans inwards
     margins = snapshot.circuit.limits  # type: ignore[union-attr]
     assert margins[lk.REAR_LEFT] + margins[lk.REAR_RIGHT] == pytest.approx(12.0, abs=0.05)
@@ -63,7 +63,7 @@ def test_a_start_is_where_and_as_fast_as_asked(
 def test_a_start_beside_the_road_has_the_grip_of_the_run_off(machine: Simulator, circuit: Path) -> None:
     snapshot = machine.reset(ResetRequest(course=str(circuit), start_offset=7.0, line=0.0, speed_range=(10.0, 10.0)))
     assert snapshot.off_course
-    assert machine.scene.ground.record["rear"]["grip"][0] < 1.0  # type: ignore[union-attr]
+    assert machine.batch.rows.ground["rear"]["grip"][0] < 1.0
     wrong = machine.reset(ResetRequest(course=str(circuit), start_heading=math.pi, speed_range=(10.0, 10.0)))
     assert wrong.circuit.wrong_way  # type: ignore[union-attr]
     assert not machine.reset(ResetRequest(course=str(circuit), speed_range=(10.0, 10.0))).circuit.wrong_way  # type: ignore[union-attr]
@@ -106,7 +106,7 @@ def test_time_outside_and_walls_add_up(machine: Simulator, circuit: Path) -> Non
         before = after[lk.OFF_TRACK_TIME]
     hit = snapshot.circuit.wall  # type: ignore[union-attr]
     assert hit is not None
-    assert before >= machine.scene.timing().off_track > 0.0  # type: ignore[union-attr]
+    assert before >= machine.batch.timing(0).off_track > 0.0
     assert after[lk.WALL_ENERGY] == pytest.approx(hit.energy * math.sin(hit.angle) ** 2)
 
 
@@ -117,7 +117,7 @@ def test_rates_of_the_telemetry_are_those_of_the_motion(machine: Simulator, circ
     rows = []
     for k in range(1500):
         snapshot = fine.step(0.5 * math.sin(0.004 * k), 0.6 * math.sin(0.01 * k))
-        rows.append([*snapshot.signals, *fine.plant.engine.motion["position"][0], snapshot.state[st.YAW]])  # type: ignore[attr-defined]
+        rows.append([*snapshot.signals, *fine.batch._slot.bodies.motion["position"][0], snapshot.state[st.YAW]])  # type: ignore[attr-defined]
     told = np.array(rows)
     column = {name: told[:, k] for k, name in enumerate(names)}
     x, y, z, yaw = told[:, -4:].T

@@ -19,7 +19,7 @@ from bike_policy.contract.reference import KEPT
 from bike_sim.course.files import shipped_tracks
 from bike_sim.planning.envelope import Envelope, envelope
 from bike_sim.planning.line_cache import track_with_line
-from bike_sim.sim.circuit_scene import FollowedLine
+from bike_sim.sim.followed_line import FollowedLine
 from bike_sim.sim.request import IDEAL, Preview, ResetRequest
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.superbike import Superbike

@@ -32,7 +32,6 @@ from bike_policy.contract.bundle import Bundle, load_bundle
 from bike_policy.riders.learned import LearnedRider
 from bike_sim.course.random_paths import PathRanges
 from bike_sim.sim.batch import Batch
-from bike_sim.sim.bicycle_batch import CompiledBatch
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_training.curricula.parts import REFINEMENT, SPEED_RANGES, PartsCurriculum, RideRanges
@@ -148,7 +147,6 @@ def _steep(requests: list[ResetRequest]) -> list[ResetRequest]:
 
 def _push_now_and_then(batch: Batch, step: int, riding: NDArray[np.bool_]) -> None:
     """Push bicycles that ride by PUSHED every five seconds, one to the left and the next one to the right."""
-    assert isinstance(batch, CompiledBatch)
     if step and step % _PUSH_EVERY == 0:
         for row in np.flatnonzero(riding):
             push_sideways(batch, int(row), PUSHED * (-1.0) ** (row + step // _PUSH_EVERY // 2))

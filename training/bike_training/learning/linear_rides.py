@@ -19,7 +19,7 @@ from bike_policy.contract.observation import ObservationLayout, Rows
 from bike_sim.physics import state as st
 from bike_sim.physics.bicycle.whipple import advance, pushed
 from bike_sim.sim import look as lk
-from bike_sim.sim.bicycle_batch import CompiledBatch
+from bike_sim.sim.batch import Batch
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.disturbances import Impulses
 from bike_training.curricula.base import Episodes
@@ -103,7 +103,7 @@ def _varied(states: ndarray, steer_set: ndarray, most: float, period: float, par
     return out
 
 
-def motion_slopes(batch: CompiledBatch, commands: FloatArray) -> FloatArray:
+def motion_slopes(batch: Batch, commands: FloatArray) -> FloatArray:
     """Return the derivatives of the deviations after a control period, shape (n, 6, 7).
 
     Args:
@@ -111,7 +111,7 @@ def motion_slopes(batch: CompiledBatch, commands: FloatArray) -> FloatArray:
         commands: steering in [-1, 1], shape (n,).
     """
     vehicle = batch.vehicle
-    period = batch.time_step * batch.substeps
+    period = batch.config.time_step * batch.config.substeps
     varied = _varied(batch.state, commands * vehicle.max_steer, vehicle.max_steer, period, vehicle.parameters)
     after = varied[0]
     sin, cos = np.sin(after[:, st.YAW]), np.cos(after[:, st.YAW])
@@ -169,7 +169,7 @@ class ObservationJacobian:
         return out
 
 
-def push_sideways(batch: CompiledBatch, row: int, impulse: float) -> None:
+def push_sideways(batch: Batch, row: int, impulse: float) -> None:
     """Push one bicycle of a batch as the disturbances ``impulses`` do, but at once: the rates take up its momentum.
 
     Args:
@@ -216,7 +216,7 @@ class LinearRides:
             starts: where the rides are drawn from that begin anew with every segment, without a push or a delay.
             starting: number of them, the first of all.
         """
-        self.batch = CompiledBatch(count, config, task.preview)
+        self.batch = Batch(count, config, task.preview)
         self.task = task
         self._episodes, self._sight = episodes, ObservationJacobian(task.layout)
         self._starts, self._starting = starts, starting
@@ -259,7 +259,7 @@ class LinearRides:
         whole = np.ones(count, dtype=np.bool_)
         commands = np.zeros((count, 2))
         for k in range(periods):
-            struck = self._rng.random(count) < batch.time_step * batch.substeps / 2.0
+            struck = self._rng.random(count) < batch.config.time_step * batch.config.substeps / 2.0
             draws = push * self._rng.standard_normal((count, 2)) * struck[:, None]
             draws[: self._starting] = 0.0
             batch.state[:, [st.ROLL_RATE, st.STEER_RATE]] += draws
@@ -283,7 +283,7 @@ class LinearRides:
 
     def _hit(self, whole: NDArray[np.bool_]) -> None:
         """Push some of the bicycles that still ride; every second one is never pushed."""
-        period = self.batch.time_step * self.batch.substeps
+        period = self.batch.config.time_step * self.batch.config.substeps
         hit = whole & (self._rng.random(len(whole)) < period / _BETWEEN) & (np.arange(len(whole)) % 2 == 1)
         hit[: self._starting] = False
         for row in np.flatnonzero(hit):

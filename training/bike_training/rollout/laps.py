@@ -23,8 +23,8 @@ from bike_sim.planning.lap_limit import LapLimit
 from bike_sim.planning.line_cache import closest_lap
 from bike_sim.planning.passing import Passing, passings, speeds_of_own_path
 from bike_sim.sim import look as lk
-from bike_sim.sim.circuit_scene import CircuitScene
 from bike_sim.sim.events import EventKind
+from bike_sim.sim.followed_line import FollowedLine
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import WALL, Snapshot
@@ -139,10 +139,10 @@ def ride_laps(
         finished, end, error, lean, fastest = 0, "", 0.0, 0.0, 0.0
         trace: list[list[tuple[float, float, float]]] = []
         for snapshot in rollout(machine, rider, request):
-            scene = _circuit_scene(machine)
-            limit = scene.followed.limit(limits)
+            followed = _followed_line(machine)
+            limit = followed.limit(limits)
             if tell is not None and snapshot.step:
-                tell(snapshot, scene.track.length)
+                tell(snapshot, followed.track.length)
             begun = sum(event.kind is EventKind.LAP for event in snapshot.events)
             finished += begun
             if begun:
@@ -161,15 +161,14 @@ def ride_laps(
                 end = "slow"
             if end:
                 break
-        scene = _circuit_scene(machine)
-        ridden, name = scene.timing().laps, scene.track.name
+        ridden, track = tuple(machine.batch.log(0).laps), _followed_line(machine).track
         plan = rider.plan.profile if isinstance(rider, ClassicalRider) and rider.plan is not None else None
     finally:
         machine.close()
     flying = ridden[1 : laps + 1]
     return LapRide(
         load_vehicle(vehicle).name,
-        name,
+        track.name,
         limit,
         closest_lap(circuit, limits),
         rider.name,
@@ -181,21 +180,22 @@ def ride_laps(
         lean,
         fastest,
         sum(lap.off_track for lap in flying),
-        scene.track,
+        track,
         limits,
         tuple(np.array(lap).T for lap in trace[:-1]),
     )
 
 
-def _circuit_scene(machine: Simulator) -> CircuitScene:
-    """Return the circuit that is ridden.
+def _followed_line(machine: Simulator) -> FollowedLine:
+    """Return the followed line of the circuit that is ridden.
 
     Raises:
         ValueError: the course is a path.
     """
-    if not isinstance(machine.scene, CircuitScene):
+    followed = None if machine.begun is None else machine.begun.followed
+    if followed is None:
         raise ValueError(f"course {machine.request.course!r} is a path; laps need limits and a start line")
-    return machine.scene
+    return followed
 
 
 def pair_figures(ride: LapRide, laps: int) -> dict[str, Any]:

@@ -10,13 +10,11 @@ import numpy as np
 from bike_policy.contract.bundle import Bundle
 from bike_policy.riders.racing import PolicyBatch
 from bike_sim.course.lap_timing import Lap
-from bike_sim.planning.envelope import envelope
 from bike_sim.planning.line_cache import closest_lap
 from bike_sim.sim import look as lk
-from bike_sim.sim.batch import SUPERBIKE_ENGINE
+from bike_sim.sim.batch import SUPERBIKE_ENGINE, Batch
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.snapshot import WALL
-from bike_sim.sim.superbike_batch import CompiledSuperbikeBatch
 from bike_sim.sim.superbike_plant import superbike_config
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.curricula.race import CircuitSet
@@ -99,13 +97,15 @@ def ride_races(
     layout = bundle.layout if share is None else replace(bundle.layout, share=share)
     config = replace(superbike_config(vehicle), engine=SUPERBIKE_ENGINE)
     ground = CircuitSet(load_vehicle(vehicle), [circuit])
-    batch = CompiledSuperbikeBatch(starts, config)
+    batch = Batch(starts, config)
     rider = PolicyBatch(replace(bundle, layout=layout), batch.vehicle, config.control_period, starts)
     for row in range(starts):
         request = _start(ground, circuit, row, starts)
         batch.reset(row, request)
         rider.begin(row, batch, batch.course(row))
-    theory = closest_lap(circuit, envelope(batch.vehicle))
+    limits = batch.plant(0).envelope
+    assert limits is not None, "superbikes have limits"
+    theory = closest_lap(circuit, limits)
     whole = np.ones(starts, dtype=bool)
     distance, activity, moments, outside = 0.0, np.zeros(2), 0, 0
     before = np.zeros((starts, 2))
@@ -144,7 +144,7 @@ def ride_races(
     return result
 
 
-def _finished(batch: CompiledSuperbikeBatch) -> np.ndarray:
+def _finished(batch: Batch) -> np.ndarray:
     return np.array([len(batch.log(row).laps) for row in range(batch.count)])
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from bike_policy.contract.action import ActionLayout
 from bike_policy.contract.observation import ObservationLayout, Rows, VehicleRows
 from bike_sim.course.course import Course
-from bike_sim.sim.batch import Batch, make_batch
+from bike_sim.sim.batch import Batch
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.vehicles.bicycle import Vehicle
@@ -231,7 +231,7 @@ def batch_of(task: Task, count: int, config: SimulatorConfig, machines: Sequence
         FileNotFoundError: an unknown vehicle.
     """
     names = round_robin(machines, count) if len(machines) > 1 else None
-    batch = make_batch(count, config, task.preview, vehicles=names)
+    batch = Batch(count, config, task.preview, vehicles=names)
     vehicles = [batch.vehicle] if names is None else [load_vehicle(name) for name in machines]
     return batch, state_of(task, vehicles, count)
 

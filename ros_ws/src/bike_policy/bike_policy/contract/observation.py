@@ -60,8 +60,8 @@ class VehicleRows(Protocol):
         look: derived quantities, shape (n, 12).
         preview_y: lateral offsets of the preview points in base_link, m, shape (n, points).
         signals: telemetry, shape (n, signals).
-        circuit: position between the limits, shape (n, 8); NaN without a circuit.
-        points: followed line and limits ahead, m, shape (n, 3, STATIONS, 3); NaN without a circuit.
+        circuit: position between the limits, shape (n, 8); zeros without a circuit.
+        points: followed line and limits ahead, m, shape (n, 3, STATIONS, 3); zeros without a circuit.
         fallen: whether a ride is over, shape (n,).
     """
 
@@ -118,7 +118,7 @@ def _circuit_row(circuit: Any) -> tuple[FloatArray, FloatArray]:
 
 
 def _no_circuit(count: int) -> tuple[FloatArray, FloatArray]:
-    return np.full((count, 8), np.nan), np.full((count, 3, STATIONS, 3), np.nan)
+    return np.zeros((count, 8)), np.zeros((count, 3, STATIONS, 3))
 
 
 _NO_CIRCUIT: Final = _no_circuit(1)

@@ -41,7 +41,7 @@ from bike_sim.sim.request import ResetRequest
 from bike_sim.vehicles.superbike import Superbike
 
 if TYPE_CHECKING:
-    from bike_sim.sim.superbike_batch import CompiledSuperbikeBatch
+    from bike_sim.sim.batch import Batch
 
 FloatArray = NDArray[np.float64]
 _LOG: Final = logging.getLogger(__name__)
@@ -312,18 +312,18 @@ class Rollouts(NamedTuple):
                     break
         return np.append(values, len(ends))
 
-    def batch(self, count: int) -> closing[CompiledSuperbikeBatch]:
+    def batch(self, count: int) -> closing[Batch]:
         """Return a number of machines on the line, closed at the end of a with statement."""
         step = self.period / max(1, round(self.period / TIME_STEP))
         config = SimulatorConfig(self.vehicle.name, "compiled", step, self.period)
         # Late: who has verified before is spared the compiled loop, which takes seconds to load.
-        from bike_sim.sim.superbike_batch import CompiledSuperbikeBatch
+        from bike_sim.sim.batch import Batch
 
-        batch = CompiledSuperbikeBatch(count, config, machine=self.vehicle)
+        batch = Batch(count, config, vehicles=[self.vehicle] * count)
         batch.add_circuit(_CIRCUIT, _circuit_of(self.line))
         return closing(batch)
 
-    def ride(self, batch: CompiledSuperbikeBatch, plan: LinePlan, rider: BatchRider, starts: int) -> FloatArray:
+    def ride(self, batch: Batch, plan: LinePlan, rider: BatchRider, starts: int) -> FloatArray:
         """Ride a plan; return arc length (m) and speed (m/s) at the ends of rides that did not end well, shape (n, 2).
 
         Rides that are off the course have ended as those that have fallen.

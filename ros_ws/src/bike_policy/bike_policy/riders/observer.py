@@ -312,7 +312,8 @@ class ObservedRider:
         self.rider.begin(vehicle, course, period, preview)
         self.observer = Observer(vehicle, period)
         self._vehicle, self._course, self._points = vehicle, course, preview
-        self._line = lk.columns(course)
+        self._machine = lk.Machine(vehicle.parameters, True, vehicle.mass)
+        self._line, self._form = lk.line_of(course), lk.Points(preview.by_time, preview.interval)
         self._lasting, self._share = 0, 0.0
         self._step: int | None = None
         self._answer: tuple[float, float] | None = None
@@ -351,20 +352,6 @@ class ObservedRider:
 
     def _seen_from(self, snapshot: Snapshot, state: st.StateVector) -> Snapshot:
         """Return a snapshot of the same path from another state."""
-        course, preview = self._course, self._points
-        look, points = snapshot.look.copy(), np.empty((2, preview.count))
-        lk.look_at_path(
-            state,
-            self._vehicle.parameters,
-            True,
-            self._line,
-            course.spacing,
-            course.closed,
-            preview.by_time,
-            preview.interval,
-            False,
-            look,
-            points[0],
-            points[1],
-        )
+        look, points = snapshot.look.copy(), np.empty((2, self._points.count))
+        lk.derive_on_path(state, self._machine, self._line, self._form, False, look, points)
         return replace(snapshot, state=state, look=look, preview_x=points[0], preview_y=points[1])

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from enum import IntEnum
 from typing import Any
@@ -18,9 +18,18 @@ from numba import njit
 from numpy.typing import NDArray
 
 from bike_sim.course import timing_account as acc
+from bike_sim.course.projection import project, window
 from bike_sim.course.track import IDEAL, LEFT, RIGHT, Track
 
 FloatArray = NDArray[np.float64]
+
+REACH = 4.0
+"""The nearest point is searched this far forward and backward, m: over two control steps at top speed, less than to a
+parallel road. Where a point moves farther in a step, the search follows it (`projection.window`)."""
+
+EXACT = 0.05
+"""Tolerance of a requested start, m: the projection from the centre line to the followed line and back
+goes through tables."""
 
 
 @dataclass(frozen=True)
@@ -242,7 +251,8 @@ def _feed_sample(
     front = outside(table, spacing, length, front_progress, front_offset)
     distance = ideal_distance(table, spacing, length, progress, offset)
     measured = not math.isnan(table[IDEAL, 0])
-    return acc.feed(accounts[0], marks, length, measured, time, progress, min(rear, front), distance, rows)
+    place = acc.Place(time, progress, min(rear, front), distance, 0.0)
+    return acc.feed(accounts[0], acc.Lines(marks, length, acc.CIRCUIT, measured), place, rows)
 
 
 @njit(cache=True)
@@ -274,3 +284,30 @@ def time_laps(track: Track, samples: Iterable[Sample]) -> tuple[Timing, tuple[Ti
     timer = LapTimer(track)
     events = tuple(itertools.chain.from_iterable(timer.feed(sample) for sample in samples))
     return timer.timing(), events
+
+
+def samples_of(
+    track: Track, time: FloatArray, rear: FloatArray, front: FloatArray, begin: float, front_begin: float
+) -> Iterator[Sample]:
+    """Yield where a ride was, one sample for each instant.
+
+    Args:
+        track: the circuit.
+        time: s.
+        rear: rear contact points in the map, m, shape (n, 2).
+        front: front contact points, shape (n, 2).
+        begin: progress of the first rear contact point, m, as the ride was begun with.
+        front_begin: progress near the first front contact point, m.
+    """
+    centre = track.centre
+    near, front_near = float(begin), float(front_begin)  # what times laps is compiled for floats
+    for k in range(len(time)):
+        reach = window(REACH, math.dist(rear[k], rear[max(k - 1, 0)]), centre.length)
+        found = [
+            project(centre.x, centre.y, centre.heading, centre.spacing, True, float(x), float(y), s, reach, reach)
+            for (x, y), s in ((rear[k], near), (front[k], front_near))
+        ]
+        (near, offset, _), (front_near, front_offset, _) = found
+        if k == 0 and abs(near - begin) < EXACT:
+            near = begin
+        yield Sample(float(time[k]), near, offset, front_near, front_offset)

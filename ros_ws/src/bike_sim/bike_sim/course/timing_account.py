@@ -1,14 +1,14 @@
-"""The account of lap timing, compiled: one record, fed place by place; live rides, batches and recordings use it.
+"""The account of lap timing, compiled: one record, fed place by place; live rides and recordings use it.
 
-Timing begins when the start line is first crossed (or with the first place, if that lies on it). A line counts once,
-when it is first crossed forward: riding back over it and on again changes nothing. The time of a crossing is
-interpolated in progress.
+On a circuit, timing begins when the start line is first crossed (or with the first place, if that lies on it); on a
+path with the first place. A line counts once, when it is first crossed forward: riding back over it and on again
+changes nothing. The time of a crossing is interpolated in progress.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 Record = Any
 FloatArray = NDArray[np.float64]
 
-LEFT_TRACK, LAP, SECTOR, BACK_ON_TRACK = 2, 4, 6, 7
+LEFT_TRACK, LAP, FINISH, SECTOR, BACK_ON_TRACK = 2, 4, 5, 6, 7
 """Kinds of rows; the numbers are those of ``bike_msgs/RideEvent``."""
 
 KIND, TIME, PROGRESS, VALUE, NUMBER, BEGAN, OFF_TRACK, DISTANCE = range(8)
@@ -50,6 +50,46 @@ ACCOUNT: Final = np.dtype(
 )
 """An account; all zeros before the first place."""
 
+CIRCUIT, CLOSED_PATH, OPEN_PATH = 0, 1, 2
+"""Kinds of courses: the end of an open path is reached once; a path's laps have no sector that ends with them."""
+
+_END_SLACK: Final = 1e-9
+"""Distance from the end of an open path at which it is reached, m: the projection stops there."""
+
+
+class Lines(NamedTuple):
+    """Lines across a course.
+
+    Attributes:
+        marks: progress of the sectors' beginnings between 0 and the length, m, growing.
+        length: of a lap, or of an open path, m.
+        kind: CIRCUIT, CLOSED_PATH or OPEN_PATH.
+        measured: whether there is an ideal line.
+    """
+
+    marks: FloatArray
+    length: float
+    kind: int
+    measured: bool
+
+
+class Place(NamedTuple):
+    """A vehicle on a course at one instant.
+
+    Attributes:
+        time: s, growing.
+        progress: of the rear contact point, m, growing over laps.
+        outside: distance of the contact point that is less far out beyond the limits, m; 0 on a path.
+        distance: of the rear contact point to the ideal line, m.
+        moved: distance ridden since the last place where progress may show less, as at the end of an open path, m.
+    """
+
+    time: float
+    progress: float
+    outside: float
+    distance: float
+    moved: float
+
 
 def rows_for(marks: int, laps: float) -> int:
     """Return how many rows a step can write that rides over a number of laps (a fraction counts as one more)."""
@@ -65,11 +105,13 @@ def sample(column: FloatArray, spacing: float, length: float, s: float) -> float
 
 
 @njit(cache=True)
-def line_at(index: int, marks: FloatArray, length: float) -> float:
-    """Return the progress of a line, m."""
-    lines = len(marks) + 1
-    lap, mark = index // lines, index % lines
-    return lap * length + (marks[mark - 1] if mark > 0 else 0.0)
+def line_at(index: int, lines: Lines) -> float:
+    """Return the progress of a line, m; infinite behind the end of an open path."""
+    count = len(lines.marks) + 1
+    lap, mark = index // count, index % count
+    if lines.kind == OPEN_PATH and index > count:
+        return math.inf
+    return lap * lines.length + (lines.marks[mark - 1] if mark > 0 else 0.0)
 
 
 @njit(cache=True)
@@ -83,66 +125,63 @@ def share_above_zero(a: float, b: float) -> float:
 
 
 @njit(cache=True)
-def feed(
-    account: Record, marks: FloatArray, length: float, measured: bool, time: float, progress: float, outside: float,
-    distance: float, rows: FloatArray,
-) -> int:  # fmt: skip
+def feed(account: Record, lines: Lines, place: Place, rows: FloatArray) -> int:
     """Take the next place, and return the number of rows written, in the order of time.
 
     Args:
         account: an `ACCOUNT`, advanced.
-        marks: progress of the sectors' beginnings between 0 and the length, m, growing.
-        length: of the circuit, m.
-        measured: whether there is an ideal line.
-        time: s, growing.
-        progress: of the rear contact point, m, growing over laps.
-        outside: distance of the contact point that is less far out beyond the limits, m.
-        distance: of the rear contact point to the ideal line, m.
+        lines: of the course.
+        place: where the vehicle is.
         rows: out, shape (at least `rows_for`, ROW_SIZE).
     """
-    if measured:
-        account.farthest = max(distance, account.farthest)
-    if account.started == 0:
-        count = _begin(account, marks, length, time, progress, outside, rows)
-    else:
-        count = _go_on(account, marks, length, measured, time, progress, outside, distance, rows)
+    if lines.measured:
+        account.farthest = max(place.distance, account.farthest)
+    count = _begin(account, lines, place, rows) if account.started == 0 else _go_on(account, lines, place, rows)
     account.started = 1
-    account.time, account.progress, account.outside, account.distance = time, progress, outside, distance
+    account.time, account.progress = place.time, place.progress
+    account.outside, account.distance = place.outside, place.distance
     return count
 
 
 @njit(cache=True)
-def _begin(
-    account: Record, marks: FloatArray, length: float, time: float, progress: float, outside: float, rows: FloatArray
-) -> int:
-    account.next = (len(marks) + 1) * math.floor(progress / length)
-    while line_at(account.next, marks, length) < progress:
+def _begin(account: Record, lines: Lines, place: Place, rows: FloatArray) -> int:
+    count = len(lines.marks) + 1
+    if lines.kind != CIRCUIT:
+        account.next, account.timed = 1, 1
+        while line_at(account.next, lines) <= place.progress:
+            account.next += 1
+        account.lap_began = account.sector_began = place.time
+        account.sectors = (account.next - 1) % count
+        return 0
+    account.next = count * math.floor(place.progress / lines.length)
+    while line_at(account.next, lines) < place.progress:
         account.next += 1
-    if outside > 0.0:
-        account.away, account.left_at = 1, time
-    if line_at(account.next, marks, length) == progress:
-        return _cross(account, marks, False, time, progress, rows, 0)
+    if place.outside > 0.0:
+        account.away, account.left_at = 1, place.time
+    if line_at(account.next, lines) == place.progress:
+        return _cross(account, lines, place.time, place.progress, rows, 0)
     return 0
 
 
 @njit(cache=True)
-def _go_on(
-    account: Record, marks: FloatArray, length: float, measured: bool, time: float, progress: float, outside: float,
-    distance: float, rows: FloatArray,
-) -> int:  # fmt: skip
+def _go_on(account: Record, lines: Lines, place: Place, rows: FloatArray) -> int:
+    time, progress, outside, distance = place.time, place.progress, place.outside, place.distance
     t, s, out, away = account.time, account.progress, account.outside, account.distance
+    slack = _END_SLACK if lines.kind == OPEN_PATH else 0.0
     count = _border(account, time, progress, outside, rows)
     while True:
-        line = line_at(account.next, marks, length)
-        if line > progress:
+        line = line_at(account.next, lines)
+        if line - slack > progress:
             break
         # everything is linear in progress between two places
         moved = progress - s
+        if lines.kind == OPEN_PATH and line >= lines.length - slack:
+            moved = max(moved, place.moved)
         share = min(max((line - s) / moved, 0.0), 1.0) if moved > 0.0 else 1.0
         t_line, out_line = t + share * (time - t), out + share * (outside - out)
         away_line = away + share * (distance - away)
         _add(account, t_line - t, out, out_line, away, away_line)
-        count = _cross(account, marks, measured, t_line, line, rows, count)
+        count = _cross(account, lines, t_line, line, rows, count)
         t, s, out, away = t_line, line, out_line, away_line
     _add(account, time - t, out, outside, away, distance)
     _sort(rows, count)
@@ -195,25 +234,26 @@ def mean_distance(sums: Record, measured: bool) -> float:
 
 
 @njit(cache=True)
-def _cross(
-    account: Record, marks: FloatArray, measured: bool, time: float, line: float, rows: FloatArray, count: int
-) -> int:
+def _cross(account: Record, lines: Lines, time: float, line: float, rows: FloatArray, count: int) -> int:
     """Count a line, and write the sector and the lap that end there."""
-    starts_lap = account.next % (len(marks) + 1) == 0
+    starts_lap = account.next % (len(lines.marks) + 1) == 0
     account.next += 1
-    if account.timed:
+    if account.timed and not (starts_lap and lines.kind != CIRCUIT):
         account.sectors += 1
         _write(rows, count, SECTOR, time, line, time - account.sector_began)
         rows[count, NUMBER] = account.sectors
         count += 1
     account.sector_began = time
     if starts_lap:
-        if account.timed:
+        if lines.kind == OPEN_PATH:
+            _write(rows, count, FINISH, time, line, 0.0)
+            count += 1
+        elif account.timed:
             account.laps += 1
             _write(rows, count, LAP, time, line, time - account.lap_began)
             rows[count, NUMBER], rows[count, BEGAN] = account.laps, account.lap_began
             rows[count, OFF_TRACK] = account.lap.off_track
-            rows[count, DISTANCE] = mean_distance(account.lap, measured)
+            rows[count, DISTANCE] = mean_distance(account.lap, lines.measured)
             count += 1
         account.timed, account.lap_began, account.sectors = 1, time, 0
         account.lap.time = account.lap.off_track = account.lap.distance = 0.0

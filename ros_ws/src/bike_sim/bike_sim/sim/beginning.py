@@ -1,39 +1,62 @@
-"""From a request to a scene and a first state. Every refusal of a request is made here."""
+"""From a request to the surroundings and a first state. Every refusal of a request is made here."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
-from typing import TYPE_CHECKING, Final, NamedTuple
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
+from bike_sim.course import timing_account as acc
 from bike_sim.course.course import Course
 from bike_sim.course.files import kind_of, load_course
 from bike_sim.course.random_paths import random_course
 from bike_sim.physics import state as st
+from bike_sim.physics.ground import NO_BUMPS
+from bike_sim.sim.observation import address_of, surroundings_of
 from bike_sim.sim.plant import Plant
 from bike_sim.sim.request import IDEAL, RANDOM_COURSE, ResetRequest, Start, random_length
-from bike_sim.sim.scene import PathScene
 
 if TYPE_CHECKING:
     from bike_sim.course.track import Track
-    from bike_sim.sim.circuit_scene import CircuitScene, FollowedLine
+    from bike_sim.sim.followed_line import FollowedLine
 
 BICYCLE_SPEED: Final = 4.0
 """Speed at which rides of a bicycle begin by default, m/s."""
 
 
-class Beginning(NamedTuple):
+@dataclass(frozen=True)
+class Beginning:
     """An episode before its first step.
 
     Attributes:
-        scene: the surroundings.
         state: the first minimal state.
+        course: the followed line.
+        surroundings: what its row reads but for the preview, a record of `observation.SURROUNDINGS`, shape (1,).
+        s: arc length of the followed line near which the rear contact point is, m.
+        followed: the same line with its circuit; None on a path.
+        asked: progress of the start along the centre line, m.
+        near: progress near which the rear contact point is, m.
+        marks: arc lengths of a path's sections behind its beginning, m; kept because the record has their address.
+        sections: their names.
     """
 
-    scene: PathScene | CircuitScene
     state: st.StateVector
+    course: Course
+    surroundings: NDArray[np.void]
+    s: float = 0.0
+    followed: FollowedLine | None = None
+    asked: float = 0.0
+    near: float = 0.0
+    marks: NDArray[np.float64] | None = None
+    sections: tuple[str, ...] = ()
+
+    @property
+    def track(self) -> Track | None:
+        """The circuit, or None on a path."""
+        return None if self.followed is None else self.followed.track
 
 
 LINES_KEPT: Final = 32
@@ -89,7 +112,7 @@ class Courses:
         """
         # Late, as below: a ride on a path is spared lap theory, which takes a good part of a node's start.
         from bike_sim.planning.line_cache import track_with_line
-        from bike_sim.sim.circuit_scene import FollowedLine
+        from bike_sim.sim.followed_line import FollowedLine
 
         known = self._lines.get((circuit, lam))
         if known is None:
@@ -115,7 +138,7 @@ def own_speed(request: ResetRequest, plant: Plant, courses: Courses) -> float:
     """
     if plant.rolling or plant.envelope is None:
         return BICYCLE_SPEED
-    from bike_sim.sim.circuit_scene import START_SHARE, START_SPEED, start_speed
+    from bike_sim.sim.followed_line import START_SHARE, START_SPEED, start_speed
 
     if courses.is_circuit(plant, request.course):
         followed = courses.line(plant, request.course, request.line)
@@ -129,7 +152,7 @@ def own_speed(request: ResetRequest, plant: Plant, courses: Courses) -> float:
 
 
 def begin(request: ResetRequest, plant: Plant, courses: Courses) -> Beginning:
-    """Draw the scene and the first state of an episode.
+    """Draw the course and the first state of an episode.
 
     Args:
         request: of the episode.
@@ -154,11 +177,25 @@ def begin(request: ResetRequest, plant: Plant, courses: Courses) -> Beginning:
     else:
         course = courses.path(request.course)
         state = plant.place(start, course, 0.0)
-    progress = None
+    s = 0.0
     if request.initial_state is not None:
         state = np.array(request.initial_state, dtype=np.float64)
-        progress = course.nearest(*(float(state[k]) for k in (st.X, st.Y, st.YAW)))
-    return Beginning(PathScene(plant, course, plant.preview or request.preview, progress), state)
+        s = course.nearest(*(float(state[k]) for k in (st.X, st.Y, st.YAW)))
+    return _on_path(course, state, s)
+
+
+def _on_path(course: Course, state: st.StateVector, s: float) -> Beginning:
+    """Return the beginning of an episode on a path, near an arc length, m."""
+    length = course.length
+    behind = [(name, start) for name, start in course.sections if 0.0 < start < length]
+    marks = np.array([start for _, start in behind], dtype=np.float64)
+    values = {
+        "kind": acc.CLOSED_PATH if course.closed else acc.OPEN_PATH, "limit": course.off_course_limit,
+        "line": address_of(course.table), "line_samples": len(course.s), "line_spacing": course.spacing,
+        "line_length": length, "marks": address_of(marks), "mark_count": len(marks),
+        "bumps": address_of(NO_BUMPS),
+    }  # fmt: skip
+    return Beginning(state, course, surroundings_of(values), s, marks=marks, sections=tuple(name for name, _ in behind))
 
 
 def _check_for_path(request: ResetRequest) -> None:
@@ -192,8 +229,6 @@ def _shared_speed(request: ResetRequest, plant: Plant, followed: FollowedLine, s
 
 
 def _begin_on_circuit(request: ResetRequest, plant: Plant, courses: Courses) -> Beginning:
-    from bike_sim.sim.circuit_scene import CircuitScene
-
     followed = courses.line(plant, request.course, request.line)
     s = followed.place(request.progress)
     if request.initial_state is not None:
@@ -209,6 +244,8 @@ def _begin_on_circuit(request: ResetRequest, plant: Plant, courses: Courses) -> 
         state[st.X] -= request.start_offset * math.sin(along)
         state[st.Y] += request.start_offset * math.cos(along)
         state[st.YAW] += request.start_heading
-    scene = CircuitScene(plant, followed, None if plant.preview else request.preview, request.progress)
-    scene.start(s, state, anywhere=request.initial_state is not None)
-    return Beginning(scene, state)
+    near, track = request.progress, followed.track
+    if request.initial_state is not None:  # it may be anywhere on the circuit
+        s = followed.line.nearest(state[st.X], state[st.Y], state[st.YAW], s)
+        near = track.centre.nearest(state[st.X], state[st.Y], state[st.YAW], request.progress)
+    return Beginning(state, followed.line, followed.surroundings, s, followed, request.progress, near)

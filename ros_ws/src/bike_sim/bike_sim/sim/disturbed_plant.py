@@ -10,7 +10,7 @@ from bike_sim.physics.engines import make_bicycle_engine
 from bike_sim.physics.ground import Ground
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.disturbances import Disturbances
-from bike_sim.sim.plant import BicyclePlant, Plant, make_plant
+from bike_sim.sim.plant import Plant, make_plant
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
@@ -19,7 +19,7 @@ _FORCES: Final = 0
 """Branch of the draws."""
 
 
-class DisturbedPlant(BicyclePlant):
+class DisturbedPlant(Plant):
     """A disturbed bicycle; see `bike_sim.sim.plant.Plant`.
 
     Attributes:
@@ -92,16 +92,23 @@ class DisturbedPlant(BicyclePlant):
         return min(max(wanted, rest - limit / vehicle.P), rest + limit / vehicle.P)
 
 
-def make_disturbed_plant(config: SimulatorConfig, disturbances: Disturbances | None) -> Plant:
+def make_disturbed_plant(
+    config: SimulatorConfig, disturbances: Disturbances | None, vehicle: Vehicle | None = None
+) -> Plant:
     """Return a vehicle with its engine, disturbed where anything acts on it.
+
+    Args:
+        config: vehicle, engine and steps.
+        disturbances: of what is ridden.
+        vehicle: the config's where it is loaded already; None to load it.
 
     Raises:
         ValueError: an invalid parameter, or a superbike: these disturbances are for bicycles.
         FileNotFoundError: an unknown vehicle.
     """
     if disturbances is None or not disturbances.acts_on_bicycle:
-        return make_plant(config)
-    vehicle = load_vehicle(config.vehicle)
+        return make_plant(config, vehicle)
+    vehicle = vehicle or load_vehicle(config.vehicle)
     if isinstance(vehicle, Superbike):
         raise ValueError(f"disturbances {disturbances.name!r} act on bicycles, and {vehicle.name!r} is a superbike")
     return DisturbedPlant(vehicle, config, disturbances)

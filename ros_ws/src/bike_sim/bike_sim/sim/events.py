@@ -1,17 +1,37 @@
-"""Events of a ride: resets, falls, laps and sectors, detected from one control instant to the next."""
+"""Events of a ride: resets, falls, laps and sectors, from the rows that observations write."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, Final
+from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_sim.course import timing_account as acc
 from bike_sim.course.course import Course
-from bike_sim.course.lap_timing import TimingEvent, TimingKind
-from bike_sim.course.line_crossings import LineCrossings
+from bike_sim.course.lap_timing import LapLog, TimingEvent, TimingKind
 from bike_sim.course.track import Track
+from bike_sim.physics.superbike.forces import FALL_NAMES
+
+NO_FALL: Final = "none"
+"""Value of `Snapshot.fall` while the ride continues."""
+TIPPED: Final = "tip_over"
+"""A bicycle on its side; superbikes have more kinds of falls (`superbike_forces.FALL_NAMES`)."""
+WALL: Final = "wall"
+"""A contact point met a wall."""
+DIVERGED: Final = "diverged"
+"""The integration gave values that are not finite."""
+
+ENDS: Final = (*FALL_NAMES, WALL, DIVERGED)
+"""How rides end, by code; 0 while they go on."""
+
+CAUSE, SPEED, ANGLE, ENERGY = range(acc.NUMBER, acc.ROW_SIZE)
+"""Columns of rows of falls and walls: code of the end or 0, speed (m/s), and of a wall the angle to it (rad) and the
+energy (J)."""
 
 
 class EventKind(IntEnum):
@@ -68,70 +88,38 @@ class Event:
     text: str
 
 
-_REMEMBERED: Final = ("_lap_began", "_sector_began", "_time", "_progress", "_off_course")
+def events_of(rows: NDArray[np.float64], log: LapLog, sections: Sequence[str] | None) -> tuple[Event, ...]:
+    """Return rows of an observation as events, and keep the laps that they finish.
 
-
-class PathEvents:
-    """Finds sectors, laps, the finish and leaving the course on a path.
-
-    A line across the course (the start of a section, the end of a lap) counts once, when it is first crossed forward.
+    Args:
+        rows: as `bike_sim.sim.observation` wrote them.
+        log: finished laps of the ride.
+        sections: names of a path's sections behind its beginning; None on a circuit.
     """
+    return tuple(_event(row, log, sections) for row in rows.tolist())
 
-    def __init__(self, course: Course, time: float, progress: float) -> None:
-        """Begin an episode at a time (s) and an arc length (m)."""
-        self._course = course
-        self._marks = [(name, start) for name, start in course.sections if 0.0 < start < course.length]
-        self._lines = LineCrossings([start for _, start in self._marks], course.length, course.closed)
-        self._lines.skip_to(progress)
-        self._lap_began = self._sector_began = time
-        self._time, self._progress, self._off_course = time, progress, False
 
-    def to_card(self) -> dict[str, Any]:
-        """Return what is remembered as plain values."""
-        remembered = {name: getattr(self, name) for name in _REMEMBERED}
-        return {**remembered, "next": self._lines.next}
+def _event(row: list[float], log: LapLog, sections: Sequence[str] | None) -> Event:
+    kind, time, progress, value = EventKind(int(row[acc.KIND])), *row[acc.TIME : acc.NUMBER]
+    if kind in (EventKind.WALL, EventKind.SCRAPE):
+        event = wall_event if kind is EventKind.WALL else scrape_event
+        return event(time, progress, WallHit(row[SPEED], row[ANGLE], row[ENERGY]))
+    if kind is EventKind.FALL:
+        cause = int(row[CAUSE])
+        return fall_event(time, progress, value, ENDS[cause] if cause else "", row[SPEED])
+    if sections is None:
+        return Event(kind, time, progress, value, log.take(row).text)
+    return Event(kind, time, progress, value, _text_on_path(kind, time, value, int(row[acc.NUMBER]), sections))
 
-    def restore(self, card: Mapping[str, Any]) -> None:
-        """Go on where :meth:`to_card` was taken."""
-        for name in _REMEMBERED:
-            setattr(self, name, card[name])
-        self._lines.next = card["next"]
 
-    def look(
-        self, time: float, progress: float, speed: float, lateral_error: float, off_course: bool, ended: list[Event]
-    ) -> list[Event]:
-        """Return what happened since the instant before, in the order of time.
-
-        Args:
-            time: s.
-            progress: arc length, m.
-            speed: m/s.
-            lateral_error: m, positive left.
-            off_course: whether that is beyond the course's limit.
-            ended: the event of a fall, if there was one.
-        """
-        # The projection on an open course stops at its end, so the last step may have gone farther than it says.
-        beyond = 0.0 if self._course.closed else speed * (time - self._time)
-        crossed = self._lines.advance(self._time, self._progress, time, progress, beyond)
-        events = [self._crossing(index, line, at) for index, line, at in crossed] + ended
-        if off_course and not self._off_course:
-            events.append(
-                Event(EventKind.OFF_COURSE, time, progress, lateral_error, f"off the course by {lateral_error:+.2f} m")
-            )
-        self._time, self._progress, self._off_course = time, progress, off_course
-        return events
-
-    def _crossing(self, index: int, line: float, time: float) -> Event:
-        lap, mark = divmod(index, len(self._marks) + 1)
-        began, self._sector_began = self._sector_began, time
-        if mark < len(self._marks):
-            text = f"sector {self._marks[mark][0]!r} begins"
-            return Event(EventKind.SECTOR, time, line, time - began, text)
-        if not self._course.closed:
-            return Event(EventKind.FINISH, time, line, 0.0, f"end of the course reached after {time:.3f} s")
-        duration = time - self._lap_began
-        self._lap_began = time
-        return Event(EventKind.LAP, time, line, duration, f"lap {lap + 1} in {duration:.3f} s")
+def _text_on_path(kind: EventKind, time: float, value: float, number: int, sections: Sequence[str]) -> str:
+    if kind is EventKind.SECTOR:
+        return f"sector {sections[number - 1]!r} begins"
+    if kind is EventKind.LAP:
+        return f"lap {number} in {value:.3f} s"
+    if kind is EventKind.FINISH:
+        return f"end of the course reached after {time:.3f} s"
+    return f"off the course by {value:+.2f} m"
 
 
 def timing_event(event: TimingEvent, outside: float) -> Event:

@@ -9,7 +9,7 @@ pitch, yaw rate and speed of the simulated machine into the look before.
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -20,11 +20,11 @@ from bike_sim.course.course import Course
 from bike_sim.course.timing_account import sample
 from bike_sim.physics import kinematics
 from bike_sim.physics.state import FRONT_WHEEL_RATE, ROLL, STEER, YAW, X, Y
-from bike_sim.schema import LIMITS, LOOK, PLACE
+from bike_sim.schema import LIMITS, LOOK
+from bike_sim.schema import PLACE as CENTRE_PLACE
+from bike_sim.sim.request import COURSE_POINTS
 from bike_sim.sim.request import STATIONS as STATIONS
 from bike_sim.vehicles.bicycle import PARAMETER_NAMES
-
-Line = tuple[ndarray, ndarray, ndarray, ndarray]
 
 PITCH: Final = LOOK.index("pitch")
 YAW_RATE: Final = LOOK.index("yaw_rate")
@@ -41,11 +41,11 @@ PREVIEW_SPACING: Final = LOOK.index("preview_spacing")
 LOOK_SIZE: Final = len(LOOK)
 FIELDS: Final = LOOK.names
 
-CENTRE_PROGRESS: Final = PLACE.index("centre_progress")
-CENTRE_OFFSET: Final = PLACE.index("centre_offset")
-FRONT_CENTRE_PROGRESS: Final = PLACE.index("front_centre_progress")
-FRONT_CENTRE_OFFSET: Final = PLACE.index("front_centre_offset")
-PLACE_SIZE: Final = len(PLACE)
+CENTRE_PROGRESS: Final = CENTRE_PLACE.index("centre_progress")
+CENTRE_OFFSET: Final = CENTRE_PLACE.index("centre_offset")
+FRONT_CENTRE_PROGRESS: Final = CENTRE_PLACE.index("front_centre_progress")
+FRONT_CENTRE_OFFSET: Final = CENTRE_PLACE.index("front_centre_offset")
+PLACE_SIZE: Final = len(CENTRE_PLACE)
 
 REAR_LEFT: Final = LIMITS.index("rear_left_margin")
 REAR_RIGHT: Final = LIMITS.index("rear_right_margin")
@@ -66,23 +66,84 @@ STATION_SIZE: Final = 11
 LEAST_SPACING: Final = 0.5
 """Distance of stations at a standstill, m."""
 
+# Beginnings of the blocks of a view: derived quantities, then these.
+PLACE: Final = LOOK_SIZE
+CIRCUIT: Final = PLACE + PLACE_SIZE
+POINTS: Final = CIRCUIT + CIRCUIT_SIZE
+VIEW_SIZE: Final = POINTS + 9 * STATIONS
+"""A view is one vector: derived quantities, place, relation to the limits and course points."""
+
+_INTERVAL: Final = COURSE_POINTS.interval
 _FRONT_RADIUS = PARAMETER_NAMES.index("rF")
 
 
-def blank_look() -> np.ndarray:
-    """Return a look with the search for the nearest point beginning at arc length 0."""
-    return np.zeros(LOOK_SIZE)
+class Machine(NamedTuple):
+    """A vehicle as the kernels take it.
+
+    Attributes:
+        parameters: flat vehicle parameters.
+        rolling: whether it rolls without slip, so that its motion follows from the minimal state.
+        mass: kg.
+    """
+
+    parameters: ndarray
+    rolling: bool
+    mass: float
 
 
-def columns(course: Course) -> Line:
-    """Return a course's x, y, heading and curvature as the kernels take them."""
-    return course.x, course.y, course.heading, course.curvature
+class Line(NamedTuple):
+    """A sampled line as the kernels take it.
+
+    Attributes:
+        x: m.
+        y: m.
+        heading: rad.
+        curvature: 1/m.
+        spacing: distance of the samples, m.
+        closed: whether it is closed.
+    """
+
+    x: ndarray
+    y: ndarray
+    heading: ndarray
+    curvature: ndarray
+    spacing: float
+    closed: bool
+
+
+class Circuit(NamedTuple):
+    """Lines and limits of a circuit as the kernels take them.
+
+    Attributes:
+        ahead: stations of the followed line, from :func:`stations`.
+        centre: the centre line.
+        height: of the centre line at its samples, m.
+        bank: rise per m to the left there.
+    """
+
+    ahead: ndarray
+    centre: Line
+    height: ndarray
+    bank: ndarray
+
+
+class Points(NamedTuple):
+    """Form of a preview, see :class:`bike_sim.sim.request.Preview`."""
+
+    by_time: bool
+    interval: float
+
+
+def line_of(course: Course) -> Line:
+    """Return a course as the kernels take it."""
+    return Line(course.x, course.y, course.heading, course.curvature, course.spacing, course.closed)
 
 
 @njit(cache=True, inline="always")
-def _move(state: ndarray, parameters: ndarray, rolling: bool, look: ndarray) -> None:
+def _move(state: ndarray, machine: Machine, look: ndarray) -> None:
     """Fill the derived motion; see the module's docstring for vehicles that do not roll without slip."""
-    if rolling:
+    parameters = machine.parameters
+    if machine.rolling:
         look[PITCH] = kinematics.pitch(state[ROLL], state[STEER], parameters)
         look[YAW_RATE] = kinematics.yaw_rate(state, parameters)
         look[SPEED] = kinematics.rear_speed(state, parameters)
@@ -90,18 +151,16 @@ def _move(state: ndarray, parameters: ndarray, rolling: bool, look: ndarray) -> 
 
 
 @njit(cache=True, inline="always")
-def _relate(
-    state: ndarray, line: Line, spacing: float, closed: bool, behind: float, ahead: float, fresh: bool, look: ndarray
-) -> None:
+def _relate(state: ndarray, line: Line, behind: float, ahead: float, fresh: bool, look: ndarray) -> None:
     """Fill the errors of both contact points to the followed line, searched in a window around the last projections."""
-    x, y, heading, curvature = line
+    x, y, heading, spacing, closed = line.x, line.y, line.heading, line.spacing, line.closed
     s, distance, direction = projection.project(
         x, y, heading, spacing, closed, state[X], state[Y], look[PROGRESS], behind, ahead
     )
     look[PROGRESS] = s
     look[LATERAL_ERROR] = distance
     look[HEADING_ERROR] = projection.wrap_angle(state[YAW] - direction)
-    look[CURVATURE] = projection.curvature_at(curvature, spacing, closed, s)
+    look[CURVATURE] = projection.curvature_at(line.curvature, spacing, closed, s)
     near = s + 1.0 if fresh else look[FRONT_PROGRESS]
     s, distance, _ = projection.project(
         x, y, heading, spacing, closed, look[FRONT_X], look[FRONT_Y], near, behind, ahead
@@ -111,96 +170,60 @@ def _relate(
 
 
 @njit(cache=True, inline="always")
-def preview_line(
-    state: ndarray,
-    parameters: ndarray,
-    rolling: bool,
-    line: Line,
-    spacing: float,
-    closed: bool,
-    by_time: bool,
-    interval: float,
-    look: ndarray,
-    preview_x: ndarray,
-    preview_y: ndarray,
-) -> None:
+def preview_line(state: ndarray, machine: Machine, line: Line, points: Points, look: ndarray, preview: ndarray) -> None:
     """Fill the preview of the followed line (Weyrer et al. 2026, Eqs. 5 and 14).
 
     Args:
         state: minimal state.
-        parameters: flat vehicle parameters.
-        rolling: whether speed is that of the front wheel's rolling; else that of the look, with LEAST_SPACING.
-        line: from :func:`columns`.
-        spacing: distance of its samples, m.
-        closed: whether it is closed.
-        by_time: preview distance grows with speed.
-        interval: s if so, else m.
+        machine: where it rolls, the speed of the points is that of the front wheel's rolling; else that of the look,
+            with LEAST_SPACING.
+        line: the followed one.
+        points: form of the preview.
         look: its progress is where the preview begins; its preview spacing is set.
-        preview_x: out, m, base_link.
-        preview_y: out, m, base_link.
+        preview: out, m, base_link, shape (2, points).
     """
-    step = interval
-    if by_time and rolling:
-        step = interval * parameters[_FRONT_RADIUS] * state[FRONT_WHEEL_RATE]
-    elif by_time:
-        step = max(interval * look[SPEED], LEAST_SPACING)
+    step = points.interval
+    if points.by_time and machine.rolling:
+        step = points.interval * machine.parameters[_FRONT_RADIUS] * state[FRONT_WHEEL_RATE]
+    elif points.by_time:
+        step = max(points.interval * look[SPEED], LEAST_SPACING)
     look[PREVIEW_SPACING] = step
-    x, y, heading, _ = line
     projection.preview(
-        x, y, heading, spacing, closed, state[X], state[Y], state[YAW], look[PROGRESS], step, preview_x, preview_y
-    )
+        line.x, line.y, line.heading, line.spacing, line.closed, state[X], state[Y], state[YAW], look[PROGRESS], step,
+        preview[0], preview[1],
+    )  # fmt: skip
 
 
 @njit(cache=True)
-def look_at_path(
-    state: ndarray,
-    parameters: ndarray,
-    rolling: bool,
-    line: Line,
-    spacing: float,
-    closed: bool,
-    by_time: bool,
-    interval: float,
-    fresh: bool,
-    look: ndarray,
-    preview_x: ndarray,
-    preview_y: ndarray,
+def derive_on_path(
+    state: ndarray, machine: Machine, line: Line, points: Points, fresh: bool, look: ndarray, preview: ndarray
 ) -> None:
-    """Fill the look of a path.
+    """Fill the derived quantities of a path.
 
     Args:
         state: minimal state, see :mod:`bike_sim.physics.state`.
-        parameters: flat vehicle parameters.
-        rolling: whether the motion follows from the minimal state.
-        line: from :func:`columns`.
-        spacing: distance of its samples, m.
-        closed: whether it is closed.
-        by_time: see :func:`preview_line`.
-        interval: s or m.
+        machine: the vehicle.
+        line: the path.
+        points: form of the preview.
         fresh: search for the front contact from the rear one, after a reset.
         look: vector of LOOK_SIZE, in and out: the last progress is where the search begins.
-        preview_x: out, m, base_link.
-        preview_y: out, m, base_link.
+        preview: out, m, base_link, shape (2, points).
     """
-    _move(state, parameters, rolling, look)
-    _relate(state, line, spacing, closed, projection.BEHIND, projection.AHEAD, fresh, look)
-    preview_line(state, parameters, rolling, line, spacing, closed, by_time, interval, look, preview_x, preview_y)
+    _move(state, machine, look)
+    _relate(state, line, projection.BEHIND, projection.AHEAD, fresh, look)
+    preview_line(state, machine, line, points, look, preview)
 
 
 @njit(cache=True)
-def centre_progress(
-    x: ndarray, y: ndarray, heading: ndarray, spacing: float, line_x: ndarray, line_y: ndarray
-) -> ndarray:
+def centre_progress(centre: Line, line_x: ndarray, line_y: ndarray) -> ndarray:
     """Return the progress along a closed centre line at the samples of another line of the circuit, increasing, m.
 
     Args:
-        x: samples of the centre line, m.
-        y: the same, m.
-        heading: the same, rad.
-        spacing: of its samples, m.
+        centre: the centre line.
         line_x: samples of the line, m; the first is at the start line.
         line_y: the same, m.
     """
+    x, y, heading, spacing = centre.x, centre.y, centre.heading, centre.spacing
     found = np.empty(len(line_x))
     near = 0.0
     for i in range(len(line_x)):
@@ -211,7 +234,7 @@ def centre_progress(
 
 @njit(cache=True)
 def stations(
-    line: ndarray, line_spacing: float, to_centre: ndarray, centre: Line, spacing: float,
+    line: ndarray, line_spacing: float, to_centre: ndarray, centre: Line,
     limits: tuple[ndarray, ndarray, ndarray, ndarray],
 ) -> ndarray:  # fmt: skip
     """Return what a station shows at every sample of a line of a circuit: one row each, so that memory is read once.
@@ -220,8 +243,7 @@ def stations(
         line: x, y, heading and curvature of the line, shape (4, n).
         line_spacing: distance of its samples, m.
         to_centre: progress along the centre line at its samples, m.
-        centre: of the centre line, from :func:`columns`.
-        spacing: distance of its samples, m.
+        centre: the centre line.
         limits: distance to the left and to the right limit (m), height (m) and bank (rise per m to the left), at the
             centre line's samples.
 
@@ -229,7 +251,7 @@ def stations(
         x and y of the line, of its tangent as long as the distance of its samples, and of the left and of the right
         limit beside it, then the heights of line and limits, all m, shape (n, STATION_SIZE).
     """
-    cx, cy, ch, _ = centre
+    cx, cy, ch, spacing = centre.x, centre.y, centre.heading, centre.spacing
     left, right, height, bank = limits
     around = spacing * (len(height) - 1)
     rows = np.empty((line.shape[1], STATION_SIZE))
@@ -248,59 +270,38 @@ def stations(
 
 
 @njit(cache=True)
-def look_at_circuit(
-    state: ndarray,
-    parameters: ndarray,
-    rolling: bool,
-    stopped: bool,
-    line: Line,
-    line_spacing: float,
-    ahead: ndarray,
-    centre: Line,
-    spacing: float,
-    height: ndarray,
-    bank: ndarray,
-    interval: float,
-    reach: float,
-    look: ndarray,
-    place: ndarray,
-    points: ndarray,
+def derive_on_circuit(
+    state: ndarray, machine: Machine, line: Line, circuit: Circuit, reach: float, stopped: bool, view: ndarray
 ) -> float:
-    """Fill the look of a circuit, and return the heading of the centre line beside the rear contact point, rad.
+    """Fill look, place and course points, and return the heading of the centre line beside the rear contact, rad.
 
     Args:
         state: minimal state.
-        parameters: flat vehicle parameters.
-        rolling: whether the motion follows from the minimal state.
-        stopped: whether a wall holds the vehicle, so that its speed and yaw rate are 0.
-        line: of the followed line, from :func:`columns`.
-        line_spacing: distance of its samples, m.
-        ahead: what stations show, from :func:`stations`.
-        centre: of the centre line, from :func:`columns`.
-        spacing: distance of its samples, m.
-        height: of the centre line, m, at its samples.
-        bank: rise per m to the left there.
-        interval: time between stations, s.
+        machine: the vehicle.
+        line: the followed line.
+        circuit: around it.
         reach: how far around where they were the nearest points are searched, m.
-        look: in and out.
-        place: arc length and lateral offset of both contact points relative to the centre line, in and out.
-        points: out, stations of the followed line and of both limits, in base_link, m, shape (3, STATIONS, 3).
+        stopped: whether a wall holds the vehicle, so that its speed and yaw rate are 0.
+        view: in and out; the last look and place are where the search begins.
     """
-    _move(state, parameters, rolling, look)
+    look, place = view[:PLACE], view[PLACE:CIRCUIT]
+    points = view[POINTS:VIEW_SIZE].reshape((3, STATIONS, 3))
+    _move(state, machine, look)
     if stopped:
         look[YAW_RATE] = look[SPEED] = 0.0
-    _relate(state, line, line_spacing, True, reach, reach, False, look)
-    cx, cy, ch, _ = centre
+    _relate(state, line, reach, reach, False, look)
+    centre, height, bank = circuit.centre, circuit.height, circuit.bank
+    cx, cy, ch, spacing = centre.x, centre.y, centre.heading, centre.spacing
     place[CENTRE_PROGRESS], place[CENTRE_OFFSET], direction = projection.project(
         cx, cy, ch, spacing, True, state[X], state[Y], place[CENTRE_PROGRESS], reach, reach
     )
     place[FRONT_CENTRE_PROGRESS], place[FRONT_CENTRE_OFFSET], _ = projection.project(
         cx, cy, ch, spacing, True, look[FRONT_X], look[FRONT_Y], place[FRONT_CENTRE_PROGRESS], reach, reach
     )
-    look[PREVIEW_SPACING] = max(interval * look[SPEED], LEAST_SPACING)
+    look[PREVIEW_SPACING] = max(_INTERVAL * look[SPEED], LEAST_SPACING)
     around, here = spacing * (len(height) - 1), place[CENTRE_PROGRESS]
     ground = sample(height, spacing, around, here) + place[CENTRE_OFFSET] * sample(bank, spacing, around, here)
-    _course_points(state, ahead, line_spacing, ground, look, points)
+    _course_points(state, circuit.ahead, line.spacing, ground, look, points)
     return direction
 
 

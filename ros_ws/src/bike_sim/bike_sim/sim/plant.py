@@ -1,9 +1,9 @@
-"""What moves: a vehicle with the engine that integrates it, behind one interface for bicycles and superbikes."""
+"""The plant: a vehicle with the engine that integrates it, behind one interface for bicycles and superbikes."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from bike_sim.physics.engine import Engine
 from bike_sim.physics.engines import make_bicycle_engine, make_superbike_engine
 from bike_sim.physics.ground import Ground
 from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.events import ENDS
 from bike_sim.sim.request import Preview, Start, draw_start
 from bike_sim.sim.snapshot import NO_SIGNALS
 from bike_sim.vehicles.bicycle import Vehicle
@@ -27,44 +28,42 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 
-class Plant(Protocol):
-    """A vehicle and what integrates it.
+class Plant:
+    """A vehicle with its engine; this one is a bicycle: steered by a set point, without drive, rolling without slip.
 
     Attributes:
         vehicle: its parameters.
+        engine: that integrates it.
         rolling: whether it rolls without slip, so that its motion follows from the minimal state.
         preview: fixed preview of this kind of vehicle; None where a request chooses it.
+        signal_names: names of the telemetry; empty where there is none.
     """
 
-    rolling: bool
-    preview: Preview | None
+    rolling = True
+    preview: Preview | None = None
+    signal_names: tuple[str, ...] = ()
 
-    @property
-    def signal_names(self) -> tuple[str, ...]:
-        """Names of the telemetry; empty where there is none."""
-        ...
-
-    @property
-    def vehicle(self) -> Vehicle:
-        """The vehicle's parameters."""
-        ...
+    def __init__(self, vehicle: Vehicle, engine: Engine) -> None:
+        """Take a vehicle and its engine."""
+        self.vehicle = vehicle
+        self.engine = engine
 
     @property
     def envelope(self) -> Envelope | None:
         """Largest accelerations of the vehicle, for ideal lines; None where only the path limits."""
-        ...
+        return None
 
     def draw(self, rng: np.random.Generator, speed: float) -> Start:
-        """Draw all of a perturbed start that does not depend on the course.
+        """Draw all of a perturbed start (Table 3 of Weyrer et al. 2026) that does not depend on the course.
 
         Args:
             rng: draws.
             speed: m/s.
         """
-        ...
+        return draw_start(rng, speed, self.vehicle.rF)
 
     def place(self, start: Start, line: Course, s: float) -> st.StateVector:
-        """Return the state of a start on a line.
+        """Return the state of a start on a line, turned from its direction as far as was drawn.
 
         Args:
             start: as drawn.
@@ -74,81 +73,6 @@ class Plant(Protocol):
         Raises:
             ValueError: the vehicle cannot be there at this speed.
         """
-        ...
-
-    def reset(self, state: st.StateVector, ground: Ground) -> None:
-        """Set a minimal state exactly; nothing of the earlier ride remains.
-
-        Args:
-            state: minimal state.
-            ground: under the wheels.
-
-        Raises:
-            ValueError: no such configuration exists.
-        """
-        ...
-
-    def advance(self, steering: float, throttle: float, steps: int, ground: Ground) -> None:
-        """Integrate with both commands in [-1, 1] held, on this ground."""
-        ...
-
-    def deflect(self, x: float, y: float, turn: float, share: float, dx: float, dy: float) -> None:
-        """Turn the vehicle at a wall, see `physics.superbike.pose.deflect`; what rolls without slip is never asked to.
-
-        Args:
-            x: of the point about which it turns, m.
-            y: the same, m.
-            turn: rad, positive to the left.
-            share: what is left of the speed.
-            dx: by which it is moved, m.
-            dy: the same, m.
-        """
-        ...
-
-    def state(self) -> st.StateVector:
-        """Return the minimal state as a fresh vector."""
-        ...
-
-    def signals(self) -> FloatArray:
-        """Return the telemetry as a fresh vector, in the order of `signal_names`."""
-        ...
-
-    def move(self, signals: FloatArray, look: FloatArray) -> None:
-        """Write pitch, yaw rate and speed into a look, where they do not follow from the minimal state."""
-        ...
-
-    def steer_torque(self, steering: float, state: st.StateVector, signals: FloatArray) -> float:
-        """Return the torque of drive or rider on the fork, Nm, positive to the left."""
-        ...
-
-    def fall(self, state: st.StateVector) -> str:
-        """Return how the vehicle has fallen, or NO_FALL."""
-        ...
-
-    def close(self) -> None:
-        """Release the engine; a second call does nothing."""
-        ...
-
-
-class BicyclePlant:
-    """A bicycle: steered by a set point, without drive; it rolls without slip."""
-
-    rolling = True
-    preview: Preview | None = None
-    signal_names: tuple[str, ...] = ()
-    envelope: Envelope | None = None
-
-    def __init__(self, vehicle: Vehicle, engine: Engine) -> None:
-        """Take a vehicle and its engine."""
-        self.vehicle = vehicle
-        self.engine = engine
-
-    def draw(self, rng: np.random.Generator, speed: float) -> Start:
-        """Draw a start from Table 3; see `Plant`."""
-        return draw_start(rng, speed, self.vehicle.rF)
-
-    def place(self, start: Start, line: Course, s: float) -> st.StateVector:
-        """Put the start on the line, turned from its direction as far as was drawn; see `Plant`."""
         state = start.state.copy()
         if s == 0.0:
             x, y, heading = float(line.x[0]), float(line.y[0]), float(line.heading[0])
@@ -159,11 +83,19 @@ class BicyclePlant:
         return state
 
     def reset(self, state: st.StateVector, ground: Ground) -> None:
-        """Set a state; ideal rolling knows level ground only."""
+        """Set a minimal state exactly; nothing of the earlier ride remains.
+
+        Args:
+            state: minimal state.
+            ground: under the wheels; ideal rolling knows level ground only.
+
+        Raises:
+            ValueError: no such configuration exists.
+        """
         self.engine.reset(state)
 
     def advance(self, steering: float, throttle: float, steps: int, ground: Ground) -> None:
-        """Hold the set point of steering; the bicycle has no drive and ignores the throttle."""
+        """Integrate with both commands in [-1, 1] held; a bicycle has no drive and ignores the throttle."""
         self.engine.advance(steering, throttle, steps)
 
     def deflect(self, x: float, y: float, turn: float, share: float, dx: float, dy: float) -> None:
@@ -171,27 +103,24 @@ class BicyclePlant:
         raise NotImplementedError("a bicycle that rolls without slip cannot be deflected")
 
     def state(self) -> st.StateVector:
-        """Return the minimal state."""
+        """Return the minimal state as a fresh vector."""
         return self.engine.state()
 
     def signals(self) -> FloatArray:
-        """Return no telemetry."""
+        """Return the telemetry of the last integration step as a fresh vector, in the order of `signal_names`."""
         return NO_SIGNALS
 
-    def move(self, signals: FloatArray, look: FloatArray) -> None:
-        """Leave the motion to the minimal state."""
-
     def steer_torque(self, steering: float, state: st.StateVector, signals: FloatArray) -> float:
-        """Return the torque of the steering drive (Weyrer et al. 2026, Eq. 2)."""
+        """Return the torque on the fork, Nm, positive to the left: of the drive (Weyrer et al. 2026, Eq. 2)."""
         error = float(state[st.STEER]) - steering * self.vehicle.max_steer
         return -self.vehicle.P * error - self.vehicle.D * float(state[st.STEER_RATE])
 
-    def fall(self, state: st.StateVector) -> str:
-        """Return whether the roll is beyond the limit of the vehicle that is ridden."""
-        return self.engine.fall
+    def fall(self) -> int:
+        """Return how the vehicle has fallen, a code of `events.ENDS`."""
+        return ENDS.index(self.engine.fall)
 
     def close(self) -> None:
-        """Release the engine."""
+        """Release the engine; a second call does nothing."""
         self.engine.close()
 
 
@@ -212,4 +141,4 @@ def make_plant(config: SimulatorConfig, vehicle: Vehicle | None = None) -> Plant
         from bike_sim.sim.superbike_plant import SuperbikePlant
 
         return SuperbikePlant(vehicle, make_superbike_engine(config.engine, vehicle, config.time_step))
-    return BicyclePlant(vehicle, make_bicycle_engine(config.engine, vehicle, config.time_step))
+    return Plant(vehicle, make_bicycle_engine(config.engine, vehicle, config.time_step))

@@ -1,34 +1,25 @@
-"""One vehicle in one scene, in control steps. Node, training and evaluation all use this simulator."""
+"""One vehicle in control steps: a batch of one row, told as snapshots. Node, training and evaluation use it."""
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bike_sim.course.course import Course
 from bike_sim.course.track import Track
 from bike_sim.physics import state as st
 from bike_sim.sim import look as lk
-from bike_sim.sim.beginning import Courses, begin, own_speed
+from bike_sim.sim.batch import Batch
+from bike_sim.sim.beginning import Beginning
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.disturbances import Disturbances
-from bike_sim.sim.disturbed_plant import make_disturbed_plant
-from bike_sim.sim.events import fall_event, reset_event
+from bike_sim.sim.events import DIVERGED, NO_FALL
 from bike_sim.sim.plant import Plant
 from bike_sim.sim.request import Preview, ResetRequest
-from bike_sim.sim.scene import PathScene
-from bike_sim.sim.snapshot import DIVERGED, NO_FALL, Snapshot
+from bike_sim.sim.snapshot import CircuitView, Snapshot
 from bike_sim.vehicles.bicycle import Vehicle
-
-if TYPE_CHECKING:
-    from bike_sim.sim.circuit_scene import CircuitScene
-
-FloatArray = NDArray[np.float64]
 
 
 class Simulator:
@@ -38,10 +29,9 @@ class Simulator:
 
     Attributes:
         config: vehicle, engine and steps.
-        plant: the vehicle and its engine.
         request: of the present episode.
-        scene: of the present episode, or None before the first.
-        episode: number of the present episode.
+        batch: of one row; it does the work.
+        plant: the vehicle with the engine that begins its rides.
     """
 
     def __init__(self, config: SimulatorConfig | None = None, disturbances: Disturbances | None = None) -> None:
@@ -55,11 +45,10 @@ class Simulator:
             ValueError: an invalid parameter. FileNotFoundError: an unknown vehicle.
         """
         self.config = config or SimulatorConfig()
-        self.plant: Plant = make_disturbed_plant(self.config, disturbances)
         self.request = ResetRequest()
-        self.scene: PathScene | CircuitScene | None = None
-        self.episode = 0
-        self._courses = Courses()
+        self.batch = Batch(1, self.config, disturbances=disturbances)
+        self.plant: Plant = self.batch.plant(0)
+        self._command = np.zeros((1, 2))
 
     @property
     def vehicle(self) -> Vehicle:
@@ -67,14 +56,28 @@ class Simulator:
         return self.plant.vehicle
 
     @property
+    def begun(self) -> Beginning | None:
+        """How the present episode began, with its course, or None before the first."""
+        return self.batch.begun(0)
+
+    @property
     def course(self) -> Course | None:
         """The followed line of the present episode, or None before the first."""
-        return None if self.scene is None else self.scene.course
+        return None if self.begun is None else self.begun.course
 
     @property
     def track(self) -> Track | None:
         """The circuit of the present episode, or None where there is none."""
-        return None if self.scene is None else self.scene.track
+        return None if self.begun is None else self.begun.track
+
+    @property
+    def episode(self) -> int:
+        """Number of the present episode; 0 before the first."""
+        return self.batch.episodes[0]
+
+    @episode.setter
+    def episode(self, number: int) -> None:
+        self.batch.episodes[0] = number
 
     @property
     def preview(self) -> Preview:
@@ -83,7 +86,7 @@ class Simulator:
 
     def share_courses(self, other: Simulator) -> None:
         """Take courses from where another simulator of the same vehicle takes them."""
-        self._courses = other._courses
+        self.batch.share_courses(other.batch)
 
     def at_own_speed(self, request: ResetRequest) -> ResetRequest:
         """Return a request with the default start speed of this vehicle.
@@ -91,8 +94,7 @@ class Simulator:
         Raises:
             ValueError: an invalid course or position. FileNotFoundError: an unknown course.
         """
-        speed = own_speed(request, self.plant, self._courses)
-        return replace(request, speed_range=(speed, speed))
+        return self.batch.at_own_speed(0, request)
 
     def check(self, request: ResetRequest) -> None:
         """Check that an episode can begin; the present one continues.
@@ -100,7 +102,7 @@ class Simulator:
         Raises:
             ValueError: why it cannot. FileNotFoundError: an unknown course.
         """
-        begin(request, self.plant, self._courses)
+        self.batch.check(0, request)
 
     def reset(self, request: ResetRequest) -> Snapshot:
         """Begin an episode.
@@ -109,14 +111,12 @@ class Simulator:
             ValueError: a request that cannot be met; the current episode is unchanged.
             FileNotFoundError: an unknown course.
         """
-        scene, state = begin(request, self.plant, self._courses)
-        self.plant.reset(state, scene.ground)
-        self.scene, self.request = scene, request
-        self.episode += 1
+        self.batch.reset(0, request)
+        self.request = request
         self._step = 0
         self._rolls: deque[float] = deque(maxlen=self.config.history)
         self._steers: deque[float] = deque(maxlen=self.config.history)
-        self._last = self._look(0.0, 0.0, begins=True)
+        self._last = self._snapshot(0.0, 0.0)
         return self._last
 
     def step(self, steering: float, throttle: float = 0.0) -> Snapshot:
@@ -125,71 +125,61 @@ class Simulator:
         Physics that diverges ends the episode: the last finite snapshot is shown again, as a fall.
 
         Args:
-            steering: in [-1, 1], positive to the left. Bicycle: 1 is the largest steering set point. Superbike: 1
-                requests the virtual rider's largest lean.
-            throttle: in [-1, 1]; above 0 part of the engine's torque, below 0 part of the brakes' force. A bicycle has
-                no drive and ignores it.
+            steering: in [-1, 1], see `Batch.step`.
+            throttle: in [-1, 1].
 
         Raises:
             ValueError: a command that is not finite or out of range.
             RuntimeError: no episode was begun.
         """
-        scene = self.scene
-        if scene is None:
+        if self.begun is None:
             raise RuntimeError("call reset before step")
         if not -1.0 <= steering <= 1.0 or not -1.0 <= throttle <= 1.0:
             raise ValueError(f"commands must lie in [-1, 1], got steering {steering!r} and throttle {throttle!r}")
-        if not scene.stopped:
-            self.plant.advance(steering, throttle, self.config.substeps, scene.ground)
+        self._command[0, 0], self._command[0, 1] = steering, throttle
+        self.batch.advance(self._command)
         self._step += 1
-        self._last = self._look(steering, throttle)
+        self._last = self._snapshot(steering, throttle)
         return self._last
 
     def close(self) -> None:
         """Release the engine; a second call does nothing."""
-        self.plant.close()
+        self.batch.close()
 
-    def _look(self, steering: float, throttle: float, begins: bool = False) -> Snapshot:
-        scene, plant = self.scene, self.plant
-        assert scene is not None
-        state, signals = plant.state(), plant.signals()
-        # A sum of squares, which is finite where all values are; it costs a fraction of a plain sum.
-        if not math.isfinite(state.dot(state) + signals.dot(signals)):
-            return self._diverged()
-        time = self._step * self.config.control_period
-        view = scene.look(state, signals, time, plant.fall(state))
-        if not math.isfinite(view.look.dot(view.look)):
-            return self._diverged()
-        events = view.events
-        if begins:
-            progress = view.look[lk.PROGRESS] if view.circuit is None else view.circuit.place[lk.CENTRE_PROGRESS]
-            events = (reset_event(self.episode, scene.course, scene.track, float(progress)), *events)
+    def _snapshot(self, steering: float, throttle: float) -> Snapshot:
+        batch, rows, begun = self.batch, self.batch.rows, self.begun
+        time, fall, events = self._step * self.config.control_period, batch.fall(0), batch.events(0)
+        if fall == DIVERGED and self._step:
+            return replace(self._last, step=self._step, time=time, fallen=True, fall=fall, events=events)
+        state, signals, circuit = rows.state[0].copy(), rows.signals[0].copy(), None
+        preview = rows.preview[0].copy()
+        if begun is None or begun.followed is None:
+            view = rows.views[0, : lk.PLACE].copy()
+        else:
+            view = rows.views[0].copy()
+            points = view[lk.POINTS :].reshape(3, lk.STATIONS, 3)
+            circuit = CircuitView(view[lk.PLACE : lk.CIRCUIT], view[lk.CIRCUIT : lk.POINTS], points, batch.wall(0))
         self._rolls.append(float(state[st.ROLL]))
         self._steers.append(float(state[st.STEER]))
+        off_course, finished = batch.flags(0)
         return Snapshot(
             episode=self.episode,
             step=self._step,
             time=time,
             state=state,
-            look=view.look,
+            look=view[: lk.PLACE],
             steering=steering,
             throttle=throttle,
-            steer_torque=plant.steer_torque(steering, state, signals),
-            preview_x=view.preview_x,
-            preview_y=view.preview_y,
+            steer_torque=self.plant.steer_torque(steering, state, signals),
+            preview_x=preview[0],
+            preview_y=preview[1],
             roll_history=tuple(self._rolls),
             steer_history=tuple(self._steers),
-            fallen=view.fall != NO_FALL,
-            off_course=view.off_course,
-            finished=view.finished,
-            fall=view.fall,
+            fallen=fall != NO_FALL,
+            off_course=off_course,
+            finished=finished,
+            fall=fall,
             signals=signals,
-            circuit=view.circuit,
+            circuit=circuit,
             events=events,
         )
-
-    def _diverged(self) -> Snapshot:
-        """Return the last finite snapshot as a fall at the present step."""
-        last, time = self._last, self._step * self.config.control_period
-        fall = () if last.fallen else (fall_event(time, last.progress, float(last.state[st.ROLL])),)
-        return replace(last, step=self._step, time=time, fallen=True, fall=DIVERGED, events=fall)

@@ -9,18 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_sim.sim import look as lk
+from bike_sim.sim.events import DIVERGED as DIVERGED
+from bike_sim.sim.events import NO_FALL as NO_FALL
+from bike_sim.sim.events import TIPPED as TIPPED
+from bike_sim.sim.events import WALL as WALL
 from bike_sim.sim.events import Event, WallHit
 
 FloatArray = NDArray[np.float64]
-
-NO_FALL: Final = "none"
-"""Value of `Snapshot.fall` while the ride continues."""
-TIPPED: Final = "tip_over"
-"""A bicycle on its side; superbikes have more kinds of falls (`forces.FALL_NAMES`)."""
-WALL: Final = "wall"
-"""A contact point met a wall."""
-DIVERGED: Final = "diverged"
-"""The integration gave values that are not finite."""
 
 NO_SIGNALS: Final = np.zeros(0)
 """Signals of a vehicle that has none."""

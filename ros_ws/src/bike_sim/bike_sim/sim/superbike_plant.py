@@ -18,8 +18,8 @@ from bike_sim.physics.superbike import forces as sf
 from bike_sim.physics.superbike.engine import TIME_STEP, SuperbikeEngine
 from bike_sim.physics.superbike.statics import spread, turning_state
 from bike_sim.planning.envelope import Envelope, envelope
-from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.plant import Plant
 from bike_sim.sim.request import COURSE_POINTS, Preview, Start
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
@@ -31,17 +31,15 @@ YAW_SPREAD: Final = 0.02
 """Half widths of a superbike's perturbed start, rad."""
 
 
-class SuperbikePlant:
+class SuperbikePlant(Plant):
     """A superbike on tyres: steering asks the virtual rider for a lean, throttle for drive or brakes."""
 
     rolling = False
     preview: Preview | None = COURSE_POINTS
     signal_names = sf.TELEMETRY_NAMES
 
-    def __init__(self, vehicle: Superbike, engine: SuperbikeEngine) -> None:
-        """Take a machine and its engine."""
-        self.vehicle: Superbike = vehicle
-        self.engine = engine
+    vehicle: Superbike
+    engine: SuperbikeEngine
 
     @cached_property
     def _spread(self) -> float:
@@ -94,33 +92,13 @@ class SuperbikePlant:
         """Turn the machine at a wall; see `Plant`."""
         self.engine.deflect(x, y, turn, share, dx, dy)
 
-    def state(self) -> st.StateVector:
-        """Return the minimal state."""
-        return self.engine.state()
-
     def signals(self) -> FloatArray:
         """Return the telemetry of the last integration step."""
         return self.engine.telemetry()
 
-    def move(self, signals: FloatArray, look: FloatArray) -> None:
-        """Write the motion of the simulated machine."""
-        look[lk.PITCH], look[lk.YAW_RATE], look[lk.SPEED] = (
-            signals[sf.T_PITCH],
-            signals[sf.T_YAW_RATE],
-            signals[sf.T_SPEED],
-        )
-
     def steer_torque(self, steering: float, state: st.StateVector, signals: FloatArray) -> float:
         """Return the virtual rider's torque."""
         return float(signals[sf.T_STEER_TORQUE])
-
-    def fall(self, state: st.StateVector) -> str:
-        """Return the fall that the forces have found."""
-        return self.engine.fall
-
-    def close(self) -> None:
-        """Release the engine."""
-        self.engine.close()
 
 
 def superbike_config(vehicle: str = "panigale_v4r", time_step: float = TIME_STEP) -> SimulatorConfig:
