@@ -94,6 +94,12 @@ def test_recorded_ride_reads_back(validation, tmp_path):
         assert (step.radius_min, step.quintic_width_max) == ([14.0], [2.0])
 
 
+def test_every_state_has_its_course_points_and_its_history_of_lean(validation):
+    states = messages(validation, "/bike/state")
+    for topic in ("/bike/course_points", "/bike/lean_history"):
+        assert [message.step for message in messages(validation, topic)] == [state.step for state in states]
+
+
 def test_what_the_policy_saw_is_made_of_the_recorded_states(validation):
     """The recording alone is enough to make the observation again, by the layout that it notes."""
     task = json.loads(notes(validation)["task"])

@@ -4,9 +4,11 @@ import subprocess
 import sys
 
 import gymnasium
+import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+from bike_training.envs.vec_env import BatchVectorEnv
 from bike_training.gymnasium_ids import IDS, register
 
 
@@ -23,3 +25,28 @@ def test_importing_the_package_registers_them():
     code = "import gymnasium, bike_training.gymnasium_ids; print(gymnasium.make('bike_training/Whipple-v0').spec.id)"
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120)
     assert told.stdout.strip() == "bike_training/Whipple-v0"
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_a_vector_environment_is_one_compiled_batch(name):
+    env = gymnasium.make_vec(name, num_envs=3)
+    assert isinstance(env.unwrapped, BatchVectorEnv)
+    assert env.spec.max_episode_steps == IDS[name][2]
+    first, _ = env.reset(seed=4)
+    assert first.shape == (3, *env.single_observation_space.shape)
+    again, _ = env.reset(seed=4)
+    np.testing.assert_array_equal(first, again)
+    ends = 0
+    for _ in range(60):
+        observations, rewards, terminated, truncated, infos = env.step(np.ones(env.action_space.shape, np.float32))
+        assert env.observation_space.contains(observations)
+        assert rewards.shape == terminated.shape == truncated.shape == (3,)
+        ends += int(terminated.sum())
+        assert ("final_obs" in infos) == bool((terminated | truncated).any())
+    assert ends > 0
+    env.close()
+
+
+def test_options_that_a_batch_does_not_have_are_refused():
+    with pytest.raises(ValueError, match="no option render_mode='human'"):
+        gymnasium.make_vec("bike_training/Whipple-v0", num_envs=2, render_mode="human")

@@ -235,3 +235,51 @@ class BatchVecEnv(VecEnv):
     def get_images(self) -> Sequence[None]:
         """There are no pictures."""
         return [None] * self.num_envs
+
+
+class BatchVectorEnv(gym.vector.VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
+    """Vector environment of Gymnasium over the compiled batch: one call steps all vehicles.
+
+    An episode that ends has begun again in the returned observation; the last observation of the one before is in
+    ``info["final_obs"]``.
+    """
+
+    metadata = {"render_modes": [], "autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}  # noqa: RUF012
+
+    def __init__(self, env: BatchVecEnv) -> None:
+        """Take the environment of a batch, which is closed with this one."""
+        self._env = env
+        self.num_envs = env.num_envs
+        self.single_observation_space, self.single_action_space = task_spaces(env.task)
+        self.observation_space = gym.vector.utils.batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = gym.vector.utils.batch_space(self.single_action_space, self.num_envs)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Begin a new ride of every vehicle.
+
+        Args:
+            seed: of this and all later draws.
+            options: not used.
+        """
+        super().reset(seed=seed)
+        if seed is not None:
+            self._env.seed(seed)
+        return self._env.reset(), {}
+
+    def step(
+        self, actions: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """Hold actions for one decision of every vehicle, shape (n, columns of the action)."""
+        observations, rewards, ended, infos = self._env.step(np.asarray(actions, dtype=np.float32))
+        truncated = np.array([bool(info.get("TimeLimit.truncated", False)) for info in infos])
+        found: dict[str, Any] = {}
+        if ended.any():
+            found["final_obs"] = np.array([info.get("terminal_observation") for info in infos], dtype=object)
+            found["_final_obs"] = ended.copy()
+        return observations, rewards, ended & ~truncated, truncated, found
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Release the engines."""
+        self._env.close()

@@ -34,6 +34,7 @@ from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import Snapshot
+from bike_sim.vehicles.superbike import Superbike
 from bike_training.curricula.parts import RideRanges
 from bike_training.tasks.base import Task, sum_of
 
@@ -41,11 +42,14 @@ TOPICS: Final = {
     "episode": ("bike_msgs/msg/EpisodeStart", LATCHED),
     "course": ("bike_msgs/msg/Course", LATCHED),
     "state": ("bike_msgs/msg/BikeState", Qos()),
+    "course_points": ("bike_msgs/msg/CoursePoints", Qos()),
+    "lean_history": ("bike_msgs/msg/LeanHistory", Qos()),
+    "telemetry": ("bike_msgs/msg/Telemetry", Qos()),
     "command": ("bike_msgs/msg/BikeCommand", Qos()),
     "events": ("bike_msgs/msg/RideEvent", Qos()),
     "learning/step": ("bike_msgs/msg/LearningStep", Qos()),
 }
-"""Topics of a recorded ride in the namespace of the nodes, with their types and QoS."""
+"""Topics of a recorded ride in the namespace of the nodes, with their types and QoS; telemetry is of superbikes."""
 
 
 @dataclass(frozen=True)
@@ -127,12 +131,25 @@ class EpisodeWriter:
         self._write("episode", messages.episode_start_to_message(request, config, names, number, stamp), stamp)
         self._write("course", messages.course_to_message(simulator.course, number, stamp), stamp)
         self._write_events(self.snapshot)
-        self._write_bytes("state", messages.encode_state(self.snapshot, self._facts, stamp), stamp)
+        self._write_state(self.snapshot, stamp)
+
+    def _write_state(self, snapshot: Snapshot, stamp: int) -> None:
+        """Write what `sim_node` publishes of a state."""
+        course, vehicle = self._simulator.course, self._simulator.vehicle
+        assert course is not None, "an episode has begun"
+        period = round(self._facts.control_period * messages.NANOSECONDS)
+        self._write_bytes("state", messages.encode_state(snapshot, self._facts, stamp), stamp)
+        self._write("course_points", messages.course_points_to_message(snapshot, course, stamp), stamp)
+        self._write("lean_history", messages.lean_history_to_message(snapshot, stamp, period), stamp)
+        if isinstance(vehicle, Superbike):
+            self._write("telemetry", messages.telemetry_to_message(snapshot, vehicle, stamp), stamp)
 
     def _open(self, path: Path, notes: dict[str, str]) -> None:
         self._recorder = RideRecorder(path, overwrite=True, notes=notes, metadata_file=False)
         self._schemas: dict[str, MessageSchema] = {}
         for name, (kind, qos) in TOPICS.items():
+            if name == "telemetry" and not isinstance(self._simulator.vehicle, Superbike):
+                continue
             described = message_type(kind)
             self._recorder.add_topic(f"/bike/{name}", described, qos)
             self._schemas[name] = MessageSchema(described.name, described.definition)
@@ -187,7 +204,7 @@ class EpisodeWriter:
             if snapshot is held[0][0]:
                 self._write("learning/step", learned, stamp)
             stamp = self._stamp_of(snapshot)
-            self._write_bytes("state", messages.encode_state(snapshot, self._facts, stamp), stamp)
+            self._write_state(snapshot, stamp)
             self._write_events(snapshot)
             before = snapshot
 
