@@ -137,7 +137,7 @@ class EpisodeWriter:
         """Write what `sim_node` publishes of a state."""
         course, vehicle = self._simulator.course, self._simulator.vehicle
         assert course is not None, "an episode has begun"
-        period = round(self._facts.control_period * messages.NANOSECONDS)
+        period = round(self._facts.control_period * node_tools.NANOSECONDS)
         self._write_bytes("state", messages.encode_state(snapshot, self._facts, stamp), stamp)
         self._write("course_points", messages.course_points_to_message(snapshot, course, stamp), stamp)
         self._write("lean_history", messages.lean_history_to_message(snapshot, stamp, period), stamp)
