@@ -166,13 +166,13 @@ def test_a_bicycle_that_lies_on_the_ground_ends_its_episode():
     """Below the threshold of roll too: it would lie there for the rest of the episode."""
     env = BatchVecEnv(2, TASKS["prop"], RANGES, COMPILED, seed=1)
     env.reset()
-    env.batch.lying[1] = True
+    env.batch._slot._lying[1] = True
     before = env.batch.state[1].copy()
     _, _, dones, infos = env.step(np.zeros((2, 1), dtype=np.float32))
     assert list(dones) == [False, True]
     assert infos[1]["TimeLimit.truncated"] is False
     np.testing.assert_array_equal(infos[1]["terminal_observation"][:2], before[:2].astype(np.float32))
-    assert not env.batch.lying.any()
+    assert not env.batch._slot._lying.any()
 
 
 def test_random_rides_stay_in_the_declared_space():
