@@ -37,9 +37,9 @@ def test_nothing_is_lost(name: str) -> None:
 def test_only_paths_and_only_one_learner() -> None:
     with pytest.raises(ValueError, match="precondition=True is for tasks on paths"):
         coordinates(load_preset("race").task.layout)
-    with pytest.raises(ValueError, match="needs learner=sbx, not sb3"):
+    with pytest.raises(ValueError, match="needs the learner sbx, not sb3"):
         build_model(load_preset("paper").changed({"learner.precondition": True}).sac, TASKS["prop"], None, 0)  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="critic_only=roll needs learner=sbx, not sb3"):
+    with pytest.raises(ValueError, match="critic_only=roll needs the learner sbx, not sb3"):
         build_model(load_preset("paper").changed({"learner.critic_only": "roll"}).sac, TASKS["prop"], None, 0)  # type: ignore[arg-type]
 
 
@@ -79,7 +79,7 @@ def test_the_deployed_actor_answers_as_the_one_that_learns(settings: dict[str, s
         found = Actor(weights, biases).act_batch(observations)
     finally:
         env.close()
-    hidden = shown(task.layout, f"{preset.critic_only},{preset.unseen}") == 0.0
+    hidden = shown(task.layout, f"{preset.sac.critic_only},{preset.sac.unseen}") == 0.0
     assert not weights[0][:, hidden].any()
     assert weights[0][:, ~hidden].any(axis=0).all()
     assert np.abs(wanted).max() > 1e-3
