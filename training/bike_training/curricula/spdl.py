@@ -65,7 +65,7 @@ def log_mass_inside(distribution: Gaussian) -> float:
     Contexts are drawn within, so their density is the Gaussian's divided by this.
     """
     drawn = distribution.mean + _NORMAL_DRAWS @ distribution.factor.T
-    inside = np.count_nonzero(np.all((drawn >= 0.0) & (drawn <= 1.0), axis=1))
+    inside = int(np.count_nonzero(np.all((drawn >= 0.0) & (drawn <= 1.0), axis=1)))
     return math.log(max(inside, 1) / len(drawn))
 
 

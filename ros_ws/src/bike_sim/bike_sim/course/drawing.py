@@ -26,6 +26,8 @@ from bike_sim.course.random_circuits import random_circuit
 from bike_sim.course.random_paths import CURRICULUM_PATHS, random_course
 from bike_sim.course.track import Track
 
+FloatArray = NDArray[np.float64]
+
 _INK = "#222222"
 _STRAIGHT = "#8a8a8a"
 _LIMIT = "#bbbbbb"
@@ -200,8 +202,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
 if __name__ == "__main__":
     main()
 
-
-FloatArray = NDArray[np.float64]
 
 _INK = "#222222"
 _ROAD = "#dcdcdc"

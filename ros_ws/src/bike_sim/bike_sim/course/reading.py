@@ -27,6 +27,8 @@ from bike_sim.course.spline import TOLERANCE, WIDTH_SHARE, chord_lengths, smooth
 from bike_sim.course.track import Corner, Track, find_corners
 from bike_sim.documents import DocumentError, check_name, check_text, read_text, shorten, show
 
+FloatArray = NDArray[np.float64]
+
 START_KEYS = ("x_m", "y_m", "heading_deg")
 """Keys of the position and heading at which a course begins."""
 
@@ -240,7 +242,6 @@ def _quintic(value: Any, where: str) -> Quintic:
 _ELEMENTS: Mapping[str, Callable[[Any, str], Element]] = {"line": _line, "arc": _arc, "quintic": _quintic}
 
 
-FloatArray = NDArray[np.float64]
 Made = TypeVar("Made")
 
 SURFACE_KEYS: Final = ("banking_deg", "bumps", "wet", "wind", "run_off_kinds", "walls")
@@ -397,8 +398,6 @@ def _walls(value: Any) -> Walls:
     numbers = {keys[key]: number_of(number, f"walls: {key}") for key, number in value.items()}
     return _refused("walls", lambda: Walls(**numbers))
 
-
-FloatArray = NDArray[np.float64]
 
 TRACK_FORMAT = "bike.track/1"
 

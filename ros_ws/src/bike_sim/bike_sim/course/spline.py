@@ -84,8 +84,6 @@ def smooth_line(points: FloatArray, closed: bool, spacing: float) -> SmoothLine:
     return SmoothLine(s, x, y, np.unwrap(np.arctan2(dy, dx)), curvature, u)
 
 
-FloatArray = NDArray[np.float64]
-
 LONGEST_WAVE = 40.0
 """Shorter wavelengths along the road are treated as noise, m, as far as the tolerance allows."""
 
