@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 
 from bike_sim.physics.superbike import statics
 from bike_sim.planning.envelope import envelope
-from bike_sim.vehicles.bicycle import VehicleError
 from bike_sim.vehicles.files import SHIPPED, load_vehicle
+from bike_sim.vehicles.parameters import VehicleError
 from bike_sim.vehicles.superbike import Superbike
 
 

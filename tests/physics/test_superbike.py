@@ -17,8 +17,9 @@ from bike_sim.physics.superbike import statics
 from bike_sim.physics.superbike.bullet import BulletSuperbikeEngine
 from bike_sim.physics.superbike.pose import without_rider
 from bike_sim.planning.envelope import Envelope, envelope
-from bike_sim.vehicles.bicycle import Vehicle, VehicleError
+from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.files import load_vehicle, shipped_vehicles
+from bike_sim.vehicles.parameters import VehicleError
 from bike_sim.vehicles.superbike import Superbike
 
 NAMES = tuple(name for name in shipped_vehicles() if isinstance(load_vehicle(name), Superbike))

@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 import yaml
 
-from bike_sim.vehicles.bicycle import PARAMETER_NAMES, Vehicle, VehicleError
+from bike_sim.vehicles.bicycle import PARAMETER_NAMES, Vehicle
 from bike_sim.vehicles.files import load_vehicle, shipped_vehicles
+from bike_sim.vehicles.parameters import VehicleError
 
 
 @pytest.fixture
@@ -109,7 +110,7 @@ def test_what_is_not_a_finite_number_is_refused(document: dict[str, Any], tmp_pa
         ("bicycle", "IRyy", 0.121, "IR breaks the triangle inequality"),  # 2 * 0.0603 = 0.1206
         ("steering_drive", "D", -1.0, "D = -1.0 must not be negative"),
         ("steering_drive", "max_steer_deg", 95.0, "max_steer = 95 deg must stay below 90 deg"),
-        ("limits", "fall_roll_deg", 0.0, "fall_roll = 0.0 must be positive"),
+        ("limits", "fall_roll_deg", 0.0, "limits.fall_roll_deg = 0.0 must be positive"),
     ],
 )
 def test_impossible_vehicles_are_refused(

@@ -1,4 +1,4 @@
-"""Parameters of a bicycle: one YAML file, one frozen dataclass, one flat vector for compiled code.
+"""A bicycle: one YAML file, one frozen dataclass, one flat vector for compiled code.
 
 The numbers keep the names, axes and signs of the benchmark publication (z down), because that
 is how they are published and compared:
@@ -12,67 +12,67 @@ Code that works in the project's z-up frame flips the sign of `zB`, `zH`, `IBxz`
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-FORMAT: Final = "bike.vehicle/1"
-
-PARAMETER_NAMES: Final = (
-    "w",
-    "c",
-    "lam",
-    "g",
-    "rR",
-    "mR",
-    "IRxx",
-    "IRyy",
-    "xB",
-    "zB",
-    "mB",
-    "IBxx",
-    "IBxz",
-    "IByy",
-    "IBzz",
-    "xH",
-    "zH",
-    "mH",
-    "IHxx",
-    "IHxz",
-    "IHyy",
-    "IHzz",
-    "rF",
-    "mF",
-    "IFxx",
-    "IFyy",
-    "P",
-    "D",
+from bike_sim.vehicles.parameters import (
+    VehicleError,
+    check_format,
+    check_numbers,
+    number,
+    positive,
+    read_record,
+    signed,
 )
-"""Order of `Vehicle.parameters`, the vector that compiled functions take as ``p``. `lam` is the paper's lambda."""
-
-_BICYCLE_KEYS: Final = tuple("lambda" if name == "lam" else name for name in PARAMETER_NAMES[:-2])
-_SECTIONS: Final[Mapping[str, tuple[str, ...]]] = {
-    "bicycle": _BICYCLE_KEYS,
-    "steering_drive": ("P", "D", "max_steer_deg"),
-    "limits": ("fall_roll_deg",),
-}
-_TOP_LEVEL: Final = ("format", "name", "description", "sources", *_SECTIONS, "control_period_s")
-
-
-class VehicleError(ValueError):
-    """A vehicle's parameters are incomplete, unknown or physically impossible."""
 
 
 @dataclass(frozen=True)
-class Vehicle:
-    """A Whipple bicycle with its steering drive and its limits.
+class FourBodies:
+    """The four rigid bodies of the benchmark: rear wheel R, rear body B with the rider, fork H, front wheel F.
 
-    Masses in kg, lengths in m, inertias in kg m^2 about the body's own centre of mass, angles in
-    rad. Positions and products of inertia are z-down from the rear contact point, as published.
+    Inertias are about the body's own centre of mass. Positions and products of inertia are z-down from the rear
+    contact point, as published.
+    """
+
+    w: float = field(metadata=positive("m", "wheel base"))
+    c: float = field(metadata=signed("m", "trail, positive when the front contact is behind the steering axis"))
+    lam: float = field(metadata=signed("rad", "steering axis tilt, positive when it leans back") | {"key": "lambda"})
+    g: float = field(metadata=number("N/kg", "gravity"))
+    rR: float = field(metadata=positive("m", "rear wheel radius"))
+    mR: float = field(metadata=positive("kg", "rear wheel mass"))
+    IRxx: float = field(metadata=signed("kg m2", "rear wheel inertia about a diameter"))
+    IRyy: float = field(metadata=signed("kg m2", "rear wheel inertia about its axle"))
+    xB: float = field(metadata=signed("m", "rear body centre of mass"))
+    zB: float = field(metadata=signed("m", "rear body centre of mass"))
+    mB: float = field(metadata=positive("kg", "rear body mass, rider included"))
+    IBxx: float = field(metadata=signed("kg m2", "rear body inertia"))
+    IBxz: float = field(metadata=signed("kg m2", "rear body, element xz of the inertia tensor"))
+    IByy: float = field(metadata=signed("kg m2", "rear body inertia"))
+    IBzz: float = field(metadata=signed("kg m2", "rear body inertia"))
+    xH: float = field(metadata=signed("m", "handlebar and fork centre of mass"))
+    zH: float = field(metadata=signed("m", "handlebar and fork centre of mass"))
+    mH: float = field(metadata=positive("kg", "handlebar and fork mass"))
+    IHxx: float = field(metadata=signed("kg m2", "handlebar and fork inertia"))
+    IHxz: float = field(metadata=signed("kg m2", "handlebar and fork, element xz of the inertia tensor"))
+    IHyy: float = field(metadata=signed("kg m2", "handlebar and fork inertia"))
+    IHzz: float = field(metadata=signed("kg m2", "handlebar and fork inertia"))
+    rF: float = field(metadata=positive("m", "front wheel radius"))
+    mF: float = field(metadata=positive("kg", "front wheel mass"))
+    IFxx: float = field(metadata=signed("kg m2", "front wheel inertia about a diameter"))
+    IFyy: float = field(metadata=signed("kg m2", "front wheel inertia about its axle"))
+
+
+PARAMETER_NAMES: Final = (*(entry.name for entry in fields(FourBodies)), "P", "D")
+"""Order of `Vehicle.parameters`, the vector that compiled functions take as ``p``. `lam` is the paper's lambda."""
+
+
+@dataclass(frozen=True)
+class Vehicle(FourBodies):
+    """A Whipple bicycle with its steering drive and its limits.
 
     Variants come from `dataclasses.replace`, which checks again: ``replace(vehicle, P=0.0, D=0.0)``
     switches the steering drive off, ``replace(vehicle, g=0.0)`` switches gravity off.
@@ -80,72 +80,15 @@ class Vehicle:
     Attributes:
         name: short name, also that of the shipped file.
         description: one line for people.
-        w: wheel base.
-        c: trail, positive when the front contact is behind the steering axis.
-        lam: steering axis tilt (the paper's lambda), positive when the axis leans back.
-        g: gravity, N/kg.
-        rR: rear wheel radius.
-        mR: rear wheel mass.
-        IRxx: rear wheel inertia about a diameter.
-        IRyy: rear wheel inertia about its axle.
-        xB: rear body centre of mass.
-        zB: rear body centre of mass.
-        mB: rear body mass, rider included.
-        IBxx: rear body inertia.
-        IBxz: rear body, element xz of the inertia tensor.
-        IByy: rear body inertia.
-        IBzz: rear body inertia.
-        xH: handlebar and fork centre of mass.
-        zH: handlebar and fork centre of mass.
-        mH: handlebar and fork mass.
-        IHxx: handlebar and fork inertia.
-        IHxz: handlebar and fork, element xz of the inertia tensor.
-        IHyy: handlebar and fork inertia.
-        IHzz: handlebar and fork inertia.
-        rF: front wheel radius.
-        mF: front wheel mass.
-        IFxx: front wheel inertia about a diameter.
-        IFyy: front wheel inertia about its axle.
-        P: stiffness of the steering drive, N m/rad.
-        D: damping of the steering drive, N m s/rad.
-        max_steer: largest set point of the steering angle on either side.
-        fall_roll: roll angle beyond which the vehicle counts as fallen.
-        control_period: time between two steering commands, s.
     """
 
     name: str
     description: str
-    w: float
-    c: float
-    lam: float
-    g: float
-    rR: float
-    mR: float
-    IRxx: float
-    IRyy: float
-    xB: float
-    zB: float
-    mB: float
-    IBxx: float
-    IBxz: float
-    IByy: float
-    IBzz: float
-    xH: float
-    zH: float
-    mH: float
-    IHxx: float
-    IHxz: float
-    IHyy: float
-    IHzz: float
-    rF: float
-    mF: float
-    IFxx: float
-    IFyy: float
-    P: float
-    D: float
-    max_steer: float
-    fall_roll: float
-    control_period: float
+    P: float = field(metadata=number("N m/rad", "stiffness of the steering drive"))
+    D: float = field(metadata=number("N m s/rad", "damping of the steering drive"))
+    max_steer: float = field(metadata=positive("rad", "largest set point of the steering angle on either side"))
+    fall_roll: float = field(metadata=positive("rad", "roll angle beyond which the vehicle counts as fallen"))
+    control_period: float = field(metadata=positive("s", "time between two steering commands"))
 
     def __post_init__(self) -> None:
         """Check that the numbers describe a bicycle that can exist.
@@ -153,23 +96,14 @@ class Vehicle:
         Raises:
             VehicleError: naming the first invalid value.
         """
-        for field in fields(self):
-            if field.type == "float":
-                require_finite(self.name, field.name, getattr(self, field.name))
-        for key in ("w", "rR", "rF", "mR", "mB", "mH", "mF", "max_steer", "fall_roll", "control_period"):
-            if getattr(self, key) <= 0.0:
-                raise VehicleError(f"vehicle '{self.name}': {key} = {getattr(self, key)} must be positive")
-        for key in ("g", "P", "D"):
-            if getattr(self, key) < 0.0:
-                raise VehicleError(f"vehicle '{self.name}': {key} = {getattr(self, key)} must not be negative")
+        check_numbers(self, self.name)
         for key in ("lam", "max_steer", "fall_roll"):
             if abs(getattr(self, key)) >= math.pi / 2.0:
-                degrees = math.degrees(getattr(self, key))
-                raise VehicleError(f"vehicle '{self.name}': {key} = {degrees:.6g} deg must stay below 90 deg")
+                self._refuse(f"{key} = {math.degrees(getattr(self, key)):.6g} deg must stay below 90 deg")
         for key in ("zB", "zH"):
             if getattr(self, key) >= 0.0:
-                raise VehicleError(
-                    f"vehicle '{self.name}': {key} = {getattr(self, key)} puts a centre of mass below the ground; "
+                self._refuse(
+                    f"{key} = {getattr(self, key)} puts a centre of mass below the ground; "
                     "z points down in vehicle files, so heights are negative"
                 )
         self._check_inertia("IR", self.IRxx, 0.0, self.IRyy, self.IRxx)
@@ -177,19 +111,20 @@ class Vehicle:
         self._check_inertia("IH", self.IHxx, self.IHxz, self.IHyy, self.IHzz)
         self._check_inertia("IF", self.IFxx, 0.0, self.IFyy, self.IFxx)
 
+    def _refuse(self, text: str) -> None:
+        raise VehicleError(f"vehicle '{self.name}': {text}")
+
     def _check_inertia(self, body: str, xx: float, xz: float, yy: float, zz: float) -> None:
         """Check that a body symmetric about its xz plane can have this inertia tensor."""
         mean, radius = 0.5 * (xx + zz), math.hypot(0.5 * (xx - zz), xz)
         moments = sorted((mean - radius, yy, mean + radius))
         text = ", ".join(f"{value:.6g}" for value in moments)
         if moments[0] <= 0.0:
-            raise VehicleError(
-                f"vehicle '{self.name}': inertia {body} is not positive definite (principal moments {text} kg m2)"
-            )
+            self._refuse(f"inertia {body} is not positive definite (principal moments {text} kg m2)")
         # Published values are rounded, and a thin disc sits exactly on the limit.
         if moments[2] > (moments[0] + moments[1]) * (1.0 + 1e-9):
-            raise VehicleError(
-                f"vehicle '{self.name}': inertia {body} breaks the triangle inequality: its largest principal moment "
+            self._refuse(
+                f"inertia {body} breaks the triangle inequality: its largest principal moment "
                 f"exceeds the sum of the other two ({text} kg m2), which no mass distribution has"
             )
 
@@ -206,6 +141,46 @@ class Vehicle:
         return vector
 
 
+@dataclass(frozen=True)
+class Limits:
+    """Limits of a vehicle as its file states them."""
+
+    fall_roll_deg: float = field(metadata=positive("deg", "roll angle beyond which the vehicle counts as fallen"))
+
+
+@dataclass(frozen=True)
+class VehicleFile:
+    """Content that all vehicle files share.
+
+    Attributes:
+        format: `parameters.FORMAT`.
+        name: short name.
+        description: one line for people.
+        sources: publications of the values, by the mark that cites them.
+        limits: of the vehicle.
+    """
+
+    format: Any
+    name: Any
+    description: Any
+    sources: Any
+    limits: Limits
+    control_period_s: float = field(metadata=positive("s", "time between two commands"))
+
+
+@dataclass(frozen=True)
+class _SteeringDrive:
+    P: float = field(metadata=number("N m/rad", "stiffness"))
+    D: float = field(metadata=number("N m s/rad", "damping"))
+    max_steer_deg: float = field(metadata=positive("deg", "range of the set point to either side"))
+
+
+@dataclass(frozen=True)
+class _BicycleFile(VehicleFile):
+    bicycle: FourBodies
+    steering_drive: _SteeringDrive
+
+
 def bicycle_from_document(document: Any, origin: str) -> Vehicle:
     """Build a bicycle from the parsed content of its vehicle file.
 
@@ -216,39 +191,16 @@ def bicycle_from_document(document: Any, origin: str) -> Vehicle:
     Raises:
         VehicleError: a key is missing or unknown, or a value is invalid.
     """
-    top = require_keys(document, _TOP_LEVEL, f"vehicle '{origin}'")
-    if top["format"] != FORMAT:
-        raise VehicleError(f"vehicle '{origin}': format is '{top['format']}', this version reads '{FORMAT}'")
-    values: dict[str, Any] = {"control_period": top["control_period_s"]}
-    for section, keys in _SECTIONS.items():
-        values.update(require_keys(top[section], keys, f"vehicle '{origin}', section '{section}'"))
-    for key, value in values.items():
-        require_finite(origin, key, value)
-    values = {key: float(value) for key, value in values.items()}
-    values["lam"] = values.pop("lambda")
-    values["max_steer"] = math.radians(values.pop("max_steer_deg"))
-    values["fall_roll"] = math.radians(values.pop("fall_roll_deg"))
-    return Vehicle(name=str(top["name"]), description=str(top["description"]), **values)
-
-
-def require_keys(mapping: Any, keys: tuple[str, ...], where: str) -> dict[str, Any]:
-    """Return the mapping if it has exactly these keys."""
-    if not isinstance(mapping, dict):
-        raise VehicleError(f"{where}: expected a mapping with the keys {', '.join(keys)}")
-    missing = [key for key in keys if key not in mapping]
-    unknown = [str(key) for key in mapping if key not in keys]
-    problems = [f"lacks {', '.join(missing)}"] if missing else []
-    problems += [f"has unknown {', '.join(unknown)}"] if unknown else []
-    if problems:
-        raise VehicleError(f"{where}: {' and '.join(problems)}")
-    return dict(mapping)
-
-
-def require_finite(origin: str, key: str, value: Any) -> None:
-    """Raise unless the value is a finite real number (YAML reads ``1e3`` as text: it wants ``1.0e+3``)."""
-    try:
-        finite = isinstance(value, int | float | np.floating) and math.isfinite(value)
-    except OverflowError:
-        raise VehicleError(f"vehicle '{origin}': {key} is a whole number beyond all floating-point numbers") from None
-    if isinstance(value, bool) or not finite:
-        raise VehicleError(f"vehicle '{origin}': {key} = {value!r} is not a finite number")
+    check_format(document, origin)
+    file = read_record(_BicycleFile, document, origin)
+    drive = file.steering_drive
+    return Vehicle(
+        **vars(file.bicycle),
+        name=str(file.name),
+        description=str(file.description),
+        P=drive.P,
+        D=drive.D,
+        max_steer=math.radians(drive.max_steer_deg),
+        fall_roll=math.radians(file.limits.fall_roll_deg),
+        control_period=file.control_period_s,
+    )

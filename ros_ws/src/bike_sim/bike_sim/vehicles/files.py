@@ -17,7 +17,8 @@ from bike_sim.documents import (
     shorten,
     show,
 )
-from bike_sim.vehicles.bicycle import Vehicle, VehicleError, bicycle_from_document
+from bike_sim.vehicles.bicycle import Vehicle, bicycle_from_document
+from bike_sim.vehicles.parameters import VehicleError
 from bike_sim.vehicles.superbike import Superbike, superbike_from_document
 
 SHIPPED: Final = resources.files("bike_sim") / "config" / "vehicles"

@@ -1,0 +1,124 @@
+"""Parameters of vehicles: dataclasses of numbers whose fields say unit, meaning and bounds, read from nested mappings.
+
+A record is a frozen dataclass. A field made with `positive`, `number` or `signed` is a number of the file, one whose
+type is a record is a section of it, and any other value is taken as it stands. Errors name the path in the file.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields, is_dataclass
+from typing import Any, Final, TypeVar, get_type_hints
+
+import numpy as np
+
+FORMAT: Final = "bike.vehicle/1"
+
+_Record = TypeVar("_Record")
+
+
+class VehicleError(ValueError):
+    """A vehicle's parameters are incomplete, unknown or physically impossible."""
+
+
+def number(unit: str, meaning: str, low: float = 0.0, strict: bool = False) -> dict[str, Any]:
+    """Return the metadata of a field that is a number, by default not negative.
+
+    Args:
+        unit: of the value; empty where it has none.
+        meaning: what it is.
+        low: smallest value.
+        strict: whether the value must be larger than that.
+    """
+    return {"unit": unit, "meaning": meaning, "low": low, "strict": strict}
+
+
+def positive(unit: str, meaning: str) -> dict[str, Any]:
+    """Return the metadata of a number above zero; see `number`."""
+    return number(unit, meaning, 0.0, strict=True)
+
+
+def signed(unit: str, meaning: str) -> dict[str, Any]:
+    """Return the metadata of a number of any sign; see `number`."""
+    return number(unit, meaning, -math.inf)
+
+
+def read_record(kind: type[_Record], document: Any, origin: str, path: str = "") -> _Record:
+    """Return a record from a mapping that has exactly its keys; sections are read from nested mappings.
+
+    Args:
+        kind: the dataclass; metadata may name another ``key`` than the field's name.
+        document: what the YAML parser returned for it.
+        origin: name or path of the file, for error messages.
+        path: of the mapping in the file, empty at its top.
+
+    Raises:
+        VehicleError: it is no mapping, a key is missing or unknown, or a number is not finite or out of bounds.
+    """
+    where = f"vehicle '{origin}': {path}" if path else f"vehicle '{origin}'"
+    keys = {field.metadata.get("key", field.name): field for field in fields(kind)}  # type: ignore[arg-type]
+    if not isinstance(document, dict):
+        raise VehicleError(f"{where}: expected a mapping with the keys {', '.join(keys)}")
+    missing = [key for key in keys if key not in document]
+    unknown = [str(key) for key in document if key not in keys]
+    problems = [f"lacks {', '.join(missing)}"] if missing else []
+    problems += [f"has unknown {', '.join(unknown)}"] if unknown else []
+    if problems:
+        raise VehicleError(f"{where}: {' and '.join(problems)}")
+    types, values = get_type_hints(kind), {}
+    for key, field in keys.items():
+        value, here = document[key], f"{path}.{key}" if path else key
+        if field.metadata:
+            check_number(field.metadata, value, origin, here)
+            value = float(value)
+        elif is_dataclass(types[field.name]):
+            value = read_record(types[field.name], value, origin, here)
+        values[field.name] = value
+    return kind(**values)
+
+
+def check_numbers(record: Any, origin: str, path: str = "") -> None:
+    """Check all numbers of a record and of the records in it.
+
+    Args:
+        record: a dataclass.
+        origin: name of the vehicle, for error messages.
+        path: of the record in the vehicle, empty for the vehicle itself.
+
+    Raises:
+        VehicleError: naming the first number that is not finite or out of its bounds.
+    """
+    for field in fields(record):
+        value, here = getattr(record, field.name), f"{path}.{field.name}" if path else field.name
+        if field.metadata:
+            check_number(field.metadata, value, origin, here)
+        elif is_dataclass(value):
+            check_numbers(value, origin, here)
+
+
+def check_number(metadata: Any, value: Any, origin: str, path: str) -> None:
+    """Check one value against the metadata of its field (YAML reads ``1e3`` as text: it wants ``1.0e+3``).
+
+    Raises:
+        VehicleError: it is not a finite real number within its bounds.
+    """
+    try:
+        finite = isinstance(value, int | float | np.floating) and math.isfinite(value)
+    except OverflowError:
+        raise VehicleError(f"vehicle '{origin}': {path} is a whole number beyond all floating-point numbers") from None
+    if isinstance(value, bool) or not finite:
+        raise VehicleError(f"vehicle '{origin}': {path} = {value!r} is not a finite number")
+    if metadata["strict"] and value <= metadata["low"]:
+        raise VehicleError(f"vehicle '{origin}': {path} = {value} must be positive")
+    if value < metadata["low"]:
+        raise VehicleError(f"vehicle '{origin}': {path} = {value} must not be negative")
+
+
+def check_format(document: Any, origin: str) -> None:
+    """Refuse a file of another format.
+
+    Raises:
+        VehicleError: its `format` is not the one that is read.
+    """
+    if isinstance(document, dict) and document.get("format", FORMAT) != FORMAT:
+        raise VehicleError(f"vehicle '{origin}': format is '{document['format']}', this version reads '{FORMAT}'")
