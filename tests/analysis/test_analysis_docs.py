@@ -1,4 +1,4 @@
-"""docs/analysis.md: its Python runs, its columns are those of the tables, and its figures are those of the JSON."""
+"""docs/reference/analysis.md: its Python runs, its columns are those of the tables, its figures those of the JSON."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from bike_sim.recording.recorder import RideRecorder
 from bike_sim.schema import TELEMETRY
 from bike_training.cli import main
 
-PAGE = (Path(__file__).parents[2] / "docs" / "analysis.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[2] / "docs" / "reference" / "analysis.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +39,7 @@ def test_its_python_runs(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys) 
     blocks = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
     names: dict[str, object] = {}
     for block in blocks:
-        exec(compile(block, "docs/analysis.md", "exec"), names)
+        exec(compile(block, "docs/reference/analysis.md", "exec"), names)
     assert "rider lap" in capsys.readouterr().out
     assert np.nanmin(names["lost"]) == 0.0
     assert str(names["fast"]).startswith("rider b, lap ")

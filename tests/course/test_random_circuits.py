@@ -72,7 +72,7 @@ def test_all_seeds_for_tuning_and_judging_are_sound_and_like_real_circuits(seeds
         between = [(b.begin - a.end) % track.length for a, b in zip(found, [*found[1:], found[0]], strict=True)]
         gaps += [gap if gap < track.length - 50.0 else 0.0 for gap in between]
     # Of the three shipped circuits: 62 m and 117 deg in the middle, 42 % of straights below 60 m, 23 % above 300 m; of
-    # 24 others 36 m and 77 deg, 43 % and 22 % (docs/circuits.md).
+    # 24 others 36 m and 77 deg, 43 % and 22 % (docs/reference/circuits.md).
     assert 36.0 < np.median(radii) < 70.0
     assert np.min(radii) < 16.0
     assert np.max(radii) > 300.0

@@ -52,7 +52,7 @@ def test_all_that_a_file_may_say(load):
 
 
 def test_examples_of_the_documentation_are_courses(load):
-    page = (Path(__file__).parents[2] / "docs" / "courses.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "courses.md").read_text(encoding="utf-8")
     elements, wrapper = re.findall(r"```yaml\n(.*?)```", page, flags=re.DOTALL)
     assert [name for name, _ in load(elements).sections] == ["start straight", "corner", "lane change"]
     (rows,) = re.findall(r"```\n(# x_m,y_m,.*?)\.\.\.\n```", page, flags=re.DOTALL)

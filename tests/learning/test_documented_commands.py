@@ -9,7 +9,7 @@ import pytest
 from bike_training.commands.declarations import COMMANDS
 
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 STARTS = re.compile(r"(?:\.venv/bin/)?bike [a-z]")
 FOR_READERS = {"...", "COMMAND", "\N{HORIZONTAL ELLIPSIS}"}
 
@@ -64,7 +64,9 @@ def test_examples_of_help_can_be_given(name: str, tmp_path: Path, monkeypatch: p
 
 
 def test_the_architecture_names_all_commands() -> None:
-    table = re.findall(r"^\| `bike (\w+)` \|", (ROOT / "docs" / "architecture.md").read_text(), re.MULTILINE)
+    table = re.findall(
+        r"^\| `bike (\w+)` \|", (ROOT / "docs" / "explanation" / "architecture.md").read_text(), re.MULTILINE
+    )
     assert table == list(COMMANDS)
 
 

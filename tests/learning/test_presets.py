@@ -13,7 +13,7 @@ from bike_training.learning.process import LearningProcess
 from bike_training.learning.run_settings import RunSettings
 from bike_training.settings import paths_of
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "training.md"
+DOCUMENT = Path(__file__).parents[2] / "docs" / "reference" / "training.md"
 FAST, PAPER = load_preset("fast"), load_preset("paper")
 
 SHARP = {"path_linear": 0.5, "path_peak": 0.5}

@@ -167,7 +167,7 @@ def test_all_settings_are_those_of_the_paper_but_for_the_learner() -> None:
 def test_the_page_says_what_its_data_say() -> None:
     docs = Path(__file__).parents[2] / "docs"
     page, data = (
-        (docs / "bicycle_paper.md").read_text(encoding="utf-8"),
+        (docs / "explanation" / "bicycle-paper.md").read_text(encoding="utf-8"),
         read_data(docs / "data" / "bicycle_paper", Data),
     )
     assert verdict_table(STATEMENTS, data).strip() in page

@@ -132,7 +132,7 @@ def test_what_is_as_in_the_paper_agrees_and_what_is_not_does_not() -> None:
 
 def test_the_page_says_what_its_data_say() -> None:
     docs = Path(__file__).parents[2] / "docs"
-    page = (docs / "superbike_paper.md").read_text(encoding="utf-8")
+    page = (docs / "explanation" / "superbike-paper.md").read_text(encoding="utf-8")
     data = read_data(docs / "data" / "superbike_paper", Data)
     assert verdict_table(STATEMENTS, data).strip() in page
     assert all_tables(SUPERBIKE, data).strip() in page

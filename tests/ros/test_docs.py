@@ -1,4 +1,4 @@
-"""docs/ros.md against the nodes: parameters, topics with their types and QoS, services, figures of the diagnostics."""
+"""docs/reference/ros.md against the nodes: parameters, topics with types and QoS, services, diagnostics."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from bike_sim.ros import node_settings, node_tools, record
 from bike_sim.ros.node_tools import ParameterSpec
 
 ROOT = Path(__file__).parents[2]
-PAGE = (ROOT / "docs" / "ros.md").read_text()
+PAGE = (ROOT / "docs" / "reference" / "ros.md").read_text()
 NODES = ("sim_node", "drive", "record")
 EVERY_NODE_HAS = ("/rosout", "/parameter_events")
 ONLY_WITH = {"/tf", "/bike/telemetry", "/bike/disturbances"}
@@ -24,7 +24,7 @@ ONLY_WITH = {"/tf", "/bike/telemetry", "/bike/disturbances"}
 def table(heading: str) -> list[list[str]]:
     """Cells of the first table below a heading, without its head."""
     _, found, rest = PAGE.partition(f"\n{heading}\n")
-    assert found, f"docs/ros.md has no heading {heading!r}"
+    assert found, f"docs/reference/ros.md has no heading {heading!r}"
     lines = iter(rest.splitlines())
     for line in lines:
         assert not line.startswith("#"), f"no table below {heading!r}"
@@ -59,7 +59,7 @@ def test_parameters_are_those_of_the_node(node: str, specs: tuple[ParameterSpec,
     wanted = [parameter_row(spec) for spec in specs]
     found = table(f"### Parameters of {node}")
     text = "\n".join(f"| {' | '.join(row)} |" for row in wanted)
-    assert found == wanted, f"the table of {node} in docs/ros.md must be\n{text}"
+    assert found == wanted, f"the table of {node} in docs/reference/ros.md must be\n{text}"
 
 
 PROFILES = {name: profile for name, profile in vars(node_tools).items() if isinstance(profile, QoSProfile)}

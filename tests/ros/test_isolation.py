@@ -199,7 +199,7 @@ print(" ".join(sorted(wanted & dict(node.get_topic_names_and_types()).keys())))
 """
 
 SHELL_SPIN_TIME = 10.0
-"""What docs/ros.md says to give `ros2` with --spin-time, s, and twice as much again for a busy machine."""
+"""What docs/reference/ros.md says to give `ros2` with --spin-time, s, and twice as much again for a busy machine."""
 
 
 @pytest.mark.ros

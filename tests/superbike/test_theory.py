@@ -118,7 +118,7 @@ def test_a_curve_over_a_crest_takes_all_that_there_is(bend: float, dip: float) -
 
 
 def test_a_sustained_turn_is_what_the_simulation_holds() -> None:
-    # 57 deg are held at 40 m/s in simulation, 58 deg are not (docs/superbike.md).
+    # 57 deg are held at 40 m/s in simulation, 58 deg are not (docs/explanation/superbike.md).
     lateral = np.linspace(0.7, 1.0, 200) * float(LIMITS.lateral(40.0))
     most = lateral[np.flatnonzero(LIMITS.drive(40.0, lateral) >= 0.0)[-1]]
     assert statics.steady_lateral(DUCATI, math.radians(55.5), 40.0) < most

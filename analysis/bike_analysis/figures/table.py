@@ -32,7 +32,7 @@ def ride_table(ride: Ride, laps: tuple[CompleteLap, ...] | None = None) -> pd.Da
         laps: Its laps, where they are known already.
 
     Returns:
-        One row per state; see `docs/analysis.md` for each column.
+        One row per state; see `docs/reference/analysis.md` for each column.
     """
     states = ride.states
     columns: dict[str, Any] = {

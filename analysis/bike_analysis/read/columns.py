@@ -1,8 +1,8 @@
 """Columns out of CDR messages, many at a time.
 
-It is our own for its speed alone (`bike bench analysis` against `rosbags`, docs/results.md): decoding message by
-message in Python costs tens of microseconds each, and an hour of states at 100 Hz is 360,000 of them. But the
-messages of one topic mostly have one layout, because their strings and arrays keep their lengths. So the layout is
+It is our own for its speed alone (`bike bench analysis` against `rosbags`, docs/reference/results.md): decoding
+message by message in Python costs tens of microseconds each, and an hour of states at 100 Hz is 360,000 of them. But
+the messages of one topic mostly have one layout, because their strings and arrays keep their lengths. So the layout is
 computed once for the first message that no known layout fits, from the type store of `rosbags`, and the fields of all
 messages that share it are picked out of the recording with one NumPy expression each. Messages whose lengths differ get
 their own layout; nothing is assumed that is not checked.

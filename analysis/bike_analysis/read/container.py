@@ -6,7 +6,7 @@ their CRC, and one that is damaged is left out. Only chunks are decompressed; wh
 is believed only where it fits the file, so that a damaged length cannot eat memory.
 
 It is our own because the readers of the `mcap` library stop at the first damaged chunk, and because with it an hour is
-read 2.6 times as fast as with `rosbags` (`bike bench analysis`, docs/results.md).
+read 2.6 times as fast as with `rosbags` (`bike bench analysis`, docs/reference/results.md).
 
 Format: the MCAP specification, https://mcap.dev/spec. The `mcap` library decodes the small records.
 """

@@ -1,4 +1,4 @@
-"""The two tables of a sweep: one row a run, and one row a point of a curve. Documented in docs/sweeps.md."""
+"""The two tables of a sweep: one row a run, and one row a point of a curve. Documented in docs/reference/sweeps.md."""
 
 from __future__ import annotations
 

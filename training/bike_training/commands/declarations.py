@@ -698,7 +698,7 @@ _SWEEP: Final = Command(
   bike sweep seeds.yaml --out sweeps/seeds --address 10.0.0.5:6379 --store s3://bucket/seeds
   bike analyze sweeps/seeds                             tables with intervals, curves and a page
 
-a file, docs/sweeps.md has all of it:
+a file, docs/reference/sweeps.md has all of it:
   task: train
   base: {vehicle: whipple, until_finished: true}
   grid: {seed: [0, 1, 2, 3, 4], set.learner.gamma: [0.97, 0.99]}""",

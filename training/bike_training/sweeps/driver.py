@@ -20,7 +20,7 @@ from bike_training.sweeps.worker import TELL_EVERY, execute
 LOOK_EVERY: Final = 1.0
 """Wall-clock time between two looks at how far the runs have come, s."""
 REPORTS: Final = 100.0
-"""Reports of progress of a whole sweep at most, 1/s: more would fill the head of a large one (docs/scaling.md)."""
+"""Reports of progress of a whole sweep at most, 1/s: more would fill the head of a large one (docs/notes)."""
 SHUTDOWN_TIMEOUT_S: Final = 60.0
 """Longest wait for interrupted runs to write their checkpoints, s."""
 

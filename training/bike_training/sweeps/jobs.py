@@ -33,7 +33,7 @@ class Job(Protocol):
         ...
 
     def estimate(self) -> float:
-        """Return the processor time that it will take, s, from measured costs (docs/scaling.md)."""
+        """Return the processor time that it will take, s, from measured costs (docs/notes/scaling.md)."""
         ...
 
     def run(self, folder: Path, tell: Tell) -> JobEnd:

@@ -53,7 +53,7 @@ STEP_SECONDS: Final = {"local": 1.5e-4, "ros": 1.2e-3}
 UPDATE_SECONDS: Final = {"sbx": 1.1e-3, "sb3": 6.0e-3}
 """Processor time of an update with the default networks and batch, by learner, s. Rough estimate."""
 FINISH_STEPS: Final = 100_000
-"""Steps after which the default preset has finished its curriculum, mostly (docs/results.md)."""
+"""Steps after which the default preset has finished its curriculum, mostly (docs/reference/results.md)."""
 
 
 @dataclass(frozen=True)

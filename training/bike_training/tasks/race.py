@@ -2,7 +2,7 @@
 
 The terms are those of the published superbike reward (its Eq. 2, after Fuchs et al. 2021 and Vasco et al. 2024 where it
 cites them), and some of our own. It gives no weights, constants or formulas for most of them: what stands here without
-a source is ours, and docs/training.md says why.
+a source is ours, and docs/reference/training.md says why.
 """
 
 from __future__ import annotations

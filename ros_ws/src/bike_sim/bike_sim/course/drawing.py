@@ -1,7 +1,7 @@
 """Pictures of courses: the line from above with its sections and limits, and its curvature.
 
-``python -m bike_sim.course.drawing FOLDER`` draws the pictures of docs/courses.md, and the random circuits of
-docs/circuits.md.
+``python -m bike_sim.course.drawing FOLDER`` draws the pictures of docs/reference/courses.md, and the random circuits of
+docs/reference/circuits.md.
 """
 
 from __future__ import annotations

@@ -6,8 +6,8 @@ are stretched as little as possible until the end lies on the beginning (least s
 would need too much of that, misses its length, or runs into itself is dropped. The first that is left is laid as the
 shipped circuits are (:mod:`bike_sim.course.layout`): curvature in ramps, ends closed to a nanometre, limits checked.
 
-docs/circuits.md compares the results with real circuits. Only uniform draws of PCG64 are used, whose stream NumPy
-keeps; trigonometric functions may differ in the last digit between machines, and so may the circuits.
+docs/reference/circuits.md compares the results with real circuits. Only uniform draws of PCG64 are used, whose stream
+NumPy keeps; trigonometric functions may differ in the last digit between machines, and so may the circuits.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Paths and circuits out of YAML documents and of the points of CSV files, with one clear error for each invalid value.
 
 A path is a list of elements or a CSV file, a circuit a table of straights and arcs or a CSV file with widths. The keys
-are :data:`PATH_KEYS` and :data:`TRACK_KEYS`, the CSV columns :data:`bike_sim.course.csv_line.COLUMNS`; docs/courses.md
-and docs/circuits.md show them.
+are :data:`PATH_KEYS` and :data:`TRACK_KEYS`, the CSV columns :data:`bike_sim.course.csv_line.COLUMNS`;
+docs/reference/courses.md and docs/reference/circuits.md show them.
 """
 
 from __future__ import annotations

@@ -125,7 +125,7 @@ class Walls:
 
 @dataclass(frozen=True)
 class RoadSurface:
-    """Everything about a circuit's ground beside its height; the values of a file are in docs/circuits.md.
+    """Everything about a circuit's ground beside its height; the values of a file are in docs/reference/circuits.md.
 
     Attributes:
         bank: rise per m to the left at the samples of the centre line; None where it is level across.
