@@ -16,6 +16,7 @@ from std_msgs.msg import Header
 
 from bike_policy.contract.bundle import load_bundle
 from bike_policy.drive import REANSWER_AFTER
+from bike_policy.riders.rider import make_rider
 from bike_sim.course.files import load_course
 from bike_sim.ros import node_tools
 from bike_sim.ros.messages import course_to_message
@@ -57,13 +58,15 @@ def test_the_nodes_ride_as_the_policy_rides_in_process(ros, policy) -> None:
     probe = ros.probe()
     driver = ros.start("bike_policy.drive", policy=policy)
     probe.until(lambda: probe.states[-1].step >= 300)
-    bundle, simulator = load_bundle(policy), Simulator(SimulatorConfig(time_step=0.005))
+    rider, simulator = make_rider(policy), Simulator(SimulatorConfig(time_step=0.005))
     snapshot = simulator.reset(ResetRequest(seed=3, course="benchmark", perturb=True))
-    index = bundle.layout.pick_preview(True, 0.1, 25)
+    assert simulator.course is not None
+    rider.begin(simulator.vehicle, simulator.course, simulator.config.control_period, simulator.preview)
     heard = {s.step: s for s in probe.states}
     while snapshot.step < 300:
-        action = bundle.actor.act(bundle.layout.observe(snapshot, index))
-        snapshot = simulator.step(*bundle.action.to_command(action, simulator.vehicle.max_steer, snapshot.speed))
+        command = rider.command(snapshot)
+        assert command is not None
+        snapshot = simulator.step(*command)
         if snapshot.step in heard:
             same = heard[snapshot.step]
             assert (same.x, same.y, same.roll, same.steer) == tuple(snapshot.state[[0, 1, 3, 4]])

@@ -79,12 +79,13 @@ def test_what_is_wrong_with_a_parameter_is_named(changes: dict[str, Any], words:
 
 
 def test_settings_that_cannot_be_end_the_node_with_one_line(ros: Any, tmp_path: Path) -> None:
-    programs = {
-        "give a directory": ros.start("bike_sim.ros.record", path=str(tmp_path / "a.mcap"), max_bag_size=1000),
-        "'no good' is no name of a topic": ros.start("bike_sim.ros.record", topics=["no good"]),
-        "directory /dev/null cannot be made: File exists": ros.start("bike_sim.ros.record", path="/dev/null/ride.mcap"),
+    wrong: dict[str, dict[str, Any]] = {
+        "give a directory": {"path": str(tmp_path / "a.mcap"), "max_bag_size": 1000},
+        "'no good' is no name of a topic": {"topics": ["no good"]},
+        "directory /dev/null cannot be made: File exists": {"path": "/dev/null/ride.mcap"},
     }
-    for words, program in programs.items():
+    for words, parameters in wrong.items():
+        program = ros.start("bike_sim.ros.record", **parameters)
         assert program.wait() == 2
         lines = program.words.strip().splitlines()
         assert len(lines) == 1, lines
@@ -200,7 +201,7 @@ def test_all_topics_by_wall_clock_in_files_by_duration(ros: Any, sender: Any, tm
 
 @pytest.mark.slow
 def test_a_ride_in_several_files_opens_everywhere(ros: Any, sender: Any, policy: str, tmp_path: Path) -> None:
-    ros.simulator(course="circle", mode="free", real_time_factor=5.0)
+    ros.simulator(course="circle")
     recorder = ros.start(
         "bike_sim.ros.record", path=str(tmp_path / "ride"), max_bag_duration=3.0, chunk_size=8192, compression="lz4"
     )

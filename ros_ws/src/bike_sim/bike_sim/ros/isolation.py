@@ -181,7 +181,7 @@ def remove_leftovers(folder: Path = SHARED_MEMORY, settled: float = SETTLED) -> 
         Number of segments and ports that were removed.
     """
     locks = list(_locks(folder))
-    living = {lock.domain for lock in locks if lock.domain is not None and _is_held(lock.path)}
+    living = {lock.domain for lock in locks if lock.domain is not None and _is_held(lock.path, settled)}
     removed = 0
     for lock in locks:
         if lock.domain in living or (lock.domain == -1 and living):
@@ -241,8 +241,9 @@ def _locks(folder: Path) -> Iterator[_Lock]:
                 yield _Lock(folder / name, (found[1], f"sem.{found[1]}_mutex"), domain)
 
 
-def _is_held(path: Path) -> bool:
-    with _taken(path, 0.0, anybody=True) as free:
+def _is_held(path: Path, settled: float) -> bool:
+    """Whether a lock has an owner, or is so young that one may be about to take it: then it is not touched."""
+    with _taken(path, settled, anybody=True) as free:
         return not free
 
 
