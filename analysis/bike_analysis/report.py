@@ -21,9 +21,7 @@ from bike_analysis.page.plots import overview_figure
 from bike_analysis.page.ride_page import write_page
 from bike_analysis.page.style import RC
 from bike_analysis.page.video import write_video
-from bike_analysis.read.container import RecordingError
-from bike_analysis.read.files import METADATA_FILE, find_files
-from bike_analysis.read.text import shown
+from bike_analysis.read.container import METADATA_FILE, RecordingError, find_files, shown
 
 PAGE_NAME: Final = "ride.html"
 PICTURE_NAME: Final = "ride.png"

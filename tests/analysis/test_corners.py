@@ -12,8 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bike_analysis.figures.lap_recording import LapTrace, Machine, corner_figures
-from bike_analysis.figures.numbers import time_shares
-from bike_analysis.figures.signals import PEAK_USE, grip_used
+from bike_analysis.figures.numbers import PEAK_USE, grip_used, time_shares
 from bike_sim.course.track import Corner
 from bike_sim.planning.envelope import envelope
 from bike_sim.vehicles.files import load_vehicle

@@ -20,7 +20,7 @@ from mcap.writer import CompressionType, Writer
 from bike_analysis import RecordingError, compare, open_ride
 from bike_analysis.figures.metrics import ride_figures
 from bike_analysis.figures.results import shipped_schema
-from bike_analysis.read.motion import EARTH_RADIUS
+from bike_analysis.read.messages import EARTH_RADIUS
 from bike_sim.recording.definitions import MessageType
 from bike_sim.recording.recorder import RideRecorder
 from bike_training.cli import main

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bike_analysis import compare, open_ride
-from bike_analysis.figures.course import time_outside
 from bike_analysis.figures.lap_recording import Theory, load_laps
+from bike_analysis.figures.laps import time_outside
 from bike_analysis.figures.numbers import best_sectors_together, lap_text
 from bike_analysis.page.lap_page import lap_figures, render_lap_page
 from bike_analysis.page.lap_view import lap_view

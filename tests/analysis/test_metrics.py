@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 
 from bike_analysis import find_rides, read_recording, ride_figures
 from bike_analysis.figures.metrics import RideFigures, latency_figures
-from bike_analysis.figures.numbers import rate
-from bike_analysis.figures.signals import command_delay
+from bike_analysis.figures.numbers import command_delay, rate
 from bike_analysis.read.messages import Latency
 from bike_analysis.read.rides import Ride
 

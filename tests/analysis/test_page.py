@@ -46,7 +46,7 @@ from bike_analysis.page.view import (
     growing,
     view_html,
 )
-from bike_analysis.read.text import shown
+from bike_analysis.read.container import shown
 from bike_analysis.report import analyze
 
 FLAGS = (

@@ -21,10 +21,9 @@ from rosbags.highlevel import AnyReader
 
 from bike_analysis import open_ride
 from bike_analysis.read.columns import ColumnReader, MessageSchema, SchemaError
-from bike_analysis.read.container import MAGIC, Container, RecordingError
-from bike_analysis.read.files import find_files
+from bike_analysis.read.container import MAGIC, Container, RecordingError, find_files
+from bike_analysis.read.messages import STATE_QUANTITIES, Table
 from bike_analysis.read.reading import forward_time, read_recording
-from bike_analysis.read.tables import STATE_QUANTITIES, Table
 from bike_sim.recording.definitions import MessageType, message_type
 from bike_sim.recording.recorder import RideRecorder, Split
 from bike_training.replay.recorded_rides import read_rides

@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bike_analysis.read.container import Container
-from bike_analysis.read.files import find_files
+from bike_analysis.read.container import Container, find_files
 from bike_policy.contract.action import ActionLayout
 from bike_policy.contract.actor import Actor
 from bike_policy.contract.bundle import Bundle, load_bundle

@@ -1,7 +1,7 @@
 """Comparison of rides or laps, aligned by arc length along the course.
 
 Each run is interpolated at the same stations, equidistant along the course. There the time since the run's start,
-and every column of `bike_analysis.figures.table`, are interpolated between the two recorded states around it. So the
+and every column of `bike_analysis.figures.metrics`, are interpolated between the two recorded states around it. So the
 difference of two times at a station is what one run has lost on the other up to there.
 """
 
@@ -23,10 +23,10 @@ from bike_analysis.figures.laps import (
     reset_time,
     sector_starts,
 )
+from bike_analysis.figures.metrics import motion_columns, station
 from bike_analysis.figures.numbers import best_sectors_together
-from bike_analysis.figures.table import motion_columns, station
+from bike_analysis.read.messages import Flags, Floats
 from bike_analysis.read.rides import Ride
-from bike_analysis.read.tables import Flags, Floats
 
 STATIONS: Final = 2500
 """About so many stations are wanted along a course."""
@@ -174,7 +174,7 @@ class Comparison:
         """One aligned column.
 
         Args:
-            name: ``time_s``, ``delta_s`` or a numeric column of `bike_analysis.figures.table`.
+            name: ``time_s``, ``delta_s`` or a numeric column of `bike_analysis.figures.metrics`.
 
         Returns:
             Shape (runs, stations); NaN where a run was not.

@@ -16,9 +16,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from bike_analysis.read.messages import Floats
 from bike_analysis.read.reading import Recording, read_recording
 from bike_analysis.read.rides import Ride, find_rides
-from bike_analysis.read.tables import Floats
 from bike_sim.course.lap_timing import EXACT, Lap, Timing, TimingEvent, TimingKind, samples_of, time_laps
 from bike_sim.course.track import Corner, Track
 

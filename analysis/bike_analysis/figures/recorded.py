@@ -15,10 +15,8 @@ from pathlib import Path
 import pandas as pd
 
 from bike_analysis.figures.compare import Comparison, Run, compare_runs
-from bike_analysis.figures.course import evaluated_ride
-from bike_analysis.figures.laps import CompleteLap, counted_laps, find_laps
-from bike_analysis.figures.metrics import RideFigures, ride_figures
-from bike_analysis.figures.table import ride_table
+from bike_analysis.figures.laps import CompleteLap, counted_laps, evaluated_ride, find_laps
+from bike_analysis.figures.metrics import RideFigures, ride_figures, ride_table
 from bike_analysis.read.messages import RecordedCourse, RecordedEvent
 from bike_analysis.read.reading import Recording, read_recording
 from bike_analysis.read.rides import Ride, find_rides
@@ -85,7 +83,7 @@ class RecordedRide:
         """The ride as a table, one row per recorded state.
 
         Returns:
-            Columns with units in their names, as `bike_analysis.figures.table` says.
+            Columns with units in their names, as `bike_analysis.figures.metrics` says.
         """
         return ride_table(self.data)
 

@@ -18,9 +18,9 @@ import numpy as np
 from bike_analysis.page.html import html_text, script_json
 from bike_analysis.page.style import style_variables
 from bike_analysis.page.view import View
+from bike_analysis.read.container import LONGEST_SENTENCE
 from bike_analysis.read.messages import Simulation
 from bike_analysis.read.reading import Recording
-from bike_analysis.read.text import LONGEST_SENTENCE
 
 SHORT: Final = 60
 """Most characters of a note that stands in a line with others, as a policy's name; a whole task has more."""

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_analysis.figures.numbers import lap_text
-from bike_analysis.read.text import LONGEST_NAME, shown
+from bike_analysis.read.container import LONGEST_NAME, shown
 
 _BY_NUMBER: Final = {ord(c): f"\\u{ord(c):04x}" for c in "<>&\u2028\u2029"}
 """Characters by which a name could end the script element, or a line of it; JSON knows them by their numbers, too."""

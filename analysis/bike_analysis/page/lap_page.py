@@ -15,8 +15,8 @@ from bike_analysis.page.document import long_notes, note_words, page_shell, prog
 from bike_analysis.page.html import html_text, key_html, number_text, row_html, table_html, time_cell
 from bike_analysis.page.lap_view import lap_view, theory_columns
 from bike_analysis.page.view import View, view_html
-from bike_analysis.read.tables import Floats
-from bike_analysis.read.text import LONGEST_SENTENCE
+from bike_analysis.read.container import LONGEST_SENTENCE
+from bike_analysis.read.messages import Floats
 
 PAGE_NAME: Final = "lap.html"
 

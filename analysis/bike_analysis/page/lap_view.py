@@ -29,7 +29,7 @@ from bike_analysis.page.view import (
     growing,
     series_colour,
 )
-from bike_analysis.read.tables import Floats
+from bike_analysis.read.messages import Floats
 from bike_sim.course.lap_timing import Lap
 from bike_sim.schema import GRAVITY
 

@@ -28,7 +28,7 @@ from bike_analysis.page.ride_view import (
     run_columns,
 )
 from bike_analysis.page.view import KMH, MapLine, Series, View, series_colour, view_html
-from bike_analysis.read.text import LONGEST_SENTENCE
+from bike_analysis.read.container import LONGEST_SENTENCE
 from bike_sim.course.course import Course
 
 _LEAN: Final = replace(LEAN, lines=LEAN.lines[1:], caption="Lean is positive to the right, steer to the left.")

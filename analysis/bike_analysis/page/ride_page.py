@@ -14,8 +14,8 @@ from bike_analysis.page.document import long_notes, note_words, page_shell, prog
 from bike_analysis.page.html import html_text, key_html, number_text, row_html, table_html, time_cell
 from bike_analysis.page.ride_view import comparison_view, ride_view
 from bike_analysis.page.view import View, view_html
+from bike_analysis.read.container import LONGEST_SENTENCE
 from bike_analysis.read.rides import Ride
-from bike_analysis.read.text import LONGEST_SENTENCE
 
 DRAWN_RIDES: Final = 6
 """Rides that are drawn; the table has all of them."""

@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_analysis.figures.compare import Comparison
-from bike_analysis.figures.course import beyond_limits, has_limits
-from bike_analysis.figures.laps import lap_range
-from bike_analysis.figures.signals import AIDS, command_ages, grip_used, telemetry_columns
+from bike_analysis.figures.laps import beyond_limits, has_limits, lap_range
+from bike_analysis.figures.numbers import AIDS, command_ages, grip_used, telemetry_columns
 from bike_analysis.page.view import (
     KMH,
     KMH_DIFFERENCE,
@@ -32,9 +31,8 @@ from bike_analysis.page.view import (
     growing,
     series_colour,
 )
-from bike_analysis.read.messages import RecordedCourse
+from bike_analysis.read.messages import Floats, RecordedCourse
 from bike_analysis.read.rides import Ride
-from bike_analysis.read.tables import Floats
 from bike_sim.schema import GRAVITY
 
 FAST: Final = 15.0

@@ -12,13 +12,13 @@ from matplotlib import font_manager
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from bike_analysis.figures.course import has_limits
+from bike_analysis.figures.laps import has_limits
 from bike_analysis.figures.numbers import lap_text
 from bike_analysis.figures.recorded import RecordedRide
 from bike_analysis.page.ride_view import edge, is_fast
+from bike_analysis.read.container import shown
+from bike_analysis.read.messages import Floats
 from bike_analysis.read.rides import Ride
-from bike_analysis.read.tables import Floats
-from bike_analysis.read.text import shown
 
 SIZE: Final = (960, 540)
 """Pixels of a frame."""

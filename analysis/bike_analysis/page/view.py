@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_analysis.page.html import embed, html_text
-from bike_analysis.read.tables import Floats
-from bike_analysis.read.text import shown
+from bike_analysis.read.container import shown
+from bike_analysis.read.messages import Floats
 
 SERIES_COLOURS: Final = ("blue", "orange", "green", "violet", "gold", "rose")
 """Names of the colours of several series, in order; repeated if there are more."""

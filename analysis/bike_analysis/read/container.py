@@ -1,9 +1,10 @@
-"""Raw messages from an MCAP file, also from one that was truncated or damaged at any byte.
+"""Raw messages of a recording: its MCAP files, also those that were truncated or damaged at any byte.
 
-The index at the end of an MCAP file is what a killed recorder never wrote, so it is not needed: the records are read in
-order from the beginning, chunk by chunk, until the footer or until a record is incomplete. Chunks are checked against
-their CRC, and one that is damaged is left out. Only chunks are decompressed; what the file declares about its lengths
-is believed only where it fits the file, so that a damaged length cannot eat memory.
+A recording is one file, or several of a rosbag2 directory. The index at the end of an MCAP file is what a killed
+recorder never wrote, so it is not needed: records are read in order from the beginning, chunk by chunk, until the
+footer or until a record is incomplete. Chunks are checked against their CRC, and one that is damaged is left out. Only
+chunks are decompressed; what the file declares about its lengths is believed only where it fits the file, so that a
+damaged length cannot eat memory.
 
 It is our own because the readers of the `mcap` library stop at the first damaged chunk, and because with it an hour is
 read 2.6 times as fast as with `rosbags` (`bike bench analysis`, docs/reference/results.md).
@@ -15,10 +16,11 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import stat
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -27,6 +29,7 @@ from typing import IO, Any, Final, NamedTuple
 
 import lz4.frame  # type: ignore[import-untyped]
 import numpy as np
+import yaml
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
@@ -35,7 +38,28 @@ from mcap.records import Channel, Chunk, Footer, Header, Metadata, Schema
 from numba import njit
 from numpy.typing import NDArray
 
-from bike_analysis.read.text import LONGEST_FAULT, shown
+from bike_sim.documents import escape
+
+LONGEST_NAME: Final = 200
+"""Characters of a name that are shown."""
+LONGEST_SENTENCE: Final = 1000
+"""Characters of a sentence that are shown on a page; it may hold a few names."""
+LONGEST_FAULT: Final = 400
+"""Characters of a fault that are shown in a line of a terminal."""
+
+
+def shown(text: str, longest: int = LONGEST_NAME) -> str:
+    r"""Make text out of a recording fit for a terminal, a page or a picture.
+
+    Args:
+        text: A name or a sentence, which is whatever a publisher put there.
+        longest: Characters kept of it.
+
+    Returns:
+        One line: controls and the like as escapes (``\x1b``, ``\u202e``), overlong text cut with an ellipsis.
+    """
+    return escape(text if len(text) <= longest else f"{text[: longest - 1]}…")
+
 
 RECORD_BYTES = 9
 """Opcode and length before each record of MCAP."""
@@ -453,3 +477,109 @@ def _decompressed(compression: str, data: bytes, size: int) -> bytes:
 def _said(error: BaseException) -> str:
     """Text of an error."""
     return str(error) or "a record is not whole"
+
+
+METADATA_FILE: Final = "metadata.yaml"
+LARGEST_METADATA: Final = 4 * 1024 * 1024
+"""Beyond this size `METADATA_FILE` is not parsed, bytes. That of a thousand files has a tenth of it."""
+
+_NUMBERED: Final = re.compile(r"(.+)_(\d+)\.mcap")
+
+
+class RecordingFiles(NamedTuple):
+    """Files of a recording.
+
+    Attributes:
+        files: Those that can be read, in order, at least one.
+        warnings: What is missing or cannot be read, one sentence each.
+    """
+
+    files: tuple[Path, ...]
+    warnings: tuple[str, ...]
+
+
+def find_files(path: str | os.PathLike[str]) -> tuple[Path, ...]:
+    """Files of a recording as `examine_files` finds them, without its warnings."""
+    return examine_files(path).files
+
+
+def examine_files(path: str | os.PathLike[str]) -> RecordingFiles:
+    """Find the MCAP files of a recording.
+
+    Args:
+        path: An MCAP file, or a rosbag2 directory. One that was split while recording has several files, which its
+            ``metadata.yaml`` lists, but for the last one of a killed recorder: it is found by its number.
+
+    Returns:
+        The files, and the faults of others.
+
+    Raises:
+        FileNotFoundError: If it does not exist.
+        RecordingError: If the directory has several files and nothing says that they belong together, or if none of
+            several can be read.
+        OSError: If none of several can be opened.
+    """
+    target = Path(path)
+    if not target.exists():
+        raise FileNotFoundError(f"recording {target} does not exist")
+    if target.is_file():
+        return RecordingFiles((target,), ())
+    if not target.is_dir():
+        raise RecordingError(f"{target} is neither a file nor a directory")
+    listed = _listed_files(target)
+    there = [file for file in listed if file.is_file()]
+    missing = tuple(f"{file.name} is missing: {METADATA_FILE} lists it" for file in listed if file not in there)
+    files = [*there, *_numbered_after(listed[-1])] if listed else []
+    if files:
+        readable, unreadable = _readable(files)
+        return RecordingFiles(readable, missing + unreadable)
+    files = sorted(target.glob("*.mcap"))
+    if not files:
+        raise FileNotFoundError(f"directory {target} holds no .mcap file")
+    if len(files) > 1:
+        names = ", ".join(f.name for f in files[:5])
+        raise RecordingError(f"directory {target} holds {len(files)} recordings ({names}); name one of them")
+    return RecordingFiles(tuple(files), missing)
+
+
+def _listed_files(directory: Path) -> list[Path]:
+    """Files that the directory's metadata.yaml lists; they may be missing."""
+    try:
+        with open_regular(directory / METADATA_FILE) as file:
+            text = file.read(LARGEST_METADATA + 1)
+        if len(text) > LARGEST_METADATA:
+            return []
+        content = yaml.safe_load(text.decode("utf-8"))
+        names = content["rosbag2_bagfile_information"]["relative_file_paths"]
+        return [directory / name for name in names if isinstance(name, str)]
+    except (OSError, ValueError, KeyError, TypeError, RecursionError, yaml.YAMLError):
+        return []
+
+
+def _numbered_after(last: Path) -> list[Path]:
+    """Files that follow the last listed one by their numbers: a killed recorder lists only those that it finished."""
+    match = _NUMBERED.fullmatch(last.name)
+    if match is None:
+        return []
+    found = [(_NUMBERED.fullmatch(file.name), file) for file in last.parent.glob("*.mcap")]
+    numbers = {int(m[2]): file for m, file in found if m is not None and m[1] == match[1] and file.is_file()}
+    return [numbers[number] for number in sorted(numbers) if number > int(match[2])]
+
+
+def _readable(files: Sequence[Path]) -> tuple[tuple[Path, ...], tuple[str, ...]]:
+    """Leave out what no message can be read of, such as an empty file.
+
+    Raises:
+        RecordingError, OSError: That of the first file, if this is true of all.
+    """
+    readable, errors = [], []
+    for file in files:
+        try:
+            Container(file).check()
+        except (RecordingError, OSError) as error:
+            errors.append(error)
+        else:
+            readable.append(file)
+    if not readable:
+        raise errors[0]
+    return tuple(readable), tuple(f"left out: {error}" for error in errors)

@@ -1,7 +1,7 @@
 """A recording as typed columns: states, commands, courses, events and latencies. Needs no ROS.
 
 A recording may lack topics and fields: missing ones become NaN or an empty list, with a warning. Where
-`BikeState` was not recorded, the motion is computed from standard messages (`bike_analysis.read.motion`). Only a
+`BikeState` was not recorded, the motion is computed from standard messages (`bike_analysis.read.messages`). Only a
 recording without any motion is refused.
 """
 
@@ -19,34 +19,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_analysis.read.columns import ColumnReader, MessageSchema, SchemaError
-from bike_analysis.read.container import Block, Container, RecordingError
-from bike_analysis.read.files import RecordingFiles, examine_files
+from bike_analysis.read.container import Block, Container, RecordingError, RecordingFiles, examine_files
 from bike_analysis.read.messages import (
-    DECODED_BY_MESSAGE,
-    Latency,
-    RecordedCourse,
-    RecordedEvent,
-    Report,
-    Simulation,
-    course_of,
-    dropped_messages,
-    event_of,
-    latency_of,
-    own_reports,
-    reports_of,
-    simulation_of,
-)
-from bike_analysis.read.motion import MOTION_TYPES, Motion, states_of_motion
-from bike_analysis.read.tables import (
     COLUMNS,
     COMMAND_TYPE,
+    DECODED_BY_MESSAGE,
+    MOTION_TYPES,
     STATE_TYPE,
     TELEMETRY_TYPE,
     Floats,
     Integers,
+    Latency,
+    Motion,
+    RecordedCourse,
+    RecordedEvent,
+    Report,
+    Simulation,
     Table,
+    course_of,
+    dropped_messages,
     empty_table,
+    event_of,
+    latency_of,
     make_table,
+    own_reports,
+    reports_of,
+    simulation_of,
+    states_of_motion,
 )
 
 LARGEST_DEFINITION: Final = 256 * 1024

@@ -9,9 +9,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_analysis.read.messages import Latency, RecordedCourse, RecordedEvent
+from bike_analysis.read.messages import Floats, Integers, Latency, RecordedCourse, RecordedEvent, Table
 from bike_analysis.read.reading import Recording, ride_bounds
-from bike_analysis.read.tables import Floats, Integers, Table
 
 _NEVER: Final = int(np.iinfo(np.int64).max)
 

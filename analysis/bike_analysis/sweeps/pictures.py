@@ -17,7 +17,7 @@ from matplotlib.ticker import LogLocator
 
 from bike_analysis.page.style import RC, colour, colour_variables
 from bike_analysis.page.view import SERIES_COLOURS
-from bike_analysis.read.text import shown
+from bike_analysis.read.container import shown
 from bike_analysis.sweeps.figures import LARGER_IS_BETTER, GroupFigure, curves_of, finished, values_of
 from bike_analysis.sweeps.statistics import band, profile
 

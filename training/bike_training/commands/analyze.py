@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from bike_analysis.figures.numbers import lap_text, significant
 from bike_analysis.figures.results import SCHEMA
-from bike_analysis.read.text import LONGEST_FAULT, shown
+from bike_analysis.read.container import LONGEST_FAULT, shown
 from bike_analysis.report import Video, analyze
 from bike_analysis.sweeps.pictures import label_of
 from bike_analysis.sweeps.report import report_sweep

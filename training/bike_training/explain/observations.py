@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from bike_analysis import Ride, find_rides, read_recording
 from bike_analysis.read.columns import ColumnReader
-from bike_analysis.read.files import find_files
+from bike_analysis.read.container import find_files
 from bike_policy.contract.bundle import Bundle
 from bike_policy.contract.observation import ObservationLayout, Rows
 from bike_sim.physics.state import FIELDS

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_analysis.read.columns import ColumnReader, MessageSchema, SchemaError
-from bike_analysis.read.container import Block, Container, RecordingError
-from bike_analysis.read.files import find_files
+from bike_analysis.read.container import Block, Container, RecordingError, find_files
 from bike_analysis.read.reading import Recording, read_recording
 from bike_analysis.read.rides import Ride, find_rides
 from bike_sim.course.random_paths import PathRanges
