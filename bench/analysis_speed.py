@@ -24,7 +24,7 @@ from typing import Any, Final, NamedTuple
 from rosbags.highlevel import AnyReader
 from tqdm import tqdm
 
-from bike_analysis.read.columns import MessageSchema
+from bike_analysis.read.columns import MessageLayout, MessageSchema
 from bike_analysis.read.reading import read_recording
 from bike_sim.course.files import load_track
 from bike_sim.physics.superbike.engine import TIME_STEP
@@ -88,9 +88,9 @@ class _Topic:
         if self.type.name.endswith("RideEvent"):
             kinds["time"] = ("<d", "seconds")
         return [
-            (place.offset, struct.Struct(kinds[place.name][0]), kinds[place.name][1])
-            for place in self._schema.layout(data).places
-            if place.name in kinds
+            (place.offset, struct.Struct(kinds[name][0]), kinds[name][1])
+            for name, place in MessageLayout(self._schema, data).places.items()
+            if name in kinds
         ]
 
 

@@ -5,7 +5,8 @@ Two models, both from Exudyn's own elements with ideal rolling discs and the ste
 - ``redundant``: four rigid bodies with Euler parameters, three hinges and two rolling discs, as in that paper;
 - ``tree``: a kinematic tree of nine joint coordinates with two rolling discs, the smallest system Exudyn offers.
 
-Both implement `bike_sim.physics.engine.Engine`, so that the same identification of modes measures their accuracy.
+Both implement `bike_sim.physics.engine.BicycleEngine` but for pushes, so that the same identification of modes measures
+their accuracy.
 Exudyn (https://exudyn.readthedocs.io) is a development dependency; nothing that is shipped imports it.
 """
 
@@ -23,6 +24,8 @@ import numpy as np
 from bike_sim.physics import bodies as bd
 from bike_sim.physics import kinematics
 from bike_sim.physics import state as st
+from bike_sim.physics.bicycle.base import BicycleBase
+from bike_sim.physics.ground import LEVEL, Ground
 from bike_sim.physics.multibody import vectors
 from bike_sim.physics.state import StateVector
 from bike_sim.vehicles.bicycle import Vehicle
@@ -40,8 +43,8 @@ METHODS: Final = ("trapezoidal", "generalized_alpha")
 _YAW, _ROLL, _REAR, _STEER, _FRONT = 3, 4, 6, 7, 8
 
 
-class _ExudynBicycle:
-    """What both models share: the solver, and how it is driven step by step."""
+class _ExudynBicycle(BicycleBase):
+    """Common part of both models: the solver, and how it is driven step by step."""
 
     def __init__(self, vehicle: Vehicle, time_step: float, method: str, tolerance: float) -> None:
         """Build the model and its solver.
@@ -53,11 +56,11 @@ class _ExudynBicycle:
             tolerance: relative tolerance of Newton's method; Exudyn's default is 1e-8.
 
         Raises:
-            ValueError: unknown method.
+            ValueError: unknown method, or the time step is not positive and finite.
         """
+        super().__init__(vehicle, time_step)
         if method not in METHODS:
             raise ValueError(f"unknown method '{method}'; choose one of {', '.join(METHODS)}")
-        self.vehicle, self.time_step = vehicle, time_step
         self._container = exudyn.SystemContainer()
         self._system = self._container.AddSystem()
         self._build()
@@ -92,10 +95,16 @@ class _ExudynBicycle:
         """Return the minimal state as a fresh vector of ten."""
         raise NotImplementedError
 
-    def reset(self, state: StateVector) -> None:
-        """Set a minimal state, positions and velocities."""
-        self._rest = np.array(state)
-        coordinates, rates = self._coordinates(self._rest)
+    @property
+    def fall(self) -> str:
+        """Whether the roll is beyond the vehicle's limit, as the name of a fall."""
+        self._state = self.state()
+        return super().fall
+
+    def reset(self, state: StateVector, ground: Ground = LEVEL) -> None:
+        """Set a minimal state, positions and velocities; the discs roll on a level plane."""
+        self._state = np.array(state)
+        coordinates, rates = self._coordinates(self._state)
         data, current = self._system.systemData, exudyn.ConfigurationType.Current
         integration = self._settings.timeIntegration
         integration.startTime = integration.endTime = self._time = 0.0
@@ -109,8 +118,10 @@ class _ExudynBicycle:
         """Integrate with the set point held, in one call of the solver.
 
         Raises:
+            ValueError: the set point is not finite or the number of steps is negative.
             RuntimeError: Newton's method did not converge.
         """
+        self._check(steer_set, steps)
         self._set_drive(steer_set)
         integration = self._settings.timeIntegration
         integration.startTime = self._time
@@ -300,8 +311,8 @@ class RedundantBicycle(_ExudynBicycle):
             ]
         )
         bodies = bd.RedundantState(rows[:, :3], orientations, rate_rows[:, :3], omegas)
-        self._rest = bd.minimal_from_redundant(bodies, self.vehicle, near=self._rest)
-        return self._rest.copy()
+        self._state = bd.minimal_from_redundant(bodies, self.vehicle, near=self._state)
+        return self._state.copy()
 
 
 MODELS: Final = {"tree": TreeBicycle, "redundant": RedundantBicycle}

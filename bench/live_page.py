@@ -111,20 +111,20 @@ class Ride(ExitStack):
                 self.reports.append(Report(steps, rate, float(values["processor_time_s"]), status.message))
 
     def wait(self, reports: int) -> None:
-        """Wait until there are reports.
+        """Wait until there are reports, with steps between them: the policy may still start, on a busy machine.
 
         Raises:
             NodeLost: a node has ended.
-            RuntimeError: there are no reports, or no steps.
+            RuntimeError: there are no reports, or no steps, in REPORT_TIMEOUT.
         """
         until = time.monotonic() + REPORT_TIMEOUT
-        while len(self.reports) < reports and time.monotonic() < until:
+        while len(self.reports) < reports or self.reports[-1].steps == self.reports[-reports].steps:
             time.sleep(0.02)
             for node in self._nodes:
                 node.check()
-        if len(self.reports) < reports or self.reports[-1].steps == self.reports[0].steps:
-            status = self.reports[-1].status if self.reports else "it reports nothing"
-            raise RuntimeError(f"the simulator makes no steps: {status}")
+            if time.monotonic() > until:
+                status = self.reports[-1].status if self.reports else "it reports nothing"
+                raise RuntimeError(f"the simulator makes no steps: {status}")
 
     def window(self) -> FloatArray:
         """Return the rate, 1/s, and the simulator's processor time for a step, s: medians between reports of now.
@@ -134,7 +134,7 @@ class Ride(ExitStack):
         time.sleep(SETTLING)
         self.reports.clear()
         self.wait(REPORTS + 1)
-        steps, rates, times = np.array([report[:3] for report in self.reports[: REPORTS + 1]]).T
+        steps, rates, times = np.array([report[:3] for report in self.reports[-REPORTS - 1 :]]).T
         made = np.diff(steps)
         return np.array([np.median(rates[1:]), np.median(np.diff(times)[made > 0] / made[made > 0])])
 

@@ -153,7 +153,7 @@ def test_what_cannot_be_put_together_is_told_in_one_sentence(
         ([one, two], f"{one} and {two} both have seed 1 of alt3; a run may be in one of them"),
         ([one, one], f"{one} is named twice"),
         ([one, three], f"--out {tmp_path / 'out'} would write over the tables of --data {three}"),
-        ([one, "--seeds", "2-4"], "--seeds is for what is learned"),
+        ([one, "--seeds", "2-4"], "--seeds is for learning"),
         ([one, str(tmp_path / "none")], "none"),
     ):
         assert main(command + words) == 2
