@@ -66,7 +66,7 @@ def test_fit_names_the_difference(bundle):
 
 
 def test_unknown_policy_lists_the_shipped_ones():
-    with pytest.raises(FileNotFoundError, match="neither a folder"):
+    with pytest.raises(FileNotFoundError, match="and no folder of that name; there are"):
         load_bundle("no_such_policy")
 
 
@@ -244,7 +244,7 @@ def test_a_card_that_names_a_thing_twice_is_written_without_aliases(bundle, tmp_
 
 @pytest.mark.parametrize("name", ["../policies/whipple", "x" * 100_000, "a\x1b[2Jb", "no\nsuch"])
 def test_evil_names_of_policies_are_shown_tame(name):
-    check_refused(name, "neither a folder nor one of")
+    check_refused(name, "and no folder of that name")
 
 
 def test_a_speed_outside_the_training_is_warned_of():

@@ -351,7 +351,7 @@ def test_only_compiled_superbikes_take_machines_in_turn():
     [
         ({"weights": {"praise": 1.0}}, "praise.*progress"),
         ({"task": "rally"}, "task='rally' is not race"),
-        ({"observation": "told"}, "observation='told' is not one of compact"),
+        ({"observation": "told"}, "observation='told' is not known; there are compact"),
         ({"weights": {"line": -1.0}}, "line must be finite and not negative"),
         ({"max_steps": 0}, "max_steps=0 must be positive"),
         ({"stalled_time": -1.0}, "stalled_time must not be negative"),

@@ -114,7 +114,7 @@ def test_table_5():
         ({"weights": {"praise": 1.0}}, "praise.*path_linear"),
         ({"weights": 3}, "weights=3 must name reward terms"),
         ({"weights": {"upright": math.nan}}, "weight of the reward term upright must be finite, got nan"),
-        ({"task": "saddle"}, "task='saddle' is not one of prop"),
+        ({"task": "saddle"}, "task='saddle' is not known; there are prop"),
         ({"max_steps": 0}, "max_steps=0 must be positive"),
         ({"sharpness": 0.0}, "sharpness=0.0 must be positive"),
         ({"max_steer": -1.0}, "max_steer=-1.0 must be positive"),

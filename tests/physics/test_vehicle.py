@@ -122,7 +122,7 @@ def test_impossible_vehicles_are_refused(
 
 
 def test_files_that_are_not_there_or_not_vehicles(document: dict[str, Any], tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError, match=r"no vehicle 'tandem'; shipped are: .*whipple"):
+    with pytest.raises(FileNotFoundError, match=r"no vehicle 'tandem'; there are .*whipple"):
         load_vehicle("tandem")
     with pytest.raises(FileNotFoundError, match="does not exist"):
         load_vehicle(tmp_path / "nothing.yaml")

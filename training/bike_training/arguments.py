@@ -99,13 +99,16 @@ class CommandParser(argparse.ArgumentParser):
             ValueError: always.
         """
         hint = f"see {self.prog} --help"
+        wrong, _, names = message.partition(" (choose from ")
+        known, word = re.findall(r"[\w-]+", names), wrong.rpartition(" ")[2].strip("'")
         if "unrecognized" in message:
             word = next((word for word in message.split() if word.startswith("--")), "").partition("=")[0]
-            near = difflib.get_close_matches(word, [option.flag for option in self.options.values()], 1)
-            if word in self._renamed:
-                hint = f"instead of {word} there is now: {self._renamed[word]}"
-            elif near:
-                hint = f"did you mean {near[0]}?"
+            known = [option.flag for option in self.options.values()]
+        near = difflib.get_close_matches(word, known, 1)
+        if word in self._renamed:
+            hint = f"instead of {word} there is now: {self._renamed[word]}"
+        elif near:
+            hint = f"did you mean {near[0]}? See {self.prog} --help"
         raise ValueError(f"{message}; {hint}")
 
 

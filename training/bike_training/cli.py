@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import importlib
 import json
 import os
@@ -16,7 +15,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final
 
-from bike_sim.documents import shorten
+from bike_sim.documents import alternatives, shorten
 from bike_training import learning_packages
 from bike_training.commands.declarations import COMMANDS, RENAMED, Command
 from bike_training.envs.node_process import NodeLost
@@ -124,9 +123,7 @@ def _command(name: str) -> Command:
     if name in RENAMED:
         raise ValueError(f"{name} is now: {RENAMED[name]}")
     if name not in COMMANDS:
-        near = difflib.get_close_matches(name, [*COMMANDS, *RENAMED], 1)
-        known = f"did you mean {near[0]}?" if near else f"there are {', '.join(COMMANDS)}"
-        raise ValueError(f"unknown command {name!r}; {known}")
+        raise ValueError(f"unknown command {name!r}; {alternatives(name, COMMANDS)}")
     return COMMANDS[name]
 
 

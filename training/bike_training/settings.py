@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import MISSING, Field, fields, is_dataclass
 from typing import Any, TypeVar
 
-from bike_sim.documents import DocumentError, parse_yaml, show
+from bike_sim.documents import DocumentError, alternatives, parse_yaml, show
 
 RecordT = TypeVar("RecordT")
 
@@ -47,7 +47,7 @@ def check_choice(name: str, value: str, choices: Any) -> None:
         ValueError: naming the setting and its value.
     """
     if value not in choices:
-        raise ValueError(f"setting {name}={show(value)} is not one of {', '.join(choices)}")
+        raise ValueError(f"setting {name}={show(value)} is not known; {alternatives(value, choices)}")
 
 
 def to_plain(value: Any) -> Any:
@@ -76,7 +76,7 @@ def from_plain(kind: type[RecordT], stored: Any, place: str) -> RecordT:
     known = {spec.name: spec for spec in fields(kind)}  # type: ignore[arg-type]
     for name in stored:
         if name not in known:
-            raise ValueError(f"{place} has no setting {show(name)}; it has {', '.join(known)}")
+            raise ValueError(f"{place} has no setting {show(name)}; {alternatives(str(name), known)}")
     missing = [name for name, spec in known.items() if default_of(spec) is MISSING and name not in stored]
     if missing:
         raise ValueError(f"{place} lacks the setting {missing[0]!r}")
@@ -168,7 +168,7 @@ def change_plain(tree: Any, path: str, value: Any, place: str) -> None:
         if isinstance(table, dict) and (name in table or around[-1:] == ["weights"]):
             table[name] = parse_value(path, value, table.get(name)) if isinstance(value, str) else value
             return
-    raise ValueError(f"{place} has no setting {show(path)}; it has {', '.join(paths_of(tree))}")
+    raise ValueError(f"{place} has no setting {show(path)}; {alternatives(path, paths_of(tree))}")
 
 
 def paths_of(tree: Mapping[str, Any], around: str = "") -> list[str]:

@@ -11,6 +11,8 @@ from typing import Any, Final
 from rich.console import Console
 from rich.table import Table
 
+from bike_sim.documents import alternatives, show
+
 PARTS: Final = {
     "physics": "bench.physics_speed",
     "environment": "bench.environment_speed",
@@ -28,7 +30,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Measure and return all figures."""
     unknown = [part for part in args.parts if part not in PARTS]
     if unknown:
-        raise ValueError(f"unknown parts {unknown}; choose from {', '.join(PARTS)}")
+        raise ValueError(f"unknown part {show(unknown[0])}; {alternatives(unknown[0], PARTS)}")
     figures: dict[str, Any] = {}
     for part in args.parts or DEFAULT_PARTS:
         print(f"measuring {part} ...", file=sys.stderr)

@@ -12,6 +12,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Final
 
+from bike_sim.documents import show
 from bike_training.arguments import CommandParser
 
 BICYCLE: Final = "a bicycle"
@@ -130,7 +131,7 @@ def rider_kind(name: str) -> str:
 
     if name in RIDERS:
         return SUPERBIKE if name == CLASSICAL_RIDER else BICYCLE
-    return SUPERBIKE if load_bundle(name).layout.races else BICYCLE
+    return SUPERBIKE if load_bundle(name, RIDERS).layout.races else BICYCLE
 
 
 def course_kind(courses: str) -> str:
@@ -144,16 +145,31 @@ def course_kind(courses: str) -> str:
     return SUPERBIKE if kind_of(courses.split(",")[0]) == "circuit" else BICYCLE
 
 
-def choose_vehicle(args: Namespace, rider: str | None) -> str:
+def choose_vehicle(args: Namespace, *riders: str | None, laps: bool = True) -> str:
     """Set the vehicle of a command where none is given, and return its kind.
 
-    It follows from the rider, else from the course; without both it is the bicycle.
+    It follows from the first rider, else from the course; without both it is the bicycle.
+
+    Args:
+        args: arguments with vehicle and course.
+        riders: names or folders; None where there is none.
+        laps: whether superbikes need a circuit.
+
+    Raises:
+        ValueError: a rider of another kind of vehicle, or a superbike on a path.
     """
+    kinds = {rider: rider_kind(rider) for rider in riders if rider is not None}
     if args.vehicle is None:
-        kind = rider_kind(rider) if rider is not None else course_kind(args.course) if args.course else BICYCLE
+        kind = next(iter(kinds.values())) if kinds else course_kind(args.course) if args.course else BICYCLE
         args.vehicle = DEFAULT_SUPERBIKE if kind == SUPERBIKE else DEFAULT_BICYCLE
-        return kind
-    return vehicle_kind(args.vehicle)
+    else:
+        kind = vehicle_kind(args.vehicle)
+    for rider, ridden in kinds.items():
+        if ridden != kind:
+            raise ValueError(f"rider {show(rider)} is for {ridden}, and {show(args.vehicle)} is {kind}")
+    if laps and kind == SUPERBIKE and args.course and course_kind(args.course) == BICYCLE:
+        raise ValueError(f"superbikes lap circuits, and course {show(args.course)} is a path")
+    return kind
 
 
 # ---------------------------------------- ride and live
@@ -205,7 +221,7 @@ def _ride_subject(args: Namespace) -> str:
         if args.nodes:
             raise ValueError("--nodes rides one machine on one circuit; leave --all out")
         return ALL
-    kind = choose_vehicle(args, args.rider)
+    kind = choose_vehicle(args, args.rider, args.beside if args.nodes else None)
     if args.nodes and kind == BICYCLE:
         raise ValueError(f"--nodes is for superbikes; {args.vehicle!r} is a bicycle, which always rides through nodes")
     return NODES if args.nodes else kind
@@ -280,7 +296,7 @@ _LIVE: Final = Command(
 
 The page is served at 127.0.0.1 only, and its address has a token. Ctrl-C ends the ride and writes the report.""",
     _declare_live,
-    lambda args: ATTACHED if args.attach else choose_vehicle(args, args.rider),
+    lambda args: ATTACHED if args.attach else choose_vehicle(args, args.rider, laps=False),
     {BICYCLE: "live:run", SUPERBIKE: "live:run", ATTACHED: "live:watch"},
 )
 
@@ -360,7 +376,7 @@ def _train_subject(args: Namespace) -> str:
         if args.vehicle not in (None, DEFAULT_BICYCLE):
             raise ValueError(f"--preset {EXACT} refines riders of {DEFAULT_BICYCLE!r}, not of {args.vehicle!r}")
         return REFINEMENT
-    return choose_vehicle(args, None)
+    return choose_vehicle(args)
 
 
 _TRAIN: Final = Command(
@@ -488,14 +504,14 @@ def _evaluate_subject(args: Namespace) -> str:
 
     if args.compare and args.rider is not None:
         raise ValueError("--compare names all riders that are evaluated; leave out the other")
-    rider = args.compare[0] if args.compare else args.rider
+    riders = args.compare or [args.rider]
     chosen = args.vehicle is not None
-    kind = choose_vehicle(args, rider if rider is not None else DEFAULT_BICYCLE)
+    kind = choose_vehicle(args, *(riders if chosen or riders[0] is not None else [DEFAULT_BICYCLE]))
     if kind == BICYCLE:
         return BICYCLE
     if not chosen:
         args.vehicle = None
-    return CLASSICAL if rider in RIDERS else SUPERBIKE
+    return CLASSICAL if args.rider in RIDERS else SUPERBIKE
 
 
 _EVALUATE: Final = Command(

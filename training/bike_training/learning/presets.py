@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from bike_policy.contract.observation import ObservationLayout
-from bike_sim.documents import DocumentError, check_name, parse_yaml, read_text, show
+from bike_sim.documents import DocumentError, alternatives, check_name, parse_yaml, read_text, show
 from bike_training.curricula.base import CurriculumSettings
 from bike_training.curricula.parts import PartsSettings
 from bike_training.curricula.race import RaceCurriculumSettings, SpeedSettings
@@ -259,7 +259,7 @@ class Preset:
         unknown = sorted(set(map(str, stored)) - {"name", *KINDS})
         if unknown:
             older = "; a version whose settings had no paths wrote it" if "layers" in unknown else ""
-            raise ValueError(f"a preset has no setting {show(unknown[0])}{older}; it has {', '.join(KINDS)}")
+            raise ValueError(f"a preset has no setting {show(unknown[0])}{older}; {alternatives(unknown[0], KINDS)}")
         records = {place: _record(place, stored.get(place, {})) for place in KINDS}
         return cls(name=check_name(stored.get("name") if name is None else name, "name of a preset"), **records)
 
@@ -327,7 +327,7 @@ def load_preset(name: str) -> Preset:
         ValueError: an unknown name, or a file with what is not a preset.
     """
     if name not in preset_names() and not name.endswith(SUFFIX):
-        raise ValueError(f"preset {show(name)} is not one of {', '.join(preset_names())}, and no {SUFFIX} file")
+        raise ValueError(f"preset {show(name)} is no {SUFFIX} file; {alternatives(name, preset_names())}")
     shipped = Path(str(resources.files("bike_training"))) / "presets" / f"{name}{SUFFIX}"
     path = Path(name) if name.endswith(SUFFIX) else shipped
     try:

@@ -21,6 +21,7 @@ from bike_sim.sim import look as lk
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.superbike import Superbike
+from bike_training.settings import check_choice
 from bike_training.tasks.base import FloatArray, StepResult, check_positive_settings, check_weights
 
 DISTANCE_THRESHOLD: Final = 3.5
@@ -119,8 +120,7 @@ class PathTask:
         Raises:
             ValueError: naming the value.
         """
-        if self.task not in VARIANTS:
-            raise ValueError(f"setting task={self.task!r} is not one of {', '.join(VARIANTS)}")
+        check_choice("task", self.task, VARIANTS)
         if not isinstance(self.weights, Mapping):
             raise ValueError(f"setting weights={self.weights!r} must name reward terms and their weights")
         object.__setattr__(self, "weights", dict(self.weights or VARIANTS[self.task].weights))

@@ -26,6 +26,7 @@ from bike_sim.sim import look as lk
 from bike_sim.sim.request import COURSE_POINTS, Preview, ResetRequest
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.superbike import Superbike
+from bike_training.settings import check_choice
 from bike_training.tasks.base import FloatArray, StepResult, check_positive_settings, check_weights
 
 HISTORY_LEAST: Final = 0.014
@@ -224,8 +225,7 @@ class RaceTask:
         """
         if self.task != "race":
             raise ValueError(f"setting task={self.task!r} is not race")
-        if self.observation not in RACE_LAYOUTS:
-            raise ValueError(f"setting observation={self.observation!r} is not one of {', '.join(RACE_LAYOUTS)}")
+        check_choice("observation", self.observation, RACE_LAYOUTS)
         if not isinstance(self.weights, Mapping):
             raise ValueError(f"setting weights={self.weights!r} must name reward terms and their weights")
         object.__setattr__(self, "weights", dict(self.weights or RACE_WEIGHTS))

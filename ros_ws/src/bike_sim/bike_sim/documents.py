@@ -6,9 +6,11 @@ into a terminal or a picture. Courses, vehicles and message definitions are read
 
 from __future__ import annotations
 
+import difflib
 import os
 import stat
 import unicodedata
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Final
 
@@ -249,6 +251,13 @@ def shorten(text: str, limit: int = MAX_SHOWN) -> str:
 def _middle_out(text: str, limit: int) -> str:
     head = (limit - 5) // 2
     return f"{text[:head]} ... {text[len(text) - (limit - 5 - head) :]}"
+
+
+def alternatives(name: str, known: Iterable[str]) -> str:
+    """Return a hint for an unknown name: the known one that may be meant, and all that there are."""
+    names = list(known)
+    near = difflib.get_close_matches(name[:MAX_NAME], names, 1)
+    return f"{f'did you mean {near[0]}? There' if near else 'there'} are {', '.join(names)}"
 
 
 def show(value: Any, limit: int = 60) -> str:

@@ -7,7 +7,7 @@ a reader wait or fills its memory.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
@@ -25,6 +25,7 @@ from bike_policy.contract.observation import ObservationLayout
 from bike_sim.documents import (
     MAX_YAML_SIZE,
     DocumentError,
+    alternatives,
     check_name,
     parse_yaml,
     read_bytes,
@@ -98,9 +99,10 @@ class Bundle:
                 f"policy {self.name!r} was trained for vehicle {self.vehicle!r}, the simulator rides {vehicle!r}"
             )
         if abs(control_period - self.control_period) > 1e-9:
+            purpose = "races superbikes" if self.layout.races else f"rides {self.vehicle!r}"
             raise ValueError(
-                f"policy {self.name!r} was trained for a control period of {self.control_period} s, "
-                f"the simulator's is {control_period} s"
+                f"policy {self.name!r} {purpose} at a control period of {self.control_period} s, "
+                f"the simulator rides {vehicle!r} at {control_period} s"
             )
 
     def speed_warning(self, speed: float) -> str | None:
@@ -134,8 +136,12 @@ def shipped_policies() -> list[str]:
     return sorted(entry.name for entry in root.iterdir() if (entry / CARD_FILE).is_file())
 
 
-def load_bundle(name_or_path: str | Path) -> Bundle:
+def load_bundle(name_or_path: str | Path, others: Iterable[str] = ()) -> Bundle:
     """Load a shipped bundle by name, or any bundle by its folder.
+
+    Args:
+        name_or_path: name or folder.
+        others: names of riders that are not learned, where those are possible as well, for the error.
 
     Raises:
         FileNotFoundError: there is no such bundle.
@@ -145,7 +151,8 @@ def load_bundle(name_or_path: str | Path) -> Bundle:
     if not os.path.isdir(folder):  # unlike Path.is_dir it answers for a name that is too long as well
         shipped = shipped_policies()
         if str(name_or_path) not in shipped:
-            raise FileNotFoundError(f"no policy {show(str(name_or_path))}: neither a folder nor one of {shipped}")
+            known = alternatives(str(name_or_path), (*shipped, *others))
+            raise FileNotFoundError(f"no policy {show(str(name_or_path))}, and no folder of that name; {known}")
         folder = Path(str(resources.files("bike_policy") / "policies")) / str(name_or_path)
     card = read_card(folder / CARD_FILE)
     tensors = read_tensors(folder / ACTOR_FILE)

@@ -73,7 +73,7 @@ def make_rider(name: str) -> Rider:
         module, kind = RIDERS[name]
         rider: Rider = getattr(import_module(module), kind)()
         return ObservedRider(rider) if name in OBSERVED else rider
-    rider = learned_rider(load_bundle(name))
+    rider = learned_rider(load_bundle(name, RIDERS))
     return rider if rider.preview is None else ObservedRider(rider)
 
 

@@ -27,7 +27,16 @@ from bike_sim.course.reading import (
     track_from_points,
 )
 from bike_sim.course.track import Track
-from bike_sim.documents import MAX_YAML_SIZE, DocumentError, check_name, parse_yaml, read_text, shorten, show
+from bike_sim.documents import (
+    MAX_YAML_SIZE,
+    DocumentError,
+    alternatives,
+    check_name,
+    parse_yaml,
+    read_text,
+    shorten,
+    show,
+)
 
 Kind = Literal["path", "circuit"]
 
@@ -169,10 +178,9 @@ def _shipped_file(name: str) -> Traversable:
     for kind, folder in _FOLDERS.items():
         if name in _shipped(kind):
             return resources.files("bike_sim") / "config" / folder / f"{name}.yaml"
-    known = ", ".join((*shipped_courses(), *shipped_tracks(), f"{RANDOM_CIRCUIT}:<seed>"))
+    known = alternatives(name, (*shipped_courses(), *shipped_tracks(), f"{RANDOM_CIRCUIT}:<seed>"))
     raise FileNotFoundError(
-        f"no shipped course is called {show(name, 100)} (there are {known}); a course of your own is given as the path "
-        "of a .yaml or .csv file"
+        f"no shipped course is called {show(name, 100)}; {known}; a file of your own ends in .yaml or .csv"
     )
 
 

@@ -19,7 +19,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_sim.documents import MAX_YAML_SIZE, DocumentError, check_text, parse_yaml, read_text, show
+from bike_sim.documents import MAX_YAML_SIZE, DocumentError, alternatives, check_text, parse_yaml, read_text, show
 from bike_sim.vehicles.bicycle import Vehicle
 
 FORMAT: Final = "bike.disturbances/1"
@@ -208,7 +208,7 @@ def load_disturbances(name_or_path: str | Path) -> Disturbances:
     shipped = shipped_disturbances()
     if text not in shipped:
         raise FileNotFoundError(
-            f"no disturbances {show(text)}; shipped are {', '.join(shipped)}; a file of your own must end in .yaml"
+            f"no disturbances {show(text)}; {alternatives(text, shipped)}; a file of your own must end in .yaml"
         )
     with resources.as_file(SHIPPED / f"{text}.yaml") as path:
         return _read(path)

@@ -10,6 +10,7 @@ from bike_sim.documents import (
     MAX_MESSAGE,
     MAX_YAML_SIZE,
     DocumentError,
+    alternatives,
     check_name,
     check_text,
     parse_yaml,
@@ -50,10 +51,8 @@ def load_vehicle(name_or_path: str | Path) -> Vehicle:
     if isinstance(name_or_path, Path) or text.endswith((".yaml", ".yml")) or "/" in text:
         return _load_file(Path(name_or_path), text)
     if text not in shipped_vehicles():
-        known = ", ".join(shipped_vehicles())
-        raise FileNotFoundError(
-            f"no vehicle '{shorten(text)}'; shipped are: {known}; a file of your own must end in .yaml"
-        )
+        known = alternatives(text, shipped_vehicles())
+        raise FileNotFoundError(f"no vehicle '{shorten(text)}'; {known}; a file of your own must end in .yaml")
     with resources.as_file(SHIPPED / f"{text}.yaml") as path:
         return _load_file(path, text)
 
