@@ -54,6 +54,22 @@ def test_a_parameter_that_cannot_be_is_one_line_and_exit_code_2(ros, parameters,
 
 
 @pytest.mark.parametrize(
+    ("module", "name", "near"),
+    [
+        ("bike_sim.ros.sim_node", "coarse", "course"),
+        ("bike_sim.ros.record", "topic", "topics"),
+        ("bike_policy.drive", "polcy", "policy"),
+        ("bike_policy.joy", "brake_axes", "brake_axis"),
+    ],
+)
+def test_a_mistyped_parameter_is_refused_by_name(ros, module: str, name: str, near: str) -> None:
+    program = ros.start(module, use_sim_time=False, **{name: "circle"})
+    assert program.wait() == 2
+    assert program.words.endswith(f": unknown parameter {name!r}; did you mean {near}?\n")
+    assert program.words.count("\n") == 1
+
+
+@pytest.mark.parametrize(
     ("name", "value", "words"),
     [
         ("engine", "steam", "parameter engine must be one of pybullet, whipple, compiled, got 'steam'"),

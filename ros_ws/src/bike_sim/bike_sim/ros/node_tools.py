@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import os
 import select
 import signal
@@ -305,7 +306,7 @@ def declare(node: Node, specs: Sequence[ParameterSpec]) -> dict[str, Any]:
     """Declare parameters and return their values.
 
     Raises:
-        ValueError: a value of the wrong type.
+        ValueError: a value of the wrong type, or a parameter that the node does not have.
     """
     values = {}
     for spec in specs:
@@ -318,7 +319,16 @@ def declare(node: Node, specs: Sequence[ParameterSpec]) -> dict[str, Any]:
         default = list(spec.default) if isinstance(spec.default, tuple) else spec.default
         node.declare_parameter(spec.name, default, descriptor)
         values[spec.name] = spec.read(node.get_parameter(spec.name).value)
+    for name in node._parameter_overrides:  # the only place where rclpy keeps what is set but not declared
+        if not node.has_parameter(name) and name.partition(".")[0] not in _RCLPY_PARAMETERS:
+            near = difflib.get_close_matches(name, values, 1)
+            hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(values)}"
+            raise ValueError(f"unknown parameter {name!r}; {hint}")
     return values
+
+
+_RCLPY_PARAMETERS: Final = ("use_sim_time", "start_type_description_service", "qos_overrides")
+"""Parameters that rclpy gives to any node, some later than at its start."""
 
 
 def on_change(node: Node, specs: Sequence[ParameterSpec], accept: Callable[[dict[str, Any]], None]) -> None:
