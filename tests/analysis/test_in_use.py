@@ -103,7 +103,7 @@ def test_a_recording_that_is_being_written_is_not_replaced(name: str, elsewhere,
                 size = path_of_file.stat().st_size
                 command = [sys.executable, "-c", HOLDS, "recording", str(path)]
                 second = subprocess.run(command, capture_output=True, text=True, check=False)
-                told = f"OSError: recording {path} is in use by process {os.getpid()}\n"
+                told = f"BlockingIOError: recording {path} is in use by process {os.getpid()}\n"
                 assert second.stderr.endswith(told)
                 assert path_of_file.stat().st_size == size
             recorder.write("/number", DATA, number)

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from bike_training import cli
+from bike_training.arguments import recording_folder
 from bike_training.commands import declarations as dc
 from bike_training.commands.declarations import COMMANDS, RENAMED, RENAMED_OPTIONS
 from bike_training.learning.run_settings import GRADIENT_TABLE as TABLE
@@ -238,3 +239,28 @@ def test_a_folder_that_cannot_be_made_is_known_before_the_work(words, tmp_path, 
 def test_an_empty_policy_is_not_the_recorded_one(tmp_path, capsys):
     assert cli.main(["analyze", "--explain", str(tmp_path / "none.mcap"), "--policy", ""]) == 2
     assert "is not a policy bundle" in capsys.readouterr().err
+
+
+def test_a_recording_is_never_replaced_unasked(tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for number in ("", "-2", "-3"):
+        with recording_folder(None, "ride", False) as folder:
+            assert folder == Path(f"out/ride{number}")
+            with recording_folder(None, "ride", False) as beside:  # while this one is ridden
+                assert beside.name != folder.name
+            (folder / "ride.mcap").touch()
+    with recording_folder(None, "ride", True) as folder:
+        assert folder == Path("out/ride")
+    with recording_folder(folder, "ride", True) as given:
+        assert given == folder
+    with pytest.raises(FileExistsError, match="--out out/ride holds ride"):
+        recording_folder(folder, "ride", False).__enter__()
+
+
+@pytest.mark.parametrize("words", [["ride"], ["ride", "--rider", "racer", "--nodes"], ["live"]])
+def test_a_folder_with_a_recording_is_refused(words, tmp_path, capsys) -> None:
+    pytest.importorskip("rclpy")
+    (tmp_path / "old.mcap").write_text("precious")
+    assert cli.main([*words, "--out", str(tmp_path)]) == 2
+    assert "holds old.mcap; choose another folder" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["old.mcap"]

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import argparse
 import difflib
+import itertools
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
+
+from bike_sim.recording.in_use import claim_folder
 
 
 @dataclass(frozen=True)
@@ -159,3 +163,37 @@ def make_folder(option: str, path: Path) -> None:
         path.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError) as error:
         raise FileExistsError(f"{option} {path} cannot be a folder: a file is in the way") from error
+
+
+@contextmanager
+def recording_folder(given: Path | None, usual: str, overwrite: bool) -> Iterator[Path]:
+    """Make and claim the folder of a new recording.
+
+    Args:
+        given: the folder; None for the usual one or, where that is in use or holds a recording, the next number.
+        usual: its name where none is given, in the folder out.
+        overwrite: whether it may hold a recording.
+
+    Yields:
+        The folder.
+
+    Raises:
+        FileExistsError: the given folder holds a recording, or there is a file of its name.
+        OSError: it cannot be made, or is in use.
+    """
+    for number in itertools.count(1):
+        folder = given or Path("out", usual if number == 1 else f"{usual}-{number}")
+        make_folder("--out", folder)
+        if not overwrite and (found := sorted(folder.glob("*.mcap"))):
+            if given is None:
+                continue
+            raise FileExistsError(f"--out {folder} holds {found[0].name}; choose another folder, or add --overwrite")
+        try:
+            claim = claim_folder(folder)
+        except BlockingIOError:
+            if given is None:
+                continue
+            raise
+        with claim:
+            yield folder
+        return

@@ -175,6 +175,19 @@ def choose_vehicle(args: Namespace, *riders: str | None, laps: bool = True) -> s
 # ---------------------------------------- ride and live
 
 
+def _declare_recording(parser: CommandParser, usual: Mapping[str, str]) -> None:
+    """Declare where a recording goes.
+
+    Args:
+        parser: of the command.
+        usual: name of the folder by subject.
+    """
+    folders = " or ".join(f"out/{name}" for name in dict.fromkeys(usual.values()))
+    text = f"folder of recording and report (default: {folders}, with a number where that holds a recording)"
+    parser.option("--out", only=tuple(usual), type=Path, help=text)
+    parser.option("--overwrite", only=tuple(usual), action="store_true", help="replace a recording that it holds")
+
+
 def _declare_ride(parser: CommandParser) -> None:
     one = (BICYCLE, SUPERBIKE, NODES)
     laps = (SUPERBIKE, NODES, ALL)
@@ -189,8 +202,7 @@ def _declare_ride(parser: CommandParser) -> None:
     parser.option("--rider", default=riders, help="name or folder of a policy, or a rider that is not learned")
     engines = {BICYCLE: "pybullet", SUPERBIKE: "pybullet", ALL: "pybullet"}
     parser.option("--engine", choices=ENGINES, default=engines, help="whipple: a bicycle; compiled: superbikes")
-    folders = {BICYCLE: Path("out/ride"), NODES: Path("out/lap")}
-    parser.option("--out", type=Path, default=folders, help="folder of recording and report")
+    _declare_recording(parser, {BICYCLE: "ride", NODES: "lap"})
     parser.option("--speed", type=float, default={BICYCLE: 4.0}, help="forward speed of a bicycle, m/s")
     parser.option("--time-step", type=float, default={BICYCLE: 0.001}, help="integration step of a bicycle, s")
     disturbances = ", ".join(shipped("disturbances"))
@@ -231,7 +243,7 @@ _RIDE: Final = Command(
     "ride a course, record it and report; lap a circuit on a superbike",
     """\
   bike ride                                      the benchmark path at 4 m/s with the shipped policy
-  bike ride --speed 6.5 --course junction --out out/junction
+  bike ride --speed 6.5 --course circle --out out/circle
   bike ride --disturbances wind                  in the wind, which the recording keeps for bike analyze --replay
   bike ride --real-time                          at the pace of the clock, to watch it in Foxglove or RViz
   bike ride --course barcelona                   the Panigale V4 R, three flying laps beside the theoretical ones
@@ -282,7 +294,7 @@ def _declare_live(parser: CommandParser) -> None:
         default=(),
         help="recordings: a ghost now, a comparison at the end",
     )
-    parser.option("--out", only=own, type=Path, default=Path("out/live"), help="folder of recording and report")
+    _declare_recording(parser, dict.fromkeys(own, "live"))
 
 
 _LIVE: Final = Command(

@@ -23,11 +23,10 @@ from bike_sim.course.files import shipped_tracks
 from bike_sim.planning.envelope import Envelope, envelope
 from bike_sim.planning.lap_limit import lap_limit
 from bike_sim.planning.line_cache import track_with_line
-from bike_sim.recording.in_use import claim_folder
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.files import load_vehicle, shipped_superbikes
 from bike_sim.vehicles.superbike import Superbike
-from bike_training.arguments import check_whole, make_folder
+from bike_training.arguments import check_whole, recording_folder
 from bike_training.progress import distance_progress_bar
 from bike_training.rollout.laps import ALLOWED_EXCESS, pair_figures, ride_laps
 
@@ -65,8 +64,7 @@ def run_through_nodes(args: argparse.Namespace) -> dict[str, Any]:
         NodeLost: a node ended.
     """
     check_whole("--laps", args.laps, 1)
-    make_folder("--out", args.out)
-    with claim_folder(args.out):
+    with recording_folder(args.out, "lap", args.overwrite) as args.out:
         return _through_nodes(args)
 
 

@@ -16,13 +16,12 @@ from bike_analysis.page.live_page import ghost_of, live_view, render_live_page
 from bike_analysis.report import analyze
 from bike_policy.riders.rider import make_rider
 from bike_sim.course.files import kind_of, load_course, shipped_tracks
-from bike_sim.recording.in_use import claim_folder
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.sim.superbike_plant import superbike_config
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
-from bike_training.arguments import check_positive, check_whole, make_folder
+from bike_training.arguments import check_positive, check_whole, recording_folder
 from bike_training.commands.declarations import LARGEST_DOMAIN
 
 if TYPE_CHECKING:
@@ -52,12 +51,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if args.speed is not None:
         check_positive("--speed", args.speed, "m/s")
     _check_page(args)
-    make_folder("--out", args.out)
-    recording = args.out / "live.mcap"
-    with claim_folder(args.out):
+    with recording_folder(args.out, "live", args.overwrite) as out:
+        recording = out / "live.mcap"
         figures = _live(args, recording)
         print("writing the report")
-        figures |= {"analysis": analyze([recording, *args.against], args.out)}
+        figures |= {"analysis": analyze([recording, *args.against], out)}
     if not args.json:
         print(f"recording: {recording}")
         print(f"report: {figures['analysis']['page']}")

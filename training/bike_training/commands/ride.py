@@ -10,11 +10,10 @@ from typing import Any
 from bike_analysis.report import analyze
 from bike_policy.riders.rider import Rider, bundle_of, make_rider
 from bike_sim.course.files import load_course
-from bike_sim.recording.in_use import claim_folder
 from bike_sim.ros.isolation import DomainLease
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.disturbances import load_disturbances
-from bike_training.arguments import check_positive, check_whole, make_folder
+from bike_training.arguments import check_positive, check_whole, recording_folder
 from bike_training.commands.analyze import text_of
 from bike_training.commands.declarations import LARGEST_DOMAIN
 from bike_training.rollout.riding import time_for
@@ -32,15 +31,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     warn_of_speed(rider, args.speed)
     course = load_course(args.course)
     longest = time_for(course, args.speed)
-    make_folder("--out", args.out)
-    recording = args.out / "ride.mcap"
-    with claim_folder(args.out):
+    with recording_folder(args.out, "ride", args.overwrite) as out:
+        recording = out / "ride.mcap"
         if args.domain is None:
             with DomainLease() as lease:
                 wall = _ride(args, lease.domain_id, recording, course.length, longest)
         else:
             wall = _ride(args, args.domain, recording, course.length, longest)
-        figures = analyze(recording, args.out) | {"wall_s": round(wall, 2), "policy": rider.name}
+        figures = analyze(recording, out) | {"wall_s": round(wall, 2), "policy": rider.name}
     if not args.json:
         print(text_of(figures))
         print(f"recording: {recording}")

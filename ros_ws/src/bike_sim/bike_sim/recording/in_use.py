@@ -51,7 +51,7 @@ class Claim(AbstractContextManager["Claim"]):
         except BlockingIOError as error:
             holder = _holder(self._file)
             by = f"process {holder}" if holder else "another process"
-            raise OSError(f"{named} is in use by {by}{hint and '; '}{hint}") from error
+            raise BlockingIOError(f"{named} is in use by {by}{hint and '; '}{hint}") from error
         except OSError as error:
             if error.errno not in _NO_LOCKS:
                 raise
