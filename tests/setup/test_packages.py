@@ -18,7 +18,8 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from bike_training.learning_packages import PACKAGES, SWEEP_PACKAGES
+from bike_training import learning_packages
+from bike_training.learning_packages import PACKAGES, ROS_PACKAGES, SWEEP_PACKAGES
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -27,8 +28,6 @@ FOLDERS = {Path(folder).name: ROOT / folder for folder in tomllib.loads((ROOT / 
 REFUSED = PACKAGES | SWEEP_PACKAGES
 BY_HAND = {"mlflow"}
 """What an option needs that few want: it brings twenty packages, and its user installs it."""
-WITH_ROS = re.compile(r"(rclpy|ament_index_python|builtin_interfaces|\w+_(msgs|interfaces))$")
-"""What comes with ROS 2, or is built in its workspace."""
 NOT_IMPORTED = {
     "pyarrow": "pandas writes Parquet files with it",
     "tensorboard": "stable-baselines3 writes its logs with it",
@@ -48,7 +47,7 @@ def imported(package: str) -> dict[str, str]:
     for file in sorted(FOLDERS[package].rglob("*.py")):
         for name in imports(ast.parse(file.read_text(encoding="utf-8"))):
             top = name.partition(".")[0]
-            if top not in {*sys.stdlib_module_names, *FOLDERS, *BY_HAND} and not WITH_ROS.match(top):
+            if top not in {*sys.stdlib_module_names, *FOLDERS, *BY_HAND} and not ROS_PACKAGES.match(top):
                 assert top in owners(), f"{file} imports {top}, which is not installed"
                 found[owners()[top]] = str(file.relative_to(ROOT))
     return found
@@ -150,6 +149,23 @@ def test_a_command_that_learns_says_what_to_run() -> None:
     assert ended.stderr.count("\n") == 1
     assert ended.stderr.startswith("bike train: this needs the learning packages (")
     assert ended.stderr.rstrip().endswith("run: make setup-training")
+
+
+@pytest.mark.parametrize("words", [["ride"], ["ride", "--rider", "racer", "--nodes"], ["live"], ["live", "--attach"]])
+@pytest.mark.parametrize("package", ["rclpy", "bike_msgs"])
+def test_without_ros_one_line_says_what_works_and_how_to_get_it(words: list[str], package: str, tmp_path: Path) -> None:
+    program = f"PACKAGES = {{{package!r}}}\n{RIDING}\nfrom bike_training.cli import main\nsys.exit(main(sys.argv[1:]))"
+    ended = subprocess.run([sys.executable, "-c", program, *words], capture_output=True, text=True, cwd=tmp_path)
+    assert ended.returncode == 2
+    assert re.fullmatch(rf"bike \w+: this needs ROS 2 \({package} is not .*make setup .*without ROS .*\n", ended.stderr)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_wheel_advises_the_address_that_it_came_from(monkeypatch, tmp_path: Path, capsys) -> None:
+    """A name that no index has could be published by anybody."""
+    monkeypatch.setattr(learning_packages, "SETUP", tmp_path / "none")
+    assert learning_packages.offer("train", "torch") == 2
+    assert re.search(r"pip install 'two-wheeler-lab\[all\] @ file:///\S+'\n$", capsys.readouterr().err)
 
 
 def test_at_a_terminal_it_asks_first() -> None:

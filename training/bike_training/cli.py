@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import json
 import os
 import signal
@@ -17,11 +18,10 @@ from typing import Any, Final
 
 from bike_sim.documents import alternatives, shorten
 from bike_training import learning_packages
-from bike_training.commands.declarations import COMMANDS, RENAMED, Command
+from bike_training.commands.declarations import COMMANDS, NEED_ROS, RENAMED, Command
 from bike_training.envs.node_process import NodeLost
 from bike_training.interruption import SHELL_BASE, interrupt, leave_at_once, signals_handled, signals_noted
 
-DISTRIBUTION: Final = "two-wheeler-lab"
 LONGEST_ERROR: Final = 300
 """Characters of an error's line."""
 
@@ -59,6 +59,10 @@ def _run(words: Sequence[str]) -> int:
         try:
             with signals_handled(leave_at_once):
                 args = parse(name, rest)
+                if (name, args.subject) in NEED_ROS:
+                    for package in ("rclpy", "bike_msgs"):
+                        if importlib.util.find_spec(package) is None:
+                            raise ModuleNotFoundError(package, name=package)
                 run = _load(COMMANDS[name].functions[args.subject])
             with signals_handled(interrupt):
                 result = run(args)
@@ -108,7 +112,7 @@ def _overview() -> str:
 
 def _version() -> str:
     try:
-        return version(DISTRIBUTION)
+        return version(learning_packages.DISTRIBUTION)
     except PackageNotFoundError:  # of a checkout, which is not installed
         with (Path(__file__).parents[2] / "pyproject.toml").open("rb") as file:
             return str(tomllib.load(file)["project"]["version"])

@@ -1,13 +1,17 @@
-"""Packages that learning, explaining, sweeps, Parquet files and Foxglove need and riding does not.
+"""Packages that not every command needs: those of learning, explaining, sweeps, Parquet files and Foxglove, and ROS 2.
 
-The set-up for riding leaves them out because they are several times as large as all else; a second one brings them.
+The set-up for riding leaves the former out because they are several times as large as all else; a second one brings
+them. The wheel brings neither ROS 2 nor the messages.
 """
 
 from __future__ import annotations
 
+import json
 import os
+import re
 import subprocess
 import sys
+from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import Final
 
@@ -30,6 +34,11 @@ PACKAGES: Final = frozenset(
 SWEEP_PACKAGES: Final = frozenset({"optuna", "ray"})
 """The same of those that a sweep needs besides."""
 
+ROS_PACKAGES: Final = re.compile(r"(rclpy|rosidl\w*|ament_index_python|builtin_interfaces|\w+_(msgs|interfaces))$")
+"""What comes with ROS 2, or is built in its workspace."""
+DISTRIBUTION: Final = "two-wheeler-lab"
+"""Name of the wheel. No index has it, so that no advice may leave an installer to look for it there."""
+
 SETUP: Final = Path(__file__).resolve().parents[2] / "tools" / "setup"
 """The set-up of the checkout that this package is run from; of an installed wheel there is none."""
 
@@ -37,11 +46,12 @@ SETUP: Final = Path(__file__).resolve().parents[2] / "tools" / "setup"
 def missing_package(error: ImportError) -> str | None:
     """Return which of them an import did not find, or None where it failed for another reason."""
     name = (error.name or "").partition(".")[0]
-    return name if isinstance(error, ModuleNotFoundError) and name in PACKAGES | SWEEP_PACKAGES else None
+    known = name in PACKAGES | SWEEP_PACKAGES or ROS_PACKAGES.match(name)
+    return name if isinstance(error, ModuleNotFoundError) and known else None
 
 
 def offer(command: str, package: str) -> int:
-    """Ask whether to install them, do so and begin this program anew; where nobody can be asked, say what to run.
+    """Ask whether to install them, do so and begin this program anew; where nobody can be asked, print what to run.
 
     Args:
         command: name of the command that needs them.
@@ -50,10 +60,18 @@ def offer(command: str, package: str) -> int:
     Returns:
         2, where they are not installed.
     """
+    if ROS_PACKAGES.match(package):
+        print(
+            f"bike {command}: this needs ROS 2 ({package} is not installed): run make setup in a checkout, see "
+            "docs/how-to/install.md; without ROS there are superbikes (bike ride --course barcelona), evaluate, train, "
+            "analyze and validate",
+            file=sys.stderr,
+        )
+        return 2
     stage, whose = ("sweep", "packages of sweeps") if package in SWEEP_PACKAGES else ("training", "learning packages")
     reason = f"bike {command}: this needs the {whose} ({package} is not installed)"
     if not SETUP.is_file():
-        print(f"{reason}; run: pip install 'two-wheeler-lab[all]'", file=sys.stderr)
+        print(f"{reason}; run: pip install '{DISTRIBUTION}[all] @ {_origin()}'", file=sys.stderr)
     elif not sys.stdin.isatty() or not sys.stderr.isatty():
         print(f"{reason}; run: make setup-{stage}", file=sys.stderr)
     else:
@@ -64,3 +82,12 @@ def offer(command: str, package: str) -> int:
         else:
             print(f"nothing was installed; `make setup-{stage}` does it later", file=sys.stderr)
     return 2
+
+
+def _origin() -> str:
+    """Return the address that this wheel was installed from."""
+    try:
+        known = json.loads(distribution(DISTRIBUTION).read_text("direct_url.json") or "{}")
+    except PackageNotFoundError:
+        known = {}
+    return str(known.get("url", "file:///path/of/the.whl"))

@@ -803,3 +803,6 @@ COMMANDS: Final[Mapping[str, Command]] = {
     "export": _EXPORT,
     "reproduce": _REPRODUCE,
 }
+
+NEED_ROS: Final = frozenset({("ride", BICYCLE), ("ride", NODES), *(("live", subject) for subject in _LIVE.functions)})
+"""Commands with subjects that ride or watch through nodes."""
