@@ -21,10 +21,18 @@ def test_ids_make_environments_that_keep_the_contract(name):
     env.close()
 
 
-def test_importing_the_package_registers_them():
-    code = "import gymnasium, bike_training.gymnasium_ids; print(gymnasium.make('bike_training/Whipple-v0').spec.id)"
-    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120)
-    assert told.stdout.strip() == "bike_training/Whipple-v0"
+@pytest.mark.parametrize("order", ["gymnasium, bike_training", "bike_training, gymnasium"])
+def test_importing_the_package_registers_them(order):
+    """In any order, and the environment of the bicycle needs no learner."""
+    code = f"""
+import sys
+sys.modules["stable_baselines3"] = None  # whoever imports it fails
+import {order}
+env = gymnasium.make("bike_training/Whipple-v0")
+env.reset(seed=1)
+print(env.spec.id, len(env.step(env.action_space.sample())))"""
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=120)
+    assert ended.stdout.split() == ["bike_training/Whipple-v0", "5"], ended.stderr
 
 
 @pytest.mark.parametrize("name", IDS)

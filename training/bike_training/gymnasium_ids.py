@@ -1,7 +1,4 @@
-"""The ids of this project's environments in Gymnasium; importing this module registers them.
-
-A module of its own, so that riding and its commands load no Gymnasium.
-"""
+"""The ids of this project's environments in Gymnasium, registered as soon as both packages are imported."""
 
 from __future__ import annotations
 

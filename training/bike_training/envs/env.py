@@ -17,10 +17,17 @@ from bike_sim.sim.snapshot import Snapshot
 from bike_training.curricula.base import Episodes
 from bike_training.curricula.parts import PartsCurriculum
 from bike_training.envs.clients import Client, make_client
-from bike_training.envs.vec_env import task_spaces
 from bike_training.envs.watch import RideWatch
 from bike_training.tasks.base import Task, sum_of
 from bike_training.tasks.path import TASKS
+
+
+def task_spaces(task: Task) -> tuple[gym.spaces.Box, gym.spaces.Box]:
+    """Return the observation and action space of a task."""
+    high = task.layout.high
+    return gym.spaces.Box(-high, high, dtype=np.float32), gym.spaces.Box(
+        -1.0, 1.0, (task.action.size,), dtype=np.float32
+    )
 
 
 class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):

@@ -15,16 +15,9 @@ from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_training.curricula.base import Episodes
+from bike_training.envs.env import task_spaces
 from bike_training.envs.watch import RideWatch
 from bike_training.tasks.base import Task, batch_of, sum_of
-
-
-def task_spaces(task: Task) -> tuple[gym.spaces.Box, gym.spaces.Box]:
-    """Return the observation and action space of a task."""
-    high = task.layout.high
-    return gym.spaces.Box(-high, high, dtype=np.float32), gym.spaces.Box(
-        -1.0, 1.0, (task.action.size,), dtype=np.float32
-    )
 
 
 class SimulatorVecEnv(DummyVecEnv):
