@@ -16,7 +16,7 @@ from bike_analysis.figures.numbers import PEAK_USE, grip_used, time_shares
 from bike_sim.course.track import Corner
 from bike_sim.planning.envelope import envelope
 from bike_sim.vehicles.files import load_vehicle
-from bike_training.commands.laps import described
+from bike_training.commands.ride import described
 
 CORNERS = (
     Corner("1", begin=300.0, apex=350.0, end=400.0, angle=-1.0, radius=50.0),

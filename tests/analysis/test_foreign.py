@@ -24,7 +24,7 @@ from bike_analysis.read.messages import EARTH_RADIUS
 from bike_sim.recording.definitions import MessageType
 from bike_sim.recording.recorder import RideRecorder
 from bike_training.cli import main
-from bike_training.replay.recorded_rides import read_rides
+from bike_training.replay import read_rides
 
 RATE = 20.0
 ODOMETRY, IMU, FIX = "nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu", "sensor_msgs/msg/NavSatFix"

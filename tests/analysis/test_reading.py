@@ -26,7 +26,7 @@ from bike_analysis.read.messages import STATE_QUANTITIES, Table
 from bike_analysis.read.reading import forward_time, read_recording
 from bike_sim.recording.definitions import MessageType, message_type
 from bike_sim.recording.recorder import RideRecorder, Split
-from bike_training.replay.recorded_rides import read_rides
+from bike_training.replay import read_rides
 
 COLUMN_NAMES = ("time_s", "episode", "step", *(quantity.name for quantity in STATE_QUANTITIES))
 

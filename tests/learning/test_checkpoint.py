@@ -18,14 +18,19 @@ from bike_sim.sim.request import Preview, ResetRequest
 from bike_training.cli import main
 from bike_training.curricula.parts import REFINEMENT, PartsCurriculum
 from bike_training.envs.vec_env import BatchVecEnv
-from bike_training.learning.checkpoint import Checkpoint
+from bike_training.learning.checkpoint import (
+    Checkpoint,
+    learner_state,
+    read_plain,
+    restore_learner,
+    with_tensors,
+    write_tree,
+)
 from bike_training.learning.learner import build_model
-from bike_training.learning.learner_state import learner_state, restore_learner
 from bike_training.learning.presets import load_preset
 from bike_training.learning.process import LearningProcess
 from bike_training.learning.run import run, stored_settings
 from bike_training.learning.run_settings import RunSettings
-from bike_training.learning.stored_tree import read_plain, with_tensors, write_tree
 from bike_training.tasks.path import TASKS
 
 COMPILED = SimulatorConfig(engine=COMPILED_ENGINE, time_step=0.01)

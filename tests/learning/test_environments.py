@@ -18,7 +18,7 @@ from bike_sim.sim.snapshot import DIVERGED
 from bike_training.curricula.parts import PartsCurriculum, RideRanges
 from bike_training.envs.env import BikeEnv
 from bike_training.envs.vec_env import BatchVecEnv, SimulatorVecEnv
-from bike_training.learning.validation_rides import SideBySide, validate_simulator
+from bike_training.learning.validation import SideBySide, validate_simulator
 from bike_training.tasks.base import sum_of
 from bike_training.tasks.path import TASKS
 
@@ -30,11 +30,11 @@ COMPILED = SimulatorConfig(engine="whipple", time_step=0.01)
 
 @pytest.mark.parametrize("task", TASKS)
 def test_gymnasium_contract(task):
-    check_env(BikeEnv("local", task, RANGES, COMPILED), skip_render_check=True)
+    check_env(BikeEnv("local", task, RANGES, COMPILED))
 
 
 def test_gymnasium_contract_on_pybullet():
-    check_env(BikeEnv("local", "prop"), skip_render_check=True)
+    check_env(BikeEnv("local", "prop"))
 
 
 def test_batch_rides_as_the_simulator_does():

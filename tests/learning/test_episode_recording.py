@@ -21,6 +21,7 @@ from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
+from bike_sim.sim.superbike_plant import superbike_config
 from bike_training.curricula.parts import REFINEMENT, PartsCurriculum
 from bike_training.envs.env import BikeEnv
 from bike_training.envs.vec_env import BatchVecEnv
@@ -28,7 +29,9 @@ from bike_training.learning.learner import actor_tensors
 from bike_training.learning.presets import load_preset
 from bike_training.learning.process import LearningProcess
 from bike_training.learning.run_settings import RunSettings
+from bike_training.replay import read_rides, ride_again
 from bike_training.tasks.path import TASKS, PathTask
+from bike_training.tasks.race import RaceTask
 
 pytest.importorskip("rclpy")
 
@@ -119,7 +122,27 @@ def test_rewards_are_those_of_the_next_state_and_the_sum_of_their_terms(validati
         terms = task.reward_terms(blocks_of(state))
         assert dict(zip(step.reward_names, step.reward_terms, strict=True)) == terms
         assert step.reward == sum(step.reward_terms)
-        assert (state.steering_command, 0.0) == (step.steering, np.ravel(step.action)[0])
+        assert (state.steering_command, [0.0]) == (step.steering, list(step.action))
+
+
+def test_a_superbikes_whole_action_is_recorded(tmp_path):
+    from bike_training.learning.episode_recording import Standing, record_ride
+
+    task = RaceTask(validation_duration=0.3)
+    biases = np.array([0.2, 0.4], dtype="f4")
+    actor = Actor([np.zeros((2, task.layout.size), dtype="f4")], [biases])
+    request = ResetRequest(course="barcelona", speed_range=(40.0, 40.0), progress=200.0)
+    config = replace(superbike_config("panigale_v4r"), engine="compiled")
+    path = tmp_path / "episode.mcap"
+    record_ride(path, actor, task, Simulator(config), request, Standing(4000, 1, None))
+    steps = messages(path, "/bike/learning/step")
+    assert len(steps) == 5
+    for step in steps:
+        np.testing.assert_array_equal(step.action, actor.act(np.zeros(task.layout.size, dtype="f4")))
+    assert len(messages(path, "/bike/telemetry")) == 1 + 5 * task.repeat
+    (replayed,) = read_rides(path)[1]
+    assert ride_again(replayed).same
+    assert ride_again(replayed).learned == 5
 
 
 def compiled() -> VecEnv:
@@ -154,7 +177,7 @@ def test_rides_of_the_learner_are_recorded_as_it_learned_from_them(make, config,
     steps = messages(path, "/bike/learning/step")
     assert len(steps) == last - first
     np.testing.assert_array_equal([s.observation for s in steps], [s[0] for s in seen[first:last]])
-    np.testing.assert_array_equal([np.ravel(s.action)[0] for s in steps], [a[0, 0] for a in actions[first:last]])
+    np.testing.assert_array_equal([s.action for s in steps], [a[0] for a in actions[first:last]])
     np.testing.assert_array_equal(np.float32([s.reward for s in steps]), [r[0] for r in rewards[first:last]])
     assert [s.learning_step for s in steps] == list(range(2 * first, 2 * last, 2))
     assert [s.learning_episode for s in steps] == [1] * SHORT.max_steps + [2] * SHORT.max_steps

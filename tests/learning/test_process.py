@@ -19,12 +19,11 @@ from bike_training.curricula.parts import TRANSITION_STEPS, PartsCurriculum
 from bike_training.envs.env import BikeEnv
 from bike_training.envs.node_process import NodeLost
 from bike_training.envs.vec_env import BatchVecEnv
-from bike_training.learning.callback import LearningCallback
 from bike_training.learning.learner import AveragedActor, actor_tensors, build_model
 from bike_training.learning.presets import load_preset
-from bike_training.learning.process import LearningProcess
+from bike_training.learning.process import LearningCallback, LearningProcess
 from bike_training.learning.run_settings import RunSettings
-from bike_training.learning.selection import kept
+from bike_training.learning.validation import kept
 from bike_training.tasks.path import TASKS
 
 TINY = {
@@ -277,7 +276,7 @@ def test_a_full_episode_asks_for_a_validation_only_when_one_is_allowed(tmp_path)
 
 def test_each_session_logs_episodes_in_a_table_of_its_own(tmp_path, monkeypatch):
     """With mean length and return of the episodes, on either engine; a resume keeps the table of the first session."""
-    monkeypatch.setattr("bike_training.learning.callback.LOG_EVERY", 200)
+    monkeypatch.setattr("bike_training.learning.process.LOG_EVERY", 200)
     for engine in ("whipple", "pybullet"):
         folder = tmp_path / engine
         process = tiny_process(folder, engine=engine)

@@ -17,10 +17,10 @@ from bike_sim.sim.batch import SUPERBIKE_ENGINE
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.superbike_plant import superbike_config
-from bike_training.explain.block_drawing import draw_blocks
-from bike_training.explain.block_values import explain_blocks
-from bike_training.explain.race_rides import Onlooker
-from bike_training.replay.replaying import RecordedCommands
+from bike_training.explain.drawing import draw_blocks
+from bike_training.explain.observations import Onlooker
+from bike_training.explain.shap_values import explain_blocks
+from bike_training.replay import RecordedCommands
 from bike_training.rollout.rollout import rollout
 
 ACTION = ActionLayout((ActionColumn(LINE_OFFSET, 0.6), ActionColumn(PACE, 0.05)))

@@ -16,9 +16,9 @@ from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.superbike_plant import superbike_config
 from bike_sim.vehicles.files import load_vehicle
+from bike_training.learning.presets import load_preset
 from bike_training.tasks.base import batch_of, sum_of
 from bike_training.tasks.race import (
-    PAPER_WEIGHTS,
     RACE_WEIGHTS,
     REWARD_TERMS,
     RaceContext,
@@ -243,7 +243,7 @@ def test_the_history_penalty_counts_swings_only(a, b):
         assert penalty > 0.99
 
 
-@pytest.mark.parametrize("weights", [RACE_WEIGHTS, PAPER_WEIGHTS], ids=["race", "paper"])
+@pytest.mark.parametrize("weights", [RACE_WEIGHTS, load_preset("race_paper").task.weights], ids=["race", "paper"])
 def test_terms_have_their_weights(start, weights):
     plain, _ = decide(rides_of(start), start[0], forward, actions=(0.4, -0.4))
     result, _ = decide(rides_of(start, replace(TASK, weights=weights)), start[0], forward, actions=(0.4, -0.4))
@@ -341,9 +341,12 @@ def ride_decision(batch, rides, actions, repeat):
     return seen, rides.evaluate(batch).terms
 
 
-def test_only_compiled_superbikes_take_machines_in_turn():
-    with pytest.raises(ValueError, match=r"pybullet.*panigale_v4r, r1"):
-        batch_of(TASK, 2, replace(COMPILED, engine="pybullet"), ("panigale_v4r", "r1"))
+def test_machines_of_every_engine_are_taken_in_turn_but_no_bicycle_among_them():
+    batch, _ = batch_of(TASK, 3, replace(COMPILED, engine="pybullet"), ("panigale_v4r", "r1"))
+    assert [vehicle.name for vehicle in batch.vehicles] == ["panigale_v4r", "r1", "panigale_v4r"]
+    batch.close()
+    with pytest.raises(ValueError, match=r"bicycles and superbikes.*panigale_v4r, whipple"):
+        batch_of(TASK, 2, COMPILED, ("panigale_v4r", "whipple"))
 
 
 @pytest.mark.parametrize(

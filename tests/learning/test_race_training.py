@@ -14,7 +14,6 @@ from bike_sim.sim.batch import SUPERBIKE_ENGINE
 from bike_sim.sim.request import ResetRequest
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.curricula.base import EndedEpisode
-from bike_training.curricula.gaussian import Gaussian
 from bike_training.curricula.race import (
     CircuitSet,
     RaceCurriculum,
@@ -25,6 +24,7 @@ from bike_training.curricula.race import (
 from bike_training.curricula.spdl import (
     FIRST_MEAN,
     TARGET_MEAN,
+    Gaussian,
     ScheduleSettings,
     SpdlCurriculum,
     SpdlSettings,
@@ -34,7 +34,7 @@ from bike_training.curricula.spdl import (
 from bike_training.learning.presets import Preset, load_preset
 from bike_training.learning.process import LearningProcess
 from bike_training.learning.run_settings import RunSettings
-from bike_training.learning.validation_rides import SideBySide, ride_side_by_side
+from bike_training.learning.validation import SideBySide, ride_side_by_side
 from bike_training.tasks.race import RaceContext, RaceTask
 
 VEHICLE = "panigale_v4r"

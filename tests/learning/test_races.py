@@ -11,10 +11,10 @@ from bike_policy.contract.actor import Actor
 from bike_policy.contract.bundle import Bundle, load_bundle
 from bike_policy.contract.observation import COMPACT, GUIDED
 from bike_training.cli import main
-from bike_training.commands.evaluate_races import _pairs
+from bike_training.commands.evaluate import _pairs
 from bike_training.reproduce.superbike.bundle_tables import bundle_tables
 from bike_training.rollout.laps import ride_laps
-from bike_training.rollout.races import RaceResult, ride_races
+from bike_training.rollout.races import SLOW, RaceResult, ride_races, ride_starts
 from bike_training.tasks.race import RaceTask
 
 
@@ -30,6 +30,11 @@ def test_rides_that_leave_the_track_are_not_whole() -> None:
     result = ride_races(bundle(0.3), "panigale_v4r", "barcelona", starts=4)
     assert (result.rides, result.whole, result.times) == (4, 0, ())
     assert result.falls + result.walls >= 3
+    assert [ride.start for ride in result.lost] == [0, 1, 2, 3]
+    for ride in result.lost:
+        assert (ride.arc_length_m is None) == (ride.cause == SLOW)
+        assert ride.arc_length_m is None or 0.0 <= ride.arc_length_m < 4657.0
+    assert sum(ride.cause == "wall" for ride in result.lost) == result.walls
     assert (result.finished, result.off_track) == (0, 0.0)  # no lap whose time off the track could count
     assert 0.02 <= result.outside < 4 * 60.0
     figures = result.figures()
@@ -46,6 +51,27 @@ def test_an_actor_that_answers_nothing_rides_as_its_guide() -> None:
     classical = ride_laps("panigale_v4r", "barcelona", laps=1, engine="compiled").best
     assert classical is not None
     assert result.times[0] == pytest.approx(classical.duration, rel=0.02)
+    assert result.lost == ()
+
+
+def test_the_classical_rider_rides_circuits_from_starts_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["evaluate", "classical", "--vehicle", "panigale_v4r", "--starts", "1", "--out", str(tmp_path)]
+    assert main(words) == 0
+    (race,) = json.loads((tmp_path / "races.json").read_text())["races"]
+    assert (race["rides"], race["whole"], race["falls"]) == (1, 1, 0)
+    assert "classical" in capsys.readouterr().out
+    with pytest.raises(ValueError, match="benchmark"):
+        ride_starts("classical", "panigale_v4r", "benchmark", 1)
+
+
+def test_lost_rides_are_printed_with_cause_and_place(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    policy = tmp_path / "straight"
+    bundle(0.3).save(policy)
+    words = ["evaluate", str(policy), "--vehicle", "panigale_v4r", "--starts", "1", "--out", str(tmp_path)]
+    assert main(words) == 1
+    (lost,) = json.loads((tmp_path / "races.json").read_text())["lost"]
+    printed = capsys.readouterr().out
+    assert f"lost: panigale_v4r on barcelona, start 0: {lost['cause']} at {lost['arc_length_m']:.0f} m" in printed
 
 
 def test_a_bicycle_policy_is_refused() -> None:
@@ -59,7 +85,8 @@ def test_a_run_becomes_a_bundle_with_its_share_that_is_evaluated(
     run = tmp_path / "run"
     words = ["train", "panigale_v4r", "--preset", "race_direct", "--out", str(run), "--steps", "60", "--json"]
     words += ["--record-every", "0"]
-    for setting in ("learner=sb3", "layers=8", "environments=2", "updates=1", "learning_starts=20", "share=0.9"):
+    small = ("layers=8", "environments=2", "updates=1", "learning_starts=20")
+    for setting in ("learner=sb3", "curriculum.share=0.9", *(f"learner.{setting}" for setting in small)):
         words += ["--set", setting]
     assert main(words) == 0
     assert json.loads(capsys.readouterr().out)["figures"]["steps"] == 60

@@ -23,9 +23,16 @@ from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_training import cli
 from bike_training.curricula.parts import REFINEMENT
-from bike_training.learning import gradient_cost, linear_rides
-from bike_training.learning.gradient_cost import cost
-from bike_training.learning.gradients import STEEP, Comparison, GradientLearning, learn_by_gradients
+from bike_training.learning import gradients, linear_rides
+from bike_training.learning.gradients import (
+    STEEP,
+    Comparison,
+    GradientLearning,
+    MirrorSymmetricActor,
+    Weights,
+    cost,
+    learn_by_gradients,
+)
 from bike_training.learning.linear_rides import (
     FREE,
     LinearRides,
@@ -34,7 +41,6 @@ from bike_training.learning.linear_rides import (
     motion_slopes,
     push_sideways,
 )
-from bike_training.learning.mirror_symmetric_actor import MirrorSymmetricActor, Weights
 from bike_training.learning.presets import GradientSettings, load_preset
 from bike_training.learning.run_settings import RunSettings
 from bike_training.tasks.path import TASKS
@@ -132,8 +138,8 @@ def ridden(weights: Weights, actor: MirrorSymmetricActor) -> Segment:
 
 
 def test_the_cost_of_a_changed_actor_is_that_of_its_ride_to_first_order(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(gradient_cost, "_FAR", 0.0)  # these rides neither steer nor lean far
-    monkeypatch.setattr(gradient_cost, "_STEEP", 0.0)
+    monkeypatch.setattr(gradients, "_FAR", 0.0)  # these rides neither steer nor lean far
+    monkeypatch.setattr(gradients, "_STEEP", 0.0)
     settings = replace(SMALL, tail=0, square=5.0, steer_rate=0.1, change=2.0, lean=2.0, steer=5.0)
     actor = MirrorSymmetricActor(FINE_LAYOUT)
     weights = actor.draw((16,), seed=2)

@@ -25,8 +25,7 @@ from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_training.cli import main
 from bike_training.curricula.parts import PartsCurriculum
-from bike_training.replay.recorded_rides import COMMANDS, EXACT, FLAGS, RideSource, Start, read_rides
-from bike_training.replay.replaying import Replay, ride_again
+from bike_training.replay import COMMANDS, EXACT, FLAGS, Replay, RideSource, Start, read_rides, ride_again
 from bike_training.tasks.path import SHARP, TASKS
 
 rclpy_serialization = pytest.importorskip("rclpy.serialization")

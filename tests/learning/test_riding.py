@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from bike_training.rollout.evaluation import evaluate
-from bike_training.rollout.riding import RideResult
+from bike_training.rollout.rollout import RideResult
 
 
 def ride(error, progress, completed=True):

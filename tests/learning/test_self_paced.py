@@ -7,9 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bike_training.curricula.gaussian import Gaussian, divergence
-from bike_training.curricula.self_paced import TOLERANCE, SelfPaced, Stage
-from bike_training.curricula.spdl import line_of
+from bike_training.curricula.spdl import TOLERANCE, Gaussian, SelfPaced, Stage, divergence, line_of
 
 numbers = st.floats(-2.0, 2.0)
 

@@ -12,8 +12,7 @@ import pytest
 
 from bike_sim.course.files import load_track
 from bike_training.cli import main
-from bike_training.curricula.gaussian import Gaussian, divergence
-from bike_training.curricula.spdl import TARGET_MEAN, TARGET_STD
+from bike_training.curricula.spdl import TARGET_MEAN, TARGET_STD, Gaussian, divergence
 from bike_training.learning.presets import load_preset
 from bike_training.reproduce.data import Run, Validation, read_data, write_data
 from bike_training.reproduce.merge import merge

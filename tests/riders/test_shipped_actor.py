@@ -10,7 +10,7 @@ from bike_sim.course.files import load_course
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import RANDOM_COURSE, ResetRequest
 from bike_sim.sim.simulator import Simulator
-from bike_training.rollout.riding import RideResult, ride_through, time_for
+from bike_training.rollout.rollout import RideResult, ride_through, time_for
 
 MEAN, LARGEST = 0.015, 0.15
 """Goals of any ride on the benchmark path at 2 to 7 m/s, m."""

@@ -15,8 +15,7 @@ from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.vehicles.files import load_vehicle
-from bike_training.rollout.riding import ride_through
-from bike_training.rollout.rollout import rollout
+from bike_training.rollout.rollout import ride_through, rollout
 
 COMPILED = SimulatorConfig(engine="whipple", time_step=0.01)
 

@@ -11,7 +11,7 @@ from bike_policy.contract.bundle import Bundle
 from bike_policy.contract.observation import COMPACT
 from bike_policy.riders.racing import RacingRider
 from bike_sim.sim.request import ResetRequest
-from bike_training.envs.race_env import RaceEnv
+from bike_training.envs.env import BikeEnv
 from bike_training.rollout.rollout import rollout
 from bike_training.tasks.race import RaceContext, RaceTask
 
@@ -29,15 +29,15 @@ REQUEST = ResetRequest(
 
 
 @pytest.fixture(scope="module")
-def environments() -> Iterator[tuple[RaceEnv, RaceEnv]]:
-    local = RaceEnv("local")
-    through_ros = RaceEnv("ros")
+def environments() -> Iterator[tuple[BikeEnv, BikeEnv]]:
+    local = BikeEnv("local", "race")
+    through_ros = BikeEnv("ros", "race")
     yield local, through_ros
     local.close()
     through_ros.close()
 
 
-def test_observations_rewards_and_ends_are_the_same(environments: tuple[RaceEnv, RaceEnv]) -> None:
+def test_observations_rewards_and_ends_are_the_same(environments: tuple[BikeEnv, BikeEnv]) -> None:
     rng = np.random.default_rng(0)
     seen = [env.reset(options={"request": REQUEST})[0] for env in environments]
     np.testing.assert_array_equal(*seen)
@@ -53,7 +53,7 @@ def test_observations_rewards_and_ends_are_the_same(environments: tuple[RaceEnv,
     assert ended, "such actions leave the track"
 
 
-def test_a_policy_commands_the_same(environments: tuple[RaceEnv, RaceEnv]) -> None:
+def test_a_policy_commands_the_same(environments: tuple[BikeEnv, BikeEnv]) -> None:
     rng = np.random.default_rng(1)
     sizes = (COMPACT.size, 16, 2)
     weights = [rng.normal(scale=0.05, size=(outputs, inputs)).astype(np.float32) for inputs, outputs in pairwise(sizes)]

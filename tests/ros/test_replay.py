@@ -22,10 +22,9 @@ from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_training.curricula.parts import PartsCurriculum
 from bike_training.envs.env import BikeEnv
-from bike_training.explain.race_rides import read_race
+from bike_training.explain.observations import read_race
 from bike_training.learning.episode_recording import Standing, TrainingRecorder
-from bike_training.replay.recorded_rides import read_rides
-from bike_training.replay.replaying import Replay, ride_again
+from bike_training.replay import Replay, read_rides, ride_again
 from bike_training.rollout.rollout import rollout
 from bike_training.tasks.path import TASKS
 

@@ -22,15 +22,15 @@ PATIENCE = 120.0
 
 MARK = "BIKE_TEST_MARK"
 
-SMALL = {"learner": "sb3", "layers": "8,8", "environments": "2", "updates": "1", "batch_size": "16"}
+SMALL = ("layers=8,8", "environments=2", "updates=1", "batch_size=16", "learning_starts=50")
 
 
 def train(out: Path, steps: int, *more: str) -> list[str]:
     """Return the words of a run with a network that learns in no time."""
     words = ["train", "whipple", "--client", "ros", "--out", str(out), "--steps", str(steps), "--json", *more]
     if "--resume" not in more:
-        words += ["--record-every", "0", "--set", "learning_starts=50"]
-        words += [word for name, value in SMALL.items() for word in ("--set", f"{name}={value}")]
+        words += ["--record-every", "0", "--set", "learner=sb3"]
+        words += [word for setting in SMALL for word in ("--set", f"learner.{setting}")]
     return words
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from matplotlib import font_manager
@@ -95,17 +95,55 @@ def write_video(
 
 def _frame(ride: Ride, vehicle: str, motion: Floats, time_s: float) -> Image.Image:
     """Draw the ride at a time since its first state, s."""
-    powered, name = is_fast(ride), ride.course.name if ride.course else ""
     x, y, yaw, roll, speed, progress = (float(np.interp(time_s, ride.time, column)) for column in motion)
-    image = Image.new("RGB", (_OVERSIZE * SIZE[0], _OVERSIZE * SIZE[1]))
     lagging = float(np.interp(time_s - 0.16, ride.time, motion[2]))  # the camera turns a little later
-    camera = _Camera(ImageDraw.Draw(image, "RGBA"), np.array([x, y]), 0.5 * (yaw + lagging), 0.22 * roll)
+    return draw_frame(ride.course, vehicle, Pose(x, y, yaw, lagging, roll, speed, progress), time_s, is_fast(ride))
+
+
+class Pose(NamedTuple):
+    """What a frame shows of a vehicle.
+
+    Attributes:
+        x: Rear contact point, m.
+        y: Rear contact point, m.
+        yaw: rad.
+        lagging: Yaw angle that the camera follows with, rad.
+        roll: rad, positive leaning right.
+        speed: m/s.
+        progress: Arc length along the course, m.
+    """
+
+    x: float
+    y: float
+    yaw: float
+    lagging: float
+    roll: float
+    speed: float
+    progress: float
+
+
+def draw_frame(course: Any, vehicle: str, pose: Pose, time_s: float, powered: bool) -> Image.Image:
+    """Draw a vehicle on its course from behind.
+
+    Args:
+        course: A course with samples and limits; as recorded, or as the simulator has it.
+        vehicle: Its name.
+        pose: Where it is and how it leans.
+        time_s: Time that the frame tells, s.
+        powered: Whether it has an engine.
+
+    Returns:
+        The picture, `SIZE` pixels large.
+    """
+    image = Image.new("RGB", (_OVERSIZE * SIZE[0], _OVERSIZE * SIZE[1]))
+    heading = 0.5 * (pose.yaw + pose.lagging)
+    camera = _Camera(ImageDraw.Draw(image, "RGBA"), np.array([pose.x, pose.y]), heading, 0.22 * pose.roll)
     camera.draw_background()
-    camera.draw_road(ride, progress, powered)
-    camera.draw_vehicle(roll, powered)
-    pace = f"{3.6 * speed:.0f} km/h" if powered else f"{speed:.1f} m/s"
-    title = shown(f"{vehicle}, {name}" if vehicle else name, 60)
-    text = f"{title}\n{lap_text(time_s)}    {pace}    lean {abs(np.degrees(roll)):.0f}°"
+    camera.draw_road(course, pose.progress, powered)
+    camera.draw_vehicle(pose.roll, powered)
+    pace = f"{3.6 * pose.speed:.0f} km/h" if powered else f"{pose.speed:.1f} m/s"
+    title = shown(f"{vehicle}, {course.name}" if vehicle else course.name, 60)
+    text = f"{title}\n{lap_text(time_s)}    {pace}    lean {abs(np.degrees(pose.roll)):.0f}°"
     x0, y0, x1, y1 = camera.pen.textbbox((40, 36), text, _font())
     camera.pen.rounded_rectangle((x0 - 20, y0 - 16, x1 + 20, y1 + 16), 16, (12, 15, 20, 158))
     camera.pen.text((40, 36), text, "#ffffff", _font())
@@ -151,15 +189,17 @@ class _Camera:
         outline = np.concatenate([np.stack([across, hills], 1), [(1860, _HORIZON + 1), (-900, _HORIZON + 1)]])
         self._polygon(self._pixels(outline), "#8ea3a0")
 
-    def draw_road(self, ride: Ride, progress: float, powered: bool) -> None:
+    def draw_road(self, course: Any, progress: float, powered: bool) -> None:
         """The road between the limits, with kerbs in the bends of circuits, and the followed line."""
-        course = ride.course
-        assert course is not None
         places = progress + _AHEAD[powered]
         places = places if course.closed else places[(places >= 0.0) & (places <= course.s[-1])]
         period = course.length if course.closed else None
         turn = np.unwrap(np.arctan2(np.gradient(course.y), np.gradient(course.x)))
-        widths = (course.width_left, course.width_right) if has_limits(course) else (None, None)
+        widths = (
+            (course.width_left, course.width_right)
+            if course.width_left is not None and has_limits(course)
+            else (None, None)
+        )
         columns = [*edge(course.x, course.y, turn, 1.0, widths[0]), *edge(course.x, course.y, turn, -1.0, widths[1])]
         lines = np.stack([np.interp(places, course.s, c, period=period) for c in (*columns, course.x, course.y)], 1)
         left, right, middle = lines[:, :2], lines[:, 2:4], lines[:, 4:]

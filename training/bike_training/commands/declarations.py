@@ -258,9 +258,9 @@ start, is not counted. Lines once computed are kept in $BIKE_CACHE, else ~/.cach
     _ride_subject,
     {
         BICYCLE: "ride:run",
-        SUPERBIKE: "laps:run",
-        NODES: "laps:run_through_nodes",
-        ALL: "laps:run",
+        SUPERBIKE: "ride:run_laps",
+        NODES: "ride:run_through_nodes",
+        ALL: "ride:run_laps",
     },
 )
 
@@ -541,7 +541,7 @@ _EVALUATE: Final = Command(
   bike evaluate classical --starts 2           the superbikes' rider that is not learned""",
     _declare_evaluate,
     _evaluate_subject,
-    {BICYCLE: "evaluate:run", SUPERBIKE: "evaluate_races:run", CLASSICAL: "evaluate_races:run"},
+    {BICYCLE: "evaluate:run", SUPERBIKE: "evaluate:run_races", CLASSICAL: "evaluate:run_races"},
 )
 
 
@@ -589,7 +589,7 @@ _VALIDATE: Final = Command(
 A CSV file of a circuit has the columns x_m,y_m,w_tr_right_m,w_tr_left_m: centre line and distances to its limits.""",
     _declare_validate,
     _validate_subject,
-    {BICYCLE: "validate:run", SUPERBIKE: "validate_superbike:run", CIRCUIT: "course:run"},
+    {BICYCLE: "validate:run", SUPERBIKE: "validate_superbike:run", CIRCUIT: "validate:run_circuit"},
 )
 
 # ---------------------------------------- analyze

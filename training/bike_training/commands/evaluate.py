@@ -1,19 +1,23 @@
-"""`bike evaluate` on bicycles: ride a policy at 21 speeds and write down how well."""
+"""`bike evaluate`: a policy of bicycles at 21 speeds, a rider of superbikes from starts around circuits."""
 
 from __future__ import annotations
 
 import argparse
+import csv
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
+from rich import box
 from rich.console import Console
 from rich.table import Table
 from tqdm import tqdm
 
-from bike_policy.contract.bundle import DEFAULT_POLICY
+from bike_analysis.figures.numbers import lap_text
+from bike_policy.contract.bundle import DEFAULT_POLICY, DEFAULT_RACER, load_bundle
 from bike_policy.riders.disturbed import DisturbedRider
 from bike_policy.riders.rider import Rider, bundle_of, make_rider
 from bike_sim.course.files import load_course
@@ -21,11 +25,13 @@ from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.disturbances import Disturbances, load_disturbances
 from bike_sim.sim.simulator import Simulator
 from bike_training.arguments import check_positive, check_whole, make_folder
+from bike_training.commands.declarations import DEFAULT_SUPERBIKE, SUPERBIKE
 from bike_training.envs.clients import make_client
 from bike_training.rollout.evaluation import PAPER_MAX, PAPER_MEAN, SPEEDS, Ride, draw, evaluate
-from bike_training.rollout.riding import ride_through
+from bike_training.rollout.races import RaceResult, ride_races, ride_starts
+from bike_training.rollout.rollout import TimedRider, ride_through
 from bike_training.rollout.stability import stability
-from bike_training.rollout.timed_rider import TimedRider
+from bike_training.tasks.base import round_robin
 
 NODES = "nodes"
 
@@ -199,3 +205,110 @@ def _print(figures: dict[str, Any], name: str, out: Path) -> None:
         f"worst mean {figures['worst_mean_m']:.3f} m (paper's best controller {PAPER_MEAN}), "
         f"worst maximum {figures['worst_max_m']:.3f} m ({PAPER_MAX}); written to {out}"
     )
+
+
+CIRCUIT: Final = "barcelona"
+LISTED_LOST: Final = 20
+"""Lost rides that are printed."""
+
+
+def run_races(args: argparse.Namespace) -> dict[str, Any]:
+    """Ride, write ``races.json`` and ``races.csv``, and return the figures; not ok when a ride was not whole.
+
+    Raises:
+        ValueError: a wrong argument, or a policy that does not race. FileNotFoundError: an unknown name.
+    """
+    check_whole("--starts", args.starts, 1)
+    check_whole("--laps", args.laps, 1)
+    if args.share is not None:
+        check_positive("--share", args.share, "")
+    rider = args.rider or DEFAULT_RACER
+    bundle = load_bundle(rider) if args.subject == SUPERBIKE else None
+    name = rider if bundle is None else bundle.name
+    make_folder("--out", args.out)
+    pairs = _pairs(*_asked(args), args.in_turn)
+    results = [
+        ride_starts(rider, machine, circuit, args.starts, args.laps)
+        if bundle is None
+        else ride_races(bundle, machine, circuit, args.starts, args.laps, args.share)
+        for machine, circuit in tqdm(pairs, unit="pair", disable=args.json or len(pairs) == 1)
+    ]
+    found = [result.figures() for result in results]
+    lost = [
+        {"vehicle": each.vehicle, "circuit": each.circuit, **asdict(ride)} for each in results for ride in each.lost
+    ]
+    figures = {"policy": name, "races": found, "lost": lost}
+    (args.out / "races.json").write_text(json.dumps(figures, indent=1), encoding="utf-8")
+    with (args.out / "races.csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(found[0]))
+        writer.writeheader()
+        writer.writerows(found)
+    tables = _tables(name, results) if args.tables else ""
+    if tables:
+        (args.out / "tables.md").write_text(tables, encoding="utf-8")
+    if not args.json:
+        Console(width=120).print(_race_table(name, found))
+        for ride in lost[:LISTED_LOST]:
+            where = "" if ride["arc_length_m"] is None else f" at {ride['arc_length_m']:.0f} m"
+            print(f"lost: {ride['vehicle']} on {ride['circuit']}, start {ride['start']}: {ride['cause']}{where}")
+        if len(lost) > LISTED_LOST:
+            print(f"and {len(lost) - LISTED_LOST} more lost rides, listed in {args.out / 'races.json'}")
+        print(tables)
+    ok = all(race["whole"] == race["rides"] for race in found)
+    return {"schema": "bike.evaluate_races/1", "ok": ok, "figures": figures}
+
+
+def _asked(args: argparse.Namespace) -> tuple[list[str], list[str]]:
+    """Return the machines and the circuits that are asked for."""
+    machines, circuits = [DEFAULT_SUPERBIKE], [CIRCUIT]
+    if args.tables:
+        from bike_training.reproduce.superbike.experiment import CIRCUITS, MACHINES  # late: it loads the presets
+
+        machines, circuits = list(MACHINES), list(CIRCUITS)
+    return (args.vehicle.split(",") if args.vehicle else machines), (
+        args.course.split(",") if args.course else circuits
+    )
+
+
+def _tables(name: str, results: Sequence[RaceResult]) -> str:
+    from bike_training.reproduce.superbike.bundle_tables import bundle_tables  # late: it loads the presets
+
+    return bundle_tables(name, results)
+
+
+def _pairs(machines: Sequence[str], circuits: Sequence[str], taking_turns: bool) -> list[tuple[str, str]]:
+    """Return which machine rides which circuit."""
+    if taking_turns:
+        return list(zip(round_robin(machines, len(circuits)), circuits, strict=True))
+    return [(machine, circuit) for circuit in circuits for machine in machines]
+
+
+def _race_table(name: str, found: list[dict[str, Any]]) -> Table:
+    table = Table(box=box.SIMPLE, title=f"Races of {name}")
+    for column in (
+        "machine",
+        "circuit",
+        "whole",
+        "falls",
+        "best",
+        "median",
+        "theory",
+        "over it",
+        "off line",
+        "off track",
+    ):
+        table.add_column(column, justify="left" if column in ("machine", "circuit") else "right")
+    for race in found:
+        table.add_row(
+            race["vehicle"],
+            race["circuit"],
+            f"{race['whole']} of {race['rides']}",
+            f"{race['falls'] + race['walls']}",
+            "-" if race["best_s"] is None else lap_text(race["best_s"]),
+            "-" if race["median_s"] is None else lap_text(race["median_s"]),
+            lap_text(race["theory_s"]),
+            "-" if race["median_excess"] is None else f"{100.0 * race['median_excess']:+.1f} %",
+            f"{race['line_distance_m']:.2f} m",
+            f"{race['off_track_s']:.1f} s",
+        )
+    return table

@@ -15,13 +15,17 @@ from rich.progress import Progress
 from bike_analysis import read_recording
 from bike_policy.contract.bundle import Bundle, load_bundle
 from bike_training.arguments import make_folder
-from bike_training.explain.block_drawing import UNITS, draw_blocks
-from bike_training.explain.block_values import BlockExplanation, explain_blocks
-from bike_training.explain.drawing import draw
+from bike_training.explain.drawing import UNITS, draw, draw_blocks
 from bike_training.explain.findings import Statement, correlation, state_findings
-from bike_training.explain.observations import WHOLE_RIDE, RecordedObservations, policy_of, read_observations
-from bike_training.explain.race_rides import RaceObservations, read_race
-from bike_training.explain.shap_values import Explanation, explain, set_values
+from bike_training.explain.observations import (
+    WHOLE_RIDE,
+    RaceObservations,
+    RecordedObservations,
+    policy_of,
+    read_observations,
+    read_race,
+)
+from bike_training.explain.shap_values import BlockExplanation, Explanation, explain, explain_blocks, set_values
 
 SCHEMA: Final = "bike.analyze_explanation/1"
 SECTION: Final = "slalom"

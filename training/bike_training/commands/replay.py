@@ -11,8 +11,7 @@ from typing import Any, Final
 
 from tqdm import tqdm
 
-from bike_training.replay.recorded_rides import RideSource, read_rides
-from bike_training.replay.replaying import Difference, Replay, ride_again
+from bike_training.replay import Difference, Replay, RideSource, read_rides, ride_again
 
 SCHEMA: Final = "bike.analyze_replay/1"
 

@@ -1,22 +1,41 @@
-"""`bike ride` on bicycles: simulator, policy and recorder as processes on their own, one ride, one report."""
+"""`bike ride`: a bicycle through its nodes, or laps of superbikes beside the theoretical ones; recording and report."""
 
 from __future__ import annotations
 
 import argparse
+import itertools
+import math
 import sys
+import time
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
+import numpy as np
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from bike_analysis.figures.lap_recording import Machine, Theory, load_laps
+from bike_analysis.figures.numbers import lap_text
+from bike_analysis.page.lap_page import lap_figures, write_lap_report
 from bike_analysis.report import analyze
 from bike_policy.riders.rider import Rider, bundle_of, make_rider
-from bike_sim.course.files import load_course
+from bike_sim.course.files import load_course, shipped_tracks
+from bike_sim.planning.envelope import Envelope, envelope
+from bike_sim.planning.lap_limit import lap_limit
+from bike_sim.planning.line_cache import track_with_line
 from bike_sim.ros.isolation import DomainLease
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.disturbances import load_disturbances
+from bike_sim.sim.snapshot import Snapshot
+from bike_sim.vehicles.files import load_vehicle, shipped_superbikes
+from bike_sim.vehicles.superbike import Superbike
 from bike_training.arguments import check_positive, check_whole, recording_folder
 from bike_training.commands.analyze import text_of
 from bike_training.commands.declarations import LARGEST_DOMAIN
-from bike_training.rollout.riding import time_for
+from bike_training.progress import distance_progress_bar
+from bike_training.rollout.laps import ALLOWED_EXCESS, pair_figures, ride_laps
+from bike_training.rollout.rollout import time_for
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -79,3 +98,155 @@ def _ride(args: argparse.Namespace, domain: int, recording: Path, length: float,
     return ride_recorded(
         domain, record, simulator | disturbed, drive, title=title, way=length, longest=longest, needed=needed
     )
+
+
+LAP_SCHEMA: Final = "bike.ride_laps/1"
+TABLE_WIDTH: Final = 130
+GG_POINTS: Final = 25
+"""Points of each half of a curve of the g-g diagram."""
+
+
+def run_laps(args: argparse.Namespace) -> dict[str, Any]:
+    """Ride in this process, print a table unless `args.json`, and return the figures.
+
+    Raises:
+        ValueError: a broken file.
+        FileNotFoundError: an unknown vehicle or circuit.
+    """
+    check_whole("--laps", args.laps, 1)
+    pairs = [(args.vehicle, args.course)]
+    if args.all:
+        pairs = list(itertools.product(shipped_superbikes(), shipped_tracks()))
+    found = [_lap_figures(vehicle, circuit, args) for vehicle, circuit in pairs]
+    if not args.json:
+        console = Console()
+        console.width = max(console.width, TABLE_WIDTH)
+        console.print(_table(found))
+    return {"schema": LAP_SCHEMA, "ok": all(pair["ok"] for pair in found), "figures": {"pairs": found}}
+
+
+def run_through_nodes(args: argparse.Namespace) -> dict[str, Any]:
+    """Ride through the nodes, write the report, print the times unless `args.json`, and return the figures.
+
+    Raises:
+        ValueError: a broken file, or two riders to be compared of whom one finished no flying lap.
+        FileNotFoundError: an unknown vehicle or circuit.
+        NodeLost: a node ended.
+    """
+    check_whole("--laps", args.laps, 1)
+    with recording_folder(args.out, "lap", args.overwrite) as args.out:
+        return _through_nodes(args)
+
+
+def _through_nodes(args: argparse.Namespace) -> dict[str, Any]:
+    from bike_training.nodes.node_rides import ride_through_nodes  # only rides through nodes need ROS
+
+    machine = load_vehicle(args.vehicle)
+    assert isinstance(machine, Superbike)
+    limits = envelope(machine)
+    track = track_with_line(args.course, limits)
+    line = track.line(1.0)
+    limit = lap_limit(limits, line)
+    times = (limit.lap_time, limit.sector_times)
+    theory = Theory(limit.s, limit.speed, limit.lateral, limit.longitudinal, *times, described(machine, limits))
+
+    def ride(name: str, rider: str) -> tuple[Path, float]:
+        recording = args.out / f"{name}.mcap"
+        wall = ride_through_nodes(args.vehicle, args.course, line.length, args.laps, recording, limit.lap_time, rider)
+        return recording, wall
+
+    recording, wall = ride("lap", args.rider)
+    other = ride("beside", args.beside)[0] if args.beside is not None else None
+    laps = load_laps(recording, track)
+    figures = lap_figures(laps, theory) | {"wall_s": round(wall, 1), "recording": str(recording)}
+    figures["page"] = str(write_lap_report(laps, theory, args.out))
+    if other is not None:
+        found = lap_figures(load_laps(other, track), theory)
+        figures |= _compared(args, figures, found) | {"comparison": analyze([recording, other], args.out)["page"]}
+    excess = figures["excess"]
+    clean = figures["falls"] == 0 and figures["walls"] == 0 and len(figures["laps_s"]) >= args.laps
+    figures["ok"] = bool(clean and excess is not None and excess <= ALLOWED_EXCESS and figures["timing_agrees"])
+    if not args.json:
+        for number, lap in enumerate(figures["laps_s"], start=2):  # the out-lap is lap 1, as in the events
+            print(f"lap {number}: {lap_text(lap)}")
+        if other is not None:
+            print(f"best lap: {lap_text(figures['lap_s'])}, {args.beside}'s: {lap_text(figures['beside_lap_s'])}")
+            print(f"where each is faster: {figures['comparison']}")
+        print(f"theoretical lap: {lap_text(limit.lap_time)}")
+        print(f"timing of the recording equals the events: {'yes' if figures['timing_agrees'] else 'no'}")
+        print(f"report: {figures['page']}")
+    return {"schema": LAP_SCHEMA, "ok": figures["ok"], "figures": figures}
+
+
+def _compared(args: argparse.Namespace, figures: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]:
+    """Return the best lap of the rider beside, and what it loses in each sector.
+
+    Raises:
+        ValueError: one of the two finished no flying lap.
+    """
+    for rider, found in ((args.rider, figures), (args.beside, other)):
+        if found["lap_s"] is None:
+            raise ValueError(f"rider {rider!r} finished no flying lap; there is nothing to compare")
+    gained = [theirs - own for own, theirs in zip(figures["sectors_s"], other["sectors_s"], strict=True)]
+    return {"beside_lap_s": other["lap_s"], "sectors_gained_s": gained}
+
+
+def described(machine: Superbike, limits: Envelope) -> Machine:
+    """Return limits and gears of a machine, for reading its telemetry."""
+    share = np.sin(np.linspace(-0.5 * np.pi, 0.5 * np.pi, GG_POINTS))  # denser where the curve is steep
+    lateral = limits.lateral_max[:, None] * share
+    speeds = limits.speeds[:, None]
+    drive, brake = limits.drive(speeds, lateral), -limits.brake(speeds, lateral)
+    spins = np.asarray(machine.wheel_torque_spacing * np.arange(len(machine.wheel_gear)), dtype=np.float64)
+    return Machine(
+        limits.speeds,
+        np.hstack([lateral, lateral[:, ::-1], lateral[:, :1]]),
+        np.hstack([drive, brake[:, ::-1], drive[:, :1]]),
+        spins,
+        machine.wheel_gear,
+        machine.motor.ratios(),
+    )
+
+
+def _lap_figures(vehicle: str, circuit: str, args: argparse.Namespace) -> dict[str, Any]:
+    began, laps, rider = time.monotonic(), args.laps, make_rider(args.rider)
+    with distance_progress_bar(f"{vehicle}, {circuit}", quiet=args.json, leave=False) as bar:
+
+        def tell(snapshot: Snapshot, length: float) -> None:
+            if snapshot.step % 50:
+                return
+            bar.total = round(length * (laps + 1))
+            bar.set_postfix_str(f"{snapshot.speed:.0f} m/s, {math.degrees(snapshot.state[3]):+.0f}°", refresh=False)
+            bar.update(round(snapshot.progress) - bar.n)
+
+        ride = ride_laps(vehicle, circuit, laps, rider=rider, engine=args.engine, tell=tell)
+    return pair_figures(ride, laps) | {"wall_s": round(time.monotonic() - began, 1)}
+
+
+def _table(found: list[dict[str, Any]]) -> Table:
+    table = Table(box=box.SIMPLE, title=f"Flying laps, rider: {found[0]['rider']}")
+    columns = (
+        "machine", "circuit", "best lap", "theoretical", "slowest over it", "closest", "over it", "laps", "valid",
+        "off line", "end",
+    )  # fmt: skip
+    for name in columns:
+        table.add_column(name, justify="left" if name in ("machine", "circuit", "end") else "right")
+    for pair in found:
+        table.add_row(
+            pair["vehicle"],
+            pair["course"],
+            "-" if pair["lap_s"] is None else lap_text(pair["lap_s"]),
+            lap_text(pair["limit_s"]),
+            _percent(pair["excess"]),
+            lap_text(pair["closest_limit_s"]),
+            _percent(pair["closest_excess"]),
+            f"{pair['laps']}",
+            f"{pair['valid_laps']}",
+            f"{pair['line_error_max_m']:.2f} m",
+            pair["end"] if pair["ok"] else f"[red]{pair['end']}[/red]",
+        )
+    return table
+
+
+def _percent(part: float | None) -> str:
+    return "-" if part is None else f"{100.0 * part:+.1f} %"

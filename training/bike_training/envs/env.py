@@ -1,25 +1,90 @@
-"""The Gymnasium environment of the task over a simulator client."""
+"""The Gymnasium environment of a task over a simulator client; it needs no learner."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Final, Protocol
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
 from bike_policy.contract.observation import rows_of
+from bike_sim.physics import state as st
 from bike_sim.sim import look as lk
+from bike_sim.sim.batch import SUPERBIKE_ENGINE
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.snapshot import Snapshot
+from bike_sim.sim.superbike_plant import superbike_config
+from bike_sim.vehicles.bicycle import Vehicle
+from bike_sim.vehicles.superbike import Superbike
 from bike_training.curricula.base import Episodes
 from bike_training.curricula.parts import PartsCurriculum
+from bike_training.curricula.race import CircuitSet, RaceCurriculum
 from bike_training.envs.clients import Client, make_client
-from bike_training.envs.watch import RideWatch
 from bike_training.tasks.base import Task, sum_of
 from bike_training.tasks.path import TASKS
+from bike_training.tasks.race import RaceTask
+
+
+class RideWatch(Protocol):
+    """Follows the rides of one vehicle while it learns.
+
+    Environments have none unless they are given one, and then do nothing for it.
+    """
+
+    def begun(self, request: ResetRequest) -> None:
+        """Take note that a ride begins; the one before is over."""
+        ...
+
+    def stepped(
+        self,
+        observation: NDArray[np.float32],
+        action: NDArray[np.floating],
+        states: Sequence[NDArray[np.float64]],
+    ) -> None:
+        """Take note of a decision.
+
+        Args:
+            observation: of the policy.
+            action: of the policy, in [-1, 1], one number per column of the task's action.
+            states: minimal state at the end of each control period that it was held.
+        """
+        ...
+
+
+CIRCUITS: Final = ("barcelona",)
+"""Circuits of races by default."""
+
+
+def task_of(task: Task | str) -> Task:
+    """Return a task: ``race``, or one of the names in :data:`bike_training.tasks.path.TASKS`.
+
+    Raises:
+        ValueError: an unknown name.
+    """
+    if not isinstance(task, str):
+        return task
+    if task != "race" and task not in TASKS:
+        raise ValueError(f"unknown task {task!r}; there are race, {', '.join(TASKS)}")
+    return RaceTask() if task == "race" else TASKS[task]
+
+
+def config_of(task: Task, vehicle: str | None = None) -> SimulatorConfig:
+    """Return the simulator of a task: of paths PyBullet at the paper's step of 5 ms, of races the compiled engine."""
+    if isinstance(task, RaceTask):
+        return replace(superbike_config(vehicle or "panigale_v4r"), engine=SUPERBIKE_ENGINE)
+    config = SimulatorConfig(time_step=0.005)
+    return config if vehicle is None else replace(config, vehicle=vehicle)
+
+
+def episodes_of(task: Task, vehicle: Vehicle, circuits: tuple[str, ...] = CIRCUITS) -> Episodes:
+    """Return where episodes begin: on paths as in the first part of the paper's curriculum, in races on circuits."""
+    if isinstance(task, RaceTask):
+        return RaceCurriculum(CircuitSet(vehicle, circuits)).episodes(0)
+    return PartsCurriculum().episodes(0)
 
 
 def task_spaces(task: Task) -> tuple[gym.spaces.Box, gym.spaces.Box]:
@@ -41,7 +106,7 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     ``info`` holds distance to the path, progress, speed and simulated time; ``snapshot`` all that the simulator shows.
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012 (Gymnasium's own declaration)
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012 (Gymnasium's own declaration)
 
     def __init__(
         self,
@@ -50,20 +115,34 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         episodes: Episodes | None = None,
         config: SimulatorConfig | None = None,
         row: int = 0,
+        vehicle: str | None = None,
+        circuits: tuple[str, ...] = CIRCUITS,
+        render_mode: str | None = None,
     ) -> None:
         """Make the environment.
 
         Args:
             client: a client, or ``local`` or ``ros`` to make one.
-            task: a task or its name in :data:`bike_training.tasks.path.TASKS`.
-            episodes: where new episodes are drawn from; the first part of the paper's curriculum by default.
-            config: of the client's simulator if it makes its own; by default PyBullet at the paper's step of 5 ms.
+            task: a task or its name, see `task_of`.
+            episodes: where new episodes are drawn from; those of `episodes_of` by default.
+            config: of the client's simulator if it makes its own; that of `config_of` by default.
             row: its number among environments side by side, for `episodes`.
+            vehicle: name or file, where neither a client nor a configuration is given.
+            circuits: of races, where no episodes are given.
+            render_mode: ``rgb_array``, or None.
+
+        Raises:
+            ValueError: the task is not for the vehicle, or an unknown way of rendering.
+            FileNotFoundError: an unknown vehicle or circuit.
         """
-        config = config or SimulatorConfig(time_step=0.005)
-        self.client = make_client(client, config) if isinstance(client, str) else client
-        self.task = TASKS[task] if isinstance(task, str) else task
-        self.episodes = episodes or PartsCurriculum().episodes(0)
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise ValueError(f"render_mode must be rgb_array or None, got {render_mode!r}")
+        self.task = task_of(task)
+        if isinstance(client, str):
+            client = make_client(client, config or config_of(self.task, vehicle))
+        self.client, self.render_mode = client, render_mode
+        self.metadata = self.metadata | {"render_fps": 1.0 / (client.config.control_period * self.task.repeat)}
+        self.episodes = episodes or episodes_of(self.task, client.vehicle, circuits)
         self._row = row
         self.observation_space, self.action_space = task_spaces(self.task)  # type: ignore[assignment]
         self._action = self.task.action
@@ -140,6 +219,20 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if terminated or truncated:
             info |= {"request": self._request, "progress": float(snapshot.look[lk.PROGRESS])}
         return self._observe(snapshot), reward, terminated, truncated, info
+
+    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+        """Return the vehicle on its course from behind, shape (height, width, 3); None without ``rgb_array``."""
+        if self.render_mode is None:
+            return None
+        snapshot, course = self.snapshot, self.client.course
+        if snapshot is None or course is None:
+            raise RuntimeError("call reset before render")
+        from bike_analysis.page.video import Pose, draw_frame  # late: only pictures pay for it
+
+        x, y, yaw, roll = (float(snapshot.state[place]) for place in (st.X, st.Y, st.YAW, st.ROLL))
+        pose = Pose(x, y, yaw, yaw, roll, snapshot.speed, float(snapshot.look[lk.PROGRESS]))
+        superbike = isinstance(self.client.vehicle, Superbike)
+        return np.asarray(draw_frame(course, self.client.vehicle.name, pose, snapshot.time, superbike))
 
     def close(self) -> None:
         """Release the simulator."""

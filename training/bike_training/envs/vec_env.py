@@ -1,4 +1,4 @@
-"""Vector environments for Stable-Baselines3 and sbx: simulators one by one, and batches."""
+"""Vector environments for Stable-Baselines3, sbx and Gymnasium: simulators one by one, and compiled batches."""
 
 from __future__ import annotations
 
@@ -15,8 +15,7 @@ from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_training.curricula.base import Episodes
-from bike_training.envs.env import task_spaces
-from bike_training.envs.watch import RideWatch
+from bike_training.envs.env import RideWatch, task_spaces
 from bike_training.tasks.base import Task, batch_of, sum_of
 
 

@@ -87,11 +87,6 @@ def _warning_of_disk(path: Path, end: Callable[[], None] = lambda: None) -> Iter
         end()
 
 
-ACTION_IS_A_LIST: Final = LearningStep.get_fields_and_field_types()["action"] != "float"
-"""Whether the installed message holds the whole action; one that was built from an older definition holds its first
-number."""
-
-
 class EpisodeWriter:
     """Rides one ride in a simulator, step by step, and writes it down.
 
@@ -177,8 +172,7 @@ class EpisodeWriter:
         learned.deterministic = deterministic
         learned.feature_names = list(self._task.layout.names)
         learned.observation = array("f", observation.tobytes())
-        numbers = array("f", action.tolist())
-        learned.action = numbers if ACTION_IS_A_LIST else numbers[0]
+        learned.action = array("f", action.tolist())
         learned.steer_set = float(action[0]) * self._task.action.columns[0].scale
         held: list[tuple[Snapshot, Command]] = []
         while len(held) < self._task.repeat and not self.snapshot.fallen:

@@ -2,13 +2,24 @@
 
 Soft actor-critic learns from rewards what a command is worth. Here the compiled engine says it: rides of the present
 actor come with their derivatives (`bike_training.learning.linear_rides`), a changed actor is ridden on them to first
-order, and the cost of that ride (`bike_training.learning.gradient_cost`) is differentiated by the actor's weights.
+order, and the cost of that ride (`bike_training.learning.gradients`) is differentiated by the actor's weights.
 One segment serves several updates, because a slightly changed actor stays close to the ride that the derivatives were
 taken on. In the last periods of a segment the actor is held as it rode, so that what a command does later counts as
 well. Related: the stochastic value gradients of Heess et al. (2015), without noise and with a model that need not be
 learned.
 
 Actors are compared on many rides, by their closed loop, and on rides under pushes and from steep starts.
+
+Cost that learning through derivatives descends: that of linearised rides, ridden by a changed actor.
+
+The cost of a control period is ``sqrt(e^2 + d^2) - d + a e^2 / (1 + |e|) + b w^2 + c (u - u')^2`` with the lateral
+error e, the steer rate w, the command u and the one before u', and more for leans close to a fall. What is descended is
+the mean logarithm of the costs of rides: else a few violent rides would say all, and a swing on a straight next to
+nothing.
+
+A network ridden as the odd part of itself: a mirrored observation gives the mirrored command.
+
+So it rides a straight without an offset.
 """
 
 from __future__ import annotations
@@ -18,6 +29,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -29,21 +41,204 @@ from numpy.typing import NDArray
 
 from bike_policy.contract.actor import Actor
 from bike_policy.contract.bundle import Bundle, load_bundle
+from bike_policy.contract.observation import ObservationLayout
 from bike_policy.riders.learned import LearnedRider
 from bike_sim.course.random_paths import PathRanges
 from bike_sim.sim.batch import Batch
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_training.curricula.parts import REFINEMENT, SPEED_RANGES, PartsCurriculum, RideRanges
-from bike_training.learning.gradient_cost import cost
 from bike_training.learning.linear_rides import DEVIATIONS, SENSORS, LinearRides, Segment, push_sideways
-from bike_training.learning.mirror_symmetric_actor import MirrorSymmetricActor
 from bike_training.learning.presets import GradientSettings
-from bike_training.learning.run_settings import GRADIENT_POLICY, GRADIENT_TABLE, RunSettings
-from bike_training.learning.summary import source_commit
-from bike_training.learning.validation_rides import ride_side_by_side
+from bike_training.learning.run_settings import GRADIENT_POLICY, GRADIENT_TABLE, RunSettings, source_commit
+from bike_training.learning.validation import ride_side_by_side
 from bike_training.rollout.stability import stability
 from bike_training.tasks.path import VALIDATION_DURATION, PathTask
+
+Weights = list[tuple[jax.Array, jax.Array]]
+"""Kernel (inputs, outputs) and bias of each layer."""
+
+
+class MirrorSymmetricActor:
+    """A network ridden as the odd part of itself about the mirror of its observations."""
+
+    def __init__(self, layout: ObservationLayout, reach: float = 1.0) -> None:
+        """Take the layout that says how observations are mirrored, and the command of the largest answer."""
+        self._signs = layout.mirror_signs
+        self._inputs = layout.size
+        self._reach = reach
+
+    def draw(self, layers: tuple[int, ...], seed: int) -> Weights:
+        """Return weights of a new network, whose commands are small."""
+        key, weights = jax.random.PRNGKey(seed), []
+        sizes = (self._inputs, *layers, 1)
+        for place, (inputs, outputs) in enumerate(pairwise(sizes)):
+            key, drawn = jax.random.split(key)
+            gain = 0.01 if place == len(layers) else 1.0
+            kernel = jax.random.normal(drawn, (inputs, outputs)) * (gain * math.sqrt(2.0 / inputs))
+            weights.append((kernel, jnp.zeros(outputs)))
+        return weights
+
+    def take(self, actor: Actor, reach: float = 1.0) -> Weights:
+        """Return the weights of an actor, whose small commands stay the same.
+
+        Args:
+            actor: taken.
+            reach: command of its largest answer.
+
+        Raises:
+            ValueError: it sees something else, or answers more than a set point.
+        """
+        if (actor.inputs, actor.outputs) != (self._inputs, 1):
+            raise ValueError(
+                f"an actor of {actor.inputs} inputs and {actor.outputs} outputs cannot begin a refinement that sees "
+                f"{self._inputs} numbers and steers"
+            )
+        whole = [(jnp.asarray(w), jnp.asarray(b)) for w, b in zip(actor.weights, actor.biases, strict=True)]
+        half = self._unfolded(whole)
+        again = self.folded(half).tensors()
+        # One that was learned like this is taken as what it was folded from, lest it grow twice as wide.
+        taken = half if all(np.array_equal(again[name], old) for name, old in actor.tensors().items()) else whole
+        kernel, bias = taken[-1]
+        return [*taken[:-1], (kernel * (reach / self._reach), bias * (reach / self._reach))]
+
+    @staticmethod
+    def _unfolded(weights: Weights) -> Weights:
+        """Return what :meth:`folded` made weights of, if it did."""
+        last = len(weights) - 1
+        found = []
+        for place, (kernel, bias) in enumerate(weights):
+            rows = kernel.shape[0] // (1 if place == 0 else 2)
+            columns = kernel.shape[1] // (1 if place == last else 2)
+            scale = 2.0 if place == last else 1.0
+            found.append((scale * kernel[:rows, :columns], bias[:columns]))
+        return found
+
+    def act(self, weights: Weights, seen: jax.Array) -> jax.Array:
+        """Return commands, at most the reach, for observations of shape (..., inputs)."""
+        return self._reach * jnp.tanh(0.5 * (_network(weights, seen) - _network(weights, seen * self._signs)))
+
+    def folded(self, weights: Weights) -> Actor:
+        """Return the same as one network, of layers twice as wide."""
+        kernels, biases = [], []
+        for place, (kernel, bias) in enumerate((np.asarray(k), np.asarray(b)) for k, b in weights):
+            none = np.zeros_like(kernel)
+            if place == 0:
+                kernel = np.hstack([kernel, self._signs[:, None] * kernel])
+            elif place < len(weights) - 1:
+                kernel = np.block([[kernel, none], [none, kernel]])
+            if place < len(weights) - 1:
+                kernels.append(kernel.T)
+                biases.append(np.concatenate([bias, bias]))
+            else:
+                kernels.append(0.5 * np.vstack([kernel, -kernel]).T)
+                biases.append(np.zeros_like(bias))
+        return Actor([k.astype(np.float32) for k in kernels], [b.astype(np.float32) for b in biases])
+
+
+def _network(weights: Weights, hidden: jax.Array) -> jax.Array:
+    for kernel, bias in weights[:-1]:
+        hidden = jax.nn.relu(hidden @ kernel + bias)
+    return (hidden @ weights[-1][0] + weights[-1][1])[..., 0]
+
+
+_STEEP: Final = math.radians(38.0)
+"""Roll from which on it costs something, rad; the steepest steady turn that is learned on leans 36 deg."""
+_FAR: Final = math.radians(40.0)
+"""Steering angle from which on it costs something, rad."""
+_LARGEST_COST: Final = 50.0
+_LEAST_COST: Final = 3e-4
+"""Cost of a ride below which it hardly matters how small it is."""
+
+
+def cost(
+    settings: GradientSettings,
+    actor: MirrorSymmetricActor,
+    weights: Weights,
+    held: Weights,
+    segment: Segment,
+    away: jax.Array,
+    errors: jax.Array,
+) -> jax.Array:
+    """Return the mean logarithm of the costs of linearised rides, ridden by an actor.
+
+    Args:
+        settings: of the cost.
+        actor: what weights mean.
+        weights: of the actor.
+        held: of the one that rides the last periods of the segment.
+        segment: rides of an actor close to it.
+        away: deviations that the rides are given before each period, shape (periods, bicycles, 6).
+        errors: of the sensors, as deviations, the same shape.
+    """
+    ridden = ride_on(settings, actor, weights, held, segment, away, errors)
+    total = jnp.sqrt(ridden.error**2 + settings.knee**2) - settings.knee
+    total += settings.square * ridden.error**2 / (1.0 + jnp.abs(ridden.error))
+    total += settings.steer_rate * ridden.steer_rate**2 + settings.change * ridden.change**2
+    total += settings.lean * jax.nn.relu(jnp.abs(ridden.roll) - _STEEP) ** 2
+    total += settings.steer * jax.nn.relu(jnp.abs(ridden.steer) - _FAR) ** 2
+    each = (jnp.minimum(total, _LARGEST_COST) * segment.whole).mean(axis=0)
+    risky = (jnp.abs(segment.roll).max(axis=0) > _STEEP) | (segment.whole[-1] == 0.0)
+    counts = 1.0 + settings.risky * risky
+    return (jnp.log(each + _LEAST_COST) * counts).sum() / counts.sum()
+
+
+class Ridden(NamedTuple):
+    """Quantities that a ride costs by, shape (periods, bicycles) each.
+
+    Attributes:
+        error: lateral error, m. steer_rate: rad/s. roll, steer: rad. change: of the answer since the one before.
+    """
+
+    error: jax.Array
+    steer_rate: jax.Array
+    roll: jax.Array
+    steer: jax.Array
+    change: jax.Array
+
+
+def ride_on(
+    settings: GradientSettings,
+    actor: MirrorSymmetricActor,
+    weights: Weights,
+    held: Weights,
+    segment: Segment,
+    away: jax.Array,
+    errors: jax.Array,
+) -> Ridden:
+    """Ride linearised rides with an actor; see :func:`cost`."""
+
+    def period(weights: Weights, carry: Any, part: Any) -> tuple[Any, Ridden]:
+        deviation, sent = carry
+        step, given, error = part
+        deviation = deviation + given
+        seen = step.seen + jnp.einsum("nij,nj->ni", step.sight, deviation + error)
+        sent = jnp.concatenate([actor.act(weights, seen)[None], sent])
+        acting = jnp.take_along_axis(sent, step.late[None], axis=0)[0]
+        moved = jnp.concatenate([deviation, (acting - step.commands)[:, None]], axis=1)
+        deviation = jnp.einsum("nij,nj->ni", step.motion, moved)
+        found = Ridden(
+            error=step.error + step.across * deviation[:, 0],
+            steer_rate=step.steer_rate + deviation[:, 5],
+            roll=step.roll + deviation[:, 2],
+            steer=step.steer + deviation[:, 3],
+            change=sent[0] - sent[1],
+        )
+        return (deviation, sent[:-1]), found
+
+    # What is carried is not of a period.
+    parts = (segment._replace(sent=segment.commands), away, errors)
+    live = segment.commands.shape[0] - settings.tail
+    carry = (jnp.zeros_like(away[0]), segment.sent)
+    carry, found = jax.lax.scan(
+        lambda c, p: period(weights, c, p), carry, jax.tree.map(lambda part: part[:live], parts)
+    )
+    if not settings.tail:
+        return found
+    rest = jax.tree.map(lambda part: part[live:], parts)
+    _, later = jax.lax.scan(lambda c, p: period(held, c, p), carry, rest)
+    return Ridden(*(jnp.concatenate(pair) for pair in zip(found, later, strict=True)))
+
 
 Float32Array = NDArray[np.float32]
 

@@ -22,8 +22,6 @@ from bike_training.tasks.race import RaceTask
 LARGEST_SEED: Final = 2**32 - 1
 """The generators of the learner take no larger one."""
 SUFFIX: Final = ".yaml"
-PUBLISHED: Final = ("paper", "alt1", "alt2", "alt3", "alt4", "alt5")
-"""Presets of the paper, of which it deploys the last actor that passed a validation."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -229,8 +227,15 @@ class Preset:
 
     @property
     def published(self) -> bool:
-        """Whether this is one of the paper's settings."""
-        return self.name in PUBLISHED
+        """Whether this is one of the paper's: its file leaves curriculum and learner, but for steps, as by default.
+
+        Of these the last actor that passed a validation is deployed.
+        """
+        own = load_preset(self.name) if self.name in preset_names() else None
+        learner = None if own is None else own.learner
+        if own is None or not isinstance(learner, SacSettings):
+            return False
+        return own.curriculum == PartsSettings() and learner == SacSettings(steps=learner.steps)
 
     @property
     def deployed_layout(self) -> ObservationLayout:

@@ -1,38 +1,159 @@
-"""A learning process: learner, environments, curriculum, validations, logs and checkpoints together."""
+"""A learning process: learner, environments, curriculum, validations, recordings and checkpoints together."""
 
 from __future__ import annotations
 
 import contextlib
 import json
 import math
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from types import FrameType
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 
 from bike_policy.contract.actor import Actor
+from bike_sim.sim.request import ResetRequest
 from bike_sim.vehicles.files import load_vehicle
-from bike_training.curricula.base import Episodes
+from bike_training.curricula.base import EndedEpisode, Episodes
 from bike_training.curricula.parts import RideRanges
 from bike_training.envs.env import BikeEnv
 from bike_training.envs.node_process import NodeLost
 from bike_training.envs.vec_env import BatchVecEnv, SimulatorVecEnv
-from bike_training.learning import selection, validation
-from bike_training.learning.callback import LearningCallback, StopLearning, stopping_between_steps
+from bike_training.interruption import signals_handled
+from bike_training.learning import validation
 from bike_training.learning.checkpoint import Checkpoint, holds_run, save_checkpoint, write_whole
 from bike_training.learning.learner import AveragedActor, actor_tensors, build_model
-from bike_training.learning.logs import RunTables, no_logger, session_logger
-from bike_training.learning.progress import Progress
-from bike_training.learning.recordings import RunRecordings
+from bike_training.learning.progress import Progress, RunTables, no_logger, session_logger, summarise
 from bike_training.learning.run_settings import TRAINING_DRAWS, VALIDATION_DRAWS, RunSettings, draws
-from bike_training.learning.summary import summarise
 from bike_training.tasks.base import Task
 
 if TYPE_CHECKING:
-    from bike_training.learning.episode_recording import Standing  # needs ROS
+    from bike_training.learning.episode_recording import Standing, TrainingRecorder
+
+
+LOG_EVERY: Final = 1000
+"""Learning steps between two rows of the logs."""
+
+
+class StopLearning(Exception):
+    """Ends a run at a point where a checkpoint is whole."""
+
+
+class LearningCallback(BaseCallback):
+    """Validates, selects, logs, saves and reports between two steps of the learner.
+
+    Attributes:
+        consistent: whether a checkpoint would be whole now.
+        stop_wanted: whether the run is to end before the next step.
+    """
+
+    def __init__(self, process: LearningProcess, report: Callable[[], None] | None) -> None:
+        """Serve a run; `report` is called between two steps."""
+        super().__init__()
+        self.process = process
+        self.report = report
+        self.clock = time.perf_counter()
+        self.saved_at = 0
+        self.logged_at = 0
+        self.consistent = True
+        self.stop_wanted = False
+
+    def _on_training_start(self) -> None:
+        self.clock = time.perf_counter()
+        self.saved_at = self.logged_at = self.num_timesteps
+
+    def _tick(self) -> None:
+        now = time.perf_counter()
+        self.process.progress.seconds += now - self.clock
+        self.clock = now
+
+    def _on_rollout_start(self) -> None:
+        # Between two steps everything is whole: the last transition is stored and learned from.
+        self.consistent = True
+        process, progress = self.process, self.process.progress
+        self._tick()
+        if progress.handled_at != self.num_timesteps:
+            before, progress.handled_at = progress.handled_at, self.num_timesteps
+            self._take_step(before)
+        if self.num_timesteps - self.logged_at >= LOG_EVERY:
+            self.logged_at = self.num_timesteps
+            for name, value in progress.curriculum.figures().items():
+                self.logger.record(f"curriculum/{name}", value)
+            self.model.dump_logs()  # type: ignore[attr-defined]
+        if self.num_timesteps - self.saved_at >= process.settings.checkpoint_every:
+            self.saved_at = self.num_timesteps
+            process.save()
+        if self.report:
+            self.report()
+        if self.stop_wanted:
+            raise KeyboardInterrupt
+        if process.settings.until_finished and progress.curriculum.finished:
+            raise StopLearning
+        episodes = progress.curriculum.episodes(self.num_timesteps)
+        self.training_env.env_method("set_episodes", episodes)
+        self.consistent = False
+
+    def _take_step(self, before: int) -> None:
+        """Average the actor after a step, and validate, compare and keep it where that is due.
+
+        Args:
+            before: learning step of the one before.
+        """
+        process, progress = self.process, self.process.progress
+        preset = process.settings.preset
+        if self.num_timesteps > preset.sac.learning_starts:
+            progress.averaged.update(self.model, max(1, preset.sac.updates))  # type: ignore[arg-type]
+        if self.validation_is_due():
+            process.validate()
+        if validation.comparison_is_due(progress, self.num_timesteps, preset.curriculum.select_every):
+            process.select()
+        every = process.settings.keep_every
+        if every and self.num_timesteps // every > max(before, 0) // every:
+            process.keep()
+
+    def _may_validate(self) -> bool:
+        every = self.process.settings.preset.curriculum.validate_every
+        return self.process.progress.may_validate(self.num_timesteps, every)
+
+    def validation_is_due(self) -> bool:
+        """Tell whether an episode has asked for a validation; asking forgets it."""
+        progress = self.process.progress
+        due, progress.validation_due = progress.validation_due, False
+        return due and self._may_validate()
+
+    def _on_step(self) -> bool:
+        for info in self.locals["infos"]:
+            if "episode" in info:
+                episode, failed = info["episode"], not info.get("TimeLimit.truncated", False)
+                self.process.progress.curriculum.ended(
+                    EndedEpisode(info["request"], float(episode["r"]), int(episode["l"]), failed, info["progress"])
+                )
+        if any(info.get("TimeLimit.truncated") for info in self.locals["infos"]) and self._may_validate():
+            self.process.progress.validation_due = True
+        return True
+
+    def _on_training_end(self) -> None:
+        self._tick()
+        self.consistent = True
+
+
+@contextmanager
+def stopping_between_steps(callback: LearningCallback) -> Iterator[None]:
+    """Let the signals that end a program end a run where its checkpoint is whole; a second one ends it at once."""
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        if callback.stop_wanted:
+            raise KeyboardInterrupt
+        callback.stop_wanted = True
+
+    with signals_handled(stop):
+        yield
 
 
 def make_environment(settings: RunSettings, task: Task, episodes: Episodes) -> VecEnv:
@@ -92,10 +213,7 @@ class LearningProcess:
         except BaseException:
             self.close()
             raise
-        self._recordings = RunRecordings(
-            out, settings.record_every, self.task, settings.simulator(), self.env, self._standing
-        )
-        self._opened.callback(self._recordings.close)
+        self._recorder: TrainingRecorder | None = None
         self.model.set_logger(no_logger())  # logs are written while it runs
         self._note_stage()
 
@@ -242,20 +360,40 @@ class LearningProcess:
         logger.record(f"validation/max_{self.task.error_name}", result.max_error)
         logger.record("curriculum/part", progress.curriculum.part)
         logger.dump(step)
-        if self._recordings.is_due(progress.validations):
-            self._recordings.record(actor, requests[0], self._validator.simulator(), step, result.part)
+        every = self.settings.record_every
+        if every and (progress.validations - 1) % every == 0:
+            self._record(actor, requests[0], step, result.part)
+
+    def _record(self, actor: Actor, request: ResetRequest, step: int, part: int) -> None:
+        """Record a validation ride into ``episodes/``, and the next ride that the learner begins.
+
+        Args:
+            actor: who rode.
+            request: how the ride began.
+            step: learning step of the validation.
+            part: part of the curriculum that it was ridden in.
+        """
+        from bike_training.learning.episode_recording import Standing, TrainingRecorder, record_ride
+
+        path = self.out / "episodes" / f"step_{step:09d}.mcap"
+        standing = Standing(step, part, RideRanges(request.speed_range, request.path_ranges))
+        record_ride(path, actor, self.task, self._validator.simulator(), request, standing)
+        if self._recorder is None:
+            self._recorder = TrainingRecorder(self.env, self.task, self.settings.simulator(), self._standing)
+            self._opened.callback(self._recorder.close)
+        self._recorder.record_next(path.with_name(f"{path.stem}_training.mcap"))
 
     def select(self) -> None:
         """Keep the present actor, and compare it with the best one so far."""
         step = self.model.num_timesteps
         config, machines = self.settings.compiled_simulator(), self.settings.machines
-        error = selection.compare(self.out, self.actor(), self.progress, step, self.task, config, machines)
+        error = validation.compare(self.out, self.actor(), self.progress, step, self.task, config, machines)
         self._tables.add_selection(step, error)
         self.model.logger.record(f"selection/{self.task.error_name}", error)
 
     def keep(self) -> None:
         """Keep the present actor on disk."""
-        selection.keep(self.out, self.actor(), self.model.num_timesteps)
+        validation.keep(self.out, self.actor(), self.model.num_timesteps)
 
     def _standing(self) -> Standing:
         """Return where learning stands, for recordings."""

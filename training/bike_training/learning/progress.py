@@ -1,16 +1,80 @@
-"""How far a learning run has come."""
+"""How far a learning run has come, and the tables, logs and summary that it writes."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import csv
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from stable_baselines3.common.logger import Logger, make_output_format
 
 from bike_policy.contract.actor import Actor
 from bike_training.curricula.base import Curriculum
+from bike_training.learning.checkpoint import drop_rows_after
 from bike_training.learning.learner import AveragedActor
+from bike_training.learning.run_settings import source_commit
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+
+    from bike_training.learning.run_settings import RunSettings
+
+
+def validation_columns(error: str) -> tuple[str, ...]:
+    """Return the columns of validations whose error has a name."""
+    return ("step", "seconds", "part", f"mean_{error}", f"max_{error}", "passed", "updates")
+
+
+class RunTables:
+    """``validations.csv`` and ``selection.csv`` of a run."""
+
+    def __init__(self, folder: Path, error: str) -> None:
+        """Write into the folder of a run whose errors have a name."""
+        self._columns = validation_columns(error)
+        self.validations, self.selection = folder / "validations.csv", folder / "selection.csv"
+
+    def begin(self) -> None:
+        """Begin both anew, also where a run was killed before its first checkpoint."""
+        with self.validations.open("w", newline="", encoding="utf-8") as file:
+            csv.writer(file).writerow(self._columns)
+        self.selection.unlink(missing_ok=True)
+
+    def drop_after(self, step: int) -> None:
+        """Drop the rows that were written after the checkpoint of a learning step."""
+        drop_rows_after(self.validations, step)
+        drop_rows_after(self.selection, step)
+
+    def add_validation(self, row: Sequence[Any]) -> None:
+        """Add a row in the order of `validation_columns`."""
+        _append(self.validations, row)
+
+    def add_selection(self, step: int, error: float) -> None:
+        """Add the selection error of the actor of a learning step."""
+        _append(self.selection, (step, round(error, 6)))
+
+
+def _append(path: Path, row: Sequence[Any]) -> None:
+    with path.open("a", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerow(row)
+
+
+def session_logger(out: Path, step: int) -> Logger:
+    """Return the logger of a session that begins at a learning step.
+
+    Each session has its own table, for the logger overwrites what it finds.
+    """
+    folder = str(out / "tensorboard")
+    suffix = f"_from_{step:09d}" if step else ""
+    return Logger(folder, [make_output_format("tensorboard", folder), make_output_format("csv", folder, suffix)])
+
+
+def no_logger() -> Logger:
+    """Return a logger that writes nothing, for a learner that does not run."""
+    return Logger(None, [])
+
 
 _PLAIN: Final = (
     "seconds",
@@ -141,3 +205,25 @@ def chosen_actor(stored: Mapping[str, Any], which: str, steps: int) -> tuple[Act
     if which in ("best", "success"):
         return stored_actor(stored, "latest_success"), "success", stored["success_step"]
     return stored_actor(stored, "averaged"), "last", steps  # none before learning began
+
+
+def summarise(settings: RunSettings, progress: Progress, model: OffPolicyAlgorithm) -> dict[str, Any]:
+    """Return what a run did so far as plain values."""
+    return {
+        "vehicle": settings.vehicle,
+        "preset": settings.preset.to_plain(),
+        "seed": settings.seed,
+        "stages": progress.stages,
+        "commit": source_commit(),
+        "steps": model.num_timesteps,
+        "updates": model._n_updates,
+        "seconds": round(progress.seconds, 1),
+        "part": progress.curriculum.part,
+        "finished_at_step": progress.curriculum.finished_at,
+        "finished_after_s": progress.finished_after,
+        "success_step": progress.success_step,
+        "best_step": progress.best_step,
+        f"best_selection_{'excess' if settings.superbike else 'rms_m'}": (
+            round(progress.best_error_m, 5) if progress.best else None
+        ),
+    }

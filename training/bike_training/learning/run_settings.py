@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import subprocess
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -205,3 +207,13 @@ def with_simulator(
     updates = max(1, round(learner.updates * simulators / learner.environments))
     changes = {"learner.environments": simulators, "learner.updates": updates}
     return replace(moved, preset=settings.preset.changed(changes))
+
+
+def source_commit() -> str:
+    """Return the commit of the sources, with ``-dirty`` for changed ones, or ``unknown`` outside a checkout."""
+    here = Path(__file__).parent
+    command = ["git", "-C", str(here), "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
+    try:
+        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=10).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        return "unknown"

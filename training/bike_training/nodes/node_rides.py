@@ -29,7 +29,7 @@ from bike_training.envs.node_process import InactivityTimeout, NodeLost, NodePro
 from bike_training.envs.ros_client import RosClient
 from bike_training.progress import distance_progress_bar
 from bike_training.rollout.laps import LONGEST_LAP
-from bike_training.rollout.riding import RideResult, is_completed, is_over
+from bike_training.rollout.rollout import RideResult, is_completed, is_over
 
 SILENCE: Final = 15.0
 """Wall-clock time without a new state, and without a node at work, after which a ride counts as stuck, s."""

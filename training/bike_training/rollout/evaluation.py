@@ -14,7 +14,7 @@ import numpy as np
 
 from bike_sim.course.files import load_course
 from bike_sim.sim.request import RANDOM_COURSE, ResetRequest
-from bike_training.rollout.riding import RideResult, time_for
+from bike_training.rollout.rollout import RideResult, time_for
 
 SPEEDS: Final = tuple(2.0 + 0.25 * k for k in range(21))
 """The 21 speeds, m/s."""

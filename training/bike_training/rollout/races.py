@@ -1,28 +1,51 @@
-"""Many rides of a racing policy around a circuit, side by side: whole laps, times, falls, distances."""
+"""Rides from starts all around a circuit, side by side or one by one: whole laps, times, falls, distances."""
 
 from __future__ import annotations
 
+import math
+from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bike_policy.contract.bundle import Bundle
 from bike_policy.riders.racing import PolicyBatch
+from bike_policy.riders.rider import make_rider
 from bike_sim.course.lap_timing import Lap
 from bike_sim.planning.line_cache import closest_lap
 from bike_sim.sim import look as lk
 from bike_sim.sim.batch import SUPERBIKE_ENGINE, Batch
 from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import WALL
 from bike_sim.sim.superbike_plant import superbike_config
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.curricula.race import CircuitSet
+from bike_training.rollout.rollout import rollout
 
 SPEED_SHARES: Final = (0.5, 0.9)
 """Starts are at shares of the theoretical speed from this interval."""
+OFF_TRACK, SLOW = "off track", "slow"
+"""Causes of lost rides beside falls and walls."""
 TIME: Final = 1.4
 """Longest time of a lap, as a part of the theoretical one."""
+
+
+@dataclass(frozen=True)
+class LostRide:
+    """A ride that was not whole.
+
+    Attributes:
+        start: its number, from 0.
+        cause: name of the fall, ``wall``, ``off track`` or ``slow``.
+        arc_length_m: where along the followed line it fell or first left the track, m; None of a slow ride.
+    """
+
+    start: int
+    cause: str
+    arc_length_m: float | None
 
 
 @dataclass(frozen=True)
@@ -38,6 +61,7 @@ class RaceResult:
         line: mean distance to the followed line, m. activity: mean change of steering and of throttle from one
             control period to the next.
         theory: theoretical lap of the closest line, s.
+        lost: rides that were not whole.
     """
 
     vehicle: str
@@ -54,6 +78,7 @@ class RaceResult:
     line: float
     activity: tuple[float, float]
     theory: float
+    lost: tuple[LostRide, ...] = ()
 
     def figures(self) -> dict[str, Any]:
         """Return plain values with units in their names."""
@@ -108,14 +133,17 @@ def ride_races(
     theory = closest_lap(circuit, limits)
     whole = np.ones(starts, dtype=bool)
     distance, activity, moments, outside = 0.0, np.zeros(2), 0, 0
-    before = np.zeros((starts, 2))
+    before, places = np.zeros((starts, 2)), np.full(starts, np.nan)
     for step in range(round(TIME * theory * (laps + 1) / config.control_period)):
         commands = rider.commands(batch, step)
         riding = ~batch.fallen & (_finished(batch) < laps)
         if not riding.any():
             break
         batch.step(np.where(riding[:, None], commands, 0.0))
-        whole &= ~riding | ~(batch.fallen | batch.off_course)
+        failed = riding & (batch.fallen | batch.off_course)
+        here = failed & (whole | batch.fallen)
+        places[here] = batch.look[here, lk.PROGRESS]
+        whole &= ~failed
         distance += float(np.abs(batch.look[riding, lk.LATERAL_ERROR]).sum())
         activity += np.abs(commands - before)[riding].sum(axis=0)
         moments += int(riding.sum())
@@ -123,7 +151,13 @@ def ride_races(
         before = commands
     finished: list[list[Lap]] = [batch.log(row).laps[:laps] for row in range(starts)]
     whole &= np.array([len(done) == laps for done in finished])
-    ends = [batch.fall(int(row)) for row in np.flatnonzero(batch.fallen & (_finished(batch) < laps))]
+    fallen = batch.fallen & (_finished(batch) < laps)
+    ends = [batch.fall(int(row)) for row in np.flatnonzero(fallen)]
+    length = ground.length(circuit)
+    lost = [
+        _lost(row, batch.fall(row) if fallen[row] else "", float(places[row]), length)
+        for row in np.flatnonzero(~whole).tolist()
+    ]
     result = RaceResult(
         vehicle=batch.vehicle.name,
         circuit=circuit,
@@ -139,9 +173,81 @@ def ride_races(
         line=distance / max(1, moments),
         activity=(float(activity[0]) / max(1, moments), float(activity[1]) / max(1, moments)),
         theory=theory,
+        lost=tuple(lost),
     )
     batch.close()
     return result
+
+
+def ride_starts(name: str, vehicle: str, circuit: str, starts: int = 4, laps: int = 1) -> RaceResult:
+    """Ride a rider that is not learned from the same starts, one after the other.
+
+    Args:
+        name: of the rider.
+        vehicle: name or file of the machine.
+        circuit: name or file of the circuit.
+        starts: number of rides; they begin evenly around the circuit, at different speeds.
+        laps: flying laps that each of them is to finish.
+
+    Raises:
+        ValueError: a vehicle that is not a superbike, or a course that is a path.
+        FileNotFoundError: an unknown vehicle or circuit.
+    """
+    config = replace(superbike_config(vehicle), engine=SUPERBIKE_ENGINE)
+    ground, rider = CircuitSet(load_vehicle(vehicle), [circuit]), make_rider(name)
+    lost: list[LostRide] = []
+    finished: list[list[Lap]] = []
+    distances: list[float] = []
+    changes: list[NDArray[np.float64]] = []
+    outside = 0
+    with closing(Simulator(config)) as simulator:
+        limits = simulator.plant.envelope
+        assert limits is not None, "superbikes have limits"
+        theory = closest_lap(circuit, limits)
+        for row in range(starts):
+            place, fall, done, commands = math.nan, "", [], []
+            for snapshot in rollout(simulator, rider, _start(ground, circuit, row, starts)):
+                if snapshot.step:
+                    commands.append((snapshot.steering, snapshot.throttle))
+                    distances.append(snapshot.distance)
+                outside += snapshot.off_course
+                if snapshot.fallen or (snapshot.off_course and math.isnan(place)):
+                    place, fall = float(snapshot.look[lk.PROGRESS]), snapshot.fall
+                done = simulator.batch.log(0).laps[:laps]
+                if len(done) == laps or snapshot.time > TIME * theory * (laps + 1):
+                    break
+            finished.append(done)
+            changes.append(np.abs(np.diff(commands, axis=0, prepend=np.zeros((1, 2)))))
+            if len(done) < laps or not math.isnan(place):
+                lost.append(_lost(row, fall, place, ground.length(circuit)))
+        named = simulator.vehicle.name
+    missing = {ride.start for ride in lost}
+    causes = [ride.cause for ride in lost]
+    activity = np.concatenate(changes).mean(axis=0)
+    return RaceResult(
+        vehicle=named,
+        circuit=circuit,
+        rides=starts,
+        laps=laps,
+        whole=starts - len(lost),
+        falls=sum(cause not in (WALL, OFF_TRACK, SLOW) for cause in causes),
+        walls=causes.count(WALL),
+        finished=sum(map(len, finished)),
+        times=tuple(sorted(lap.duration for row, done in enumerate(finished) if row not in missing for lap in done)),
+        off_track=float(sum(lap.off_track for done in finished for lap in done)),
+        outside=outside * config.control_period,
+        line=float(np.mean(distances)),
+        activity=(float(activity[0]), float(activity[1])),
+        theory=theory,
+        lost=tuple(lost),
+    )
+
+
+def _lost(start: int, fall: str, arc_length: float, length: float) -> LostRide:
+    """Return a lost ride from its fall, if it fell, and from where it failed, m; NaN where it was only slow."""
+    if math.isnan(arc_length):
+        return LostRide(start, fall or SLOW, None)
+    return LostRide(start, fall or OFF_TRACK, round(arc_length % length, 1))
 
 
 def _finished(batch: Batch) -> np.ndarray:

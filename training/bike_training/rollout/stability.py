@@ -26,8 +26,7 @@ from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import Snapshot
 from bike_training.envs.clients import Client
-from bike_training.rollout.riding import is_over
-from bike_training.rollout.rollout import rollout
+from bike_training.rollout.rollout import is_over, rollout
 
 FloatArray = NDArray[np.float64]
 

@@ -22,7 +22,7 @@ from bike_training.arguments import check_positive, check_whole
 from bike_training.envs.clients import CLIENT_KINDS, make_client
 from bike_training.rollout.evaluation import SPEEDS, evaluate
 from bike_training.rollout.laps import pair_figures, ride_laps
-from bike_training.rollout.riding import ride_through
+from bike_training.rollout.rollout import ride_through
 from bike_training.sweeps.job_parts import JobEnd, Tell, check_kinds
 
 FIGURES_FILE: Final = "figures.json"

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from bike_sim.recording.in_use import Claim, claim_folder
-from bike_training.learning.summary import source_commit
+from bike_training.learning.run_settings import source_commit
 from bike_training.sweeps.job_parts import Tell
 from bike_training.sweeps.jobs import Job
 from bike_training.sweeps.records import (

@@ -128,24 +128,6 @@ REWARD_TERMS: Final[Mapping[str, Callable[[RewardSignals], FloatArray]]] = {
 }
 """Terms of the reward by name; all but progress and gain are at most 0."""
 
-PAPER_WEIGHTS: Final[Mapping[str, float]] = {
-    "progress": 1.0,
-    "off_track": 1.0,
-    "wall": 5e-4,
-    "steer_change": 3.0,
-    "lean_change": 1.0,
-    "rate_change": 0.1,
-    "steer_history": 0.5,
-    "lean_history": 0.5,
-    "max_lean": 20.0,
-    "slip_ratio": 1.0,
-    "slip_angle": 1.0,
-    "motion": 0.05,
-    "overspeed": 1.0,
-    "fall": 10.0,
-}
-"""All terms of Eq. (2). Its weights are not published; these are ours."""
-
 RACE_WEIGHTS: Final[Mapping[str, float]] = {
     "progress": 0.6,
     "off_track": 0.5,
@@ -157,22 +139,6 @@ RACE_WEIGHTS: Final[Mapping[str, float]] = {
     "failure": 5.0,
 }
 """Those of policies that command the machine themselves: fewer terms, a reference for speed and line, calm commands."""
-
-GUIDED_WEIGHTS: Final[Mapping[str, float]] = {
-    "gain": 30.0,
-    "off_track": 0.5,
-    "tyre_use": 0.5,
-    "effort": 0.05,
-    "steering_change": 0.02,
-    "throttle_change": 0.02,
-    "failure": 60.0,
-}
-"""Those of policies with a guide: lap time, against what a failure costs, two seconds.
-
-What the plan needs anyhow is left out of ``gain``, so that the critics have to tell hundredths of a second from
-nothing, and not from the speed of a straight. Effort keeps the policy at the guide's own pace where another gains
-nothing.
-"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -295,6 +261,16 @@ class RaceTask:
     def to_card(self) -> dict[str, Any]:
         """Return plain values for recordings."""
         return {**asdict(self), "layout": self.layout.to_card()}
+
+    @classmethod
+    def from_card(cls, card: Mapping[str, Any]) -> RaceTask:
+        """Read what :meth:`to_card` wrote.
+
+        Raises:
+            TypeError: an unknown entry.
+            ValueError: a wrong one.
+        """
+        return cls(**{name: value for name, value in card.items() if name != "layout"})
 
 
 @dataclass(frozen=True)

@@ -31,8 +31,7 @@ from bike_sim.sim.snapshot import Snapshot
 from bike_sim.validation import bicycle as validation
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.reproduce.bicycle.data import Chance, Direction, Impact, Instant, SteeringStep
-from bike_training.rollout.riding import time_for
-from bike_training.rollout.rollout import rollout
+from bike_training.rollout.rollout import rollout, time_for
 
 COURSE: Final = "benchmark"
 SPEED: Final = 4.0

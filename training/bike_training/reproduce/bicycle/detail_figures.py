@@ -8,7 +8,7 @@ import numpy as np
 
 from bike_sim.course.course import Course
 from bike_sim.course.files import load_course
-from bike_training.explain.symbols import SYMBOLS
+from bike_training.explain.drawing import SYMBOLS
 from bike_training.reproduce.bicycle.data import Data, Impact, Instant
 
 _LENGTH: Final = 200.0

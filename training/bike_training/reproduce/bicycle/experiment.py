@@ -24,8 +24,7 @@ from bike_training.reproduce.bicycle.data import Rides, Track
 from bike_training.reproduce.bicycle.detail import PATHS
 from bike_training.reproduce.experiment import Experiment
 from bike_training.rollout.evaluation import SPEEDS, evaluate
-from bike_training.rollout.riding import ride_through, time_for
-from bike_training.rollout.rollout import rollout
+from bike_training.rollout.rollout import ride_through, rollout, time_for
 
 SETTINGS: Final = ("prop", "alt1", "alt2", "alt3", "alt4", "alt5")
 """Names of Table 5."""

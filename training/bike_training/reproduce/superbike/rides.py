@@ -19,8 +19,7 @@ from bike_sim.sim.batch import SUPERBIKE_ENGINE
 from bike_sim.sim.events import EventKind
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.files import load_vehicle
-from bike_training.curricula.gaussian import Gaussian
-from bike_training.curricula.spdl import FASTEST, SLOWEST
+from bike_training.curricula.spdl import FASTEST, SLOWEST, Gaussian
 from bike_training.learning.presets import Preset
 from bike_training.reproduce.paper import Advance, Rows
 from bike_training.reproduce.superbike.data import Context, Data, Episodes, Laps, Moment, Transfer
@@ -81,7 +80,7 @@ def deployed(folder: Path, experiment: SuperbikeExperiment) -> dict[str, tuple[i
     """
     from bike_training.learning.checkpoint import Checkpoint, find_checkpoint  # late: PyTorch takes seconds
     from bike_training.learning.progress import chosen_actor
-    from bike_training.learning.selection import kept
+    from bike_training.learning.validation import kept
 
     if find_checkpoint(folder) is None:
         return None
