@@ -60,9 +60,9 @@ def _run(words: Sequence[str]) -> int:
             with signals_handled(leave_at_once):
                 args = parse(name, rest)
                 if (name, args.subject) in NEED_ROS:
-                    for package in ("rclpy", "bike_msgs"):
-                        if importlib.util.find_spec(package) is None:
-                            raise ModuleNotFoundError(package, name=package)
+                    for needed in ("rclpy", "bike_msgs"):
+                        if importlib.util.find_spec(needed) is None:
+                            raise ModuleNotFoundError(needed, name=needed)
                 run = _load(COMMANDS[name].functions[args.subject])
             with signals_handled(interrupt):
                 result = run(args)

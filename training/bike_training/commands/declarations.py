@@ -422,7 +422,7 @@ def _declare_export(parser: CommandParser) -> None:
         choices=("best", "success", "last"),
         help="the best on the rides that actors are compared on (success where none was compared yet), the most recent "
         "one that passed every ride of a validation (as the paper does), or the last one (default: success for the "
-        "paper's presets, else best)",
+        "paper's presets, else best; the last while there is none)",
     )
     parser.option(
         "--range",

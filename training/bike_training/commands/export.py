@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -28,9 +29,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         preset = Preset.from_plain(summary["preset"])
         wanted = args.which or ("success" if preset.published else "best")
         actor, which, step = chosen_actor(checkpoint.run["progress"], wanted, summary["steps"])
+        if actor is None and args.which is None:
+            print(f"there is no {wanted!r} actor yet, so this is the last one", file=sys.stderr)
+            actor, which, step = chosen_actor(checkpoint.run["progress"], "last", summary["steps"])
     if actor is None:
-        advice = "" if wanted == "last" else ", or export --which last"
-        raise ValueError(f"{args.run}: there is no {wanted!r} actor yet; train longer{advice}")
+        advice = "" if which == "last" else ", or export --which last"
+        raise ValueError(f"{args.run}: there is no {which!r} actor yet; train longer{advice}")
     vehicle = load_vehicle(machines_of(summary["vehicle"])[0])
     task = preset.task
     name = args.name or vehicle.name

@@ -101,7 +101,10 @@ def _print(figures: dict[str, Any]) -> None:
         f"{figures['steps']} steps, {figures['updates']} updates, {figures['seconds']:.0f} s; curriculum {where}"
         + (f" at step {figures['finished_at_step']}" if figures["finished_at_step"] else "")
     )
-    print(f"run in {figures['out']}; make a policy of it with: bike export {figures['out']}")
+    if figures["interrupted"]:
+        print(f"interrupted; go on with: bike train --out {figures['out']} --resume")
+    if figures["updates"]:
+        print(f"run in {figures['out']}; make a policy of it with: bike export {figures['out']}")
 
 
 def run_refinement(args: argparse.Namespace) -> dict[str, Any]:

@@ -112,7 +112,7 @@ def draw(figures: dict[str, Any], name: str, path: Path) -> None:
     if randoms:
         _draw_distances(middle, randoms, "mean_m", "o", "mean of a 30 s ride")
         _draw_distances(middle, randoms, "max_m", "s", "maximum")
-        if middle.has_data():
+        if middle.get_legend_handles_labels()[0]:
             middle.legend()
     middle.set(title="random paths of part 4", xlabel="speed / (m/s)", ylabel="distance / m", ylim=(0, None))
     _draw_sections(fig, bottom, rides, speeds)
