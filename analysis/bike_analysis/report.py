@@ -13,6 +13,7 @@ from typing import Any, Final
 import matplotlib as mpl
 import pandas as pd
 
+from bike_analysis.figures.circuit import Theory, circuit_figures, ridden_circuit
 from bike_analysis.figures.compare import Comparison, CourseError
 from bike_analysis.figures.metrics import RideFigures
 from bike_analysis.figures.recorded import RecordedLap, RecordedRide, RideRecording, comparable, compare, open_ride
@@ -22,8 +23,10 @@ from bike_analysis.page.ride_page import write_page
 from bike_analysis.page.style import RC
 from bike_analysis.page.video import write_video
 from bike_analysis.read.container import METADATA_FILE, RecordingError, find_files, shown
+from bike_sim.course.track import Track
 
 PAGE_NAME: Final = "ride.html"
+LAP_PAGE_NAME: Final = "lap.html"
 PICTURE_NAME: Final = "ride.png"
 LONGEST_HEADLINE_NAME: Final = 60
 """Characters of the course's name that fit above the picture."""
@@ -104,6 +107,37 @@ def analyze(
         longest = max(rides, key=lambda ride: ride.figures.distance_m)
         analysis = replace(analysis, video=str(write_video(longest, video.path, video.begin_s, video.duration_s)))
     return analysis.as_dict()
+
+
+def analyze_laps(
+    path: str | os.PathLike[str], track: Track, theory: Theory, out_dir: Path | None = None
+) -> dict[str, Any]:
+    """Analyze laps on a circuit beside the theoretical one, and write their page.
+
+    Args:
+        path: The recording; its first ride counts.
+        track: The circuit that was ridden.
+        theory: The theoretical lap.
+        out_dir: Where to write ``lap.html``; nothing is written without it. It is created.
+
+    Returns:
+        Figures ready for JSON, see `bike_analysis.figures.circuit.circuit_figures`; with ``page`` where it was written.
+
+    Raises:
+        FileNotFoundError: If there is no such recording.
+        RecordingError: If it is not a recording.
+        ValueError: If its states are not on the circuit.
+        OSError: If the page cannot be written.
+    """
+    recording = open_ride(path)
+    ride = recording.rides[0]
+    circuit = ridden_circuit(recording.data, ride.data, track, theory)
+    figures = circuit_figures(recording.data, ride.data, circuit)
+    if out_dir is not None:
+        out_dir.mkdir(parents=True, exist_ok=True)
+        laps = compare(ride.laps or [ride])
+        figures["page"] = str(write_page([recording], out_dir / LAP_PAGE_NAME, laps, circuit))
+    return figures
 
 
 def _keep_recordings(recordings: Sequence[str | os.PathLike[str]], written: Sequence[Path]) -> None:

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bike_analysis.figures.lap_recording import LapTrace, Machine, corner_figures
+from bike_analysis.figures.circuit import Machine, corner_figures
 from bike_analysis.figures.numbers import PEAK_USE, grip_used, time_shares
 from bike_sim.course.track import Corner
 from bike_sim.planning.envelope import envelope
@@ -24,7 +24,7 @@ CORNERS = (
 )
 
 
-def trace(slower_from: float = np.inf, slower_to: float = np.inf) -> LapTrace:
+def trace(slower_from: float = np.inf, slower_to: float = np.inf) -> dict[str, np.ndarray]:
     """1 km at 50 m/s, at 25 m/s in between; the brake is on from 250 to 330 m and from 500 to 520 m."""
     distance = np.linspace(0.0, 1000.0, 10_001)
     speed = np.where((distance >= slower_from) & (distance < slower_to), 25.0, 50.0)
@@ -32,7 +32,7 @@ def trace(slower_from: float = np.inf, slower_to: float = np.inf) -> LapTrace:
     brake = np.where((distance >= 250.0) & (distance <= 330.0), 80.0, 0.0)
     brake[(distance >= 505.0) & (distance <= 520.0)] = 4.0  # less than counts
     lean = 60.0 * np.sin(2.0 * np.pi * distance / 1000.0)
-    return LapTrace(distance, time, speed, lean, brake)
+    return {"distance": distance, "time": time, "speed": speed, "roll": lean, "brake": brake}
 
 
 def test_a_corner_tells_braking_speeds_lean_and_what_was_lost() -> None:
@@ -55,7 +55,7 @@ def test_a_corner_tells_braking_speeds_lean_and_what_was_lost() -> None:
 def test_corners_together_make_up_the_lap(begin: float, width: float) -> None:
     lap, reference = trace(begin, begin + width), trace()
     lost = sum(corner.lost_s for corner in corner_figures(CORNERS, 1000.0, lap, reference))
-    assert lost == pytest.approx(lap.time_s[-1] - reference.time_s[-1], abs=1e-9)
+    assert lost == pytest.approx(lap["time"][-1] - reference["time"][-1], abs=1e-9)
     assert lost > 0.0
 
 

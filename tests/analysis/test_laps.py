@@ -10,13 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bike_analysis import compare, open_ride
-from bike_analysis.figures.lap_recording import Theory, load_laps
+from bike_analysis.figures.circuit import Theory
 from bike_analysis.figures.laps import time_outside
 from bike_analysis.figures.numbers import best_sectors_together, lap_text
-from bike_analysis.page.lap_page import lap_figures, render_lap_page
-from bike_analysis.page.lap_view import lap_view
-from bike_analysis.page.ride_page import sector_table
-from bike_analysis.report import analyze
+from bike_analysis.page.ride_page import time_table
+from bike_analysis.report import analyze, analyze_laps
 from bike_sim.course.course import Course
 from bike_sim.course.elements import Arc
 from bike_sim.course.track import Track
@@ -144,13 +142,13 @@ def test_one_time_is_written_in_one_way(writer, circle, tmp_path: Path) -> None:
     ]
     figures = analyze(paths)
     (comparison,) = figures["comparisons"]
-    page, text = sector_table(compare(paths)), text_of(figures)
+    page, text = time_table(compare(paths)), text_of(figures)
     times = [run["duration_s"] for run in comparison["runs"]]
     times += [time for sector in comparison["sectors"] for time in sector["times_s"]]
     assert len(times) == 6
     assert min(times[:2]) > 60.0
     for time in (*times, comparison["theoretical_lap_s"]):
-        assert f">{lap_text(time)}</td>" in page
+        assert f">{lap_text(time)}<" in page
         assert f" {lap_text(time)}" in text
 
 
@@ -189,23 +187,23 @@ def test_laps_have_the_numbers_of_the_events_in_all_reports(writer, circle, ring
         angle = (ride.states["progress"] + ahead) / 10.0
         ride.states |= {f"{prefix}x": 10.0 * np.sin(angle), f"{prefix}y": 10.0 - 10.0 * np.cos(angle)}
     path = writer.write(tmp_path / "lap.mcap", [ride])
-    laps, found = load_laps(path, ring), open_ride(path).rides[0].laps
+    found = open_ride(path).rides[0].laps
     s = np.linspace(0.0, LENGTH, 50)
     theory = Theory(s, np.full(50, 6.0), 0.0 * s, 0.0 * s, LENGTH / 6.0, (0.5 * LENGTH / 6.0,) * 2)
-    assert [lap.number for lap in laps.flying] == [2, 3, 4]
-    for lap in laps.timing.laps:
-        assert found[lap.number - 1].duration_s == pytest.approx(lap.duration, abs=1e-3)
-    assert [series.name for series in lap_view(laps, theory, "laps", "").series][-1] == "theoretical"
-    assert {series.name for series in lap_view(laps, theory, "laps", "").series[:-1]} == {"lap 2", "lap 3", "lap 4"}
-    assert lap_figures(laps, theory)["lap_s"] == pytest.approx(LENGTH / 4.0, abs=1e-2)
-    words = render_lap_page(laps, theory).split("<noscript>")[0].split("</style>")[1]
-    assert "circuit circle, 63 m" in words
+    lap = analyze_laps(path, ring, theory, tmp_path)
+    assert lap["laps_s"] == pytest.approx([LENGTH / 4.0] * 3, abs=1e-2)
+    assert lap["lap_s"] == min(lap["laps_s"])
+    assert lap["out_lap_s"] == pytest.approx(found[0].duration_s, abs=1e-3)
+    page = Path(lap["page"]).read_text()
+    words = page.split("<noscript>")[0].split("</style>")[1]
+    assert "whipple on circle" in words
     assert "two-wheeler-lab" in words
-    rows = [row.split("</td>") for row in render_lap_page(laps, theory).split("<tr><td>")[1:]]
-    assert [row[0] for row in rows] == ["1 (out)", "2", "3", "4", "best sectors", "theoretical"]
-    together = rows[4][1].removeprefix("<td>").partition("<small>")[0]
+    rows = [row.split("</td>") for row in page.split("<tr><td>")[1:7]]
+    assert [row[0] for row in rows] == ["lap 1", "lap 2", "lap 3", "lap 4", "best sectors", "theoretical"]
+    assert [row[1].removeprefix("<td class=text>") for row in rows[:2]] == ["rolling start", "flying"]
+    together = rows[4][2].removeprefix('<td class="best">').removeprefix("<td>").partition("<small>")[0]
     assert float(together) == pytest.approx(LENGTH / 4.0, abs=1e-2)
-    assert together == lap_text(best_sectors_together(lap.sectors for lap in laps.flying))
+    assert together == lap_text(best_sectors_together(lap.sectors_s for lap in found[1:]))
     figures = open_ride(path).rides[0].figures
     assert [lap.out_lap for lap in figures.complete_laps] == [True, False, False, False]
     assert figures.theoretical_lap_s == pytest.approx(float(together), abs=1e-3)

@@ -33,7 +33,7 @@ from bike_analysis.page.html import MISSING, embed
 from bike_analysis.page.ride_page import render_page, write_page
 from bike_analysis.page.ride_view import panels_for, ride_view
 from bike_analysis.page.view import (
-    KMH,
+    FAST_CHANNELS,
     Band,
     Cloud,
     Histogram,
@@ -228,7 +228,7 @@ def inked_pixels(browser: webdriver.Chrome, where: str = "main") -> list[tuple[s
 def test_every_plot_is_drawn_and_nothing_is_asked_for(opened: Opener, ride_page: Path) -> None:
     browser = opened(ride_page)
     drawn = inked_pixels(browser)
-    assert [key for key, _ in drawn] == ["map", "error", "lean", "speed", "command", "age"]
+    assert [key for key, _ in drawn] == ["follow", "map", "error", "lean", "speed", "command", "age"]
     assert all(pixels > 500 for _, pixels in drawn), drawn
     messages = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
     # The browser's first tab, which a fresh profile opens before the page, may still be loading what is its own.
@@ -253,7 +253,7 @@ def test_a_recording_of_an_older_version_is_drawn(opened: Opener, old_recording:
     analyze([old_recording], tmp_path / "alone")
     browser = opened(tmp_path / "alone" / "ride.html")
     drawn = inked_pixels(browser)
-    assert [key for key, _ in drawn] == ["map", "error", "lean", "speed", "command", "age"]
+    assert [key for key, _ in drawn] == ["follow", "map", "error", "lean", "speed", "command", "age"]
     assert all(pixels > 500 for _, pixels in drawn), drawn
     words = browser.find_element(By.TAG_NAME, "header").text
     assert "a command every 50 ms" in words
@@ -556,7 +556,9 @@ def test_plots_are_saved_as_pictures_in_which_names_are_no_tags(
 def test_compared_rides_have_ghosts_and_can_be_hidden(opened: Opener, comparison_page: Path) -> None:
     browser = opened(comparison_page)
     view = browser.find_element(By.ID, "comparison-view")
-    assert [f.get_attribute("data-plot") for f in view.find_elements(By.TAG_NAME, "figure")][:2] == ["map", "delta"]
+    assert [f.get_attribute("data-plot") for f in view.find_elements(By.TAG_NAME, "figure")][:4] == [
+        *("follow", "map", "speed", "delta")
+    ]
     browser.execute_script('document.querySelector(".view").view.setPlace(150)')
     settled(browser)
     lost = float(view.find_elements(By.CSS_SELECTOR, '[data-plot="delta"] .legend b')[1].text.split("\u202f")[0])
@@ -686,7 +688,7 @@ def test_poor_rides_are_drawn_as_far_as_they_go(opened: Opener, writer: Any, cir
     browser.execute_async_script(opening)
     browser.find_element(By.CSS_SELECTOR, "#ride-4").location_once_scrolled_into_view  # noqa: B018
     settled(browser)
-    drawn = "return [...document.querySelectorAll('#ride-4 figure')].filter(figure => figure.drawn.chart.u).length"
+    drawn = "return [...document.querySelectorAll('#ride-4 figure')].filter(figure => figure.drawn.chart?.u).length"
     assert browser.execute_script(drawn) > 3
     figures = browser.find_elements(By.CSS_SELECTOR, "#ride-3 figure")
     assert [figure.get_attribute("data-plot") for figure in figures] == ["map", "error", "lean", "command"]
@@ -802,11 +804,11 @@ def test_differences_are_to_the_reference_that_is_chosen(opened: Opener, tmp_pat
         for name, v in (("slow", 20.0), ("middle", 25.0), ("fast", 40.0))
     )
     lines = {name: (PanelLine(name, name, "blue"),) for name in ("delta", "speed_delta")}
-    panels = tuple(Panel(name, name, name, "", line, bands=("aid",)) for name, line in lines.items())
+    panels = tuple(Panel(name, name, line, bands=("aid",)) for name, line in lines.items())
     shares = {"slow": (60.0, 40.0), "fast": (0.0, 100.0)}
     view = View(
         *("laps", "laps", series, panels),
-        bands=(Band("aid", "an aid", "violet", ((200, 400),)),),
+        bands=(Band("aid", "an aid", "aid1", ((200, 400),)),),
         histograms=(Histogram("lean-histogram", "Lean", "lean in °", (0.0, 30.0, 60.0), shares),),
         reference=2,
     )
@@ -832,7 +834,7 @@ def test_differences_are_to_the_reference_that_is_chosen(opened: Opener, tmp_pat
       return [chart.u.series.length - 1, chart.wanted.found.map(one => one.y)]""")
     assert shown == [3, [[0, 60, 60, 40, 0], [0, 0, 0, 100, 0]]]  # an area, and a line each
     strip = browser.execute_script("""const { u } = document.querySelector('[data-plot="delta"]').drawn.chart;
-      const ink = getComputedStyle(document.documentElement).getPropertyValue("--violet").trim();
+      const ink = getComputedStyle(document.documentElement).getPropertyValue("--aid1").trim();
       const foot = u.bbox.top + u.bbox.height - 4;
       const at = place => [...u.ctx.getImageData(u.valToPos(place, "x", true), foot, 1, 1).data].slice(0, 3)
        .map(part => part.toString(16).padStart(2, "0")).join("");
@@ -890,7 +892,7 @@ def circuit_view(rows: int) -> View:
         *("circuit", "a circuit", (Series("ride", columns),), panels_for(columns, fast=True), (path,)),
         sections=sections,
         colours=("error", "speed"),
-        channels={"speed": KMH},
+        channels=FAST_CHANNELS,
     )
 
 

@@ -117,7 +117,7 @@ def test_page_tells_the_figures(report: dict) -> None:
     assert "Fell &lt;to&gt; the left." in text
     assert "<to>" not in text
     assert 'name="viewport"' in text
-    assert links(report["page"]).tags["figure"] == 6 + 2 * 6  # side by side, and those of two rides
+    assert links(report["page"]).tags["figure"] == 7 + 2 * 7  # side by side, and those of two rides
 
 
 def test_picture_is_a_picture(report: dict) -> None:
@@ -141,7 +141,7 @@ def test_picture_has_equal_scales_and_the_course(recorded: Path) -> None:
     ride = find_rides(read_recording(recorded))[0]
     axes = overview_figure(ride, "ride").axes[0]
     assert axes.get_aspect() == 1.0
-    wanted = next(line for line in axes.get_lines() if line.get_label() == "reference path")
+    wanted = next(line for line in axes.get_lines() if line.get_label() == "desired path")
     np.testing.assert_allclose(np.hypot(wanted.get_xdata(), np.asarray(wanted.get_ydata()) - 10.0), 10.0)
     driven = axes.collections[0]
     assert driven.norm.vmax == pytest.approx(np.abs(ride.states.lateral_error).max())

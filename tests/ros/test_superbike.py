@@ -13,8 +13,8 @@ import pytest
 from bike_msgs.msg import Telemetry
 from bike_msgs.srv import Reset
 
-from bike_analysis.figures.lap_recording import Theory, load_laps
-from bike_analysis.page.lap_page import lap_figures, render_lap_page
+from bike_analysis.figures.circuit import Theory
+from bike_analysis.report import analyze_laps
 from bike_policy.riders.classical import ClassicalRider
 from bike_sim.physics.state import upright_state
 from bike_sim.physics.superbike import forces as sf
@@ -180,13 +180,12 @@ def test_laps_through_the_nodes_are_recorded_and_timed_alike(circuit: Path, tmp_
     limit = lap_limit(limits, track.line(1.0))
     recording = tmp_path / "lap.mcap"
     ride_through_nodes("panigale_v4r", str(circuit), float(limit.s[-1]), 1, recording, limit.lap_time)
-    laps = load_laps(recording, track)
     theory = Theory(limit.s, limit.speed, limit.lateral, limit.longitudinal, limit.lap_time, limit.sector_times)
-    figures = lap_figures(laps, theory)
+    figures = analyze_laps(recording, track, theory, tmp_path)
     assert figures["falls"] == figures["walls"] == figures["lost_steps"] == 0
     assert len(figures["laps_s"]) == 1
     assert figures["timing_agrees"]
-    page = render_lap_page(laps, theory)
+    page = Path(figures["page"]).read_text()
     shown = set(re.findall(r'data-plot="([^"]+)"', page))
     assert {"follow", "map", "delta", "speed", "lean", "throttle", "brake", "slip", "load", "grip", "cloud"} <= shown
     assert "<canvas" in page

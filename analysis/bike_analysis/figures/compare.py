@@ -32,6 +32,10 @@ STATIONS: Final = 2500
 """About so many stations are wanted along a course."""
 MOST_ROWS: Final = 2_000_000
 """Stations or times of one run that are computed at most."""
+MOST_NAMED: Final = 2
+"""Riders or runs that a title names."""
+STANDING: Final = 1.0
+"""A lap that begins slower than this begins from a standing start, m/s."""
 SAME_LENGTH: Final = 0.03
 """Courses whose lengths differ by more than this part are not the same."""
 
@@ -77,6 +81,16 @@ class Run:
     def duration_s(self) -> float:
         """Lap time, or the time of the whole ride since its reset, s."""
         return self.lap.duration_s if self.lap is not None else float(self.ride.time[-1]) - self.begin_s
+
+    @property
+    def kind(self) -> str:
+        """Kind of lap, by its beginning; ``whole ride`` for a ride."""
+        if self.lap is None:
+            return "whole ride"
+        if not self.lap.out_lap:
+            return "flying"
+        begins = self.ride.states.speed[self.lap.first]
+        return "standing start" if begins < STANDING else "rolling start"
 
     @property
     def complete(self) -> bool:
@@ -128,6 +142,24 @@ class Comparison:
 
     def __repr__(self) -> str:
         return f"<Comparison of {', '.join(run.label for run in self.runs)} at {len(self.station_m)} stations>"
+
+    @property
+    def title(self) -> str:
+        """The riders, or the runs where riders are not known or the same, and the course."""
+        riders = list(dict.fromkeys(run.policy for run in self.runs))
+        several = len({run.source for run in self.runs}) > 1
+        named = riders if all(riders) and (len(riders) > 1 or not several) else list(self.short_labels)
+        names = " and ".join(named) if len(named) <= MOST_NAMED else f"{len(named)} rides or laps"
+        return f"{names} on {self.course}" if self.course else names
+
+    @property
+    def short_labels(self) -> tuple[str, ...]:
+        """Labels of the runs; without the recording's name where all are laps of one."""
+        labels = tuple(run.label for run in self.runs)
+        heads = {label.rpartition(", ")[0] for label in labels}
+        if len(labels) > 1 and len(heads) == 1 and heads != {""}:
+            return tuple(label.rpartition(", ")[2] for label in labels)
+        return labels
 
     @cached_property
     def columns(self) -> tuple[str, ...]:
@@ -314,14 +346,14 @@ def _lengths_text(runs: Sequence[Run], lengths: Sequence[float | None]) -> str:
     return ", ".join(f"{label}: {length:.0f} m" for length, label in (min(known), max(known)))
 
 
-def _counted(runs: Sequence[Run]) -> list[int]:
+def counted_runs(runs: Sequence[Run]) -> list[int]:
     """Indices of the runs that may be the best: without out-laps, unless there are no others."""
     flying = [index for index, run in enumerate(runs) if run.lap is None or not run.lap.out_lap]
     return flying or list(range(len(runs)))
 
 
 def _reference(runs: Sequence[Run]) -> int:
-    complete = [index for index in _counted(runs) if runs[index].complete]
+    complete = [index for index in counted_runs(runs) if runs[index].complete]
     complete = complete or [index for index, run in enumerate(runs) if run.complete]
     if complete:
         return min(complete, key=lambda index: runs[index].duration_s)
@@ -362,7 +394,7 @@ def _sectors(runs: Sequence[Run]) -> tuple[SectorFigures, ...]:
     ends = np.append(starts[1:], course.length)
     names = _sector_names(course.section_names, course.section_starts, starts)
     times = [_sector_times(run, starts, ends) for run in runs]
-    counted = _counted(runs)
+    counted = counted_runs(runs)
     found = []
     for name, start, end, row in zip(names, starts, ends, zip(*times, strict=True), strict=True):
         known = {k: t for k, t in enumerate(row) if t is not None and k in counted}

@@ -149,6 +149,8 @@ ON_THE_LINE: Final = 0.05
 """A ride that begins at most this far beyond a line began on it, m."""
 MOST_LAPS: Final = 2000
 """Laps that are distinguished in one ride."""
+AT_RESET: Final = 1e-6
+"""A lap that begins this soon after the reset begins with the ride, s."""
 SAME_CROSSING: Final = 0.25
 """An event belongs to a crossing found from the states if their times differ by less than this, s."""
 
@@ -318,6 +320,7 @@ def _as_recorded(ride: Ride, lap: CompleteLap) -> CompleteLap:
         duration_s=end.value,
         sectors_s=tuple(times) if complete else lap.sectors_s,
         from_events=True,
+        out_lap=end.time_s - end.value <= AT_RESET,
     )
 
 

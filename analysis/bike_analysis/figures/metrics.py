@@ -229,7 +229,7 @@ class RideFigures(MotionFigures):
         completed: Whether the end of the course, or a full lap of a closed one, was reached without fault.
         off_course: Times that it left the course.
         duration_s: Simulated time from the first to the last state, or to the finish of an open course.
-        distance_m: Way of the rear contact point up to there.
+        distance_m: Distance travelled by the rear contact point up to there.
         laps: Full laps of a closed course.
         max_error_at_m: Progress at which the maximum was met.
         steer_min_deg: Farthest steer to the right (negative).

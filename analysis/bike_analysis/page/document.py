@@ -24,17 +24,7 @@ from bike_analysis.read.reading import Recording
 
 SHORT: Final = 60
 """Most characters of a note that stands in a line with others, as a policy's name; a whole task has more."""
-_SCRIPTS: Final = (
-    "page_data.js",
-    "page_input.js",
-    "page_chart.js",
-    "page_panels.js",
-    "page_map.js",
-    "page_view.js",
-    "page_bar.js",
-    "follow_view.js",
-    "page_main.js",
-)
+_SCRIPTS: Final = ("chart.js", "parts.js", "follow.js", "view.js")
 _PROGRAM: Final = "two-wheeler-lab"
 _LIVE_SCRIPT: Final = "live.js"
 _POLICY: Final = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"

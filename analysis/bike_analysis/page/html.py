@@ -2,7 +2,7 @@
 
 A column is small enough for an hour at 100 Hz and exact to a stated quantum: it becomes integer multiples of that.
 Differences from row to row are small, so they are zigzag coded (sign in the lowest bit), split into four planes of
-bytes, deflated and written in base64. ``page_data.js`` undoes this.
+bytes, deflated and written in base64. ``chart.js`` undoes this.
 """
 
 from __future__ import annotations

@@ -22,12 +22,12 @@ from bike_analysis.page.ride_view import (
     SPEED,
     THROTTLE,
     closed,
-    edge,
-    follow_spec,
-    in_kmh,
+    is_fast,
+    limit_lines,
+    road_spec,
     run_columns,
 )
-from bike_analysis.page.view import KMH, MapLine, Series, View, series_colour, view_html
+from bike_analysis.page.view import FAST_CHANNELS, MapLine, Series, View, series_colour, view_html
 from bike_analysis.read.container import LONGEST_SENTENCE
 from bike_sim.course.course import Course
 
@@ -47,7 +47,7 @@ _STEER_KEYS: Final = (("← →", "lean"), ("↑ ↓", "throttle, brake"), (".",
 _KEYS: Final = (("space", "pause, go on"), ("r", "from the start again"), ("t", "light or dark"))
 _OTHER_HANDS: Final = (
     ("gamepad", "left stick leans, right trigger is the throttle, left trigger the brake"),
-    ("touch", "drag in the two fields below the view: lean, and throttle or brake"),
+    ("touch", "drag in the two fields beside the map: lean, and throttle or brake"),
 )
 
 
@@ -74,8 +74,9 @@ def ghost_of(comparison: Comparison, course: Course) -> Ghost | None:
     run = comparison.runs[comparison.reference]
     if comparison.course != course.name or run.ride.course is None:
         return None
-    columns = {name: column for name, column in run_columns(comparison, comparison.reference).items() if name in _SHOWN}
-    return Ghost(Series(run.label, columns, series_colour(1)), run.lap is not None)
+    columns = run_columns(comparison, comparison.reference, is_fast(run.ride))
+    shown = {name: column for name, column in columns.items() if name in _SHOWN}
+    return Ghost(Series(run.label, shown, series_colour(1)), run.lap is not None)
 
 
 def live_view(course: Course, machine: str, powered: bool, ghost: Ghost | None = None) -> View:
@@ -94,14 +95,14 @@ def live_view(course: Course, machine: str, powered: bool, ghost: Ghost | None =
         "y": np.full(2, course.y[0]),
         **({name: still for name in _DRIVEN} if powered else {}),
     }
-    speed = replace(in_kmh(SPEED), zero=True, least=10.0) if powered else SPEED
-    panels = (speed, _LEAN, *((THROTTLE, BRAKE, SLIP, LOAD) if powered else ()), _COMMAND, ERROR)
-    limits = ((1.0, course.width_left), (-1.0, course.width_right))
-    left, right = (edge(course.x, course.y, course.heading, side, width) for side, width in limits)
-    lines = [MapLine("reference path", "reference", *closed(course.closed, course.x, course.y))]
-    if course.width_left is not None:
-        edges = (("left limit", left), ("right limit", right))
-        lines += [MapLine(name, "limit", *closed(course.closed, *line)) for name, line in edges]
+    speed = replace(SPEED, zero=True, least=50.0) if powered else SPEED
+    driven = tuple(replace(panel, folded=False) for panel in (THROTTLE, BRAKE, SLIP, LOAD)) if powered else ()
+    panels = (speed, _LEAN, *driven, _COMMAND, ERROR)
+    line, widths = (course.x, course.y, course.heading), (course.width_left, course.width_right)
+    lines = [MapLine("desired path", "reference", *closed(course.closed, course.x, course.y))]
+    if widths[0] is not None and widths[1] is not None:
+        lines += limit_lines(*line, (widths[0], widths[1]), course.closed)
+    title = f"{machine}, {course.name}"
     return View(
         "live",
         f"{machine} on {course.name}",
@@ -110,11 +111,8 @@ def live_view(course: Course, machine: str, powered: bool, ghost: Ghost | None =
         tuple(lines),
         colours=(),
         map_caption="Where the ride is, and its last half minute." + (_GHOST_WORDS[ghost.is_lap] if ghost else ""),
-        channels={"speed": KMH} if powered else {},
-        follow=follow_spec(
-            *(f"{machine}, {course.name}", float(course.s[1]), (course.x, course.y), (*left, *right), powered),
-            open=not course.closed,
-        ),
+        channels=FAST_CHANNELS if powered else {},
+        follow=road_spec(title, float(course.s[1]), line, widths, powered, open=not course.closed),
     )
 
 
@@ -145,7 +143,7 @@ def render_live_page(
         scales |= {"speed": 3.6, "rear_slip": 100.0, "front_slip": 100.0, "rear_load": 1e-3, "front_load": 1e-3}
     steers = rider is not None
     spec = {"names": list(names), "scales": scales, "powered": powered, "watched": not steers, "ghostLaps": laps}
-    parts = [_controls(rider, powered), view_html(view), *([_pads(powered)] if steers else [])]
+    parts = [_controls(rider, powered), view_html(view, _pads(powered) if steers else ())]
     facts = [f"rider of the computer: {rider}", "recorded as it is ridden"] if rider is not None else []
     below = html_text(" · ".join([*facts, *words, f"page by {program_version()}"]), LONGEST_SENTENCE)
     keys = (*_STEER_KEYS, *_KEYS, *_OTHER_HANDS) if steers else _KEYS
@@ -178,6 +176,7 @@ def _hands(rider: str, powered: bool) -> str:
     )
 
 
-def _pads(powered: bool) -> str:
+def _pads(powered: bool) -> tuple[str, str]:
+    """Return the touch pads to the left and to the right of the map."""
     drive = '<div class="pad" data-pad="throttle"><span>throttle<br>brake</span></div>' if powered else ""
-    return f'<div class="pads"><div class="pad" data-pad="steering"><span>lean</span></div>{drive}</div>'
+    return '<div class="pad" data-pad="steering"><span>lean</span></div>', drive

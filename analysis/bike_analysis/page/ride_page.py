@@ -3,28 +3,41 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import zip_longest
 from pathlib import Path
 from typing import Final
 
-from bike_analysis.figures.compare import Comparison
+import numpy as np
+
+from bike_analysis.figures.circuit import Circuit, CornerFigures, corner_figures, course_corners
+from bike_analysis.figures.compare import Comparison, counted_runs
 from bike_analysis.figures.metrics import RideFigures
+from bike_analysis.figures.numbers import lap_text
 from bike_analysis.figures.recorded import RecordedRide, RideRecording, folder_prefixes
 from bike_analysis.page.document import long_notes, note_words, page_shell, program_version, recorded_settings
 from bike_analysis.page.html import html_text, key_html, number_text, row_html, table_html, time_cell
-from bike_analysis.page.ride_view import comparison_view, ride_view
+from bike_analysis.page.ride_view import FAST, comparison_view, ride_view
 from bike_analysis.page.view import View, view_html
 from bike_analysis.read.container import LONGEST_SENTENCE
+from bike_analysis.read.messages import Floats
 from bike_analysis.read.rides import Ride
 
 DRAWN_RIDES: Final = 6
 """Rides that are drawn; the table has all of them."""
 
+MOST_COLUMNS: Final = 4
+"""Sectors that are columns of the table of times; more are its rows."""
+_RADIANS: Final = re.compile(r"(-?[0-9.]+) rad\b")
 _ENDS: Final = {"finished": "finished", "fell": "fell", "off_course": "left the course", "stopped": "stopped"}
 
 
 def write_page(
-    recordings: Sequence[RideRecording], path: str | os.PathLike[str], comparison: Comparison | None = None
+    recordings: Sequence[RideRecording],
+    path: str | os.PathLike[str],
+    comparison: Comparison | None = None,
+    circuit: Circuit | None = None,
 ) -> Path:
     """Write the report page.
 
@@ -32,6 +45,7 @@ def write_page(
         recordings: What was read; all their rides are listed, and drawn if they are few.
         path: The file to write; its folder must exist.
         comparison: Rides or laps of them side by side, shown first.
+        circuit: That of the comparison, with the theoretical lap; None without one.
 
     Returns:
         The path.
@@ -41,11 +55,13 @@ def write_page(
         OSError: If the file cannot be written.
     """
     target = Path(path)
-    target.write_text(render_page(recordings, comparison), encoding="utf-8")
+    target.write_text(render_page(recordings, comparison, circuit), encoding="utf-8")
     return target
 
 
-def render_page(recordings: Sequence[RideRecording], comparison: Comparison | None = None) -> str:
+def render_page(
+    recordings: Sequence[RideRecording], comparison: Comparison | None = None, circuit: Circuit | None = None
+) -> str:
     """Make the report page; see `write_page`.
 
     Returns:
@@ -60,19 +76,19 @@ def render_page(recordings: Sequence[RideRecording], comparison: Comparison | No
     sources = [prefix + recording.path.name if several else "" for prefix, recording in named]
     labels = [prefix + ride.label for prefix, recording in named for ride in recording.rides]
     names = [f"Ride {number}: {label}" if several else f"Ride {number}" for number, label in enumerate(labels, start=1)]
-    title = f"{len(recordings)} recordings" if several else recordings[0].path.name
     drawn = _chosen([ride.figures for ride in rides])
     views: list[View] = []
     parts = ["".join(map(_warnings, recordings, sources))]
+    if circuit is not None:
+        title = f"{recordings[0].vehicle} on {circuit.track.name}"
+        parts.append(_agreement(circuit))
+    elif comparison is not None and several:
+        title = comparison.title
+    else:
+        title = f"{len(recordings)} recordings" if several else recordings[0].path.name
     if comparison is not None:
-        views.append(comparison_view(comparison, "comparison"))
-        course = f" on {html_text(comparison.course)}" if comparison.course else ""
-        reference = html_text(comparison.runs[comparison.reference].label)
-        parts.append(
-            f'<section id="comparison"><h2>Side by side</h2><p class="soft">{len(comparison.runs)} rides or laps'
-            f"{course}, at the same places along the course. The reference is {reference}.</p>"
-            f"{view_html(views[-1])}<h3>Times and best sectors</h3>{sector_table(comparison)}</section>"
-        )
+        views.append(comparison_view(comparison, "comparison", circuit))
+        parts.append(_comparison(comparison, circuit, views[0]))
     if len(rides) > 1:
         parts.append(_overview(rides, names, drawn))
     for index in drawn:
@@ -82,23 +98,134 @@ def render_page(recordings: Sequence[RideRecording], comparison: Comparison | No
     return page_shell(title, _below(list(zip(recordings, sources, strict=True))), parts, views)
 
 
-def sector_table(comparison: Comparison) -> str:
-    """The times of the runs and of their sectors, as HTML: a column a run, and one of the best."""
-    runs = comparison.runs
-    reference = runs[comparison.reference]
-    head = "".join(f"<th>{html_text(name)}</th>" for name in ("time", *(run.label for run in runs), "best"))
-    durations = [run.duration_s if run.complete else None for run in runs]
-    lost = [number_text(None if d is None else d - reference.duration_s, 3, "+") for d in durations]
-    lines = [("whole", durations, reference.duration_s if reference.complete else None)]
-    lines += [(f"{n}\u2002{s.name}", list(s.times_s), s.best_s) for n, s in enumerate(comparison.sectors, start=1)]
-    rows = [
-        row_html(name, [*(time_cell(t, best) for t in times), time_cell(best, None)]) for name, times, best in lines
+# ---- side by side --------------------------------------------------------------------------------------------------
+
+
+def _comparison(comparison: Comparison, circuit: Circuit | None, view: View) -> str:
+    reference = html_text(comparison.short_labels[comparison.reference])
+    return (
+        f'<section id="comparison"><h2>Side by side</h2>{_lap_key(comparison, circuit)}'
+        f'<p class="soft">{len(comparison.runs)} rides or laps at the same places along the course. The reference is '
+        f"{reference}.</p>{view_html(view)}<h3>Lap and sector times</h3>{time_table(comparison, circuit)}"
+        f"{corner_tables(comparison, circuit, view)}</section>"
+    )
+
+
+def _agreement(circuit: Circuit) -> str:
+    if circuit.timing_agrees:
+        return '<p class="soft">Computed again from the recorded contact points, all times equal the events.</p>'
+    words = "The times computed from the recording differ from its events."
+    return f'<div class="warning" role="status"><p>{words}</p></div>'
+
+
+def _lap_key(comparison: Comparison, circuit: Circuit | None) -> str:
+    """The best lap beside the theoretical one."""
+    if circuit is None:
+        return ""
+    reference = comparison.runs[comparison.reference]
+    best = reference.duration_s if reference.kind == "flying" else None
+    limit = circuit.theory.lap_time
+    entries = [
+        ("best flying lap", "–" if best is None else lap_text(best), ""),
+        ("theoretical lap", lap_text(limit), ""),
+        ("best over theoretical", "–" if best is None else number_text(best - limit, 2, "+"), "s"),
     ]
-    rows.insert(1, row_html("lost on the reference", [*(f"<td>{text}</td>" for text in lost), "<td></td>"]))
-    together = comparison.best_sectors_s
-    if together is not None:
-        rows.append(row_html("best sectors together", ["<td></td>" * len(runs), time_cell(together, None)]))
-    return table_html(head, rows)
+    return key_html(entries)
+
+
+def time_table(comparison: Comparison, circuit: Circuit | None = None) -> str:
+    """Times of the runs and of their sectors, as HTML, each with what it is over the best one; the best are marked.
+
+    A row is a run, or a sector where there are many. Laps from a standing or rolling start do not count as the best
+    where there are others.
+    """
+    runs, sectors = comparison.runs, comparison.sectors
+    durations = [run.duration_s if run.complete else None for run in runs]
+    counted = counted_runs(runs)
+    best = [min((d for k in counted if (d := durations[k]) is not None), default=None), *(s.best_s for s in sectors)]
+    rows: list[tuple[str, str, Sequence[float | None]]] = [
+        (name, run.kind, [duration, *(sector.times_s[k] for sector in sectors)])
+        for k, (name, run, duration) in enumerate(zip(comparison.short_labels, runs, durations, strict=True))
+    ]
+    if comparison.best_sectors_s is not None:
+        rows.append(("best sectors", "together", [comparison.best_sectors_s, *best[1:]]))
+    if circuit is not None:
+        theory = circuit.theory
+        rows.append(("theoretical", "", [theory.lap_time, *theory.sector_times]))
+    names = ["time", *(f"{number}\u2002{sector.name}" for number, sector in enumerate(sectors, start=1))]
+    cells = [[_behind_cell(time, least) for time, least in zip_longest(times, best)] for _, _, times in rows]
+    if len(sectors) <= MOST_COLUMNS:
+        head = "".join(f"<th>{html_text(name)}</th>" for name in ("run", "", *names))
+        lines = [
+            row_html(name, [f"<td class=text>{kind}</td>", *times])
+            for (name, kind, _), times in zip(rows, cells, strict=True)
+        ]
+        return table_html(head, lines, "times")
+    head = "<th></th>" + "".join(f"<th>{html_text(name)}<small>{kind}</small></th>" for name, kind, _ in rows)
+    lines = [row_html(name, times) for name, *times in zip(names, *cells, strict=True)]
+    return table_html(head, lines, "times")
+
+
+def _behind_cell(time: float | None, best: float | None) -> str:
+    behind = None if time is None or best is None or time == best else time - best
+    return time_cell(time, best, "" if behind is None else f"<small>{number_text(behind, 3, '+')}</small>")
+
+
+_CORNER_HEAD: Final = (
+    "<th>corner</th><th>brakes at<br>m</th><th>before apex<br>m</th><th>entry<br>km/h</th><th>least<br>km/h</th>"
+    "<th>exit<br>km/h</th><th>lean<br>°</th><th>variance<br>s</th><th class=text>most of it in</th>"
+)
+
+
+def corner_tables(comparison: Comparison, circuit: Circuit | None, view: View) -> str:
+    """A table of the corners for each complete lap: of the reference against the theoretical lap, else against it."""
+    reference = comparison.runs[comparison.reference]
+    corners = course_corners(reference.ride.course, circuit.track if circuit is not None else None)
+    names = comparison.short_labels
+    durations = {names[k]: run.duration_s for k, run in enumerate(comparison.runs) if run.lap is not None}
+    ridden = [series for series in view.series if series.name in durations]
+    if not corners or not ridden or reference.ride.course is None:
+        return ""
+    length = reference.ride.course.length
+    laps = {s.name: _from_line_to_line(s.columns, length, durations[s.name]) for s in ridden}
+    first = ridden[0].name
+    parts = ["<h3>Corners</h3>"]
+    if circuit is not None:
+        theory = _from_line_to_line(view.series[-1].columns, length, circuit.theory.lap_time)
+        found = corner_figures(corners, length, laps[first], theory)
+        parts.append(_corner_table(found, f"{first}, measured against the theoretical lap", is_open=True))
+    for other in [series.name for series in ridden[1:]] or ([] if circuit is not None else [first]):
+        found = corner_figures(corners, length, laps[other], laps[first])
+        parts.append(_corner_table(found, f"{other}, measured against {first}", is_open=len(parts) == 1))
+    return "".join(parts)
+
+
+def _from_line_to_line(columns: Mapping[str, Floats], length: float, duration: float) -> dict[str, Floats]:
+    """A lap whose first and last state lie a little inside, with the known times of the line."""
+    ended = {name: np.pad(c, 1, mode="edge") for name, c in columns.items() if name in ("speed", "roll", "brake")}
+    for name, end in (("distance", length), ("time", duration)):
+        ended[name] = np.concatenate([[0.0], np.clip(columns[name], 0.0, end), [end]])
+    return ended
+
+
+def _corner_table(found: Sequence[CornerFigures], title: str, is_open: bool) -> str:
+    worst = max((corner.lost_s for corner in found), default=0.0)
+    rows = []
+    for corner in found:
+        speeds = (corner.entry_speed, corner.least_speed, corner.exit_speed)
+        cells = [
+            *(_cell(v, 0) for v in (corner.braking_m, corner.before_apex_m, *speeds, corner.lean_deg)),
+            f"<td{' class=worst' if corner.lost_s == worst > 0.0 else ''}>{number_text(corner.lost_s, 3, '+')}</td>",
+            f"<td class=text>{corner.lost_in}</td>",
+        ]
+        rows.append(row_html(f"{corner.name} {corner.direction}", cells))
+    total = number_text(sum(corner.lost_s for corner in found), 3, "+")
+    rows.append(row_html("whole lap", ["<td></td>" * 6, f"<td>{total}</td><td></td>"]))
+    table = table_html(_CORNER_HEAD, rows, "corners")
+    return f"<details{' open' if is_open else ''}><summary>{html_text(title)}</summary>{table}</details>"
+
+
+# ---- rides ---------------------------------------------------------------------------------------------------------
 
 
 def _below(recordings: Sequence[tuple[RideRecording, str]]) -> str:
@@ -193,10 +320,25 @@ def _outcome(ride: Ride, figures: RideFigures) -> str:
     }
     said = [event.text for event in ride.events if event.text and event.kind in ("fall", "off_course", "wall")]
     text = said[0] if said and not figures.completed else words[figures.ended_by]
+    text = _RADIANS.sub(lambda angle: f"{np.degrees(float(angle[1])):.0f}°", text)
     return f'<p class="{figures.ended_by}">{html_text(text)}</p>'
 
 
 def _key_figures(f: RideFigures) -> list[tuple[str, str, str]]:
+    """The tiles; those of motorcycles, whose speed is in km/h, have the best lap and the limits instead of errors."""
+    lean = [abs(v) for v in (f.roll_min_deg, f.roll_max_deg) if v is not None]
+    if f.complete_laps and (f.speed_max_m_s or 0.0) > FAST:
+        flying = [lap for lap in f.complete_laps if not lap.out_lap]
+        return [
+            ("best lap", "–" if f.best_lap_s is None else lap_text(f.best_lap_s), ""),
+            ("flying laps", str(len(flying)), ""),
+            ("of them inside the limits", str(sum(lap.valid is True for lap in flying)), ""),
+            ("time outside the limits", number_text(f.off_track_s, 2), "s"),
+            ("top speed", number_text(3.6 * (f.speed_max_m_s or 0.0), 0), "km/h"),
+            ("largest lean", number_text(max(lean, default=None), 0), "°"),
+            ("falls", str(f.falls), ""),
+            ("touches of walls", str(len(f.collisions)), ""),
+        ]
     return [
         ("mean error", number_text(f.mean_error_m, 3), "m"),
         ("RMS error", number_text(f.rms_error_m, 3), "m"),
@@ -226,7 +368,7 @@ def _section_table(f: RideFigures) -> str:
 def _figure_table(f: RideFigures) -> str:
     entries: Iterable[tuple[str, str]] = [
         ("duration", f"{f.duration_s:.2f} s"),
-        ("distance ridden", f"{f.distance_m:.2f} m"),
+        ("distance travelled", f"{f.distance_m:.2f} m"),
         ("full laps", number_text(f.laps, 0)),
         ("speed, lowest to highest", f"{_range(f.speed_min_m_s, f.speed_max_m_s, 3)} m/s"),
         ("largest error at", f"{number_text(f.max_error_at_m, 1)} m"),

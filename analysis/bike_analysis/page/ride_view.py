@@ -1,69 +1,95 @@
-"""Views of rides and laps: map, and error, lean, speed and command over distance or time; one alone or side by side.
+"""Views of rides and laps: map, view from behind, and channels over distance or time; one alone or side by side.
 
 Signs are those of the recording: roll positive leaning right, steer and lateral error positive to the left.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bike_analysis.figures.compare import Comparison
+from bike_analysis.figures.circuit import Circuit, Machine, accelerations, course_corners
+from bike_analysis.figures.compare import Comparison, counted_runs
 from bike_analysis.figures.laps import beyond_limits, has_limits, lap_range
-from bike_analysis.figures.numbers import AIDS, command_ages, grip_used, telemetry_columns
+from bike_analysis.figures.numbers import (
+    AIDS,
+    command_ages,
+    grip_used,
+    lap_text,
+    rate,
+    telemetry_columns,
+    time_shares,
+)
 from bike_analysis.page.view import (
-    KMH,
-    KMH_DIFFERENCE,
+    CHANNELS,
+    FAST_CHANNELS,
     Band,
-    Channel,
+    Cloud,
+    Histogram,
+    Limit,
     MapLine,
     Mark,
+    Moment,
     Panel,
     PanelLine,
     Section,
     Series,
     View,
+    factor,
     growing,
     series_colour,
 )
 from bike_analysis.read.messages import Floats, RecordedCourse
 from bike_analysis.read.rides import Ride
-from bike_sim.schema import GRAVITY
+from bike_sim.course.track import Corner
+from bike_sim.schema import BIKE_STATE, GRAVITY, TELEMETRY
 
 FAST: Final = 15.0
 """Beyond this speed km/h are shown, m/s."""
 OFF_TRACK_POINTS: Final = 400
 """Largest number of markers of positions off the track."""
-_KMH: Final = 3.6
 ROAD_POINTS: Final = 1500
 """Most points of each edge of the road in the view from behind."""
 PATH_HALF_WIDTH: Final = 1.5
 """Half of the width of the road that is drawn about a path without limits, m."""
 ROAD_STEPS: Final = {True: 4.0, False: 1.0}
 """Distance of the road's points for machines with and without an engine, m."""
+CURVE_SPEED_STEP: Final = 10.0
+"""Speeds between which limits of the g-g diagram are not distinguished, km/h."""
+LABEL_DISTANCE: Final = 22.0
+"""Least distance of a corner's number from the limit, m."""
+LABEL_SHARE: Final = 0.03
+"""The same as a part of the circuit's extent: a map is as wide as its page allows."""
+_HISTOGRAMS: Final = (
+    ("roll", "Lean by time", "lean to either side in °", tuple(range(0, 71, 5))),
+    ("rear_grip", "Grip used by time, rear", "grip used in %", tuple(range(0, 121, 10))),
+    ("front_grip", "Grip used by time, front", "grip used in %", tuple(range(0, 121, 10))),
+)
+"""Column, title, axis and edges of the bins."""
+
+
+def _wheels(column: str) -> tuple[PanelLine, PanelLine]:
+    """A line for the rear wheel, and a dashed one for the front wheel."""
+    return PanelLine(f"rear_{column}", "rear", "blue"), PanelLine(f"front_{column}", "front", "orange", dash=True)
+
 
 DELTA: Final = Panel(
-    *("delta", "Time lost on the reference", "time lost", "s", (PanelLine("delta", "time lost", "orange"),)),
+    *("delta", "Variance", (PanelLine("delta", "variance", "orange"),)),
     caption="Difference of the times at the same place to the ride or lap chosen above; where it rises, time is lost.",
     least=0.05,
 )
-SPEED_DELTA: Final = Panel(
-    *("speed_delta", "Speed less that of the reference", "difference", "m/s"),
-    (PanelLine("speed_delta", "difference", "green"),),
-    least=0.2,
-)
+SPEED_DELTA: Final = Panel("speed_delta", "Speed delta", (PanelLine("speed_delta", "speed delta", "green"),), least=0.2)
 ERROR: Final = Panel(
-    *("error", "Distance to the path", "to the left", "m", (PanelLine("error", "distance", "blue", fill="area"),)),
+    *("error", "Distance to the path", (PanelLine("error", "distance", "blue", fill="area"),)),
     caption="Signed distance of the rear contact point, positive to the left.",
     least=0.02,
 )
 LEAN: Final = Panel(
-    *("lean", "Lean and steer", "angle", "°"),
+    *("lean", "Lean and steer"),
     (
         PanelLine("balance", "balanced turn", "band", fill="band"),
         PanelLine("steer", "steer δ", "orange"),
@@ -72,64 +98,69 @@ LEAN: Final = Panel(
     caption="Roll is positive leaning right, steer positive to the left. The band is the lean that balances the path's "
     "curvature κ at this speed, −atan(v²κ/g). A short steer to the other side before a turn is counter-steering.",
 )
-SPEED: Final = Panel("speed", "Speed", "speed", "m/s", (PanelLine("speed", "speed", "green"),), zero=False, least=0.2)
+SPEED: Final = Panel("speed", "Speed", (PanelLine("speed", "speed", "green"),), zero=False, least=0.2)
 THROTTLE: Final = Panel(
-    *("throttle", "Throttle", "throttle", "%", (PanelLine("throttle", "throttle", "green", "area", step=True),)),
+    *("throttle", "Throttle", (PanelLine("throttle", "throttle", "green", "area", step=True),)),
     ends=(0.0, 100.0),
     bands=("traction_control", "anti_wheelie"),
 )
 BRAKE: Final = Panel(
-    *("brake", "Brake", "brake", "%", (PanelLine("brake", "brake", "orange", "area", step=True),)),
+    *("brake", "Brake", (PanelLine("brake", "brake", "orange", "area", step=True),)),
     ends=(0.0, 100.0),
     bands=("brake_control", "anti_stoppie"),
 )
-GEAR: Final = Panel("gear", "Gear", "gear", "", (PanelLine("gear", "gear", "violet", step=True),), ends=(0.0, 6.0))
-ENGINE: Final = Panel(
-    *("engine", "Engine speed", "engine speed", "rpm", (PanelLine("engine", "engine speed", "violet"),)),
-    caption="Of the crank, with a closed clutch: from the turning of the rear wheel and the machine's gears.",
-    zero=False,
-)
-TORQUE: Final = Panel(
-    *("torque", "Steering torque", "torque", "Nm", (PanelLine("torque", "torque", "gold"),)),
-    caption="On the fork about the steering axis, positive to the left.",
-)
-ROLL_RATE: Final = Panel(
-    *("roll_rate", "Lean rate", "lean rate", "°/s", (PanelLine("roll_rate", "lean rate", "blue"),)),
-    caption="Positive while leaning further right.",
-)
-
-
-def _wheels(column: str) -> tuple[PanelLine, PanelLine]:
-    """A line for the rear wheel, and a dashed one for the front wheel."""
-    return PanelLine(f"rear_{column}", "rear", "blue"), PanelLine(f"front_{column}", "front", "orange", dash=True)
-
-
 SLIP: Final = Panel(
-    *("slip", "Longitudinal slip", "slip", "%", _wheels("slip")),
+    *("slip", "Longitudinal slip", _wheels("slip")),
     caption="Positive driving, negative braking.",
     bands=("traction_control", "brake_control"),
+    folded=True,
 )
-DRIFT: Final = Panel(
-    *("drift", "Slip angle", "slip angle", "°", _wheels("drift")), caption="Positive where the wheel moves to its left."
-)
-LOAD: Final = Panel("load", "Load", "vertical load", "kN", _wheels("load"))
-GRIP: Final = Panel(
-    *("grip", "Grip used", "grip used", "%", _wheels("grip")),
-    caption="Force of the tyre by the largest that it could have; beyond 100 % it slides, and its slip by that of the "
-    "largest force is shown.",
-    ends=(0.0, 100.0),
-)
+LOAD: Final = Panel("load", "Vertical load", _wheels("load"), folded=True)
 COMMAND: Final = Panel(
-    *("command", "Steering command", "command", ""),
+    *("command", "Steering command"),
     (PanelLine("reached", "steer reached", "muted", dash=True), PanelLine("command", "applied", "blue", step=True)),
     caption="Set value in [−1, 1], positive to the left, and the steering angle on the same scale.",
 )
 AGE: Final = Panel(
-    *("age", "Delay of the command", "age", "steps", (PanelLine("age", "age", "violet", "area", step=True),)),
+    *("age", "Delay of the command", (PanelLine("age", "age", "violet", "area", step=True),)),
     caption="Control steps between the state that a command answers and the state from which it was applied; 0 means "
     "that the very next step used it.",
     least=1.2,
 )
+_OF_MOTORCYCLES: Final = (
+    Panel("gear", "Gear", (PanelLine("gear", "gear", "violet", step=True),), ends=(0.0, 6.0)),
+    Panel(
+        *("engine", "Engine speed", (PanelLine("engine", "engine speed", "violet"),)),
+        caption="Of the crank, with a closed clutch: from the turning of the rear wheel and the machine's gears.",
+        zero=False,
+        folded=True,
+    ),
+    Panel(
+        *("roll_rate", "Lean rate", (PanelLine("roll_rate", "lean rate", "blue"),)),
+        caption="Positive while leaning further right.",
+        folded=True,
+    ),
+    Panel(
+        *("torque", "Steering torque", (PanelLine("torque", "torque", "gold"),)),
+        caption="On the fork about the steering axis, positive to the left.",
+        folded=True,
+    ),
+    SLIP,
+    Panel(
+        *("drift", "Slip angle", _wheels("drift")),
+        caption="Positive where the wheel moves to its left.",
+        folded=True,
+    ),
+    LOAD,
+    Panel(
+        *("grip", "Grip used", _wheels("grip")),
+        caption="Force of the tyre by the largest that it could have; beyond 100 % it slides, and its slip by that of "
+        "the largest force is shown.",
+        ends=(0.0, 100.0),
+    ),
+)
+_ALONE: Final = ("steer", "balance", "command", "reached", "age")
+"""Columns that mean nothing beside those of another ride."""
 
 
 def ride_view(ride: Ride, key: str, title: str) -> View:
@@ -143,82 +174,110 @@ def ride_view(ride: Ride, key: str, title: str) -> View:
     Returns:
         Its view. What was not recorded is left out.
     """
-    columns = ride_columns(ride, slice(0, len(ride.states)))
-    fast = is_fast(ride)
+    rows, fast = slice(0, len(ride.states)), is_fast(ride)
+    columns = ride_columns(ride, rows, fast)
+    corners = course_corners(ride.course)
+    faults = ride_faults(ride)
     return View(
         key,
         title,
         (Series(ride.course.name if ride.course else "ride", columns),),
         panels_for(columns, fast),
         map_lines(ride),
-        ride_marks(ride),
-        section_labels(ride.course),
+        ride_marks(ride, faults),
+        corner_labels(ride.course, corners) or section_labels(ride.course),
         course_sections(ride, columns["distance"]),
         tuple(name for name in ("error", "speed", "roll", "steer", "throttle") if name in columns),
-        "The ridden path over the reference path; the dot is the rear contact point at the cursor.",
-        speed_channels(fast),
-        bands=aid_bands(ride, slice(0, len(ride.states))),
+        "The ridden path over the desired path; the dot is the rear contact point at the cursor.",
+        FAST_CHANNELS if fast else {},
+        gg_cloud([columns]) if fast else None,
+        follow_spec(ride, title, fast),
+        aid_bands(ride, rows),
+        moments=tuple(Moment(0, row, name) for name, rows in faults.items() for row in rows),
     )
 
 
-def comparison_view(comparison: Comparison, key: str) -> View:
-    """Return the view of a comparison: traces over distance, time lost, and a ghost for each other run.
+def comparison_view(comparison: Comparison, key: str, circuit: Circuit | None = None) -> View:
+    """Return the view of a comparison: traces over distance, variance, and a ghost for each other run.
 
     Args:
-        comparison: The runs, aligned.
+        comparison: The runs, aligned. Out-laps are not drawn where there are others.
         key: Unique name on the page.
+        circuit: With the theoretical lap; None without one.
 
     Returns:
         Its view. The reference comes first and carries the cursor.
     """
-    runs = comparison.runs
-    order = [comparison.reference, *(i for i in range(len(runs)) if i != comparison.reference)]
-    columns = [run_columns(comparison, i) for i in order]
+    runs, drawn = comparison.runs, counted_runs(comparison.runs)
+    order = sorted(drawn, key=lambda i: (i != comparison.reference, not runs[i].complete, runs[i].duration_s))
     reference = runs[comparison.reference]
-    fast = is_fast(reference.ride)
-    series = tuple(
-        Series(runs[i].label, c, series_colour(n)) for n, (i, c) in enumerate(zip(order, columns, strict=True))
-    )
+    ride, fast = reference.ride, is_fast(reference.ride)
+    machine = circuit.theory.machine if circuit is not None else None
+    columns = [run_columns(comparison, i, fast, machine) for i in order]
+    names = comparison.short_labels
+    series = [
+        Series(names[i], c, series_colour(n), kind=runs[i].kind)
+        for n, (i, c) in enumerate(zip(order, columns, strict=True))
+    ]
+    if circuit is not None:
+        series.append(Series("theoretical", theory_columns(comparison, circuit), "muted", theory=True))
+    corners = course_corners(ride.course, circuit.track if circuit is not None else None)
+    sections = course_sections(ride, columns[0]["distance"], reference.begin_m)
+    off = off_track(ride, beyond_limits(ride.states, ride.course))
+    bands = aid_bands(ride, reference.rows)
+    coloured = tuple(n for n in ("speed", "error", "roll", "throttle", "brake", "rear_grip") if n in columns[0])
+    lap_time = lap_text(reference.duration_s) if reference.lap is not None else ""
     return View(
         key,
-        f"{comparison.course or 'rides'} side by side",
-        series,
-        comparison_panels(columns[0], fast),
-        map_lines(reference.ride),
-        labels=section_labels(reference.ride.course),
-        sections=course_sections(reference.ride, columns[0]["distance"], reference.begin_m),
-        map_caption="The full dot is the reference, rings are the ghosts of the others at the same time since the "
-        "beginning. Buttons above show and hide them.",
-        channels=speed_channels(fast),
-        bands=aid_bands(reference.ride, reference.rows),
-        reference=0,
+        comparison.title,
+        tuple(series),
+        panels_for(columns[0], fast, compared=True),
+        map_lines(ride),
+        () if off is None else (off,),
+        corner_labels(ride.course, corners) or section_labels(ride.course),
+        corner_sections(corners, columns[0]["distance"]) or sections,
+        coloured if circuit is not None else (),
+        "The full dot is the reference, rings are the ghosts of the others at the same time since the beginning. "
+        "Buttons above show and hide them." + (" Wider below the path: where an aid acts." if bands else ""),
+        FAST_CHANNELS if fast else {},
+        gg_cloud([s.columns for s in series if "lateral" in s.columns], machine) if fast else None,
+        follow_spec(ride, comparison.title, fast, lap_time),
+        bands,
+        histograms(series[: len(order)]) if fast else (),
+        tuple(
+            Moment(n, row - runs[i].rows.start, name)
+            for n, i in enumerate(order)
+            for name, rows in ride_faults(runs[i].ride).items()
+            for row in rows
+            if runs[i].rows.start <= row < runs[i].rows.stop
+        ),
+        len(series) - 1 if circuit is not None else 0,
     )
 
 
-def comparison_panels(columns: dict[str, Floats], fast: bool) -> tuple[Panel, ...]:
-    """Panels of differences, then those with a line a series, or one for each wheel; steer is left out."""
-    found = [DELTA, in_kmh(SPEED_DELTA) if fast else SPEED_DELTA]
-    for panel in panels_for(columns, fast):
-        if panel.key == "lean":
-            panel = replace(panel, title="Lean", caption="Positive leaning right.", lines=panel.lines[-1:])
-        if panel.key not in ("command", "age"):
-            found.append(replace(panel, lines=tuple(replace(line, fill="") for line in panel.lines)))
-    return tuple(found)
+def panels_for(columns: Mapping[str, Floats], fast: bool, compared: bool = False) -> tuple[Panel, ...]:
+    """The panels of which there is something to draw.
 
-
-def run_columns(comparison: Comparison, index: int) -> dict[str, Floats]:
-    """Columns of a compared run as pages show them, from its beginning, with distances as those of the reference."""
-    run = comparison.runs[index]
-    columns = compared(ride_columns(run.ride, run.rows, run.begin_m, run.begin_s))
-    return columns | {"distance": comparison.scales[index] * columns["distance"]}
-
-
-def compared(columns: dict[str, Floats]) -> dict[str, Floats]:
-    """Columns that mean something beside those of another ride."""
-    return {name: c for name, c in columns.items() if name not in ("steer", "balance", "command", "reached", "age")}
-
-
-_CONTROLS: Final = (THROTTLE, BRAKE, GEAR, ENGINE, ROLL_RATE, TORQUE, SLIP, DRIFT, LOAD, GRIP)
+    Args:
+        columns: Of the first series.
+        fast: Whether it is a motorcycle's.
+        compared: Whether other series are beside it: speed and differences come first, and areas are lines.
+    """
+    order = (ERROR, LEAN, SPEED, THROTTLE, BRAKE, *(_OF_MOTORCYCLES if fast else ()), COMMAND, AGE)
+    if compared:
+        lean = replace(LEAN, title="Lean", caption="Positive leaning right.", lines=LEAN.lines[-1:])
+        rest = (lean, *(panel for panel in order if panel not in (ERROR, LEAN, SPEED, COMMAND, AGE)), ERROR)
+        order = tuple(
+            replace(panel, lines=tuple(replace(line, fill="") for line in panel.lines))
+            for panel in (SPEED, DELTA, SPEED_DELTA, *rest)
+        )
+    kept = []
+    for panel in order:
+        lines = tuple(line for line in panel.lines if line.column in columns or panel.key in ("delta", "speed_delta"))
+        if lines:
+            speeds = fast and lines[0].column in FAST_CHANNELS
+            kept.append(replace(panel, lines=lines, least=5.0 * panel.least if speeds else panel.least))
+    return tuple(kept)
 
 
 def is_fast(ride: Ride) -> bool:
@@ -227,112 +286,159 @@ def is_fast(ride: Ride) -> bool:
     return bool(np.isfinite(speed).any()) and float(np.nanmax(speed)) > FAST
 
 
-def speed_channels(fast: bool) -> dict[str, Channel]:
-    """The channel of the speed, where it is not the usual one."""
-    return {"speed": KMH, "speed_delta": KMH_DIFFERENCE} if fast else {}
+# ---- columns -------------------------------------------------------------------------------------------------------
 
 
-def ride_columns(ride: Ride, rows: slice, begin_m: float = 0.0, begin_s: float | None = None) -> dict[str, Floats]:
+def ride_columns(
+    ride: Ride,
+    rows: slice,
+    fast: bool,
+    begin_m: float = 0.0,
+    begin_s: float | None = None,
+    machine: Machine | None = None,
+) -> dict[str, Floats]:
     """Columns of a part of a ride, as the page shows them.
 
     Args:
         ride: A ride.
         rows: The part.
+        fast: Whether speeds are in km/h, and accelerations are shown.
         begin_m: Progress that counts as distance 0, m.
         begin_s: Time since the ride's first state that counts as 0, s; that of the first row if None.
+        machine: For gear and engine speed; None leaves them out.
 
     Returns:
         Columns by name (see `bike_analysis.page.view.CHANNELS`); what was not recorded is missing.
     """
-    states = ride.states.take(rows)
-    time = ride.time[rows]
+    states, telemetry = ride.states.take(rows), telemetry_columns(ride, rows)
+    time, driven = ride.time[rows], states.throttle_command
     known = np.isfinite(states.progress).any()
     place = states.progress - begin_m if known else ride.distance[rows] - ride.distance[rows][0]
-    speed = states.speed
     limit = np.where(states.steering_limit > 0.0, states.steering_limit, np.nan)
-    columns: dict[str, NDArray[Any]] = {
+    columns: dict[str, Floats] = {
         "distance": growing(place),
         "time": growing(time - (time[0] if begin_s is None else begin_s)),
-        "x": states.x,
-        "y": states.y,
-        "yaw": states.yaw,
-        "error": states.lateral_error,
-        "roll": np.degrees(states.roll),
-        "steer": np.degrees(states.steer),
-        "balance": -np.degrees(np.arctan(speed**2 * states.curvature / GRAVITY)),
-        "speed": speed * (_KMH if is_fast(ride) else 1.0),
-        "throttle": 100.0 * np.maximum(states.throttle_command, 0.0),
-        "brake": 100.0 * np.maximum(-states.throttle_command, 0.0),
-        "torque": states.steer_torque,
-        "roll_rate": np.degrees(states.roll_rate),
-        "command": states.steering_command,
+        "balance": -np.degrees(np.arctan(states.speed**2 * states.curvature / GRAVITY)),
         "reached": states.steer / limit,
         "age": command_ages(ride)[0][rows],
     }
-    if not np.any(np.nan_to_num(states.throttle_command)):
-        del columns["throttle"], columns["brake"]  # a vehicle without a drive
-    columns |= tyre_columns(ride, rows)
+    for name, channel in (CHANNELS | (FAST_CHANNELS if fast else {})).items():
+        if channel.source in states.values:
+            columns[name] = factor(channel, BIKE_STATE[channel.source]) * states.values[channel.source]
+        elif channel.source and TELEMETRY[channel.source].column in telemetry:
+            quantity = TELEMETRY[channel.source]
+            columns[name] = factor(channel, quantity) * telemetry[quantity.column]
+    if np.any(np.nan_to_num(driven)):  # else a vehicle without a drive
+        columns |= {"throttle": 100.0 * np.maximum(driven, 0.0), "brake": 100.0 * np.maximum(-driven, 0.0)}
+    for wheel in ("rear", "front"):
+        if f"{wheel}_slip_use" in telemetry:
+            columns[f"{wheel}_grip"] = grip_used(telemetry[f"{wheel}_slip_use"])
+    if fast:
+        columns["lateral"], columns["along"] = accelerations(ride, rows)
+    if machine is not None:
+        spin = rate(ride.states.rear_wheel_angle, ride.time)[rows]
+        columns |= {"gear": machine.gear(spin), "engine": machine.crank_rpm(spin)}
     return {name: column for name, column in columns.items() if np.isfinite(column).any()}
 
 
-def tyre_columns(ride: Ride, rows: slice) -> dict[str, Floats]:
-    """Telemetry of both tyres as the page shows it; empty where it was not recorded."""
-    telemetry = telemetry_columns(ride, rows)
-    columns = {}
-    for wheel in ("rear", "front"):
-        for name, field, shown_as in (
-            ("slip", f"{wheel}_slip", lambda slip: 100.0 * slip),
-            ("drift", f"{wheel}_slip_angle_rad", np.degrees),
-            ("load", f"{wheel}_load_n", lambda load: 1e-3 * load),
-            ("grip", f"{wheel}_slip_use", grip_used),
-        ):
-            if field in telemetry:
-                columns[f"{wheel}_{name}"] = shown_as(telemetry[field])
-    return columns
+def run_columns(comparison: Comparison, index: int, fast: bool, machine: Machine | None = None) -> dict[str, Floats]:
+    """Columns of a compared run as pages show them, from its beginning, with distances as those of the reference."""
+    run = comparison.runs[index]
+    columns = ride_columns(run.ride, run.rows, fast, run.begin_m, run.begin_s, machine)
+    kept = {name: column for name, column in columns.items() if name not in _ALONE}
+    return kept | {"distance": comparison.scales[index] * columns["distance"]}
+
+
+def theory_columns(comparison: Comparison, circuit: Circuit) -> dict[str, Floats]:
+    """Columns of the theoretical lap, over arc length as that of the reference; lateral positive to the right, in g."""
+    theory, course = circuit.theory, comparison.runs[comparison.reference].ride.course
+    step, speed = np.diff(theory.s), theory.speed
+    time = np.concatenate([[0.0], np.cumsum(2.0 * step / (speed[:-1] + speed[1:]))])
+    return {
+        "distance": theory.s * (course.length if course is not None else theory.s[-1]) / theory.s[-1],
+        "time": time * theory.lap_time / time[-1],
+        "speed": 3.6 * speed,
+        "lateral": -theory.lateral / GRAVITY,
+        "along": theory.longitudinal / GRAVITY,
+    }
 
 
 def aid_bands(ride: Ride, rows: slice) -> tuple[Band, ...]:
     """When each rider aid acted, as ranges of the part's rows; aids that never did are left out."""
     telemetry = telemetry_columns(ride, rows)
     bands = []
-    for (key, name), colour in zip(AIDS.items(), ("violet", "gold", "rose", "blue"), strict=True):
+    for number, (key, name) in enumerate(AIDS.items(), start=1):
         acting = np.nan_to_num(telemetry.get(key, np.zeros(0))) > 0.5
         edges = np.flatnonzero(np.diff(acting, prepend=False, append=False))
         if len(edges):
-            bands.append(Band(key, name, colour, tuple(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))))
+            ranges = tuple(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+            bands.append(Band(key, name, f"aid{number}", ranges))
     return tuple(bands)
 
 
-def in_kmh(panel: Panel) -> Panel:
-    """The panel of a speed in km/h."""
-    return replace(panel, unit=KMH.unit, least=5.0 * panel.least)
+def histograms(series: Sequence[Series]) -> tuple[Histogram, ...]:
+    """Distribution of each lap's time over lean and over the used share of its tyres' grip."""
+    found = []
+    for key, title, label, edges in _HISTOGRAMS:
+        known = {s.name: s.columns for s in series if key in s.columns}
+        if known:
+            shares = {name: time_shares(np.abs(c[key]), c["time"], edges) for name, c in known.items()}
+            found.append(Histogram(f"{key}-histogram", title, label, tuple(map(float, edges)), shares))
+    return tuple(found)
 
 
-def panels_for(columns: dict[str, Floats], fast: bool) -> tuple[Panel, ...]:
-    """The panels of which there is something to draw."""
-    speed = in_kmh(SPEED) if fast else SPEED
-    order = (
-        (ERROR, LEAN, speed, *_CONTROLS, COMMAND, AGE) if fast else (ERROR, LEAN, speed, THROTTLE, BRAKE, COMMAND, AGE)
+def gg_cloud(columns: Sequence[Mapping[str, Floats]], machine: Machine | None = None) -> Cloud | None:
+    """The g-g diagram of these columns, with the machine's limits where they are known; None without any."""
+    if not columns or any("lateral" not in c for c in columns):
+        return None
+    x, y = (np.concatenate([c[name] for c in columns]) for name in ("lateral", "along"))
+    box = (float(np.nanmin(x)), float(np.nanmax(x)), float(np.nanmin(y)), float(np.nanmax(y)))
+    limited = " The dashed curve is what the machine can do at this speed on level ground, by tyres, engine and brakes."
+    return Cloud(
+        *("Accelerations (g-g diagram)", "lateral", "along", "lateral in g, right positive", "longitudinal in g"),
+        box=box,
+        caption="From the recorded states: speed times yaw rate, and change of speed. The dot is the cursor."
+        + (limited if machine is not None else ""),
+        limit=None if machine is None else _gg_limit(machine),
     )
-    kept = []
-    for panel in order:
-        lines = tuple(line for line in panel.lines if line.column in columns)
-        if lines:
-            kept.append(replace(panel, lines=lines))
-    return tuple(kept)
+
+
+def _gg_limit(machine: Machine) -> Limit:
+    """Curves of the g-g diagram, every 10 km/h, in g."""
+    speeds = 3.6 * machine.speeds
+    wanted = np.arange(CURVE_SPEED_STEP, speeds[-1], CURVE_SPEED_STEP)
+    rows = np.unique(np.abs(speeds[:, None] - wanted).argmin(axis=0))
+    curves = np.round(np.stack([machine.lateral[rows], machine.along[rows]], axis=1) / GRAVITY, 3)
+    shown = tuple((tuple(x), tuple(y)) for x, y in curves.tolist())
+    return Limit(tuple(round(float(speed), 1) for speed in speeds[rows]), "km/h", shown)
+
+
+# ---- map and road --------------------------------------------------------------------------------------------------
 
 
 def map_lines(ride: Ride) -> tuple[MapLine, ...]:
-    """The reference path and, where they were recorded, the limits."""
-    x, y = ride.reference_line()
-    lines = [MapLine("reference path", "reference", x, y)]
+    """The desired path and, where they were recorded, the limits."""
+    lines = [MapLine("desired path", "reference", *ride.reference_line())]
     course = ride.course
     if course is not None and has_limits(course):
-        heading = np.arctan2(np.gradient(course.y), np.gradient(course.x))
-        for name, side, width in (("left limit", 1.0, course.width_left), ("right limit", -1.0, course.width_right)):
-            limit = edge(course.x, course.y, heading, side, width)
-            lines.append(MapLine(name, "limit", *closed(course.closed, *limit)))
+        lines += limit_lines(
+            course.x, course.y, _heading(course), (course.width_left, course.width_right), course.closed
+        )
     return tuple(lines)
+
+
+def limit_lines(x: Floats, y: Floats, heading: Floats, widths: tuple[Floats, Floats], is_closed: bool) -> list[MapLine]:
+    """The limits to the left and to the right of a line."""
+    sides = (("left limit", 1.0), ("right limit", -1.0))
+    return [
+        MapLine(name, "limit", *closed(is_closed, *edge(x, y, heading, side, width)))
+        for (name, side), width in zip(sides, widths, strict=True)
+    ]
+
+
+def _heading(course: RecordedCourse) -> Floats:
+    """Heading of a course at its samples, rad."""
+    return np.asarray(np.arctan2(np.gradient(course.y), np.gradient(course.x)), dtype=np.float64)
 
 
 def closed(ends_where_it_begins: bool, x: Floats, y: Floats) -> tuple[Floats, Floats]:
@@ -346,26 +452,46 @@ def edge(x: Floats, y: Floats, heading: Floats, side: float, width: Floats | Non
     return x - away * np.sin(heading), y + away * np.cos(heading)
 
 
-def follow_spec(
-    title: str, step: float, line: Sequence[Floats], edges: Sequence[Floats], powered: bool, **more: Any
+def follow_spec(ride: Ride, title: str, powered: bool, lap_time: str = "") -> dict[str, Any] | None:
+    """Return the data of a view from behind; None where course or motion is not known."""
+    course, states = ride.course, ride.states
+    if course is None or len(course.x) < 3 or not course.s[1] > 0.0:
+        return None
+    motion = (states.x, states.y, states.yaw, states.roll, states.speed, states.progress)
+    if not all(np.isfinite(column).any() for column in motion):
+        return None
+    widths = (course.width_left, course.width_right) if has_limits(course) else (None, None)
+    line = (course.x, course.y, _heading(course))
+    return road_spec(title, float(course.s[1]), line, widths, powered, open=not course.closed, lapTime=lap_time)
+
+
+def road_spec(
+    title: str,
+    step: float,
+    line: tuple[Floats, Floats, Floats],
+    widths: tuple[Floats | None, Floats | None],
+    powered: bool,
+    **more: Any,
 ) -> dict[str, Any]:
-    """Return the data of a view from behind.
+    """Return the data of a road that is seen from behind a vehicle.
 
     Args:
         title: Above the instruments.
-        step: Distance of the road's points, m.
-        line: x and y of the followed line; nothing where it is not known.
-        edges: x and y of the left edge, then of the right one.
+        step: Distance of the line's points, m.
+        line: x, m, y, m, and heading, rad, of the followed line.
+        widths: Distances to the left and the right limit, m; None without limits.
         powered: Whether the machine has an engine: its speed is in km/h.
         more: ``open``, whether the road does not end where it begins, and ``lapTime``, a text.
     """
-    every = max(1, -(-len(edges[0]) // ROAD_POINTS), round(ROAD_STEPS[powered] / step))
+    x, y, heading = line
+    edges = [c for side, width in zip((1.0, -1.0), widths, strict=True) for c in edge(x, y, heading, side, width)]
+    every = max(1, -(-len(x) // ROAD_POINTS), round(ROAD_STEPS[powered] / step))
     return {
         "title": title,
         "lapTime": "",
         "step": step * every,
         "edges": [np.round(values[::every], 2).tolist() for values in edges],
-        "line": [np.round(values[::every], 2).tolist() for values in line],
+        "line": [np.round(values[::every], 2).tolist() for values in (x, y)],
         "open": False,
         "unit": "km/h" if powered else "m/s",
         "machine": "superbike" if powered else "bicycle",
@@ -373,10 +499,9 @@ def follow_spec(
     }
 
 
-def ride_marks(ride: Ride) -> tuple[Mark, ...]:
-    """Marks of beginning and end, of faults, and of places where both wheels were beyond the limits."""
-    states = ride.states
-    marks = [marked("start", "triangle-up", "ink", ride, [0])]
+def ride_faults(ride: Ride) -> dict[str, list[int]]:
+    """Rows of falls, of leaving the course and of walls, by name; from events, else from the states' flags."""
+    states, found = ride.states, {}
     flags = {"fall": states.fallen, "off_course": states.off_course}
     for kind, name in (("fall", "fall"), ("off_course", "off course"), ("wall", "wall")):
         steps = [event.step for event in ride.events if event.kind == kind]
@@ -384,10 +509,17 @@ def ride_marks(ride: Ride) -> tuple[Mark, ...]:
         if not rows and kind in flags and flags[kind].any():
             rows = [int(np.argmax(flags[kind]))]
         if rows:
-            marks.append(marked(name, "x-thin", "orange", ride, rows))
+            found[name] = rows
+    return found
+
+
+def ride_marks(ride: Ride, faults: Mapping[str, list[int]]) -> tuple[Mark, ...]:
+    """Marks of beginning and end, of faults, and of places where both wheels were beyond the limits."""
+    marks = [marked("start", "triangle-up", "ink", ride, [0])]
+    marks += [marked(name, "x-thin", "orange", ride, rows) for name, rows in faults.items()]
     if len(marks) == 1:
-        marks.append(marked("end", "square", "ink", ride, [len(states) - 1]))
-    off = off_track(ride, beyond_limits(states, ride.course))
+        marks.append(marked("end", "square", "ink", ride, [len(ride.states) - 1]))
+    off = off_track(ride, beyond_limits(ride.states, ride.course))
     return tuple(marks if off is None else [*marks, off])
 
 
@@ -452,4 +584,33 @@ def course_sections(ride: Ride, distance: Floats, lap_begin: float = 0.0) -> tup
             stop = int(min(end, len(distance) - 1))
             if begin < stop:
                 found.append(Section(str(number), course.section_names[number - 1], int(begin), stop))
+    return tuple(found)
+
+
+def corner_labels(course: RecordedCourse | None, corners: Sequence[Corner]) -> tuple[dict[str, Any], ...]:
+    """Number of each corner beside the track: outside of the corner, or where it is farthest from any part of it."""
+    if course is None or not corners:
+        return ()
+    heading, widths = _heading(course), {1.0: course.width_left, -1.0: course.width_right}
+    road = np.concatenate([np.stack(edge(course.x, course.y, heading, *side), 1) for side in widths.items()])
+    beside = max(LABEL_DISTANCE, LABEL_SHARE * float(np.ptp(road, axis=0).max()))
+    outside = {side: edge(course.x, course.y, heading, side, width + beside) for side, width in widths.items()}
+    labels = []
+    for corner in corners:
+        row = int(np.clip(np.searchsorted(course.s, corner.apex), 0, len(course.s) - 1))
+        places = [np.array([c[row] for c in outside[side]]) for side in (-np.sign(corner.angle), np.sign(corner.angle))]
+        gaps = [float(np.hypot(*(road - place).T).min()) for place in places]
+        x, y = places[0] if gaps[0] > 0.8 * beside else places[int(np.argmax(gaps))]
+        labels.append({"x": round(float(x), 2), "y": round(float(y), 2), "text": corner.name})
+    return tuple(labels)
+
+
+def corner_sections(corners: Sequence[Corner], distance: Floats) -> tuple[Section, ...]:
+    """Corners as rows of the first series."""
+    found = []
+    for corner in corners:
+        first, last = np.searchsorted(distance, [corner.begin, corner.end])
+        last = min(int(last), len(distance) - 1)
+        if first < last:
+            found.append(Section(corner.name, f"corner {corner.name}", int(first), last, shaded=True))
     return tuple(found)

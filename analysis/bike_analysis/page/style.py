@@ -30,6 +30,10 @@ _LIGHT: Final = {
     "violet": "#7a4cb8",
     "gold": "#8f6a00",
     "rose": "#b3306b",
+    "aid1": "#e0218a",
+    "aid2": "#6b8e00",
+    "aid3": "#00a0b0",
+    "aid4": "#8a5a44",
 }
 _DARK: Final = {
     "ink": "#e6e9ee",
@@ -42,6 +46,10 @@ _DARK: Final = {
     "violet": "#bb9af0",
     "gold": "#e0b84a",
     "rose": "#f08ab8",
+    "aid1": "#ff6ec0",
+    "aid2": "#b9d94f",
+    "aid3": "#4cd8e6",
+    "aid4": "#d3a184",
 }
 _SURFACES_DARK: Final = {
     "page": "#0f1317",

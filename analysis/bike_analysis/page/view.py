@@ -1,11 +1,12 @@
 """Interactive views of a page: records of what is drawn, their data and their HTML.
 
 A view has one cursor and one shown range for everything that it draws: panels over distance or time, a map, a cloud of
-points, the ride seen from behind. ``page_view.js`` draws it; these records, as JSON, say what there is to draw.
+points, the ride seen from behind. ``view.js`` draws it; these records, as JSON, say what there is to draw.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from html import escape
 from typing import Any, Final
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from bike_analysis.page.html import embed, html_text
 from bike_analysis.read.container import shown
 from bike_analysis.read.messages import Floats
+from bike_sim.schema import Quantity
 
 SERIES_COLOURS: Final = ("blue", "orange", "green", "violet", "gold", "rose")
 """Names of the colours of several series, in order; repeated if there are more."""
@@ -33,56 +35,73 @@ class Channel:
         label: Readable name.
         unit: As it is shown; empty without one.
         digits: Decimals that are shown; two more are kept.
+        source: Quantity of `bike_sim.schema` that it shows; empty where it is computed.
         absolute: Whether the map is coloured by its size alone.
     """
 
     label: str
     unit: str
     digits: int
+    source: str = ""
     absolute: bool = False
+
+
+_FACTORS: Final = {
+    ("rad", "°"): 180.0 / np.pi,
+    ("rad/s", "°/s"): 180.0 / np.pi,
+    ("1", "%"): 100.0,
+    ("N", "kN"): 1e-3,
+    ("m/s", "km/h"): 3.6,
+}
+"""Factors from units of the schema to those that are shown."""
+
+
+def factor(channel: Channel, quantity: Quantity) -> float:
+    """Factor from a quantity's unit to that of the channel that shows it."""
+    return _FACTORS.get((quantity.unit, channel.unit), 1.0)
+
+
+def _wheels(name: str, label: str, unit: str, digits: int, source: str, absolute: bool = False) -> dict[str, Channel]:
+    """A channel for each wheel."""
+    return {
+        f"{wheel}_{name}": Channel(f"{label}, {wheel}", unit, digits, f"{wheel}_{source}" if source else "", absolute)
+        for wheel in ("rear", "front")
+    }
 
 
 CHANNELS: Final = {
     "distance": Channel("Distance", "m", 1),
     "time": Channel("Time", "s", 2),
-    "x": Channel("x", "m", 1),
-    "y": Channel("y", "m", 1),
-    "yaw": Channel("yaw", "rad", 2),
-    "error": Channel("Distance to the path", "m", 3, absolute=True),
-    "roll": Channel("Roll", "°", 1, absolute=True),
-    "steer": Channel("Steer", "°", 1, absolute=True),
+    "x": Channel("x", "m", 1, "x"),
+    "y": Channel("y", "m", 1, "y"),
+    "yaw": Channel("Yaw", "rad", 2, "yaw"),
+    "error": Channel("Distance to the path", "m", 3, "lateral_error", absolute=True),
+    "roll": Channel("Roll", "°", 1, "roll", absolute=True),
+    "steer": Channel("Steer", "°", 1, "steer", absolute=True),
     "balance": Channel("Lean that balances the turn", "°", 1, absolute=True),
-    "speed": Channel("Speed", "m/s", 2),
-    "command": Channel("Steering command", "", 3, absolute=True),
+    "speed": Channel("Speed", "m/s", 2, "speed"),
+    "command": Channel("Steering command", "", 3, "steering_command", absolute=True),
     "reached": Channel("Steer reached", "", 3, absolute=True),
     "throttle": Channel("Throttle", "%", 0),
     "brake": Channel("Brake", "%", 0),
     "gear": Channel("Gear", "", 0),
     "engine": Channel("Engine speed", "rpm", 0),
-    "torque": Channel("Steering torque", "Nm", 1, absolute=True),
-    "roll_rate": Channel("Lean rate", "°/s", 0, absolute=True),
-    "rear_slip": Channel("Slip, rear", "%", 1, absolute=True),
-    "front_slip": Channel("Slip, front", "%", 1, absolute=True),
-    "rear_drift": Channel("Slip angle, rear", "°", 1, absolute=True),
-    "front_drift": Channel("Slip angle, front", "°", 1, absolute=True),
-    "rear_load": Channel("Load, rear", "kN", 2),
-    "front_load": Channel("Load, front", "kN", 2),
-    "rear_grip": Channel("Grip used, rear", "%", 0),
-    "front_grip": Channel("Grip used, front", "%", 0),
+    "torque": Channel("Steering torque", "Nm", 1, "steer_torque", absolute=True),
+    "roll_rate": Channel("Lean rate", "°/s", 0, "roll_rate", absolute=True),
+    **_wheels("slip", "Slip", "%", 1, "slip", absolute=True),
+    **_wheels("drift", "Slip angle", "°", 1, "slip_angle", absolute=True),
+    **_wheels("load", "Load", "kN", 2, "load"),
+    **_wheels("grip", "Grip used", "%", 0, ""),
     "age": Channel("Age of the command", "steps", 0),
-    "delta": Channel("Time lost", "s", 3),
-    "speed_delta": Channel("Difference of speed", "m/s", 2),
+    "delta": Channel("Variance", "s", 3),
+    "speed_delta": Channel("Speed delta", "m/s", 2),
     "lateral": Channel("Lateral acceleration", "g", 2, absolute=True),
     "along": Channel("Longitudinal acceleration", "g", 2),
 }
 """Quantities that views show, by the name of their column."""
-KMH: Final = Channel("Speed", "km/h", 1)
-"""Speed of a machine that rides on roads and circuits."""
-KMH_DIFFERENCE: Final = Channel("Difference of speed", "km/h", 1)
-"""The difference of two of them."""
-
-
-FOLLOWED: Final = ("speed", "roll", "throttle", "brake", "gear", "engine")
+FAST_CHANNELS: Final = {name: replace(CHANNELS[name], unit="km/h", digits=1) for name in ("speed", "speed_delta")}
+"""Speeds of machines that ride on roads and circuits."""
+FOLLOWED: Final = ("speed", "roll", "steer", "throttle", "brake", "gear", "engine")
 """Columns of the instruments of the view from behind."""
 
 
@@ -114,26 +133,24 @@ class Panel:
     Attributes:
         key: Name within its view.
         title: Above it.
-        label: Of its vertical axis.
-        unit: Of its vertical axis.
-        lines: What it shows.
+        lines: What it shows; its axis has the unit of their channels.
         caption: Below it.
         zero: Whether zero is always in sight.
         least: Smallest height of the shown range, in units of the axis.
         ends: Values that are always in sight, or None.
         bands: Keys of the view's bands that are shown along its foot.
+        folded: Whether only its head is shown until the reader opens it.
     """
 
     key: str
     title: str
-    label: str
-    unit: str
     lines: tuple[PanelLine, ...]
     caption: str = ""
     zero: bool = True
     least: float = 0.0
     ends: tuple[float, float] | None = None
     bands: tuple[str, ...] = ()
+    folded: bool = False
 
 
 @dataclass(frozen=True)
@@ -145,12 +162,14 @@ class Series:
         columns: By name.
         colour: Name of a colour.
         theory: Whether it was computed and not ridden.
+        kind: Kind of lap; empty for a ride that is alone.
     """
 
     name: str
     columns: dict[str, Floats]
     colour: str = "blue"
     theory: bool = False
+    kind: str = ""
 
 
 @dataclass(frozen=True)
@@ -172,6 +191,15 @@ class Mark:
     colour: str
     x: list[float]
     y: list[float]
+
+
+@dataclass(frozen=True)
+class Moment:
+    """Something that happened at a row of a series, as a fall; marked in the traces."""
+
+    series: int
+    row: int
+    label: str
 
 
 @dataclass(frozen=True)
@@ -254,11 +282,12 @@ class View:
         sections: Stretches of the first series.
         colours: Columns by which the path may be coloured; the first is chosen.
         map_caption: Below the map.
-        channels: Differing from `CHANNELS`.
+        channels: Differing from `CHANNELS`, as `FAST_CHANNELS`.
         cloud: Or None.
         follow: Additional data of the follow view, or None.
         bands: When something acted on the first series.
         histograms: After the panels.
+        moments: Marked in the traces.
         reference: Index of the series that the page computes ``delta`` and ``speed_delta`` against until the reader
             chooses another; None where the columns are given, or there is nothing to compare.
     """
@@ -278,6 +307,7 @@ class View:
     follow: dict[str, Any] | None = None
     bands: tuple[Band, ...] = ()
     histograms: tuple[Histogram, ...] = ()
+    moments: tuple[Moment, ...] = ()
     reference: int | None = None
 
     def channel(self, name: str) -> Channel:
@@ -349,10 +379,17 @@ _EXPORT: Final = (
 )
 
 
-def view_html(view: View) -> str:
-    """Return the frame of a view: its figures with titles, captions and buttons, into which the script draws."""
-    side = _follow_html(view) + (_map_html(view) if "x" in view.series[0].columns else "")
-    panels = [_figure(panel.key, panel.title, panel.caption, "panel", _unit_html(panel)) for panel in view.panels]
+def view_html(view: View, pads: Sequence[str] = ()) -> str:
+    """Return the frame of a view: its figures with titles, captions and buttons, into which the script draws.
+
+    Args:
+        view: The view.
+        pads: HTML of what stands to the left and to the right of the map where it is touched.
+    """
+    map_html = _map_html(view) if "x" in view.series[0].columns else ""
+    if pads:
+        map_html = f'<div class="pads">{map_html.join(pads)}</div>'
+    panels = [_panel_html(view, panel) for panel in view.panels]
     if view.cloud is not None:
         panels.append(_figure("cloud", view.cloud.title, view.cloud.caption, "cloud"))
     if view.histograms:
@@ -362,24 +399,30 @@ def view_html(view: View) -> str:
         [
             f'<div class="view" id="{escape(view.key)}-view">',
             _tools_html(view),
-            f'<div class="bench"><div class="side">{side}</div>',
+            f'<div class="bench"><div class="side">{_follow_html(view)}{map_html}</div>',
             f'<div class="traces">{"".join(panels)}</div></div></div>',
         ]
     )
 
 
 def _figure(key: str, title: str, caption: str, kind: str, head: str = "", foot: str = "") -> str:
+    """A drawing with its head; that of a panel is a button that folds it."""
     name = escape(title, quote=True)
     words = f"<figcaption>{escape(caption)}</figcaption>" if caption else ""
+    expanded = "false" if "folded" in kind else "true"
+    fold = f'<button type="button" class="fold" aria-expanded="{expanded}">{name}</button>'
+    heading = fold if kind.startswith("panel") else name
     return (
-        f'<figure class="card {kind}" data-plot="{key}"><header><h4>{name}</h4>{head}<div class="legend"></div>'
-        f'{_EXPORT.replace("@", name)}</header><div class="plot"></div>{foot}{words}</figure>'
+        f'<figure class="card {kind}" data-plot="{key}"><header><h4>{heading}</h4>{head}'
+        f'<div class="legend"></div>{_EXPORT.replace("@", name)}</header><div class="plot"></div>{foot}{words}</figure>'
     )
 
 
-def _unit_html(panel: Panel) -> str:
-    """The unit of the vertical axis, next to the title because the ticks leave no room for it."""
-    return f'<small class="soft">in {escape(panel.unit)}</small>' if panel.unit else ""
+def _panel_html(view: View, panel: Panel) -> str:
+    """A panel with the unit of its vertical axis next to the title, because the ticks leave no room for it."""
+    unit = view.channel(panel.lines[0].column).unit
+    head = f'<small class="soft">in {escape(unit)}</small>' if unit else ""
+    return _figure(panel.key, panel.title, panel.caption, "panel folded" if panel.folded else "panel", head)
 
 
 def _map_html(view: View) -> str:

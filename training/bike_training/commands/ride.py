@@ -15,10 +15,9 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from bike_analysis.figures.lap_recording import Machine, Theory, load_laps
+from bike_analysis.figures.circuit import Machine, Theory
 from bike_analysis.figures.numbers import lap_text
-from bike_analysis.page.lap_page import lap_figures, write_lap_report
-from bike_analysis.report import analyze
+from bike_analysis.report import analyze, analyze_laps
 from bike_policy.riders.rider import Rider, bundle_of, make_rider
 from bike_sim.course.files import load_course, shipped_tracks
 from bike_sim.planning.envelope import Envelope, envelope
@@ -157,11 +156,10 @@ def _through_nodes(args: argparse.Namespace) -> dict[str, Any]:
 
     recording, wall = ride("lap", args.rider)
     other = ride("beside", args.beside)[0] if args.beside is not None else None
-    laps = load_laps(recording, track)
-    figures = lap_figures(laps, theory) | {"wall_s": round(wall, 1), "recording": str(recording)}
-    figures["page"] = str(write_lap_report(laps, theory, args.out))
+    figures = analyze_laps(recording, track, theory, args.out)
+    figures |= {"wall_s": round(wall, 1), "recording": str(recording)}
     if other is not None:
-        found = lap_figures(load_laps(other, track), theory)
+        found = analyze_laps(other, track, theory)
         figures |= _compared(args, figures, found) | {"comparison": analyze([recording, other], args.out)["page"]}
     excess = figures["excess"]
     clean = figures["falls"] == 0 and figures["walls"] == 0 and len(figures["laps_s"]) >= args.laps

@@ -1,8 +1,9 @@
 // The ride seen from behind, drawn from the view's own columns. x forward, y left; roll positive leaning right.
 
 // Makes the function that draws the ride at a place (a row, or between two rows) on a canvas.
-// `columns` answers those of now: a running ride has more of them each time.
-function followDrawing(canvas, columns, { title, lapTime, edges, line, step, open = false, unit = "km/h", machine: kind = "superbike" }) {
+// `columns` answers those of now: a running ride has more of them each time; `ghosts` those of others with their rows at
+// the same time.
+function followDrawing(canvas, columns, ghosts, { title, lapTime, edges, line, step, open = false, unit = "km/h", machine: kind = "superbike" }) {
   const g = canvas.getContext("2d"), W = canvas.width, H = canvas.height;
   let ride = columns();
   const BACK = 5.6, UP = 2.2, FOCAL = 640, NEAR = 1.0, FAR = kind === "bicycle" ? 120 : 420, HORIZON = H * 0.42;
@@ -109,11 +110,12 @@ function followDrawing(canvas, columns, { title, lapTime, edges, line, step, ope
   }
 
   // Machine and rider from behind, in metres: u to the right, v up, about the contact point.
-  function machine(cam, k) {
-    const p = project(cam, at(ride.x, k), at(ride.y, k), 0);
-    if (!p) return;
-    const m = FOCAL / p[2], roll = rollAt(k), hang = Math.max(-1, Math.min(1, roll / 0.87));
+  function machine(cam, rider, k, alpha = 1) {
+    const p = project(cam, at(rider.x, k), at(rider.y, k), 0);
+    if (!p || p[2] > FAR) return;
+    const m = FOCAL / p[2], roll = at(rider.roll, k) * Math.PI / 180, hang = Math.max(-1, Math.min(1, roll / 0.87));
     g.save();
+    g.globalAlpha = alpha;
     g.translate(p[0], p[1]);
     g.fillStyle = "rgba(0,0,0,.35)";
     g.beginPath(); g.ellipse(0.3 * m * Math.sin(roll), 0, (0.3 + 0.5 * Math.abs(Math.sin(roll))) * m, 0.07 * m, 0, 0, 7);
@@ -127,7 +129,7 @@ function followDrawing(canvas, columns, { title, lapTime, edges, line, step, ope
     const disc = (colour, u, v, a, b) => {
       g.fillStyle = colour; g.beginPath(); g.ellipse(u * m, -v * m, a * m, b * m, 0, 0, 7); g.fill();
     };
-    if (kind === "bicycle") { bicycle(m, shape, disc, at(ride.steer, k) * Math.PI / 180); g.restore(); return; }
+    if (kind === "bicycle") { bicycle(m, shape, disc, (rider.steer ? at(rider.steer, k) : 0) * Math.PI / 180); g.restore(); return; }
     disc("#15171a", 0, 0.32, 0.10, 0.32);                                              // rear tyre
     disc("#2b2e33", 0, 0.32, 0.05, 0.22);
     shape("#8f1a12", [[-0.15, 0.42], [0.15, 0.42], [0.25, 0.75], [0.21, 0.98], [-0.21, 0.98], [-0.25, 0.75]]); // fairing
@@ -233,7 +235,12 @@ function followDrawing(canvas, columns, { title, lapTime, edges, line, step, ope
     }
     g.lineTo(2 * W, HORIZON + 1); g.fill();
     road(cam, k);
-    machine(cam, k);
+    const ahead = ({ columns: { x, y }, row }) => cam.c * (x[row] - cam.x) + cam.s * (y[row] - cam.y);
+    const others = ghosts().filter(ghost => ghost.row >= 0 && ghost.columns.roll).sort((a, b) => ahead(b) - ahead(a));
+    const here = ahead({ columns: ride, row: Math.round(k) });
+    for (const ghost of others) if (ahead(ghost) >= here) machine(cam, ghost.columns, ghost.row, 0.45);
+    machine(cam, ride, k);
+    for (const ghost of others) if (ahead(ghost) < here) machine(cam, ghost.columns, ghost.row, 0.45);
     g.restore();
     const enlarged = Math.min(1.4, Math.max(1, 560 / (canvas.clientWidth || W)));   // to be read on a phone
     g.save(); g.scale(enlarged, enlarged); instruments(k); g.restore();
@@ -249,7 +256,9 @@ class FollowPart {
     this.figure = figure;
     this.canvas = figure.querySelector("canvas");
     this.shape = [this.canvas.width, this.canvas.height];
-    this.drawing = followDrawing(this.canvas, () => view.main.columns, spec);
+    const others = () => view.shown().filter(series => series !== view.main && series.columns.x)
+      .map(series => ({ columns: series.columns, row: view.rowIn(series, "time") }));
+    this.drawing = followDrawing(this.canvas, () => view.main.columns, others, spec);
     new ResizeObserver(() => this.refit()).observe(this.canvas);
   }
   // Pixels that nobody sees are not painted: without a graphics processor they are most of what a frame takes.

@@ -1,0 +1,320 @@
+"""Laps on a circuit: corners, the theoretical lap, limits and gears of a machine, and times computed once more.
+
+All arc lengths are those of the recorded course, which is the followed line.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_analysis.figures.laps import has_limits
+from bike_analysis.figures.numbers import rate
+from bike_analysis.read.messages import Floats, RecordedCourse
+from bike_analysis.read.reading import Recording
+from bike_analysis.read.rides import Ride
+from bike_sim.course.course import Course
+from bike_sim.course.files import load_track, shipped_tracks
+from bike_sim.course.lap_timing import EXACT, Timing, TimingKind, samples_of, time_laps
+from bike_sim.course.track import Corner, Track, find_corners
+from bike_sim.schema import GRAVITY
+
+_KINDS: Final = {
+    TimingKind.LAP: "lap",
+    TimingKind.SECTOR: "sector",
+    TimingKind.LEFT_TRACK: "off_course",
+    TimingKind.BACK_ON_TRACK: "back_on_course",
+}
+OFF_CIRCUIT: Final = 500.0
+"""Farther from the centre line no ride of a circuit is, m."""
+_SMOOTHING_S: Final = 0.1
+"""Accelerations are means over this time, s."""
+
+
+@dataclass(frozen=True)
+class Machine:
+    """Limits and gears of a machine, for reading its telemetry.
+
+    Attributes:
+        speeds: m/s, rising.
+        lateral: Lateral accelerations of the limit at each speed, m/s^2, positive to the right; shape (n, k). The
+            curve is closed: over the driving side from left to right, and back over the braking side.
+        along: The longitudinal ones, m/s^2, of the same shape.
+        spins: Speeds of the rear wheel, rad/s, rising from 0 in equal steps.
+        gears: The gear at each of them, 1 for the first.
+        ratios: Turns of the crank for one of the rear wheel, by gear.
+    """
+
+    speeds: Floats
+    lateral: Floats
+    along: Floats
+    spins: Floats
+    gears: NDArray[np.int64]
+    ratios: Floats
+
+    def gear(self, spin: Floats) -> Floats:
+        """The gear at speeds of the rear wheel, rad/s; NaN where they are unknown."""
+        place = np.rint(np.nan_to_num(spin) / self.spins[1]).astype(int)
+        gears = self.gears[np.clip(place, 0, len(self.gears) - 1)].astype(np.float64)
+        return np.where(np.isfinite(spin), gears, np.nan)
+
+    def crank_rpm(self, spin: Floats) -> Floats:
+        """Speed of the crank at speeds of the rear wheel, rpm, with a closed clutch."""
+        gear = self.gear(spin)
+        return spin * self.ratios[np.nan_to_num(gear, nan=1.0).astype(int) - 1] * 60.0 / (2.0 * math.pi)
+
+
+@dataclass(frozen=True)
+class Theory:
+    """A theoretical lap on the followed line.
+
+    Attributes:
+        s: Arc length of the line, m, from 0 to its length.
+        speed: m/s.
+        lateral: Lateral acceleration, m/s^2, positive to the left.
+        longitudinal: m/s^2.
+        lap_time: s.
+        sector_times: s.
+        machine: Limits and gears of the machine; None leaves out gear, engine speed and the limit of the g-g diagram.
+    """
+
+    s: Floats
+    speed: Floats
+    lateral: Floats
+    longitudinal: Floats
+    lap_time: float
+    sector_times: tuple[float, ...]
+    machine: Machine | None = None
+
+
+@dataclass(frozen=True)
+class Circuit:
+    """A circuit with what a ride on it is measured against.
+
+    Attributes:
+        track: The circuit.
+        theory: The theoretical lap.
+        timing: Times of the ride, computed again from its recorded contact points.
+        timing_agrees: Whether they equal those of the recorded events, time by time and bit for bit.
+    """
+
+    track: Track
+    theory: Theory
+    timing: Timing
+    timing_agrees: bool
+
+
+def ridden_circuit(recording: Recording, ride: Ride, track: Track, theory: Theory) -> Circuit:
+    """Compute the times of a ride again from its contact points, and compare them with the recorded events.
+
+    Args:
+        recording: The recording.
+        ride: Its ride.
+        track: The circuit that was ridden.
+        theory: The theoretical lap.
+
+    Returns:
+        The circuit. The values of the event of leaving the track are not compared (a distance there, none here).
+
+    Raises:
+        ValueError: If the ride's states are not on the circuit.
+    """
+    states = ride.states
+    rear, front = np.stack([states.x, states.y], axis=1), np.stack([states.front_x, states.front_y], axis=1)
+    begun = next((event for event in ride.events if event.kind == "reset"), None)
+    # A recorder that came after the reset has missed its event; rides begin on the start line or somewhere else.
+    begin = begun.progress_m if begun is not None else float(states.progress[0])
+    begin = 0.0 if abs(begin) < EXACT else begin
+    time = states.step * states.control_period
+    samples = list(samples_of(track, time, rear, front, begin, begin + math.dist(rear[0], front[0])))
+    if max(abs(sample.offset) for sample in samples) > OFF_CIRCUIT:
+        raise ValueError(f"the recording {recording.path} was not ridden on circuit {track.name!r}")
+    timing, events = time_laps(track, samples)
+    again = [(_KINDS[event.kind], event.time, event.progress) for event in events]
+    wanted = set(_KINDS.values())
+    recorded = [(event.kind, event.time_s, event.progress_m) for event in ride.events if event.kind in wanted]
+    again_values = [event.value for event in events if event.kind is not TimingKind.LEFT_TRACK]
+    recorded_values = [e.value for e in ride.events if e.kind in wanted and e.kind != "off_course"]
+    agrees = bool(again) and again == recorded and again_values == recorded_values
+    return Circuit(track, theory, timing, agrees)
+
+
+def circuit_figures(recording: Recording, ride: Ride, circuit: Circuit) -> dict[str, Any]:
+    """Figures of laps on a circuit, ready for JSON. Out-laps do not count as laps."""
+    flying = [lap for lap in circuit.timing.laps if lap.began > ride.states.step[0] * ride.states.control_period[0]]
+    best = min(flying, key=lambda lap: lap.duration, default=None)
+    kinds, theory = [event.kind for event in ride.events], circuit.theory
+    return {
+        "vehicle": recording.vehicle,
+        "course": circuit.track.name,
+        "laps_s": [lap.duration for lap in flying],
+        "lap_s": None if best is None else best.duration,
+        "sectors_s": [] if best is None else list(best.sectors),
+        "out_lap_s": circuit.timing.laps[0].duration if circuit.timing.laps else None,
+        "limit_s": theory.lap_time,
+        "limit_sectors_s": list(theory.sector_times),
+        "excess": None if best is None else max(lap.duration for lap in flying) / theory.lap_time - 1.0,
+        "falls": kinds.count("fall"),
+        "walls": kinds.count("wall"),
+        "valid_laps": sum(lap.valid for lap in flying),
+        "off_track_s": circuit.timing.off_track,
+        "timing_agrees": circuit.timing_agrees,
+        "lost_steps": int(np.sum(np.diff(ride.states.step) - 1)),
+    }
+
+
+def accelerations(ride: Ride, rows: slice) -> tuple[Floats, Floats]:
+    """Lateral (positive to the right) and longitudinal acceleration, g, from speed and yaw, smoothed over 0.1 s."""
+    states = ride.states  # of the whole ride: a lap has neighbours before and behind
+    period = float(states.control_period[0])
+    if len(states) < 2 or not period > 0.0:
+        return np.full(len(states), np.nan)[rows], np.full(len(states), np.nan)[rows]
+    count = min(max(1, round(_SMOOTHING_S / period)), len(states))
+    kernel = np.ones(count) / count
+
+    def smooth(values: Floats) -> Floats:
+        smoothed = np.convolve(values, kernel, mode="same") / GRAVITY
+        smoothed[: count // 2 + 1] = smoothed[len(smoothed) - count // 2 - 1 :] = np.nan  # the kernel hangs over
+        return smoothed[rows]
+
+    return smooth(-states.speed * rate(states.yaw, ride.time)), smooth(rate(states.speed, ride.time))
+
+
+# ---- corners -------------------------------------------------------------------------------------------------------
+
+BRAKING: Final = 5.0
+"""Brake from which on a rider counts as braking, %."""
+PHASES: Final = ("braking", "entry", "exit", "straight after")
+"""Parts of a corner's stretch: up to where it begins, up to its apex, up to its end, and from there on."""
+
+
+@dataclass(frozen=True)
+class CornerFigures:
+    """One corner of a lap.
+
+    Attributes:
+        name: Of the corner.
+        direction: ``left`` or ``right``.
+        braking_m: Where braking for it began, m from the start line; None if it was not braked for.
+        before_apex_m: The same as a distance before the apex.
+        entry_speed: At the corner's beginning.
+        least_speed: The lowest in it.
+        exit_speed: At its end.
+        lean_deg: The largest lean in it, without sign.
+        lost_s: Time lost on the reference over the corner's stretch, which reaches to the middle of the straights
+            before and after it, so that all corners together make up the lap; negative where time was won.
+        lost_in: The one of `PHASES` in which most was lost; empty if nothing was.
+    """
+
+    name: str
+    direction: str
+    braking_m: float | None
+    before_apex_m: float | None
+    entry_speed: float
+    least_speed: float
+    exit_speed: float
+    lean_deg: float
+    lost_s: float
+    lost_in: str
+
+
+def course_corners(course: RecordedCourse | None, track: Track | None = None) -> tuple[Corner, ...]:
+    """Find the corners of a recorded course.
+
+    Args:
+        course: The followed line.
+        track: Its circuit; by default the shipped one of its name, else corners are found by the line's curvature.
+
+    Returns:
+        The corners with arc lengths of the line; none on an open course or one without limits.
+    """
+    if course is None or not course.closed or not has_limits(course) or len(course.curvature) < 3:
+        return ()
+    name = course.name.partition(" (")[0]
+    if track is None and name in shipped_tracks():
+        track = load_track(name)
+    if track is None:
+        heading = np.unwrap(np.arctan2(np.gradient(course.y), np.gradient(course.x)))
+        line = (course.s, course.x, course.y, heading, course.curvature)
+        try:
+            return find_corners(Course(course.name, *line, closed=True))
+        except ValueError:  # a line that is no circuit
+            return ()
+    places = np.array([(corner.begin, corner.apex, corner.end) for corner in track.corners]).reshape(-1)
+    points = track.points(places)[:, :2]
+    rows = [int(np.argmin(np.hypot(course.x - x, course.y - y))) for x, y in points]
+    found = []
+    for corner, (begin, apex, end) in zip(track.corners, course.s[rows].reshape(-1, 3), strict=True):
+        end += course.length if end < begin else 0.0
+        found.append(replace(corner, begin=float(begin), apex=float(apex), end=float(end)))
+    return tuple(found)
+
+
+def corner_figures(
+    corners: Sequence[Corner], length_m: float, lap: Mapping[str, Floats], reference: Mapping[str, Floats]
+) -> tuple[CornerFigures, ...]:
+    """Compute the figures of each corner.
+
+    Args:
+        corners: In the order of the lap.
+        length_m: Length of the circuit.
+        lap: Columns of the lap from line to line: ``distance``, m, never falling, ``time``, s, ``speed`` in any unit,
+            and where they are known ``roll``, degrees, and ``brake``, %.
+        reference: Distance and time of what it is measured against.
+
+    Returns:
+        One record per corner.
+    """
+    middles = [0.5 * (before.end + after.begin) for before, after in pairwise(corners)]
+    bounds = [0.0, *middles, length_m]
+    distance, speed = lap["distance"], lap["speed"]
+    nothing = np.zeros(len(distance))
+    lean, brake = np.abs(lap.get("roll", nothing)), lap.get("brake", nothing)
+    found = []
+    for corner, (first, last) in zip(corners, pairwise(bounds), strict=True):
+        end = min(corner.end, length_m)
+        inside = (distance >= corner.begin) & (distance <= end)
+        if not inside.any():
+            inside[np.argmin(np.abs(distance - corner.apex))] = True
+        braking = _braking_point(distance, brake, first, corner.apex)
+        losses = [_lost(lap, reference, a, b) for a, b in pairwise((first, corner.begin, corner.apex, end, last))]
+        found.append(
+            CornerFigures(
+                name=corner.name,
+                direction=corner.direction,
+                braking_m=braking,
+                before_apex_m=None if braking is None else corner.apex - braking,
+                entry_speed=float(np.interp(corner.begin, distance, speed)),
+                least_speed=float(np.min(speed[inside])),
+                exit_speed=float(np.interp(end, distance, speed)),
+                lean_deg=float(np.max(lean[inside])),
+                lost_s=sum(losses),
+                lost_in=PHASES[int(np.argmax(losses))] if max(losses) > 0.0 else "",
+            )
+        )
+    return tuple(found)
+
+
+def _lost(lap: Mapping[str, Floats], reference: Mapping[str, Floats], begin_m: float, end_m: float) -> float:
+    """Time lost between two places, s; none where they are in the wrong order, as corners may overlap."""
+    if end_m <= begin_m:
+        return 0.0
+    begins, ends = (np.interp([begin_m, end_m], one["distance"], one["time"]) for one in (lap, reference))
+    return float((begins[1] - begins[0]) - (ends[1] - ends[0]))
+
+
+def _braking_point(distance: Floats, brake: Floats, first_m: float, apex_m: float) -> float | None:
+    """Place where the last stretch of braking before the apex began, m; None without any between the two places."""
+    rows = np.flatnonzero((distance >= first_m) & (distance <= apex_m) & (brake >= BRAKING))
+    if not len(rows):
+        return None
+    row = int(rows[-1])
+    while row > 0 and brake[row - 1] >= BRAKING:
+        row -= 1
+    return float(distance[row])
