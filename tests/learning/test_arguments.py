@@ -37,6 +37,7 @@ SUBJECTS = {
         dc.BICYCLE: [],
         dc.SUPERBIKE: ["--vehicle", "superbikes"],
         dc.CIRCUIT: ["--course", "barcelona"],
+        dc.TEMPLATE: ["--template"],
     },
     "bench": {dc.WORK: []},
     "export": {dc.RUN: ["run"], dc.REFINED: ["refined"]},
@@ -47,7 +48,7 @@ SUBJECTS = {
 }
 """Words that make each command be about each of its subjects."""
 
-SELECTING = {"--all", "--nodes", "--resume", "--replay", "--explain", "--attach", "--course", "--data"}
+SELECTING = {"--all", "--nodes", "--resume", "--replay", "--explain", "--attach", "--course", "--data", "--template"}
 """Options that choose the subject of their command, so that none of another subject can be given beside them."""
 
 

@@ -26,7 +26,9 @@ def commands_of(text: str) -> list[str]:
 
 def check(command: str, complete: bool = True) -> None:
     """Parse a command, and resolve it where all that it names is here."""
-    words = shlex.split(re.sub(r"\$\w+", "", re.sub(r"\$\([^)]*\)", "X", command)), comments=True)[1:]
+    words = shlex.split(re.sub(r"\$\w+", "", re.sub(r"\$\([^)]*\)", "X", command.partition(" > ")[0])), comments=True)[
+        1:
+    ]
     assert words[0] in COMMANDS, command
     if (not complete and len(words) == 1) or FOR_READERS & set(words):
         return

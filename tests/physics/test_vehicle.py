@@ -15,7 +15,7 @@ import pytest
 import yaml
 
 from bike_sim.vehicles.bicycle import PARAMETER_NAMES, Vehicle
-from bike_sim.vehicles.files import load_vehicle, shipped_vehicles
+from bike_sim.vehicles.files import load_vehicle, shipped_vehicles, vehicle_template
 from bike_sim.vehicles.parameters import VehicleError
 
 
@@ -119,6 +119,18 @@ def test_impossible_vehicles_are_refused(
     document[section][key] = value
     with pytest.raises(VehicleError, match=message):
         load(document, tmp_path)
+
+
+@pytest.mark.parametrize("name", shipped_vehicles())
+def test_a_template_explains_every_number_and_loads_as_its_vehicle(name: str, tmp_path: Path) -> None:
+    text = vehicle_template(name)
+    numbers = [line for line in text.splitlines() if " # " in line or line.partition(": ")[2][:1].isdigit()]
+    assert len(numbers) >= 29
+    assert all(len(line.partition(" # ")[2]) > 3 for line in numbers)
+    (tmp_path / "mine.yaml").write_text(text)
+    shipped = load_vehicle(name)
+    mine = replace(load_vehicle(tmp_path / "mine.yaml"), name=shipped.name, description=shipped.description)
+    assert mine == shipped
 
 
 def test_files_that_are_not_there_or_not_vehicles(document: dict[str, Any], tmp_path: Path) -> None:

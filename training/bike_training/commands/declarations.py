@@ -29,6 +29,7 @@ EXPLANATION: Final = "an explanation (--explain)"
 RUNS: Final = "folders of runs"
 SWEEP: Final = "the folder of a sweep"
 CIRCUIT: Final = "a circuit (--course)"
+TEMPLATE: Final = "a vehicle's file (--template)"
 RUN: Final = "a run"
 REFINED: Final = "a refined run"
 LEARNING: Final = "learning"
@@ -548,7 +549,7 @@ _EVALUATE: Final = Command(
 def _declare_validate(parser: CommandParser) -> None:
     parser.option(
         "--vehicle",
-        default={BICYCLE: DEFAULT_BICYCLE, SUPERBIKE: ALL_SUPERBIKES},
+        default={BICYCLE: DEFAULT_BICYCLE, SUPERBIKE: ALL_SUPERBIKES, TEMPLATE: DEFAULT_BICYCLE},
         help=f"bicycle by name or file, or `{ALL_SUPERBIKES}` for all five together (default: {DEFAULT_BICYCLE})",
     )
     parser.option("--engine", choices=ENGINES[:2], default={BICYCLE: "pybullet"}, help="of the bicycle")
@@ -563,10 +564,16 @@ def _declare_validate(parser: CommandParser) -> None:
         default={CIRCUIT: 1.4},
         help="cornering of the circuit's reference machine",
     )
-    parser.option("--out", type=Path, metavar="DIR", help="folder for pictures and figures")
+    parser.option(
+        "--template", only=TEMPLATE, action="store_true", help="print a vehicle's file with all keys explained"
+    )
+    measured = (BICYCLE, SUPERBIKE, CIRCUIT)
+    parser.option("--out", only=measured, type=Path, metavar="DIR", help="folder for pictures and figures")
 
 
 def _validate_subject(args: Namespace) -> str:
+    if args.template:
+        return TEMPLATE
     if args.course is not None:
         return CIRCUIT
     if args.vehicle in (None, ALL_SUPERBIKES):
@@ -584,12 +591,18 @@ _VALIDATE: Final = Command(
   bike validate --engine whipple --json           the compiled bicycle, figures as JSON
   bike validate --vehicle {ALL_SUPERBIKES} --out out      five superbikes against statics and closed formulas
   bike validate --course monza.csv                is the file a circuit? length, widths, corners, theoretical lap
+  bike validate --template --vehicle r1 > mine.yaml   a file of your own to begin with: every key, unit and meaning
   bike validate --course barcelona --out pictures   also pictures/barcelona.png, the ideal line coloured by speed
 
 A CSV file of a circuit has the columns x_m,y_m,w_tr_right_m,w_tr_left_m: centre line and distances to its limits.""",
     _declare_validate,
     _validate_subject,
-    {BICYCLE: "validate:run", SUPERBIKE: "validate_superbike:run", CIRCUIT: "validate:run_circuit"},
+    {
+        BICYCLE: "validate:run",
+        SUPERBIKE: "validate_superbike:run",
+        CIRCUIT: "validate:run_circuit",
+        TEMPLATE: "validate:run_template",
+    },
 )
 
 # ---------------------------------------- analyze

@@ -24,7 +24,7 @@ from bike_sim.planning.lap_limit import LapLimit, lap_limit
 from bike_sim.planning.minimum_time import with_fastest_line
 from bike_sim.validation import bicycle as validation
 from bike_sim.vehicles.bicycle import Vehicle
-from bike_sim.vehicles.files import load_vehicle
+from bike_sim.vehicles.files import load_vehicle, vehicle_template
 from bike_training.arguments import check_positive, make_folder
 
 SCHEMA = "bike.validate/1"
@@ -58,6 +58,18 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         draw_modes(vehicle, args.engine, args.time_step, args.out / "modes.png")
         console.print(f"written: {args.out / 'modes.png'}, {args.out / 'validate.json'}")
     return answer
+
+
+def run_template(args: argparse.Namespace) -> dict[str, Any]:
+    """Print a vehicle's file with all keys explained, or return it.
+
+    Raises:
+        ValueError: a broken file. FileNotFoundError: an unknown vehicle.
+    """
+    text = vehicle_template(args.vehicle)
+    if not args.json:
+        print(text)
+    return {"schema": "bike.validate_template/1", "ok": True, "figures": {"file": text}}
 
 
 def as_dict(result: validation.Validation) -> dict[str, Any]:

@@ -176,7 +176,9 @@ class _SteeringDrive:
 
 
 @dataclass(frozen=True)
-class _BicycleFile(VehicleFile):
+class BicycleFile(VehicleFile):
+    """Content of the file of a bicycle."""
+
     bicycle: FourBodies
     steering_drive: _SteeringDrive
 
@@ -192,7 +194,7 @@ def bicycle_from_document(document: Any, origin: str) -> Vehicle:
         VehicleError: a key is missing or unknown, or a value is invalid.
     """
     check_format(document, origin)
-    file = read_record(_BicycleFile, document, origin)
+    file = read_record(BicycleFile, document, origin)
     drive = file.steering_drive
     return Vehicle(
         **vars(file.bicycle),

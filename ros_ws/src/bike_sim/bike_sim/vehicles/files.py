@@ -18,12 +18,17 @@ from bike_sim.documents import (
     shorten,
     show,
 )
-from bike_sim.vehicles.bicycle import Vehicle, bicycle_from_document
-from bike_sim.vehicles.parameters import VehicleError
-from bike_sim.vehicles.superbike import Superbike, superbike_from_document
+from bike_sim.vehicles.bicycle import BicycleFile, Vehicle, bicycle_from_document
+from bike_sim.vehicles.parameters import VehicleError, explained
+from bike_sim.vehicles.superbike import Superbike, SuperbikeFile, superbike_from_document
 
 SHIPPED: Final = resources.files("bike_sim") / "config" / "vehicles"
 """Folder of the vehicles that come with the package."""
+
+_HEAD: Final = """\
+# A vehicle. Change the numbers, save it as a .yaml file, and ride it: bike ride --vehicle mine.yaml
+# name: short, without blanks. description: one line. sources: publications of the values, by the mark that cites them.
+# Axes and signs: docs/explanation/bicycle.md (z down, as published) and docs/explanation/superbike.md (z up)."""
 
 
 def shipped_vehicles() -> tuple[str, ...]:
@@ -47,25 +52,44 @@ def load_vehicle(name_or_path: str | Path) -> Vehicle:
         FileNotFoundError: there is no such vehicle or file.
         VehicleError: the file is not YAML, lacks a key, has one too many, or describes an impossible vehicle.
     """
+    return vehicle_from_document(_document(name_or_path), shorten(str(name_or_path)))
+
+
+def vehicle_template(name_or_path: str | Path) -> str:
+    """Return the text of a vehicle file with the values of another one, and unit and meaning of every key.
+
+    Args:
+        name_or_path: of the other one, as for `load_vehicle`.
+
+    Raises:
+        FileNotFoundError, VehicleError: as of `load_vehicle`.
+    """
+    load_vehicle(name_or_path)
+    document = _document(name_or_path) | {"sources": {"M1": "where a value comes from"}}
+    kind = SuperbikeFile if "type" in document else BicycleFile
+    return "\n".join([_HEAD, *explained(kind, document | {"name": "mine", "description": "My vehicle"})])
+
+
+def _document(name_or_path: str | Path) -> Any:
+    """Return the content of a vehicle's file; see `load_vehicle`."""
     text = str(name_or_path)
     if isinstance(name_or_path, Path) or text.endswith((".yaml", ".yml")) or "/" in text:
-        return _load_file(Path(name_or_path), text)
+        return _read(Path(name_or_path), text)
     if text not in shipped_vehicles():
         known = alternatives(text, shipped_vehicles())
         raise FileNotFoundError(f"no vehicle '{shorten(text)}'; {known}; a file of your own must end in .yaml")
     with resources.as_file(SHIPPED / f"{text}.yaml") as path:
-        return _load_file(path, text)
+        return _read(path, text)
 
 
-def _load_file(path: Path, origin: str) -> Vehicle:
+def _read(path: Path, origin: str) -> Any:
     origin = shorten(origin)
     try:
-        document = parse_yaml(read_text(path, MAX_YAML_SIZE))
+        return parse_yaml(read_text(path, MAX_YAML_SIZE))
     except FileNotFoundError:
         raise FileNotFoundError(f"vehicle file '{origin}' does not exist") from None
     except DocumentError as error:
         raise VehicleError(f"vehicle '{origin}' {error}") from None
-    return vehicle_from_document(document, origin)
 
 
 def vehicle_from_document(document: Any, origin: str) -> Vehicle:

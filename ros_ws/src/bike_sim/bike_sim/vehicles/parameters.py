@@ -7,10 +7,12 @@ type is a record is a section of it, and any other value is taken as it stands. 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 from typing import Any, Final, TypeVar, get_type_hints
 
 import numpy as np
+import yaml
 
 FORMAT: Final = "bike.vehicle/1"
 
@@ -75,6 +77,26 @@ def read_record(kind: type[_Record], document: Any, origin: str, path: str = "")
             value = read_record(types[field.name], value, origin, here)
         values[field.name] = value
     return kind(**values)
+
+
+def explained(kind: type, document: dict[str, Any], indent: str = "") -> Iterator[str]:
+    """Yield the lines of a file with the values of another one, and unit and meaning beside every number.
+
+    Args:
+        kind: the dataclass that the file is read into.
+        document: content of the other file.
+        indent: of the lines.
+    """
+    types, keys = get_type_hints(kind), {field.metadata.get("key", field.name): field for field in fields(kind)}
+    for key, value in document.items():
+        field = keys[key]
+        if is_dataclass(types[field.name]):
+            yield f"{indent}{key}:"
+            yield from explained(types[field.name], value, indent + "  ")
+        else:
+            line = f"{indent}{yaml.safe_dump({key: value}, width=100).rstrip()}"
+            texts = [text for name in ("unit", "meaning") if (text := field.metadata.get(name))]
+            yield f"{line:32} # {', '.join(texts)}" if texts else line
 
 
 def check_numbers(record: Any, origin: str, path: str = "") -> None:

@@ -479,7 +479,9 @@ class _Bodies:
 
 
 @dataclass(frozen=True)
-class _SuperbikeFile(VehicleFile, Sections):
+class SuperbikeFile(VehicleFile, Sections):
+    """Content of the file of a superbike."""
+
     type: Any
     geometry: _Geometry
     bodies: _Bodies
@@ -496,7 +498,7 @@ def superbike_from_document(document: Any, origin: str) -> Superbike:
         VehicleError: a key is missing or unknown, or a value is invalid.
     """
     check_format(document, origin)
-    file = read_record(_SuperbikeFile, document, origin)
+    file = read_record(SuperbikeFile, document, origin)
     geometry, bodies = file.geometry, file.bodies
     frame = _frame(geometry, bodies, origin)
     rear = _join(frame, file.rider)
