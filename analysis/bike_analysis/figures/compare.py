@@ -325,7 +325,9 @@ def compare_runs(runs: Sequence[Run], station_m: float | None = None) -> Compari
     lengths = [known_length(run.ride.states) for run in runs]
     known_lengths = [length for length in lengths if length is not None]
     if known_lengths and max(known_lengths) > (1.0 + SAME_LENGTH) * min(known_lengths):
-        raise CourseError(f"rides on different courses cannot be aligned ({_lengths_text(runs, lengths)})")
+        measured = [(length, run.label) for run, length in zip(runs, lengths, strict=True) if length is not None]
+        ends = ", ".join(f"{label}: {length:.0f} m" for length, label in (min(measured), max(measured)))
+        raise CourseError(f"rides on different courses cannot be aligned ({ends})")
     reference = _reference(runs)
     whole = lengths[reference] or max(float(np.nanmax(station(runs[reference].ride), initial=0.0)), 1e-6)
     spacing = _round_spacing(whole / STATIONS) if station_m is None else float(station_m)
@@ -338,12 +340,6 @@ def compare_runs(runs: Sequence[Run], station_m: float | None = None) -> Compari
     scales = tuple(1.0 if known is None or length is None else known / length for length in lengths)
     course = min((run.ride.course.name for run in runs if run.ride.course is not None), default="")
     return Comparison(course, tuple(runs), reference, stations, scales, _sectors(runs))
-
-
-def _lengths_text(runs: Sequence[Run], lengths: Sequence[float | None]) -> str:
-    """The shortest and the longest course, with the run of each."""
-    known = [(length, run.label) for run, length in zip(runs, lengths, strict=True) if length is not None]
-    return ", ".join(f"{label}: {length:.0f} m" for length, label in (min(known), max(known)))
 
 
 def counted_runs(runs: Sequence[Run]) -> list[int]:
@@ -392,7 +388,9 @@ def _sectors(runs: Sequence[Run]) -> tuple[SectorFigures, ...]:
     closed = any(run.lap is not None for run in runs)
     starts = sector_starts(runs[0].ride) if closed else np.unique(course.section_starts)
     ends = np.append(starts[1:], course.length)
-    names = _sector_names(course.section_names, course.section_starts, starts)
+    sections = np.searchsorted(course.section_starts, starts + 1e-6, side="right") - 1
+    known_names = dict(enumerate(course.section_names))
+    names = [known_names.get(index, f"sector {k}") for k, index in enumerate(sections.tolist(), start=1)]
     times = [_sector_times(run, starts, ends) for run in runs]
     counted = counted_runs(runs)
     found = []
@@ -402,12 +400,6 @@ def _sectors(runs: Sequence[Run]) -> tuple[SectorFigures, ...]:
         best_s, best_run = (None, None) if best is None else (known[best], runs[best].label)
         found.append(SectorFigures(name, float(start), float(end), row, best_s, best_run))
     return tuple(found)
-
-
-def _sector_names(names: Sequence[str], given: Floats, starts: Floats) -> list[str]:
-    """Name of the section that each start belongs to."""
-    index = np.searchsorted(np.asarray(given), starts + 1e-6, side="right") - 1
-    return [names[i] if 0 <= i < len(names) else f"sector {k + 1}" for k, i in enumerate(index.tolist())]
 
 
 def _sector_times(run: Run, starts: Floats, ends: Floats) -> list[float | None]:

@@ -31,7 +31,6 @@ from bike_analysis.figures.laps import (
     time_outside,
 )
 from bike_analysis.figures.numbers import (
-    CommandDelay,
     TyreFigures,
     best_sectors_together,
     command_ages,
@@ -308,6 +307,9 @@ def ride_figures(ride: Ride) -> RideFigures:
     laps = find_laps(ride)
     outside = beyond_limits(states, ride.course)
     median, p99 = latency_figures(ride.latencies)
+    delay, answered = command_delay(whole), np.unique(whole.commands.step)
+    length, progress = course_length(ride), states.progress[np.isfinite(states.progress)]
+    worst = float(states.progress[int(np.nanargmax(error))]) if np.isfinite(error).any() else np.nan
     left = sum(e.kind == "off_course" and (ride is whole or e.step < states.step[-1]) for e in ride.events)
     return RideFigures(
         ride=ride.index,
@@ -319,16 +321,19 @@ def ride_figures(ride: Ride) -> RideFigures:
         off_course=_times(states.off_course, left),
         duration_s=float(ride.time[-1]),
         distance_m=float(ride.distance[-1]),
-        laps=_laps(ride),
+        laps=None if length is None or not len(progress) else int((progress[-1] - progress[0]) // length),
         **error_figures(error),
-        max_error_at_m=_at_maximum(error, states.progress),
+        max_error_at_m=worst if np.isfinite(worst) else None,
         **motion_figures(states),
         steps=len(whole.states),
         lost_steps=_lost_steps(whole.states),
-        lost_commands=_lost_commands(whole),
+        lost_commands=int(answered[-1] - answered[0] + 1 - len(answered)) if len(answered) else None,
         repeated_states=ride.repeated_states,
-        unanswered_states=_unanswered(whole),
-        **delay_figures(command_delay(whole)),
+        unanswered_states=int(np.sum(~np.isin(whole.states.step[:-1], answered))) if len(answered) else None,
+        command_delay_mean_steps=over(np.mean, delay.steps),
+        command_delay_max_steps=int(delay.steps.max()) if len(delay.steps) else None,
+        command_delay_mean_s=over(np.mean, delay.time_s),
+        command_delay_max_s=over(np.max, delay.time_s),
         latency_median_s=median,
         latency_p99_s=p99,
         **ideal_figures(ride, slice(None)),
@@ -365,16 +370,6 @@ def motion_figures(states: Table) -> dict[str, Any]:
         "acceleration_max_m_s2": over(np.max, change),
         "braking_max_m_s2": over(np.max, -change),
         "lateral_acceleration_max_m_s2": over(np.max, np.abs(states.speed * states.yaw_rate)),
-    }
-
-
-def delay_figures(delay: CommandDelay) -> dict[str, Any]:
-    """Ages of the applied commands, by name as in `RideFigures`."""
-    return {
-        "command_delay_mean_steps": over(np.mean, delay.steps),
-        "command_delay_max_steps": int(delay.steps.max()) if len(delay.steps) else None,
-        "command_delay_mean_s": over(np.mean, delay.time_s),
-        "command_delay_max_s": over(np.max, delay.time_s),
     }
 
 
@@ -474,34 +469,11 @@ def error_figures(error: Floats) -> dict[str, Any]:
     }
 
 
-def _at_maximum(values: Floats, places: Floats) -> float | None:
-    if not np.isfinite(values).any():
-        return None
-    place = float(places[int(np.nanargmax(values))])
-    return place if np.isfinite(place) else None
-
-
 def _times(flags: NDArray[np.bool_], events: int) -> int:
     """Number of times that something happened: rises of its flag, or events where the flag was not recorded in time."""
     rises = int(flags[0]) + int(np.sum(flags[1:] & ~flags[:-1]))
     return max(rises, events)
 
 
-def _laps(ride: Ride) -> int | None:
-    length, progress = course_length(ride), ride.states.progress[np.isfinite(ride.states.progress)]
-    return None if length is None or not len(progress) else int((progress[-1] - progress[0]) // length)
-
-
 def _lost_steps(states: Table) -> int:
     return int(states.step[-1] - states.step[0] + 1 - len(states))
-
-
-def _unanswered(ride: Ride) -> int | None:
-    if not len(ride.commands):
-        return None
-    return int(np.sum(~np.isin(ride.states.step[:-1], ride.commands.step)))
-
-
-def _lost_commands(ride: Ride) -> int | None:
-    steps = np.unique(ride.commands.step)
-    return int(steps[-1] - steps[0] + 1 - len(steps)) if len(steps) else None

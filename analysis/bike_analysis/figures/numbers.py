@@ -147,14 +147,10 @@ def command_delay(ride: Ride) -> CommandDelay:
     known = (found >= 0) & (values[place] == applied) & (steering[match] == applied) & (begin >= 0)
     rows, match, begin = np.flatnonzero(known) + 1, match[known], begin[known]
     begin_time = np.where(states.step[rows - 1] == begin, states.time_s[rows - 1], np.nan)
-    return CommandDelay(rows, begin - commands.step[match], begin_time - _answered_time(ride)[match])
-
-
-def _answered_time(ride: Ride) -> Floats:
-    """Time of the state that each command answers, s: the command's own stamp only where that state is not there."""
-    states, commands = ride.states, ride.commands
     row = np.minimum(np.searchsorted(states.step, commands.step), len(states) - 1)
-    return np.where(states.step[row] == commands.step, states.time_s[row], commands.time_s)
+    # Of the state that a command answers; the command's own stamp only where that state is not there.
+    answered_time = np.where(states.step[row] == commands.step, states.time_s[row], commands.time_s)
+    return CommandDelay(rows, begin - commands.step[match], begin_time - answered_time[match])
 
 
 def command_ages(ride: Ride) -> tuple[Floats, Floats]:
@@ -274,10 +270,6 @@ def telemetry_columns(ride: Ride, rows: slice) -> dict[str, Floats]:
     place = np.minimum(np.searchsorted(telemetry.step[order], steps), len(order) - 1)
     match = order[place]
     known = telemetry.step[match] == steps
-    return {_column(n): np.where(known, c[match], np.nan) for n, c in telemetry.values.items()}
-
-
-def _column(name: str) -> str:
-    """Column of tables; states have accelerations, too, which are worked out from the motion."""
-    column = TELEMETRY[name].column
-    return f"tyre_{column}" if name.startswith("acceleration") else column
+    columns = {TELEMETRY[n].column: np.where(known, c[match], np.nan) for n, c in telemetry.values.items()}
+    # States have accelerations, too, which are worked out from the motion.
+    return {f"tyre_{n}" if n.startswith("acceleration") else n: column for n, column in columns.items()}

@@ -258,19 +258,16 @@ def _runs(items: Iterable[RecordedRide | RecordedLap]) -> list[Run]:
     given = list(items)
     rides = [item.ride if isinstance(item, RecordedLap) else item for item in given]
     runs: dict[str, Run] = {}
-    for item, ride, named in zip(given, rides, _names([r.recording for r in rides]), strict=True):
+    paths = [ride.recording.path for ride in rides]
+    riders = {ride.recording.path: ride.recording.policy for ride in rides}
+    if len(riders) > 1 and all(riders.values()) and len(set(riders.values())) == len(riders):
+        names = [riders[path] for path in paths]  # each recording has a rider of its own
+    else:
+        names = [prefix + path.stem for prefix, path in zip(folder_prefixes(paths), paths, strict=True)]
+    for item, ride, named in zip(given, rides, names, strict=True):
         name = named + item.label.removeprefix(ride.recording.path.stem)
         labels = chain([name], (f"{name} ({n})" for n in count(2)))
         label = next(label for label in labels if label not in runs)
         lap = item.data if isinstance(item, RecordedLap) else None
         runs[label] = Run(label, ride.recording.path.name, ride.evaluated, lap, ride.recording.policy)
     return list(runs.values())
-
-
-def _names(recordings: Sequence[RideRecording]) -> list[str]:
-    """Names of the recordings: the rider, where each of several has a rider of its own, else its file."""
-    riders = {recording.path: recording.policy for recording in recordings}
-    if len(riders) > 1 and all(riders.values()) and len(set(riders.values())) == len(riders):
-        return [recording.policy for recording in recordings]
-    paths = [recording.path for recording in recordings]
-    return [prefix + path.stem for prefix, path in zip(folder_prefixes(paths), paths, strict=True)]

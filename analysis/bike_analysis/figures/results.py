@@ -1,7 +1,7 @@
 """Results of `bike analyze` as typed records: the figures of its ``--json``, and their JSON Schema.
 
-The JSON Schema is generated from the records and their docstrings. The package carries it as ``analyze.schema.json``;
-``python -m bike_analysis.figures.results`` prints it.
+The JSON Schema is generated from the records and their docstrings; ``python -m bike_analysis.figures.results`` prints
+it.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import re
 import types
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields, is_dataclass
-from importlib.resources import files
 from typing import Any, Final, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -258,17 +257,13 @@ def distance_by_speed(recordings: Sequence[RideRecording]) -> tuple[SpeedFigures
     for recording in recordings:
         for ride in recording.rides:
             f = ride.figures
-            if f.course is None or f.mean_error_m is None or not _steady(f):
+            low, mean, high = f.speed_min_m_s, f.speed_mean_m_s, f.speed_max_m_s
+            if f.course is None or f.mean_error_m is None or low is None or mean is None or high is None:
                 continue
-            assert f.speed_mean_m_s is not None
-            controller = recording.policy or str(recording.path)
-            groups.setdefault((f.course, round(f.speed_mean_m_s / SPEED_STEP)), []).append((controller, f))
+            if mean > 0.0 and high - low <= STEADY * mean:
+                controller = recording.policy or str(recording.path)
+                groups.setdefault((f.course, round(mean / SPEED_STEP)), []).append((controller, f))
     return tuple(_speed_figures(course, SPEED_STEP * step, found) for (course, step), found in sorted(groups.items()))
-
-
-def _steady(f: RideFigures) -> bool:
-    low, mean, high = f.speed_min_m_s, f.speed_mean_m_s, f.speed_max_m_s
-    return low is not None and mean is not None and high is not None and mean > 0.0 and high - low <= STEADY * mean
 
 
 def _speed_figures(course: str, speed: float, found: Sequence[tuple[str, RideFigures]]) -> SpeedFigures:
@@ -286,15 +281,8 @@ def _speed_figures(course: str, speed: float, found: Sequence[tuple[str, RideFig
     )
 
 
-FILE_NAME: Final = "analyze.schema.json"
-
 _PLAIN: Final[dict[Any, str]] = {str: "string", int: "integer", bool: "boolean"}
 _ATTRIBUTE: Final = re.compile(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", re.MULTILINE)
-
-
-def shipped_schema() -> dict[str, Any]:
-    """The schema that comes with the package."""
-    return json.loads((files("bike_analysis.figures") / FILE_NAME).read_text(encoding="utf-8"))
 
 
 def make_schema() -> dict[str, Any]:
@@ -328,7 +316,9 @@ def make_schema() -> dict[str, Any]:
 
 def _object(kind: type, definitions: dict[str, Any]) -> dict[str, Any]:
     """Schema of a record; records within it go to the definitions."""
-    hints, descriptions = get_type_hints(kind), _descriptions(kind)
+    hints = get_type_hints(kind)
+    texts = [inspect.cleandoc(base.__doc__ or "") for base in reversed(kind.__mro__) if is_dataclass(base)]
+    descriptions = {n: " ".join(words.replace("`", "").split()) for t in texts for n, words in _ATTRIBUTE.findall(t)}
     properties = {}
     for f in fields(kind):
         properties[f.name] = _value(hints[f.name], definitions)
@@ -342,12 +332,6 @@ def _object(kind: type, definitions: dict[str, Any]) -> dict[str, Any]:
         "required": list(properties),
         "additionalProperties": False,
     }
-
-
-def _descriptions(kind: type) -> dict[str, str]:
-    """Description of each attribute from a docstring, as plain text."""
-    texts = [inspect.cleandoc(base.__doc__ or "") for base in reversed(kind.__mro__) if is_dataclass(base)]
-    return {name: " ".join(said.replace("`", "").split()) for t in texts for name, said in _ATTRIBUTE.findall(t)}
 
 
 def _value(hint: Any, definitions: dict[str, Any]) -> dict[str, Any]:

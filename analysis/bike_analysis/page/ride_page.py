@@ -92,7 +92,9 @@ def render_page(
     if len(rides) > 1:
         parts.append(_overview(rides, names, drawn))
     for index in drawn:
-        view = ride_view(rides[index].evaluated, f"ride-{index + 1}", f"{labels[index]} on {_course(rides[index])}")
+        course = rides[index].course
+        name = f"{labels[index]} on {course.name if course else 'an unknown course'}"
+        view = ride_view(rides[index].evaluated, f"ride-{index + 1}", name)
         views.append(view)
         parts.append(_ride(rides[index], names[index], view))
     return page_shell(title, _below(list(zip(recordings, sources, strict=True))), parts, views)
@@ -235,10 +237,6 @@ def _below(recordings: Sequence[tuple[RideRecording, str]]) -> str:
     lines = [f"{lines[0]} · {made}"] if len(lines) == 1 else [*lines, made]
     more = "".join(long_notes(recording.data.notes, file) for recording, file in recordings)
     return "".join(f'<p class="soft">{line}</p>' for line in lines) + more
-
-
-def _course(ride: RecordedRide) -> str:
-    return ride.course.name if ride.course else "an unknown course"
 
 
 def _chosen(figures: Sequence[RideFigures]) -> list[int]:

@@ -320,9 +320,18 @@ class View:
         channels = {name: self.channel(name) for name in sorted(names)}
         plain: dict[str, Any] = _plain(replace(self, series=(), lines=(), channels=channels))
         plain["axes"] = ["distance", "time"]
-        plain["lines"] = [_plain(_thinned(line)) for line in self.lines]
+        for line in self.lines:
+            every = max(1, -(-len(line.x) // LINE_POINTS))
+            rows = (
+                np.unique(np.append(np.arange(0, len(line.x), every), len(line.x) - 1)) if len(line.x) else np.arange(0)
+            )
+            plain["lines"].append(_plain(replace(line, x=line.x[rows], y=line.y[rows])))
         for series in self.series:
-            columns = {n: embed(c, self._quantum(n)) for n, c in series.columns.items() if n in names}
+            columns = {
+                n: embed(c, MAP_QUANTUM if n in ("x", "y") else 10.0 ** -(self.channel(n).digits + 2))
+                for n, c in series.columns.items()
+                if n in names
+            }
             plain["series"].append(_plain(replace(series, columns={})) | {"columns": columns})
         return plain
 
@@ -336,9 +345,6 @@ class View:
             names.add("speed")  # the page computes differences of it
         return names | set(FOLLOWED) if self.follow is not None else names
 
-    def _quantum(self, name: str) -> float:
-        return MAP_QUANTUM if name in ("x", "y") else 10.0 ** -(self.channel(name).digits + 2)
-
 
 def _plain(value: Any) -> Any:
     """Records as dictionaries, text fit to be shown, and positions as embedded columns; captions are in the frame."""
@@ -351,12 +357,6 @@ def _plain(value: Any) -> Any:
     if isinstance(value, dict):
         return {shown(key): _plain(part) for key, part in value.items()}
     return [_plain(part) for part in value] if isinstance(value, list | tuple) else value
-
-
-def _thinned(line: MapLine) -> MapLine:
-    every = max(1, -(-len(line.x) // LINE_POINTS))
-    rows = np.unique(np.append(np.arange(0, len(line.x), every), len(line.x) - 1)) if len(line.x) else np.arange(0)
-    return replace(line, x=line.x[rows], y=line.y[rows])
 
 
 def growing(values: NDArray[Any]) -> Floats:

@@ -33,7 +33,6 @@ from bike_analysis.read.messages import (
     Motion,
     RecordedCourse,
     RecordedEvent,
-    Report,
     Simulation,
     Table,
     course_of,
@@ -290,9 +289,14 @@ class _Reader:
         chosen = self._choose(namespace)
         reader = self._topics.get(f"{chosen or ''}/state")
         vehicle = reader.vehicle if reader is not None else ""
-        states = self._states(f"{chosen}/state") if chosen is not None else self._foreign()
         name = chosen or ""
-        reports = list(self._reports())
+        states = self._table(f"{name}/state", STATE_TYPE) if chosen is not None else self._foreign()
+        if chosen is not None:
+            time_s, faults = forward_time(states.time_s, states.episode, states.step, states.control_period)
+            states = replace(states, time_s=time_s)
+            for text in faults:
+                self._warn(text)
+        reports = [report for statuses in self._converted("/diagnostics", reports_of) for report in statuses]
         return Recording(
             path=self._path,
             namespace=chosen,
@@ -360,19 +364,6 @@ class _Reader:
         listed = ", ".join(f"{t} ({k})" for t, k in sorted(topics.items())[:5]) or "no topics at all"
         wanted = ", ".join((STATE_TYPE, *MOTION_TYPES))
         return f"{self._path} is not a recording of a ride: no topic has one of the types {wanted}; it has {listed}"
-
-    def _states(self, topic: str) -> Table:
-        """States, whose time runs forward within each ride."""
-        states = self._table(topic, STATE_TYPE)
-        time_s, faults = forward_time(states.time_s, states.episode, states.step, states.control_period)
-        for text in faults:
-            self._warn(text)
-        return replace(states, time_s=time_s)
-
-    def _reports(self) -> Iterator[Report]:
-        """Reports of nodes on diagnostics, one status each."""
-        for statuses in self._converted("/diagnostics", reports_of):
-            yield from statuses
 
     def _table(self, topic: str, kind: str, expected: bool = True) -> Table:
         reader = self._topics.pop(topic, None)

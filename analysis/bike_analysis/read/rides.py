@@ -62,17 +62,13 @@ class Ride:
     def ended_by(self) -> str:
         """First of ``finished``, ``fell`` or ``off_course``; else ``stopped``."""
         states = self.states
-        flags = {"fell": states.fallen, "off_course": states.off_course, "finished": states.finished | self._lapped()}
+        lapped = states.course_closed & (states.progress - states.progress[0] >= states.course_length)
+        flags = {"fell": states.fallen, "off_course": states.off_course, "finished": states.finished | lapped}
         first = {name: int(np.argmax(rows)) for name, rows in flags.items() if rows.any()}
         if first:
             return min(first, key=lambda name: first[name])
         words = {"fall": "fell", "off_course": "off_course", "finish": "finished"}
         return next((words[event.kind] for event in self.events if event.kind in words), "stopped")
-
-    def _lapped(self) -> NDArray[np.bool_]:
-        """Whether a closed course has been ridden once around, one flag a state."""
-        states = self.states
-        return states.course_closed & (states.progress - states.progress[0] >= states.course_length)
 
     def reference_line(self) -> tuple[Floats, Floats]:
         """Followed line for drawing.
