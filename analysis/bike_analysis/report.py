@@ -18,9 +18,9 @@ from bike_analysis.figures.compare import Comparison, CourseError
 from bike_analysis.figures.metrics import RideFigures
 from bike_analysis.figures.recorded import RecordedLap, RecordedRide, RideRecording, comparable, compare, open_ride
 from bike_analysis.figures.results import Analysis, RideEntry, comparison_figures, distance_by_speed, recording_figures
+from bike_analysis.page.document import RC
 from bike_analysis.page.plots import overview_figure
 from bike_analysis.page.ride_page import write_page
-from bike_analysis.page.style import RC
 from bike_analysis.page.video import write_video
 from bike_analysis.read.container import METADATA_FILE, RecordingError, find_files, shown
 from bike_sim.course.track import Track

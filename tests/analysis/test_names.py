@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bike_analysis import RecordingError, read_recording
-from bike_analysis.page.html import html_text, script_json
+from bike_analysis.page.document import html_text, script_json
 from bike_analysis.read.container import shown
 from bike_sim.recording.definitions import MessageType
 from bike_sim.recording.recorder import RideRecorder

@@ -28,8 +28,7 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import WebDriverWait
 
 from bike_analysis import compare, open_ride
-from bike_analysis.page.document import SHORT, page_shell, program_version
-from bike_analysis.page.html import MISSING, embed
+from bike_analysis.page.document import MISSING, SHORT, embed, page_shell, program_version
 from bike_analysis.page.ride_page import render_page, write_page
 from bike_analysis.page.ride_view import panels_for, ride_view
 from bike_analysis.page.view import (

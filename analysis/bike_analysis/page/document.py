@@ -1,26 +1,241 @@
 """The frame that all pages share: one HTML file that needs no network, in light and dark, for desk and phone.
 
 It holds style, script, uPlot and the content security policy that blocks all network requests; and the words below the
-title, by which a ride was computed and recorded.
+title, by which a ride was computed and recorded. Text, data and columns of numbers in a page cannot become part of its
+code.
+
+The line colours can be distinguished with colour-blindness (they differ in lightness and lie first of all on the
+blue-orange axis); the scale of errors is viridis, with large errors farthest from the background in both schemes.
+
+A column is small enough for an hour at 100 Hz and exact to a stated quantum: it becomes integer multiples of that.
+Differences from row to row are small, so they are zigzag coded (sign in the lowest bit), split into four planes of
+bytes, deflated and written in base64. ``chart.js`` undoes this.
 """
 
 from __future__ import annotations
 
+import base64
+import json
+import zlib
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import cache
 from html import escape
 from importlib.metadata import PackageNotFoundError, version
 from importlib.resources import files
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.colors import ListedColormap, to_hex
+from numpy.typing import NDArray
 
-from bike_analysis.page.html import html_text, script_json
-from bike_analysis.page.style import style_variables
-from bike_analysis.page.view import View
-from bike_analysis.read.container import LONGEST_SENTENCE
+from bike_analysis.figures.numbers import lap_text
+from bike_analysis.read.container import LONGEST_NAME, LONGEST_SENTENCE, shown
 from bike_analysis.read.messages import Simulation
 from bike_analysis.read.reading import Recording
+
+if TYPE_CHECKING:
+    from bike_analysis.page.view import View
+
+INK: Final = "#1f2328"
+MUTED: Final = "#5e6875"
+GRID: Final = "#e3e6eb"
+BAND: Final = "#c4cad2"
+BLUE: Final = "#0b66ad"
+ORANGE: Final = "#c4501b"
+
+_LIGHT: Final = {
+    "ink": INK,
+    "muted": MUTED,
+    "grid": GRID,
+    "band": BAND,
+    "blue": BLUE,
+    "orange": ORANGE,
+    "green": "#00795f",
+    "violet": "#7a4cb8",
+    "gold": "#8f6a00",
+    "rose": "#b3306b",
+    "aid1": "#e0218a",
+    "aid2": "#6b8e00",
+    "aid3": "#00a0b0",
+    "aid4": "#8a5a44",
+}
+_DARK: Final = {
+    "ink": "#e6e9ee",
+    "muted": "#9aa5b3",
+    "grid": "#29313a",
+    "band": "#4b5563",
+    "blue": "#62b0f4",
+    "orange": "#f2915c",
+    "green": "#43c9a3",
+    "violet": "#bb9af0",
+    "gold": "#e0b84a",
+    "rose": "#f08ab8",
+    "aid1": "#ff6ec0",
+    "aid2": "#b9d94f",
+    "aid3": "#4cd8e6",
+    "aid4": "#d3a184",
+}
+_SURFACES_DARK: Final = {
+    "page": "#0f1317",
+    "card": "#181d23",
+    "line": "#2c333c",
+    "soft": "#9aa5b3",
+    "good": "#43c9a3",
+    "bad": "#f2915c",
+    "press": "#252d37",
+    "shade": "none",
+}
+
+_ERROR_LEVELS: Final = 16
+_VIRIDIS: Final = mpl.colormaps["viridis"]
+_ERROR_LIGHT: Final = [to_hex(_VIRIDIS(x)) for x in np.linspace(0.86, 0.0, _ERROR_LEVELS)]
+_ERROR_DARK: Final = [to_hex(_VIRIDIS(x)) for x in np.linspace(0.28, 1.0, _ERROR_LEVELS)]
+ERROR_MAP: Final = ListedColormap(_ERROR_LIGHT, name="ride_error")
+
+RC: Final[dict[str, Any]] = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "font.size": 9.0,
+    "axes.labelsize": 9.0,
+    "axes.edgecolor": MUTED,
+    "axes.labelcolor": INK,
+    "axes.linewidth": 0.7,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": GRID,
+    "grid.linewidth": 0.6,
+    "xtick.color": MUTED,
+    "ytick.color": MUTED,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "xtick.major.size": 3.0,
+    "ytick.major.size": 3.0,
+    "xtick.major.width": 0.7,
+    "ytick.major.width": 0.7,
+    "text.color": INK,
+    "text.parse_math": False,  # a name with dollar signs is no formula
+    "lines.solid_joinstyle": "round",
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+}
+
+
+def colour(name: str) -> str:
+    """Return a colour of the light scheme by its name."""
+    return _LIGHT[name]
+
+
+def colour_variables(svg: str) -> str:
+    """Let a picture take the page's colours: those of the light scheme become the variables that the page declares."""
+    for name, value in _LIGHT.items():
+        svg = svg.replace(value, f"var(--{name})")
+    return svg
+
+
+def style_variables(dark: bool) -> str:
+    """Declare the colours as CSS variables.
+
+    Args:
+        dark: For the dark scheme.
+
+    Returns:
+        Declarations, ``--ink: #...;`` and so on; in the dark scheme those of the page's surfaces, too.
+    """
+    variables = {**_SURFACES_DARK, **_DARK} if dark else dict(_LIGHT)
+    variables |= {f"e{index}": colour for index, colour in enumerate(_ERROR_DARK if dark else _ERROR_LIGHT)}
+    scheme = "color-scheme: dark; " if dark else ""
+    return scheme + " ".join(f"--{name}: {value};" for name, value in variables.items())
+
+
+_BY_NUMBER: Final = {ord(c): f"\\u{ord(c):04x}" for c in "<>&\u2028\u2029"}
+"""Characters by which a name could end the script element, or a line of it; JSON knows them by their numbers, too."""
+
+
+def html_text(text: str, longest: int = LONGEST_NAME) -> str:
+    """Text out of a recording as HTML, also within an attribute; see `shown`."""
+    return escape(shown(text, longest), quote=True)
+
+
+def script_json(data: Any) -> str:
+    """Data as JSON that may stand within a script element, whatever its strings say.
+
+    A string like ``<!--<script>`` would otherwise make the browser look for another end of the element.
+
+    Raises:
+        ValueError: If a number is not finite.
+    """
+    return json.dumps(data, separators=(",", ":"), allow_nan=False).translate(_BY_NUMBER)
+
+
+MISSING: Final = -(2**31)
+"""Multiple that stands for NaN."""
+_LARGEST: Final = 2**30
+
+
+def embed(values: NDArray[Any], quantum: float) -> dict[str, Any]:
+    """Pack a column.
+
+    Args:
+        values: Numbers; NaN and infinity become NaN.
+        quantum: What the numbers are rounded to; made coarser where they would not fit 31 bits.
+
+    Returns:
+        ``rows``, ``quantum`` and ``data``, ready for JSON.
+
+    Raises:
+        ValueError: If the quantum is not positive.
+    """
+    if not quantum > 0.0:
+        raise ValueError(f"the quantum of a column must be positive, got {quantum!r}")
+    column = np.asarray(values, dtype=np.float64)
+    known = np.isfinite(column)
+    largest = float(np.abs(column[known]).max(initial=0.0))
+    quantum = max(quantum, largest / _LARGEST)
+    multiples = np.where(known, np.rint(np.where(known, column, 0.0) / quantum), MISSING).astype(np.int64)
+    steps = np.diff(multiples, prepend=0).astype(np.int32)  # differences wrap, and so do the sums that undo them
+    zigzag = ((steps << 1) ^ (steps >> 31)).astype("<u4")
+    planes = zigzag.view(np.uint8).reshape(-1, 4).T.tobytes()
+    return {
+        "rows": len(column),
+        "quantum": quantum,
+        "data": base64.b64encode(zlib.compress(planes, 6)).decode("ascii"),
+    }
+
+
+def table_html(head: str, rows: Sequence[str], kind: str = "") -> str:
+    """Return a table that scrolls horizontally on a narrow screen; `kind` is its class."""
+    named = f" class={kind}" if kind else ""
+    return f"<div class=scroll><table{named}><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table></div>"
+
+
+def row_html(name: str, cells: Iterable[str]) -> str:
+    """Return a row of a table: its name, which is text, and cells, which are HTML."""
+    return f"<tr><td>{html_text(name)}</td>{''.join(cells)}</tr>"
+
+
+def time_cell(seconds: float | None, best: float | None, more: str = "") -> str:
+    """Return a cell with a lap or sector time, marked where it is the best one."""
+    mark = ' class="best"' if seconds is not None and seconds == best else ""
+    return f"<td{mark}>{'–' if seconds is None else lap_text(seconds)}{more}</td>"
+
+
+def number_text(value: float | None, digits: int, sign: str = "") -> str:
+    """Return a number with a typographic minus, and with its sign if `sign` is "+"; a dash for None."""
+    return "–" if value is None else f"{round(value, digits) + 0.0:{sign}.{digits}f}".replace("-", "−")
+
+
+def key_html(entries: Iterable[tuple[str, str, str]]) -> str:
+    """Return the most important figures, each with name, value and unit."""
+    items = (f"<div><dt>{escape(k)}</dt><dd>{v} <small>{escape(unit)}</small></dd></div>" for k, v, unit in entries)
+    return f'<dl class="key">{"".join(items)}</dl>'
+
 
 SHORT: Final = 60
 """Most characters of a note that stands in a line with others, as a policy's name; a whole task has more."""

@@ -10,8 +10,7 @@ from typing import Final
 import numpy as np
 
 from bike_analysis.figures.compare import Comparison
-from bike_analysis.page.document import page_shell, program_version
-from bike_analysis.page.html import html_text
+from bike_analysis.page.document import html_text, page_shell, program_version
 from bike_analysis.page.ride_view import (
     BRAKE,
     COMMAND,

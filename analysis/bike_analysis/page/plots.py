@@ -15,8 +15,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
+from bike_analysis.page.document import BAND, BLUE, ERROR_MAP, INK, MUTED, ORANGE, RC
 from bike_analysis.page.ride_view import course_sections, map_lines, section_middles
-from bike_analysis.page.style import BAND, BLUE, ERROR_MAP, INK, MUTED, ORANGE, RC
 from bike_analysis.page.view import growing
 from bike_analysis.read.messages import Floats
 from bike_analysis.read.rides import Ride

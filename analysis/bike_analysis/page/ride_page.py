@@ -16,8 +16,19 @@ from bike_analysis.figures.compare import Comparison, counted_runs
 from bike_analysis.figures.metrics import RideFigures
 from bike_analysis.figures.numbers import lap_text
 from bike_analysis.figures.recorded import RecordedRide, RideRecording, folder_prefixes
-from bike_analysis.page.document import long_notes, note_words, page_shell, program_version, recorded_settings
-from bike_analysis.page.html import html_text, key_html, number_text, row_html, table_html, time_cell
+from bike_analysis.page.document import (
+    html_text,
+    key_html,
+    long_notes,
+    note_words,
+    number_text,
+    page_shell,
+    program_version,
+    recorded_settings,
+    row_html,
+    table_html,
+    time_cell,
+)
 from bike_analysis.page.ride_view import FAST, comparison_view, ride_view
 from bike_analysis.page.view import View, view_html
 from bike_analysis.read.container import LONGEST_SENTENCE

@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_analysis.page.html import embed, html_text
+from bike_analysis.page.document import embed, html_text
 from bike_analysis.read.container import shown
 from bike_analysis.read.messages import Floats
 from bike_sim.schema import Quantity

@@ -15,7 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
-from bike_analysis.page.style import RC, colour, colour_variables
+from bike_analysis.page.document import RC, colour, colour_variables
 from bike_analysis.page.view import SERIES_COLOURS
 from bike_analysis.read.container import shown
 from bike_analysis.sweeps.figures import LARGER_IS_BETTER, GroupFigure, curves_of, finished, values_of

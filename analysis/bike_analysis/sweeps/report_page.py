@@ -9,8 +9,7 @@ from typing import NamedTuple
 import pandas as pd
 
 from bike_analysis.figures.numbers import significant
-from bike_analysis.page.document import page_shell, program_version
-from bike_analysis.page.html import html_text, key_html, table_html
+from bike_analysis.page.document import html_text, key_html, page_shell, program_version, table_html
 from bike_analysis.sweeps.figures import Comparison, GroupFigure, finished
 from bike_analysis.sweeps.pictures import group_colours, label_of
 
