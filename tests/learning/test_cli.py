@@ -1,9 +1,14 @@
 """The `bike` command from outside."""
 
 import json
+import re
+import resource
+import subprocess
+import sys
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from bike_policy.contract.action import ActionLayout
 from bike_policy.contract.actor import Actor
@@ -15,6 +20,7 @@ from bike_training.commands import train
 from bike_training.envs.node_process import NodeLost
 from bike_training.learning.presets import load_preset, preset_names
 from bike_training.learning.run_settings import RunSettings
+from bike_training.progress import progress_bar, status
 
 
 @pytest.fixture
@@ -37,6 +43,52 @@ def run_json(capsys, *words):
     out = capsys.readouterr().out
     assert len(out.strip().splitlines()) == 1
     return code, json.loads(out)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_comes_at_once(command):
+    """In processor time, so that other work on the machine does not count."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run(
+        [sys.executable, "-m", "bike_training.cli", command, "--help"], check=True, stdout=subprocess.DEVNULL
+    )
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    assert after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime < 0.6
+
+
+def test_progress_in_a_log_is_a_line_at_once_and_few_more(capfd):
+    with progress_bar("rides", "ride", 1000) as bar:
+        assert capfd.readouterr().err == "rides: 0/1000 ride [00:00<?]\n"
+        for _ in range(1000):
+            bar.update()
+    lines = capfd.readouterr().err.splitlines()
+    assert lines[-1].startswith("rides: 1000/1000 ride [")
+    assert len(lines) <= 2
+    with progress_bar("rides", "ride", 1000, quiet=True):
+        assert not capfd.readouterr().err
+    with status(Console(), "measuring") as tell:
+        tell("weave")
+        assert capfd.readouterr().err == "measuring: weave\n"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["evaluate", "--speeds", "4", "--random-rides", "0", "--engine", "whipple"],
+     ["evaluate", "classical", "--starts", "1"],
+     ["ride", "--rider", "classical", "--laps", "1", "--engine", "compiled"],
+     ["train", "whipple", "--steps", "40", "--out", "run"]],
+)  # fmt: skip
+def test_the_first_line_comes_before_the_work(words, tmp_path):
+    """Through a pipe."""
+    command = [sys.executable, "-m", "bike_training.cli", *words]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, cwd=tmp_path)
+    first = process.stderr.readline().decode()
+    if "loading" in first:
+        first = process.stderr.readline().decode()
+    assert process.poll() is None
+    assert re.search(r": 0/\S+ \w+ \[00:00<\?", first)
+    process.kill()
+    process.communicate()
 
 
 @pytest.mark.parametrize("command", COMMANDS)

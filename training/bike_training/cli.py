@@ -8,10 +8,11 @@ import json
 import os
 import signal
 import sys
+import threading
 import tomllib
 from argparse import Namespace
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext, suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final
@@ -22,6 +23,8 @@ from bike_training.commands.declarations import COMMANDS, NEED_ROS, RENAMED, Com
 from bike_training.envs.node_process import NodeLost
 from bike_training.interruption import SHELL_BASE, interrupt, leave_at_once, signals_handled, signals_noted
 
+LOADS_LONG: Final = 1.5
+"""Time after which a line tells that a command is being loaded, s."""
 LONGEST_ERROR: Final = 300
 """Characters of an error's line."""
 
@@ -36,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         0 when it did what was asked and its figures hold, 1 when its figures do not hold, 2 for bad input, 130 when
         interrupted by Ctrl-C, 143 by SIGTERM, 129 by SIGHUP.
     """
-    code = _run(list(sys.argv[1:] if arguments is None else arguments))
+    code = _run(list(sys.argv[1:] if arguments is None else arguments), alone=arguments is None)
     if arguments is None and code > SHELL_BASE:
         # All is closed by now. Python's own farewell would unload compilers and middleware for another second.
         with suppress(OSError):
@@ -46,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code
 
 
-def _run(words: Sequence[str]) -> int:
+def _run(words: Sequence[str], alone: bool = False) -> int:
     name, *rest = words or [""]
     if name in ("", "-h", "--help"):
         print(_overview())
@@ -55,9 +58,10 @@ def _run(words: Sequence[str]) -> int:
         print(f"bike {_version()}")
         return 0
     prefix = f"bike {name}" if name in COMMANDS else "bike"
+    note = _noted(f"{prefix}: loading what it needs") if alone else nullcontext()
     with signals_noted() as interrupted_code:
         try:
-            with signals_handled(leave_at_once):
+            with signals_handled(leave_at_once), note:
                 args = parse(name, rest)
                 if (name, args.subject) in NEED_ROS:
                     for needed in ("rclpy", "bike_msgs"):
@@ -82,6 +86,18 @@ def _run(words: Sequence[str]) -> int:
             print(json.dumps(result))
         # Learning ends by itself after a signal, with a checkpoint, and reports what it learned.
         return 0 if result["ok"] else interrupted_code() or 1
+
+
+@contextmanager
+def _noted(text: str) -> Iterator[None]:
+    """Print a line on standard error where the block takes long."""
+    timer = threading.Timer(LOADS_LONG, print, [text], {"file": sys.stderr, "flush": True})
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 def parse(name: str, words: Sequence[str]) -> Namespace:

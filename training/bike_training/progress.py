@@ -1,23 +1,65 @@
-"""Progress of a ride on the terminal."""
+"""Progress of what takes long: a bar at a terminal, lines in a log."""
 
 from __future__ import annotations
 
-from typing import Any
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, Final
 
 from tqdm import tqdm
 
-_FORMAT = "{l_bar}{bar}| {n_fmt}/{total_fmt} m [{elapsed}<{remaining}{postfix}]"
-"""Without tqdm's own rate, in metres a second of wall-clock time: it would stand beside the speed of the vehicle."""
+if TYPE_CHECKING:
+    from rich.console import Console
+
+LOG_EVERY: Final = 10.0
+"""Wall-clock time between lines of progress in a log, s: they must not fill it."""
 
 
-def distance_progress_bar(title: str, way: float | None = None, *, quiet: bool = False, leave: bool = True) -> Any:
-    """Return a bar of the way ridden. It shows only at a terminal, so that logs stay short.
+class _Lines:
+    """Standard error that gets whole lines of what tqdm writes over one another."""
+
+    encoding = "utf-8"
+
+    def write(self, text: str) -> None:
+        """Write a line."""
+        if text.strip():
+            print(text.strip(), file=sys.stderr, flush=True)
+
+    def flush(self) -> None:
+        """Do nothing: lines are flushed."""
+
+
+@contextmanager
+def status(console: Console, text: str) -> Iterator[Callable[[str], None]]:
+    """Show what is being done; where there is no terminal, each part of it is a line on standard error.
+
+    Yields:
+        A function that takes the name of the part.
+    """
+    with console.status(text) as shown:
+
+        def tell(part: str) -> None:
+            if console.is_terminal:
+                shown.update(f"{text}: {part}")
+            elif not console.quiet:
+                print(f"{text}: {part}", file=sys.stderr, flush=True)
+
+        yield tell
+
+
+def progress_bar(title: str, unit: str, total: int | None = None, *, quiet: bool = False, leave: bool = True) -> Any:
+    """Return a tqdm bar. Where there is no terminal it is a line at once and one every ten seconds.
 
     Args:
-        title: what is ridden.
-        way: length of the ride, m; None while it is not known.
-        quiet: whether nothing is shown at a terminal either.
-        leave: whether the bar stays when the ride is over.
+        title: what is done.
+        unit: of the total.
+        total: when it is done; None while it is not known.
+        quiet: whether nothing is shown.
+        leave: whether the bar stays at a terminal when it is done.
     """
-    total = None if way is None else round(way)
-    return tqdm(desc=title, total=total, unit="m", bar_format=_FORMAT, disable=True if quiet else None, leave=leave)
+    done = f"{{n_fmt}}/{{total_fmt}} {unit} [{{elapsed}}<{{remaining}}{{postfix}}]"
+    options: dict[str, Any] = {"bar_format": f"{{l_bar}}{{bar}}| {done}", "leave": leave}
+    if not sys.stderr.isatty():
+        options = {"bar_format": f"{{desc}}: {done}", "file": _Lines(), "mininterval": LOG_EVERY}
+    return tqdm(desc=title, total=total, unit=unit, smoothing=0.05, disable=quiet, **options)

@@ -14,7 +14,6 @@ from typing import Any, Final
 from rich import box
 from rich.console import Console
 from rich.table import Table
-from tqdm import tqdm
 
 from bike_analysis.figures.numbers import lap_text
 from bike_policy.contract.bundle import DEFAULT_POLICY, DEFAULT_RACER, load_bundle
@@ -27,6 +26,7 @@ from bike_sim.sim.simulator import Simulator
 from bike_training.arguments import check_positive, check_whole, make_folder
 from bike_training.commands.declarations import DEFAULT_SUPERBIKE, SUPERBIKE
 from bike_training.envs.clients import make_client
+from bike_training.progress import progress_bar
 from bike_training.rollout.evaluation import PAPER_MAX, PAPER_MEAN, SPEEDS, Ride, draw, evaluate
 from bike_training.rollout.races import RaceResult, ride_races, ride_starts
 from bike_training.rollout.rollout import TimedRider, ride_through
@@ -81,7 +81,7 @@ def _evaluate(
     timed = TimedRider(rider)
     with (
         _rides(args, name, timed, config) as ride,
-        tqdm(total=total, unit="ride", desc=rider.name, disable=None) as bar,
+        progress_bar(rider.name, "ride", total, quiet=args.json) as bar,
     ):
 
         def tick() -> None:
@@ -227,12 +227,19 @@ def run_races(args: argparse.Namespace) -> dict[str, Any]:
     name = rider if bundle is None else bundle.name
     make_folder("--out", args.out)
     pairs = _pairs(*_asked(args), args.in_turn)
-    results = [
-        ride_starts(rider, machine, circuit, args.starts, args.laps)
-        if bundle is None
-        else ride_races(bundle, machine, circuit, args.starts, args.laps, args.share)
-        for machine, circuit in tqdm(pairs, unit="pair", disable=args.json or len(pairs) == 1)
-    ]
+    results = []
+    for machine, circuit in pairs:
+        with progress_bar(f"{name}, {machine}, {circuit}", "s", quiet=args.json) as bar:
+
+            def tell(done: int, total: int, bar: Any = bar) -> None:
+                bar.total = total
+                bar.update(done - bar.n)
+
+            results.append(
+                ride_starts(rider, machine, circuit, args.starts, args.laps, tell)
+                if bundle is None
+                else ride_races(bundle, machine, circuit, args.starts, args.laps, args.share, tell)
+            )
     found = [result.figures() for result in results]
     lost = [
         {"vehicle": each.vehicle, "circuit": each.circuit, **asdict(ride)} for each in results for ride in each.lost

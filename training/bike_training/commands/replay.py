@@ -9,8 +9,7 @@ import time
 from dataclasses import asdict
 from typing import Any, Final
 
-from tqdm import tqdm
-
+from bike_training.progress import progress_bar
 from bike_training.replay import Difference, Replay, RideSource, read_rides, ride_again
 
 SCHEMA: Final = "bike.analyze_replay/1"
@@ -40,7 +39,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _ride(recorded: RideSource, args: argparse.Namespace) -> dict[str, Any]:
     began = time.monotonic()
-    with tqdm(desc=f"ride {recorded.ride.index}", unit="step", disable=args.json or None, leave=False) as bar:
+    with progress_bar(f"ride {recorded.ride.index}", "step", quiet=args.json, leave=False) as bar:
 
         def tell(step: int, steps: int) -> None:
             bar.total = steps

@@ -32,7 +32,7 @@ from bike_sim.vehicles.superbike import Superbike
 from bike_training.arguments import check_positive, check_whole, recording_folder
 from bike_training.commands.analyze import text_of
 from bike_training.commands.declarations import LARGEST_DOMAIN
-from bike_training.progress import distance_progress_bar
+from bike_training.progress import progress_bar
 from bike_training.rollout.laps import ALLOWED_EXCESS, pair_figures, ride_laps
 from bike_training.rollout.rollout import time_for
 
@@ -208,7 +208,7 @@ def described(machine: Superbike, limits: Envelope) -> Machine:
 
 def _lap_figures(vehicle: str, circuit: str, args: argparse.Namespace) -> dict[str, Any]:
     began, laps, rider = time.monotonic(), args.laps, make_rider(args.rider)
-    with distance_progress_bar(f"{vehicle}, {circuit}", quiet=args.json, leave=False) as bar:
+    with progress_bar(f"{vehicle}, {circuit}", "m", quiet=args.json, leave=False) as bar:
 
         def tell(snapshot: Snapshot, length: float) -> None:
             if snapshot.step % 50:

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from dataclasses import replace
 from typing import Any, Final
-
-from tqdm import tqdm
 
 from bike_training.commands.declarations import SUPERBIKE
 from bike_training.learning import run as learning
@@ -21,20 +18,22 @@ from bike_training.learning.run_settings import (
     RunSettings,
     with_simulator,
 )
+from bike_training.progress import progress_bar
 
 DEFAULT_PRESET: Final = "fast"
 SUPERBIKE_PRESETS: Final = {"fast": "race", "paper": "race_paper"}
 """Presets of superbikes by the names of those of bicycles, so that the same word means the same kind."""
 RECORD_EVERY: Final = 10
-LOG_EVERY: Final = 10.0
-"""Time between lines of progress in a log file, s: they must not fill it."""
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Learn and return the outcome; not ok when interrupted."""
     settings = _with_simulator(_resumed_settings(args) if args.resume else _new_settings(args), args)
-    every = 0.1 if sys.stderr.isatty() else LOG_EVERY
-    with tqdm(total=settings.preset.sac.steps, unit="step", smoothing=0.05, mininterval=every) as bar:
+    if not (settings.superbike or settings.until_finished or args.json):
+        print(
+            f"learns for {settings.preset.sac.steps:,} steps; --until-finished ends with the curriculum, after minutes"
+        )
+    with progress_bar("learning", "step", settings.expected_steps()) as bar:
         summary = learning.run(settings, args.out, lambda process: _show(bar, process), args.resume)
     figures = summary | {"out": str(args.out)}
     if not args.json:
@@ -88,10 +87,11 @@ def _split(pair: str) -> tuple[str, str]:
     return name, value
 
 
-def _show(bar: tqdm[Any], process: LearningProcess) -> None:
+def _show(bar: Any, process: LearningProcess) -> None:
     if not bar.n:  # steps of earlier sessions were not made in this one's time
         bar.initial = bar.n = bar.last_print_n = process.model.num_timesteps
     bar.set_postfix_str(process.words(), refresh=False)
+    bar.total = process.settings.expected_steps(process.model.num_timesteps)
     bar.update(process.model.num_timesteps - bar.n)
 
 
@@ -116,8 +116,7 @@ def run_refinement(args: argparse.Namespace) -> dict[str, Any]:
     learner = settings.preset.learner
     if not isinstance(learner, GradientSettings):
         raise ValueError(f"preset {settings.preset.name!r} does not learn by gradients")
-    every = 0.1 if sys.stderr.isatty() else LOG_EVERY
-    with tqdm(total=learner.segments, unit="segment", smoothing=0.05, mininterval=every) as bar:
+    with progress_bar("learning", "segment", learner.segments) as bar:
 
         def report(process: GradientLearning, found: Comparison | None) -> None:
             if found is not None:

@@ -26,6 +26,7 @@ from bike_sim.validation import bicycle as validation
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.files import load_vehicle, vehicle_template
 from bike_training.arguments import check_positive, make_folder
+from bike_training.progress import status
 
 SCHEMA = "bike.validate/1"
 
@@ -47,10 +48,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         make_folder("--out", args.out)
     vehicle = load_vehicle(args.vehicle)
     console = Console(quiet=args.json)
-    with console.status("measuring") as status:
-        result = validation.validate(
-            vehicle, args.engine, args.time_step, lambda part: status.update(f"measuring: {part}")
-        )
+    with status(console, "measuring") as tell:
+        result = validation.validate(vehicle, args.engine, args.time_step, tell)
     console.print(*_tables(result))
     answer = as_dict(result)
     if args.out is not None:
@@ -218,7 +217,8 @@ def run_circuit(args: argparse.Namespace) -> dict[str, Any]:
         make_folder("--out", args.out)
     envelope = point_mass_envelope(args.lateral_g)
     console = Console(quiet=args.json)
-    with console.status("computing the fastest line"):
+    with status(console, "computing") as tell:
+        tell("the fastest line")
         track = with_fastest_line(load_track(args.course), envelope)
         ideal, median = lap_limit(envelope, track.line(1.0)), lap_limit(envelope, track.line(0.0))
     figures = _circuit_figures(track, ideal, median)

@@ -26,6 +26,7 @@ from bike_sim.validation.bicycle import Check
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.arguments import check_positive, make_folder
+from bike_training.progress import status
 from bike_training.rollout.laps import ride_laps
 
 SCHEMA: Final = "bike.validate_superbike/1"
@@ -47,9 +48,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if args.out is not None:
         make_folder("--out", args.out)
     console = Console(quiet=args.json)
-    with console.status("measuring") as status:
-        result = validation.validate(args.time_step, lambda part: status.update(f"measuring: {part}"))
-        status.update("measuring: theoretical laps")
+    with status(console, "measuring") as tell:
+        result = validation.validate(args.time_step, tell)
+        tell("theoretical laps")
         result.checks.extend(bound_checks())
     console.print(_table(result))
     console.print(_ranges(result))

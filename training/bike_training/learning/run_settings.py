@@ -40,6 +40,10 @@ SUPERBIKE_ENGINES: Final = {"local": SUPERBIKE_ENGINE, "ros": SUPERBIKE_ENGINE}
 """The same of superbikes."""
 
 
+FINISH_STEPS: Final = 100_000
+"""Steps after which the default preset has finished its curriculum, mostly (docs/reference/results.md)."""
+
+
 def machines_of(vehicle: str) -> tuple[str, ...]:
     """Return the names or files of the vehicles of a run from its setting, in which commas part them."""
     return tuple(name.strip() for name in vehicle.split(","))
@@ -101,6 +105,11 @@ class RunSettings:
             )
         if self.record_every < 0:
             raise ValueError(f"record_every must be 0 or more validations, got {self.record_every}")
+
+    def expected_steps(self, made: int = 0) -> int:
+        """Return the learning steps that it will make in all, as far as can be said after those already made."""
+        steps = self.preset.sac.steps
+        return min(steps, max(FINISH_STEPS, round(1.1 * made))) if self.until_finished else steps
 
     def to_json(self) -> dict[str, Any]:
         """Return plain values that :meth:`from_json` reads."""

@@ -27,7 +27,7 @@ from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_training.envs.node_process import InactivityTimeout, NodeLost, NodeProcess
 from bike_training.envs.ros_client import RosClient
-from bike_training.progress import distance_progress_bar
+from bike_training.progress import progress_bar
 from bike_training.rollout.laps import LONGEST_LAP
 from bike_training.rollout.rollout import RideResult, is_completed, is_over
 
@@ -85,6 +85,7 @@ def ride_recorded(
     Raises:
         NodeLost: a node ended, no state came for long, or the recorder could not finish its file.
     """
+    print(f"{title}: starting recorder, simulator and policy", file=sys.stderr, flush=True)
     with NodeProcess("bike_sim.ros.record", record, domain) as recorder:
         with NodeProcess("bike_sim.ros.sim_node", simulator, domain) as sim, RideMonitor(domain) as monitor:
             monitor.pause(True, START_TIMEOUT, [sim, recorder])
@@ -93,7 +94,7 @@ def ride_recorded(
                 monitor.wait_for_recorder(START_TIMEOUT, [sim, recorder, policy], needed)
                 begun = time.monotonic()
                 monitor.pause(False, START_TIMEOUT, [sim, recorder, policy])
-                with distance_progress_bar(title, way) as bar:
+                with progress_bar(title, "m", round(way)) as bar:
                     monitor.watch(bar, longest, [sim, recorder, policy], is_over)
                 wall = time.monotonic() - begun
         recorder.finish()

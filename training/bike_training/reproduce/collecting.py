@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import sys
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
@@ -11,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from tqdm import tqdm
 
+from bike_training.progress import progress_bar
 from bike_training.reproduce.data import Data, Run, Validation, file_of, kind_of, read_rows, write_rows
 from bike_training.reproduce.paper import Kind, Paper
 from bike_training.sweeps.plan import Plan, PlannedRun
@@ -32,7 +31,7 @@ def collect(paper: Paper[Kind, Data], plan: Plan, experiment: Kind, quiet: bool)
     ridden: dict[str, list[Any]] = {name: [] for name in paper.ridden}
     folders: dict[tuple[str, int], Path] = {}
     each = paper.rides(experiment)
-    with tqdm(total=each * len(plan.runs), unit="ride", disable=True if quiet else None, file=sys.stderr) as bar:
+    with progress_bar("riding", "ride", each * len(plan.runs), quiet=quiet) as bar:
         for (setting, seed), planned in zip(experiment.named(), plan.runs, strict=True):
             rows = _validations(paper, planned.folder, setting, seed)
             validations += rows

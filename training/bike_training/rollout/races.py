@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
@@ -29,6 +30,10 @@ SPEED_SHARES: Final = (0.5, 0.9)
 """Starts are at shares of the theoretical speed from this interval."""
 OFF_TRACK, SLOW = "off track", "slow"
 """Causes of lost rides beside falls and walls."""
+TELL_EVERY: Final = 50
+"""Control steps between calls with the progress."""
+Tell = Callable[[int, int], None]
+"""Takes what is done and all that is to be done."""
 TIME: Final = 1.4
 """Longest time of a lap, as a part of the theoretical one."""
 
@@ -103,7 +108,13 @@ class RaceResult:
 
 
 def ride_races(
-    bundle: Bundle, vehicle: str, circuit: str, starts: int = 100, laps: int = 1, share: float | None = None
+    bundle: Bundle,
+    vehicle: str,
+    circuit: str,
+    starts: int = 100,
+    laps: int = 1,
+    share: float | None = None,
+    tell: Tell = lambda done, total: None,
 ) -> RaceResult:
     """Ride from starts all around a circuit.
 
@@ -114,6 +125,7 @@ def ride_races(
         starts: number of rides; they begin evenly around the circuit, at different speeds.
         laps: flying laps that each of them is to finish.
         share: part of the planned speed that is asked; None for the policy's own.
+        tell: called at times with the simulated time so far and the expected one, s.
 
     Raises:
         ValueError: a policy that does not race, or a vehicle that is no superbike.
@@ -135,6 +147,8 @@ def ride_races(
     distance, activity, moments, outside = 0.0, np.zeros(2), 0, 0
     before, places = np.zeros((starts, 2)), np.full(starts, np.nan)
     for step in range(round(TIME * theory * (laps + 1) / config.control_period)):
+        if step % TELL_EVERY == 0:
+            tell(round(step * config.control_period), round(theory * (laps + 1)))
         commands = rider.commands(batch, step)
         riding = ~batch.fallen & (_finished(batch) < laps)
         if not riding.any():
@@ -179,7 +193,9 @@ def ride_races(
     return result
 
 
-def ride_starts(name: str, vehicle: str, circuit: str, starts: int = 4, laps: int = 1) -> RaceResult:
+def ride_starts(
+    name: str, vehicle: str, circuit: str, starts: int = 4, laps: int = 1, tell: Tell = lambda done, total: None
+) -> RaceResult:
     """Ride a rider that is not learned from the same starts, one after the other.
 
     Args:
@@ -188,6 +204,7 @@ def ride_starts(name: str, vehicle: str, circuit: str, starts: int = 4, laps: in
         circuit: name or file of the circuit.
         starts: number of rides; they begin evenly around the circuit, at different speeds.
         laps: flying laps that each of them is to finish.
+        tell: called at times with the simulated time so far and the expected one, s.
 
     Raises:
         ValueError: a vehicle that is not a superbike, or a course that is a path.
@@ -207,6 +224,9 @@ def ride_starts(name: str, vehicle: str, circuit: str, starts: int = 4, laps: in
         for row in range(starts):
             place, fall, done, commands = math.nan, "", [], []
             for snapshot in rollout(simulator, rider, _start(ground, circuit, row, starts)):
+                if snapshot.step % TELL_EVERY == 0:
+                    expected = theory * (laps + 1)
+                    tell(round(row * expected + snapshot.time), round(starts * expected))
                 if snapshot.step:
                     commands.append((snapshot.steering, snapshot.throttle))
                     distances.append(snapshot.distance)

@@ -52,8 +52,6 @@ STEP_SECONDS: Final = {"local": 1.5e-4, "ros": 1.2e-3}
 """Processor time of a step of one vehicle, by client, s."""
 UPDATE_SECONDS: Final = {"sbx": 1.1e-3, "sb3": 6.0e-3}
 """Processor time of an update with the default networks and batch, by learner, s. Rough estimate."""
-FINISH_STEPS: Final = 100_000
-"""Steps after which the default preset has finished its curriculum, mostly (docs/reference/results.md)."""
 
 
 @dataclass(frozen=True)
@@ -100,14 +98,9 @@ class TrainJob:
 
     def estimate(self) -> float:
         """Return the processor time that it will take, s."""
-        learner, steps = self.settings.preset.sac, self.expected_steps()
+        learner, steps = self.settings.preset.sac, self.settings.expected_steps()
         update = UPDATE_SECONDS[learner.learner] * learner.updates / learner.environments
         return START_SECONDS + steps * (STEP_SECONDS[self.settings.client] + update)
-
-    def expected_steps(self, made: int = 0) -> int:
-        """Return the learning steps that it will make in all, as far as can be said after those already made."""
-        steps = self.settings.preset.sac.steps
-        return min(steps, max(FINISH_STEPS, round(1.1 * made))) if self.settings.until_finished else steps
 
     def run(self, folder: Path, tell: Tell) -> JobEnd:
         """Learn, or go on from the checkpoint in the folder."""
@@ -118,7 +111,7 @@ class TrainJob:
             if self.watch is not None:
                 self.watch(process)
             steps = process.model.num_timesteps
-            tell(steps, self.expected_steps(steps), process.words())
+            tell(steps, self.settings.expected_steps(steps), process.words())
 
         summary = run(self.settings, folder, report, resume=find_checkpoint(folder) is not None)
         return JobEnd({name: summary[name] for name in _KEPT if name in summary}, summary["interrupted"])
