@@ -18,11 +18,13 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from PIL import Image
 
-from bike_analysis import RecordingError, find_rides, read_recording
+from bike_analysis import RecordingError, compare, find_rides, open_ride, read_recording
+from bike_analysis.figures.circuit import course_corners
 from bike_analysis.page import ride_page
 from bike_analysis.page.plots import overview_figure, thin
-from bike_analysis.page.ride_view import ride_view
+from bike_analysis.page.ride_view import comparison_view, ride_view
 from bike_analysis.report import analyze
+from bike_sim.course.files import load_track
 from bike_training import cli
 from bike_training.commands import analyze as command
 
@@ -135,6 +137,45 @@ def test_lean_is_compared_with_the_one_that_balances_the_turn(recorded: Path) ->
     np.testing.assert_allclose(columns["balance"], -np.degrees(np.arctan(16 / 98.1)))
     np.testing.assert_allclose(columns["roll"], columns["balance"])
     assert np.all(columns["steer"] > 0)
+
+
+def test_a_fall_is_marked_in_the_traces_and_told_in_degrees(writer, circle, tmp_path: Path) -> None:
+    """Also in a comparison, where it belongs to one of the rides."""
+    falling = circle(steps=100, events=[{"step": 90, "kind": 1, "text": "fell with a roll of 0.81 rad"}])
+    paths = [
+        writer.write(tmp_path / f"{n}.mcap", [r], metadata_file=False)
+        for n, r in (("a", falling), ("b", circle(steps=110)))
+    ]
+    recordings = [open_ride(path) for path in paths]
+    moments = ride_view(recordings[0].rides[0].evaluated, "a", "a").data()["moments"]
+    assert moments == [{"series": 0, "row": 90, "label": "fall"}]
+    view = comparison_view(compare(recordings), "both")
+    (moment,) = view.data()["moments"]
+    assert (view.series[moment["series"]].name, moment["row"]) == ("a", 90)
+    assert "fell with a roll of 46°" in ride_page.render_page(recordings)
+
+
+def test_circuits_have_their_turns_and_laps_their_kind(writer, circle, tmp_path: Path) -> None:
+    """A line named after a shipped circuit: its turns by number; what begins at the reset is no flying lap."""
+    line = load_track("barcelona").centre
+    ride = circle(steps=500, speed=20.0)
+    ride.course |= {
+        "name": "barcelona (median)",
+        "length": line.length,
+        "section_names": [],
+        "section_starts": np.empty(0),
+    }
+    ride.course |= {name: getattr(line, name) for name in ("s", "x", "y", "curvature", "width_left", "width_right")}
+    path = writer.write(tmp_path / "lap.mcap", [ride], metadata_file=False)
+    both = compare([open_ride(path)])
+    view = comparison_view(both, "both")
+    corners = load_track("barcelona").corners
+    assert [label["text"] for label in view.labels] == [corner.name for corner in corners]
+    found = course_corners(both.runs[0].ride.course)
+    np.testing.assert_allclose([c.apex for c in found], [c.apex for c in corners], atol=1.0)
+    assert [run.kind for run in both.runs[:2]] == ["rolling start", "flying"]
+    assert {series.kind for series in view.series} == {"flying"}
+    assert [panel.key for panel in view.panels[:3]] == ["speed", "delta", "speed_delta"]
 
 
 def test_picture_has_equal_scales_and_the_course(recorded: Path) -> None:

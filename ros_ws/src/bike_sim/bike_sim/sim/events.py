@@ -151,7 +151,7 @@ def fall_event(time: float, progress: float, roll: float, fall: str = "", speed:
         speed: m/s, mentioned if the fall has a name.
     """
     how = f" ({fall.replace('_', ' ')}) at {speed:.1f} m/s" if fall else ""
-    return Event(EventKind.FALL, time, progress, roll, f"fell{how} with a roll of {roll:.2f} rad")
+    return Event(EventKind.FALL, time, progress, roll, f"fell{how} with a roll of {math.degrees(roll):.0f} deg")
 
 
 def wall_event(time: float, progress: float, hit: WallHit) -> Event:
