@@ -309,21 +309,22 @@ def function(name: str, summary: str, arguments: Sequence[str], d: Derivation, r
     print(f"{name}: {len(lines)} assignments from {operations} operations", file=sys.stderr)
     body = [
         f'    """{summary}"""',
+        f"    {', '.join(TRIGONOMETRY)} = angles",
+        f"    {', '.join(SPEEDS)} = rates",
         f"    ({', '.join(CONSTANTS)}) = constants",
         *(f"    {line}" for line in lines),
         f"    return {', '.join(str(result) for result in results)}",
     ]
     # Strict arithmetic: relaxed, the same step compiled in two processes may differ in the last bit.
-    head = f"@njit(cache=True)\ndef {name}(\n"
-    head += "".join(f"    {argument}: float,\n" for argument in arguments)
-    head += f"    constants: Constants,\n) -> tuple[{', '.join(['float'] * len(results))}]:\n"
+    given = "".join(f"{argument}: float, " for argument in arguments)
+    head = f"@njit(cache=True)\ndef {name}(angles: Angles, rates: Rates, {given}constants: Constants) -> "
+    head += f"tuple[{', '.join(['float'] * len(results))}]:\n"
     return head + "\n".join(body) + "\n"
 
 
 HEADER = '''"""Equations of motion of the nonlinear Whipple bicycle. Written by tools/derive_whipple.py: do not edit.
 
-The arguments `sr, cr, sb, cb, ss, cs` are the sines and cosines of roll, of beta = pitch - lam, and of steer; the
-other names are explained in the script that wrote this file.
+Names are explained in the script that wrote this file.
 """
 
 # ruff: noqa: E501
@@ -339,6 +340,10 @@ Constants = tuple[
     float, float, float, float, float, float, float, float, float, float, float,
 ]
 """CONSTANT_NAMES in this order, made by `bike_sim.physics.bicycle.whipple.constants`."""
+Angles = tuple[float, float, float, float, float, float]
+"""Sines and cosines of roll, of beta = pitch - lam, and of steer: sr, cr, sb, cb, ss, cs."""
+Rates = tuple[float, float, float]
+"""Of roll, steer and front wheel, rad/s."""
 
 '''
 
@@ -351,7 +356,7 @@ def module_text() -> str:
     text += function(
         "motion",
         "Return (yaw rate, rear speed, pitch rate, roll, steer and front wheel acceleration), rad, m, s.",
-        (*TRIGONOMETRY, *SPEEDS, "torque"),
+        ("torque",),
         d,
         results,
     )
@@ -359,7 +364,7 @@ def module_text() -> str:
     text += "\n\n" + function(
         "energies",
         "Return (kinetic energy, potential energy above the ground), J.",
-        (*TRIGONOMETRY, *SPEEDS),
+        (),
         d,
         results,
     )

@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bike_policy.contract.observation import DESCRIPTOR, Rows, rows_of
-from bike_sim.physics.superbike import forces as sf
 from bike_sim.schema import SIGNALS
 from bike_sim.sim import look as lk
 from bike_sim.sim.batch import Batch
@@ -26,6 +25,8 @@ from bike_training.tasks.race import (
     history_penalty,
     off_track,
 )
+
+signal = SIGNALS.index
 
 COMPILED = replace(superbike_config("panigale_v4r"), engine="compiled")
 ALL = dict.fromkeys(REWARD_TERMS, 1.0)
@@ -99,8 +100,8 @@ def test_progress_is_negative_where_a_machine_moves_back_along_the_line(start, h
 def test_motion_counts_vertical_and_sideways_speed(start):
     def move(row, vertical, angle):
         row.look[:, lk.SPEED] = 40.0
-        row.signals[:, SIGNALS.index("vertical_velocity")] = vertical
-        row.signals[:, sf.T_REAR_DRIFT] = angle
+        row.signals[:, signal("vertical_velocity")] = vertical
+        row.signals[:, signal("rear_slip_angle")] = angle
 
     for vertical, angle, speed in ((-0.5, 0.0, 0.5), (0.0, -0.1, 4.0), (0.5, 0.1, 4.5)):
         result, _ = decide(rides_of(start), start[0], lambda row, v=vertical, a=angle: move(row, v, a))
@@ -170,7 +171,7 @@ def test_a_fall_and_a_wall_count_once(start):
 
     def hit(row):
         row.fallen[:] = True
-        row.signals[:, sf.T_SPEED] = 30.0
+        row.signals[:, signal("speed")] = 30.0
 
     result, row = decide(rides, start[0], hit)
     assert result.failed[0]
@@ -189,9 +190,9 @@ def test_stability_terms_by_hand(start):
         row.state[:, 4] = 0.05
         row.state[:, 7] = 3.0
         row.look[:, lk.YAW_RATE] = first.look[:, lk.YAW_RATE] + 4.0
-        row.signals[:, [sf.T_REAR_SLIP, sf.T_FRONT_SLIP]] = [0.1, -3.0]
-        row.signals[:, [sf.T_REAR_DRIFT, sf.T_FRONT_DRIFT]] = [0.2, -0.1]
-        row.signals[:, [sf.T_REAR_USE, sf.T_FRONT_USE]] = [1.5, 0.3]
+        row.signals[:, [signal("rear_slip"), signal("front_slip")]] = [0.1, -3.0]
+        row.signals[:, [signal("rear_slip_angle"), signal("front_slip_angle")]] = [0.2, -0.1]
+        row.signals[:, [signal("rear_use"), signal("front_use")]] = [1.5, 0.3]
 
     before = start[0]
     rides = rides_of((first, *start[1:]))

@@ -14,8 +14,7 @@ from bike_sim.vehicles.superbike import Superbike
 
 
 def limits(vehicle: Superbike, lean_deg: float, speed: float) -> AidLimits:
-    rear, front = vehicle.tyres
-    return aid_limits(math.radians(lean_deg), 0.0, speed**2, vehicle.machine, rear, front)
+    return aid_limits(math.radians(lean_deg), 0.0, speed**2, vehicle.machine)
 
 
 def machine(name: str) -> Superbike:

@@ -7,15 +7,11 @@ import pytest
 
 from bike_sim.physics import state as st
 from bike_sim.physics.engines import make_engine
-from bike_sim.physics.ground import GROUND, NO_BUMPS, flat_ground
 from bike_sim.physics.multibody import articulated, vectors
 from bike_sim.physics.multibody.tree import Body, Joint
-from bike_sim.physics.superbike import forces as sf
 from bike_sim.physics.superbike.bullet import BulletSuperbikeEngine
-from bike_sim.physics.superbike.constants import constants_of
-from bike_sim.physics.superbike.engine import CompiledSuperbikeEngine, advance_rows
-from bike_sim.physics.superbike.pose import superbike_tree, without_rider
-from bike_sim.physics.superbike.records import MEMORY
+from bike_sim.physics.superbike.engine import CompiledSuperbikeEngine
+from bike_sim.physics.superbike.pose import superbike_tree
 from bike_sim.validation.superbike import without_electronics
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
@@ -189,49 +185,6 @@ def test_a_tree_out_of_order_is_refused() -> None:
         articulated.tree_record((tree[0], tree[3], tree[1], tree[2], tree[4]), 9.81)
     with pytest.raises(ValueError, match="the first on none"):
         articulated.tree_record(tree[1:], 9.81)
-
-
-# --- alone and among others ---
-
-
-def test_a_row_rides_alone_as_among_others() -> None:
-    """Two machines, other starts, commands and grips, and one that tips over at rest: every row bit for bit."""
-    vehicles = (DUCATI, YAMAHA)
-    rng = np.random.default_rng(1)
-    count, periods = 7, 100
-    machines = rng.integers(0, 2, count)
-    constants = np.concatenate([constants_of(vehicle, without_rider(vehicle)) for vehicle in vehicles])
-    trees = [superbike_tree(vehicle) for vehicle in vehicles]
-    records = np.concatenate(
-        [articulated.tree_record(tree, vehicle.g) for tree, vehicle in zip(trees, vehicles, strict=True)]
-    )
-    engines, states = [], np.zeros((count, st.STATE_SIZE))
-    grounds = np.zeros(count, dtype=GROUND)
-    motions = np.zeros(count, dtype=articulated.motion_record(5))
-    memories, telemetries = np.zeros(count, dtype=MEMORY), np.zeros(count, dtype=sf.TELEMETRY)
-    for i, m in enumerate(machines):
-        engine = CompiledSuperbikeEngine(vehicles[m], STEP)
-        start = st.upright_state(rng.uniform(10.0, 80.0) if i else 0.0, vehicles[m].rF)
-        start[st.ROLL] = rng.uniform(0.1, 0.5)
-        engine.reset(start)
-        under = flat_ground(*rng.uniform(0.5, 1.0, 2))
-        grounds[i] = under.record[0]
-        engines.append((engine, under))
-        states[i], motions[i], memories[i] = engine.state(), engine.motion[0], engine.memory[0]
-    work, commands = articulated.workspace(5), np.empty((count, 2))
-    for _ in range(periods):
-        commands[:] = rng.uniform(-1.0, 1.0, (count, 2))
-        advance_rows(
-            states, motions, memories, telemetries, machines, constants, records, work, commands, grounds, NO_BUMPS,
-            STEP, 10,
-        )  # fmt: skip
-        for i, (engine, under) in enumerate(engines):
-            engine.advance(commands[i, 0], commands[i, 1], 10, under)
-    for i, (engine, _) in enumerate(engines):
-        assert (states[i] == engine.state()).all()
-        assert (telemetries[i : i + 1].view(np.float64) == engine.telemetry()).all()
-        assert (memories[i : i + 1] == engine.memory).all()
-    assert 0 < sum(engine.fall != "none" for engine, _ in engines) < count
 
 
 def test_rides_repeat_bit_for_bit_whatever_came_before() -> None:

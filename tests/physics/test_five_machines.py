@@ -111,7 +111,8 @@ def test_tyres_have_their_sizes_and_one_rubber(name: str) -> None:
     assert vehicle.rR == pytest.approx(17.0 * inch / 2.0 + width * aspect * 1e-5, rel=1e-3)
     assert vehicle.rF == pytest.approx(17.0 * inch / 2.0 + 120 * 70 * 1e-5, rel=1e-3)
     assert vehicle.rear_tyre.crown == pytest.approx(0.09 * width / 190.0, rel=1e-3)
-    for mine, others in zip(vehicle.tyres, MACHINES["r1"].tyres, strict=True):
+    for wheel in ("rear_tyre", "front_tyre"):
+        mine, others = vehicle.machine[wheel], MACHINES["r1"].machine[wheel]
         assert mine["friction"] == others["friction"]
         assert mine["shape"] == others["shape"]
 

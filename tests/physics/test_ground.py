@@ -18,8 +18,11 @@ from bike_sim.physics.superbike import forces as sf
 from bike_sim.physics.superbike.contact import bump_at, surface_at
 from bike_sim.physics.superbike.engine import SuperbikeEngine
 from bike_sim.physics.superbike.statics import inertial_mass
+from bike_sim.schema import SIGNALS
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
+
+signal = SIGNALS.index
 
 STEP, PERIOD, G = 0.002, 0.02, 9.81
 
@@ -79,7 +82,7 @@ def ride(
 
 
 def loads(telemetry: np.ndarray) -> np.ndarray:
-    return np.asarray(telemetry[:, sf.T_REAR_LOAD] + telemetry[:, sf.T_FRONT_LOAD])
+    return np.asarray(telemetry[:, signal("rear_load")] + telemetry[:, signal("front_load")])
 
 
 def hills(height: float, length: float, bank: float = 0.0, bumps: float = 0.0) -> Lay:
@@ -124,14 +127,14 @@ def test_level_ground_has_no_direction_and_no_place(engine: SuperbikeEngine) -> 
 def test_a_slope_accelerates_by_its_share_of_gravity(engine: SuperbikeEngine, grade: float) -> None:
     slope = math.atan(grade)
     level, there = (ride(engine, under, 30.0, 3.0) for under in (flat_ground(), ground(grade=grade)))
-    along = there[1][:, sf.T_SPEED] / math.cos(slope)
-    gained = np.diff((along - level[1][:, sf.T_SPEED])[[49, 149]])[0] / 2.0
+    along = there[1][:, signal("speed")] / math.cos(slope)
+    gained = np.diff((along - level[1][:, signal("speed")])[[49, 149]])[0] / 2.0
     drag = sf.TELEMETRY_NAMES.index("drag_n")
     air = (level[1][50:150, drag] - there[1][50:150, drag]).mean()  # another speed meets another drag
     # the wheels' spin is inertia too
     assert gained == pytest.approx((air - DUCATI.mass * G * math.sin(slope)) / inertial_mass(DUCATI), rel=0.01)
     assert loads(there[1])[-1] == pytest.approx(loads(level[1])[-1] * math.cos(slope), rel=0.005)
-    assert there[1][-1, sf.T_PITCH] == pytest.approx(level[1][-1, sf.T_PITCH] - slope, abs=0.002)
+    assert there[1][-1, signal("pitch")] == pytest.approx(level[1][-1, signal("pitch")] - slope, abs=0.002)
 
 
 def test_the_height_of_a_closed_hill_gives_back_what_it_took() -> None:
@@ -151,7 +154,7 @@ def test_the_height_of_a_closed_hill_gives_back_what_it_took() -> None:
 
     def speed_at(x: float) -> float:
         slope = height * 2.0 * math.pi / length * math.cos(2.0 * math.pi / length * x)
-        return float(np.interp(x, states[:, st.X], told[:, sf.T_SPEED])) * math.hypot(1.0, slope)
+        return float(np.interp(x, states[:, st.X], told[:, signal("speed")])) * math.hypot(1.0, slope)
 
     for x, climbed in ((75.0, height), (225.0, -height), (300.0, 0.0)):
         assert speed_at(x) == pytest.approx(math.sqrt(50.0**2 - 2.0 * G * share * climbed), abs=0.02)
@@ -171,7 +174,7 @@ def test_a_crest_unloads_by_speed_squared_times_curvature(engine: SuperbikeEngin
     level = ride(engine, flat_ground(), speed, 1.6)
     _, there = ride(engine, ground(), speed, 1.6, lay=lay, x=-40.0)
     middle = slice(35, 45)  # around the top, where the road is level
-    rode = there[middle, sf.T_SPEED].mean()
+    rode = there[middle, signal("speed")].mean()
     gained = loads(there)[middle].mean() - loads(level[1])[middle].mean()
     assert gained == pytest.approx(DUCATI.mass * crest * rode**2, rel=0.06)
 
@@ -192,9 +195,9 @@ def test_banking_takes_a_share_of_the_side_force(engine: SuperbikeEngine, bank: 
     states, there = ride(engine, ground(bank=bank), 30.0, 4.0, -0.6, 0.12, lay=lay)
     roll, angle = states[-1, st.ROLL], math.atan(bank)
     assert roll == pytest.approx(level[0][-1, st.ROLL], abs=math.radians(0.2))
-    assert there[-1, sf.T_REAR_CAMBER] == pytest.approx(roll - angle, abs=math.radians(0.1))
-    inward = -there[-1, sf.T_YAW_RATE] * there[-1, sf.T_SPEED]
-    side = -(there[-1, sf.T_REAR_FY] + there[-1, sf.T_FRONT_FY]) / DUCATI.mass
+    assert there[-1, signal("rear_camber")] == pytest.approx(roll - angle, abs=math.radians(0.1))
+    inward = -there[-1, signal("yaw_rate")] * there[-1, signal("speed")]
+    side = -(there[-1, signal("rear_force_lat")] + there[-1, signal("front_force_lat")]) / DUCATI.mass
     load = loads(there)[-1] / DUCATI.mass
     assert side == pytest.approx(inward * math.cos(angle) - G * math.sin(angle), rel=0.03)
     # air presses a little, which the weight does not tell
@@ -208,7 +211,7 @@ def test_roll_is_to_the_vertical_and_a_fall_is_to_the_road(engine: SuperbikeEngi
         state[st.ROLL] = math.radians(roll)
         engine.reset(state, under)
         assert engine.state()[st.ROLL] == pytest.approx(math.radians(roll), abs=1e-12)
-        assert math.degrees(engine.telemetry()[sf.T_REAR_CAMBER]) == pytest.approx(camber, abs=1e-6)
+        assert math.degrees(engine.telemetry()[signal("rear_camber")]) == pytest.approx(camber, abs=1e-6)
     state[st.ROLL] = -math.radians(0.5 * (DUCATI.fall_roll * 180.0 / math.pi + 58.0))  # inside the limit if level
     engine.reset(state, under)
     engine.advance(0.0, 0.0, 1, under)
@@ -250,7 +253,7 @@ def test_a_start_on_a_crest_and_in_a_dip_does_not_bounce(engine: SuperbikeEngine
         _, told = ride(engine, ground(bumps), 20.0, 0.1, lay=bent)
         carried = DUCATI.mass * (DUCATI.g + crest * 20.0**2)
         assert loads(told)[0] == pytest.approx(carried, rel=0.25 if size else 0.15)
-        assert told[:, [sf.T_REAR_LOAD, sf.T_FRONT_LOAD]].min() > 0.3 * 0.5 * carried
+        assert told[:, [signal("rear_load"), signal("front_load")]].min() > 0.3 * 0.5 * carried
 
 
 # --- bumps ---
@@ -334,7 +337,7 @@ def heaving_load(places: np.ndarray, profile: np.ndarray) -> np.ndarray:
 
 def test_loose_ground_slows_by_its_share_of_the_load(engine: SuperbikeEngine) -> None:
     level, there = (ride(engine, under, 20.0, 1.6) for under in (flat_ground(), ground(drag=0.1)))
-    lost = (level[1][:, sf.T_SPEED] - there[1][:, sf.T_SPEED])[[29, 79]]
+    lost = (level[1][:, signal("speed")] - there[1][:, signal("speed")])[[29, 79]]
     assert lost[1] - lost[0] == pytest.approx(0.1 * G * DUCATI.mass / inertial_mass(DUCATI), rel=0.05)
     assert engine.fall == "none"
 

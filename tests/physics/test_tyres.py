@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as some
 
 from bike_sim.physics.superbike import tyres
+from bike_sim.physics.superbike.contact import lowest_point
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import TYRE, Superbike, Tyre
 
@@ -103,7 +104,7 @@ def test_mirror(slip: float, drift: float, camber: float, load: float) -> None:
 
 @given(slips, slips, cambers, loads, some.floats(0.1, 1.0))
 def test_friction_ellipse_is_never_left(slip: float, drift: float, camber: float, load: float, grip: float) -> None:
-    for tyre in (PLAIN_ROW, *VEHICLE.tyres):
+    for tyre in (PLAIN_ROW, VEHICLE.machine["rear_tyre"], VEHICLE.machine["front_tyre"]):
         fx, fy, _, _ = tyres.forces(slip, drift, camber, load, grip, tyre)
         mu = tyres.friction(camber, tyre) * grip * load
         assert math.hypot(fx / (mu * tyre["friction_ratio"]), fy / mu) <= 1.0 + 1e-12
@@ -139,14 +140,16 @@ def test_relaxation_at_standstill_is_a_spring() -> None:
 
 
 @given(some.floats(-1.2, 1.2), some.floats(0.0, 1.0))
-def test_torus_height_against_search(camber: float, height: float) -> None:
+def test_lowest_point_of_a_torus_against_search(camber: float, height: float) -> None:
     """The closed lowest point is the lowest of a sampled torus."""
     radius, crown = 0.3, 0.06
     around, across = np.meshgrid(np.linspace(0, 2 * np.pi, 721), np.linspace(0, 2 * np.pi, 361))
     outward = (radius - crown) + crown * np.cos(across)
     in_plane, along_axle = -outward * np.cos(around), crown * np.sin(across)  # axle along y, turned about x
     z = height + in_plane * math.cos(camber) + along_axle * math.sin(camber)
-    assert tyres.torus_height(height, math.sin(camber), radius, crown) == pytest.approx(z.min(), abs=2e-5)
+    axle = (0.0, math.cos(camber), math.sin(camber))
+    point = lowest_point((0.0, 0.0, height), axle, radius, crown, (0.0, 0.0, 1.0))
+    assert point[2] == pytest.approx(z.min(), abs=2e-5)
 
 
 def test_normal_load_pushes_only() -> None:

@@ -17,7 +17,6 @@ from bike_analysis.figures.circuit import Theory
 from bike_analysis.report import analyze_laps
 from bike_policy.riders.classical import ClassicalRider
 from bike_sim.physics.state import upright_state
-from bike_sim.physics.superbike import forces as sf
 from bike_sim.planning.envelope import envelope
 from bike_sim.planning.lap_limit import lap_limit
 from bike_sim.planning.line_cache import track_with_line
@@ -29,6 +28,7 @@ from bike_sim.ros.messages import (
     snapshot_from_message,
     telemetry_to_message,
 )
+from bike_sim.schema import SIGNALS
 from bike_sim.sim import look as lk
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
@@ -84,7 +84,7 @@ def test_telemetry_balances_what_moves_the_machine(circuit: Path) -> None:
         assert message.front_contact_lost == (message.front_load == 0.0)
         at_tyre = message.engine_power * machine.vehicle.motor.efficiency
         # The tread is faster than the machine by the slip.
-        speed = machine.plant.engine.telemetry()[sf.T_SPEED] * (1.0 + message.rear_slip)
+        speed = machine.plant.engine.telemetry()[SIGNALS.index("speed")] * (1.0 + message.rear_slip)
         assert at_tyre == pytest.approx(message.engine_force * speed, rel=0.03, abs=1.0)
         for name in ("traction_control", "anti_wheelie", "brake_control", "anti_stoppie"):
             if getattr(message, name):

@@ -13,18 +13,20 @@ from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, plan_lap, reserved
 from bike_policy.planning.line_law import P_SPEED
 from bike_sim.physics import state as st
 from bike_sim.physics.state import upright_state
-from bike_sim.physics.superbike import forces as sf
 from bike_sim.physics.superbike.bullet import BulletSuperbikeEngine
 from bike_sim.physics.superbike.engine import TIME_STEP
 from bike_sim.physics.superbike.statics import turning_state
 from bike_sim.planning.envelope import Envelope, envelope
 from bike_sim.planning.lap_limit import lap_limit
+from bike_sim.schema import SIGNALS
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
 from bike_training import cli
 from bike_training.rollout.laps import ALLOWED_EXCESS, ride_laps
 from tests.circuits import OVAL, LineController, circle
 from tests.superbike.conftest import write_circuit
+
+signal = SIGNALS.index
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +61,7 @@ def test_speed_is_that_of_the_contacts(panigale: Superbike) -> None:
     radius, speed = 25.0, 15.0
     engine = BulletSuperbikeEngine(panigale, TIME_STEP)
     engine.reset(turning_state(panigale, speed, -math.atan(speed**2 / radius / 9.81), speed / radius))
-    told = float(engine.telemetry()[sf.T_SPEED])
+    told = float(engine.telemetry()[signal("speed")])
     engine.close()
     assert told < 0.99 * speed
     seen = (told, -math.atan(speed**2 / radius / 9.81), 10.0, 0.0, 0.0)
@@ -74,9 +76,9 @@ def test_engine_braking_never_locks_the_rear_wheel(panigale: Superbike) -> None:
     slips = []
     for _ in range(150):
         engine.advance(0.0, -0.8, 10)
-        slips.append(engine.telemetry()[sf.T_REAR_SLIP])
+        slips.append(engine.telemetry()[signal("rear_slip")])
     assert engine.fall == "none"
-    assert engine.telemetry()[sf.T_SPEED] < 30.0
+    assert engine.telemetry()[signal("speed")] < 30.0
     assert min(slips) > -0.3
     engine.close()
 
@@ -152,12 +154,12 @@ def test_front_does_not_shake_at_full_drive_whatever_the_control_period(period: 
         x, y = float(state[st.X]), float(state[st.Y]) - radius
         along = math.atan2(x, -y)
         heading = math.remainder(float(state[st.YAW]) - along, 2.0 * math.pi)
-        now = float(engine.telemetry()[sf.T_SPEED])
+        now = float(engine.telemetry()[signal("speed")])
         seen = (now, float(state[st.ROLL]), along * radius, radius - math.hypot(x, y), heading)
         engine.advance(*rider.command(*seen), round(period / TIME_STEP))
         rates.append(float(engine.state()[st.STEER_RATE]))
     assert engine.fall == "none"
-    assert engine.telemetry()[sf.T_SPEED] > speed + 15.0
+    assert engine.telemetry()[signal("speed")] > speed + 15.0
     engine.close()
     assert np.std(rates[-round(2.0 / period) :]) < 4.0  # rad/s; fed, this weave grows to 10
 

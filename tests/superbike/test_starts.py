@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as some
 
 from bike_sim.physics import state as st
-from bike_sim.physics.superbike import forces as sf
+from bike_sim.schema import SIGNALS
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
@@ -56,7 +56,9 @@ def test_a_start_is_where_and_as_fast_as_asked(
     margins = snapshot.circuit.limits  # type: ignore[union-attr]
     assert margins[lk.REAR_LEFT] + margins[lk.REAR_RIGHT] == pytest.approx(12.0, abs=0.05)
     # the machine stands on the ground: it does not bounce
-    loads = [machine.step(0.0, 0.0).signals[[sf.T_REAR_LOAD, sf.T_FRONT_LOAD]] for _ in range(3)]
+    loads = [
+        machine.step(0.0, 0.0).signals[[SIGNALS.index("rear_load"), SIGNALS.index("front_load")]] for _ in range(3)
+    ]
     assert np.min(loads) > 200.0
 
 

@@ -17,16 +17,18 @@ from bike_policy.riders.classical import ClassicalRider
 from bike_sim.course.course import Course
 from bike_sim.course.files import load_track
 from bike_sim.physics.superbike import equilibrium as eq
-from bike_sim.physics.superbike import forces as sf
 from bike_sim.physics.superbike import statics
 from bike_sim.physics.superbike.bullet import BulletSuperbikeEngine
 from bike_sim.planning.envelope import envelope
 from bike_sim.planning.lap_limit import MassPath, corner_speed_of, lap_limit, lean_model, least_rate
 from bike_sim.planning.passing import ROLL_FREEDOM, passings, speeds_of_own_path
+from bike_sim.schema import SIGNALS
 from bike_sim.validation.superbike import at_speed, holding, ride
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.rollout.laps import ride_laps
+
+signal = SIGNALS.index
 
 NAMES = ("panigale_v4r", "zx10rr", "cbr1000rr_r", "r1", "m1000rr")
 
@@ -65,24 +67,25 @@ def test_wheels_in_a_turn_are_those_of_the_simulation(speed: float, lean: float)
     engine.close()
     tail = recorded.time > 5.0
     told = recorded.telemetry[tail].mean(axis=0)
-    turn = turn_of(DUCATI, float(abs(recorded.lean[tail].mean())), float(told[sf.T_SPEED]))
-    rear, front = DUCATI.tyres
-    wheels = eq.wheels(turn, float(told[sf.T_REAR_FX]), DUCATI.machine, rear, front)
-    assert wheels.rear == pytest.approx(told[sf.T_REAR_LOAD], rel=0.02)
-    assert wheels.front == pytest.approx(told[sf.T_FRONT_LOAD], rel=0.02)
-    assert wheels.rear_side == pytest.approx(abs(told[sf.T_REAR_FY]), rel=0.05)
-    assert wheels.front_side == pytest.approx(abs(told[sf.T_FRONT_FY]), rel=0.05)
+    turn = turn_of(DUCATI, float(abs(recorded.lean[tail].mean())), float(told[signal("speed")]))
+    rear, front = (DUCATI.machine[name] for name in ("rear_tyre", "front_tyre"))
+    wheels = eq.wheels(turn, float(told[signal("rear_force_long")]), DUCATI.machine)
+    assert wheels.rear == pytest.approx(told[signal("rear_load")], rel=0.02)
+    assert wheels.front == pytest.approx(told[signal("front_load")], rel=0.02)
+    assert wheels.rear_side == pytest.approx(abs(told[signal("rear_force_lat")]), rel=0.05)
+    assert wheels.front_side == pytest.approx(abs(told[signal("front_force_lat")]), rel=0.05)
     drifts = (
-        eq.drift_of(wheels.rear, wheels.rear_side, float(told[sf.T_REAR_FX]), turn.lean, rear),
-        eq.drift_of(wheels.front, wheels.front_side, 0.0, turn.lean, front),
+        eq.tan_slip_angle_of(wheels.rear, wheels.rear_side, float(told[signal("rear_force_long")]), turn.lean, rear),
+        eq.tan_slip_angle_of(wheels.front, wheels.front_side, 0.0, turn.lean, front),
     )
-    assert drifts == pytest.approx((abs(told[sf.T_REAR_DRIFT]), abs(told[sf.T_FRONT_DRIFT])), rel=0.12, abs=2e-3)
+    assert drifts == pytest.approx(
+        (abs(told[signal("rear_slip_angle")]), abs(told[signal("front_slip_angle")])), rel=0.12, abs=2e-3
+    )
 
 
 def test_braking_burdens_the_front_tyre_and_driving_relieves_it() -> None:
     turn = turn_of(DUCATI, math.radians(45.0), 30.0)
-    rear, front = DUCATI.tyres
-    braked, coasting, driven = (eq.wheels(turn, f, DUCATI.machine, rear, front) for f in (-1000.0, 0.0, 1000.0))
+    braked, coasting, driven = (eq.wheels(turn, f, DUCATI.machine) for f in (-1000.0, 0.0, 1000.0))
     assert braked.front_side > coasting.front_side > driven.front_side
     assert braked.rear_side < coasting.rear_side < driven.rear_side
     assert braked.front > coasting.front > driven.front
@@ -143,7 +146,7 @@ def test_on_a_circle_the_mass_leans_as_in_a_steady_turn(radius: float, share: fl
     path = follow(np.full(64, side / radius), speed, 1.0)
     lean = abs(float(path.lean[0]))
     assert statics.steady_lateral(DUCATI, lean, speed) == pytest.approx(speed**2 / radius, rel=0.01)
-    inside, _ = eq.mass_place(lean, DUCATI.machine, *DUCATI.tyres)
+    inside, _ = eq.mass_place(lean, DUCATI.machine)
     assert np.sign(path.lean) == pytest.approx(side)
     assert path.distance == pytest.approx(1.0 - inside / radius, rel=1e-4)
     # The same lateral acceleration on a shorter radius: (v s)^2 / (s R) with the stretch s.

@@ -17,10 +17,9 @@ from rich.table import Table
 
 from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
 from bike_policy.riders.classical import ClassicalRider
-from bike_sim.physics.superbike import forces as sf
 from bike_sim.physics.superbike import statics, tyres
 from bike_sim.planning.envelope import envelope
-from bike_sim.schema import GRAVITY
+from bike_sim.schema import GRAVITY, SIGNALS
 from bike_sim.validation import superbike as validation
 from bike_sim.validation.bicycle import Check
 from bike_sim.vehicles.files import load_vehicle
@@ -28,6 +27,8 @@ from bike_sim.vehicles.superbike import Superbike
 from bike_training.arguments import check_positive, make_folder
 from bike_training.progress import status
 from bike_training.rollout.laps import ride_laps
+
+signal = SIGNALS.index
 
 SCHEMA: Final = "bike.validate_superbike/1"
 SUPERBIKE_PERIOD: Final = 0.02
@@ -200,7 +201,7 @@ def _machine(name: str) -> Superbike:
 def _draw_tyres(result: validation.Validation, figure: Any) -> None:
     side, along, ellipse = figure.subplots(1, 3)
     vehicle = _machine(validation.MACHINES[0])
-    load, row = 1500.0, vehicle.tyres[1]
+    load, row = 1500.0, vehicle.machine["front_tyre"]
     angles = np.radians(np.linspace(-12.0, 12.0, 241))
     for camber in (0.0, 20.0, 40.0, 57.0):
         lateral = [tyres.forces(0.0, math.tan(a), math.radians(camber), load, 1.0, row)[1] / load for a in angles]
@@ -236,10 +237,10 @@ def _draw_lean_steps(result: validation.Validation, figure: Any) -> None:
             label = f"{speed:.0f} m/s"
             line = axes[0, column].plot(now, np.degrees(recorded.lean[rows]), linewidth=1.0, label=label)
             colour = line[0].get_color()
-            reference = np.degrees(telemetry[:, sf.T_LEAN_REFERENCE])
+            reference = np.degrees(telemetry[:, signal("lean_reference")])
             axes[0, column].plot(now, reference, ":", color=colour, linewidth=0.8)
-            axes[1, column].plot(now, telemetry[:, sf.T_STEER_TORQUE], color=colour, linewidth=1.0)
-            axes[2, column].plot(now, telemetry[:, sf.T_FRONT_USE], color=colour, linewidth=1.0)
+            axes[1, column].plot(now, telemetry[:, signal("steer_torque")], color=colour, linewidth=1.0)
+            axes[2, column].plot(now, telemetry[:, signal("front_use")], color=colour, linewidth=1.0)
         axes[0, column].set_title(f"lean step to {lean:.0f}° (dotted: the rider's reference)", fontsize="small")
         axes[2, column].set_xlabel("time, s")
     for row, label in enumerate(("lean, deg", "steering torque, N m", "front slip, normalised")):

@@ -372,13 +372,13 @@ def envelope(vehicle: Superbike, grip: float = 1.0) -> Envelope:
         rear, front = (replace(t, friction=grip * t.friction) for t in (vehicle.rear_tyre, vehicle.front_tyre))
         vehicle = replace(vehicle, rear_tyre=rear, front_tyre=front)
     speeds = np.arange(5.0, 1.1 * vehicle.top_gear_speed, 1.0)
-    machine, (rear, front) = vehicle.machine, vehicle.tyres
+    machine = vehicle.machine
     inertia = statics.inertial_mass(vehicle)
     engine = np.array([statics.engine_force(vehicle, float(speed)) for speed in speeds])
     lateral, drive, brake, lean = _tables(
-        speeds, engine, np.array(LOADS), np.array(ROLL_RATES), statics.spread(vehicle), inertia, machine, rear, front
+        speeds, engine, np.array(LOADS), np.array(ROLL_RATES), statics.spread(vehicle), inertia, machine
     )
-    places = np.array([eq.mass_place(at, machine, rear, front) for at in np.linspace(0.0, 0.5 * math.pi, 91)])
+    places = np.array([eq.mass_place(at, machine) for at in np.linspace(0.0, 0.5 * math.pi, 91)])
     rider = vehicle.virtual_rider
     effort = np.array([max(steering_effort(float(speed), machine)[0], _LEAST_EFFORT) for speed in speeds])
     return Envelope(
@@ -400,7 +400,7 @@ def envelope(vehicle: Superbike, grip: float = 1.0) -> Envelope:
 @njit(cache=True)
 def _tables(
     speeds: np.ndarray, engine: np.ndarray, loads: np.ndarray, rates: np.ndarray, spread: float, inertia: float,
-    m: Record, rear: Record, front: Record,
+    m: Record,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """Return the tables of a machine: lateral, drive, brake, lean; see `Envelope`."""
     nl, nv, nu, nr = len(loads), len(speeds), USE_SAMPLES, len(rates)
@@ -411,18 +411,18 @@ def _tables(
         gravity = loads[i] * m.g
         for j in range(nv):
             speed = speeds[j]
-            most = eq.steepest(speed, gravity, spread, inertia, m, rear, front)
+            most = eq.steepest(speed, gravity, spread, inertia, m)
             for k in range(_LEANS):
                 leans[k] = most * k / (_LEANS - 1)
-                sides[k] = eq.steady_lateral(leans[k], speed, gravity, spread, m, rear, front)
+                sides[k] = eq.steady_lateral(leans[k], speed, gravity, spread, m)
             lateral[i, j] = sides[-1]
             for k in range(nu):
                 side = sides[-1] * math.sin(0.5 * math.pi * k / (nu - 1))
                 lean[i, j, k] = np.interp(side, sides, leans)
                 turn = eq.Turn(speed, lean[i, j, k], side, gravity, inertia)
-                brake[i, j, k] = eq.most_brake(turn, m, rear, front)
+                brake[i, j, k] = eq.most_brake(turn, m)
                 for n in range(nr):
-                    drive[i, j, k, n] = eq.most_drive(turn, engine[j], rates[n], m, rear, front)
+                    drive[i, j, k, n] = eq.most_drive(turn, engine[j], rates[n], m)
     return lateral, drive, brake, lean
 
 

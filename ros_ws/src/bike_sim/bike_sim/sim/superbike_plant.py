@@ -18,6 +18,7 @@ from bike_sim.physics.superbike import forces as sf
 from bike_sim.physics.superbike.engine import TIME_STEP, SuperbikeEngine
 from bike_sim.physics.superbike.statics import spread, turning_state
 from bike_sim.planning.envelope import Envelope, envelope
+from bike_sim.schema import SIGNALS
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.plant import Plant
 from bike_sim.sim.request import COURSE_POINTS, Preview, Start
@@ -98,7 +99,7 @@ class SuperbikePlant(Plant):
 
     def steer_torque(self, steering: float, state: st.StateVector, signals: FloatArray) -> float:
         """Return the virtual rider's torque."""
-        return float(signals[sf.T_STEER_TORQUE])
+        return float(signals[SIGNALS.index("steer_torque")])
 
 
 def superbike_config(vehicle: str = "panigale_v4r", time_step: float = TIME_STEP) -> SimulatorConfig:

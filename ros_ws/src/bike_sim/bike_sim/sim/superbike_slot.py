@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from bike_sim.physics import state as st
 from bike_sim.physics.ground import BUMP_SAMPLES
 from bike_sim.physics.multibody import articulated
-from bike_sim.physics.superbike.engine import CompiledSuperbikeEngine, advance
+from bike_sim.physics.superbike.engine import CompiledSuperbikeEngine, Model, Rides, advance
 from bike_sim.physics.superbike.forces import TELEMETRY
 from bike_sim.physics.superbike.pose import deflect
 from bike_sim.physics.superbike.records import MEMORY, discretise_command
@@ -22,8 +22,6 @@ from bike_sim.sim.plant import Plant
 from bike_sim.sim.slots import EngineSlot, bytes_of
 
 FloatArray = NDArray[np.float64]
-
-_BODIES: Final = 5
 
 
 class Bodies(NamedTuple):
@@ -58,15 +56,15 @@ class SuperbikeSlot(EngineSlot):
     def __init__(self, plants: Sequence[Plant], config: SimulatorConfig) -> None:
         """Take the plants of all rows."""
         super().__init__(plants, config)
-        count = len(plants)
+        count, tree = len(plants), _engine_of(plants[0]).tree
         self._machines: list[Plant] = []
         self.bodies = Bodies(
             np.zeros(0),
             np.zeros(0),
             np.zeros(count, dtype=np.int64),
-            np.zeros(count, dtype=articulated.motion_record(_BODIES)),
+            np.zeros(count, dtype=articulated.motion_record(len(tree))),
             np.zeros(count, dtype=MEMORY),
-            articulated.workspace(_BODIES),
+            articulated.workspace(len(tree)),
         )
         self._telemetry: Any = None  # the signals of the rows, by name
 
@@ -111,13 +109,11 @@ def _advance_superbikes(
         if ride.touched:
             x, y, scrape = rows.state[i, st.X], rows.state[i, st.Y], ride.scrape
             deflect(bodies.motion[i : i + 1], x, y, scrape[0], scrape[1], scrape[2], scrape[3])
-        constants, tree = bodies.constants[bodies.machine[i]], bodies.trees[bodies.machine[i]]
-        command = discretise_command((commands[i, 0], commands[i, 1], time_step), constants)
+        model = Model(bodies.constants[bodies.machine[i]], bodies.trees[bodies.machine[i]], bodies.work[0])
+        command = discretise_command((commands[i, 0], commands[i, 1], time_step), model.constants)
         bumps = array_at(rows.around[i].bumps, 1, BUMP_SAMPLES)
-        rows.fall[i] = advance(
-            rows.moved[i], bodies.motion[i], bodies.memory[i], telemetry[i], constants, tree, bodies.work[0], command,
-            rows.ground[i], bumps, steps,
-        )  # fmt: skip
+        moved = Rides(rows.moved[i], bodies.motion[i], bodies.memory[i], telemetry[i])
+        rows.fall[i] = advance(moved, model, command, rows.ground[i], bumps, steps)
 
 
 def _engine_of(plant: Plant) -> CompiledSuperbikeEngine:

@@ -19,18 +19,19 @@ from numpy.typing import NDArray
 from bike_sim.physics import state as st
 from bike_sim.physics.engine import NO_FALL
 from bike_sim.physics.ground import LEVEL, Ground
-from bike_sim.physics.superbike import forces as sf
 from bike_sim.physics.superbike import statics
 from bike_sim.physics.superbike.bullet import BulletSuperbikeEngine
 from bike_sim.physics.superbike.constants import holding_torque
 from bike_sim.physics.superbike.engine import TIME_STEP, CompiledSuperbikeEngine, SuperbikeEngine
 from bike_sim.physics.superbike.modes import SuperbikeModes, holding_throttle, measure_modes
 from bike_sim.planning.envelope import envelope
-from bike_sim.schema import GRAVITY
+from bike_sim.schema import GRAVITY, SIGNALS
 from bike_sim.validation.bicycle import Check
 from bike_sim.validation.superbike_road import road_errors
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
+
+signal = SIGNALS.index
 
 FloatArray = NDArray[np.float64]
 Command = Callable[[float, FloatArray], tuple[float, float]]
@@ -82,7 +83,7 @@ class ManoeuvreTrace:
     @property
     def lean_error(self) -> float:
         """Largest distance of the lean from the rider's reference, deg."""
-        return float(np.degrees(np.abs(self.lean - self.telemetry[:, sf.T_LEAN_REFERENCE]).max()))
+        return float(np.degrees(np.abs(self.lean - self.telemetry[:, signal("lean_reference")]).max()))
 
     @property
     def lean(self) -> FloatArray:
@@ -92,7 +93,7 @@ class ManoeuvreTrace:
     @property
     def speed(self) -> FloatArray:
         """Forward speed, m/s."""
-        return self.telemetry[:, sf.T_SPEED]
+        return self.telemetry[:, signal("speed")]
 
     def tail(self, duration: float) -> ManoeuvreTrace:
         """Return the last part of it (s)."""
@@ -179,7 +180,7 @@ def holding(vehicle: Superbike, speed: float, lean: Callable[[float], float]) ->
 
     def command(now: float, telemetry: FloatArray) -> tuple[float, float]:
         nonlocal integral
-        error = speed - telemetry[sf.T_SPEED]
+        error = speed - telemetry[signal("speed")]
         integral = min(max(integral + 0.2 * error * _PERIOD, -0.5), 0.5)
         return -lean(now) / largest, min(max(ahead + 0.3 * error + integral, -0.3), 1.0)
 
@@ -283,7 +284,7 @@ def check_lean_steps(result: Validation, vehicle: Superbike) -> Iterator[Check]:
             result.steps[lean, speed] = recorded
             worst = max(worst, recorded.lean_error if recorded.fall == "none" else math.inf)
             tail = slice(-50, None)
-            measured = -float(recorded.telemetry[tail, sf.T_LATERAL].mean())
+            measured = -float(recorded.telemetry[tail, signal("acceleration_lat")].mean())
             at = float(recorded.speed[tail].mean())
             expected = statics.steady_lateral(vehicle, float(recorded.lean[tail].mean()), at)
             result.turns.append((lean, at, measured / GRAVITY, expected / GRAVITY))
@@ -344,7 +345,7 @@ def check_holding_torque(result: Validation, vehicle: Superbike) -> Iterator[Che
         for lean in (15.0, 30.0, 45.0, 55.0):
             tail = ride(at_speed(engine, speed), 6.0, holding(vehicle, speed, _always(lean))).tail(1.0)
             roll, now = float(tail.lean.mean()), float(tail.speed.mean())
-            measured = float(tail.telemetry[:, sf.T_STEER_TORQUE].mean())
+            measured = float(tail.telemetry[:, signal("steer_torque")].mean())
             worst = max(worst, abs(measured - holding_torque(vehicle, roll, now)))
     yield Check("holding_torque_error_nm", "steering torque of steady turns, off the formula, N m", worst, 0.0, 6.0)
 
@@ -408,7 +409,7 @@ def drive_shake(vehicle: Superbike, time_step: float, speed: float, lean: float,
 def shake_of(recorded: ManoeuvreTrace, begin: float = 0.5) -> float:
     """Return the lateral acceleration that a mean over 0.2 s leaves, g rms, from a time (s) on and above 8 m/s."""
     rows = (recorded.time > begin) & np.minimum.accumulate(recorded.speed > SHAKE_LEAST_SPEED)
-    shaken = shaking(recorded.telemetry[rows, sf.T_LATERAL] / GRAVITY)
+    shaken = shaking(recorded.telemetry[rows, signal("acceleration_lat")] / GRAVITY)
     return float(np.sqrt(np.mean(shaken**2))) if len(shaken) else 0.0
 
 
@@ -429,8 +430,8 @@ def check_pitch_limits(result: Validation, vehicle: Superbike) -> Iterator[Check
     # a rear wheel that loses its load would spin down under engine braking and push the nose down besides
     bare = replace(without_electronics(vehicle), brakes=brakes, motor=replace(vehicle.motor, engine_brake=0.0))
     for title, start, load, duration, sign in (
-        ("stoppie", 85.0, sf.T_REAR_LOAD, 5.0, -1.0),
-        ("wheelie", 15.0, sf.T_FRONT_LOAD, 2.5, 1.0),
+        ("stoppie", 85.0, signal("rear_load"), 5.0, -1.0),
+        ("wheelie", 15.0, signal("front_load"), 2.5, 1.0),
     ):
         engine = BulletSuperbikeEngine(bare, result.time_step)
         at_speed(engine, start, settle=0.5)
@@ -438,9 +439,9 @@ def check_pitch_limits(result: Validation, vehicle: Superbike) -> Iterator[Check
         engine.close()
         lifted = int(np.argmax(squeeze.telemetry[:, load] <= 0.0))
         row = squeeze.telemetry[max(0, lifted - 1)]
-        speed = float(row[sf.T_SPEED])
+        speed = float(row[signal("speed")])
         expected = _lifting_force(bare, speed, sign)
-        measured = abs(float(row[sf.T_FRONT_FX] + row[sf.T_REAR_FX])) if lifted else math.nan
+        measured = abs(float(row[signal("front_force_long")] + row[signal("rear_force_long")])) if lifted else math.nan
         yield Check(
             f"{title}_force_ratio",
             f"{title}: force that lifts a wheel, by statics",
@@ -554,7 +555,7 @@ def check_machines(result: Validation, vehicle: Superbike) -> Iterator[Check]:
         at_speed(engine, 10.0)
         launch = ride(engine, 30.0, constant(machine, 0.0, 1.0))
         at_speed(engine, 80.0)
-        stop = ride(engine, 12.0, lambda now, telemetry: (0.0, -1.0 if telemetry[sf.T_SPEED] > 10.0 else 0.0))
+        stop = ride(engine, 12.0, lambda now, telemetry: (0.0, -1.0 if telemetry[signal("speed")] > 10.0 else 0.0))
         result.launches[name], result.stops[name] = launch, stop
         drive_error = max(drive_error, _time_error(launch, limits.drive, 20.0, 75.0))
         brake_error = max(brake_error, _time_error(stop, limits.brake, 75.0, 20.0))

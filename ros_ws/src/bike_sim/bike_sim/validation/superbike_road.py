@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from bike_sim.physics import state as st
 from bike_sim.physics.engine import NO_FALL
 from bike_sim.physics.ground import Ground, flat_ground
-from bike_sim.physics.superbike import forces as sf
 from bike_sim.physics.superbike.engine import SuperbikeEngine
 from bike_sim.physics.superbike.statics import inertial_mass
-from bike_sim.schema import GRAVITY
+from bike_sim.schema import GRAVITY, SIGNALS
+
+signal = SIGNALS.index
 
 FloatArray = NDArray[np.float64]
 
@@ -75,7 +76,13 @@ def _coast(engine: SuperbikeEngine, grade: float) -> FloatArray:
     for _ in range(round(3.0 / _PERIOD)):
         engine.advance(0.0, 0.0, round(_PERIOD / engine.time_step), ground)
         now = engine.telemetry()
-        told.append((now[sf.T_SPEED], now[_DRAG], now[sf.T_REAR_LOAD] + now[sf.T_FRONT_LOAD]))
+        told.append(
+            (
+                now[signal("speed")],
+                now[signal("drag")],
+                now[signal("rear_load")] + now[signal("front_load")],
+            )
+        )
     return np.array(told)
 
 
@@ -134,15 +141,15 @@ def _ring_errors(engine: SuperbikeEngine, bank: float) -> tuple[float, float, fl
         before = state
         engine.advance(-_STEERING, _THROTTLE, round(_PERIOD / engine.time_step), ground)
         now = engine.telemetry()
-        bend = -now[sf.T_YAW_RATE] / now[sf.T_SPEED]
+        bend = -now[signal("yaw_rate")] / now[signal("speed")]
         rows.append(
             (
-                -now[sf.T_YAW_RATE] * now[sf.T_SPEED],
-                -(now[sf.T_REAR_FY] + now[sf.T_FRONT_FY]),
-                now[sf.T_REAR_LOAD] + now[sf.T_FRONT_LOAD],
-                now[sf.T_REAR_CAMBER],
+                -now[signal("yaw_rate")] * now[signal("speed")],
+                -(now[signal("rear_force_lat")] + now[signal("front_force_lat")]),
+                now[signal("rear_load")] + now[signal("front_load")],
+                now[signal("rear_camber")],
                 engine.state()[st.ROLL],
-                now[sf.T_SPEED],
+                now[signal("speed")],
             )
         )
     if engine.fall != NO_FALL:
@@ -158,6 +165,3 @@ def _ring_errors(engine: SuperbikeEngine, bank: float) -> tuple[float, float, fl
         (load - expected_load) / weight,
         math.degrees(camber - (roll - bank)),
     )
-
-
-_DRAG: Final = sf.TELEMETRY_NAMES.index("drag_n")

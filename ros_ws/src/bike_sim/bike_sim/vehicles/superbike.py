@@ -392,17 +392,8 @@ class Superbike(Vehicle, Sections):
         return 1.05 * self.top_gear_speed / self.rR / (TORQUE_SAMPLES - 1)
 
     @cached_property
-    def tyres(self) -> NDArray[np.void]:
-        """Both tyres for compiled code, rear first: records of `TYRE`, shape (2,)."""
-        table = np.empty(2, dtype=TYRE)
-        for i, tyre in enumerate((self.rear_tyre, self.front_tyre)):
-            _fill(table[i], tyre)
-        table.setflags(write=False)
-        return table
-
-    @cached_property
     def machine(self) -> Record:
-        """All else for compiled code: a record of `MACHINE`."""
+        """All numbers for compiled code: a record of `MACHINE`."""
         table = np.empty(1, dtype=MACHINE)
         _fill(table[0], self)
         table.setflags(write=False)
@@ -427,7 +418,7 @@ MACHINE: Final = np.dtype(
     [
         *((name, np.float64) for name in ("w", "c", "lam", "g", "rR", "rF", "IRyy", "IFyy", "fall_roll", "max_steer")),
         *((name, np.float64) for name in ("mass", "com_x", "com_height")),
-        *((name, record_of(kind)) for name, kind in get_type_hints(Sections).items() if kind is not Tyre),
+        *((name, TYRE if kind is Tyre else record_of(kind)) for name, kind in get_type_hints(Sections).items()),
     ]
 )
 """Record of a machine: numbers of `Superbike` and its sections. Compiled code reads them by name, never by position."""

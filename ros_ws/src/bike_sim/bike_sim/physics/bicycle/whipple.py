@@ -12,7 +12,7 @@ Basu-Mandal, Chatterjee, Papadopoulos (2007), Proc. R. Soc. A 463, 1983-2003.
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from bike_sim.physics import state as st
 from bike_sim.physics.bicycle.base import BicycleBase
-from bike_sim.physics.bicycle.whipple_equations import Constants, energies, motion
+from bike_sim.physics.bicycle.whipple_equations import Angles, Constants, energies, motion
 from bike_sim.physics.engine import TIP_OVER
 from bike_sim.physics.ground import LEVEL, Ground
 from bike_sim.physics.kinematics import Parameters, rates, solve_beta, steering_geometry
@@ -48,28 +48,50 @@ _SIZE: Final = st.STATE_SIZE + 1
 _RATES: Final = (st.ROLL_RATE, st.STEER_RATE, st.FRONT_WHEEL_RATE)
 
 
+class RigidBody(NamedTuple):
+    """A rigid body symmetric about its xz plane, in axes of which z points up.
+
+    Attributes:
+        mass: kg.
+        x: of the centre of mass, m.
+        z: of the centre of mass, m.
+        xx: inertia about the centre of mass, kg m2.
+        xz: the same.
+        yy: the same.
+        zz: the same.
+    """
+
+    mass: float
+    x: float
+    z: float
+    xx: float
+    xz: float
+    yy: float
+    zz: float
+
+
 @njit(cache=True)
-def _two_body_assembly(
-    m_a: float, x_a: float, z_a: float, inertia_a: tuple[float, float, float, float],
-    m_b: float, x_b: float, z_b: float, transverse_b: float, cos_tilt: float, sin_tilt: float,
-) -> tuple[float, float, float, float, float, float, float]:  # fmt: skip
+def _two_body_assembly(body: RigidBody, wheel: RigidBody, cos_tilt: float, sin_tilt: float) -> RigidBody:
     """Join a body and a wheel, whose axial inertia is left out, and turn the axes onto the steering axis.
 
-    Args: masses; positions in the upright rear frame, z up; inertia (xx, xz, yy, zz) of the body; inertia of the
-    wheel about a diameter; the tilt of the steering axis.
-
-    Returns: mass, x, z of the centre of mass and xx, xz, yy, zz about it, all in the turned axes.
+    Args:
+        body: in the upright rear frame.
+        wheel: in the upright rear frame.
+        cos_tilt: of the steering axis.
+        sin_tilt: of the steering axis.
     """
+    m_a, x_a, z_a, xx_a, xz_a, yy_a, zz_a = body
+    m_b, x_b, z_b, xx_b, _, _, zz_b = wheel
     m = m_a + m_b
     x, z = (m_a * x_a + m_b * x_b) / m, (m_a * z_a + m_b * z_b) / m
     dx, dz = x_a - x_b, z_a - z_b
     reduced = m_a * m_b / m
-    xx = inertia_a[0] + transverse_b + reduced * dz * dz
-    xz = inertia_a[1] - reduced * dx * dz
-    yy = inertia_a[2] + reduced * (dx * dx + dz * dz)
-    zz = inertia_a[3] + transverse_b + reduced * dx * dx
+    xx = xx_a + xx_b + reduced * dz * dz
+    xz = xz_a - reduced * dx * dz
+    yy = yy_a + reduced * (dx * dx + dz * dz)
+    zz = zz_a + zz_b + reduced * dx * dx
     c2, s2, cs = cos_tilt * cos_tilt, sin_tilt * sin_tilt, cos_tilt * sin_tilt
-    return (
+    return RigidBody(
         m,
         x * cos_tilt + z * sin_tilt,
         z * cos_tilt - x * sin_tilt,
@@ -89,19 +111,23 @@ def constants(p: Parameters) -> Constants:
     """
     cos_tilt, sin_tilt = math.cos(p[_LAM]), math.sin(p[_LAM])
     d1, fx, fz, rear_radius, front_radius = steering_geometry(p)
-    m1, x1, z1, xx1, xz1, yy1, zz1 = _two_body_assembly(
-        p[_MB], p[_XB], -p[_ZB] - rear_radius, (p[_IBXX], -p[_IBXZ], p[_IBYY], p[_IBZZ]),
-        p[_MR], 0.0, 0.0, p[_IRXX], cos_tilt, sin_tilt,
-    )  # fmt: skip
-    m2, x2, z2, xx2, xz2, yy2, zz2 = _two_body_assembly(
-        p[_MH], p[_XH], -p[_ZH] - rear_radius, (p[_IHXX], -p[_IHXZ], p[_IHYY], p[_IHZZ]),
-        p[_MF], p[_W], front_radius - rear_radius, p[_IFXX], cos_tilt, sin_tilt,
-    )  # fmt: skip
+    frame = RigidBody(p[_MB], p[_XB], -p[_ZB] - rear_radius, p[_IBXX], -p[_IBXZ], p[_IBYY], p[_IBZZ])
+    wheel = RigidBody(p[_MR], 0.0, 0.0, p[_IRXX], 0.0, 0.0, p[_IRXX])
+    m1, x1, z1, xx1, xz1, yy1, zz1 = _two_body_assembly(frame, wheel, cos_tilt, sin_tilt)
+    fork = RigidBody(p[_MH], p[_XH], -p[_ZH] - rear_radius, p[_IHXX], -p[_IHXZ], p[_IHYY], p[_IHZZ])
+    wheel = RigidBody(p[_MF], p[_W], front_radius - rear_radius, p[_IFXX], 0.0, 0.0, p[_IFXX])
+    m2, x2, z2, xx2, xz2, yy2, zz2 = _two_body_assembly(fork, wheel, cos_tilt, sin_tilt)
     return (
         rear_radius, front_radius, d1, fx, fz, p[_G],
         m1, x1, z1, xx1, xz1, yy1, zz1, p[_IRYY],
         m2, x2 - d1, z2, xx2, xz2, yy2, zz2, p[_IFYY],
     )  # fmt: skip
+
+
+@njit(cache=True)
+def _angles(roll: float, beta: float, steer: float) -> Angles:
+    """Return sines and cosines of the angles, as the equations of motion take them."""
+    return math.sin(roll), math.cos(roll), math.sin(beta), math.cos(beta), math.sin(steer), math.cos(steer)
 
 
 @njit(cache=True)
@@ -112,11 +138,8 @@ def _derivative(
     roll_rate, steer_rate, front_wheel_rate = z[st.ROLL_RATE], z[st.STEER_RATE], z[st.FRONT_WHEEL_RATE]
     torque = -stiffness * (z[st.STEER] - steer_set) - damping * steer_rate
     yaw_rate, speed, pitch_rate, roll_acc, steer_acc, wheel_acc = motion(
-        math.sin(z[st.ROLL]), math.cos(z[st.ROLL]),
-        math.sin(z[_BETA]), math.cos(z[_BETA]),
-        math.sin(z[st.STEER]), math.cos(z[st.STEER]),
-        roll_rate, steer_rate, front_wheel_rate, torque, c,
-    )  # fmt: skip
+        _angles(z[st.ROLL], z[_BETA], z[st.STEER]), (roll_rate, steer_rate, front_wheel_rate), torque, c
+    )
     out[st.X] = speed * math.cos(z[st.YAW])
     out[st.Y] = speed * math.sin(z[st.YAW])
     out[st.YAW] = yaw_rate
@@ -189,12 +212,8 @@ def derivative(state: StateVector, steer_set: float, p: Parameters) -> NDArray[n
 def energy(state: StateVector, p: Parameters) -> tuple[float, float]:
     """Return kinetic energy and potential energy above the ground, J. The drive's spring is not included."""
     beta = solve_beta(state[st.ROLL], -p[_LAM], state[st.STEER], steering_geometry(p))
-    kinetic, potential = energies(
-        math.sin(state[st.ROLL]), math.cos(state[st.ROLL]), math.sin(beta), math.cos(beta),
-        math.sin(state[st.STEER]), math.cos(state[st.STEER]),
-        state[st.ROLL_RATE], state[st.STEER_RATE], state[st.FRONT_WHEEL_RATE], constants(p),
-    )  # fmt: skip
-    return kinetic, potential
+    rates = state[st.ROLL_RATE], state[st.STEER_RATE], state[st.FRONT_WHEEL_RATE]
+    return energies(_angles(state[st.ROLL], beta, state[st.STEER]), rates, constants(p))
 
 
 def mass_matrix(state: StateVector, p: Parameters) -> NDArray[np.float64]:

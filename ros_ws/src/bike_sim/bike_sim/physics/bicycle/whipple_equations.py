@@ -1,7 +1,6 @@
 """Equations of motion of the nonlinear Whipple bicycle. Written by tools/derive_whipple.py: do not edit.
 
-The arguments `sr, cr, sb, cb, ss, cs` are the sines and cosines of roll, of beta = pitch - lam, and of steer; the
-other names are explained in the script that wrote this file.
+Names are explained in the script that wrote this file.
 """
 
 # ruff: noqa: E501
@@ -17,25 +16,19 @@ Constants = tuple[
     float, float, float, float, float, float, float, float, float, float, float,
 ]
 """CONSTANT_NAMES in this order, made by `bike_sim.physics.bicycle.whipple.constants`."""
+Angles = tuple[float, float, float, float, float, float]
+"""Sines and cosines of roll, of beta = pitch - lam, and of steer: sr, cr, sb, cb, ss, cs."""
+Rates = tuple[float, float, float]
+"""Of roll, steer and front wheel, rad/s."""
 
 CONSTANT_NAMES = ("rR", "rF", "d1", "fx", "fz", "g", "m1", "x1", "z1", "I1xx", "I1xz", "I1yy", "I1zz", "JR", "m2", "x2", "z2", "I2xx", "I2xz", "I2yy", "I2zz", "JF")
 
 
 @njit(cache=True)
-def motion(
-    sr: float,
-    cr: float,
-    sb: float,
-    cb: float,
-    ss: float,
-    cs: float,
-    roll_rate: float,
-    steer_rate: float,
-    front_wheel_rate: float,
-    torque: float,
-    constants: Constants,
-) -> tuple[float, float, float, float, float, float]:
+def motion(angles: Angles, rates: Rates, torque: float, constants: Constants) -> tuple[float, float, float, float, float, float]:
     """Return (yaw rate, rear speed, pitch rate, roll, steer and front wheel acceleration), rad, m, s."""
+    sr, cr, sb, cb, ss, cs = angles
+    roll_rate, steer_rate, front_wheel_rate = rates
     (rR, rF, d1, fx, fz, g, m1, x1, z1, I1xx, I1xz, I1yy, I1zz, JR, m2, x2, z2, I2xx, I2xz, I2yy, I2zz, JF) = constants
     e0 = cs*fx
     along = d1 + e0
@@ -334,19 +327,10 @@ def motion(
 
 
 @njit(cache=True)
-def energies(
-    sr: float,
-    cr: float,
-    sb: float,
-    cb: float,
-    ss: float,
-    cs: float,
-    roll_rate: float,
-    steer_rate: float,
-    front_wheel_rate: float,
-    constants: Constants,
-) -> tuple[float, float]:
+def energies(angles: Angles, rates: Rates, constants: Constants) -> tuple[float, float]:
     """Return (kinetic energy, potential energy above the ground), J."""
+    sr, cr, sb, cb, ss, cs = angles
+    roll_rate, steer_rate, front_wheel_rate = rates
     (rR, rF, d1, fx, fz, g, m1, x1, z1, I1xx, I1xz, I1yy, I1zz, JR, m2, x2, z2, I2xx, I2xz, I2yy, I2zz, JF) = constants
     along = cs*fx + d1
     nx = -cb*ss

@@ -56,33 +56,14 @@ def between(value: float, low: float, high: float) -> float:
 
 
 @njit(cache=True)
-def force_limits(
-    roll: float, roll_rate: float, squared_speed: float, machine: Record, tyre: Record
-) -> tuple[float, float]:
-    """Return what the electronics together allow: drive and front brake force, N.
-
-    Args:
-        roll: rad.
-        roll_rate: rad/s.
-        squared_speed: m2/s2.
-        machine: `Superbike.machine`.
-        tyre: `Superbike.tyres`.
-    """
-    limits = aid_limits(roll, roll_rate, squared_speed, machine, tyre[0], tyre[1])
-    return min(limits.wheelie, limits.traction), min(limits.stoppie, limits.braking)
-
-
-@njit(cache=True)
-def aid_limits(
-    roll: float, roll_rate: float, squared_speed: float, machine: Record, rear_tyre: Record, front_tyre: Record
-) -> AidLimits:
+def aid_limits(roll: float, roll_rate: float, squared_speed: float, machine: Record) -> AidLimits:
     """Return what each of the electronics allows at this lean and roll rate.
 
     Statics of the machine as a mass on two wheels, with its centre of mass lowered by the lean, drag and downforce;
     the turn takes its part of the friction ellipse, and `traction_share` of the rest is free; for the front brake
     `brake_share` upright and `brake_share_lean` from 45 deg of lean on, less again where the turn takes most of it.
     """
-    air, aids = machine.air, machine.electronics
+    air, aids, rear_tyre, front_tyre = machine.air, machine.electronics, machine.rear_tyre, machine.front_tyre
     sin_lean, cos_lean = abs(math.sin(roll)), max(math.cos(roll), 0.2)
     pressure = 0.5 * air.density * squared_speed
     drag, down = pressure * air.drag_area, pressure * air.down_area * cos_lean
@@ -132,26 +113,31 @@ def _grip_limit(
 
 @njit(cache=True)
 def aid_cuts(
-    rear_slip: float, rear_use: float, rear_load: float, front_use: float, front_load: float, aids: Record
+    rear_slip: float,
+    rear_normalised_slip: float,
+    rear_load: float,
+    front_normalised_slip: float,
+    front_load: float,
+    aids: Record,
 ) -> AidCuts:
     """Return what the electronics leave after the fact.
 
     Args:
         rear_slip: longitudinal slip of the rear tyre.
-        rear_use: its normalised slip.
+        rear_normalised_slip: its normalised slip.
         rear_load: N.
-        front_use: normalised slip of the front tyre.
+        front_normalised_slip: normalised slip of the front tyre.
         front_load: N.
         aids: the machine's electronics.
     """
     traction = wheelie = front = rear = stoppie = 1.0
     if aids.traction_control > 0.0 and rear_slip > 0.0:
-        traction = 1.0 - between(rear_use, aids.traction_slip_on, aids.traction_slip_off)
+        traction = 1.0 - between(rear_normalised_slip, aids.traction_slip_on, aids.traction_slip_off)
     if aids.wheelie_control > 0.0:
         wheelie = between(front_load, aids.wheelie_load_off, aids.wheelie_load_on)
     if aids.brake_control > 0.0:
-        front = 1.0 - between(front_use, aids.brake_slip_on, aids.brake_slip_off)
-        rear = 1.0 - between(rear_use, aids.brake_slip_on, aids.brake_slip_off)
+        front = 1.0 - between(front_normalised_slip, aids.brake_slip_on, aids.brake_slip_off)
+        rear = 1.0 - between(rear_normalised_slip, aids.brake_slip_on, aids.brake_slip_off)
     if aids.stoppie_control > 0.0:
         stoppie = between(rear_load, aids.stoppie_load_off, aids.stoppie_load_on)
     return AidCuts(traction, wheelie, front, rear, stoppie)

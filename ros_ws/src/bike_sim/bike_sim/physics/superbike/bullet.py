@@ -54,17 +54,17 @@ class BulletSuperbikeEngine(SuperbikeEngine):
     def _run(self, command: tuple[float, float, float], steps: int, ground: Ground) -> None:
         """Step until a fall or to the end, and fill the minimal state."""
         self._check_open()
-        motion, memory, telemetry, constants = self.motion, self.memory, self._telemetry, self.constants
-        if memory["fall"][0] != 0.0 or steps == 0:
-            return  # what lies there is seen as it was, whatever is said of the ground since
+        motion, ride, constants = self.motion, self._ride, self.constants
+        if self.memory["fall"][0] != 0.0 or steps == 0:
+            return  # a fallen machine is not read again on another ground
         chunk = reading_interval(self.time_step)
         for done in range(steps):
             last = done == steps - 1
-            loads = loads_one(motion, memory, telemetry, constants, command, *ground, last)
+            loads = loads_one(ride, constants, command, *ground, last)
             if loads.fall != 0:
                 break
             joints = (loads.rear, loads.steer, loads.front, loads.slide)
             self._bodies.step(motion, loads.force, loads.torque, joints)
             if (done + 1) % chunk == 0:
-                read_one(motion, constants, ground.record, self._state)
-        read_one(motion, constants, ground.record, self._state)
+                read_one(ride, constants, ground.record)
+        read_one(ride, constants, ground.record)

@@ -59,7 +59,6 @@ def constants_of(vehicle: Superbike, bare: Superbike) -> NDArray[np.void]:
     constants = np.zeros(1, dtype=CONSTANTS)
     record = constants[0]
     record["machine"] = vehicle.machine
-    record["rear_tyre"], record["front_tyre"] = vehicle.tyres
     record["wheel_torque"] = vehicle.wheel_torque
     record["holding"] = holding_table(vehicle)
     for name, value in geometry.items():
@@ -117,7 +116,7 @@ def holding_torque(vehicle: Superbike, lean: float, speed: float) -> float:
     thrust = statics.drag(vehicle, speed)
     _, load = statics.wheel_loads(vehicle, lean, speed, thrust)
     side = statics.side_forces(vehicle, lean, speed)[1]
-    moment = _moment_at(side, math.asin(axle[2]), load, vehicle.tyres[1])
+    moment = _moment_at(side, math.asin(axle[2]), load, vehicle.machine["front_tyre"])
     force = -tyre.rolling * load * heading - side * left + np.array([0.0, 0.0, load])
     turning = np.cross(point, force) + np.array([0.0, 0.0, moment])
     for mass, arm in ((vehicle.mF, hub), (vehicle.mH, middle)):
@@ -131,6 +130,6 @@ def _moment_at(side: float, camber: float, load: float, tyre: Record) -> float:
     """Return a tyre's moment, N m, where it pushes to the right with a force (N): at the side slip that this needs."""
     low, high = -1.0, 1.0
     for _ in range(50):
-        drift = 0.5 * (low + high)
-        low, high = (drift, high) if -tyres.forces(0.0, drift, camber, load, 1.0, tyre)[1] < side else (low, drift)
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if -tyres.forces(0.0, middle, camber, load, 1.0, tyre)[1] < side else (low, middle)
     return float(tyres.forces(0.0, 0.5 * (low + high), camber, load, 1.0, tyre)[2])

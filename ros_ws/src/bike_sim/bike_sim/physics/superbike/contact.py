@@ -155,17 +155,17 @@ class TyreForce(NamedTuple):
     Attributes:
         fx: along the heading, N. fy: to the left. fz: along the normal, the load. mz: aligning moment about the normal,
             N m.
-        use: normalised slip, 1 is linear saturation.
-        slip: longitudinal transient slip. drift: lateral transient slip.
+        normalised_slip: normalised slip, 1 is linear saturation.
+        slip: longitudinal transient slip. tan_slip_angle: lateral transient slip.
     """
 
     fx: float
     fy: float
     fz: float
     mz: float
-    use: float
+    normalised_slip: float
     slip: float
-    drift: float
+    tan_slip_angle: float
 
 
 @njit(cache=True)
@@ -308,13 +308,13 @@ def rolling_wheels(motion: Motion, axes: Axes, rear: Contact, front: Contact) ->
 
 @njit(cache=True)
 def tyre_force(
-    slip: float, drift: float, contact: Contact, wheel: Rolling, grip: float, dt: float, tyre: Record
+    slip: float, tan_slip_angle: float, contact: Contact, wheel: Rolling, grip: float, dt: float, tyre: Record
 ) -> TyreForce:
     """Return what a tyre does, with its transient slips after the step.
 
     Args:
         slip: longitudinal transient slip before the step.
-        drift: lateral transient slip before the step.
+        tan_slip_angle: lateral transient slip before the step.
         contact: where the wheel stands.
         wheel: how it moves.
         grip: factor on friction.
@@ -328,9 +328,9 @@ def tyre_force(
     # the contact wanders along the ground with the wheel's centre, whatever the pitch rate of its carrier
     speed = abs(along + dot(wheel.carrier, wheel.axle) * contact.radius)
     slip = tyres.relax(slip, wheel.rate * contact.radius - along, speed, tyre.slip_relaxation, dt)
-    drift = tyres.relax(drift, dot(wheel.velocity, contact.left), speed, tyre.relaxation, dt)
+    tan_slip_angle = tyres.relax(tan_slip_angle, dot(wheel.velocity, contact.left), speed, tyre.relaxation, dt)
     if load <= 0.0:
-        slip = drift = 0.0  # a tyre in the air forgets
+        slip = tan_slip_angle = 0.0  # a tyre in the air forgets
     camber = math.asin(min(max(contact.lean, -1.0), 1.0))
-    fx, fy, mz, use = tyres.forces(slip, drift, camber, load, grip, tyre)
-    return TyreForce(fx, fy, load, mz, use, slip, drift)
+    fx, fy, mz, normalised_slip = tyres.forces(slip, tan_slip_angle, camber, load, grip, tyre)
+    return TyreForce(fx, fy, load, mz, normalised_slip, slip, tan_slip_angle)

@@ -11,7 +11,7 @@ from bike_sim.physics.superbike.contact import TyreForce
 from bike_sim.physics.superbike.records import Attitude, Command
 from bike_sim.vehicles.superbike import Record
 
-_ASKS: Final = 0.01  # part of full throttle or full brake below which an aid has nothing to hold back
+_REQUEST_MIN: Final = 0.01  # part of full throttle or full brake below which an aid has nothing to hold back
 
 
 class WheelState(NamedTuple):
@@ -33,7 +33,7 @@ class DriveOutput(NamedTuple):
 
     Attributes:
         rear: torque on the rear wheel, N m. front: on the front wheel.
-        pulled: rate of the front brake's force as lever and electronics set it, N/s.
+        brake_rate: rate of the front brake's force as lever and electronics set it, N/s.
         drive: torque of the engine on the rear wheel, N m. front_brake: of the brake, N m. rear_brake: the same.
         available: torque of the engine without electronics, N m. asked: force of the front brake without them, N.
         limits: of the electronics, ahead. cuts: by them, after the fact.
@@ -41,7 +41,7 @@ class DriveOutput(NamedTuple):
 
     rear: float
     front: float
-    pulled: float
+    brake_rate: float
     drive: float
     front_brake: float
     rear_brake: float
@@ -92,9 +92,16 @@ def drive_and_brake(
     memory.measured_roll_rate += (attitude.roll_rate - memory.measured_roll_rate) * command.lags.sensor
     limits = aid_limits(
         attitude.camber, memory.measured_roll_rate, attitude.squared_speed,
-        machine, constants.rear_tyre, constants.front_tyre,
+        machine,
     )  # fmt: skip
-    cuts = aid_cuts(rear.tyre.slip, rear.tyre.use, rear.tyre.fz, front.tyre.use, front.tyre.fz, machine.electronics)
+    cuts = aid_cuts(
+        rear.tyre.slip,
+        rear.tyre.normalised_slip,
+        rear.tyre.fz,
+        front.tyre.normalised_slip,
+        front.tyre.fz,
+        machine.electronics,
+    )
 
     available = drive * _lookup(constants.wheel_torque, rear.spin / constants.geometry.torque_spacing)
     drive_torque = cuts.traction * cuts.wheelie * min(available, min(limits.wheelie, limits.traction) * rear.radius)
@@ -102,25 +109,27 @@ def drive_and_brake(
     rear_brake = (1.0 - brakes.front_share) * brake * held * brakes.force * machine.rR
     asked = brakes.front_share * brake * brakes.force
     allowed = min(limits.stoppie, limits.braking)
-    pulled = (min(asked, allowed) - min(brakes.front_share * before * brakes.force, allowed)) / dt
+    brake_rate = (min(asked, allowed) - min(brakes.front_share * before * brakes.force, allowed)) / dt
     front_brake = cuts.front * cuts.stoppie * min(asked, allowed) * machine.rF
     # closed throttle drags like a brake, and is eased like one; so does rolling resistance
     engine_brake = held * (1.0 - drive) * motor.engine_brake * machine.rR
-    rear_hold = rear_brake + engine_brake + constants.rear_tyre.rolling * rear.tyre.fz * rear.radius
-    front_hold = front_brake + constants.front_tyre.rolling * front.tyre.fz * front.radius
+    rear_hold = rear_brake + engine_brake + constants.machine.rear_tyre.rolling * rear.tyre.fz * rear.radius
+    front_hold = front_brake + constants.machine.front_tyre.rolling * front.tyre.fz * front.radius
     rear_torque = drive_torque + _brake_torque(
         rear_hold, rear.spin, machine.IRyy, drive_torque - rear.tyre.fx * rear.radius, dt
     )
     front_torque = _brake_torque(front_hold, front.spin, machine.IFyy, -front.tyre.fx * front.radius, dt)
 
     return DriveOutput(
-        rear_torque, front_torque, pulled, drive_torque, front_brake, rear_brake, available, asked, limits, cuts
+        rear_torque, front_torque, brake_rate, drive_torque, front_brake, rear_brake, available, asked, limits, cuts
     )
 
 
 @njit(cache=True)
-def tell_drive(driven: DriveOutput, rear: WheelState, memory: Record, telemetry: Record, constants: Record) -> None:
-    """Write down what engine and brakes did, and what the electronics held back.
+def write_drive_telemetry(
+    driven: DriveOutput, rear: WheelState, memory: Record, telemetry: Record, constants: Record
+) -> None:
+    """Write the telemetry of engine, brakes and electronics.
 
     Args:
         driven: what they did.
@@ -136,7 +145,7 @@ def tell_drive(driven: DriveOutput, rear: WheelState, memory: Record, telemetry:
     telemetry.front_brake_nm, telemetry.rear_brake_nm = driven.front_brake, driven.rear_brake
     telemetry.traction_cut, telemetry.wheelie_cut = cuts.traction, cuts.wheelie
     telemetry.front_brake_cut, telemetry.rear_brake_cut = cuts.front * cuts.stoppie, cuts.rear
-    drives, brakes = drive > _ASKS, brake > _ASKS
+    drives, brakes = drive > _REQUEST_MIN, brake > _REQUEST_MIN
     telemetry.traction_active = drives and (cuts.traction < 1.0 or available > limits.traction * rear_radius)
     telemetry.wheelie_active = drives and (cuts.wheelie < 1.0 or available > limits.wheelie * rear_radius)
     telemetry.brake_active = brakes and (min(cuts.front, cuts.rear, limits.rear) < 1.0 or asked > limits.braking)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -75,32 +75,56 @@ def read(motion: Record, ground: Record, constants: Record, state: Array) -> Non
     state[st.ROLL_RATE], state[st.FRONT_WHEEL_RATE] = roll_rate, now.front_rate
 
 
+class Rides(NamedTuple):
+    """What rides of machines change: a record each, or arrays of them.
+
+    Attributes:
+        state: minimal states.
+        motion: of the bodies, of `articulated.motion_record`.
+        memory: of the forces, of `records.MEMORY`.
+        telemetry: of the last step, of `forces.TELEMETRY`.
+    """
+
+    state: Any
+    motion: Any
+    memory: Any
+    telemetry: Any
+
+
+class Model(NamedTuple):
+    """What the dynamics of a machine take: a record each, or arrays of one.
+
+    Attributes:
+        constants: of the forces, of `records.CONSTANTS`.
+        tree: of the bodies, of `articulated.tree_record`.
+        work: scratch memory, of `articulated.workspace`.
+    """
+
+    constants: Any
+    tree: Any
+    work: Any
+
+
 @njit(cache=True)
-def advance(
-    state: Array, motion: Record, memory: Record, telemetry: Record, constants: Record, tree: Record, work: Record,
-    command: Command, ground: Record, bumps: Array, steps: int,
-) -> int:  # fmt: skip
+def advance(ride: Rides, model: Model, command: Command, ground: Record, bumps: Array, steps: int) -> int:
     """Step a machine until a fall or to the end, and return the fall, an index of `forces.FALL_NAMES`.
 
     Args:
-        state: minimal state, written.
-        motion: of the bodies, advanced.
-        memory: of the forces, advanced.
-        telemetry: of the last step, written.
-        constants: of the machine.
-        tree: its bodies.
-        work: scratch memory.
+        ride: of the machine, advanced.
+        model: of the machine.
         command: what is held, with the time step.
         ground: a record of `ground.GROUND`.
         bumps: profiles, see `ground.Ground`.
         steps: number of steps.
     """
+    state, motion, memory, telemetry = ride
+    constants, tree, work = model
     chunk = reading_interval(command.dt)
     for done in range(steps):
         if memory.fall != 0.0:
             break
-        telling = done == steps - 1
-        loads = loads_at(to_motion(motion), command, ground, bumps, memory, telemetry, constants, telling)
+        last = done == steps - 1
+        loads = loads_at(to_motion(motion), command, ground, bumps, memory, telemetry, constants, last)
         if loads.fall != 0:
             break
         joints = (loads.rear, loads.steer, loads.front, loads.slide)
@@ -114,73 +138,27 @@ def advance(
 
 @njit(cache=True)
 def _advance_one(
-    state: Array, motions: Record, memories: Record, telemetries: Record, constants: Record, trees: Record,
-    works: Record, command: tuple[float, float, float], grounds: Record, bumps: Array, steps: int,
-) -> int:  # fmt: skip
+    rides: Rides, models: Model, command: tuple[float, float, float], grounds: Record, bumps: Array, steps: int
+) -> None:
     """Do as `advance` with arrays of one record each, which cost a caller in Python less than records."""
-    held = discretise_command(command, constants[0])
-    return advance(
-        state, motions[0], memories[0], telemetries[0], constants[0], trees[0], works[0], held, grounds[0], bumps, steps
-    )
-
-
-@njit(cache=True)
-def _look_one(
-    state: Array, motions: Record, memories: Record, telemetries: Record, constants: Record,
-    command: tuple[float, float, float], grounds: Record, bumps: Array,
-) -> None:  # fmt: skip
-    """Fill minimal state and telemetry without moving anything; the memory is a copy that nobody needs afterwards."""
-    read(motions[0], grounds[0], constants[0], state)
-    now, held = to_motion(motions[0]), discretise_command(command, constants[0])
-    loads_at(now, held, grounds[0], bumps, memories[0], telemetries[0], constants[0], True)
+    ride = Rides(rides.state, rides.motion[0], rides.memory[0], rides.telemetry[0])
+    model = Model(models.constants[0], models.tree[0], models.work[0])
+    advance(ride, model, discretise_command(command, model.constants), grounds[0], bumps, steps)
 
 
 @njit(cache=True)
 def loads_one(
-    motions: Record, memories: Record, telemetries: Record, constants: Record, command: tuple[float, float, float],
-    grounds: Record, bumps: Array, telling: bool,
-) -> Loads:  # fmt: skip
+    rides: Rides, constants: Record, command: tuple[float, float, float], grounds: Record, bumps: Array, log: bool
+) -> Loads:
     """Return `forces.loads_at` of arrays of one record each."""
-    held = discretise_command(command, constants[0])
-    return loads_at(to_motion(motions[0]), held, grounds[0], bumps, memories[0], telemetries[0], constants[0], telling)
+    held, motion = discretise_command(command, constants[0]), to_motion(rides.motion[0])
+    return loads_at(motion, held, grounds[0], bumps, rides.memory[0], rides.telemetry[0], constants[0], log)
 
 
 @njit(cache=True)
-def read_one(motions: Record, constants: Record, grounds: Record, state: Array) -> None:
+def read_one(rides: Rides, constants: Record, grounds: Record) -> None:
     """Do as `read` with arrays of one record each."""
-    read(motions[0], grounds[0], constants[0], state)
-
-
-@njit(cache=True)
-def advance_rows(
-    states: Array, motions: Record, memories: Record, telemetries: Record, machines: NDArray[np.int64],
-    constants: Record, trees: Record, works: Record, commands: Array, grounds: Record, bumps: Array, dt: float,
-    steps: int,
-) -> None:  # fmt: skip
-    """Step rows of machines, each with its own command held; fallen ones stay where they are.
-
-    Args:
-        states: minimal states, shape (n, 10), written.
-        motions: shape (n,), advanced.
-        memories: shape (n,), advanced; their field `fall` tells who fell.
-        telemetries: shape (n,), written.
-        machines: which of the constants a row has, shape (n,).
-        constants: one record a machine.
-        trees: one record a machine.
-        works: scratch memory, shape (1,).
-        commands: steering and throttle, shape (n, 2).
-        grounds: records of `ground.GROUND`, shape (n,); each says which of the profiles its road has.
-        bumps: profiles, see `ground.Ground`.
-        dt: time step, s.
-        steps: number of steps.
-    """
-    for i in range(states.shape[0]):
-        machine = machines[i]
-        command = discretise_command((commands[i, 0], commands[i, 1], dt), constants[machine])
-        advance(
-            states[i], motions[i], memories[i], telemetries[i], constants[machine], trees[machine], works[0], command,
-            grounds[i], bumps, steps,
-        )  # fmt: skip
+    read(rides.motion[0], grounds[0], constants[0], rides.state)
 
 
 class SuperbikeEngine(ABC):
@@ -220,6 +198,7 @@ class SuperbikeEngine(ABC):
         self._telemetry = np.zeros(1, dtype=TELEMETRY)
         self._signals = self._telemetry.view(np.float64)
         self._state = np.zeros(st.STATE_SIZE)
+        self._ride = Rides(self._state, self.motion, self.memory, self._telemetry)
 
     @property
     def fall(self) -> str:
@@ -241,12 +220,12 @@ class SuperbikeEngine(ABC):
         """
         state = st.checked_state(state)
         begin(self.vehicle, self.constants, self._principal, state, ground, self.motion, self.memory)
-        self._state = state.copy()
+        self._state[:] = state
         self.set_motion()
-        _look_one(
-            self._state, self.motion, self.memory.copy(), self._telemetry, self.constants, (0.0, 0.0, self.time_step),
-            *ground,
-        )  # fmt: skip
+        read_one(self._ride, self.constants, ground.record)
+        # the memory is a copy that nobody needs afterwards
+        unmoved = self._ride._replace(memory=self.memory.copy())
+        loads_one(unmoved, self.constants, (0.0, 0.0, self.time_step), *ground, True)
 
     def advance(self, steering: float, throttle: float, steps: int, ground: Ground = LEVEL) -> None:
         """Integrate with both commands held.
@@ -294,14 +273,14 @@ class CompiledSuperbikeEngine(SuperbikeEngine):
 
     It shares the forces with the engine in Bullet, but not a line of the dynamics, so each checks the other: their
     rides come together as the step shrinks. One step is a single compiled call, and batches step rows of many machines
-    with the same code (`advance_rows`).
+    with the same code (`advance`).
     """
 
     def __init__(self, vehicle: Superbike, time_step: float) -> None:
         """Put the machine upright at rest; see `SuperbikeEngine`."""
         super().__init__(vehicle, time_step)
-        self._tree = articulated.tree_record(self.tree, vehicle.g)
-        self._work = articulated.workspace(len(self.tree))
+        tree, work = articulated.tree_record(self.tree, vehicle.g), articulated.workspace(len(self.tree))
+        self._model = Model(self.constants, tree, work)
         self.reset(st.upright_state(0.0, vehicle.rF))
 
     def close(self) -> None:
@@ -312,7 +291,4 @@ class CompiledSuperbikeEngine(SuperbikeEngine):
 
     def _run(self, command: tuple[float, float, float], steps: int, ground: Ground) -> None:
         """Step until a fall or to the end, and fill the minimal state."""
-        _advance_one(
-            self._state, self.motion, self.memory, self._telemetry, self.constants, self._tree, self._work, command,
-            *ground, steps,
-        )  # fmt: skip
+        _advance_one(self._ride, self._model, command, *ground, steps)

@@ -5,7 +5,7 @@ mass does not have:
 
 * The mass is on the inside of the line of contacts. Braking pushes it on and so turns the machine out of the curve: the
   front tyre's lateral force grows and the rear's falls; driving does the reverse.
-* A tyre that carries a lateral force drifts, which costs that force times the drift along the road.
+* A tyre that carries a lateral force has a slip angle, which costs that force times its tangent along the road.
 * The electronics allow what they allow at this lean and roll rate (`bike_sim.physics.superbike.aids`), less what they
   cut at the slips and loads that the force itself brings: a smaller force is cut less, so there is one that stays.
 
@@ -63,13 +63,13 @@ class Wheels(NamedTuple):
 
 
 @njit(cache=True)
-def mass_place(lean: float, m: Record, rear: Record, front: Record) -> tuple[float, float]:
+def mass_place(lean: float, m: Record) -> tuple[float, float]:
     """Return how far the mass is inside the line of contacts and how far above the ground, m.
 
     The toroidal tyres move the contacts towards the lean, and the rider hangs off.
     """
     share = m.com_x / m.w
-    crown = share * front.crown + (1.0 - share) * rear.crown
+    crown = share * m.front_tyre.crown + (1.0 - share) * m.rear_tyre.crown
     slide = m.rider.slide * min(1.0, math.degrees(lean) / m.rider.slide_lean_deg)
     offset = m.rider.mass * slide / m.mass
     sin_lean, cos_lean = math.sin(lean), math.cos(lean)
@@ -78,9 +78,7 @@ def mass_place(lean: float, m: Record, rear: Record, front: Record) -> tuple[flo
 
 
 @njit(cache=True)
-def steady_lateral(
-    lean: float, speed: float, gravity: float, spread: float, m: Record, rear: Record, front: Record
-) -> float:
+def steady_lateral(lean: float, speed: float, gravity: float, spread: float, m: Record) -> float:
     """Return the lateral acceleration of a steady turn, m/s^2; see `superbike_statics.steady_lateral`.
 
     Args:
@@ -89,16 +87,14 @@ def steady_lateral(
         gravity: m/s^2.
         spread: integral of z^2 - y^2 over the mass about its centre, in the machine's axes, kg m2.
         m: `Superbike.machine`.
-        rear: its rear tyre.
-        front: its front tyre.
     """
     sin_lean, cos_lean = math.sin(lean), math.cos(lean)
-    y, z = mass_place(lean, m, rear, front)
+    y, z = mass_place(lean, m)
     share = m.com_x / m.w
-    crown = share * front.crown + (1.0 - share) * rear.crown
+    crown = share * m.front_tyre.crown + (1.0 - share) * m.rear_tyre.crown
     momentum = m.motor.crank_momentum
-    momentum += m.IRyy * speed / (m.rR - rear.crown * (1.0 - cos_lean))
-    momentum += m.IFyy * speed / (m.rF - front.crown * (1.0 - cos_lean))
+    momentum += m.IRyy * speed / (m.rR - m.rear_tyre.crown * (1.0 - cos_lean))
+    momentum += m.IFyy * speed / (m.rF - m.front_tyre.crown * (1.0 - cos_lean))
     down = 0.5 * m.air.density * m.air.down_area * speed**2
     pull = m.mass * gravity * y - down * crown * sin_lean
     linear = m.mass * z + momentum / speed * cos_lean
@@ -129,9 +125,7 @@ def _false_position(low: float, below: float, high: float, above: float) -> floa
 
 
 @njit(cache=True)
-def steady_lean(
-    lateral: float, high: float, speed: float, gravity: float, spread: float, m: Record, rear: Record, front: Record
-) -> float:
+def steady_lean(lateral: float, high: float, speed: float, gravity: float, spread: float, m: Record) -> float:
     """Return the lean at which a lateral acceleration is steady, rad; NaN if it takes as much as `high` (rad) or more.
 
     Args:
@@ -139,18 +133,16 @@ def steady_lean(
         high: largest lean, rad.
         speed: m/s.
         gravity: m/s^2.
-        spread: see `steady_lateral`, and for what follows.
+        spread: see `steady_lateral`.
         m: `Superbike.machine`.
-        rear: its rear tyre.
-        front: its front tyre.
     """
     low, below = 0.0, -lateral
-    above = steady_lateral(high, speed, gravity, spread, m, rear, front) - lateral
+    above = steady_lateral(high, speed, gravity, spread, m) - lateral
     if above <= 0.0:
         return math.nan
     for _ in range(40):
         middle = _false_position(low, below, high, above)
-        value = steady_lateral(middle, speed, gravity, spread, m, rear, front) - lateral
+        value = steady_lateral(middle, speed, gravity, spread, m) - lateral
         if abs(value) < LATERAL_TOLERANCE:
             return middle
         low, below, high, above = _enclose(low, below, high, above, middle, value)
@@ -162,18 +154,17 @@ def steady_lean_one(
     lateral: float, high: float, speed: float, gravity: float, spread: float, constants: Record
 ) -> float:
     """Do as `steady_lean` with an array of one `CONSTANTS`, which costs a caller in Python less than records."""
-    known = constants[0]
-    return steady_lean(lateral, high, speed, gravity, spread, known.machine, known.rear_tyre, known.front_tyre)
+    return steady_lean(lateral, high, speed, gravity, spread, constants[0].machine)
 
 
 @njit(cache=True)
-def wheels(turn: Turn, thrust: float, m: Record, rear: Record, front: Record) -> Wheels:
+def wheels(turn: Turn, thrust: float, m: Record) -> Wheels:
     """Return loads and lateral forces with a thrust (N, negative braking) of the tyres along the road."""
     sin_lean, cos_lean = math.sin(turn.lean), math.cos(turn.lean)
     pressure = 0.5 * m.air.density * turn.speed**2
     pull, down = pressure * m.air.drag_area, pressure * m.air.down_area
     weight = m.mass * turn.gravity
-    y, z = mass_place(turn.lean, m, rear, front)
+    y, z = mass_place(turn.lean, m)
     spin = (m.IRyy / m.rR + m.IFyy / m.rF) * cos_lean
     acceleration = (thrust - pull) / turn.inertia
     front_load = (
@@ -186,7 +177,7 @@ def wheels(turn: Turn, thrust: float, m: Record, rear: Record, front: Record) ->
     # Moments about the vertical through the rear contact: the air holds and the mass pushes on inside of it.
     side = m.mass * turn.lateral + down * sin_lean
     turned = m.mass * turn.lateral * m.com_x + down * sin_lean * m.air.x
-    held = pull * (m.air.height - rear.crown) * sin_lean + m.mass * acceleration * y
+    held = pull * (m.air.height - m.rear_tyre.crown) * sin_lean + m.mass * acceleration * y
     front_side = (turned - held) / m.w
     return Wheels(weight + down * cos_lean - front_load, front_load, side - front_side, front_side)
 
@@ -202,7 +193,7 @@ def left_along(load: float, side: float, lean: float, tyre: Record) -> float:
 
 @njit(cache=True)
 def _used(load: float, side: float, along: float, lean: float, tyre: Record) -> float:
-    """Return the part of its friction that a tyre uses; see `drift_of`."""
+    """Return the part of its friction that a tyre uses; see `tan_slip_angle_of`."""
     use = math.hypot(side, along / tyre.friction_ratio) / (tyres.friction(lean, tyre) * load)
     return min(max(use, 1e-9), 1.0)
 
@@ -215,13 +206,13 @@ def _slip_at(use: float, tyre: Record) -> float:
 
 @njit(cache=True)
 def slip_of(load: float, side: float, along: float, lean: float, tyre: Record) -> float:
-    """Return the normalised slip with which a tyre gives two forces, up to its peak; arguments as of `drift_of`."""
+    """Return the normalised slip, up to its peak, with which a tyre gives two forces; see `tan_slip_angle_of`."""
     return _slip_at(_used(load, side, along, lean, tyre), tyre) if load > 0.0 else tyres.peak_slip(tyre)
 
 
 @njit(cache=True)
-def drift_of(load: float, side: float, along: float, lean: float, tyre: Record) -> float:
-    """Return the drift (tangent of the slip angle) with which a tyre gives a lateral force.
+def tan_slip_angle_of(load: float, side: float, along: float, lean: float, tyre: Record) -> float:
+    """Return the tangent of the slip angle with which a tyre gives a lateral force.
 
     Args:
         load: N, > 0.
@@ -237,8 +228,8 @@ def drift_of(load: float, side: float, along: float, lean: float, tyre: Record) 
 
 
 @njit(cache=True)
-def drift_loss(load: float, side: float, along: float, lean: float, radius: float, tyre: Record) -> float:
-    """Return what a tyre's lateral force costs along the road, N: it drifts, and its moment turns a leaned wheel.
+def slip_angle_loss(load: float, side: float, along: float, lean: float, radius: float, tyre: Record) -> float:
+    """Return the cost along the road of a tyre's lateral force, N: by its slip angle, and by its moment on a wheel.
 
     Args:
         load: N.
@@ -250,29 +241,29 @@ def drift_loss(load: float, side: float, along: float, lean: float, radius: floa
     """
     if load <= 0.0:
         return 0.0
-    drift = drift_of(load, side, along, lean, tyre)
-    moment = tyres.forces(0.0, drift, lean, load, 1.0, tyre)[2]
-    return side * drift - moment * math.sin(lean) / radius
+    tan_slip_angle = tan_slip_angle_of(load, side, along, lean, tyre)
+    moment = tyres.forces(0.0, tan_slip_angle, lean, load, 1.0, tyre)[2]
+    return side * tan_slip_angle - moment * math.sin(lean) / radius
 
 
 @njit(cache=True)
-def holds(turn: Turn, thrust: float, m: Record, rear: Record, front: Record) -> bool:
+def holds(turn: Turn, thrust: float, m: Record) -> bool:
     """Return whether both tyres hold a turn with a thrust (N, >= 0) at the rear."""
-    return _hold(wheels(turn, thrust, m, rear, front), turn.lean, thrust, rear, front)
+    return _hold(wheels(turn, thrust, m), turn.lean, thrust, m)
 
 
 @njit(cache=True)
-def _hold(at: Wheels, lean: float, thrust: float, rear: Record, front: Record) -> bool:
+def _hold(at: Wheels, lean: float, thrust: float, m: Record) -> bool:
     """Return whether tyres with these loads and lateral forces hold a thrust, N."""
     return (
-        left_along(at.front, at.front_side, lean, front) >= 0.0
-        and left_along(at.rear, at.rear_side, lean, rear) >= thrust
+        left_along(at.front, at.front_side, lean, m.front_tyre) >= 0.0
+        and left_along(at.rear, at.rear_side, lean, m.rear_tyre) >= thrust
     )
 
 
 @njit(cache=True)
-def resistance(turn: Turn, at: Wheels, thrust: float, brake: float, m: Record, rear: Record, front: Record) -> float:
-    """Return what slows the machine beside its brakes, N: air, rolling and drift.
+def resistance(turn: Turn, at: Wheels, thrust: float, brake: float, m: Record) -> float:
+    """Return what slows the machine beside its brakes, N: air, rolling and slip angles.
 
     Args:
         turn: the state.
@@ -280,28 +271,27 @@ def resistance(turn: Turn, at: Wheels, thrust: float, brake: float, m: Record, r
         thrust: of the rear tyre, N.
         brake: of the front tyre, N.
         m: `Superbike.machine`.
-        rear: its rear tyre.
-        front: its front tyre.
     """
     air = 0.5 * m.air.density * m.air.drag_area * turn.speed**2
+    rear, front = m.rear_tyre, m.front_tyre
     rolling = rear.rolling * max(at.rear, 0.0) + front.rolling * max(at.front, 0.0)
-    drift = drift_loss(at.rear, at.rear_side, thrust, turn.lean, m.rR, rear)
-    return air + rolling + drift + drift_loss(at.front, at.front_side, brake, turn.lean, m.rF, front)
+    rear_loss = slip_angle_loss(at.rear, at.rear_side, thrust, turn.lean, m.rR, rear)
+    return air + rolling + rear_loss + slip_angle_loss(at.front, at.front_side, brake, turn.lean, m.rF, front)
 
 
 @njit(cache=True)
-def _driven(turn: Turn, thrust: float, most: float, m: Record, rear: Record, front: Record) -> bool:
+def _driven(turn: Turn, thrust: float, most: float, m: Record) -> bool:
     """Return whether both tyres hold a thrust (N) and the electronics leave as much of the `most` that is asked for."""
-    at = wheels(turn, thrust, m, rear, front)
-    if not _hold(at, turn.lean, thrust, rear, front):
+    at = wheels(turn, thrust, m)
+    if not _hold(at, turn.lean, thrust, m):
         return False
-    slip = slip_of(at.rear, at.rear_side, thrust, turn.lean, rear)
+    slip = slip_of(at.rear, at.rear_side, thrust, turn.lean, m.rear_tyre)
     cuts = aid_cuts(thrust, slip, at.rear, 0.0, at.front, m.electronics)
     return thrust <= cuts.traction * cuts.wheelie * most
 
 
 @njit(cache=True)
-def most_drive(turn: Turn, engine: float, roll_rate: float, m: Record, rear: Record, front: Record) -> float:
+def most_drive(turn: Turn, engine: float, roll_rate: float, m: Record) -> float:
     """Return the largest net forward acceleration, m/s^2; negative where resistance beats what the tyres have left.
 
     Args:
@@ -309,19 +299,17 @@ def most_drive(turn: Turn, engine: float, roll_rate: float, m: Record, rear: Rec
         engine: force at full throttle, N.
         roll_rate: rad/s, which the electronics answer.
         m: `Superbike.machine`.
-        rear: its rear tyre.
-        front: its front tyre.
     """
-    aids = aid_limits(turn.lean, roll_rate, turn.speed**2, m, rear, front)
+    aids = aid_limits(turn.lean, roll_rate, turn.speed**2, m)
     most = max(0.0, min(engine, aids.wheelie, aids.traction))
     high = most
-    if not _driven(turn, high, most, m, rear, front):
+    if not _driven(turn, high, most, m):
         low = 0.0
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
-            low, high = (middle, high) if _driven(turn, middle, most, m, rear, front) else (low, middle)
+            low, high = (middle, high) if _driven(turn, middle, most, m) else (low, middle)
         high = low
-    return (high - resistance(turn, wheels(turn, high, m, rear, front), high, 0.0, m, rear, front)) / turn.inertia
+    return (high - resistance(turn, wheels(turn, high, m), high, 0.0, m)) / turn.inertia
 
 
 @njit(cache=True)
@@ -361,54 +349,52 @@ def _uncut(asked: float, load: float, side: float, lean: float, aids: Record, ty
 
 
 @njit(cache=True)
-def brakes_left(turn: Turn, brake: float, m: Record, rear: Record, front: Record) -> tuple[float, float]:
+def brakes_left(turn: Turn, brake: float, m: Record) -> tuple[float, float]:
     """Return what front and rear brake can do while the machine is braked with a force, N."""
-    at = wheels(turn, -brake, m, rear, front)
-    aids = aid_limits(turn.lean, 0.0, turn.speed**2, m, rear, front)
+    at = wheels(turn, -brake, m)
+    aids = aid_limits(turn.lean, 0.0, turn.speed**2, m)
     share = m.brakes.front_share * m.brakes.force
     stoppie = aid_cuts(0.0, 0.0, at.rear, 0.0, at.front, m.electronics).stoppie
     asked = stoppie * min(share, aids.braking, aids.stoppie)
-    front_brake = _uncut(asked, at.front, at.front_side, turn.lean, m.electronics, front)
+    front_brake = _uncut(asked, at.front, at.front_side, turn.lean, m.electronics, m.front_tyre)
     asked = aids.rear * (m.brakes.force - share + m.motor.engine_brake)
-    return front_brake, _uncut(asked, at.rear, at.rear_side, turn.lean, m.electronics, rear)
+    return front_brake, _uncut(asked, at.rear, at.rear_side, turn.lean, m.electronics, m.rear_tyre)
 
 
 @njit(cache=True)
-def _over(turn: Turn, brake: float, m: Record, rear: Record, front: Record) -> float:
+def _over(turn: Turn, brake: float, m: Record) -> float:
     """Return by how much a braking force is more than both brakes can do while it acts, N."""
-    front_brake, rear_brake = brakes_left(turn, brake, m, rear, front)
+    front_brake, rear_brake = brakes_left(turn, brake, m)
     return brake - front_brake - rear_brake
 
 
 @njit(cache=True)
-def most_brake(turn: Turn, m: Record, rear: Record, front: Record) -> float:
+def most_brake(turn: Turn, m: Record) -> float:
     """Return the largest deceleration, resistance included, m/s^2."""
     low, high = 0.0, 1.01 * (m.brakes.force + m.motor.engine_brake)
-    below, above = _over(turn, low, m, rear, front), _over(turn, high, m, rear, front)
+    below, above = _over(turn, low, m), _over(turn, high, m)
     for _ in range(_HALVINGS):
         if high - low < _FORCE_TOLERANCE or below == 0.0:
             break
         brake = _false_position(low, below, high, above)
-        value = _over(turn, brake, m, rear, front)
+        value = _over(turn, brake, m)
         low, below, high, above = _enclose(low, below, high, above, brake, value)
         if abs(value) < _FORCE_TOLERANCE:
             break
-    front_brake, rear_brake = brakes_left(turn, low, m, rear, front)
-    at = wheels(turn, -low, m, rear, front)
-    return (low + resistance(turn, at, rear_brake, front_brake, m, rear, front)) / turn.inertia
+    front_brake, rear_brake = brakes_left(turn, low, m)
+    at = wheels(turn, -low, m)
+    return (low + resistance(turn, at, rear_brake, front_brake, m)) / turn.inertia
 
 
 @njit(cache=True)
-def steepest(
-    speed: float, gravity: float, spread: float, inertia: float, m: Record, rear: Record, front: Record
-) -> float:
+def steepest(speed: float, gravity: float, spread: float, inertia: float, m: Record) -> float:
     """Return the lean at which coasting tyres hold no more, rad; at most the rider's largest."""
     low, high = 0.0, math.radians(m.virtual_rider.max_lean_deg)
-    top = Turn(speed, high, steady_lateral(high, speed, gravity, spread, m, rear, front), gravity, inertia)
-    if holds(top, 0.0, m, rear, front):
+    top = Turn(speed, high, steady_lateral(high, speed, gravity, spread, m), gravity, inertia)
+    if holds(top, 0.0, m):
         return high
     for _ in range(_HALVINGS):
         lean = 0.5 * (low + high)
-        turn = Turn(speed, lean, steady_lateral(lean, speed, gravity, spread, m, rear, front), gravity, inertia)
-        low, high = (lean, high) if holds(turn, 0.0, m, rear, front) else (low, lean)
+        turn = Turn(speed, lean, steady_lateral(lean, speed, gravity, spread, m), gravity, inertia)
+        low, high = (lean, high) if holds(turn, 0.0, m) else (low, lean)
     return low

@@ -28,9 +28,9 @@ from bike_sim.physics.superbike.contact import (
     tyre_force,
     wheel_contact,
 )
-from bike_sim.physics.superbike.drive import WheelState, drive_and_brake, tell_drive
+from bike_sim.physics.superbike.drive import WheelState, drive_and_brake, write_drive_telemetry
 from bike_sim.physics.superbike.records import Attitude, Command, Motion
-from bike_sim.physics.superbike.rider import damper_and_stop, feel_load, slide_force, steering_torque
+from bike_sim.physics.superbike.rider import RiderInputs, damper_and_stop, feel_load, slide_force, steering_torque
 from bike_sim.schema import SIGNALS
 from bike_sim.vehicles.superbike import Record
 
@@ -58,58 +58,12 @@ TELEMETRY_NAMES: Final = SIGNALS.columns
 
 TELEMETRY: Final = np.dtype([(name, np.float64) for name in TELEMETRY_NAMES])
 
-# Places of the names in the vector, for readers outside compiled code
-T_SPEED: Final = TELEMETRY_NAMES.index("speed_m_s")
-T_PITCH: Final = TELEMETRY_NAMES.index("pitch_rad")
-T_ALONG: Final = TELEMETRY_NAMES.index("acceleration_long_m_s2")
-T_LATERAL: Final = TELEMETRY_NAMES.index("acceleration_lat_m_s2")
-T_YAW_RATE: Final = TELEMETRY_NAMES.index("yaw_rate_rad_s")
-T_REAR_LOAD: Final = TELEMETRY_NAMES.index("rear_load_n")
-T_FRONT_LOAD: Final = TELEMETRY_NAMES.index("front_load_n")
-T_REAR_SLIP: Final = TELEMETRY_NAMES.index("rear_slip")
-T_FRONT_SLIP: Final = TELEMETRY_NAMES.index("front_slip")
-T_REAR_DRIFT: Final = TELEMETRY_NAMES.index("rear_slip_angle_rad")
-T_FRONT_DRIFT: Final = TELEMETRY_NAMES.index("front_slip_angle_rad")
-T_REAR_CAMBER: Final = TELEMETRY_NAMES.index("rear_camber_rad")
-T_FRONT_CAMBER: Final = TELEMETRY_NAMES.index("front_camber_rad")
-T_REAR_FX: Final = TELEMETRY_NAMES.index("rear_force_long_n")
-T_REAR_FY: Final = TELEMETRY_NAMES.index("rear_force_lat_n")
-T_FRONT_FX: Final = TELEMETRY_NAMES.index("front_force_long_n")
-T_FRONT_FY: Final = TELEMETRY_NAMES.index("front_force_lat_n")
-T_REAR_USE: Final = TELEMETRY_NAMES.index("rear_use")
-T_FRONT_USE: Final = TELEMETRY_NAMES.index("front_use")
-T_STEER_TORQUE: Final = TELEMETRY_NAMES.index("steer_torque_nm")
-T_LEAN_REFERENCE: Final = TELEMETRY_NAMES.index("lean_reference_rad")
-T_SLIDE: Final = TELEMETRY_NAMES.index("rider_slide_m")
-T_DRIVE: Final = TELEMETRY_NAMES.index("drive_torque_nm")
-T_POWER: Final = TELEMETRY_NAMES.index("engine_power_w")
-T_FRONT_BRAKE: Final = TELEMETRY_NAMES.index("front_brake_nm")
-T_REAR_BRAKE: Final = TELEMETRY_NAMES.index("rear_brake_nm")
-T_TRACTION_CUT: Final = TELEMETRY_NAMES.index("traction_cut")
-T_WHEELIE_CUT: Final = TELEMETRY_NAMES.index("wheelie_cut")
-T_FRONT_CUT: Final = TELEMETRY_NAMES.index("front_brake_cut")
-T_REAR_CUT: Final = TELEMETRY_NAMES.index("rear_brake_cut")
-T_DRAG: Final = TELEMETRY_NAMES.index("drag_n")
-T_FALL: Final = TELEMETRY_NAMES.index("fall")
-T_TRACTION_ACTIVE: Final = TELEMETRY_NAMES.index("traction_active")
-T_WHEELIE_ACTIVE: Final = TELEMETRY_NAMES.index("wheelie_active")
-T_BRAKE_ACTIVE: Final = TELEMETRY_NAMES.index("brake_active")
-T_STOPPIE_ACTIVE: Final = TELEMETRY_NAMES.index("stoppie_active")
-T_LATERAL_VELOCITY: Final = TELEMETRY_NAMES.index("lateral_velocity_m_s")
-T_VERTICAL_VELOCITY: Final = TELEMETRY_NAMES.index("vertical_velocity_m_s")
-T_PITCH_RATE: Final = TELEMETRY_NAMES.index("pitch_rate_rad_s")
-T_LEAN_REFERENCE_RATE: Final = TELEMETRY_NAMES.index("lean_reference_rate_rad_s")
-T_INTEGRAL: Final = TELEMETRY_NAMES.index("rider_integral_nm")
-T_DRIVE_SHARE: Final = TELEMETRY_NAMES.index("drive_share")
-T_BRAKE_SHARE: Final = TELEMETRY_NAMES.index("brake_share")
-
-
 _CREEP: Final = 0.1
 """Speed, m/s, below which the resistance of loose ground fades, so that it never pushes a standing wheel."""
 
 
-class Upset(NamedTuple):
-    """What a fall is told from.
+class FallIndicators(NamedTuple):
+    """Quantities that decide on a fall.
 
     Attributes:
         roll: to the normal of the ground, rad. roll_rate: rad/s.
@@ -128,39 +82,44 @@ class Upset(NamedTuple):
 
 
 @njit(cache=True)
-def fall_indicators(attitude: Attitude, nose_up: float, rear: TyreForce, front: TyreForce, constants: Record) -> Upset:
-    """Return what a fall is told from, out of the motion and what the tyres do."""
+def fall_indicators(
+    attitude: Attitude, nose_up: float, rear: TyreForce, front: TyreForce, constants: Record
+) -> FallIndicators:
+    """Return the quantities that decide on a fall, from motion and tyres."""
     size = math.sqrt(attitude.squared_speed)
-    slip = max(rear.use / tyres.peak_slip(constants.rear_tyre), front.use / tyres.peak_slip(constants.front_tyre))
+    slip = max(
+        rear.normalised_slip / tyres.peak_slip(constants.machine.rear_tyre),
+        front.normalised_slip / tyres.peak_slip(constants.machine.front_tyre),
+    )
     sliding = size > _SLIDE_SPEED and slip > _SLIDING
     sideways = size > _SLIDE_SPEED and attitude.speed < _SPUN * size
-    return Upset(attitude.camber, attitude.roll_rate, nose_up, rear.fz, front.fz, sliding, sideways)
+    return FallIndicators(attitude.camber, attitude.roll_rate, nose_up, rear.fz, front.fz, sliding, sideways)
 
 
 @njit(cache=True)
-def fall_of(upset: Upset, dt: float, fall_roll: float, memory: Record) -> int:
+def fall_of(indicators: FallIndicators, dt: float, fall_roll: float, memory: Record) -> int:
     """Return how the machine falls at this instant, or `NO_FALL`, and remember slides.
 
     Args:
-        upset: what the machine does.
+        indicators: what the machine does.
         dt: time step, s.
         fall_roll: rad, a larger roll is a fall.
         memory: of slides.
     """
-    roll, roll_rate = upset.roll, upset.roll_rate
-    if upset.sliding and abs(roll) > _SLIDE_LEAN_MIN:
+    roll, roll_rate = indicators.roll, indicators.roll_rate
+    if indicators.sliding and abs(roll) > _SLIDE_LEAN_MIN:
         memory.slide_side, memory.slide_age = math.copysign(1.0, roll), 0.0
     else:
         memory.slide_age += dt
     slid = memory.slide_age < _SLIDE_MEMORY
     side = memory.slide_side
-    if upset.nose_up < -_OVER and upset.rear_load <= 0.0:
+    if indicators.nose_up < -_OVER and indicators.rear_load <= 0.0:
         return STOPPIE
-    if upset.nose_up > _OVER and upset.front_load <= 0.0:
+    if indicators.nose_up > _OVER and indicators.front_load <= 0.0:
         return WHEELIE
     if slid and roll_rate * side < -_THROWN_RATE:
         return HIGH_SIDE
-    if upset.sideways:
+    if indicators.sideways:
         return LOW_SIDE
     if abs(roll) > fall_roll:
         if not slid:
@@ -195,7 +154,7 @@ class Loads(NamedTuple):
 @njit(cache=True)
 def loads_at(
     motion: Motion, command: Command, ground: Record, bumps: Array, memory: Record, telemetry: Record,
-    constants: Record, telling: bool,
+    constants: Record, log_telemetry: bool,
 ) -> Loads:  # fmt: skip
     """Return all forces at this instant and advance the memory by one step.
 
@@ -207,26 +166,40 @@ def loads_at(
         memory: a record of `MEMORY`, advanced.
         telemetry: a record of `TELEMETRY`, written.
         constants: a record of `CONSTANTS`.
-        telling: whether the telemetry of this step is wanted; that of a fall is written always.
+        log_telemetry: whether the telemetry of this step is wanted; that of a fall is written always.
     """
     machine, dt = constants.machine, command.dt
     axes = axes_of(motion, constants.geometry)
     rear_centre = add(motion.position, axes.rear_arm)
     front_centre = add(add(motion.position, axes.head_arm), axes.hub_arm)
     profile = bumps[ground.profile]
-    rear_contact = wheel_contact(rear_centre, axes.ey, machine.rR, constants.rear_tyre.crown, ground.rear, profile)
+    rear_contact = wheel_contact(
+        rear_centre, axes.ey, machine.rR, constants.machine.rear_tyre.crown, ground.rear, profile
+    )
     front_contact = wheel_contact(
-        front_centre, axes.axle, machine.rF, constants.front_tyre.crown, ground.front, profile
+        front_centre, axes.axle, machine.rF, constants.machine.front_tyre.crown, ground.front, profile
     )
     rear_wheel, front_wheel = rolling_wheels(motion, axes, rear_contact, front_contact)
     rear = tyre_force(
-        memory.rear_slip, memory.rear_drift, rear_contact, rear_wheel, ground.rear.grip, dt, constants.rear_tyre
+        memory.rear_slip,
+        memory.rear_tan_slip_angle,
+        rear_contact,
+        rear_wheel,
+        ground.rear.grip,
+        dt,
+        constants.machine.rear_tyre,
     )
     front = tyre_force(
-        memory.front_slip, memory.front_drift, front_contact, front_wheel, ground.front.grip, dt, constants.front_tyre
+        memory.front_slip,
+        memory.front_tan_slip_angle,
+        front_contact,
+        front_wheel,
+        ground.front.grip,
+        dt,
+        constants.machine.front_tyre,
     )
-    memory.rear_slip, memory.rear_drift = rear.slip, rear.drift
-    memory.front_slip, memory.front_drift = front.slip, front.drift
+    memory.rear_slip, memory.rear_tan_slip_angle = rear.slip, rear.tan_slip_angle
+    memory.front_slip, memory.front_tan_slip_angle = front.slip, front.tan_slip_angle
 
     attitude = attitude_of(motion, axes.ey, rear_contact.normal)
     rear_spin = dot(motion.omega, axes.ey) + motion.rear_rate
@@ -236,30 +209,29 @@ def loads_at(
         command, attitude, spinning, WheelState(front_spin, front_contact.radius, front), memory, constants
     )
     share = feel_load(front.fz, command.lags.feeling, memory, constants)
-    steer_torque = steering_torque(
-        command, attitude, motion, dot(motion.omega, axes.ez), front.fx, driven.pulled, share, memory, constants
-    )
+    inputs = RiderInputs(attitude, motion, dot(motion.omega, axes.ez), front.fx, driven.brake_rate, share)
+    steer_torque = steering_torque(command, inputs, memory, constants)
     fork_torque = steer_torque + damper_and_stop(motion.steer, motion.steer_rate, attitude.speed, machine)
     rider_force = slide_force(motion, memory.lean_reference, machine.rider)
 
     rear_force, rear_moment = at_wheel(rear_contact, rear, rear_wheel, rear_centre, ground.rear.drag)
     front_force, front_moment = at_wheel(front_contact, front, front_wheel, front_centre, ground.front.drag)
     wind = air_speed(motion.velocity, ground)
-    force, torque = whole(motion, axes, wind, rear_force, rear_moment, front_force, front_moment, constants)
+    force, torque = total_wrench(motion, axes, wind, rear_force, rear_moment, front_force, front_moment, constants)
     rear_joint = driven.rear + dot(axes.ey, rear_moment)
     front_joint = driven.front + dot(axes.axle, front_moment)
     steer_joint = fork_torque + dot(axes.steering, add(front_moment, cross(axes.hub_arm, front_force)))
 
     if memory.fall == NO_FALL:
-        upset = fall_indicators(attitude, dot(axes.ex, rear_contact.normal), rear, front, constants)
-        memory.fall = fall_of(upset, dt, machine.fall_roll, memory)
-    if telling or memory.fall != NO_FALL:
-        tell_drive(driven, spinning, memory, telemetry, constants)
+        indicators = fall_indicators(attitude, dot(axes.ex, rear_contact.normal), rear, front, constants)
+        memory.fall = fall_of(indicators, dt, machine.fall_roll, memory)
+    if log_telemetry or memory.fall != NO_FALL:
+        write_drive_telemetry(driven, spinning, memory, telemetry, constants)
         telemetry.steer_torque_nm = steer_torque
         telemetry.front_camber_rad = math.asin(min(max(front_contact.lean, -1.0), 1.0))
         size = math.sqrt(dot(wind, wind))
         telemetry.drag_n = 0.5 * machine.air.density * machine.air.drag_area * size * size
-        tell(motion, axes, attitude, rear, front, force, memory, telemetry, machine)
+        write_telemetry(motion, axes, attitude, (rear, front), force, memory, telemetry, machine)
     return Loads(force, torque, rear_joint, steer_joint, front_joint, rider_force, int(memory.fall))
 
 
@@ -313,7 +285,7 @@ def air_force(velocity: Vec, up: Vec, air: Record) -> Vec:
 
 
 @njit(cache=True)
-def whole(
+def total_wrench(
     motion: Motion, axes: Axes, wind: Vec, rear_force: Vec, rear_moment: Vec, front_force: Vec, front_moment: Vec,
     constants: Record,
 ) -> tuple[Vec, Vec]:  # fmt: skip
@@ -332,11 +304,12 @@ def whole(
 
 
 @njit(cache=True)
-def tell(
-    motion: Motion, axes: Axes, attitude: Attitude, rear: TyreForce, front: TyreForce, force: Vec, memory: Record,
-    telemetry: Record, machine: Record,
+def write_telemetry(
+    motion: Motion, axes: Axes, attitude: Attitude, tyre_forces: tuple[TyreForce, TyreForce], force: Vec,
+    memory: Record, telemetry: Record, machine: Record,
 ) -> None:  # fmt: skip
-    """Write down motion, tyres and rider."""
+    """Write the telemetry of motion, tyres and rider."""
+    rear, front = tyre_forces
     cos_yaw, sin_yaw = attitude.cos_yaw, attitude.sin_yaw
     telemetry.speed_m_s, telemetry.yaw_rate_rad_s = attitude.speed, motion.omega[2]
     telemetry.pitch_rad = -math.asin(min(max(axes.ex[2], -1.0), 1.0))
@@ -350,12 +323,12 @@ def tell(
     telemetry.acceleration_lat_m_s2 = (cos_yaw * force[1] - sin_yaw * force[0]) / machine.mass
     telemetry.rear_load_n, telemetry.front_load_n = rear.fz, front.fz
     telemetry.rear_slip, telemetry.front_slip = rear.slip, front.slip
-    telemetry.rear_slip_angle_rad = math.atan(rear.drift)
-    telemetry.front_slip_angle_rad = math.atan(front.drift)
+    telemetry.rear_slip_angle_rad = math.atan(rear.tan_slip_angle)
+    telemetry.front_slip_angle_rad = math.atan(front.tan_slip_angle)
     telemetry.rear_camber_rad = attitude.camber
     telemetry.rear_force_long_n, telemetry.rear_force_lat_n = rear.fx, rear.fy
     telemetry.front_force_long_n, telemetry.front_force_lat_n = front.fx, front.fy
-    telemetry.rear_use, telemetry.front_use = rear.use, front.use
+    telemetry.rear_use, telemetry.front_use = rear.normalised_slip, front.normalised_slip
     telemetry.lean_reference_rad = memory.lean_reference
     rate = machine.virtual_rider.arm_frequency * (memory.lean_eased - memory.lean_reference)
     telemetry.lean_reference_rate_rad_s, telemetry.rider_integral_nm = rate, memory.integral

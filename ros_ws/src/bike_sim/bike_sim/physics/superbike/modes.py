@@ -26,16 +26,16 @@ from bike_sim.vehicles.superbike import Superbike
 
 FloatArray = NDArray[np.float64]
 
-RIDER_STATES: Final = ("integral", "intent", "arms", "held_steer", "torso_rate", "torso_turn")
+RIDER_STATES: Final = ("integral", "intent", "arms", "accustomed_steer", "torso_rate", "torso_turn")
 """States of the rider's sideways motion, of `records.MEMORY_NAMES`; his reference follows the command alone."""
 LATERAL_STATES: Final = (
-    "roll", "steer", "slide", "sideways", "roll_rate", "yaw_rate", "steer_rate", "slide_rate", "rear_drift",
-    "front_drift",
+    "roll", "steer", "slide", "sideways", "roll_rate", "yaw_rate", "steer_rate", "slide_rate", "rear_tan_slip_angle",
+    "front_tan_slip_angle",
 )  # fmt: skip
 STATES: Final = (
     "height", "roll", "pitch", "forward", "sideways", "upward", "roll_rate", "pitch_rate", "yaw_rate", "steer",
-    "steer_rate", "slide", "slide_rate", "rear_spin", "front_spin", "rear_slip", "rear_drift", "front_slip",
-    "front_drift", *RIDER_STATES, "drive", "brake", "measured_roll_rate", "front_load",
+    "steer_rate", "slide", "slide_rate", "rear_spin", "front_spin", "rear_slip", "rear_tan_slip_angle", "front_slip",
+    "front_tan_slip_angle", *RIDER_STATES, "drive", "brake", "measured_roll_rate", "front_load",
 )  # fmt: skip
 """All states: of the frame along and about its heading, across it and the vertical, of the joints, of the forces."""
 
@@ -109,13 +109,6 @@ def measure_modes(vehicle: Superbike, speed: float, time_step: float = 0.0005, h
     weave = least_damped(values, (_RIDER_UP_TO if hands else _LEAST_FREQUENCY, _STRAIGHT_WOBBLE_BAND[0]))
     wobble = least_damped(values, _STRAIGHT_WOBBLE_BAND)
     return SuperbikeModes(speed, weave, wobble, float(real.max()) if real.size else math.nan)
-
-
-def modes_now(engine: SuperbikeEngine, command: tuple[float, float]) -> SuperbikeModes:
-    """Return weave and wobble of a machine in the middle of a ride, with a command held; see `eigenvalues`."""
-    values = eigenvalues(engine, command)
-    speed = float(np.linalg.norm(engine.motion["velocity"]))
-    return SuperbikeModes(speed, least_damped(values, WEAVE_BAND), least_damped(values, WOBBLE_BAND), math.nan)
 
 
 def least_damped(values: NDArray[np.complex128], band: tuple[float, float]) -> complex:

@@ -65,7 +65,7 @@ def state_at(
     ex, ey, ez = frame_axes(orientation, geometry)
     centre = add(position, mix(geometry.axle_x, ex, geometry.axle_z, ez))
     normal = smooth_normal(centre[0], centre[1], patch)
-    point = lowest_point(centre, ey, constants.machine.rR, constants.rear_tyre.crown, normal)
+    point = lowest_point(centre, ey, constants.machine.rR, constants.machine.rear_tyre.crown, normal)
     lean, ahead = lean_of(ey, normal), cross(ey, normal)
     size = math.sqrt(dot(ahead, ahead))
     heading = ahead[0] / size, ahead[1] / size
@@ -123,7 +123,7 @@ def offsets(orientation: Quaternion, normal: Vec, constants: Record) -> tuple[Ve
     geometry = constants[0].geometry
     ex, ey, ez = frame_axes(orientation, geometry)
     centre = mix(geometry.axle_x, ex, geometry.axle_z, ez)
-    return centre, lowest_point(centre, ey, constants[0].machine.rR, constants[0].rear_tyre.crown, normal)
+    return centre, lowest_point(centre, ey, constants[0].machine.rR, constants[0].machine.rear_tyre.crown, normal)
 
 
 @njit(cache=True)
@@ -141,7 +141,7 @@ def settle(roll: float, steer: float, rise: float, constants: Record) -> tuple[f
         constants: of the machine, shape (1,).
     """
     geometry, machine = constants[0].geometry, constants[0].machine
-    rear_crown, front_crown = constants[0].rear_tyre.crown, constants[0].front_tyre.crown
+    rear_crown, front_crown = constants[0].machine.rear_tyre.crown, constants[0].machine.front_tyre.crown
     sr, cr = math.sin(roll), math.cos(roll)
     ey, up = (0.0, cr, sr), (0.0, 0.0, 1.0)
     pitch = 0.0
@@ -307,8 +307,8 @@ def _start_on(
     contact = state[st.X], state[st.Y], ground.height
     position = contact[0] - low[0], contact[1] - low[1], ground.height + (above + aside) / normal[2]
     left = turned(frame, _Y)
-    front_radius = machine.rF - constants[0].front_tyre.crown * (1.0 - math.cos(camber))
-    rear_radius = machine.rR - constants[0].rear_tyre.crown * (1.0 - math.cos(camber))
+    front_radius = machine.rF - constants[0].machine.front_tyre.crown * (1.0 - math.cos(camber))
+    rear_radius = machine.rR - constants[0].machine.rear_tyre.crown * (1.0 - math.cos(camber))
     speed = state[st.FRONT_WHEEL_RATE] * front_radius
     # it turns with the road into the crest or the dip that it is on
     pitch_rate -= speed * ground.climb / machine.w
@@ -340,9 +340,9 @@ def _forget(state: StateVector, parameters: Array, constants: Record, memories: 
     memories[0] = np.zeros(1, dtype=MEMORY)[0]
     memory, roll, speed = memories[0], state[st.ROLL], state[st.FRONT_WHEEL_RATE] * constants.machine.rF
     memory.lean_aim = memory.lean_eased = memory.lean_reference = roll
-    memory.front_load = constants.geometry.front_static * constants.front_tyre.stiffness
+    memory.front_load = constants.geometry.front_static * constants.machine.front_tyre.stiffness
     memory.intent = memory.arms = memory.front_load * holding(roll, speed, constants.holding)
-    memory.held_steer = state[st.STEER]
+    memory.accustomed_steer = state[st.STEER]
     turn = kinematics.yaw_rate(state, parameters) * math.cos(roll)
     memory.torso_turn = unmeant_turn(turn, roll, speed, constants.machine)
     memory.measured_roll_rate = state[st.ROLL_RATE]

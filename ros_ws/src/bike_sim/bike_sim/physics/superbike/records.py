@@ -15,12 +15,12 @@ from numba import njit
 
 from bike_sim.physics.multibody.vectors import Quaternion as Quaternion
 from bike_sim.physics.multibody.vectors import Vec
-from bike_sim.vehicles.superbike import MACHINE, TORQUE_SAMPLES, TYRE, Record
+from bike_sim.vehicles.superbike import MACHINE, TORQUE_SAMPLES, Record
 
 MEMORY_NAMES: Final = (
-    "rear_slip", "rear_drift", "front_slip", "front_drift", "lean_aim", "lean_aim_rate",
+    "rear_slip", "rear_tan_slip_angle", "front_slip", "front_tan_slip_angle", "lean_aim", "lean_aim_rate",
     "lean_eased", "lean_reference", "integral",
-    "intent", "arms", "held_steer", "torso_rate", "torso_turn", "drive", "brake", "measured_roll_rate",
+    "intent", "arms", "accustomed_steer", "torso_rate", "torso_turn", "drive", "brake", "measured_roll_rate",
     "front_load", "slide_side", "slide_age", "fall",
 )  # fmt: skip
 """What the forces remember from step to step; `fall` is an index of `falls.FALL_NAMES`."""
@@ -49,8 +49,6 @@ CONSTANTS: Final = np.dtype(
     [
         ("machine", MACHINE),
         ("geometry", GEOMETRY),
-        ("rear_tyre", TYRE),
-        ("front_tyre", TYRE),
         ("wheel_torque", np.float64, (TORQUE_SAMPLES,)),
         ("holding", np.float64, (2, HOLDING_SAMPLES)),
     ]

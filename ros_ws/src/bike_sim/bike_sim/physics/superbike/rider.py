@@ -15,7 +15,7 @@ by rules: `steering_effort`, and `holding` for the torque of a steady turn.
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -42,7 +42,7 @@ _STOP_DAMPING: Final = 20.0  # N m s/rad
 def feel_load(front_load: float, closed: float, memory: Record, constants: Record) -> float:
     """Return the front load that the rider feels by that of the standing machine, and advance the feeling."""
     memory.front_load += (front_load - memory.front_load) * closed
-    return memory.front_load / (constants.geometry.front_static * constants.front_tyre.stiffness)
+    return memory.front_load / (constants.geometry.front_static * constants.machine.front_tyre.stiffness)
 
 
 @njit(cache=True)
@@ -108,26 +108,38 @@ def through_arms(first: float, second: float, wanted: float, step: float, left: 
     return wanted + left * (first - wanted), wanted + left * (second - wanted + step * (first - wanted))
 
 
-@njit(cache=True)
-def steering_torque(
-    command: Command, attitude: Attitude, motion: Motion, turn: float, front_fx: float, pulled: float,
-    load_share: float, memory: Record, constants: Record,
-) -> float:  # fmt: skip
-    """Advance reference, arms and torso and return the torque on the bars, N m, positive to the left.
+class RiderInputs(NamedTuple):
+    """What the rider steers by.
 
-    Args:
-        command: what is held.
+    Attributes:
         attitude: of the machine.
         motion: of its joints.
         turn: rate of the frame about its own upward axis, rad/s.
         front_fx: force along the front wheel's heading, N.
-        pulled: rate of the front brake's force, N/s.
-        load_share: front load that the rider feels by that of the standing machine.
+        brake_rate: rate of the front brake's force, N/s.
+        load_share: front load that he feels by that of the standing machine.
+    """
+
+    attitude: Attitude
+    motion: Motion
+    turn: float
+    front_fx: float
+    brake_rate: float
+    load_share: float
+
+
+@njit(cache=True)
+def steering_torque(command: Command, inputs: RiderInputs, memory: Record, constants: Record) -> float:
+    """Advance reference, arms and torso and return the torque on the bars, N m, positive to the left.
+
+    Args:
+        command: what is held.
+        inputs: of the rider.
         memory: advanced.
         constants: of the machine.
     """
     machine, dt, lags = constants.machine, command.dt, command.lags
-    rider = machine.virtual_rider
+    rider, attitude = machine.virtual_rider, inputs.attitude
     effort, trail = steering_effort(attitude.speed, machine)
     aim, aim_rate, acceleration = _advance_reference(command.steering, effort, dt, memory, rider)
     # What he wants reaches the bars through the arms, so he looks for the lean that comes of it as much later
@@ -136,7 +148,7 @@ def steering_torque(
     )
     error = memory.lean_reference - attitude.roll
     missing = rider.arm_frequency * (memory.lean_eased - memory.lean_reference) - attitude.roll_rate
-    hand = min(max(load_share / _LIGHT, _LIGHTEST_HAND), 1.0)
+    hand = min(max(inputs.load_share / _LIGHT, _LIGHTEST_HAND), 1.0)
     gain = hand * rider.lean_bandwidth * (effort + rider.lean_time * trail)
     bound = rider.integral_torque
     memory.integral = min(max(memory.integral + dt * rider.integral_rate * gain * error, -bound), bound)
@@ -144,25 +156,25 @@ def steering_torque(
     wanted += (
         hand * effort * aim_rate
         + rider.throw * acceleration
-        + _steady_torque(attitude, front_fx, pulled, memory, constants)
+        + _steady_torque(attitude, inputs.front_fx, inputs.brake_rate, memory, constants)
     )
     wanted = min(max(wanted, -rider.torque), rider.torque)
     memory.intent, memory.arms = through_arms(memory.intent, memory.arms, wanted, lags.arms, lags.arms_left)
-    unmeant = unmeant_turn(turn, memory.lean_reference, attitude.speed, machine)
-    torque = memory.arms + _passive_torque(hand, missing, unmeant, motion, lags, memory, machine)
+    unmeant = unmeant_turn(inputs.turn, memory.lean_reference, attitude.speed, machine)
+    torque = memory.arms + _passive_torque(hand, missing, unmeant, inputs.motion, lags, memory, machine)
     return min(max(torque, -rider.torque), rider.torque)
 
 
 @njit(cache=True)
-def _steady_torque(attitude: Attitude, front_fx: float, pulled: float, memory: Record, constants: Record) -> float:
+def _steady_torque(attitude: Attitude, front_fx: float, brake_rate: float, memory: Record, constants: Record) -> float:
     """Return the torque that turning and braking take at this lean, as far ahead as the arms are late, N m."""
     machine = constants.machine
     late = 2.0 / machine.virtual_rider.arm_frequency
     lean = attitude.camber + late * attitude.roll_rate
     # his own hand pulls the brake, so he knows what it will do
-    brake = late * pulled - min(front_fx, 0.0)
-    load = memory.front_load + late * pulled * machine.com_height * math.cos(attitude.camber) / machine.w
-    offset = constants.front_tyre.crown * math.sin(attitude.camber) * math.cos(machine.lam)
+    brake = late * brake_rate - min(front_fx, 0.0)
+    load = memory.front_load + late * brake_rate * machine.com_height * math.cos(attitude.camber) / machine.w
+    offset = constants.machine.front_tyre.crown * math.sin(attitude.camber) * math.cos(machine.lam)
     return load * holding(lean, attitude.speed, constants.holding) + brake * offset
 
 
@@ -188,11 +200,13 @@ def _passive_torque(
     near the tyres' limit.
     """
     rider = machine.virtual_rider
-    memory.held_steer += (motion.steer - memory.held_steer) * lags.grip
+    memory.accustomed_steer += (motion.steer - memory.accustomed_steer) * lags.grip
     memory.torso_rate += (missing - memory.torso_rate) * lags.torso
     memory.torso_turn += (unmeant - memory.torso_turn) * lags.twist
     twist = machine.rider.Izz / rider.twist_time * (unmeant - memory.torso_turn)
-    stiffness = rider.grip_stiffness * (motion.steer - memory.held_steer) + (1.0 - hand) * _ARM_STIFFNESS * motion.steer
+    stiffness = (
+        rider.grip_stiffness * (motion.steer - memory.accustomed_steer) + (1.0 - hand) * _ARM_STIFFNESS * motion.steer
+    )
     damping = (rider.grip_damping + (1.0 - hand) * _ARM_DAMPING) * motion.steer_rate
     return hand * (rider.torso_damping * (missing - memory.torso_rate) - twist) - stiffness - damping
 

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from bike_sim.physics import kinematics
 from bike_sim.physics import state as st
 from bike_sim.physics.superbike import equilibrium
-from bike_sim.physics.superbike.aids import force_limits
-from bike_sim.vehicles.superbike import Superbike, Tyre
+from bike_sim.vehicles.superbike import Superbike
 
 FloatArray = NDArray[np.float64]
 
@@ -33,8 +32,7 @@ def steady_lateral(vehicle: Superbike, lean: float, speed: float) -> float:
     K the integral of z^2 - y^2 over the mass about its centre in the machine's own axes, the downforce D, and the
     crown radius c.
     """
-    rear, front = vehicle.tyres
-    return float(equilibrium.steady_lateral(lean, speed, vehicle.g, spread(vehicle), vehicle.machine, rear, front))
+    return float(equilibrium.steady_lateral(lean, speed, vehicle.g, spread(vehicle), vehicle.machine))
 
 
 def turning_state(vehicle: Superbike, speed: float, roll: float, yaw_rate: float) -> st.StateVector:
@@ -134,21 +132,6 @@ def side_forces(vehicle: Superbike, lean: float, speed: float) -> tuple[float, f
     return lateral + outward - front, front
 
 
-def friction_use(vehicle: Superbike, lean: float, speed: float) -> tuple[float, float]:
-    """Return which part of their friction the rear and the front tyre use in a steady turn; above 1 it slides out."""
-    rear_side, front_side = side_forces(vehicle, lean, speed)
-    thrust = drag(vehicle, speed)
-    rear, front = wheel_loads(vehicle, lean, speed, thrust)
-    thrust += vehicle.rear_tyre.rolling * rear + vehicle.front_tyre.rolling * front
-    mu_rear, mu_front = (_friction(tyre, lean) for tyre in (vehicle.rear_tyre, vehicle.front_tyre))
-    along = thrust / (mu_rear * vehicle.rear_tyre.friction_ratio * rear)
-    return math.hypot(along, rear_side / (mu_rear * rear)), front_side / (mu_front * front)
-
-
-def _friction(tyre: Tyre, camber: float) -> float:
-    return tyre.friction / (1.0 + tyre.camber_fade * camber * camber)
-
-
 def inertial_mass(vehicle: Superbike) -> float:
     """Return the mass that thrust accelerates, the spinning wheels included, kg."""
     return vehicle.mass + vehicle.IRyy / vehicle.rR**2 + vehicle.IFyy / vehicle.rF**2
@@ -171,27 +154,3 @@ def engine_force(vehicle: Superbike, speed: float) -> float:
         position = wheel_speed / vehicle.wheel_torque_spacing
         force = 0.5 * (force + float(np.interp(position, np.arange(table.size), table, right=0.0)) / vehicle.rR)
     return force
-
-
-def straight_limits(vehicle: Superbike, speed: float) -> tuple[float, float]:
-    """Return the largest thrust and braking force that tyres, wheels on the ground and electronics allow, N.
-
-    With the wheelie and the stoppie control off a wheel may just lift.
-    """
-    drive, front_brake = force_limits(0.0, 0.0, speed**2, vehicle.machine, vehicle.tyres)
-    _, height = vehicle.centre_of_mass
-    rear, front = wheel_loads(vehicle, 0.0, speed, 0.0)
-    mu_rear = vehicle.rear_tyre.friction * vehicle.rear_tyre.friction_ratio
-    mu_front = vehicle.front_tyre.friction * vehicle.front_tyre.friction_ratio
-    lever = height / vehicle.w
-    lift = front / lever
-    grip = mu_rear * rear / (1.0 - mu_rear * lever) if mu_rear * lever < 1.0 else math.inf
-    drive = min(drive, lift, grip)
-    stoppie = rear / lever
-    front_most = mu_front * front / (1.0 - mu_front * lever) if mu_front * lever < 1.0 else math.inf
-    front_brake = min(front_brake, vehicle.brakes.front_share * vehicle.brakes.force, front_most)
-    rear_left = max(0.0, rear - front_brake * lever)
-    rear_brake = min(
-        (1.0 - vehicle.brakes.front_share) * vehicle.brakes.force, mu_rear * rear_left / (1.0 + mu_rear * lever)
-    )
-    return drive, min(front_brake + rear_brake, stoppie)

@@ -1,6 +1,6 @@
 """A motorcycle tyre: Magic Formula with camber thrust, combined slip, relaxation and a toroidal crown.
 
-All functions are compiled (numba, nopython) and take one record of `Superbike.tyres` as ``t``. Signs are the project's:
+All functions are compiled (numba, nopython) and take one record of `TYRE` as ``t``. Signs are the project's:
 x along the wheel's heading on the ground, y to the left, z up; camber and lean are positive to the right.
 
 Steady state follows the similarity method with the Magic Formula of
@@ -54,14 +54,13 @@ def peak_slip(t: Record) -> float:
 
 @njit(cache=True)
 def forces(
-    slip: float, drift: float, camber: float, load: float, grip: float, t: Record
+    slip: float, tan_slip_angle: float, camber: float, load: float, grip: float, t: Record
 ) -> tuple[float, float, float, float]:
     """Return ``(Fx, Fy, Mz, s)``: forces in N, aligning moment in N m about the vertical, and the normalised slip.
 
     Args:
         slip: longitudinal slip kappa, positive driving.
-        drift: side slip, tangent of the slip angle: sideways over forward velocity of the contact, positive moving
-            to the left.
+        tan_slip_angle: sideways by forward velocity of the contact, positive moving to the left.
         camber: rad, positive leaning right.
         load: Fz, N; none or less gives no force.
         grip: factor on friction, 1 on the track.
@@ -73,7 +72,7 @@ def forces(
     mu_x = mu_y * t.friction_ratio
     sx = t.slip_stiffness * slip / mu_x
     # Both the side slip and the lean push to the right, where they are positive
-    side = cornering_coefficient(load, t) * drift
+    side = cornering_coefficient(load, t) * tan_slip_angle
     s = math.hypot(sx, (side + t.camber * camber) / mu_y)
     scale = math.sin(t.shape * math.atan(s / t.shape)) / s if s > 1e-9 else 1.0
     adhering = max(0.0, 1.0 - s / peak_slip(t))
@@ -122,18 +121,3 @@ def normal_load(height: float, height_rate: float, t: Record) -> float:
     if height >= 0.0:
         return 0.0
     return max(0.0, -t.stiffness * height - t.damping * height_rate)
-
-
-@njit(cache=True)
-def torus_height(centre_height: float, axle_z: float, radius: float, crown: float) -> float:
-    """Return the height of the lowest point of a torus, m.
-
-    It lies one crown radius below the lowest point of the ring through the middles of the cross-sections.
-
-    Args:
-        centre_height: of the wheel's centre, m.
-        axle_z: vertical part of the unit vector along the axle, the sine of the camber.
-        radius: of the wheel with tyre, m.
-        crown: radius of the cross-section, m.
-    """
-    return centre_height - (radius - crown) * math.sqrt(max(0.0, 1.0 - axle_z * axle_z)) - crown
