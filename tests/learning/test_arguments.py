@@ -157,7 +157,6 @@ def test_a_former_option_names_what_stands_for_it(command, flag, folders, capsys
         (["evaluate", "racer", "--vehicle", "whipple"], "'racer'"),
         (["analyze", "a.mcap", "--replay", "--explain"], "choose one"),
         (["analyze", "a.mcap", "b.mcap", "--replay"], "--replay takes one recording, got 2"),
-        (["validate", "--vehicle", "r1"], "--vehicle superbikes, not r1"),
         (["live", "--attach", "--domain", "233"], "--domain must be 0 to 232"),
     ],
 )

@@ -7,6 +7,7 @@ import math
 import pytest
 
 from bike_sim.validation import bicycle as validation
+from bike_sim.validation.report import Check
 from bike_sim.vehicles.files import load_vehicle
 from bike_training import cli
 from bike_training.commands import validate as command
@@ -49,7 +50,7 @@ def test_a_spoilt_engine_fails(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_nan_does_not_pass() -> None:
-    assert not validation.Check("x", "x", math.nan, 0.0, 1.0).passed
+    assert not Check("x", "x", math.nan, 0.0, 1.0).passed
 
 
 def test_command_prints_writes_and_returns_the_figures(tmp_path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -40,7 +40,7 @@ DATA: Final = "drawing again (--data)"
 DEFAULT_BICYCLE: Final = "whipple"
 DEFAULT_SUPERBIKE: Final = "panigale_v4r"
 ALL_SUPERBIKES: Final = "superbikes"
-"""Stands for the five superbikes, which are validated together."""
+"""Stands for the five shipped superbikes."""
 EXACT: Final = "exact"
 """Preset that learns through the derivatives of the bicycle."""
 LARGEST_DOMAIN: Final = 232
@@ -550,7 +550,7 @@ def _declare_validate(parser: CommandParser) -> None:
     parser.option(
         "--vehicle",
         default={BICYCLE: DEFAULT_BICYCLE, SUPERBIKE: ALL_SUPERBIKES, TEMPLATE: DEFAULT_BICYCLE},
-        help=f"bicycle by name or file, or `{ALL_SUPERBIKES}` for all five together (default: {DEFAULT_BICYCLE})",
+        help=f"vehicle by name or file, or `{ALL_SUPERBIKES}` for all five together (default: {DEFAULT_BICYCLE})",
     )
     parser.option("--engine", choices=ENGINES[:2], default={BICYCLE: "pybullet"}, help="of the bicycle")
     parser.option(
@@ -578,9 +578,7 @@ def _validate_subject(args: Namespace) -> str:
         return CIRCUIT
     if args.vehicle in (None, ALL_SUPERBIKES):
         return BICYCLE if args.vehicle is None else SUPERBIKE
-    if vehicle_kind(args.vehicle) == SUPERBIKE:
-        raise ValueError(f"superbikes are validated together: --vehicle {ALL_SUPERBIKES}, not {args.vehicle}")
-    return BICYCLE
+    return vehicle_kind(args.vehicle)
 
 
 _VALIDATE: Final = Command(
@@ -590,6 +588,7 @@ _VALIDATE: Final = Command(
   bike validate --time-step 0.005 --out out       at 5 ms, with modes.png and validate.json in out/
   bike validate --engine whipple --json           the compiled bicycle, figures as JSON
   bike validate --vehicle {ALL_SUPERBIKES} --out out      five superbikes against statics and closed formulas
+  bike validate --vehicle mine.yaml               a bicycle or a superbike of your own
   bike validate --course monza.csv                is the file a circuit? length, widths, corners, theoretical lap
   bike validate --template --vehicle r1 > mine.yaml   a file of your own to begin with: every key, unit and meaning
   bike validate --course barcelona --out pictures   also pictures/barcelona.png, the ideal line coloured by speed
@@ -599,7 +598,7 @@ A CSV file of a circuit has the columns x_m,y_m,w_tr_right_m,w_tr_left_m: centre
     _validate_subject,
     {
         BICYCLE: "validate:run",
-        SUPERBIKE: "validate_superbike:run",
+        SUPERBIKE: "validate:run_superbikes",
         CIRCUIT: "validate:run_circuit",
         TEMPLATE: "validate:run_template",
     },

@@ -1,11 +1,14 @@
-"""`bike validate`: the benchmark bicycle against its publications, and circuits against what a circuit must be."""
+"""`bike validate`: the physics against publications, statics and closed formulas; circuits against their rules."""
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 from rich import box
@@ -13,50 +16,239 @@ from rich.console import Console
 from rich.table import Table
 
 from bike_analysis.figures.numbers import lap_text
+from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
+from bike_policy.riders.classical import ClassicalRider
 from bike_sim.course.drawing import track_figure
 from bike_sim.course.files import load_track
 from bike_sim.course.track import Track
-from bike_sim.physics.bicycle import linear
-from bike_sim.physics.engine import Engine
-from bike_sim.physics.engines import make_engine
 from bike_sim.planning.envelope import point_mass_envelope
 from bike_sim.planning.lap_limit import LapLimit, lap_limit
 from bike_sim.planning.minimum_time import with_fastest_line
-from bike_sim.validation import bicycle as validation
-from bike_sim.vehicles.bicycle import Vehicle
+from bike_sim.validation import bicycle, superbike
+from bike_sim.validation.report import Check, Report, number_of
 from bike_sim.vehicles.files import load_vehicle, vehicle_template
+from bike_sim.vehicles.superbike import Superbike
 from bike_training.arguments import check_positive, make_folder
+from bike_training.commands.declarations import ALL_SUPERBIKES
 from bike_training.progress import status
+from bike_training.rollout.laps import ride_laps
 
-SCHEMA = "bike.validate/1"
-
-
+SCHEMA: Final = "bike.validate/1"
+SUPERBIKE_SCHEMA: Final = "bike.validate_superbike/1"
 BICYCLE_PERIOD: Final = 0.05
-"""Control period, s; integration steps must not be longer."""
-_PLOT_SPEEDS = np.arange(0.5, 10.01, 0.5)
+"""Control period of a bicycle, s; integration steps must not be longer."""
+SUPERBIKE_PERIOD: Final = 0.02
+"""The same of a superbike, s."""
+BOLD: Final = (0.9, 0.92)
+"""Parts of the lateral limit that riders use who try the theoretical laps; the last falls at times."""
+
+_Report = TypeVar("_Report", bound=Report)
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Measure, print a table unless `args.json`, and return the result.
+    """Measure a bicycle, print tables unless `args.json`, and return the result.
 
     Raises:
-        ValueError: a broken vehicle's file, or an invalid step. OSError: an unknown vehicle or a folder
-            that cannot be made.
+        ValueError: a broken vehicle's file, or an invalid step.
+        OSError: an unknown vehicle or a folder that cannot be made.
     """
+    vehicle = load_vehicle(args.vehicle)
+
+    def measure(progress: Callable[[str], None]) -> bicycle.Validation:
+        return bicycle.validate(vehicle, args.engine, args.time_step, progress)
+
+    def draw(result: bicycle.Validation, folder: Path) -> Sequence[Path]:
+        from bike_training.commands.validation_pictures import draw_bicycle_modes
+
+        draw_bicycle_modes(vehicle, args.engine, args.time_step, folder / "modes.png")
+        return (folder / "modes.png",)
+
+    def describe(result: bicycle.Validation) -> dict[str, Any]:
+        head = {"schema": SCHEMA, "vehicle": vehicle.name, "engine": args.engine}
+        return head | result.as_dict({"modes": [_mode_figures(point) for point in result.points]})
+
     check_positive("--time-step", args.time_step, "s", BICYCLE_PERIOD)
+    title = f"{vehicle.name}, {args.engine}, step {1e3 * args.time_step:g} ms"
+    return _report(args, title, measure, describe, draw, _mode_table)
+
+
+def run_superbikes(args: argparse.Namespace) -> dict[str, Any]:
+    """Measure one superbike or all shipped ones, print tables unless `args.json`, and return the result.
+
+    Raises:
+        ValueError: a broken vehicle's file, or an invalid step.
+        OSError: an unknown vehicle or a folder that cannot be made.
+    """
+    names = superbike.MACHINES if args.vehicle == ALL_SUPERBIKES else (args.vehicle,)
+    machines = [machine for machine in map(load_vehicle, names) if isinstance(machine, Superbike)]
+
+    def measure(progress: Callable[[str], None]) -> superbike.Validation:
+        result = superbike.validate(machines, args.time_step, progress)
+        progress("theoretical laps")
+        result.checks.extend(bound_checks(names))
+        return result
+
+    def draw(result: superbike.Validation, folder: Path) -> Sequence[Path]:
+        from bike_training.commands.validation_pictures import draw_superbikes
+
+        return draw_superbikes(result, folder)
+
+    def describe(result: superbike.Validation) -> dict[str, Any]:
+        return {"schema": SUPERBIKE_SCHEMA} | result.as_dict(_superbike_figures(result))
+
+    check_positive("--time-step", args.time_step, "s", SUPERBIKE_PERIOD)
+    title = f"{', '.join(machine.name for machine in machines)}, PyBullet, step {1e3 * args.time_step:g} ms"
+    return _report(args, title, measure, describe, draw, _range_table)
+
+
+def _report(
+    args: argparse.Namespace,
+    title: str,
+    measure: Callable[[Callable[[str], None]], _Report],
+    describe: Callable[[_Report], dict[str, Any]],
+    draw: Callable[[_Report, Path], Sequence[Path]],
+    table: Callable[[_Report], Table],
+) -> dict[str, Any]:
+    """Measure, print and write a report, and return it for JSON.
+
+    Args:
+        args: ``json`` and ``out`` (folder or None).
+        title: of the table of checks.
+        measure: makes the report; takes who shows the progress.
+        describe: returns it for JSON.
+        draw: makes pictures in a folder.
+        table: of what is beside the checks.
+    """
     if args.out is not None:
         make_folder("--out", args.out)
-    vehicle = load_vehicle(args.vehicle)
     console = Console(quiet=args.json)
-    with status(console, "measuring") as tell:
-        result = validation.validate(vehicle, args.engine, args.time_step, tell)
-    console.print(*_tables(result))
-    answer = as_dict(result)
+    with status(console, "measuring") as progress:
+        result = measure(progress)
+    console.print(table(result), _check_table(title, result))
+    answer = describe(result)
     if args.out is not None:
-        (args.out / "validate.json").write_text(json.dumps(answer, indent=2) + "\n", encoding="utf-8")
-        draw_modes(vehicle, args.engine, args.time_step, args.out / "modes.png")
-        console.print(f"written: {args.out / 'modes.png'}, {args.out / 'validate.json'}")
+        written = [args.out / f"{answer['schema'].split('/')[0].removeprefix('bike.')}.json", *draw(result, args.out)]
+        written[0].write_text(json.dumps(answer, indent=2) + "\n", encoding="utf-8")
+        console.print("written: " + ", ".join(str(path) for path in written))
     return answer
+
+
+def bound_checks(names: Sequence[str]) -> Iterator[Check]:
+    """Return checks of laps of bold riders on random circuits against the theoretical laps, their bounds.
+
+    Args:
+        names: of superbikes, or their files.
+    """
+    margin, passed, unpaid, tightest = math.inf, 0.0, 0, math.inf
+    for seed, vehicle in enumerate(names):
+        for lateral in BOLD:
+            rider = ClassicalRider(replace(CLASSICAL_SETTINGS, lateral=lateral))
+            ride = ride_laps(vehicle, f"random_circuit:{seed}", 1, rider=rider, engine="compiled")
+            passed = max([passed, *(passing.excess for passing in ride.passings)])
+            unpaid += sum(not passing.repaid for passing in ride.passings)
+            if ride.excess is not None and ride.closest_excess is not None:
+                margin = min(margin, ride.closest_excess)
+                tightest = min(tightest, ride.excess)
+    yield Check("bound_lap_margin", "fastest lap over the closest line's theoretical lap, share", margin, -0.001, 0.06)
+    yield Check("bound_line_margin", "fastest lap over its own line's theoretical lap, share", tightest, -0.001, 0.06)
+    yield Check("bound_passings_unpaid", "gains on the theoretical lap not lost again", unpaid, 0.0, 0.0)
+    yield Check("bound_passed", "largest speed above the theoretical lap's, share", passed, 0.0, 0.03)
+
+
+def _superbike_figures(result: superbike.Validation) -> dict[str, Any]:
+    """Return the figures beside the checks for JSON."""
+    convergence = [
+        {"step_s": step, "lean_error_deg": number_of(lean), "position_error_m": number_of(place)}
+        for step, lean, place in result.convergence
+    ]
+    turns = [
+        {"lean_deg": lean, "speed_m_s": speed, "lateral_g": lateral, "formula_lateral_g": formula}
+        for lean, speed, lateral, formula in result.turns
+    ]
+    machines = [
+        {
+            "vehicle": name,
+            "time_to_100_km_h_s": float(np.interp(100.0 / 3.6, launch.speed, launch.time)),
+            "speed_after_30_s_m_s": float(launch.speed[-1]),
+            "modes": [
+                {
+                    "speed_m_s": point.speed,
+                    "weave_real_1_s": number_of(point.weave.real),
+                    "weave_hz": number_of(point.weave.imag / (2.0 * math.pi)),
+                    "wobble_real_1_s": number_of(point.wobble.real),
+                    "wobble_hz": number_of(point.wobble.imag / (2.0 * math.pi)),
+                    "capsize_1_s": number_of(point.capsize),
+                }
+                for point in result.modes[name]
+            ],
+        }
+        for name, launch in result.launches.items()
+    ]
+    ranges = [
+        {
+            "name": row.name,
+            "low": number_of(row.low),
+            "high": number_of(row.high),
+            "published_low": row.published_low,
+            "published_high": row.published_high,
+            "within": bool(row.within),
+        }
+        for row in result.ranges
+    ]
+    return {"convergence": convergence, "turns": turns, "machines": machines, "ranges": ranges}
+
+
+def _mode_figures(point: bicycle.ModePoint) -> dict[str, float]:
+    """Return the modes at one speed for JSON."""
+    figures = {"speed_m_s": point.speed}
+    for prefix, modes in (("", point.measured), ("published_", point.published)):
+        figures[f"{prefix}weave_real_1_s"] = modes.weave.real
+        figures[f"{prefix}weave_imaginary_1_s"] = modes.weave.imag
+        figures[f"{prefix}capsize_1_s"] = modes.capsize
+    return figures
+
+
+def _check_table(title: str, result: Report) -> Table:
+    """Return the checks as a table for people."""
+    table = Table(title=title, box=box.SIMPLE, pad_edge=False)
+    table.add_column("figure")
+    for heading in ("measured", "reference", "allowed", ""):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for check in result.checks:
+        digits = ".4g" if abs(check.measured) >= 1e-3 or not check.measured else ".1e"
+        table.add_row(
+            check.title,
+            format(float(check.measured), digits),
+            f"{check.reference:.4g}" if check.reference else "",
+            f"≤ {check.high:.4g}" if check.low in (0.0, -math.inf) else f"{check.low:.4g} to {check.high:.4g}",
+            "[green]pass[/green]" if check.passed else "[bold red]FAIL[/bold red]",
+        )
+    return table
+
+
+def _mode_table(result: bicycle.Validation) -> Table:
+    """Return a bicycle's modes over speed as a table for people."""
+    table = Table(title="modes over speed", box=box.SIMPLE)
+    for heading in ("speed, m/s", "weave, 1/s", "published", "capsize, 1/s", "published"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for point in result.points:
+        both = (point.measured, point.published)
+        weaves = [f"{modes.weave.real:.3f} ± {modes.weave.imag:.3f}i" for modes in both]
+        table.add_row(f"{point.speed:g}", *weaves, *(f"{modes.capsize:.4f}" for modes in both))
+    return table
+
+
+def _range_table(result: superbike.Validation) -> Table:
+    """Return frequencies beside published ones as a table for people."""
+    table = Table(title="beside published ranges", box=box.SIMPLE, pad_edge=False)
+    table.add_column("figure")
+    for heading in ("measured", "published", ""):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for row in result.ranges:
+        verdict = "within" if row.within else "[yellow]outside[/yellow]"
+        published = f"{row.published_low:g} to {row.published_high:g}"
+        table.add_row(row.title, f"{row.low:.2f} to {row.high:.2f}", published, verdict)
+    return table
 
 
 def run_template(args: argparse.Namespace) -> dict[str, Any]:
@@ -69,135 +261,6 @@ def run_template(args: argparse.Namespace) -> dict[str, Any]:
     if not args.json:
         print(text)
     return {"schema": "bike.validate_template/1", "ok": True, "figures": {"file": text}}
-
-
-def as_dict(result: validation.Validation) -> dict[str, Any]:
-    """Return the result as the JSON object that `--json` prints."""
-    figures: dict[str, Any] = {check.name: float(check.measured) for check in result.checks}
-    figures["modes"] = [
-        {
-            "speed_m_s": point.speed,
-            "weave_real_1_s": point.measured.weave.real,
-            "weave_imaginary_1_s": point.measured.weave.imag,
-            "capsize_1_s": point.measured.capsize,
-            "published_weave_real_1_s": point.published.weave.real,
-            "published_weave_imaginary_1_s": point.published.weave.imag,
-            "published_capsize_1_s": point.published.capsize,
-        }
-        for point in result.points
-    ]
-    return {
-        "schema": SCHEMA,
-        "ok": result.passed,
-        "vehicle": result.vehicle.name,
-        "engine": result.kind,
-        "time_step_s": result.time_step,
-        "figures": figures,
-        "checks": [
-            {
-                "name": check.name,
-                "measured": float(check.measured),
-                "reference": check.reference,
-                "low": check.low,
-                "high": check.high,
-                "ok": check.passed,
-            }
-            for check in result.checks
-        ],
-    }
-
-
-def _tables(result: validation.Validation) -> tuple[Table, Table]:
-    """Return the modes over speed and the checks as tables for people."""
-    eigenvalues = Table(
-        title=f"{result.vehicle.name}, {result.kind}, step {1e3 * result.time_step:g} ms", box=box.SIMPLE
-    )
-    for heading in ("speed, m/s", "weave, 1/s", "published", "capsize, 1/s", "published"):
-        eigenvalues.add_column(heading, justify="right", no_wrap=True)
-    for point in result.points:
-        pairs = [(modes_at.weave, modes_at.capsize) for modes_at in (point.measured, point.published)]
-        weaves = [f"{weave.real:.3f} ± {weave.imag:.3f}i" for weave, _ in pairs]
-        capsizes = [f"{capsize:.4f}" for _, capsize in pairs]
-        eigenvalues.add_row(f"{point.speed:g}", weaves[0], weaves[1], capsizes[0], capsizes[1])
-
-    checks = Table(box=box.SIMPLE, pad_edge=False)
-    checks.add_column("figure", no_wrap=True)
-    for heading in ("measured", "wanted", "allowed"):
-        checks.add_column(heading, justify="right", no_wrap=True)
-    checks.add_column("", no_wrap=True)
-    for check in result.checks:
-        checks.add_row(
-            check.title,
-            f"{check.measured:.4g}" if abs(check.measured) >= 1e-3 else f"{check.measured:.1e}",
-            f"{check.reference:.4g}" if check.reference else "",
-            f"{check.low:.4g} to {check.high:.4g}" if check.low else f"≤ {check.high:.4g}",
-            "[green]pass[/green]" if check.passed else "[bold red]FAIL[/bold red]",
-        )
-    return eigenvalues, checks
-
-
-def draw_modes(vehicle: Vehicle, kind: str, time_step: float, path: Path) -> None:
-    """Draw the eigenvalues over speed: measured points on the published curves.
-
-    Args:
-        vehicle: the bicycle; its drive is switched off.
-        kind: engine kind.
-        time_step: integration step, s.
-        path: PNG file to write.
-    """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg  # takes a second; only pictures pay for it
-    from matplotlib.figure import Figure
-
-    free = validation.free_of_drive(vehicle)
-    fine = np.linspace(0.0, 10.0, 801)
-    curves = np.array([np.sort_complex(np.linalg.eigvals(linear.state_matrix(free, speed))) for speed in fine])
-    engine = make_engine(kind, free, time_step)
-    points = _measured_eigenvalues(engine)
-    engine.close()
-
-    figure = Figure(figsize=(8.0, 5.5), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots()
-    weave, capsize = linear.weave_speed(vehicle), linear.capsize_speed(vehicle)
-    axes.axhline(0.0, color="0.7", linewidth=0.8)
-    axes.axvspan(weave, capsize, color="tab:green", alpha=0.12, label=f"stable, {weave:.3f} to {capsize:.3f} m/s")
-    speeds = np.repeat(fine, 4)
-    values = curves.ravel()
-    oscillating = values.imag > 1e-9
-    axes.plot(speeds, values.real, ".", markersize=1.0, color="tab:blue")
-    axes.plot(speeds[oscillating], values.imag[oscillating], ".", markersize=1.0, color="tab:orange")
-    axes.plot([], [], color="tab:blue", label="real part, published formulas")
-    axes.plot([], [], color="tab:orange", label="imaginary part, published formulas")
-    at = np.repeat(_PLOT_SPEEDS, 4)
-    found = points.ravel()
-    above = found.imag > 1e-9
-    axes.plot(at, found.real, "o", markersize=4.5, fillstyle="none", color="tab:blue", label="real part, measured")
-    axes.plot(
-        at[above],
-        found.imag[above],
-        "s",
-        markersize=4.5,
-        fillstyle="none",
-        color="tab:orange",
-        label="imaginary part, measured",
-    )
-    axes.set(
-        xlim=(0.0, 10.0),
-        ylim=(-10.0, 10.0),
-        xlabel="forward speed, m/s",
-        ylabel="eigenvalue, 1/s",
-        title=f"Lateral modes of '{vehicle.name}': {kind} at {1e3 * time_step:g} ms",
-    )
-    for name, at_speed in (("weave", 9.0), ("capsize", 9.0), ("castering", 1.5)):
-        value = getattr(linear.modes(vehicle, at_speed), name).real
-        axes.annotate(name, (at_speed, value), xytext=(8, 6), textcoords="offset points", fontsize="small")
-    axes.legend(loc="lower right", fontsize="small")
-    figure.savefig(path, dpi=150)
-
-
-def _measured_eigenvalues(engine: Engine) -> np.ndarray:
-    """Return the measured eigenvalues at the speeds of the picture, 1/s, shape (speeds, 4)."""
-    return np.array([np.linalg.eigvals(linear.measured_state_matrix(engine, speed)) for speed in _PLOT_SPEEDS])
 
 
 CIRCUIT_SCHEMA: Final = "bike.validate_course/1"
@@ -217,8 +280,8 @@ def run_circuit(args: argparse.Namespace) -> dict[str, Any]:
         make_folder("--out", args.out)
     envelope = point_mass_envelope(args.lateral_g)
     console = Console(quiet=args.json)
-    with status(console, "computing") as tell:
-        tell("the fastest line")
+    with status(console, "computing") as progress:
+        progress("the fastest line")
         track = with_fastest_line(load_track(args.course), envelope)
         ideal, median = lap_limit(envelope, track.line(1.0)), lap_limit(envelope, track.line(0.0))
     figures = _circuit_figures(track, ideal, median)

@@ -1,6 +1,6 @@
-"""Measured against published: what an engine makes of the bicycle, figure by figure.
+"""Engines of bicycles measured against published figures.
 
-Every check runs an engine and compares what it did with a published figure, with the closed formulas of
+Every check runs an engine and compares with a published figure, with the closed formulas of
 `bike_sim.physics.bicycle.linear`, or with the compiled nonlinear bicycle. Nothing is adjusted between engines except
 limits that follow from the integration step. `bike validate` prints the result; the tests hold it.
 
@@ -26,6 +26,7 @@ from bike_sim.physics.engine import BicycleEngine
 from bike_sim.physics.engines import make_bicycle_engine
 from bike_sim.physics.multibody import vectors
 from bike_sim.physics.state import StateVector
+from bike_sim.validation.report import Check, Report
 from bike_sim.vehicles.bicycle import Vehicle
 
 MODE_SPEEDS: Final = (3.0, 4.0, 5.0, 6.0, 7.0, 8.0)
@@ -58,32 +59,6 @@ _PRESS: Final = 200.0
 
 
 @dataclass(frozen=True, slots=True)
-class Check:
-    """One figure measured, and what it must be.
-
-    Attributes:
-        name: figure's name with its unit as suffix.
-        title: what it is, for people.
-        measured: the figure; errors are the largest in magnitude.
-        low: smallest value that passes.
-        high: largest value that passes.
-        reference: published or independent value, where there is one.
-    """
-
-    name: str
-    title: str
-    measured: float
-    low: float
-    high: float
-    reference: float | None = None
-
-    @property
-    def passed(self) -> bool:
-        """Whether the figure lies within its limits; nan does not."""
-        return bool(self.low <= self.measured <= self.high)
-
-
-@dataclass(frozen=True, slots=True)
 class ModePoint:
     """Modes at one speed, m/s: measured on the engine and from the closed formulas."""
 
@@ -92,28 +67,19 @@ class ModePoint:
     published: linear.Modes
 
 
-@dataclass(slots=True)
-class Validation:
-    """All checks of one engine, vehicle and step.
+@dataclass
+class Validation(Report):
+    """All checks of one engine, bicycle and step.
 
     Attributes:
-        vehicle: the vehicle.
+        vehicle: the bicycle.
         kind: engine kind.
-        time_step: integration step, s.
-        checks: in the order of measurement.
         points: modes over speed.
     """
 
-    vehicle: Vehicle
-    kind: str
-    time_step: float
-    checks: list[Check] = field(default_factory=list)
+    vehicle: Vehicle = field(kw_only=True)
+    kind: str = field(kw_only=True)
     points: list[ModePoint] = field(default_factory=list)
-
-    @property
-    def passed(self) -> bool:
-        """Whether every check passed."""
-        return all(check.passed for check in self.checks)
 
 
 def validate(
@@ -130,8 +96,7 @@ def validate(
     Raises:
         ValueError: unknown engine kind, a step that cannot be, or a vehicle without the benchmark's modes.
     """
-    result = Validation(vehicle, kind, time_step)
-    parts: tuple[tuple[str, Callable[[Validation], Iterator[Check]]], ...] = (
+    parts = (
         ("weave and capsize speed", _stability_limits),
         ("modes over speed", _mode_errors),
         ("order of convergence", _mode_order),
@@ -141,10 +106,7 @@ def validate(
         ("coasting with a hard start", _coasting),
         ("against the compiled bicycle", _violent_start),
     )
-    for title, part in parts:
-        progress(title)
-        result.checks.extend(part(result))
-    return result
+    return Validation(time_step, vehicle=vehicle, kind=kind).measure(parts, progress)
 
 
 def free_of_drive(vehicle: Vehicle) -> Vehicle:
@@ -197,24 +159,13 @@ def _mode_errors(run: Validation) -> Iterator[Check]:
         "capsize": [point.measured.capsize - point.published.capsize for point in run.points],
     }
     for name, values in errors.items():
-        worst = float(np.abs(values).max())
-        yield Check(
-            f"{name}_error_max_1_s",
-            f"{name.replace('_', ' ')} part, error, 1/s" if "_" in name else f"{name}, error, 1/s",
-            worst,
-            0.0,
-            limit,
-            0.0,
-        )
+        title = f"{name.replace('_', ' ')} part, error, 1/s" if "_" in name else f"{name}, error, 1/s"
+        yield Check(f"{name}_error_max_1_s", title, float(np.abs(values).max()), 0.0, limit, 0.0)
 
 
-def _fitted_order(steps: tuple[float, ...], errors: list[float]) -> float:
-    """Return the slope of the error over the step in logarithmic scales."""
-    return float(np.polyfit(np.log(steps), np.log(errors), 1)[0])
-
-
-def _order_check(name: str, title: str, order: float, wanted: float) -> Check:
-    """Return the check of a fitted order of convergence."""
+def _order_check(name: str, title: str, steps: tuple[float, ...], errors: list[float], wanted: float) -> Check:
+    """Return the check of an order of convergence: the slope of the error over the step in logarithmic scales."""
+    order = float(np.polyfit(np.log(steps), np.log(errors), 1)[0])
     return Check(name, title, order, wanted * (1.0 - _ORDER_TOLERANCE), wanted * (1.0 + _ORDER_TOLERANCE), wanted)
 
 
@@ -227,9 +178,7 @@ def _mode_order(run: Validation) -> Iterator[Check]:
         engine = _coaster(run, step)
         errors.append(abs(linear.measured_modes(engine, speed).weave - published))
         engine.close()
-    order, wanted = _fitted_order(steps, errors), _ORDER[run.kind]
-    title = "weave, order of the error"
-    yield _order_check("mode_error_order", title, order, wanted)
+    yield _order_check("mode_error_order", "weave, order of the error", steps, errors, _ORDER[run.kind])
 
 
 def front_direction(engine: BicycleEngine, roll: float, steer: float) -> float:
@@ -375,9 +324,8 @@ def _violent_start(run: Validation) -> Iterator[Check]:
         rides.append(coast(engine, start, 2.0)[:, watched])
         engine.close()
     errors = [float(np.abs(ride - wanted[:, watched]).max()) for ride in rides]
-    order, expected = _fitted_order(steps, errors), _ORDER[run.kind]
-    title = "hard start, order of the error"
-    yield _order_check("violent_start_order", title, order, expected)
+    expected = _ORDER[run.kind]
+    yield _order_check("violent_start_order", "hard start, order of the error", steps, errors, expected)
     # Two steps and the order give the limit for a vanishing step (Richardson), which must be the other engine's ride.
     gain = 2.0**expected
     limit = (gain * rides[-1] - rides[-2]) / (gain - 1.0)
