@@ -12,7 +12,7 @@ import pytest
 
 from bike_analysis import compare, open_ride
 from bike_analysis.page.ride_view import ride_view
-from bike_sim.course.projection import project
+from bike_sim.course.projection import SampledLine, project
 
 PERIOD = 0.05  # s
 LENGTH, SPACING = 30.0, 0.1  # m
@@ -42,8 +42,8 @@ def open_ride_of(circle):
         states: dict[str, Any] = {}
         for name, (x, y, _) in places.items():
             near = np.minimum(way + (1.0 if name else 0.0), LENGTH)
-            columns = (course_x, course_y, course_heading, SPACING, False)
-            found = [project(*columns, x[k], y[k], near[k], 1.0, 3.0) for k in range(len(way))]
+            samples = SampledLine(course_x, course_y, course_heading, 0.0 * course_x, SPACING, False)
+            found = [project(samples, x[k], y[k], near[k], 1.0, 3.0) for k in range(len(way))]
             progress, lateral, _ = np.array(found).T
             states |= {f"{name}x": x, f"{name}y": y, f"{name}progress": progress, f"{name}lateral_error": lateral}
         states |= {

@@ -17,25 +17,21 @@ class Queries:
 
     @staticmethod
     def project(course: Course, x: float, y: float, s_near: float, behind: float = 1.0, ahead: float = 3.0):
-        return projection.project(
-            course.x, course.y, course.heading, course.spacing, course.closed, x, y, s_near, behind, ahead
-        )
+        return projection.project(course.samples, x, y, s_near, behind, ahead)
 
     @staticmethod
     def point_at(course: Course, s: float):
-        return projection.point_at(course.x, course.y, course.heading, course.spacing, course.closed, s)
+        return projection.point_at(course.samples, s)
 
     @staticmethod
     def curvature_at(course: Course, s: float) -> float:
-        return projection.curvature_at(course.curvature, course.spacing, course.closed, s)
+        return projection.curvature_at(course.samples, s)
 
     @staticmethod
     def preview(course: Course, x: float, y: float, yaw: float, s: float, step: float, count: int):
-        out_x, out_y = np.full(count, np.nan), np.full(count, np.nan)
-        projection.preview(
-            course.x, course.y, course.heading, course.spacing, course.closed, x, y, yaw, s, step, out_x, out_y
-        )
-        return out_x, out_y
+        points = np.full((2, count), np.nan)
+        projection.preview(course.samples, (x, y, yaw), s, step, points)
+        return points
 
     @classmethod
     def beside(cls, course: Course, s: float, offset: float) -> tuple[float, float]:

@@ -38,8 +38,7 @@ def ridden(course: Course, speed: float, offset: float, behind: int, start: floa
     line_y = np.zeros(count) if math.isinf(radius) else radius * (1.0 - np.cos(heading))
     x = line_x + (way - base) * np.cos(heading) - offset * np.sin(heading)
     y = line_y + (way - base) * np.sin(heading) + offset * np.cos(heading)
-    columns = (course.x, course.y, course.heading, float(course.s[1]), course.closed)
-    found = [project(*columns, x[k], y[k], base[k], 1.0, 3.0) for k in range(count)]
+    found = [project(course.samples, x[k], y[k], base[k], 1.0, 3.0) for k in range(count)]
     progress, lateral, _ = np.array(found).T
     return {"progress": progress, "lateral": lateral, "x": x, "y": y, "time": PERIOD * np.arange(count)}
 

@@ -9,7 +9,7 @@ import pytest
 
 from bike_sim.course.files import load_course, load_track, shipped_tracks, track_records
 from bike_sim.course.layout import Piece, close_layout, curvature_profile, trace_layout
-from bike_sim.course.track import Track, find_corners, interpolation_parameter
+from bike_sim.course.track import Track, find_corners
 
 # Official length, direction, and of each corner the direction, the least radius (m) and the turned angle (deg) as read
 # from public maps of the circuits, independent of the files' tables.
@@ -147,16 +147,6 @@ def test_line_outside_the_family_is_refused(lam, shapes):
 def test_line_without_an_ideal_is_refused(shapes):
     with pytest.raises(ValueError, match="no ideal line yet"):
         shapes.circle().line(0.5)
-
-
-def test_interpolation_parameter_has_the_ends_of_the_paper():
-    assert interpolation_parameter(0.0, 5.0, 0.0, 80.0) == 0.0
-    assert interpolation_parameter(5.0, 0.0, 80.0, 80.0) == 1.0
-    assert interpolation_parameter(2.0, 2.0, 40.0, 80.0) == pytest.approx(0.5)
-    with pytest.raises(ValueError, match="not both 0"):
-        interpolation_parameter(0.0, 0.0, 1.0, 2.0)
-    with pytest.raises(ValueError, match="speed limit"):
-        interpolation_parameter(1.0, 0.0, 3.0, 2.0)
 
 
 def test_broken_circuits_are_refused(shapes):

@@ -82,7 +82,7 @@ def state_of(deviation: FloatArray, course: Course, s: float, steady: st.StateVe
         steady: state with the wheels' angles and rates.
     """
     state = steady.copy()
-    x, y, along, across = point_at(course.x, course.y, course.heading, course.spacing, course.closed, s)
+    x, y, along, across = point_at(course.samples, s)
     heading = math.atan2(across, along)
     state[st.X], state[st.Y] = x - deviation[0] * math.sin(heading), y + deviation[0] * math.cos(heading)
     state[st.YAW] = heading + deviation[1]

@@ -313,7 +313,7 @@ class ObservedRider:
         self.observer = Observer(vehicle, period)
         self._vehicle, self._course, self._points = vehicle, course, preview
         self._machine = lk.Machine(vehicle.parameters, True, vehicle.mass)
-        self._line, self._form = lk.line_of(course), lk.Points(preview.by_time, preview.interval)
+        self._line, self._form = course.samples, lk.Points(preview.by_time, preview.interval)
         self._lasting, self._share = 0, 0.0
         self._step: int | None = None
         self._answer: tuple[float, float] | None = None

@@ -114,8 +114,8 @@ class StanleyRider(BicycleRider):
         """Return the curvature that the law asks for, 1/m."""
         look, course = snapshot.look, self._course
         s = float(look[lk.FRONT_PROGRESS])
-        *_, along, across = point_at(course.x, course.y, course.heading, course.spacing, course.closed, s)
-        path = curvature_at(course.curvature, course.spacing, course.closed, s)
+        *_, along, across = point_at(course.samples, s)
+        path = curvature_at(course.samples, s)
         # In a steady turn the frame lags behind the path at the front axle by the turn of a wheelbase.
         yaw = float(snapshot.state[st.YAW]) + math.atan(self._vehicle.w * path)
         heading = math.remainder(math.atan2(across, along) - yaw, math.tau)

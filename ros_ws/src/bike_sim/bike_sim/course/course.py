@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_sim.course.elements import Element, sample_elements
+from bike_sim.course.projection import SampledLine
 from bike_sim.course.spline import SmoothLine
 
 FloatArray = NDArray[np.float64]
@@ -143,6 +144,11 @@ class Course:
         rows = np.arange(len(column))
         ahead, behind = np.minimum(rows + reach, rows[-1]), np.maximum(rows - reach, 0)
         return np.asarray((column[ahead] - column[behind]) / (self.spacing * (ahead - behind)))
+
+    @cached_property
+    def samples(self) -> SampledLine:
+        """The line as compiled functions take it."""
+        return SampledLine(self.x, self.y, self.heading, self.curvature, self.spacing, self.closed)
 
     @cached_property
     def table(self) -> FloatArray:

@@ -85,7 +85,7 @@ def draw_map(axes: Axes, course: Course, labels: bool = True) -> None:
 
 
 def _point(course: Course, s: float) -> tuple[float, float, float, float]:
-    return point_at(course.x, course.y, course.heading, course.spacing, course.closed, s)
+    return point_at(course.samples, s)
 
 
 def _label(axes: Axes, course: Course, name: str, s: float, colour: str) -> None:

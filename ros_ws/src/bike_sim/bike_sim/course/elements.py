@@ -159,15 +159,6 @@ def _require_positive(name: str, value: float) -> None:
         raise ValueError(f"{name} must be positive and finite, got {value!r}")
 
 
-def end_pose(elements: Sequence[Element], x: float = 0.0, y: float = 0.0, heading: float = 0.0) -> FloatArray:
-    """Return x, y, heading (m, m, rad) where a chain of elements ends that begins at the given pose."""
-    pose = np.array([x, y, heading])
-    for element in elements:
-        ex, ey, turn, _ = element.trace(np.array([element.length]))
-        pose = _place(pose, ex, ey, turn)[:, -1]
-    return pose
-
-
 def _place(pose: FloatArray, x: FloatArray, y: FloatArray, heading: FloatArray) -> FloatArray:
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     return np.stack([pose[0] + cos * x - sin * y, pose[1] + sin * x + cos * y, pose[2] + heading])

@@ -304,7 +304,7 @@ def samples_of(
     for k in range(len(time)):
         reach = window(REACH, math.dist(rear[k], rear[max(k - 1, 0)]), centre.length)
         found = [
-            project(centre.x, centre.y, centre.heading, centre.spacing, True, float(x), float(y), s, reach, reach)
+            project(centre.samples, float(x), float(y), s, reach, reach)
             for (x, y), s in ((rear[k], near), (front[k], front_near))
         ]
         (near, offset, _), (front_near, front_offset, _) = found

@@ -1,12 +1,12 @@
 """Nearest point, errors and preview on a sampled line, compiled.
 
-Between two samples the line is the cubic Hermite piece through both with their headings. All functions take the
-columns of a :class:`~bike_sim.course.course.Course` so that batches can call them from compiled loops.
+Between two samples the line is the cubic Hermite piece through both with their headings.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from numba import njit
 from numpy import ndarray
@@ -23,6 +23,26 @@ along the line. It is long enough for the step of a control period at 30 m/s and
 MOVED_SHARE = 1.5
 """The window is at least this many times the distance that the point has moved: more than it gains on the line by
 cutting a corner."""
+
+
+class SampledLine(NamedTuple):
+    """A line in samples at even distances; a closed one repeats its first sample at the end.
+
+    Attributes:
+        x: m.
+        y: m.
+        heading: rad, not wrapped.
+        curvature: 1/m.
+        spacing: distance of the samples, m.
+        closed: whether it is closed.
+    """
+
+    x: ndarray
+    y: ndarray
+    heading: ndarray
+    curvature: ndarray
+    spacing: float
+    closed: bool
 
 
 @njit(cache=True)
@@ -45,13 +65,12 @@ def locate(s: float, spacing: float, count: int, closed: bool) -> tuple[int, flo
 
 
 @njit(cache=True)
-def point_at(
-    x: ndarray, y: ndarray, heading: ndarray, spacing: float, closed: bool, s: float
-) -> tuple[float, float, float, float]:
+def point_at(line: SampledLine, s: float) -> tuple[float, float, float, float]:
     """Return position and unit tangent (x, y, tx, ty) at an arc length s, m.
 
     An open line is extended straight beyond its ends.
     """
+    x, y, heading, _, spacing, closed = line
     count = len(x)
     i, u = locate(s, spacing, count, closed)
     if u < 0.0 or u > 1.0:
@@ -120,10 +139,10 @@ def hermite(a: ndarray, b: ndarray, u: float) -> tuple[float, float]:
 
 
 @njit(cache=True)
-def curvature_at(curvature: ndarray, spacing: float, closed: bool, s: float) -> float:
+def curvature_at(line: SampledLine, s: float) -> float:
     """Return the curvature (1/m) of the sample nearest below an arc length, so that steps stay steps."""
-    i, u = locate(s, spacing, len(curvature), closed)
-    return curvature[i + 1] if u >= 1.0 else curvature[i]
+    i, u = locate(s, line.spacing, len(line.curvature), line.closed)
+    return line.curvature[i + 1] if u >= 1.0 else line.curvature[i]
 
 
 @njit(cache=True)
@@ -141,25 +160,12 @@ def window(least: float, moved: float, length: float) -> float:
 
 @njit(cache=True)
 def project(
-    x: ndarray,
-    y: ndarray,
-    heading: ndarray,
-    spacing: float,
-    closed: bool,
-    px: float,
-    py: float,
-    s_near: float,
-    behind: float,
-    ahead: float,
+    line: SampledLine, px: float, py: float, s_near: float, behind: float, ahead: float
 ) -> tuple[float, float, float]:
     """Return the nearest point of the line within a window around s_near.
 
     Args:
-        x: samples, m.
-        y: samples, m.
-        heading: samples, rad.
-        spacing: distance of samples, m.
-        closed: whether the line is closed.
+        line: samples of the line.
         px: point in the map frame, m.
         py: the same, m.
         s_near: arc length of the last nearest point, m.
@@ -170,6 +176,7 @@ def project(
         Arc length (m; grows over laps of a closed line, clipped to an open one), signed distance (m, positive left
         of the line), heading of the line there (rad, wrapped).
     """
+    x, y, heading, _, spacing, closed = line
     count = len(x)
     length = spacing * (count - 1)
     first = math.floor((s_near - behind) / spacing)
@@ -198,7 +205,7 @@ def project(
                 known, tangents = i, _tangents(heading, spacing, i)
             qx, qy, tx, ty = _on_piece(x, y, i, u, tangents)
         else:
-            qx, qy, tx, ty = point_at(x, y, heading, spacing, closed, s)
+            qx, qy, tx, ty = point_at(line, s)
         along = (px - qx) * tx + (py - qy) * ty
         across = (py - qy) * tx - (px - qx) * ty
         bend = (heading[i + 1] - heading[i]) / spacing * across
@@ -210,7 +217,7 @@ def project(
     if i == known and 0.0 <= u <= 1.0:
         qx, qy, tx, ty = _on_piece(x, y, i, u, tangents)
     else:
-        qx, qy, tx, ty = point_at(x, y, heading, spacing, closed, s)
+        qx, qy, tx, ty = point_at(line, s)
     across = (py - qy) * tx - (px - qx) * ty
     # Beyond an open end, or at a kink, the distance is not perpendicular: keep the sign, use the full distance.
     distance = math.sqrt((px - qx) ** 2 + (py - qy) ** 2)
@@ -218,38 +225,19 @@ def project(
 
 
 @njit(cache=True)
-def preview(
-    x: ndarray,
-    y: ndarray,
-    heading: ndarray,
-    spacing: float,
-    closed: bool,
-    px: float,
-    py: float,
-    yaw: float,
-    s: float,
-    step: float,
-    out_x: ndarray,
-    out_y: ndarray,
-) -> None:
+def preview(line: SampledLine, pose: tuple[float, float, float], s: float, step: float, points: ndarray) -> None:
     """Write the preview points in the vehicle's frame (Weyrer et al. 2026, Eq. 5 and Fig. 6).
 
     Args:
-        x: samples, m.
-        y: samples, m.
-        heading: samples, rad.
-        spacing: distance of samples, m.
-        closed: whether the line is closed.
-        px: rear contact point in the map frame, m.
-        py: the same, m.
-        yaw: yaw of the vehicle, rad.
+        line: samples of the line.
+        pose: rear contact point in the map frame, m, and yaw of the vehicle, rad.
         s: arc length of the nearest point, m.
         step: preview distance along the line, m.
-        out_x: filled with the points' x in the C-frame, m, positive forward.
-        out_y: filled with their y, m, positive to the left; out_y[0] is t_p0.
+        points: filled with x (m, positive forward) and y (m, positive to the left) in the C-frame, shape (2, n).
     """
+    px, py, yaw = pose
     cos, sin = math.cos(yaw), math.sin(yaw)
-    for k in range(len(out_x)):
-        qx, qy, _, _ = point_at(x, y, heading, spacing, closed, s + k * step)
-        out_x[k] = cos * (qx - px) + sin * (qy - py)
-        out_y[k] = cos * (qy - py) - sin * (qx - px)
+    for k in range(points.shape[1]):
+        qx, qy, _, _ = point_at(line, s + k * step)
+        points[0, k] = cos * (qx - px) + sin * (qy - py)
+        points[1, k] = cos * (qy - py) - sin * (qx - px)

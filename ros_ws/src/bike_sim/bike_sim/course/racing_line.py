@@ -84,8 +84,7 @@ def stations_of(track: Track, spacing: float = STATION_SPACING, margin: float = 
     count = max(LEAST_STATIONS, round(track.length / spacing))
     # In exactly equal steps: offsets that are smooth from station to station would be a kinked line otherwise.
     progress = np.linspace(0.0, track.length, count, endpoint=False)
-    centre = track.centre
-    found = [point_at(centre.x, centre.y, centre.heading, centre.spacing, True, s) for s in progress]
+    found = [point_at(track.centre.samples, s) for s in progress]
     x, y, along, across = np.array(found).T
     left, right = track.at(track.width_left, progress), track.at(track.width_right, progress)
     kept = np.minimum(margin, 0.1 * (left + right))

@@ -14,16 +14,30 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from bike_sim.schema import Quantity, Schema
+
 Record = Any
 FloatArray = NDArray[np.float64]
 
 LEFT_TRACK, LAP, FINISH, SECTOR, BACK_ON_TRACK = 2, 4, 5, 6, 7
 """Kinds of rows; the numbers are those of ``bike_msgs/RideEvent``."""
 
-KIND, TIME, PROGRESS, VALUE, NUMBER, BEGAN, OFF_TRACK, DISTANCE = range(8)
-"""Columns of a row: kind, time (s), progress (m) and what came to an end there: duration (s), number of the sector in
-its lap or of the lap, of a lap its beginning (s), time off the track (s) and mean distance to the ideal line (m)."""
-ROW_SIZE: Final = 8
+ROW: Final = Schema(
+    (
+        Quantity("kind", "1", 1, "one of the above"),
+        Quantity("time", "s", 1, "of the crossing"),
+        Quantity("progress", "m", 1, "of the line"),
+        Quantity("value", "s", 1, "duration of what ends there"),
+        Quantity("number", "1", 1, "of the sector in its lap, or of the lap"),
+        Quantity("began", "s", 1, "beginning of a lap"),
+        Quantity("off_track", "s", 1, "time off the track in a lap"),
+        Quantity("distance", "m", 1, "mean distance to the ideal line in a lap"),
+    )
+)
+"""Columns of a row."""
+KIND, TIME, PROGRESS, VALUE = map(ROW.index, ("kind", "time", "progress", "value"))
+NUMBER, BEGAN, OFF_TRACK, DISTANCE = map(ROW.index, ("number", "began", "off_track", "distance"))
+ROW_SIZE: Final = len(ROW)
 
 SUMS: Final = np.dtype([("time", np.float64), ("off_track", np.float64), ("distance", np.float64)])
 """What adds up over time: time (s), time off the track (s), distance to the ideal line times time (m s)."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,14 +17,29 @@ from numpy.typing import NDArray
 from bike_sim.course.course import SAMPLE_SPACING, Course
 from bike_sim.course.road import RoadSurface
 from bike_sim.course.spline import chord_lengths, smooth_line
+from bike_sim.schema import Quantity, Schema
 
 FloatArray = NDArray[np.float64]
 
 LINE_SPACING = 1.0
 """Distance of the points that define an offset line, m."""
 
-X, Y, HEADING, CURVATURE, LEFT, RIGHT, HEIGHT, IDEAL, BANK = range(9)
-"""Rows of `Track.table`."""
+TABLE: Final = Schema(
+    (
+        Quantity("x", "m", 1, "of the centre line"),
+        Quantity("y", "m", -1, "of the centre line"),
+        Quantity("heading", "rad", -1, "of the centre line"),
+        Quantity("curvature", "1/m", -1, "of the centre line"),
+        Quantity("left", "m", 1, "distance to the left limit"),
+        Quantity("right", "m", 1, "distance to the right limit"),
+        Quantity("height", "m", 1, "of the centre line"),
+        Quantity("ideal", "m", -1, "offset of the ideal line, NaN without one"),
+        Quantity("bank", "1", -1, "rise per m to the left"),
+    )
+)
+"""Rows of `Track.table`, at the samples of the centre line."""
+X, Y, HEADING, CURVATURE = map(TABLE.index, ("x", "y", "heading", "curvature"))
+LEFT, RIGHT, HEIGHT, IDEAL, BANK = map(TABLE.index, ("left", "right", "height", "ideal", "bank"))
 
 CORNER_CURVATURE = 1.0 / 450.0
 """Curvature above which a circuit without named corners has a corner, 1/m."""
@@ -176,11 +192,7 @@ class Track:
 
     @cached_property
     def table(self) -> FloatArray:
-        """All columns in one array for compiled loops, shape (9, n).
-
-        Position (m), heading (rad) and curvature (1/m) of the centre line, distances to both limits, height, offset of
-        the ideal line (m; NaN without one), bank (rise per m to the left), at the samples.
-        """
+        """All columns in one array for compiled loops; rows are those of `TABLE`."""
         centre = self.centre
         ideal = np.full(len(centre.s), np.nan) if self.ideal is None else self.ideal
         columns = (*(centre.x, centre.y, centre.heading, centre.curvature, self.width_left, self.width_right),
@@ -208,7 +220,7 @@ class Track:
         Its offset is the given fraction of the ideal line's. Arc length begins where the line crosses the start.
 
         Args:
-            lam: interpolation parameter lambda, see :func:`interpolation_parameter`.
+            lam: interpolation parameter lambda, 0 to 1.
 
         Raises:
             ValueError: lambda outside 0 to 1, or no ideal line is known.
@@ -320,29 +332,6 @@ def slope_of(column: FloatArray, spacing: float) -> FloatArray:
     inner = np.diff(column) / spacing
     ends = 0.5 * (inner[0] + inner[-1])
     return np.concatenate(([ends], 0.5 * (inner[1:] + inner[:-1]), [ends]))
-
-
-def interpolation_parameter(from_median: float, from_ideal: float, speed_limit: float, highest_speed: float) -> float:
-    """Return lambda, the line of the family for a curriculum context (superbike paper, Eq. 3).
-
-    The mean of two terms: which of both lines is closer, and how fast the ride may be. The paper's text gives the
-    terms in words; this is the form that has the stated ends: 0 for the median and a standstill, 1 for the ideal line
-    at full speed.
-
-    Args:
-        from_median: distance from the median line d_m, m, >= 0.
-        from_ideal: distance from the ideal line d_i, m, >= 0; not both 0.
-        speed_limit: v, m/s.
-        highest_speed: its largest value, m/s.
-
-    Raises:
-        ValueError: a value outside its range.
-    """
-    if from_median < 0.0 or from_ideal < 0.0 or from_median + from_ideal <= 0.0:
-        raise ValueError(f"distances must be >= 0 and not both 0, got {from_median!r} and {from_ideal!r} m")
-    if not 0.0 <= speed_limit <= highest_speed or highest_speed <= 0.0:
-        raise ValueError(f"speed limit must be 0 to {highest_speed!r} m/s, got {speed_limit!r}")
-    return 0.5 * (from_median / (from_median + from_ideal) + speed_limit / highest_speed)
 
 
 def find_corners(centre: Course) -> tuple[Corner, ...]:

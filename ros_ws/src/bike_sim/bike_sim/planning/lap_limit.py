@@ -1,4 +1,4 @@
-"""The theoretical lap: the fastest that a machine's limits allow on a line, and its braking points.
+"""The theoretical lap: the fastest that a machine's limits allow on a line.
 
 Quasi-steady state: at every point of the line the machine is in the equilibrium of its speed, lateral and longitudinal
 acceleration. From the speeds that cornering allows, one pass forward applies what drives, one pass backward what
@@ -47,8 +47,6 @@ LEAN_SPAN = 0.4
 _EASED = 0.4
 _CORNER_ROUNDS = 50
 _CORNER_TOLERANCE = 1e-8
-_BRAKING = 0.5
-_LEAST_BRAKING = 3.0
 _STANDSTILL = 1e-6
 _LARGEST_LEAN = math.radians(80.0)
 _LEANS = 81
@@ -223,40 +221,19 @@ def _solve_open(below: np.ndarray, middle: np.ndarray, above: np.ndarray, right:
 
 
 @dataclass(frozen=True)
-class BrakingPoint:
-    """Where braking begins and what it achieves.
-
-    Attributes:
-        begin: arc length of the line, m. end: m, beyond the lap if it runs over the start.
-        speed_before: m/s. speed_after: m/s.
-    """
-
-    begin: float
-    end: float
-    speed_before: float
-    speed_after: float
-
-    @property
-    def deceleration(self) -> float:
-        """Mean deceleration over the distance, m/s^2."""
-        return (self.speed_before**2 - self.speed_after**2) / (2.0 * (self.end - self.begin))
-
-
-@dataclass(frozen=True)
 class LapLimit:
     """A theoretical lap. Arrays are over the points of the line, the last repeating the first.
 
     Attributes:
-        machine: its name. line: name of the line.
+        machine: its name.
+        line: name of the line.
         s: arc length of the line, m.
         time: since the start, s.
         speed: m/s.
         lateral: lateral acceleration of the line at this speed, m/s^2, positive to the left.
         longitudinal: m/s^2, positive forward.
-        corner_speed: what cornering alone would allow, m/s.
         lean: that the machine needs to stay on the line, rad, positive to the left.
         roll_rate: rad/s, positive to the left.
-        braking_points: in the order of riding.
         sector_times: s, as the line's sections divide it; empty without.
     """
 
@@ -267,10 +244,8 @@ class LapLimit:
     speed: FloatArray
     lateral: FloatArray
     longitudinal: FloatArray
-    corner_speed: FloatArray
     lean: FloatArray
     roll_rate: FloatArray
-    braking_points: tuple[BrakingPoint, ...]
     sector_times: tuple[float, ...]
 
     @property
@@ -337,7 +312,7 @@ def lap_limit(
         raise ValueError(f"cap has shape {np.shape(cap)}, the profile {count} points")
     road = _Road(*(np.interp(s[:-1], line.s, values) for values in (grade, crest, bank)))
     bend = _mean_curvature(line, s)
-    path, speed, corner = _solve(envelope, bend, line.length / count, road, cap, roll_freedom)
+    path, speed = _solve(envelope, bend, line.length / count, road, cap, roll_freedom)
     distance, moved = path.distance, speed * path.stretch
     closed = np.append(speed, speed[0])
     ahead = np.roll(moved, -1)
@@ -357,18 +332,16 @@ def lap_limit(
         closed,
         closed**2 * around(bend),
         around(longitudinal),
-        around(corner),
         around(path.lean),
         around(path.roll_rate),
-        _braking_points(s, closed, longitudinal, np.interp(speed, envelope.speeds, envelope.drag)),
         tuple(float(t) for t in np.diff(at)) if line.sections else (),
     )
 
 
 def _solve(
     envelope: Envelope, bend: FloatArray, step: float, road: _Road, cap: FloatArray, roll_freedom: float
-) -> tuple[MassPath, FloatArray, FloatArray]:
-    """Return the path of the mass, the speeds of the contact and those that cornering alone allows, m/s.
+) -> tuple[MassPath, FloatArray]:
+    """Return the path of the mass and the speeds of the contact, m/s.
 
     Args:
         envelope: the machine's.
@@ -400,7 +373,7 @@ def _solve(
         # Slower means both less lean and more time for it; where the limit binds already it may also give way.
         bound = (asked > 1.0) | (speed >= eased * (1.0 - 1e-9))
         eased = np.where(bound, speed * np.maximum(asked, 0.5) ** -_EASED, np.inf)
-    return path, speed, corner / path.stretch
+    return path, speed
 
 
 def mean_rate(values: FloatArray, speed: FloatArray, step: float, span: float) -> FloatArray:
@@ -483,11 +456,24 @@ def _brake(limits: Limits, square: float, bend: float, dip: float, bank: float) 
     return most_brake(limits, square**0.5, side, load)
 
 
+class Patch(NamedTuple):
+    """Road and motion between two points of a profile.
+
+    Attributes:
+        hill: deceleration by the slope of the road, m/s^2.
+        dip: vertical curvature of the road, 1/m.
+        bank: slope of the road across, positive rising to the left.
+        roll_rate: rad/s.
+    """
+
+    hill: float
+    dip: float
+    bank: float
+    roll_rate: float
+
+
 @njit(cache=True)
-def driven(
-    limits: Limits, square: float, bend: float, bend_ahead: float, distance: float, hill: float, dip: float,
-    bank: float, roll_rate: float,
-) -> float:  # fmt: skip
+def driven(limits: Limits, square: float, bend: float, bend_ahead: float, distance: float, patch: Patch) -> float:
     """Return the squared speed that full drive reaches at the next point, by the midpoint rule in squared speed.
 
     Args:
@@ -496,11 +482,9 @@ def driven(
         bend: curvature here, 1/m.
         bend_ahead: curvature at the next point, 1/m.
         distance: to the next point, m.
-        hill: deceleration by the slope of the road, m/s^2.
-        dip: vertical curvature of the road, 1/m.
-        bank: slope of the road across, positive rising to the left.
-        roll_rate: rad/s.
+        patch: between both.
     """
+    hill, dip, bank, roll_rate = patch
     push = _drive(limits, square, bend, dip, bank, roll_rate) - hill
     half = max(square + push * distance, _STANDSTILL)
     push = _drive(limits, half, 0.5 * (bend + bend_ahead), dip, bank, roll_rate) - hill
@@ -508,11 +492,9 @@ def driven(
 
 
 @njit(cache=True)
-def braked(
-    limits: Limits, square: float, bend: float, bend_behind: float, distance: float, hill: float, dip: float,
-    bank: float,
-) -> float:  # fmt: skip
+def braked(limits: Limits, square: float, bend: float, bend_behind: float, distance: float, patch: Patch) -> float:
     """Return the squared speed at the point before from which full braking reaches this one; see :func:`driven`."""
+    hill, dip, bank, _ = patch
     pull = _brake(limits, square, bend, dip, bank) + hill
     half = max(square + pull * distance, _STANDSTILL)
     pull = _brake(limits, half, 0.5 * (bend + bend_behind), dip, bank) + hill
@@ -526,6 +508,15 @@ def corner_speeds(bend: np.ndarray, dip: np.ndarray, bank: np.ndarray, limits: L
     for i in range(len(bend)):
         corner[i] = corner_speed_of(limits, bend[i], dip[i], bank[i])
     return corner
+
+
+@njit(cache=True)
+def _between(slope: np.ndarray, dip: np.ndarray, bank: np.ndarray, roll_rate: np.ndarray, i: int, j: int) -> Patch:
+    """Return the means of two points of a profile."""
+    return Patch(
+        GRAVITY * 0.5 * (slope[i] + slope[j]), 0.5 * (dip[i] + dip[j]), 0.5 * (bank[i] + bank[j]),
+        0.5 * (roll_rate[i] + roll_rate[j]),
+    )  # fmt: skip
 
 
 @njit(cache=True)
@@ -548,18 +539,15 @@ def solve_profile(
     n = len(bend)
     slowest = np.argmin(corner)
     square = corner**2
-    # Twice around in each direction: drift may slow the machine even at the slowest point.
+    # Twice around in each direction: slip angles may slow the machine even at the slowest point.
     for k in range(slowest, slowest + 2 * n):
         i, j = k % n, (k + 1) % n
-        hill, lying = GRAVITY * 0.5 * (slope[i] + slope[j]), 0.5 * (dip[i] + dip[j])
-        tilt, rate = 0.5 * (bank[i] + bank[j]), 0.5 * (roll_rate[i] + roll_rate[j])
-        reached = driven(limits, square[i], bend[i], bend[j], distance[i], hill, lying, tilt, rate)
-        square[j] = min(square[j], reached)
+        patch = _between(slope, dip, bank, roll_rate, i, j)
+        square[j] = min(square[j], driven(limits, square[i], bend[i], bend[j], distance[i], patch))
     for k in range(slowest + 2 * n, slowest, -1):
         i, j = k % n, (k - 1) % n
-        hill, lying = GRAVITY * 0.5 * (slope[i] + slope[j]), 0.5 * (dip[i] + dip[j])
-        tilt = 0.5 * (bank[i] + bank[j])
-        square[j] = min(square[j], braked(limits, square[i], bend[i], bend[j], distance[j], hill, lying, tilt))
+        patch = _between(slope, dip, bank, roll_rate, i, j)
+        square[j] = min(square[j], braked(limits, square[i], bend[i], bend[j], distance[j], patch))
     return np.sqrt(square)
 
 
@@ -595,22 +583,3 @@ def profile_time(speed: np.ndarray, distance: np.ndarray) -> float:
     for i in range(n):
         total += 2.0 * distance[i] / (speed[i] + speed[(i + 1) % n])
     return total
-
-
-def _braking_points(
-    s: FloatArray, speed: FloatArray, longitudinal: FloatArray, drag: FloatArray
-) -> tuple[BrakingPoint, ...]:
-    """Find where the machine slows by more than the air does."""
-    n = len(longitudinal)
-    braking = -longitudinal > drag + _BRAKING
-    if not np.any(braking) or np.all(braking):
-        return ()
-    found = []
-    for first in np.flatnonzero(braking & ~np.roll(braking, 1)):
-        last = first
-        while braking[last % n]:
-            last += 1
-        before, after = float(speed[first]), float(speed[last % n])
-        if before - after >= _LEAST_BRAKING:
-            found.append(BrakingPoint(float(s[first]), float(s[last % n] + (last // n) * s[-1]), before, after))
-    return tuple(found)

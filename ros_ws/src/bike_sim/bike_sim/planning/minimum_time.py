@@ -35,6 +35,7 @@ from bike_sim.course.racing_line import (
 from bike_sim.course.track import Track
 from bike_sim.planning.envelope import Envelope, Limits, left_by_turning
 from bike_sim.planning.lap_limit import (
+    Patch,
     braked,
     corner_speed_of,
     corner_speeds,
@@ -70,6 +71,7 @@ _STRAIGHT = 1.0 / 400.0
 # The descent keeps one per cent of the speed below it; the laps that are compared in the end do not.
 _HELD = 0.99
 _SIGNIFICANT = 1e-5
+_LEVEL = Patch(0.0, 0.0, 0.0, 0.0)
 
 
 def with_fastest_line(
@@ -255,13 +257,13 @@ def _adjoint(bend: np.ndarray, distance: np.ndarray, limits: Limits) -> tuple[np
     driving, braking = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
     for k in range(slowest, slowest + 2 * n):
         i, j = k % n, (k + 1) % n
-        reached = driven(limits, square[i], bend[i], bend[j], distance[i], 0.0, 0.0, 0.0, 0.0)
+        reached = driven(limits, square[i], bend[i], bend[j], distance[i], _LEVEL)
         if reached < square[j]:
             square[j], driving[j] = reached, True
     forward = square.copy()
     for k in range(slowest + 2 * n, slowest, -1):
         i, j = k % n, (k - 1) % n
-        reached = braked(limits, square[i], bend[i], bend[j], distance[j], 0.0, 0.0, 0.0)
+        reached = braked(limits, square[i], bend[i], bend[j], distance[j], _LEVEL)
         if reached < square[j]:
             square[j], braking[j] = reached, True
     speed = np.sqrt(square)
@@ -302,8 +304,8 @@ def _adjoint(bend: np.ndarray, distance: np.ndarray, limits: Limits) -> tuple[np
 @njit(cache=True)
 def _reached(limits: Limits, square: float, bend: float, other: float, distance: float, forward: bool) -> float:
     if forward:
-        return driven(limits, square, bend, other, distance, 0.0, 0.0, 0.0, 0.0)
-    return braked(limits, square, bend, other, distance, 0.0, 0.0, 0.0)
+        return driven(limits, square, bend, other, distance, _LEVEL)
+    return braked(limits, square, bend, other, distance, _LEVEL)
 
 
 @njit(cache=True)

@@ -485,7 +485,7 @@ def _limit(snapshot: Snapshot, course: Course, offset: FloatArray) -> list[Point
     yaw = snapshot.state[st.YAW]
     cos, sin = np.cos(yaw), np.sin(yaw)
     for k, s in enumerate(stations):
-        _, _, tx, ty = projection.point_at(course.x, course.y, course.heading, course.spacing, course.closed, s)
+        _, _, tx, ty = projection.point_at(course.samples, s)
         x[k] = snapshot.preview_x[k] - distance[k] * (cos * ty - sin * tx)
         y[k] = snapshot.preview_y[k] + distance[k] * (cos * tx + sin * ty)
     return _points(x, y)

@@ -29,7 +29,7 @@ DIVERGED: Final = "diverged"
 ENDS: Final = (*FALL_NAMES, WALL, DIVERGED)
 """How rides end, by code; 0 while they go on."""
 
-CAUSE, SPEED, ANGLE, ENERGY = range(acc.NUMBER, acc.ROW_SIZE)
+CAUSE, SPEED, ANGLE, ENERGY = acc.NUMBER, acc.BEGAN, acc.OFF_TRACK, acc.DISTANCE
 """Columns of rows of falls and walls: code of the end or 0, speed (m/s), and of a wall the angle to it (rad) and the
 energy (J)."""
 

@@ -42,7 +42,7 @@ class FollowedLine:
             ValueError: lambda outside 0 to 1.
         """
         self.track, self.lam, self.line = track, lam, track.line(lam)
-        centre = lk.line_of(track.centre)
+        centre = track.centre.samples
         along = lk.centre_progress(centre, self.line.x, self.line.y)
         self.to_centre: FloatArray = np.maximum.accumulate(along)
         limits = track.width_left, track.width_right, track.elevation, track.bank

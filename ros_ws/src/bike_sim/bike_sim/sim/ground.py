@@ -12,19 +12,35 @@ from numpy.typing import NDArray
 from bike_sim.course.road import CLASSES, GRASS_STRIP, REFERENCE, RunOffKind, Wind, bump_profile, run_off_kinds
 from bike_sim.course.track import Track, slope_of
 from bike_sim.physics.ground import BUMP_SAMPLES, BUMP_SPACING
+from bike_sim.schema import Quantity, Schema
 
 FloatArray = NDArray[np.float64]
 Record = Any
 
-(
-    HEADING, CURVATURE, HEIGHT, GRADE, CREST, BANK, TWIST, GRIP, LEFT, RIGHT, LEFT_WALL, RIGHT_WALL, LEFT_KIND,
-    RIGHT_KIND,
-) = range(14)  # fmt: skip
-"""Columns of a road's table, all at the centre line: heading, rad; curvature, 1/m; height, m; grade, rise per m; crest,
-1/m; bank, rise per m to the left; twist, change of the bank per m; grip, factor on friction; distance to the left and
-the right limit, m; offset of the left and the right wall, m, the latter negative; kind of the left and the right
-run-off."""
-COLUMNS: Final = 14
+ROAD: Final = Schema(
+    (
+        Quantity("heading", "rad", -1, "of the centre line"),
+        Quantity("curvature", "1/m", -1, "of the centre line"),
+        Quantity("height", "m", 1, "of the centre line"),
+        Quantity("grade", "1", 1, "rise per m"),
+        Quantity("crest", "1/m", 1, "change of the grade per m"),
+        Quantity("bank", "1", -1, "rise per m to the left"),
+        Quantity("twist", "1/m", -1, "change of the bank per m"),
+        Quantity("grip", "1", 1, "factor on friction"),
+        Quantity("left", "m", 1, "distance to the left limit"),
+        Quantity("right", "m", 1, "distance to the right limit"),
+        Quantity("left_wall", "m", -1, "offset of the left wall"),
+        Quantity("right_wall", "m", -1, "offset of the right wall, negative"),
+        Quantity("left_kind", "1", 1, "`RunOffKind` of the left run-off"),
+        Quantity("right_kind", "1", 1, "`RunOffKind` of the right run-off"),
+    )
+)
+"""Columns of a road's table, all at the centre line."""
+HEADING, CURVATURE, HEIGHT, GRADE = map(ROAD.index, ("heading", "curvature", "height", "grade"))
+CREST, BANK, TWIST, GRIP = map(ROAD.index, ("crest", "bank", "twist", "grip"))
+LEFT, RIGHT, LEFT_WALL, RIGHT_WALL = map(ROAD.index, ("left", "right", "left_wall", "right_wall"))
+LEFT_KIND, RIGHT_KIND = map(ROAD.index, ("left_kind", "right_kind"))
+COLUMNS: Final = len(ROAD)
 
 FACTS: Final = np.dtype(
     [

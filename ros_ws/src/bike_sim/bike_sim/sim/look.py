@@ -16,7 +16,7 @@ from numba import njit
 from numpy import ndarray
 
 from bike_sim.course import projection
-from bike_sim.course.course import Course
+from bike_sim.course.projection import SampledLine
 from bike_sim.course.timing_account import sample
 from bike_sim.physics import kinematics
 from bike_sim.physics.state import FRONT_WHEEL_RATE, ROLL, STEER, YAW, X, Y
@@ -57,8 +57,9 @@ WALL_ENERGY: Final = LIMITS.index("wall_energy")
 WRONG_WAY: Final = LIMITS.index("wrong_way")
 CIRCUIT_SIZE: Final = len(LIMITS)
 
-LINE, LEFT, RIGHT = range(3)
+LINES: Final = ("line", "left", "right")
 """Rows of the course points: the followed line and both limits."""
+LINE, LEFT, RIGHT = map(LINES.index, LINES)
 
 STATION_SIZE: Final = 11
 """Numbers that a station shows at a sample of a line, see :func:`stations`."""
@@ -91,26 +92,6 @@ class Machine(NamedTuple):
     mass: float
 
 
-class Line(NamedTuple):
-    """A sampled line as the kernels take it.
-
-    Attributes:
-        x: m.
-        y: m.
-        heading: rad.
-        curvature: 1/m.
-        spacing: distance of the samples, m.
-        closed: whether it is closed.
-    """
-
-    x: ndarray
-    y: ndarray
-    heading: ndarray
-    curvature: ndarray
-    spacing: float
-    closed: bool
-
-
 class Circuit(NamedTuple):
     """Lines and limits of a circuit as the kernels take them.
 
@@ -122,7 +103,7 @@ class Circuit(NamedTuple):
     """
 
     ahead: ndarray
-    centre: Line
+    centre: SampledLine
     height: ndarray
     bank: ndarray
 
@@ -132,11 +113,6 @@ class Points(NamedTuple):
 
     by_time: bool
     interval: float
-
-
-def line_of(course: Course) -> Line:
-    """Return a course as the kernels take it."""
-    return Line(course.x, course.y, course.heading, course.curvature, course.spacing, course.closed)
 
 
 @njit(cache=True, inline="always")
@@ -151,26 +127,23 @@ def _move(state: ndarray, machine: Machine, look: ndarray) -> None:
 
 
 @njit(cache=True, inline="always")
-def _relate(state: ndarray, line: Line, behind: float, ahead: float, fresh: bool, look: ndarray) -> None:
+def _relate(state: ndarray, line: SampledLine, behind: float, ahead: float, fresh: bool, look: ndarray) -> None:
     """Fill the errors of both contact points to the followed line, searched in a window around the last projections."""
-    x, y, heading, spacing, closed = line.x, line.y, line.heading, line.spacing, line.closed
-    s, distance, direction = projection.project(
-        x, y, heading, spacing, closed, state[X], state[Y], look[PROGRESS], behind, ahead
-    )
+    s, distance, direction = projection.project(line, state[X], state[Y], look[PROGRESS], behind, ahead)
     look[PROGRESS] = s
     look[LATERAL_ERROR] = distance
     look[HEADING_ERROR] = projection.wrap_angle(state[YAW] - direction)
-    look[CURVATURE] = projection.curvature_at(line.curvature, spacing, closed, s)
+    look[CURVATURE] = projection.curvature_at(line, s)
     near = s + 1.0 if fresh else look[FRONT_PROGRESS]
-    s, distance, _ = projection.project(
-        x, y, heading, spacing, closed, look[FRONT_X], look[FRONT_Y], near, behind, ahead
-    )
+    s, distance, _ = projection.project(line, look[FRONT_X], look[FRONT_Y], near, behind, ahead)
     look[FRONT_PROGRESS] = s
     look[FRONT_LATERAL_ERROR] = distance
 
 
 @njit(cache=True, inline="always")
-def preview_line(state: ndarray, machine: Machine, line: Line, points: Points, look: ndarray, preview: ndarray) -> None:
+def preview_line(
+    state: ndarray, machine: Machine, line: SampledLine, points: Points, look: ndarray, preview: ndarray
+) -> None:
     """Fill the preview of the followed line (Weyrer et al. 2026, Eqs. 5 and 14).
 
     Args:
@@ -188,15 +161,12 @@ def preview_line(state: ndarray, machine: Machine, line: Line, points: Points, l
     elif points.by_time:
         step = max(points.interval * look[SPEED], LEAST_SPACING)
     look[PREVIEW_SPACING] = step
-    projection.preview(
-        line.x, line.y, line.heading, line.spacing, line.closed, state[X], state[Y], state[YAW], look[PROGRESS], step,
-        preview[0], preview[1],
-    )  # fmt: skip
+    projection.preview(line, (state[X], state[Y], state[YAW]), look[PROGRESS], step, preview)
 
 
 @njit(cache=True)
 def derive_on_path(
-    state: ndarray, machine: Machine, line: Line, points: Points, fresh: bool, look: ndarray, preview: ndarray
+    state: ndarray, machine: Machine, line: SampledLine, points: Points, fresh: bool, look: ndarray, preview: ndarray
 ) -> None:
     """Fill the derived quantities of a path.
 
@@ -215,7 +185,7 @@ def derive_on_path(
 
 
 @njit(cache=True)
-def centre_progress(centre: Line, line_x: ndarray, line_y: ndarray) -> ndarray:
+def centre_progress(centre: SampledLine, line_x: ndarray, line_y: ndarray) -> ndarray:
     """Return the progress along a closed centre line at the samples of another line of the circuit, increasing, m.
 
     Args:
@@ -223,18 +193,17 @@ def centre_progress(centre: Line, line_x: ndarray, line_y: ndarray) -> ndarray:
         line_x: samples of the line, m; the first is at the start line.
         line_y: the same, m.
     """
-    x, y, heading, spacing = centre.x, centre.y, centre.heading, centre.spacing
     found = np.empty(len(line_x))
     near = 0.0
     for i in range(len(line_x)):
-        near, _, _ = projection.project(x, y, heading, spacing, True, line_x[i], line_y[i], near, 5.0, 5.0)
+        near, _, _ = projection.project(centre, line_x[i], line_y[i], near, 5.0, 5.0)
         found[i] = near
     return found
 
 
 @njit(cache=True)
 def stations(
-    line: ndarray, line_spacing: float, to_centre: ndarray, centre: Line,
+    line: ndarray, line_spacing: float, to_centre: ndarray, centre: SampledLine,
     limits: tuple[ndarray, ndarray, ndarray, ndarray],
 ) -> ndarray:  # fmt: skip
     """Return what a station shows at every sample of a line of a circuit: one row each, so that memory is read once.
@@ -251,13 +220,13 @@ def stations(
         x and y of the line, of its tangent as long as the distance of its samples, and of the left and of the right
         limit beside it, then the heights of line and limits, all m, shape (n, STATION_SIZE).
     """
-    cx, cy, ch, spacing = centre.x, centre.y, centre.heading, centre.spacing
+    spacing = centre.spacing
     left, right, height, bank = limits
     around = spacing * (len(height) - 1)
     rows = np.empty((line.shape[1], STATION_SIZE))
     for i in range(line.shape[1]):
         c = to_centre[i]
-        mx, my, tx, ty = projection.point_at(cx, cy, ch, spacing, True, c)
+        mx, my, tx, ty = projection.point_at(centre, c)
         aside, across = sample(left, spacing, around, c), sample(right, spacing, around, c)
         rows[i, 0], rows[i, 1] = line[0, i], line[1, i]
         rows[i, 2], rows[i, 3] = math.cos(line[2, i]) * line_spacing, math.sin(line[2, i]) * line_spacing
@@ -271,7 +240,7 @@ def stations(
 
 @njit(cache=True)
 def derive_on_circuit(
-    state: ndarray, machine: Machine, line: Line, circuit: Circuit, reach: float, stopped: bool, view: ndarray
+    state: ndarray, machine: Machine, line: SampledLine, circuit: Circuit, reach: float, stopped: bool, view: ndarray
 ) -> float:
     """Fill look, place and course points, and return the heading of the centre line beside the rear contact, rad.
 
@@ -291,12 +260,12 @@ def derive_on_circuit(
         look[YAW_RATE] = look[SPEED] = 0.0
     _relate(state, line, reach, reach, False, look)
     centre, height, bank = circuit.centre, circuit.height, circuit.bank
-    cx, cy, ch, spacing = centre.x, centre.y, centre.heading, centre.spacing
+    spacing = centre.spacing
     place[CENTRE_PROGRESS], place[CENTRE_OFFSET], direction = projection.project(
-        cx, cy, ch, spacing, True, state[X], state[Y], place[CENTRE_PROGRESS], reach, reach
+        centre, state[X], state[Y], place[CENTRE_PROGRESS], reach, reach
     )
     place[FRONT_CENTRE_PROGRESS], place[FRONT_CENTRE_OFFSET], _ = projection.project(
-        cx, cy, ch, spacing, True, look[FRONT_X], look[FRONT_Y], place[FRONT_CENTRE_PROGRESS], reach, reach
+        centre, look[FRONT_X], look[FRONT_Y], place[FRONT_CENTRE_PROGRESS], reach, reach
     )
     look[PREVIEW_SPACING] = max(_INTERVAL * look[SPEED], LEAST_SPACING)
     around, here = spacing * (len(height) - 1), place[CENTRE_PROGRESS]

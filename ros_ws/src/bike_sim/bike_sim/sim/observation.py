@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from bike_sim.course import timing_account as acc
 from bike_sim.course import track as tr
 from bike_sim.course.lap_timing import EXACT, REACH, ideal_distance
-from bike_sim.course.projection import AHEAD, project, window
+from bike_sim.course.projection import AHEAD, SampledLine, project, window
 from bike_sim.physics import state as st
 from bike_sim.physics.ground import BUMP_SAMPLES, GROUND
 from bike_sim.schema import SIGNALS
@@ -165,7 +165,7 @@ class Around(NamedTuple):
         line_length: of the followed line, m.
     """
 
-    line: lk.Line
+    line: SampledLine
     lines: acc.Lines
     points: lk.Points
     limit: float
@@ -260,7 +260,7 @@ def _around(rows: BatchState, i: int) -> Around:
     a = rows.around[i]
     line, marks = array_at(a.line, 4, a.line_samples), array_at(a.marks, 1, a.mark_count)[0]
     return Around(
-        lk.Line(line[0], line[1], line[2], line[3], a.line_spacing, a.kind != acc.OPEN_PATH),
+        SampledLine(line[0], line[1], line[2], line[3], a.line_spacing, a.kind != acc.OPEN_PATH),
         acc.Lines(marks, a.length if a.kind == acc.CIRCUIT else a.line_length, a.kind, a.measured != 0),
         lk.Points(a.by_time != 0, a.interval),
         a.limit,
@@ -273,7 +273,9 @@ def _on_circuit(rows: BatchState, i: int) -> OnCircuit:
     """Return the circuit of a row."""
     a = rows.around[i]
     table = array_at(a.table, tr.BANK + 1, a.samples)
-    centre = lk.Line(table[tr.X], table[tr.Y], table[tr.HEADING], table[tr.CURVATURE], a.spacing, a.kind == acc.CIRCUIT)
+    centre = SampledLine(
+        table[tr.X], table[tr.Y], table[tr.HEADING], table[tr.CURVATURE], a.spacing, a.kind == acc.CIRCUIT
+    )
     ahead = array_at(a.ahead, a.line_samples, lk.STATION_SIZE)
     road = Road(
         array_at(a.road, a.samples, COLUMNS), rows.road_facts[i : i + 1], array_at(a.bumps, 1, BUMP_SAMPLES),
@@ -371,10 +373,7 @@ def _observe_path(
         moved = math.hypot(state[st.X] - ride.rear[0], state[st.Y] - ride.rear[1])
         reach = window(AHEAD, moved, around.line_length)
         if reach > AHEAD:
-            s, _, _ = project(
-                line.x, line.y, line.heading, line.spacing, line.closed, state[st.X], state[st.Y], look[lk.PROGRESS],
-                reach, reach,
-            )  # fmt: skip
+            s, _, _ = project(line, state[st.X], state[st.Y], look[lk.PROGRESS], reach, reach)
             look[lk.FRONT_PROGRESS] += s - look[lk.PROGRESS]
             look[lk.PROGRESS] = s
     lk.derive_on_path(state, machine, line, around.points, fresh, look, out.preview)
@@ -568,7 +567,7 @@ def begin_row(i: int, asked: float, near: float, s: float, rows: BatchState) -> 
         ahead = machine.parameters[_WHEELBASE] * contact
         at = x + ahead * math.cos(yaw), y + ahead * math.sin(yaw)
         ride.place[2 * contact], ride.place[2 * contact + 1], _ = project(
-            centre.x, centre.y, centre.heading, centre.spacing, True, at[0], at[1], near + ahead, REACH, REACH
+            centre, at[0], at[1], near + ahead, REACH, REACH
         )
         ride.near[contact] = s + ahead
     ride.asked, ride.goal, ride.rear[0], ride.rear[1] = asked, s + around.line_length, x, y

@@ -77,7 +77,7 @@ class Plant:
         if s == 0.0:
             x, y, heading = float(line.x[0]), float(line.y[0]), float(line.heading[0])
         else:
-            x, y, along, across = point_at(line.x, line.y, line.heading, line.spacing, line.closed, s)
+            x, y, along, across = point_at(line.samples, s)
             heading = math.atan2(across, along)
         state[[st.X, st.Y, st.YAW]] = x, y, heading - start.direction
         return state

@@ -63,8 +63,8 @@ class SuperbikePlant(Plant):
 
     def place(self, start: Start, line: Course, s: float) -> st.StateVector:
         """Place the machine on the line in the steady turn for its curvature and the speed; see `Plant`."""
-        x, y, along, across = point_at(line.x, line.y, line.heading, line.spacing, line.closed, s)
-        bend = curvature_at(line.curvature, line.spacing, line.closed, s)
+        x, y, along, across = point_at(line.samples, s)
+        bend = curvature_at(line.samples, s)
         speed = start.speed
         roll = -math.copysign(self._lean(abs(bend) * speed**2, speed, s), bend) + start.roll
         state = turning_state(self.vehicle, speed, roll, speed * bend)
