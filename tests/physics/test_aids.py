@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as some
 
-from bike_sim.physics.superbike.aids import AidLimits, aid_limits
+from bike_sim.physics.superbike.drive import AidLimits, aid_limits
 from bike_sim.validation.superbike import MACHINES
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from bike_policy.contract.bundle import Bundle
 from bike_policy.contract.observation import rows_of
-from bike_policy.riders.learned import LearnedRider
+from bike_policy.riders.rider import LearnedRider
 from bike_sim.course.course import Course
 from bike_sim.course.elements import Arc, Element
 from bike_sim.course.files import load_course

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from bike_policy.contract.bundle import Bundle
-from bike_policy.riders.learned import LearnedRider
-from bike_policy.riders.rider import Rider, make_rider
+from bike_policy.riders.rider import LearnedRider, Rider, make_rider
 from bike_sim.course.files import load_course
 from bike_sim.physics import state as st
 from bike_sim.sim import look as lk

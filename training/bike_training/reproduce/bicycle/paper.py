@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from bike_policy.contract.bundle import load_bundle
-from bike_policy.riders.learned import LearnedRider
+from bike_policy.riders.rider import LearnedRider
 from bike_training.reproduce.bicycle.data import Data, Impact, Instant
 from bike_training.reproduce.bicycle.detail import (
     front_directions,

@@ -36,7 +36,7 @@ from bike_policy.planning import line_law as ll
 from bike_policy.planning.lap_plan import GUIDE, LinePlan, PlannedLines, Planner, references_of
 from bike_policy.planning.line_law import LineLaw, seen_of
 from bike_policy.planning.plan_verification import Rollouts, verified_margin, verified_plan
-from bike_policy.riders.learned import LearnedRider
+from bike_policy.riders.rider import LearnedRider
 from bike_sim.course.course import Course
 from bike_sim.physics.superbike.statics import engine_force
 from bike_sim.sim.request import Preview

@@ -17,7 +17,7 @@ import numpy as np
 from bike_sim.physics import bodies as bd
 from bike_sim.physics import kinematics
 from bike_sim.physics import state as st
-from bike_sim.physics.bicycle.base import BicycleBase
+from bike_sim.physics.bicycle.whipple import BicycleBase
 from bike_sim.physics.bodies import FORK_JOINT, FRONT_JOINT, JOINTS, REAR_JOINT
 from bike_sim.physics.ground import LEVEL, Ground
 from bike_sim.physics.multibody.bullet import AXLE_TO_Z, build_tree, bullet, connect, set_free

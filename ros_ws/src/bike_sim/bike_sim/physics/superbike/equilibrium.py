@@ -6,7 +6,7 @@ mass does not have:
 * The mass is on the inside of the line of contacts. Braking pushes it on and so turns the machine out of the curve: the
   front tyre's lateral force grows and the rear's falls; driving does the reverse.
 * A tyre that carries a lateral force has a slip angle, which costs that force times its tangent along the road.
-* The electronics allow what they allow at this lean and roll rate (`bike_sim.physics.superbike.aids`), less what they
+* The electronics allow what they allow at this lean and roll rate (`bike_sim.physics.superbike.drive`), less what they
   cut at the slips and loads that the force itself brings: a smaller force is cut less, so there is one that stays.
 
 Lateral quantities are positive into the turn, whatever its side.
@@ -20,7 +20,7 @@ from typing import Final, NamedTuple
 from numba import njit
 
 from bike_sim.physics.superbike import tyres
-from bike_sim.physics.superbike.aids import aid_cuts, aid_limits
+from bike_sim.physics.superbike.drive import aid_cuts, aid_limits
 from bike_sim.vehicles.superbike import Record
 
 _HALVINGS: Final = 30

@@ -21,7 +21,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from bike_sim.physics.superbike.aids import between
+from bike_sim.physics.superbike.drive import between
 from bike_sim.physics.superbike.records import HOLDING_LEAN, HOLDING_SAMPLES, Attitude, Command, Lags, Motion
 from bike_sim.vehicles.superbike import Record
 
