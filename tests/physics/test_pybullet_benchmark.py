@@ -7,8 +7,9 @@ import math
 import pytest
 
 from bike_sim.validation import bicycle as validation
+from bike_sim.validation import superbike
 from bike_sim.validation.report import Check
-from bike_sim.vehicles.files import load_vehicle
+from bike_sim.vehicles.files import SHIPPED, load_vehicle
 from bike_training import cli
 from bike_training.commands import validate as command
 
@@ -74,3 +75,22 @@ def test_command_is_silent_for_json(capsys: pytest.CaptureFixture[str]) -> None:
 def test_unknown_vehicle_is_one_clear_error() -> None:
     with pytest.raises(FileNotFoundError, match="no_such_bike"):
         cli.parse("validate", ["--vehicle", "no_such_bike"])
+
+
+def test_a_superbike_of_its_own_file_is_measured(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
+    content = (SHIPPED / "r1.yaml").read_text(encoding="utf-8")
+    (tmp_path / "mine.yaml").write_text(content.replace("name: r1", "name: mine"), encoding="utf-8")
+    monkeypatch.setattr(superbike, "PARTS", [("mirror symmetry", superbike.check_mirror)])
+    monkeypatch.setattr(command, "bound_checks", lambda names: iter(()))
+    measured, validate = [], superbike.validate
+
+    def watched(machines, *rest):
+        measured.extend(machine.name for machine in machines)
+        return validate(machines, *rest)
+
+    monkeypatch.setattr(superbike, "validate", watched)
+    args = cli.parse("validate", ["--vehicle", str(tmp_path / "mine.yaml"), "--json"])
+    answer = command.run_superbikes(args)
+    assert measured == ["mine"]
+    assert (answer["schema"], answer["ok"]) == ("bike.validate_superbike/1", True)
+    assert answer["figures"]["mirror_lean_deg"] < 1e-6

@@ -371,8 +371,8 @@ def _turning(
 ) -> float:
     """Return the lateral acceleration in excess of the line's after a time at the present roll rate, m/s^2."""
     roll = seen[ROLL] + ahead * seen[ROLL_RATE]
-    held = _load(seen, law, plans, row, ahead) * _between(abs(roll), leans, turning)
-    return -math.copysign(held, roll) - _wanted(seen, memory, plans, row, ahead)
+    steady = _load(seen, law, plans, row, ahead) * _between(abs(roll), leans, turning)
+    return -math.copysign(steady, roll) - _wanted(seen, memory, plans, row, ahead)
 
 
 @njit(cache=True)

@@ -75,12 +75,12 @@ class LqrSettings:
 class Problem(NamedTuple):
     """The discrete control problem at one speed, with the delayed commands as further states.
 
-    ``x' = a x + b u + drift kappa`` with the cost ``x Q x + 2 x cross u + control u^2`` a period.
+    ``x' = a x + b u + curvature_effect kappa`` with the cost ``x Q x + 2 x cross u + control u^2`` a period.
 
     Attributes:
         a: shape (n, n), n = 6 + delay.
         b: shape (n,).
-        drift: shape (n,).
+        curvature_effect: shape (n,).
         cost: Q, shape (n, n).
         cross: shape (n,).
         control: scalar weight.
@@ -88,7 +88,7 @@ class Problem(NamedTuple):
 
     a: FloatArray
     b: FloatArray
-    drift: FloatArray
+    curvature_effect: FloatArray
     cost: FloatArray
     cross: FloatArray
     control: float
@@ -139,25 +139,25 @@ def control_problem(vehicle: Vehicle, speed: float, period: float, settings: Lqr
     """
     from scipy.linalg import expm  # late: other riders are spared it
 
-    held = np.zeros((8, 8))
-    held[:6, :6], held[:6, 6], held[:6, 7] = lateral_model(vehicle, speed)
-    held = expm(held * period)
+    discrete = np.zeros((8, 8))
+    discrete[:6, :6], discrete[:6, 6], discrete[:6, 7] = lateral_model(vehicle, speed)
+    discrete = expm(discrete * period)
     delay, size = settings.delay, 6 + settings.delay
-    a, b, drift = np.zeros((size, size)), np.zeros(size), np.zeros(size)
+    a, b, curvature_effect = np.zeros((size, size)), np.zeros(size), np.zeros(size)
     cost, cross, control = np.zeros((size, size)), np.zeros(size), 1e-6
-    a[:6, :6], drift[:6] = held[:6, :6], held[:6, 7]
+    a[:6, :6], curvature_effect[:6] = discrete[:6, :6], discrete[:6, 7]
     weights = (settings.lateral, settings.heading, 0.0, settings.drive, settings.roll_rate, settings.steer_rate)
     np.fill_diagonal(cost[:6, :6], weights)
     # The drive's torque grows with acting command - steer; what acts is the oldest delayed command, or the new one.
     if delay:
-        a[:6, 6], b[-1] = held[:6, 6], 1.0
+        a[:6, 6], b[-1] = discrete[:6, 6], 1.0
         a[6 : size - 1, 7:] = np.eye(delay - 1)
         cost[6, 6] = settings.drive
         cost[3, 6] = cost[6, 3] = -settings.drive
     else:
-        b[:6], control = held[:6, 6], control + settings.drive
+        b[:6], control = discrete[:6, 6], control + settings.drive
         cross[3] = -settings.drive
-    return Problem(a, b, drift, cost, cross, control)
+    return Problem(a, b, curvature_effect, cost, cross, control)
 
 
 def design(vehicle: Vehicle, speed: float, period: float, settings: LqrSettings) -> Gains:
@@ -171,12 +171,12 @@ def design(vehicle: Vehicle, speed: float, period: float, settings: LqrSettings)
     """
     from scipy.linalg import solve_discrete_are
 
-    a, b, drift, cost, cross, control = control_problem(vehicle, speed, period, settings)
+    a, b, curvature_effect, cost, cross, control = control_problem(vehicle, speed, period, settings)
     p = solve_discrete_are(a, b[:, None], cost, np.array([[control]]), s=cross[:, None])
     inverse = 1.0 / (control + b @ p @ b)
     gain = inverse * (b @ p @ a + cross)
     closed = a - np.outer(b, gain)
-    preview, weighted = [], p @ drift
+    preview, weighted = [], p @ curvature_effect
     for _ in range(round(settings.horizon / period)):
         preview.append(inverse * float(b @ weighted))
         weighted = closed.T @ weighted

@@ -58,7 +58,7 @@ class Programme(NamedTuple):
         solver: with the matrices.
         first: a of the model, which the present state comes in through, shape (n, n).
         cross: cost of the present state with the first command, shape (n,).
-        drift: effect of a curvature, shape (n,).
+        curvature_effect: effect of a curvature, shape (n,).
         tail: what a curvature beyond the horizon costs at its end, one row for each period, shape (periods, n).
         linear: linear cost; its last block of states and its first command change.
         lower: bounds of the constraints. upper: the same from above.
@@ -67,7 +67,7 @@ class Programme(NamedTuple):
     solver: Any
     first: FloatArray
     cross: FloatArray
-    drift: FloatArray
+    curvature_effect: FloatArray
     tail: FloatArray
     linear: FloatArray
     lower: FloatArray
@@ -86,7 +86,7 @@ def programme(vehicle: Vehicle, speed: float, period: float, weights: LqrSetting
         weights: of the LQR.
         settings: limits and horizon.
     """
-    a, b, drift, cost, cross, control = control_problem(vehicle, speed, period, weights)
+    a, b, curvature_effect, cost, cross, control = control_problem(vehicle, speed, period, weights)
     gains = design(vehicle, speed, period, weights)
     count, size = settings.steps, len(b)
     later = sparse.eye_array(count, k=1)  # row k: state after period k meets command k + 1
@@ -129,11 +129,11 @@ def programme(vehicle: Vehicle, speed: float, period: float, weights: LqrSetting
         max_iter=settings.iterations,
         adaptive_rho_interval=50,  # by default chosen by the clock, and no two rides would be the same
     )
-    rest, tail = gains.closed.T @ gains.to_go @ drift, []
+    rest, tail = gains.closed.T @ gains.to_go @ curvature_effect, []
     for _ in range(max(len(gains.preview) - count, 0)):
         tail.append(rest)
         rest = gains.closed.T @ rest
-    return Programme(solver, a, cross, drift, np.array(tail).reshape(-1, size), linear, lower, upper)
+    return Programme(solver, a, cross, curvature_effect, np.array(tail).reshape(-1, size), linear, lower, upper)
 
 
 class MpcRider(LqrRider):
@@ -155,11 +155,11 @@ class MpcRider(LqrRider):
     def turn(self, snapshot: Snapshot) -> float:
         """Return the first command of the programme; the LQR's where the solver finds none."""
         plan, count = self._programme_at(snapshot.speed), self._limits.steps
-        now, size = self.deviations(snapshot), len(plan.drift)
+        now, size = self.deviations(snapshot), len(plan.curvature_effect)
         curvature = self.ahead(snapshot, count + len(plan.tail))
         plan.linear[(count - 1) * size : count * size] = 2.0 * curvature[count:] @ plan.tail
         plan.linear[count * size] = 2.0 * float(plan.cross @ now)
-        moved = np.outer(curvature[:count], plan.drift).ravel()
+        moved = np.outer(curvature[:count], plan.curvature_effect).ravel()
         moved[:size] += plan.first @ now
         plan.lower[: len(moved)] = plan.upper[: len(moved)] = moved
         plan.solver.update(q=plan.linear, l=plan.lower, u=plan.upper)

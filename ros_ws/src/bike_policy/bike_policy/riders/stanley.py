@@ -143,10 +143,10 @@ def balance(vehicle: Vehicle, speed: float, period: float, settings: StanleySett
     from scipy.linalg import expm, solve_discrete_are  # late: other riders are spared it
 
     a, b, _ = lateral_model(vehicle, speed)
-    held = np.zeros((5, 5))
-    held[:4, :4], held[:4, 4] = a[2:, 2:], b[2:]
-    held = expm(held * period)
-    a, b = held[:4, :4], held[:4, 4:]
+    discrete = np.zeros((5, 5))
+    discrete[:4, :4], discrete[:4, 4] = a[2:, 2:], b[2:]
+    discrete = expm(discrete * period)
+    a, b = discrete[:4, :4], discrete[:4, 4:]
     cost = np.diag([settings.lean, settings.drive, 0.0, settings.steer_rate])
     cross = np.array([[0.0], [-settings.drive], [0.0], [0.0]])
     control = np.array([[settings.drive + 1e-6]])

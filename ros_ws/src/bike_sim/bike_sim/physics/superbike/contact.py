@@ -234,14 +234,14 @@ def lean_of(axle: Vec, normal: Vec) -> Lean:
     """
     heading = cross(axle, normal)
     over = math.hypot(heading[0], heading[1])
-    whole = math.hypot(over, heading[2])
-    level = over / whole
+    length = math.hypot(over, heading[2])
+    level = over / length
     flat = math.hypot(axle[0], axle[1])
     # part of the axle along the heading as seen from above, which is none on level ground
     along = -axle[2] * heading[2] / over
     aside = flat * math.sqrt(max(0.0, 1.0 - (along / flat) * (along / flat)))
     roll = math.atan2(axle[2] / level, aside)
-    return Lean(roll, math.atan2(dot(axle, normal), whole), heading[0] / over, heading[1] / over, level)
+    return Lean(roll, math.atan2(dot(axle, normal), length), heading[0] / over, heading[1] / over, level)
 
 
 @njit(cache=True)

@@ -212,7 +212,7 @@ def drive_and_brake(
     """Return what engine and brakes do.
 
     Args:
-        command: what is held.
+        command: of the step.
         attitude: of the machine.
         rear: rear wheel.
         front: front wheel.
@@ -242,14 +242,14 @@ def drive_and_brake(
 
     available = drive * _lookup(constants.wheel_torque, rear.spin / constants.geometry.torque_spacing)
     drive_torque = cuts.traction * cuts.wheelie * min(available, min(limits.wheelie, limits.traction) * rear.radius)
-    held = cuts.rear * limits.rear
-    rear_brake = (1.0 - brakes.front_share) * brake * held * brakes.force * machine.rR
+    released = cuts.rear * limits.rear
+    rear_brake = (1.0 - brakes.front_share) * brake * released * brakes.force * machine.rR
     asked = brakes.front_share * brake * brakes.force
     allowed = min(limits.stoppie, limits.braking)
     brake_rate = (min(asked, allowed) - min(brakes.front_share * before * brakes.force, allowed)) / dt
     front_brake = cuts.front * cuts.stoppie * min(asked, allowed) * machine.rF
     # closed throttle drags like a brake, and is eased like one; so does rolling resistance
-    engine_brake = held * (1.0 - drive) * motor.engine_brake * machine.rR
+    engine_brake = released * (1.0 - drive) * motor.engine_brake * machine.rR
     rear_hold = rear_brake + engine_brake + constants.machine.rear_tyre.rolling * rear.tyre.fz * rear.radius
     front_hold = front_brake + constants.machine.front_tyre.rolling * front.tyre.fz * front.radius
     rear_torque = drive_torque + _brake_torque(

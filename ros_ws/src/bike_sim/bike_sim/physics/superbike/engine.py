@@ -112,7 +112,7 @@ def advance(ride: Rides, model: Model, command: Command, ground: Record, bumps: 
     Args:
         ride: of the machine, advanced.
         model: of the machine.
-        command: what is held, with the time step.
+        command: of the steps, with their length.
         ground: a record of `ground.GROUND`.
         bumps: profiles, see `ground.Ground`.
         steps: number of steps.
@@ -151,8 +151,8 @@ def loads_one(
     rides: Rides, constants: Record, command: tuple[float, float, float], grounds: Record, bumps: Array, log: bool
 ) -> Loads:
     """Return `forces.loads_at` of arrays of one record each."""
-    held, motion = discretise_command(command, constants[0]), to_motion(rides.motion[0])
-    return loads_at(motion, held, grounds[0], bumps, rides.memory[0], rides.telemetry[0], constants[0], log)
+    discrete, motion = discretise_command(command, constants[0]), to_motion(rides.motion[0])
+    return loads_at(motion, discrete, grounds[0], bumps, rides.memory[0], rides.telemetry[0], constants[0], log)
 
 
 @njit(cache=True)

@@ -177,8 +177,8 @@ def wheels(turn: Turn, thrust: float, m: Record) -> Wheels:
     # Moments about the vertical through the rear contact: the air holds and the mass pushes on inside of it.
     side = m.mass * turn.lateral + down * sin_lean
     turned = m.mass * turn.lateral * m.com_x + down * sin_lean * m.air.x
-    held = pull * (m.air.height - m.rear_tyre.crown) * sin_lean + m.mass * acceleration * y
-    front_side = (turned - held) / m.w
+    opposed = pull * (m.air.height - m.rear_tyre.crown) * sin_lean + m.mass * acceleration * y
+    front_side = (turned - opposed) / m.w
     return Wheels(weight + down * cos_lean - front_load, front_load, side - front_side, front_side)
 
 
@@ -316,8 +316,8 @@ def most_drive(turn: Turn, engine: float, roll_rate: float, m: Record) -> float:
 def _along_at(slip: float, load: float, side: float, lean: float, tyre: Record) -> float:
     """Return the force along the road of a tyre that slips (normalised) and gives a lateral force, N, at least 0."""
     most = tyres.friction(lean, tyre) * load
-    whole = most * math.sin(tyre.shape * math.atan(slip / tyre.shape))
-    return tyre.friction_ratio * math.sqrt(max(whole * whole - side * side, 0.0))
+    combined = most * math.sin(tyre.shape * math.atan(slip / tyre.shape))
+    return tyre.friction_ratio * math.sqrt(max(combined * combined - side * side, 0.0))
 
 
 @njit(cache=True)
@@ -326,9 +326,9 @@ def _uncut(asked: float, load: float, side: float, lean: float, aids: Record, ty
 
     Both wheels' brakes are cut alike (`aids.aid_cuts`), by a slip that grows with the force.
     """
-    held = left_along(load, side, lean, tyre)
-    if held <= 0.0 or aids.brake_control == 0.0:
-        return max(min(asked, held), 0.0)
+    available = left_along(load, side, lean, tyre)
+    if available <= 0.0 or aids.brake_control == 0.0:
+        return max(min(asked, available), 0.0)
     # below the first of these slips nothing is cut, beyond the second all
     low, high = aids.brake_slip_on, min(aids.brake_slip_off, tyres.peak_slip(tyre))
     below = _along_at(low, load, side, lean, tyre) - asked

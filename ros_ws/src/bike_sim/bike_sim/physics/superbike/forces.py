@@ -160,7 +160,7 @@ def loads_at(
 
     Args:
         motion: of frame and joints.
-        command: what is held during the step.
+        command: of the step.
         ground: a record of `ground.GROUND`.
         bumps: profiles, see `ground.Ground`.
         memory: a record of `MEMORY`, advanced.

@@ -133,7 +133,7 @@ def steering_torque(command: Command, inputs: RiderInputs, memory: Record, const
     """Advance reference, arms and torso and return the torque on the bars, N m, positive to the left.
 
     Args:
-        command: what is held.
+        command: of the step.
         inputs: of the rider.
         memory: advanced.
         constants: of the machine.
