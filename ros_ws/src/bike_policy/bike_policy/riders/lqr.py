@@ -22,8 +22,9 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -202,15 +203,18 @@ class Worth:
         return tangent * float(np.interp(abs(tangent), self._tangents, self._factors))
 
 
+_Design = TypeVar("_Design")
+
+
 class BicycleRider:
-    """Part of `bike_policy.riders.rider.Rider`: begins rides on bicycles, and keeps tables as long as they hold."""
+    """Part of `bike_policy.riders.rider.Rider`: begins rides on bicycles, and keeps designs as long as they hold."""
 
     name: str
     preview: Preview | None = None
 
-    def __init__(self, *tables: dict[int, Any]) -> None:
-        """Take the tables by speed that hold for one bicycle and one control period; a ride on another empties them."""
-        self._tables = tables
+    def __init__(self) -> None:
+        """Begin without designs."""
+        self._designs: dict[tuple[str, int], Any] = {}
         self._machine: tuple[Vehicle, float] | None = None
 
     def begin(self, vehicle: Vehicle, course: Course, period: float, preview: Preview) -> None:
@@ -222,10 +226,18 @@ class BicycleRider:
         if isinstance(vehicle, Superbike):
             raise ValueError(f"rider {self.name!r} steers bicycles by set point, and {vehicle.name!r} is a superbike")
         if self._machine != (vehicle, period):
-            for table in self._tables:
-                table.clear()
+            self._designs.clear()
         self._machine = (vehicle, period)
         self._vehicle, self._course, self._period = vehicle, course, period
+
+    def _nearest(self, design: Callable[[float], _Design], speed: float) -> _Design:
+        """Return a design for the nearest multiple of SPEED_STEP, made once for a bicycle and control period."""
+        step = round(max(speed, SLOWEST) / SPEED_STEP)
+        key = design.__name__, step
+        if key not in self._designs:
+            self._designs[key] = design(step * SPEED_STEP)
+        found: _Design = self._designs[key]
+        return found
 
 
 class LqrRider(BicycleRider):
@@ -236,9 +248,7 @@ class LqrRider(BicycleRider):
     def __init__(self, settings: LqrSettings | None = None) -> None:
         """Take the weights."""
         self._settings = settings or LqrSettings()
-        self._gains: dict[int, Gains] = {}
-        self._worth: dict[int, Worth] = {}
-        super().__init__(self._gains, self._worth)
+        super().__init__()
 
     def begin(self, vehicle: Vehicle, course: Course, period: float, preview: Preview) -> None:
         """Take the line; nothing has been answered yet."""
@@ -257,7 +267,7 @@ class LqrRider(BicycleRider):
 
     def turn(self, snapshot: Snapshot) -> float:
         """Return the optimal set value of the model."""
-        gains = self._gains_at(snapshot.speed)
+        gains = self._nearest(self._gains, snapshot.speed)
         ahead = self.ahead(snapshot, len(gains.preview))
         return -float(gains.state @ self.deviations(snapshot)) - float(gains.preview @ ahead)
 
@@ -271,7 +281,7 @@ class LqrRider(BicycleRider):
         now = [
             look[lk.LATERAL_ERROR],
             math.sin(look[lk.HEADING_ERROR]),
-            self._worth_at(snapshot.speed).of(float(state[st.ROLL])),
+            self._nearest(self._worth, snapshot.speed).of(float(state[st.ROLL])),
             math.tan(float(state[st.STEER])) / level,
             float(state[st.ROLL_RATE]) / level**2,
             float(state[st.STEER_RATE]) / level,
@@ -291,19 +301,13 @@ class LqrRider(BicycleRider):
         self._answered = (snapshot.step, steering)
         return steering, 0.0
 
-    def _worth_at(self, speed: float) -> Worth:
-        """Return what leans are worth at the nearest multiple of SPEED_STEP."""
-        step = round(max(speed, SLOWEST) / SPEED_STEP)
-        if step not in self._worth:
-            self._worth[step] = Worth(self._vehicle, step * SPEED_STEP)
-        return self._worth[step]
+    def _worth(self, speed: float) -> Worth:
+        """Return the worth of leans at a speed, m/s."""
+        return Worth(self._vehicle, speed)
 
-    def _gains_at(self, speed: float) -> Gains:
-        """Return the gains at the nearest multiple of SPEED_STEP."""
-        step = round(max(speed, SLOWEST) / SPEED_STEP)
-        if step not in self._gains:
-            self._gains[step] = design(self._vehicle, step * SPEED_STEP, self._period, self._settings)
-        return self._gains[step]
+    def _gains(self, speed: float) -> Gains:
+        """Return the gains at a speed, m/s."""
+        return design(self._vehicle, speed, self._period, self._settings)
 
     def _curvature(self, s: FloatArray) -> FloatArray:
         """Return the curvature of the line at arc lengths (m); an open line is extended straight."""

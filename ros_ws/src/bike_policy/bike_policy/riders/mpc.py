@@ -17,7 +17,7 @@ import osqp
 from numpy.typing import NDArray
 from scipy import sparse
 
-from bike_policy.riders.lqr import SLOWEST, SPEED_STEP, LqrRider, LqrSettings, control_problem, design
+from bike_policy.riders.lqr import LqrRider, LqrSettings, control_problem, design
 from bike_sim.course.course import Course
 from bike_sim.sim.request import Preview
 from bike_sim.sim.snapshot import Snapshot
@@ -145,16 +145,15 @@ class MpcRider(LqrRider):
         """Take weights and limits."""
         super().__init__(weights)
         self._limits = settings or MpcSettings()
-        self._programmes: dict[int, Programme] = {}
 
     def begin(self, vehicle: Vehicle, course: Course, period: float, preview: Preview) -> None:
         """Take the line and forget earlier solutions, so that a ride does not depend on the one before."""
         super().begin(vehicle, course, period, preview)
-        self._programmes.clear()
+        self._designs = {key: found for key, found in self._designs.items() if key[0] != "_programme"}
 
     def turn(self, snapshot: Snapshot) -> float:
         """Return the first command of the programme; the LQR's where the solver finds none."""
-        plan, count = self._programme_at(snapshot.speed), self._limits.steps
+        plan, count = self._nearest(self._programme, snapshot.speed), self._limits.steps
         now, size = self.deviations(snapshot), len(plan.curvature_effect)
         curvature = self.ahead(snapshot, count + len(plan.tail))
         plan.linear[(count - 1) * size : count * size] = 2.0 * curvature[count:] @ plan.tail
@@ -168,11 +167,6 @@ class MpcRider(LqrRider):
             return super().turn(snapshot)
         return float(result.x[count * size])
 
-    def _programme_at(self, speed: float) -> Programme:
-        """Return the programme of the nearest multiple of SPEED_STEP."""
-        step = round(max(speed, SLOWEST) / SPEED_STEP)
-        if step not in self._programmes:
-            self._programmes[step] = programme(
-                self._vehicle, step * SPEED_STEP, self._period, self._settings, self._limits
-            )
-        return self._programmes[step]
+    def _programme(self, speed: float) -> Programme:
+        """Return the programme at a speed, m/s."""
+        return programme(self._vehicle, speed, self._period, self._settings, self._limits)

@@ -21,7 +21,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_policy.riders.lqr import SLOWEST, SPEED_STEP, BicycleRider, lateral_model
+from bike_policy.riders.lqr import SLOWEST, BicycleRider, lateral_model
 from bike_sim.course.course import Course
 from bike_sim.course.projection import curvature_at, point_at
 from bike_sim.physics import state as st
@@ -92,15 +92,14 @@ class StanleyRider(BicycleRider):
     def __init__(self, settings: StanleySettings | None = None) -> None:
         """Take the gains."""
         self._settings = settings or StanleySettings()
-        self._loops: dict[int, Loop] = {}
-        super().__init__(self._loops)
+        super().__init__()
 
     def command(self, snapshot: Snapshot) -> tuple[float, float] | None:
         """Return the answer."""
         state = snapshot.state
         if not math.isfinite(snapshot.look.sum() + state.sum()):
             return None
-        loop = self._loop_at(snapshot.speed)
+        loop = self._nearest(self._loop, snapshot.speed)
         curvature = min(max(self.wanted(snapshot), -loop.sharpest), loop.sharpest)
         roll, steer, steer_set = (
             math.copysign(1.0, curvature) * float(np.interp(abs(curvature), loop.turns.curvature, values))
@@ -123,12 +122,9 @@ class StanleyRider(BicycleRider):
         back = math.atan(self._settings.cross_track * look[lk.FRONT_LATERAL_ERROR] / speed)
         return path + (heading - back) / (speed * self._settings.time)
 
-    def _loop_at(self, speed: float) -> Loop:
-        """Return the balance loop at the nearest multiple of SPEED_STEP."""
-        step = round(max(speed, SLOWEST) / SPEED_STEP)
-        if step not in self._loops:
-            self._loops[step] = balance(self._vehicle, step * SPEED_STEP, self._period, self._settings)
-        return self._loops[step]
+    def _loop(self, speed: float) -> Loop:
+        """Return the balance loop at a speed, m/s."""
+        return balance(self._vehicle, speed, self._period, self._settings)
 
 
 def balance(vehicle: Vehicle, speed: float, period: float, settings: StanleySettings) -> Loop:
@@ -188,7 +184,7 @@ class ManualRider(StanleyRider):
         """Return the answer."""
         if self._direct or not self.balances:
             return self.steering, self.throttle
-        sharpest = self._loop_at(snapshot.speed).sharpest
+        sharpest = self._nearest(self._loop, snapshot.speed).sharpest
         if self._leant is None:  # takes over a lean as it is
             now = -math.tan(float(snapshot.state[st.ROLL])) * GRAVITY / max(snapshot.speed, 1.0) ** 2
             self._leant = min(max(now / sharpest, -SHARE), SHARE)
@@ -197,4 +193,4 @@ class ManualRider(StanleyRider):
 
     def wanted(self, snapshot: Snapshot) -> float:
         """Return the curvature that is ridden towards the manual command, 1/m."""
-        return (self._leant or 0.0) * self._loop_at(snapshot.speed).sharpest
+        return (self._leant or 0.0) * self._nearest(self._loop, snapshot.speed).sharpest
