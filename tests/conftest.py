@@ -8,7 +8,7 @@ from pathlib import Path
 import hypothesis
 import pytest
 
-from bike_sim.vehicles.files import load_vehicle
+from bike_sim.vehicles.files import load_superbike
 from bike_sim.vehicles.superbike import Superbike
 
 ROOT = Path(__file__).parents[1]
@@ -59,6 +59,5 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(scope="session")
 def panigale() -> Superbike:
-    machine = load_vehicle("panigale_v4r")
-    assert isinstance(machine, Superbike)
+    machine = load_superbike("panigale_v4r")
     return machine

@@ -27,8 +27,7 @@ from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import COURSE_POINTS, Preview, ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.superbike_plant import superbike_config
-from bike_sim.vehicles.files import load_vehicle
-from bike_sim.vehicles.superbike import Superbike
+from bike_sim.vehicles.files import load_superbike
 
 CIRCUIT = "barcelona"
 """The circuit of ``make lap``, whose line is computed and kept on the way."""
@@ -61,8 +60,7 @@ def ride_side_by_side(config: SimulatorConfig, course: str, preview: Preview) ->
 def evaluate_laps() -> None:
     """Time a moment of a lap from outside, and look limits up, as the report of a lap does."""
     time_laps(load_track(CIRCUIT), [Sample(0.1 * k, float(k), 0.0, 1.0 + k, 0.0) for k in range(2)])
-    vehicle = load_vehicle(MACHINE)
-    assert isinstance(vehicle, Superbike)
+    vehicle = load_superbike(MACHINE)
     limits, speeds = envelope(vehicle), np.array([30.0, 40.0])
     for found in (limits.lateral(speeds), limits.drive(speeds, speeds / 10.0), limits.brake(speeds, speeds / 10.0)):
         assert (found > 0.0).all()

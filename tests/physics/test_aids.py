@@ -9,7 +9,7 @@ from hypothesis import strategies as some
 
 from bike_sim.physics.superbike.drive import AidLimits, aid_limits
 from bike_sim.validation.superbike import MACHINES
-from bike_sim.vehicles.files import load_vehicle
+from bike_sim.vehicles.files import load_superbike
 from bike_sim.vehicles.superbike import Superbike
 
 
@@ -17,35 +17,29 @@ def limits(vehicle: Superbike, lean_deg: float, speed: float) -> AidLimits:
     return aid_limits(math.radians(lean_deg), 0.0, speed**2, vehicle.machine)
 
 
-def machine(name: str) -> Superbike:
-    vehicle = load_vehicle(name)
-    assert isinstance(vehicle, Superbike)
-    return vehicle
-
-
 @given(some.sampled_from(MACHINES), some.floats(10.0, 80.0), some.floats(0.0, 60.0), some.floats(0.0, 60.0))
 def test_more_lean_leaves_no_more_brake(name: str, speed: float, one: float, other: float) -> None:
-    less, more = (limits(machine(name), lean, speed) for lean in sorted((one, other)))
+    less, more = (limits(load_superbike(name), lean, speed) for lean in sorted((one, other)))
     assert more.braking <= less.braking * (1.0 + 1e-12)
     assert 0.0 <= more.rear <= less.rear <= 1.0
 
 
 @given(some.sampled_from(MACHINES), some.floats(10.0, 80.0), some.floats(0.0, 60.0))
 def test_both_sides_are_alike(name: str, speed: float, lean: float) -> None:
-    assert limits(machine(name), lean, speed) == limits(machine(name), -lean, speed)
+    assert limits(load_superbike(name), lean, speed) == limits(load_superbike(name), -lean, speed)
 
 
 @pytest.mark.parametrize("name", MACHINES)
 def test_brakes_fade_between_45_degrees_and_the_deepest_lean(name: str) -> None:
     """Engine braking is eased with the rear brake; near the tyres' limit either makes weave grow."""
-    assert limits(machine(name), 45.0, 40.0).rear == 1.0
-    assert 0.0 < limits(machine(name), 52.0, 40.0).rear < 1.0
-    deepest = limits(machine(name), 58.0, 40.0)
+    assert limits(load_superbike(name), 45.0, 40.0).rear == 1.0
+    assert 0.0 < limits(load_superbike(name), 52.0, 40.0).rear < 1.0
+    deepest = limits(load_superbike(name), 58.0, 40.0)
     assert (deepest.rear, deepest.braking) == (0.0, 0.0)
 
 
 def test_without_brake_control_nothing_is_eased() -> None:
-    vehicle = machine(MACHINES[0])
+    vehicle = load_superbike(MACHINES[0])
     bare = replace(vehicle, electronics=replace(vehicle.electronics, brake_control=0.0))
     assert limits(bare, 55.0, 40.0).rear == 1.0
     assert limits(bare, 55.0, 40.0).braking == math.inf

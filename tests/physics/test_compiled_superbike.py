@@ -13,19 +13,13 @@ from bike_sim.physics.superbike.bullet import BulletSuperbikeEngine
 from bike_sim.physics.superbike.engine import CompiledSuperbikeEngine
 from bike_sim.physics.superbike.pose import superbike_tree
 from bike_sim.validation.superbike import without_electronics
-from bike_sim.vehicles.files import load_vehicle
+from bike_sim.vehicles.files import load_superbike, load_vehicle
 from bike_sim.vehicles.superbike import Superbike
 
 STEP = 0.002
 
 
-def machine(name: str) -> Superbike:
-    vehicle = load_vehicle(name)
-    assert isinstance(vehicle, Superbike)
-    return vehicle
-
-
-DUCATI, YAMAHA = machine("panigale_v4r"), machine("r1")
+DUCATI, YAMAHA = load_superbike("panigale_v4r"), load_superbike("r1")
 
 
 def slalom(engine: BulletSuperbikeEngine | CompiledSuperbikeEngine, seconds: float, speed: float = 30.0) -> np.ndarray:

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from bike_sim.physics.superbike import statics
 from bike_sim.planning.envelope import envelope
-from bike_sim.vehicles.files import SHIPPED, load_vehicle
+from bike_sim.vehicles.files import SHIPPED, load_superbike
 from bike_sim.vehicles.parameters import VehicleError
 from bike_sim.vehicles.superbike import Superbike
 
@@ -63,13 +63,7 @@ SHEETS = {
 }  # fmt: skip
 
 
-def machine(name: str) -> Superbike:
-    vehicle = load_vehicle(name)
-    assert isinstance(vehicle, Superbike)
-    return vehicle
-
-
-MACHINES = {name: machine(name) for name in SHEETS}
+MACHINES = {name: load_superbike(name) for name in SHEETS}
 EACH = pytest.mark.parametrize("name", sorted(SHEETS))
 
 

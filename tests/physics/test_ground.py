@@ -19,15 +19,14 @@ from bike_sim.physics.superbike.contact import bump_at, surface_at
 from bike_sim.physics.superbike.engine import SuperbikeEngine
 from bike_sim.physics.superbike.statics import inertial_mass
 from bike_sim.schema import SIGNALS
-from bike_sim.vehicles.files import load_vehicle
+from bike_sim.vehicles.files import load_superbike
 from bike_sim.vehicles.superbike import Superbike
 
 signal = SIGNALS.index
 
 STEP, PERIOD, G = 0.002, 0.02, 9.81
 
-LOADED = load_vehicle("panigale_v4r")
-assert isinstance(LOADED, Superbike)
+LOADED = load_superbike("panigale_v4r")
 DUCATI: Superbike = LOADED
 
 

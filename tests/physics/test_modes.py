@@ -19,8 +19,7 @@ from bike_sim.physics.superbike.modes import (
     measure_modes,
 )
 from bike_sim.validation.superbike import at_speed
-from bike_sim.vehicles.files import load_vehicle
-from bike_sim.vehicles.superbike import Superbike
+from bike_sim.vehicles.files import load_superbike, load_vehicle
 
 VEHICLE = replace(load_vehicle("whipple"), P=0.0, D=0.0)
 
@@ -103,8 +102,7 @@ def test_state_matrix_does_not_depend_on_the_direction_of_time_step_rounding() -
 @pytest.mark.parametrize("speed", [20.0, 45.0])
 def test_modes_of_a_moment_are_those_of_straight_running(speed: float) -> None:
     """Pushed in all its states, and in the lateral ones alone, the machine has the same weave and wobble."""
-    machine = load_vehicle("panigale_v4r")
-    assert isinstance(machine, Superbike)
+    machine = load_superbike("panigale_v4r")
     engine = at_speed(CompiledSuperbikeEngine(machine, 0.0005), speed, 0.0, 2.0)
     before = engine.motion.copy(), engine.memory.copy()
     found = eigenvalues(engine, (0.0, holding_throttle(machine, speed)))
@@ -117,8 +115,7 @@ def test_modes_of_a_moment_are_those_of_straight_running(speed: float) -> None:
 
 def test_weave_of_a_turn_loses_its_damping_where_the_tyres_are_used_up() -> None:
     """On the brake, which brake control therefore eases in a deep lean."""
-    machine = load_vehicle("panigale_v4r")
-    assert isinstance(machine, Superbike)
+    machine = load_superbike("panigale_v4r")
     bare = replace(machine, electronics=replace(machine.electronics, brake_control=0.0))
     growth = {}
     for vehicle, lean, brake in ((machine, 45.0, 0.2), (machine, 55.0, 0.2), (bare, 55.0, 0.2)):

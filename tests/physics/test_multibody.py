@@ -14,11 +14,9 @@ from bike_sim.physics.multibody.bullet import BulletTree, bullet
 from bike_sim.physics.multibody.tree import Body, Joint
 from bike_sim.physics.superbike.bullet import BulletSuperbikeEngine
 from bike_sim.physics.superbike.pose import superbike_tree
-from bike_sim.vehicles.files import load_vehicle
-from bike_sim.vehicles.superbike import Superbike
+from bike_sim.vehicles.files import load_superbike
 
-VEHICLE = load_vehicle("zx10rr")
-assert isinstance(VEHICLE, Superbike)
+VEHICLE = load_superbike("zx10rr")
 MASS, SPRING, DAMPER = 12.0, 9000.0, 60.0
 SPRUNG = Body(
     "case", MASS, np.array([-0.3, 0.0, 0.9]), np.diag([0.2, 0.3, 0.25]), Joint.PRISMATIC, 0,
@@ -44,7 +42,6 @@ def a_motion(tree: tuple[Body, ...]) -> np.ndarray:
 
 @pytest.mark.parametrize("further", [(), (SPRUNG,), (TWISTING, SPRUNG)], ids=["machine", "case", "head and case"])
 def test_both_move_a_tree_with_further_joints_alike(further: tuple[Body, ...]) -> None:
-    assert isinstance(VEHICLE, Superbike)
     tree = (*superbike_tree(VEHICLE), *further)
     wrenches = np.random.default_rng(5).normal(0.0, [3000.0] * 3 + [500.0] * 3 + [300.0, 20.0, 300.0, 400.0], (50, 10))
     ends = a_motion(tree), a_motion(tree)
@@ -80,7 +77,6 @@ def test_a_sprung_body_swings_at_its_frequency() -> None:
 
 
 def test_placing_reads_back_what_bullet_holds() -> None:
-    assert isinstance(VEHICLE, Superbike)
     tree = superbike_tree(VEHICLE)
     motion, world = a_motion(tree), BulletTree(tree, GRAVITY, STEP)
     world.place(motion)
@@ -90,7 +86,6 @@ def test_placing_reads_back_what_bullet_holds() -> None:
 
 
 def test_a_closed_engine_refuses_to_go_on() -> None:
-    assert isinstance(VEHICLE, Superbike)
     engine = BulletSuperbikeEngine(VEHICLE, STEP)
     engine.close()
     engine.close()
@@ -100,7 +95,6 @@ def test_a_closed_engine_refuses_to_go_on() -> None:
 
 
 def test_a_forgotten_engine_gives_its_world_back() -> None:
-    assert isinstance(VEHICLE, Superbike)
     engine = BulletSuperbikeEngine(VEHICLE, STEP)
     alive, client = weakref.ref(engine), engine._bodies.client
     assert bullet.isConnected(client)

@@ -18,7 +18,7 @@ from bike_sim.physics.superbike.bullet import BulletSuperbikeEngine
 from bike_sim.physics.superbike.pose import without_rider
 from bike_sim.planning.envelope import Envelope, envelope
 from bike_sim.vehicles.bicycle import Vehicle
-from bike_sim.vehicles.files import load_vehicle, shipped_vehicles
+from bike_sim.vehicles.files import load_superbike, load_vehicle, shipped_vehicles
 from bike_sim.vehicles.parameters import VehicleError
 from bike_sim.vehicles.superbike import Superbike
 
@@ -26,13 +26,7 @@ NAMES = tuple(name for name in shipped_vehicles() if isinstance(load_vehicle(nam
 FOLDER = resources.files("bike_sim") / "config" / "vehicles"
 
 
-def machine(name: str) -> Superbike:
-    vehicle = load_vehicle(name)
-    assert isinstance(vehicle, Superbike)
-    return vehicle
-
-
-MACHINES = {name: machine(name) for name in NAMES}
+MACHINES = {name: load_superbike(name) for name in NAMES}
 DUCATI = MACHINES["panigale_v4r"]
 
 

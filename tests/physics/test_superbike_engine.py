@@ -38,21 +38,14 @@ from bike_sim.validation.superbike import (
     ride,
     without_electronics,
 )  # fmt: skip
-from bike_sim.vehicles.files import load_vehicle
-from bike_sim.vehicles.superbike import Superbike
+from bike_sim.vehicles.files import load_superbike
 
 signal = SIGNALS.index
 
 STEP = 0.002
 
 
-def machine(name: str) -> Superbike:
-    vehicle = load_vehicle(name)
-    assert isinstance(vehicle, Superbike)
-    return vehicle
-
-
-DUCATI = machine("panigale_v4r")
+DUCATI = load_superbike("panigale_v4r")
 
 
 @pytest.fixture(scope="module")
@@ -196,7 +189,7 @@ def test_it_begins_by_countersteering(engine: BulletSuperbikeEngine) -> None:
 @pytest.mark.parametrize("name", ["panigale_v4r", "zx10rr", "cbr1000rr_r", "r1", "m1000rr"])
 @pytest.mark.parametrize("speed", [12.0, 40.0, 75.0])
 def test_lean_step_to_50_deg_and_the_formula(name: str, speed: float) -> None:
-    vehicle = machine(name)
+    vehicle = load_superbike(name)
     engine = BulletSuperbikeEngine(vehicle, STEP)
     at_speed(engine, speed)
     step = ride(engine, 5.0, holding(vehicle, speed, lambda now: 50.0))
@@ -241,8 +234,7 @@ def test_what_the_rider_wants_passes_his_arms_as_through_a_system_of_3_hz() -> N
 @pytest.mark.parametrize("name", ["panigale_v4r", "r1"])
 def test_it_shakes_neither_on_the_brake_in_a_lean_nor_at_full_drive(name: str) -> None:
     """Under trail braking it did, with 0.2 g, before the rider had arms and camber thrust had no trail."""
-    machine = load_vehicle(name)
-    assert isinstance(machine, Superbike)
+    machine = load_superbike(name)
     shakes = measure_shake(machine, STEP, speeds=(15.0, 30.0, 60.0), leans=(45.0, 55.0), brakes=(0.0, 0.4, 1.0))
     assert max(shakes.values()) < 0.05
     assert drive_shake(machine, STEP, 45.0, 15.0, 0.0) < 0.05

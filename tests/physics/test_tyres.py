@@ -10,11 +10,10 @@ from hypothesis import strategies as some
 
 from bike_sim.physics.superbike import tyres
 from bike_sim.physics.superbike.contact import lowest_point
-from bike_sim.vehicles.files import load_vehicle
-from bike_sim.vehicles.superbike import TYRE, Superbike, Tyre
+from bike_sim.vehicles.files import load_superbike
+from bike_sim.vehicles.superbike import TYRE, Tyre
 
-VEHICLE = load_vehicle("panigale_v4r")
-assert isinstance(VEHICLE, Superbike)
+VEHICLE = load_superbike("panigale_v4r")
 # Round numbers, so that the arithmetic below can be checked on paper
 PLAIN = Tyre(
     crown=0.06, stiffness=100_000.0, damping=1000.0, nominal_load=2000.0, cornering=14.0, cornering_slope=9.0,

@@ -33,8 +33,7 @@ from bike_sim.sim import look as lk
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.superbike_plant import superbike_config
-from bike_sim.vehicles.files import load_vehicle
-from bike_sim.vehicles.superbike import Superbike
+from bike_sim.vehicles.files import load_superbike
 from bike_training.nodes.node_rides import ride_through_nodes
 from tests.same import assert_same
 
@@ -173,8 +172,7 @@ def test_a_changed_parameter_does_not_load_the_circuit_again(circuit: Path, ros)
 
 @pytest.mark.slow
 def test_laps_through_the_nodes_are_recorded_and_timed_alike(circuit: Path, tmp_path: Path) -> None:
-    machine = load_vehicle("panigale_v4r")
-    assert isinstance(machine, Superbike)
+    machine = load_superbike("panigale_v4r")
     limits = envelope(machine)
     track = track_with_line(circuit, limits)
     limit = lap_limit(limits, track.line(1.0))

@@ -19,7 +19,7 @@ from bike_sim.physics.superbike.statics import turning_state
 from bike_sim.planning.envelope import Envelope, envelope
 from bike_sim.planning.lap_limit import lap_limit
 from bike_sim.schema import SIGNALS
-from bike_sim.vehicles.files import load_vehicle
+from bike_sim.vehicles.files import load_superbike
 from bike_sim.vehicles.superbike import Superbike
 from bike_training import cli
 from bike_training.rollout.laps import ALLOWED_EXCESS, ride_laps
@@ -140,8 +140,7 @@ def test_lost_states_do_not_steepen_the_rate_of_the_error(panigale: Superbike) -
 
 @pytest.mark.parametrize("period", [0.01, 0.02, 0.05])
 def test_front_does_not_shake_at_full_drive_whatever_the_control_period(period: float) -> None:
-    panigale = load_vehicle("r1")  # the machine with the lightest front wheel
-    assert isinstance(panigale, Superbike)
+    panigale = load_superbike("r1")  # the machine with the lightest front wheel
     radius, speed = 5000.0, 40.0
     rider = LineController(panigale, circle(radius, 1.0), period)
     engine = BulletSuperbikeEngine(panigale, TIME_STEP)

@@ -24,7 +24,7 @@ from bike_sim.planning.lap_limit import MassPath, corner_speed_of, lap_limit, le
 from bike_sim.planning.passing import ROLL_FREEDOM, passings, speeds_of_own_path
 from bike_sim.schema import SIGNALS
 from bike_sim.validation.superbike import at_speed, holding, ride
-from bike_sim.vehicles.files import load_vehicle
+from bike_sim.vehicles.files import load_superbike
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.rollout.laps import ride_laps
 
@@ -33,13 +33,7 @@ signal = SIGNALS.index
 NAMES = ("panigale_v4r", "zx10rr", "cbr1000rr_r", "r1", "m1000rr")
 
 
-def machine_of(name: str) -> Superbike:
-    machine = load_vehicle(name)
-    assert isinstance(machine, Superbike)
-    return machine
-
-
-DUCATI = machine_of("panigale_v4r")
+DUCATI = load_superbike("panigale_v4r")
 LIMITS = envelope(DUCATI)
 
 
@@ -96,7 +90,7 @@ def test_braking_burdens_the_front_tyre_and_driving_relieves_it() -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_envelope_shrinks_where_it_must(name: str) -> None:
-    limits = envelope(machine_of(name))
+    limits = envelope(load_superbike(name))
     for speed in (15.0, 30.0, 60.0):
         lateral = np.linspace(0.3, 1.0, 30) * float(limits.lateral(speed))
         assert np.all(np.diff(limits.drive(speed, lateral)) < 0.02)
@@ -105,7 +99,7 @@ def test_envelope_shrinks_where_it_must(name: str) -> None:
         assert limits.drive(speed, lateral[-1]) < 0.0
         assert limits.lateral(speed, 0.8) < limits.lateral(speed) < limits.lateral(speed, 1.2)
         assert limits.brake(speed, 5.0, 0.8) < limits.brake(speed, 5.0, 1.2)
-    wet = envelope(machine_of(name), grip=0.5)
+    wet = envelope(load_superbike(name), grip=0.5)
     assert np.all(wet.lateral_max < 0.6 * limits.lateral_max)
 
 

@@ -26,8 +26,7 @@ from bike_sim.planning.lap_limit import LapLimit, lap_limit
 from bike_sim.planning.minimum_time import with_fastest_line
 from bike_sim.validation import bicycle, superbike
 from bike_sim.validation.report import Check, Report, number_of
-from bike_sim.vehicles.files import load_vehicle, vehicle_template
-from bike_sim.vehicles.superbike import Superbike
+from bike_sim.vehicles.files import load_superbike, load_vehicle, vehicle_template
 from bike_training.arguments import check_positive, make_folder
 from bike_training.commands.declarations import ALL_SUPERBIKES
 from bike_training.progress import status
@@ -80,7 +79,7 @@ def run_superbikes(args: argparse.Namespace) -> dict[str, Any]:
         OSError: an unknown vehicle or a folder that cannot be made.
     """
     names = superbike.MACHINES if args.vehicle == ALL_SUPERBIKES else (args.vehicle,)
-    machines = [machine for machine in map(load_vehicle, names) if isinstance(machine, Superbike)]
+    machines = [load_superbike(name) for name in names]
 
     def measure(progress: Callable[[str], None]) -> superbike.Validation:
         result = superbike.validate(machines, args.time_step, progress)

@@ -12,8 +12,7 @@ from bike_sim.course.files import load_track
 from bike_sim.course.track import Corner, Track
 from bike_sim.planning.envelope import envelope
 from bike_sim.planning.line_cache import track_with_line
-from bike_sim.vehicles.files import load_vehicle
-from bike_sim.vehicles.superbike import Superbike
+from bike_sim.vehicles.files import load_superbike
 from bike_training.reproduce.superbike.data import Context, Data, Moment
 from bike_training.reproduce.superbike.experiment import CIRCUITS, MACHINE, THRESHOLD, circuit_of, setting_of
 from bike_training.reproduce.superbike.statements import overshoots, path_of
@@ -85,8 +84,7 @@ def _widest(data: Data, track: Track) -> Corner:
 
 def overshoot(data: Data, plt: Any) -> Any:
     """Fig. 4: the corner in which SPDL runs widest, with limits and ideal line, and the distance to it."""
-    machine = load_vehicle(MACHINE)
-    assert isinstance(machine, Superbike), "it races"
+    machine = load_superbike(MACHINE)
     rode, track = _rode(data), track_with_line(CIRCUITS[0], envelope(machine))
     corner = _widest(data, track)
     begin, end = corner.begin - _AROUND, corner.end + _AROUND

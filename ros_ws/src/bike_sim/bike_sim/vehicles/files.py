@@ -82,6 +82,19 @@ def _document(name_or_path: str | Path) -> Any:
         return _read(path, text)
 
 
+def load_superbike(name_or_path: str | Path) -> Superbike:
+    """Load a superbike; see `load_vehicle`.
+
+    Raises:
+        FileNotFoundError: there is no such vehicle or file.
+        VehicleError: the file is broken, or describes a bicycle.
+    """
+    vehicle = load_vehicle(name_or_path)
+    if not isinstance(vehicle, Superbike):
+        raise VehicleError(f"vehicle '{vehicle.name}' is no superbike: it has no tyres")
+    return vehicle
+
+
 def _read(path: Path, origin: str) -> Any:
     origin = shorten(origin)
     try:
