@@ -16,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 
 from bike_policy.riders.classical import ClassicalRider
-from bike_sim.course.random_paths import CURRICULUM_PATHS
+from bike_sim.course.random_courses import CURRICULUM_PATHS
 from bike_sim.physics.state import ROLL, ROLL_RATE
 from bike_sim.schema import GRAVITY
 from bike_sim.sim import look as lk

@@ -25,8 +25,7 @@ from rclpy.executors import SingleThreadedExecutor
 
 from bench.ros_peer import Peer
 from bike_policy.contract.action import ActionLayout
-from bike_policy.contract.actor import Actor
-from bike_policy.contract.bundle import DEFAULT_POLICY, Bundle, shipped_policies
+from bike_policy.contract.bundle import DEFAULT_POLICY, Actor, Bundle, shipped_policies
 from bike_policy.contract.observation import LEAN_LAYOUT
 from bike_sim.ros import node_tools
 from bike_sim.ros.isolation import DomainLease

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from safetensors.numpy import save_file
 
 from bike_policy.contract.action import ActionLayout
-from bike_policy.contract.actor import Actor
-from bike_policy.contract.bundle import Bundle, load_bundle, shipped_policies
+from bike_policy.contract.bundle import Actor, Bundle, load_bundle, shipped_policies
 from bike_policy.contract.observation import LEAN_LAYOUT
 
 

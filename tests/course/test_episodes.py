@@ -11,7 +11,7 @@ import yaml
 
 from bike_sim.course.course import MAX_LENGTH
 from bike_sim.course.files import load_course
-from bike_sim.course.random_paths import CURRICULUM_PATHS, PathRanges, random_course
+from bike_sim.course.random_courses import CURRICULUM_PATHS, PathRanges, random_course
 from bike_sim.physics import state as st
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig

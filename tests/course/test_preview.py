@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from bike_sim.course.course import Course
 from bike_sim.course.elements import Arc, Line
 from bike_sim.course.files import load_course
-from bike_sim.course.random_paths import CURRICULUM_PATHS, random_course
+from bike_sim.course.random_courses import CURRICULUM_PATHS, random_course
 
 SEEDS = st.integers(0, 2**32 - 1)
 STEPS = st.floats(0.05, 3.0)

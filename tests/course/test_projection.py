@@ -12,7 +12,7 @@ from bike_sim.course.course import Course
 from bike_sim.course.elements import Arc, Line
 from bike_sim.course.files import load_course
 from bike_sim.course.projection import wrap_angle
-from bike_sim.course.random_paths import CURRICULUM_PATHS, random_course, random_elements
+from bike_sim.course.random_courses import CURRICULUM_PATHS, random_course, random_elements
 
 SEEDS = st.integers(0, 2**32 - 1)
 OFFSETS = st.floats(-3.0, 3.0)

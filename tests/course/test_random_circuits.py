@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from bike_sim.course.files import kind_of, load_course, load_track, track_records
-from bike_sim.course.random_circuits import CORNERS, LENGTH, MAX_SEED, RADIUS, STEEPEST, random_circuit
+from bike_sim.course.random_courses import CORNERS, LENGTH, MAX_SEED, RADIUS, STEEPEST, random_circuit
 from bike_sim.course.track import Track, find_corners
 
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bike_sim.course.elements import Arc, Line, Quintic
-from bike_sim.course.random_paths import CURRICULUM_PATHS, random_course, random_elements
+from bike_sim.course.random_courses import CURRICULUM_PATHS, random_course, random_elements
 
 SEEDS = st.integers(0, 2**32 - 1)
 PARTS = st.sampled_from(CURRICULUM_PATHS)

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from bike_sim.course.files import load_course, shipped_courses
-from bike_sim.course.random_paths import CURRICULUM_PATHS
+from bike_sim.course.random_courses import CURRICULUM_PATHS
 from bike_sim.course.reading import PATH_FORMAT
 
 A = 5.0  # m, the length unit of the benchmark path

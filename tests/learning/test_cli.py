@@ -11,8 +11,7 @@ import pytest
 from rich.console import Console
 
 from bike_policy.contract.action import ActionLayout
-from bike_policy.contract.actor import Actor
-from bike_policy.contract.bundle import Bundle, load_bundle
+from bike_policy.contract.bundle import Actor, Bundle, load_bundle
 from bike_policy.contract.observation import LEAN_LAYOUT
 from bike_sim.sim.simulator import Simulator
 from bike_training.cli import COMMANDS, main

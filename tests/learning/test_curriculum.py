@@ -3,7 +3,7 @@ from dataclasses import astuple
 import numpy as np
 import pytest
 
-from bike_sim.course.random_paths import CURRICULUM_PATHS
+from bike_sim.course.random_courses import CURRICULUM_PATHS
 from bike_sim.sim.request import Preview
 from bike_training.curricula.parts import (
     FAST_AND_SHARP,

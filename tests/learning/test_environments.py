@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from bike_policy.contract.actor import Actor
+from bike_policy.contract.bundle import Actor
 from bike_sim.physics.state import MIRROR_SIGNS, ROLL
 from bike_sim.sim.batch import Batch
 from bike_sim.sim.config import SimulatorConfig

@@ -14,7 +14,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from bike_analysis.read.columns import MessageSchema
 from bike_analysis.read.container import Container
 from bike_analysis.report import analyze
-from bike_policy.contract.actor import Actor
+from bike_policy.contract.bundle import Actor
 from bike_policy.contract.observation import ObservationLayout, Rows
 from bike_sim.physics.state import FIELDS
 from bike_sim.sim import look as lk

@@ -8,8 +8,7 @@ import pytest
 
 from bike_analysis.read.container import Container, find_files
 from bike_policy.contract.action import ActionLayout
-from bike_policy.contract.actor import Actor
-from bike_policy.contract.bundle import Bundle, load_bundle
+from bike_policy.contract.bundle import Actor, Bundle, load_bundle
 from bike_policy.contract.observation import LEAN_LAYOUT, PROP_LAYOUT
 from bike_sim.recording.definitions import MessageType
 from bike_sim.recording.recorder import RideRecorder, Split

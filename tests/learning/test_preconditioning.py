@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bike_policy.contract.actor import Actor
+from bike_policy.contract.bundle import Actor
 from bike_policy.contract.observation import LEAN_LAYOUT, PROP_LAYOUT, Rows
 from bike_sim.sim.batch import COMPILED_ENGINE
 from bike_sim.sim.config import SimulatorConfig

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from bike_policy.contract.action import LINE_OFFSET, PACE, ActionColumn, ActionLayout
-from bike_policy.contract.actor import Actor
-from bike_policy.contract.bundle import Bundle, load_bundle
+from bike_policy.contract.bundle import Actor, Bundle, load_bundle
 from bike_policy.contract.observation import GUIDED
 from bike_policy.riders.racing import RacingRider
 from bike_sim.sim.batch import SUPERBIKE_ENGINE

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from safetensors.numpy import load_file
 
-from bike_policy.contract.actor import Actor
+from bike_policy.contract.bundle import Actor
 from bike_sim.sim.batch import SUPERBIKE_ENGINE
 from bike_sim.sim.request import ResetRequest
 from bike_sim.vehicles.files import load_vehicle

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bike_policy.contract.actor import Actor
-from bike_policy.contract.bundle import Bundle, load_bundle
+from bike_policy.contract.bundle import Actor, Bundle, load_bundle
 from bike_policy.contract.observation import COMPACT, GUIDED
 from bike_training.cli import main
 from bike_training.commands.evaluate import _pairs

@@ -12,8 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bike_policy.contract.actor import Actor
-from bike_policy.contract.bundle import load_bundle
+from bike_policy.contract.bundle import Actor, load_bundle
 from bike_policy.contract.observation import FINE_LAYOUT, PROP_LAYOUT
 from bike_sim.physics import state as st
 from bike_sim.physics.bicycle.whipple import WhippleEngine

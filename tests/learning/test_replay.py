@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 
 from bike_analysis.read.columns import MessageSchema
 from bike_analysis.read.container import Container
-from bike_policy.contract.actor import Actor
-from bike_sim.course.random_paths import PathRanges
+from bike_policy.contract.bundle import Actor
+from bike_sim.course.random_courses import PathRanges
 from bike_sim.recording.definitions import message_type
 from bike_sim.recording.recorder import RideRecorder
 from bike_sim.sim.config import SimulatorConfig

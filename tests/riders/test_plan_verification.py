@@ -10,8 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from bike_policy.contract.action import PACE, ActionColumn, ActionLayout
-from bike_policy.contract.actor import Actor
-from bike_policy.contract.bundle import Bundle, load_bundle
+from bike_policy.contract.bundle import Actor, Bundle, load_bundle
 from bike_policy.contract.reference import KEPT
 from bike_policy.planning import line_law
 from bike_policy.planning.lap_plan import (

@@ -28,8 +28,7 @@ from rclpy.qos import QoSProfile
 from scipy.linalg import solve_discrete_are
 
 from bike_policy.contract.action import ActionLayout
-from bike_policy.contract.actor import Actor
-from bike_policy.contract.bundle import Bundle
+from bike_policy.contract.bundle import Actor, Bundle
 from bike_policy.contract.observation import ObservationLayout
 from bike_sim.physics import state as st
 from bike_sim.physics.engines import make_engine

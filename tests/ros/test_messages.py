@@ -17,7 +17,7 @@ from visualization_msgs.msg import Marker
 
 from bike_sim.course.course import Course
 from bike_sim.course.files import load_course
-from bike_sim.course.random_paths import CURRICULUM_PATHS
+from bike_sim.course.random_courses import CURRICULUM_PATHS
 from bike_sim.physics import kinematics
 from bike_sim.physics import state as state_places
 from bike_sim.ros import messages, standard_messages

@@ -6,8 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from bike_policy.contract.actor import Actor
-from bike_policy.contract.bundle import Bundle
+from bike_policy.contract.bundle import Actor, Bundle
 from bike_policy.contract.observation import COMPACT
 from bike_policy.riders.racing import RacingRider
 from bike_sim.sim.request import ResetRequest

@@ -23,7 +23,7 @@ from bike_analysis.read.rides import Ride, find_rides
 from bike_policy.contract.observation import Rows, rows_of
 from bike_policy.riders.rider import Rider
 from bike_sim.course.course import Course
-from bike_sim.course.random_paths import PathRanges
+from bike_sim.course.random_courses import PathRanges
 from bike_sim.physics import state as st
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from bike_sim.course.random_paths import CURRICULUM_PATHS, PathRanges
+from bike_sim.course.random_courses import CURRICULUM_PATHS, PathRanges
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_training.curricula.base import EndedEpisode

@@ -22,9 +22,9 @@ from rclpy.serialization import serialize_message
 from stable_baselines3.common.vec_env import VecEnv
 
 from bike_analysis.read.columns import MessageSchema
-from bike_policy.contract.actor import Actor
+from bike_policy.contract.bundle import Actor
 from bike_policy.contract.observation import rows_of
-from bike_sim.course.random_paths import PathRanges
+from bike_sim.course.random_courses import PathRanges
 from bike_sim.recording.definitions import message_type
 from bike_sim.recording.metadata import LATCHED, Qos
 from bike_sim.recording.recorder import RideRecorder

@@ -14,7 +14,7 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.type_aliases import ReplayBufferSamples
 from stable_baselines3.common.vec_env import VecEnv
 
-from bike_policy.contract.actor import Actor
+from bike_policy.contract.bundle import Actor
 from bike_training.learning.presets import SacSettings
 from bike_training.tasks.base import Task
 

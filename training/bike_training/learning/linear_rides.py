@@ -14,7 +14,7 @@ from numba import njit
 from numpy import ndarray
 from numpy.typing import NDArray
 
-from bike_policy.contract.actor import Actor
+from bike_policy.contract.bundle import Actor
 from bike_policy.contract.observation import ObservationLayout, Rows
 from bike_sim.physics import state as st
 from bike_sim.physics.bicycle.whipple import advance, pushed

@@ -17,7 +17,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 
-from bike_policy.contract.actor import Actor
+from bike_policy.contract.bundle import Actor
 from bike_sim.sim.request import ResetRequest
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.curricula.base import EndedEpisode, Episodes

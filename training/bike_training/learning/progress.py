@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from stable_baselines3.common.logger import Logger, make_output_format
 
-from bike_policy.contract.actor import Actor
+from bike_policy.contract.bundle import Actor
 from bike_training.curricula.base import Curriculum
 from bike_training.learning.checkpoint import drop_rows_after
 from bike_training.learning.learner import AveragedActor

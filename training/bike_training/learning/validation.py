@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from safetensors.numpy import load_file, save_file
 
-from bike_policy.contract.actor import Actor
+from bike_policy.contract.bundle import Actor
 from bike_policy.contract.observation import rows_of
 from bike_sim.sim.batch import Batch
 from bike_sim.sim.config import SimulatorConfig

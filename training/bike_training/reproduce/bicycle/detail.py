@@ -17,7 +17,7 @@ from bike_policy.riders.rider import LearnedRider
 from bike_sim.course.course import Course
 from bike_sim.course.elements import Arc, Element
 from bike_sim.course.files import load_course
-from bike_sim.course.random_paths import CURRICULUM_PATHS, random_elements
+from bike_sim.course.random_courses import CURRICULUM_PATHS, random_elements
 from bike_sim.physics import kinematics
 from bike_sim.physics import state as st
 from bike_sim.physics.engine import BicycleEngine

@@ -10,8 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from bike_policy.contract.actor import Actor
-from bike_policy.contract.bundle import Bundle
+from bike_policy.contract.bundle import Actor, Bundle
 from bike_policy.riders.racing import RacingRider
 from bike_sim.physics import state as st
 from bike_sim.sim import look as lk

@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 from bike_sim.course.course import Course
 from bike_sim.course.files import load_course, shipped_courses
 from bike_sim.course.projection import point_at
-from bike_sim.course.random_circuits import random_circuit
-from bike_sim.course.random_paths import CURRICULUM_PATHS, random_course
+from bike_sim.course.random_courses import CURRICULUM_PATHS, random_circuit, random_course
 from bike_sim.course.track import Track
 
 FloatArray = NDArray[np.float64]

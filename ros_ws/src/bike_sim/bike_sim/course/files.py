@@ -15,7 +15,7 @@ from typing import Any, Literal, TypeVar
 
 from bike_sim.course.course import Course
 from bike_sim.course.csv_line import MAX_CSV_SIZE, CentreLine, CourseFileError, parse_csv
-from bike_sim.course.random_circuits import RANDOM_CIRCUIT, random_circuit, seed_of
+from bike_sim.course.random_courses import RANDOM_CIRCUIT, random_circuit, seed_of
 from bike_sim.course.reading import (
     PATH_FORMAT,
     PATH_KEYS,

@@ -26,7 +26,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from bike_sim.course import projection
 from bike_sim.course.course import Course
-from bike_sim.course.random_paths import PathRanges
+from bike_sim.course.random_courses import PathRanges
 from bike_sim.physics import state as st
 from bike_sim.recording.definitions import message_type
 from bike_sim.ros.command_gate import Command

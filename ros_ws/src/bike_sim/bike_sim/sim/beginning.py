@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from bike_sim.course import timing_account as acc
 from bike_sim.course.course import Course
 from bike_sim.course.files import kind_of, load_course
-from bike_sim.course.random_paths import random_course
+from bike_sim.course.random_courses import random_course
 from bike_sim.physics import state as st
 from bike_sim.physics.ground import NO_BUMPS
 from bike_sim.sim.observation import address_of, surroundings_of

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from bike_sim.course.course import MAX_LENGTH
-from bike_sim.course.random_paths import CURRICULUM_PATHS, PathRanges
+from bike_sim.course.random_courses import CURRICULUM_PATHS, PathRanges
 from bike_sim.physics import state as st
 
 RANDOM_COURSE = "random"
