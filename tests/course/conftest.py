@@ -8,7 +8,7 @@ import pytest
 from bike_sim.course import projection
 from bike_sim.course.course import Course
 from bike_sim.course.elements import Arc, Line
-from bike_sim.course.limits import RunOff, wall_distances
+from bike_sim.course.road import RunOff, wall_distances
 from bike_sim.course.track import Track, find_corners
 
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from bike_sim.course.csv_line import CourseFileError, parse_csv
 from bike_sim.course.files import load_track
-from bike_sim.course.limits import check_limits
 from bike_sim.course.reading import track_from_points
+from bike_sim.course.road import check_limits
 from bike_sim.course.spline import smooth_closed, smooth_line
 
 

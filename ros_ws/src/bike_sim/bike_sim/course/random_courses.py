@@ -27,7 +27,7 @@ from bike_sim.course.course import MAX_LENGTH, OFF_COURSE_LIMIT, SAMPLE_SPACING,
 from bike_sim.course.csv_line import CourseFileError
 from bike_sim.course.elements import Arc, Element, Line, Quintic
 from bike_sim.course.layout import Piece, Profile, close_layout, curvature_profile, trace_layout
-from bike_sim.course.limits import RunOff, check_limits, wall_distances
+from bike_sim.course.road import RunOff, check_limits, wall_distances
 from bike_sim.course.track import Corner, Track
 from bike_sim.documents import show
 

@@ -21,8 +21,19 @@ from bike_sim.course.course import MAX_LENGTH, OFF_COURSE_LIMIT, SAMPLE_SPACING,
 from bike_sim.course.csv_line import MAX_COORDINATE, MAX_CSV_SIZE, CentreLine, CourseFileError, parse_csv
 from bike_sim.course.elements import Arc, Element, Line, Quintic
 from bike_sim.course.layout import Piece, close_layout, curvature_profile, trace_layout
-from bike_sim.course.limits import RunOff, check_limits, wall_distances
-from bike_sim.course.road import CLASSES, SIDES, RoadSurface, RunOffKind, RunOffPart, Walls, WetPatch, Wind
+from bike_sim.course.road import (
+    CLASSES,
+    SIDES,
+    RoadSurface,
+    RunOff,
+    RunOffKind,
+    RunOffPart,
+    Walls,
+    WetPatch,
+    Wind,
+    check_limits,
+    wall_distances,
+)
 from bike_sim.course.spline import TOLERANCE, WIDTH_SHARE, chord_lengths, smooth_closed, smooth_line
 from bike_sim.course.track import Corner, Track, find_corners
 from bike_sim.documents import DocumentError, check_name, check_text, read_text, shorten, show
