@@ -207,24 +207,6 @@ class Envelope:
             lean_table=part(self.lean_table),
         )
 
-    def without(self, effect: str) -> Envelope:
-        """Return the envelope without one of its effects, to see what that is worth.
-
-        Args:
-            effect: ``"rolling"`` (the electronics do not answer the roll rate), ``"lean rate"`` (any lean rate can be
-                asked for) or ``"mass"`` (the mass runs on the path of the contacts, without inertia in roll).
-
-        Raises:
-            ValueError: another effect.
-        """
-        if effect == "rolling":
-            return replace(self, drive_table=np.repeat(self.drive_table[..., :1], self.drive_table.shape[3], axis=3))
-        if effect == "lean rate":
-            return replace(self, lean_rate=np.full_like(self.lean_rate, 1e3))
-        if effect == "mass":
-            return replace(self, inside=0.0 * self.inside, height=0.0 * self.height, sway=0.0)
-        raise ValueError(f"an envelope has no effect {effect!r}; there are 'rolling', 'lean rate' and 'mass'")
-
     def digest(self) -> bytes:
         """Return all numbers as bytes, for a hash."""
         return b"".join(
