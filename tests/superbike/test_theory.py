@@ -99,7 +99,9 @@ def test_envelope_shrinks_where_it_must(name: str) -> None:
         assert limits.drive(speed, lateral[-1]) < 0.0
         assert limits.lateral(speed, 0.8) < limits.lateral(speed) < limits.lateral(speed, 1.2)
         assert limits.brake(speed, 5.0, 0.8) < limits.brake(speed, 5.0, 1.2)
-    wet = envelope(load_superbike(name), grip=0.5)
+    dry = load_superbike(name)
+    rear, front = (replace(tyre, friction=0.5 * tyre.friction) for tyre in (dry.rear_tyre, dry.front_tyre))
+    wet = envelope(replace(dry, rear_tyre=rear, front_tyre=front))
     assert np.all(wet.lateral_max < 0.6 * limits.lateral_max)
 
 

@@ -338,21 +338,8 @@ def point_mass_envelope(
     )
 
 
-def envelope(vehicle: Superbike, grip: float = 1.0) -> Envelope:
-    """Return what a machine can do from 5 m/s to beyond its top speed, with all that its tyres and electronics give.
-
-    Args:
-        vehicle: the machine with its rider and electronics.
-        grip: factor on the friction of the tyres, 1 on a dry track.
-
-    Raises:
-        ValueError: a grip that is not positive.
-    """
-    if not grip > 0.0:
-        raise ValueError(f"grip must be positive, got {grip!r}")
-    if grip != 1.0:
-        rear, front = (replace(t, friction=grip * t.friction) for t in (vehicle.rear_tyre, vehicle.front_tyre))
-        vehicle = replace(vehicle, rear_tyre=rear, front_tyre=front)
+def envelope(vehicle: Superbike) -> Envelope:
+    """Return the limits of a machine from 5 m/s to beyond its top speed, with all that tyres and electronics give."""
     speeds = np.arange(5.0, 1.1 * vehicle.top_gear_speed, 1.0)
     machine = vehicle.machine
     inertia = statics.inertial_mass(vehicle)
