@@ -51,13 +51,12 @@ def section_colours(course: Course) -> list[str]:
     return colours
 
 
-def draw_map(axes: Axes, course: Course, labels: bool = True) -> None:
+def draw_map(axes: Axes, course: Course) -> None:
     """Draw a course from above: its limits (or how far a ride may leave it), its sections, start and direction.
 
     Args:
         axes: where to draw; equal scales are set, in m.
         course: what to draw.
-        labels: write the names of the sections next to the line.
     """
     left = course.off_course_limit if course.width_left is None else course.width_left
     right = course.off_course_limit if course.width_right is None else course.width_right
@@ -75,7 +74,7 @@ def draw_map(axes: Axes, course: Course, labels: bool = True) -> None:
     for (name, begin, end), colour in zip(section_spans(course), section_colours(course), strict=True):
         inside = slice(max(0, int(np.searchsorted(course.s, begin)) - 1), int(np.searchsorted(course.s, end)) + 1)
         axes.plot(course.x[inside], course.y[inside], color=colour, linewidth=2.2, solid_capstyle="round")
-        if labels and colour != _STRAIGHT:
+        if colour != _STRAIGHT:
             _label(axes, course, name, 0.5 * (begin + end), colour)
     _arrow(axes, course)
     axes.set_aspect("equal")
@@ -144,14 +143,14 @@ def course_figure(course: Course) -> Figure:
     return figure
 
 
-def random_paths_figure(count: int = 8, length: float = 120.0, seed: int = 0) -> Figure:
+def random_paths_figure() -> Figure:
     """Return a figure of random paths of the four curriculum parts (Weyrer et al. 2026, Table 4)."""
     figure = Figure(figsize=(9.0, 9.0), layout="constrained")
     for part, (axes, ranges) in enumerate(zip(figure.subplots(2, 2).flat, CURRICULUM_PATHS, strict=True), start=1):
-        rng = np.random.default_rng([seed, part])
-        for _ in range(count):
-            course = random_course(rng, ranges, length)
-            inside = course.s <= length
+        rng = np.random.default_rng([0, part])
+        for _ in range(8):
+            course = random_course(rng, ranges, 120.0)
+            inside = course.s <= 120.0
             axes.plot(course.x[inside], course.y[inside], linewidth=1.4)
         axes.plot(0.0, 0.0, "o", color=_INK, markersize=4, zorder=3)
         axes.set_aspect("equal", adjustable="datalim")
@@ -166,11 +165,10 @@ def random_paths_figure(count: int = 8, length: float = 120.0, seed: int = 0) ->
     return figure
 
 
-def random_circuits_figure(count: int = 12, columns: int = 4) -> Figure:
+def random_circuits_figure() -> Figure:
     """Return a figure of the random circuits of the first seeds, each on its own scale."""
-    rows = -(-count // columns)
-    figure = Figure(figsize=(3.0 * columns, 2.8 * rows), layout="constrained")
-    for seed, axes in enumerate(figure.subplots(rows, columns, squeeze=False).flat[:count]):
+    figure = Figure(figsize=(12.0, 8.4), layout="constrained")
+    for seed, axes in enumerate(figure.subplots(3, 4).flat):
         track = random_circuit(seed)
         draw_track(axes, track, labels=False)
         axes.set_axis_off()

@@ -36,6 +36,11 @@ _LEAST_EFFORT: Final = 1e-6
 _LEANS: Final = 121
 _LEAST_LOAD, _MOST_LOAD = 0.1, 2.5
 _AIR_DENSITY = 1.2
+_POINT_MASS: Final = 281.0  # kg
+_POINT_MASS_POWER: Final = 151_800.0  # W, at the road
+_POINT_MASS_DRAG_AREA: Final = 0.33  # m2
+_POINT_MASS_WHEELIE_G, _POINT_MASS_STOPPIE_G = 1.13, 1.15  # g, at which a wheel lifts, without drag
+_POINT_MASS_TOP_SPEED: Final = 110.0  # m/s, end of the tables
 
 
 class Limits(NamedTuple):
@@ -283,56 +288,30 @@ def ellipse_envelope(
     )
 
 
-def point_mass_envelope(
-    lateral_g: float = 1.4,
-    *,
-    mass: float = 281.0,
-    power: float = 151_800.0,
-    drag_area: float = 0.33,
-    wheelie_g: float = 1.13,
-    stoppie_g: float = 1.15,
-    highest_speed: float = 110.0,
-) -> Envelope:
+def point_mass_envelope(lateral_g: float = 1.4) -> Envelope:
     """Return the limits of a superbike reduced to a point mass, to compare circuits and lines with.
 
-    The defaults are a litre superbike with its rider: mass and drag area from the motorcycle simulators' parameter sets
-    (Sharp & Limebeer 2001 among others), 165 kW at the crank with 92 % reaching the road, the wheelie limit of a centre
-    of mass 0.70 m ahead of the rear contact and 0.62 m high, a stoppie limit estimated the same way.
+    A litre superbike with its rider: mass and drag area from the motorcycle simulators' parameter sets (Sharp &
+    Limebeer 2001 among others), 165 kW at the crank with 92 % reaching the road, the wheelie limit of a centre of mass
+    0.70 m ahead of the rear contact and 0.62 m high, a stoppie limit estimated the same way.
 
     Args:
         lateral_g: largest lateral acceleration, g.
-        mass: kg.
-        power: at the road, W.
-        drag_area: drag coefficient times frontal area, m^2.
-        wheelie_g: acceleration that lifts the front wheel, g.
-        stoppie_g: deceleration that lifts the rear wheel, drag not counted, g.
-        highest_speed: end of the tables, m/s.
 
     Raises:
-        ValueError: a value that is not positive and finite.
+        ValueError: it is not positive and finite.
     """
-    values = {
-        "lateral_g": lateral_g,
-        "mass": mass,
-        "power": power,
-        "wheelie_g": wheelie_g,
-        "stoppie_g": stoppie_g,
-        "highest_speed": highest_speed,
-    }
-    for name, value in values.items():
-        if not math.isfinite(value) or value <= 0.0:
-            raise ValueError(f"{name} of a point mass must be positive and finite, got {value!r}")
-    if not math.isfinite(drag_area) or drag_area < 0.0:
-        raise ValueError(f"drag_area of a point mass must be finite and not negative, got {drag_area!r}")
-    speeds = np.arange(1.0, highest_speed + 1.0)
-    drag = 0.5 * _AIR_DENSITY * drag_area * speeds**2 / mass
-    lifting = np.full_like(speeds, wheelie_g * GRAVITY)
+    if not math.isfinite(lateral_g) or lateral_g <= 0.0:
+        raise ValueError(f"lateral_g of a point mass must be positive and finite, got {lateral_g!r}")
+    speeds = np.arange(1.0, _POINT_MASS_TOP_SPEED + 1.0)
+    drag = 0.5 * _AIR_DENSITY * _POINT_MASS_DRAG_AREA * speeds**2 / _POINT_MASS
+    lifting = np.full_like(speeds, _POINT_MASS_WHEELIE_G * GRAVITY)
     return ellipse_envelope(
         name=f"point mass {lateral_g:g} g",
         speeds=speeds,
         lateral_max=np.full_like(speeds, lateral_g * GRAVITY),
-        drive_max=np.minimum(lifting, power / (mass * speeds)) - drag,
-        brake_max=stoppie_g * GRAVITY + drag,
+        drive_max=np.minimum(lifting, _POINT_MASS_POWER / (_POINT_MASS * speeds)) - drag,
+        brake_max=_POINT_MASS_STOPPIE_G * GRAVITY + drag,
         grip_drive_max=lifting,
         drag=drag,
     )
