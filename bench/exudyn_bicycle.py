@@ -24,7 +24,7 @@ import numpy as np
 from bike_sim.physics import bodies as bd
 from bike_sim.physics import kinematics
 from bike_sim.physics import state as st
-from bike_sim.physics.bicycle.base import BicycleBase
+from bike_sim.physics.bicycle.whipple import BicycleBase
 from bike_sim.physics.ground import LEVEL, Ground
 from bike_sim.physics.multibody import vectors
 from bike_sim.physics.state import StateVector

@@ -136,8 +136,8 @@ def test_bad_requests_are_refused(shapes):
         lap_limit(MACHINE, line, grade=np.zeros(3))
     with pytest.raises(ValueError, match="no drive"):
         lap_limit(constant(drive=0.0), line)
-    with pytest.raises(ValueError, match="power of a point mass"):
-        point_mass_envelope(power=-1.0)
+    with pytest.raises(ValueError, match="lateral_g of a point mass"):
+        point_mass_envelope(-1.0)
 
 
 def test_a_cap_is_kept(shapes):
