@@ -19,9 +19,9 @@ DRIVE: Final = "throttle_and_brake"
 """Above 0 part of the engine's torque, below 0 part of the brakes' force; scale 1 is all."""
 
 LINE_OFFSET: Final = "line_offset"
-"""Where a guide is to ride: distance from the followed line, positive to the left; its scale is in m."""
+"""Target of a guide: distance from the followed line, positive to the left; its scale is in m."""
 PACE: Final = "pace"
-"""How fast a guide is to ride: change of the planned speed as a part of it."""
+"""Target of a guide: change of the planned speed as a part of it."""
 
 MEANINGS: Final[Mapping[str, tuple[str, float]]] = {
     STEERING_SET_VALUE: ("steering", -1.0),
@@ -30,7 +30,7 @@ MEANINGS: Final[Mapping[str, tuple[str, float]]] = {
     LINE_OFFSET: ("steering", -1.0),
     PACE: ("throttle", 1.0),
 }
-"""Which command each meaning drives, itself or through a guide, and its sign in the mirrored ride."""
+"""Command that each meaning drives, itself or through a guide, and its sign in the mirrored ride."""
 GUIDED: Final = (LINE_OFFSET, PACE)
 """Meanings that are targets of a guide, which makes the commands."""
 

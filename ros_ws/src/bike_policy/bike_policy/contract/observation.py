@@ -126,7 +126,7 @@ _NO_CIRCUIT: Final = _no_circuit(1)
 
 @dataclass
 class RideMemory:
-    """What racing policies see besides the rows: what no single instant shows, and what does not change in a ride.
+    """Inputs of racing policies besides the rows: what no single instant shows, and what does not change in a ride.
 
     Attributes:
         rolls: rolls of the decisions before, newest first, rad, shape (n, history).
@@ -426,7 +426,7 @@ TERMS: Final[Mapping[str, Term]] = {**PATH_TERMS, **RACE_TERMS}
 
 @dataclass(frozen=True)
 class ObservationLayout:
-    """Which numbers a policy sees, in which order and scale, and how often it decides.
+    """Numbers of an observation in order, their scales, and the period of decisions.
 
     Attributes:
         name: of the layout.
@@ -533,7 +533,7 @@ class ObservationLayout:
 
     @property
     def mirror_places(self) -> NDArray[np.intp]:
-        """Where each number of the mirrored observation is taken from: left and right change places."""
+        """Place from which each number of the mirrored observation is taken: left and right change places."""
         place = {name: i for i, name in enumerate(self.names)}
         swap = {"left": "right", "right": "left"}
         swapped = ("_".join(swap.get(part, part) for part in name.split("_")) for name in self.names)
@@ -704,7 +704,7 @@ COMPACT: Final = ObservationLayout(
     ),
     repeat=3,
 )  # fmt: skip
-"""What decides the next seconds, in numbers that say it directly.
+"""Quantities that decide the next seconds, in numbers that say it directly.
 
 Lean and speed that the line requires ahead stand in for 60 points, from which they would have to be learned; loads, use
 of the tyres and lags of rider and actuators say how much is left. Stations are denser near the vehicle, for a corner

@@ -45,7 +45,7 @@ UNLIMITED: Final = 1e3
 
 @dataclass(frozen=True)
 class RiderSettings:
-    """How a rider with a plan rides; the same for all machines and circuits.
+    """Settings of a rider with a plan; the same for all machines and circuits.
 
     Attributes:
         lateral: part of the machine's lateral limit that the speed profile uses.
@@ -98,14 +98,14 @@ CLASSICAL_SETTINGS: Final = RiderSettings(
     lateral=0.93, brake=0.9, brake_upright=1.04, brake_exponent=3.2, brake_decline=1.0, dip=0.7, bank=0.35,
     lean_rate=0.95,
 )  # fmt: skip
-"""How the classical rider rides, tuned on random circuits. The defaults above are not: others plan with them, whose
+"""Settings of the classical rider, tuned on random circuits. The defaults above are not: others plan with them, whose
 plans a policy has learned to see."""
 
 GUIDE: Final = RiderSettings(
     lateral=0.91, brake_exponent=3.2, brake_upright=1.04, brake_decline=1.0, dip=0.7, lean_rate=1.0
 )
-"""How the guide of racing policies rides: fixed, so that what a policy adds does not change when the classical rider is
-tuned."""
+"""Settings of the guide of racing policies: fixed, so that what a policy adds does not change with the classical
+rider."""
 
 REFERENCE: Final = RiderSettings(
     lateral=0.87,
@@ -116,7 +116,7 @@ REFERENCE: Final = RiderSettings(
     smoothing=6.0,
     largest_lean=math.radians(58.0),
 )
-"""How the reference is planned: fixed, so that what a policy sees does not change when the classical rider is tuned."""
+"""Settings of the reference: fixed, so that what a policy sees does not change when the classical rider is tuned."""
 
 
 def reserved(vehicle: Superbike, settings: RiderSettings) -> Envelope:
@@ -197,7 +197,7 @@ def smooth_around(values: FloatArray, spacing: float, distance: float) -> FloatA
 
 
 class LinePlan(NamedTuple):
-    """What the law follows: a closed line at even distances, the last sample repeating the first.
+    """Plan of a closed line, as the law follows it, at even distances, the last sample repeating the first.
 
     Attributes:
         profile: the planned lap.

@@ -245,7 +245,7 @@ def _sources() -> bytes:
 
 
 class Correction(NamedTuple):
-    """How a plan is corrected by rides of it.
+    """Correction of a plan by rides of it.
 
     Attributes:
         first: values at the points of the plan's profile but the last, to begin with.

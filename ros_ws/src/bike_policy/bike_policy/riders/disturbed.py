@@ -1,4 +1,4 @@
-"""What lies between a bicycle and its rider: sensors that err, and delays on the way in and out."""
+"""Disturbances between a bicycle and its rider: sensors that err, and delays on the way in and out."""
 
 from __future__ import annotations
 

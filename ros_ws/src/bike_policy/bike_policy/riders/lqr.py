@@ -185,7 +185,7 @@ def design(vehicle: Vehicle, speed: float, period: float, settings: LqrSettings)
 
 
 class Worth:
-    """What leans are worth at one speed: a lean counts as the one that holds the same curvature in the linear model."""
+    """Worth of leans at one speed: a lean counts as the one that holds the same curvature in the linear model."""
 
     def __init__(self, vehicle: Vehicle, speed: float) -> None:
         """Compute the steady turns of a bicycle at a speed, m/s."""

@@ -33,7 +33,7 @@ from bike_sim.vehicles.bicycle import Vehicle
 FloatArray = NDArray[np.float64]
 
 MEASURED: Final = ("left", "yaw", "roll", "steer", "roll_rate", "steer_rate")
-"""What is measured: m to the left of the bicycle, rad, rad/s."""
+"""Measured quantities: m to the left of the bicycle, rad, rad/s."""
 LONGEST_DELAY: Final = 4
 """Control periods; later commands are not told apart from a bicycle that is another one."""
 
@@ -112,7 +112,7 @@ class Observer:
 
     @property
     def offset(self) -> float:
-        """What a measured roll shows too much, rad."""
+        """Excess of the measured roll, rad."""
         return self._offset
 
     @property

@@ -51,7 +51,7 @@ DRIVE_SPEEDS: Final = (20.0, 40.0, 60.0, 80.0)
 FEATURE_MEAN: Final = np.array([280.0, 1.45, 0.63, 0.70, 0.33, 1.2, 1.2, 0.8, 0.6])
 """About the middle of today's superbikes: kg, m, m, m, m^2, and forces by weight."""
 FEATURE_SCALE: Final = np.array([20.0, 0.05, 0.05, 0.05, 0.03, 0.4, 0.2, 0.2, 0.15])
-"""What counts as 1 beside it, in the same units; more is clipped with the rest of an observation."""
+"""Deviation that counts as 1, in the same units; more is clipped with the rest of an observation."""
 
 
 def vehicle_descriptor(vehicle: Superbike) -> FloatArray:

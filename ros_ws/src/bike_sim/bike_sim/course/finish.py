@@ -72,7 +72,7 @@ class Finish:
 
 @dataclass(frozen=True)
 class FinishCut:
-    """Where a ride of samples crosses the finish.
+    """Crossing of the finish by a ride of samples.
 
     Attributes:
         rows: number of samples that are kept as they are.

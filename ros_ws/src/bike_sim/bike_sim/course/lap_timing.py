@@ -34,7 +34,7 @@ goes through tables."""
 
 @dataclass(frozen=True)
 class Sample:
-    """Where the machine is at one instant.
+    """Position of the machine at one instant.
 
     Attributes:
         time: s, growing.

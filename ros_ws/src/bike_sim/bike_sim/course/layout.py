@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 ANGLE_ACCURACY = math.radians(3.0)
-"""How well the angle of an arc is known, rad: the scale on which the closing may change it."""
+"""Accuracy of the angle of an arc, rad: the scale on which the closing may change it."""
 RADIUS_ACCURACY = 0.10
-"""How well a radius is known, relative."""
+"""Relative accuracy of a radius."""
 STRAIGHT_ACCURACY = (5.0, 0.02)
-"""How well the length of a straight is known: m, and relative to its length."""
+"""Accuracy of the length of a straight: m, and relative to its length."""
 
 LEAST_LENGTH = 0.1
 """Shortest piece of a table, m: the distance of samples, and far below the accuracy of any length."""

@@ -12,9 +12,9 @@ from numba import njit
 from numpy import ndarray
 
 BEHIND = 1.0
-"""How far behind the last nearest point the search looks, m."""
+"""Reach of the search behind the last nearest point, m."""
 AHEAD = 3.0
-"""How far ahead of the last nearest point the search looks, m.
+"""Reach of the search ahead of the last nearest point, m.
 
 The window is what keeps the projection continuous: at a crossing the other branch is nearer in the plane but farther
 along the line. It is long enough for the step of a control period at 30 m/s and for cutting a sharp corner;

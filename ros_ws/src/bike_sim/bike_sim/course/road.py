@@ -26,7 +26,7 @@ LARGEST_BANK: Final = math.radians(45.0)
 
 
 class RunOffKind(IntEnum):
-    """What lies behind a limit."""
+    """Surface behind a limit."""
 
     ASPHALT = 0
     GRASS = 1
@@ -107,7 +107,7 @@ class Wind:
 
 @dataclass(frozen=True)
 class Walls:
-    """What walls do to those who touch them.
+    """Contact of vehicles with walls.
 
     Attributes:
         friction: along the wall, Coulomb's coefficient.
@@ -264,7 +264,7 @@ _TANGENT = 60.0
 
 @dataclass(frozen=True)
 class RunOff:
-    """How far behind the limits the walls stand, m.
+    """Distances of the walls behind the limits, m.
 
     Attributes:
         straight: along straights. inside: inside of corners. outside: outside of sharp corners.

@@ -40,7 +40,7 @@ NUMBER, BEGAN, OFF_TRACK, DISTANCE = map(ROW.index, ("number", "began", "off_tra
 ROW_SIZE: Final = len(ROW)
 
 SUMS: Final = np.dtype([("time", np.float64), ("off_track", np.float64), ("distance", np.float64)])
-"""What adds up over time: time (s), time off the track (s), distance to the ideal line times time (m s)."""
+"""Sums over time: time (s), time off the track (s), distance to the ideal line times time (m s)."""
 
 ACCOUNT: Final = np.dtype(
     [

@@ -32,7 +32,7 @@ class Engine(Protocol):
 
     @property
     def fall(self) -> str:
-        """How the vehicle fell, `NO_FALL` while it rides."""
+        """Kind of the fall, `NO_FALL` while it rides."""
         ...
 
     def reset(self, state: StateVector, ground: Ground = LEVEL) -> None:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 PATCH_NAMES: Final = (
     "x", "y", "height", "cos", "sin", "grade", "bank", "crest", "grip", "drag", "bumps", "arc", "stretch",
 )  # fmt: skip
-"""What the ground is like around one wheel.
+"""Ground around one wheel.
 
 x, y, height: origin, m, in the map. cos, sin: direction of the road there, seen from above. grade: rise per m along it.
 bank: rise per m to its left. crest: change of the grade per m along it, 1/m, negative over a crest. grip: factor on
@@ -36,7 +36,7 @@ BUMP_SAMPLES: Final = 8192
 
 
 class Ground(NamedTuple):
-    """What an engine takes for a control period.
+    """Ground of a control period, as an engine takes it.
 
     Attributes:
         record: of `GROUND`, shape (1,).

@@ -1,4 +1,4 @@
-"""What a machine can do: how much it turns, drives and brakes at the same time, over speed and load (g-g-g-v diagram).
+"""Limits of a machine: how much it turns, drives and brakes at the same time, over speed and load (g-g-g-v diagram).
 
 `envelope` tabulates the quasi-steady equilibrium of `bike_sim.physics.superbike.equilibrium` with the full friction of
 the tyres; a lap-time simulation needs nothing else of a machine.

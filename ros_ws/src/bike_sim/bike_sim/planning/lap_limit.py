@@ -57,7 +57,7 @@ _RENEWED = 0.6
 
 
 class MassPath(NamedTuple):
-    """What the mass does while the contacts follow a line; values at its points, none repeated.
+    """Motion of the mass while the contacts follow a line; values at its points, none repeated.
 
     Attributes:
         bend: lateral acceleration of the mass by its squared speed, 1/m, positive to the left.

@@ -30,7 +30,7 @@ MARGIN = 0.9
 """Distance that a line to be ridden keeps from the limits, m: what a good rider strays from it."""
 
 ROLL_COST = 0.02
-"""What rolling costs on a line to be ridden, see `minimum_time.ROLL_COST`; more gives chicanes that are easier to
+"""Cost of rolling on a line to be ridden, see `minimum_time.ROLL_COST`; more gives chicanes that are easier to
 follow and slower."""
 
 

@@ -59,11 +59,11 @@ LAST_STIFFNESS = 1e5
 """Factor of the metric in the first round, and that at which the descent ends; it adapts as Levenberg's does."""
 
 ROLL_COST = 0.005
-"""What the descent pays for rolling, s for each second at 1 rad/s; it takes out wiggles that no one could ride
+"""Cost of rolling in the descent, s for each second at 1 rad/s; it takes out wiggles that no one could ride
 and costs some hundredths of a second a lap."""
 
 SMOOTH_EXPONENT, SMOOTH_DECLINE = 2.0, 0.8
-"""What a turn leaves for the brakes in the smooth limits: ``(1 - use^exponent)^decline`` of the upright machine's."""
+"""Brakes beside a turn in the smooth limits: ``(1 - use^exponent)^decline`` of the upright machine's."""
 
 # Curvature below which the metric no longer counts changes relative to it, 1/m.
 _STRAIGHT = 1.0 / 400.0

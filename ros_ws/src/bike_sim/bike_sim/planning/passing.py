@@ -1,4 +1,4 @@
-"""Where a ride is faster than a theoretical lap for a moment, and whether it pays for it.
+"""Stretches on which a ride is faster than a theoretical lap, and whether the gain is lost again.
 
 A theoretical lap is quasi-steady and a ride is not: a tyre that is loaded by the last bump of rolling holds more for a
 tenth of a second. Such gains are lost again in what follows, or the bound is none. A rider who chooses where he rides

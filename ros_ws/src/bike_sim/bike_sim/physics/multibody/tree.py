@@ -17,7 +17,7 @@ from bike_sim.physics.multibody.vectors import Vector, axis_angle
 
 
 class Joint(IntEnum):
-    """How a body hangs on another."""
+    """Kind of joint between a body and its parent."""
 
     FREE = 0
     REVOLUTE = 1

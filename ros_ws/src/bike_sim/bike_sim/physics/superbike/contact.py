@@ -136,7 +136,7 @@ class Contact(NamedTuple):
 
 
 class Rolling(NamedTuple):
-    """How a wheel moves.
+    """Motion of a wheel.
 
     Attributes:
         velocity: of the carrier's material at the lowest point, m/s. carrier: its angular velocity, rad/s.
@@ -150,7 +150,7 @@ class Rolling(NamedTuple):
 
 
 class TyreForce(NamedTuple):
-    """What a tyre does to its wheel.
+    """Force of a tyre on its wheel.
 
     Attributes:
         fx: along the heading, N. fy: to the left. fz: along the normal, the load. mz: aligning moment about the normal,
@@ -208,7 +208,7 @@ def axes_of(motion: Motion, geometry: Record) -> Axes:
 
 
 class Lean(NamedTuple):
-    """How a wheel that stands on the ground leans and heads.
+    """Lean and heading of a wheel on the ground.
 
     Attributes:
         roll: angle of the axle over the horizontal about the wheel's heading, rad, positive leaning right.

@@ -24,7 +24,7 @@ BRAKE_RELEASE_FULL: Final = 0.90
 
 
 class AidLimits(NamedTuple):
-    """What each of the electronics allows, N; infinite without it.
+    """Largest forces that the electronics allow, N; infinite without it.
 
     Attributes:
         traction: drive by traction control. wheelie: drive by wheelie control.
@@ -40,7 +40,7 @@ class AidLimits(NamedTuple):
 
 
 class AidCuts(NamedTuple):
-    """What is left of drive and brakes after each of the electronics has answered slips and loads: 1 is all, 0 none.
+    """Parts of drive and brakes that the electronics leave by slips and loads: 1 is all, 0 none.
 
     Attributes:
         traction: of the drive. wheelie: of the drive.
@@ -166,7 +166,7 @@ class WheelState(NamedTuple):
 
 
 class DriveOutput(NamedTuple):
-    """What engine and brakes do.
+    """Torques of engine and brakes.
 
     Attributes:
         rear: torque on the rear wheel, N m. front: on the front wheel.

@@ -76,7 +76,7 @@ def read(motion: Record, ground: Record, constants: Record, state: Array) -> Non
 
 
 class Rides(NamedTuple):
-    """What rides of machines change: a record each, or arrays of them.
+    """Changing records of rides: one each, or arrays of them.
 
     Attributes:
         state: minimal states.
@@ -92,7 +92,7 @@ class Rides(NamedTuple):
 
 
 class Model(NamedTuple):
-    """What the dynamics of a machine take: a record each, or arrays of one.
+    """Constant records of a machine and its work space: one each, or arrays of one.
 
     Attributes:
         constants: of the forces, of `records.CONSTANTS`.
@@ -202,7 +202,7 @@ class SuperbikeEngine(ABC):
 
     @property
     def fall(self) -> str:
-        """How the machine fell, one of `forces.FALL_NAMES`."""
+        """Kind of the fall, one of `forces.FALL_NAMES`."""
         return FALL_NAMES[int(self.memory["fall"][0])]
 
     def reset(self, state: st.StateVector, ground: Ground = LEVEL) -> None:

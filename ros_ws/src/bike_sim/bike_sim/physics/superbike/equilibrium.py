@@ -25,7 +25,7 @@ from bike_sim.vehicles.superbike import Record
 
 _HALVINGS: Final = 30
 LATERAL_TOLERANCE: Final = 1e-9
-"""How well a lean fits a lateral acceleration, m/s^2."""
+"""Accuracy of the lean of a lateral acceleration, m/s^2."""
 _FORCE_TOLERANCE: Final = 0.1  # N
 _SLIP_TOLERANCE: Final = 1e-6
 

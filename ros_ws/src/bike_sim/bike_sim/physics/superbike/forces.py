@@ -54,7 +54,7 @@ _SLIDE_SPEED: Final = 4.0  # m/s; what slips while falling over at a walk is no 
 _OVER: Final = math.sin(math.radians(55.0))  # pitch beyond every machine's point of balance
 
 TELEMETRY_NAMES: Final = SIGNALS.columns
-"""What is measured at every step; `bike_sim.schema.SIGNALS` says what each is."""
+"""Columns of the telemetry; `bike_sim.schema.SIGNALS` describes each."""
 
 TELEMETRY: Final = np.dtype([(name, np.float64) for name in TELEMETRY_NAMES])
 

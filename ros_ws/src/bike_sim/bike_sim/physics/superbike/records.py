@@ -1,4 +1,4 @@
-"""What the compiled forces of a superbike read and write: records whose fields have names.
+"""Inputs, constants and memory of the compiled forces of a superbike: records whose fields have names.
 
 Compiled code reads ``memory.drive`` and ``constants.machine.brakes.force``: numba looks the names up when it compiles,
 so nothing depends on the order of fields, and a name that does not exist is an error. From outside, memory and
@@ -23,7 +23,7 @@ MEMORY_NAMES: Final = (
     "intent", "arms", "accustomed_steer", "torso_rate", "torso_turn", "drive", "brake", "measured_roll_rate",
     "front_load", "slide_side", "slide_age", "fall",
 )  # fmt: skip
-"""What the forces remember from step to step; `fall` is an index of `falls.FALL_NAMES`."""
+"""Memory of the forces from step to step; `fall` is an index of `forces.FALL_NAMES`."""
 
 MEMORY: Final = np.dtype([(name, np.float64) for name in MEMORY_NAMES])
 
@@ -36,7 +36,7 @@ GEOMETRY: Final = np.dtype(
         )
     ]
 )  # fmt: skip
-"""Where things are, in the rear frame's principal axes from its centre of mass, m: the rear axle, the head (see
+"""Positions in the rear frame's principal axes from its centre of mass, m: the rear axle, the head (see
 `mapping.Layout`) and the centre of pressure; `hub` is the front axle's distance ahead of the steering axis. The angle
 is from the frame's axes to the principal ones, the tilt the steering axis'; static are the tyres' deflections of the
 standing machine, m, and the spacing is that of the table of wheel torque, rad/s."""
@@ -82,7 +82,7 @@ class Motion(NamedTuple):
 
 
 class Lags(NamedTuple):
-    """How far lags come in a step: the part of what is missing that each closes.
+    """Progress of the lags in a step: the part of the difference that each closes.
 
     Attributes:
         drive: of the engine. brake: of the brakes. sensor: of the roll rate that the electronics measure.
@@ -103,7 +103,7 @@ class Lags(NamedTuple):
 
 
 class Command(NamedTuple):
-    """What is held during a step; `discretise_command` makes it.
+    """Command of a step; `discretise_command` makes it.
 
     Attributes:
         steering: in [-1, 1], positive to the left. throttle: drive above 0, brakes below.
@@ -118,7 +118,7 @@ class Command(NamedTuple):
 
 
 class Attitude(NamedTuple):
-    """What rider and electronics feel of the motion.
+    """Motion as rider and electronics measure it.
 
     Attributes:
         roll: to the vertical about the rear wheel's heading, rad, positive to the right. roll_rate: rad/s.

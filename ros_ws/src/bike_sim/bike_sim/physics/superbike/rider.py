@@ -109,7 +109,7 @@ def through_arms(first: float, second: float, wanted: float, step: float, left: 
 
 
 class RiderInputs(NamedTuple):
-    """What the rider steers by.
+    """Inputs of the rider's steering.
 
     Attributes:
         attitude: of the machine.

@@ -30,7 +30,7 @@ from bike_sim.vehicles.superbike import Record
 _LEAST_CORNERING: Final = 0.3
 """Part of the nominal cornering coefficient that stays at any load."""
 _TWIST_BEND: Final = 1.5
-"""How the twisting torque falls behind the camber: e6 of Pacejka (2012), chapter 11, 1/rad."""
+"""Decline of the twisting torque behind the camber: e6 of Pacejka (2012), chapter 11, 1/rad."""
 
 
 @njit(cache=True)
