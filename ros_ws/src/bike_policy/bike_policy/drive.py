@@ -68,8 +68,11 @@ class StateCounts:
     """States since the node began.
 
     Attributes:
-        answered: answered with a command. repeated: came again. stale: older than one that had come before.
-        refused: unreadable or not finite, so that no action exists. over: the vehicle has fallen.
+        answered: answered with a command.
+        repeated: came again.
+        stale: older than one that had come before.
+        refused: unreadable or not finite, so that no action exists.
+        over: the vehicle has fallen.
     """
 
     answered: int = 0
@@ -90,7 +93,8 @@ class Drive(rclpy.node.Node):
             specs: its parameters.
 
         Raises:
-            ValueError: an invalid parameter or bundle. FileNotFoundError: no such bundle.
+            ValueError: an invalid parameter or bundle.
+            FileNotFoundError: no such bundle.
         """
         super().__init__(name, namespace=node_tools.NAMESPACE)
         values = node_tools.declare(self, specs)
@@ -230,7 +234,8 @@ class Drive(rclpy.node.Node):
         """Return the vehicle that the simulator rides: the one given as parameter, or the shipped one of its name.
 
         Raises:
-            ValueError: another one was given. FileNotFoundError: it is neither given nor shipped.
+            ValueError: another one was given.
+            FileNotFoundError: it is neither given nor shipped.
         """
         if self._given_vehicle is not None and self._given_vehicle.name != name:
             raise ValueError(f"the simulator rides {name!r}, parameter vehicle is {self._given_vehicle.name!r}")

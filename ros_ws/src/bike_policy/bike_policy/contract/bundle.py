@@ -286,7 +286,8 @@ def read_card(path: Path) -> dict[str, Any]:
     """Read a card, every entry of which is there.
 
     Raises:
-        FileNotFoundError: it does not exist. ValueError: it is not a card of this format.
+        FileNotFoundError: it does not exist.
+        ValueError: it is not a card of this format.
     """
     try:
         card = parse_yaml(read_text(path, MAX_YAML_SIZE))
@@ -307,7 +308,8 @@ def read_tensors(path: Path) -> dict[str, NDArray[np.float32]]:
     """Read named tensors as single precision.
 
     Raises:
-        FileNotFoundError: there is no such file. ValueError: it is no safetensors file.
+        FileNotFoundError: there is no such file.
+        ValueError: it is no safetensors file.
     """
     try:
         tensors = load(read_bytes(path, MAX_ACTOR_SIZE))

@@ -28,8 +28,10 @@ class LineTables(Generic[LineT]):
     """Tables one behind another; rows on the same line share one, and lines not ridden for the longest go.
 
     Attributes:
-        samples: of all tables, shape (m, columns). offset: first sample of each row's table.
-        last: number of its intervals less one. spacing: of its samples, m.
+        samples: of all tables, shape (m, columns).
+        offset: first sample of each row's table.
+        last: number of its intervals less one.
+        spacing: of its samples, m.
     """
 
     def __init__(self, count: int, blank: Sequence[float], table_of: Callable[[LineT], FloatArray]) -> None:
@@ -92,7 +94,8 @@ class ReferenceRows:
     """References of vehicles side by side; rows on the same line share its samples.
 
     Attributes:
-        share: part of the planned speed that is asked of each row. cap: speed limit of each row, m/s.
+        share: part of the planned speed that is asked of each row.
+        cap: speed limit of each row, m/s.
         lines: that the rows follow.
     """
 

@@ -140,7 +140,8 @@ class SteadyLeans:
     """Lateral accelerations of a machine's steady turns, tabulated over speed and lean.
 
     Attributes:
-        speeds: m/s. leans: rad, from 0 to the largest that the rider may request.
+        speeds: m/s.
+        leans: rad, from 0 to the largest that the rider may request.
         table: lateral accelerations, m/s^2, shape (speeds, leans).
     """
 

@@ -61,7 +61,8 @@ class Programme(NamedTuple):
         curvature_effect: effect of a curvature, shape (n,).
         tail: what a curvature beyond the horizon costs at its end, one row for each period, shape (periods, n).
         linear: linear cost; its last block of states and its first command change.
-        lower: bounds of the constraints. upper: the same from above.
+        lower: bounds of the constraints.
+        upper: the same from above.
     """
 
     solver: Any

@@ -43,7 +43,8 @@ class Course:
     Attributes:
         name: name for people and files.
         s: arc length of the samples, m, from 0 in equal steps.
-        x: m. y: m.
+        x: m.
+        y: m.
         heading: rad, not wrapped.
         curvature: 1/m, positive turning left.
         closed: the last sample meets the first.

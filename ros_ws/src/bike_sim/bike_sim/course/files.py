@@ -124,7 +124,8 @@ def track_records(name: str) -> dict[str, float]:
     """Return the published lap records of a circuit, s, by name; empty if its file has none.
 
     Raises:
-        FileNotFoundError: no such circuit. CourseFileError: a record is no number.
+        FileNotFoundError: no such circuit.
+        CourseFileError: a record is no number.
     """
 
     def records(content: _Content) -> dict[str, float]:

@@ -27,7 +27,8 @@ class Finish:
 
     Attributes:
         length: arc length of the end, m.
-        x: m, map frame. y: m, map frame.
+        x: m, map frame.
+        y: m, map frame.
         heading: direction of the course at its end, rad.
     """
 

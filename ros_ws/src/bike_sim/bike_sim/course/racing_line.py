@@ -51,7 +51,8 @@ class Stations:
         progress: of the stations along the centre line, m.
         points: on the centre line, shape (n, 2), m.
         normals: unit vectors to the left, shape (n, 2).
-        lowest: least offset, m. highest: largest offset, m; both leave the margin.
+        lowest: least offset, m.
+        highest: largest offset, m; both leave the margin.
         length: of the centre line, m.
     """
 

@@ -44,9 +44,12 @@ class PathRanges:
     """Intervals of the elements that the curriculum widens (Table 4), all in m.
 
     Attributes:
-        radius_min: least radius of circular elements. radius_max: largest.
-        quintic_length_min: least extent of quintic elements. quintic_length_max: largest.
-        quintic_width_min: least lateral offset. quintic_width_max: largest.
+        radius_min: least radius of circular elements.
+        radius_max: largest.
+        quintic_length_min: least extent of quintic elements.
+        quintic_length_max: largest.
+        quintic_width_min: least lateral offset.
+        quintic_width_max: largest.
     """
 
     radius_min: float
@@ -194,7 +197,9 @@ class _Tables:
     """Tables of corners, one a row: a straight (0 for none), then the corner.
 
     Attributes:
-        angle: signed, rad. radius: m. straight: m.
+        angle: signed, rad.
+        radius: m.
+        straight: m.
     """
 
     angle: FloatArray

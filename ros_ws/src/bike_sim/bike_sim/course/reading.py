@@ -130,7 +130,8 @@ def path_from_document(document: Mapping[str, Any], path: Path) -> Course:
         path: the file; a CSV file that it names is searched in its folder.
 
     Raises:
-        FileNotFoundError: the CSV file does not exist. ValueError: naming the key or element and the fault.
+        FileNotFoundError: the CSV file does not exist.
+        ValueError: naming the key or element and the fault.
     """
     check_keys("", document, PATH_KEYS)
     name = name_of(document, "name", path.stem)

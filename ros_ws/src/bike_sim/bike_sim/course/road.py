@@ -46,7 +46,8 @@ class WetPatch:
     """A part of the road with less grip, over its whole width.
 
     Attributes:
-        begin: progress along the centre line, m. end: m; less than the beginning where it lies over the start line.
+        begin: progress along the centre line, m.
+        end: m; less than the beginning where it lies over the start line.
         grip: factor on friction, above 0.
     """
 
@@ -65,7 +66,8 @@ class RunOffPart:
     """A part of the run-off.
 
     Attributes:
-        begin: progress along the centre line, m. end: m; less than the beginning where it lies over the start line.
+        begin: progress along the centre line, m.
+        end: m; less than the beginning where it lies over the start line.
         side: one of SIDES.
         kind: what it is.
     """
@@ -86,7 +88,8 @@ class Wind:
     """Wind over a circuit, everywhere the same.
 
     Attributes:
-        speed: mean, m/s. towards: where it blows to, rad from the map's x axis to the left.
+        speed: mean, m/s.
+        towards: where it blows to, rad from the map's x axis to the left.
         gusts: standard deviation over the mean, 0.1 over water to 0.3 among buildings.
         seed: same seed, same gusts.
     """
@@ -267,7 +270,9 @@ class RunOff:
     """Distances of the walls behind the limits, m.
 
     Attributes:
-        straight: along straights. inside: inside of corners. outside: outside of sharp corners.
+        straight: along straights.
+        inside: inside of corners.
+        outside: outside of sharp corners.
     """
 
     straight: float = 10.0

@@ -18,7 +18,8 @@ class SmoothLine:
 
     Attributes:
         s: arc length, m, from 0 in equal steps.
-        x: m. y: m.
+        x: m.
+        y: m.
         heading: rad, not wrapped.
         curvature: 1/m, positive turning left.
         chord: chord length at which the given points lie before each sample, m; it interpolates what belongs to the

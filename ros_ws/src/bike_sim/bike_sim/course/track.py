@@ -54,8 +54,9 @@ class Corner:
 
     Attributes:
         name: usually its number.
-        begin: progress where it begins, m. apex: where it bends most, m. end: m, beyond the length of the circuit if
-            the corner lies on the line.
+        begin: progress where it begins, m.
+        apex: where it bends most, m.
+        end: m, beyond the length of the circuit if the corner lies on the line.
         angle: turned angle, rad, positive to the left.
         radius: least radius of the centre line, m.
     """

@@ -50,7 +50,8 @@ class Limits(NamedTuple):
     what a friction ellipse leaves has an infinite slope over use itself.
 
     Attributes:
-        first: lowest speed, m/s. spacing: of the speeds, m/s.
+        first: lowest speed, m/s.
+        spacing: of the speeds, m/s.
         loads: shape (l,).
         lateral: largest lateral acceleration, m/s^2, shape (l, n).
         drive: largest net acceleration, m/s^2, over load, speed, use and roll rate, shape (l, n, u, r).

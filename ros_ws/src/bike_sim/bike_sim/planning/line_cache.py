@@ -54,7 +54,8 @@ def track_with_line(
         roll_cost: what rolling costs on it.
 
     Raises:
-        FileNotFoundError: no such circuit. ValueError: a broken file, or no line between its limits.
+        FileNotFoundError: no such circuit.
+        ValueError: a broken file, or no line between its limits.
     """
     track = load_track(circuit)
     path = cache_folder() / f"{content_key(track, envelope, margin, roll_cost)}.npy"
@@ -83,7 +84,8 @@ def closest_lap(circuit: str | Path, envelope: Envelope) -> float:
         envelope: the machine's limits.
 
     Raises:
-        FileNotFoundError: no such circuit. ValueError: a broken file, or no line between its limits.
+        FileNotFoundError: no such circuit.
+        ValueError: a broken file, or no line between its limits.
     """
     from bike_sim.course import racing_line
     from bike_sim.planning import minimum_time

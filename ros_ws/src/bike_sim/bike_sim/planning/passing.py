@@ -38,7 +38,8 @@ class Passing:
     """A stretch on which a ride is faster than the theoretical lap.
 
     Attributes:
-        begin: progress at which it begins, m. end: m.
+        begin: progress at which it begins, m.
+        end: m.
         excess: largest part by which the speed is above the theoretical one.
         gained: time gained on the stretch, s.
         repaid: whether it is lost again within `REPAID_WITHIN` of the end.

@@ -97,9 +97,14 @@ class Axes(NamedTuple):
     """The bodies' axes and the arms from the frame's centre of mass, in map axes.
 
     Attributes:
-        ex: of the frame, forward. ey: left, the rear axle. ez: up.
-        axle: the front axle, to the left. steering: the steering axis, upward.
-        rear_arm: to the rear axle, m. head_arm: to the head. hub_arm: from the head to the front axle.
+        ex: of the frame, forward.
+        ey: left, the rear axle.
+        ez: up.
+        axle: the front axle, to the left.
+        steering: the steering axis, upward.
+        rear_arm: to the rear axle, m.
+        head_arm: to the head.
+        hub_arm: from the head to the front axle.
         fork_omega: angular velocity of the fork, rad/s.
     """
 
@@ -118,8 +123,11 @@ class Contact(NamedTuple):
     """A wheel at the ground.
 
     Attributes:
-        point: lowest of the undeformed tyre, m. gap: its distance from the ground, m, negative when pressed in.
-        heading: unit vector. left: unit vector. normal: of the ground, unit vector, upward.
+        point: lowest of the undeformed tyre, m.
+        gap: its distance from the ground, m, negative when pressed in.
+        heading: unit vector.
+        left: unit vector.
+        normal: of the ground, unit vector, upward.
         smooth: the same as if there were no bumps.
         lean: sine of the camber.
         radius: rolling radius R_e, m.
@@ -139,8 +147,10 @@ class Rolling(NamedTuple):
     """Motion of a wheel.
 
     Attributes:
-        velocity: of the carrier's material at the lowest point, m/s. carrier: its angular velocity, rad/s.
-        axle: unit vector to the left. rate: of the wheel relative to its carrier, rad/s.
+        velocity: of the carrier's material at the lowest point, m/s.
+        carrier: its angular velocity, rad/s.
+        axle: unit vector to the left.
+        rate: of the wheel relative to its carrier, rad/s.
     """
 
     velocity: Vec
@@ -153,10 +163,13 @@ class TyreForce(NamedTuple):
     """Force of a tyre on its wheel.
 
     Attributes:
-        fx: along the heading, N. fy: to the left. fz: along the normal, the load. mz: aligning moment about the normal,
-            N m.
+        fx: along the heading, N.
+        fy: to the left.
+        fz: along the normal, the load.
+        mz: aligning moment about the normal, N m.
         normalised_slip: normalised slip, 1 is linear saturation.
-        slip: longitudinal transient slip. tan_slip_angle: lateral transient slip.
+        slip: longitudinal transient slip.
+        tan_slip_angle: lateral transient slip.
     """
 
     fx: float
@@ -213,7 +226,8 @@ class Lean(NamedTuple):
     Attributes:
         roll: angle of the axle over the horizontal about the wheel's heading, rad, positive leaning right.
         camber: the same over the ground.
-        cos_yaw: of the heading, seen from above. sin_yaw: of the heading.
+        cos_yaw: of the heading, seen from above.
+        sin_yaw: of the heading.
         level: cosine of the heading's slope.
     """
 

@@ -27,8 +27,10 @@ class AidLimits(NamedTuple):
     """Largest forces that the electronics allow, N; infinite without it.
 
     Attributes:
-        traction: drive by traction control. wheelie: drive by wheelie control.
-        braking: front brake by brake control. stoppie: front brake by stoppie control.
+        traction: drive by traction control.
+        wheelie: drive by wheelie control.
+        braking: front brake by brake control.
+        stoppie: front brake by stoppie control.
         rear: part of rear brake and engine braking that brake control leaves in this turn.
     """
 
@@ -43,8 +45,11 @@ class AidCuts(NamedTuple):
     """Parts of drive and brakes that the electronics leave by slips and loads: 1 is all, 0 none.
 
     Attributes:
-        traction: of the drive. wheelie: of the drive.
-        front: of the front brake by its slip. rear: of the rear brake. stoppie: of the front brake by the rear load.
+        traction: of the drive.
+        wheelie: of the drive.
+        front: of the front brake by its slip.
+        rear: of the rear brake.
+        stoppie: of the front brake by the rear load.
     """
 
     traction: float
@@ -169,11 +174,16 @@ class DriveOutput(NamedTuple):
     """Torques of engine and brakes.
 
     Attributes:
-        rear: torque on the rear wheel, N m. front: on the front wheel.
+        rear: torque on the rear wheel, N m.
+        front: on the front wheel.
         brake_rate: rate of the front brake's force as lever and electronics set it, N/s.
-        drive: torque of the engine on the rear wheel, N m. front_brake: of the brake, N m. rear_brake: the same.
-        available: torque of the engine without electronics, N m. asked: force of the front brake without them, N.
-        limits: of the electronics, ahead. cuts: by them, after the fact.
+        drive: torque of the engine on the rear wheel, N m.
+        front_brake: of the brake, N m.
+        rear_brake: the same.
+        available: torque of the engine without electronics, N m.
+        asked: force of the front brake without them, N.
+        limits: of the electronics, ahead.
+        cuts: by them, after the fact.
     """
 
     rear: float

@@ -52,8 +52,10 @@ class Wheels(NamedTuple):
     """Forces on the ground, N.
 
     Attributes:
-        rear: load. front: load.
-        rear_side: lateral force. front_side: lateral force.
+        rear: load.
+        front: load.
+        rear_side: lateral force.
+        front_side: lateral force.
     """
 
     rear: float

@@ -66,10 +66,13 @@ class FallIndicators(NamedTuple):
     """Quantities that decide on a fall.
 
     Attributes:
-        roll: to the normal of the ground, rad. roll_rate: rad/s.
+        roll: to the normal of the ground, rad.
+        roll_rate: rad/s.
         nose_up: part of the frame's forward axis along that normal.
-        rear_load: N. front_load: N.
-        sliding: a tyre slides. sideways: the machine moves broadside.
+        rear_load: N.
+        front_load: N.
+        sliding: a tyre slides.
+        sideways: the machine moves broadside.
     """
 
     roll: float
@@ -136,8 +139,11 @@ class Loads(NamedTuple):
     poses but this module.
 
     Attributes:
-        force: on the whole machine, N. torque: about the frame's centre of mass, N m; both in map axes.
-        rear: moment on the joint of the rear wheel, N m. steer: on the steering. front: on that of the front wheel.
+        force: on the whole machine, N.
+        torque: about the frame's centre of mass, N m; both in map axes.
+        rear: moment on the joint of the rear wheel, N m.
+        steer: on the steering.
+        front: on that of the front wheel.
         slide: force on the rider's slide, N.
         fall: index of `FALL_NAMES`.
     """

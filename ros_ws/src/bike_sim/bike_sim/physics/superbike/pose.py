@@ -77,7 +77,8 @@ class Footing(NamedTuple):
     """The ground on which a machine is put down.
 
     Attributes:
-        height: of the ground under the rear contact, m. normal: there, without bumps.
+        height: of the ground under the rear contact, m.
+        normal: there, without bumps.
         rise: of the ground under the front contact over the plane through the rear contact, m.
         climb: slope of the road there along the heading over the plane's, without bumps.
     """
@@ -169,10 +170,14 @@ class Start(NamedTuple):
 
     Attributes:
         fault: why there is none, or 0.
-        position: of the frame's centre of mass, m. orientation: of its principal axes, quaternion (x, y, z, w).
-        velocity: m/s. omega: rad/s, in map axes.
-        joints: rad and m. rates: rad/s and m/s.
-        x: of the rear wheel's centre, m. y: the same, m.
+        position: of the frame's centre of mass, m.
+        orientation: of its principal axes, quaternion (x, y, z, w).
+        velocity: m/s.
+        omega: rad/s, in map axes.
+        joints: rad and m.
+        rates: rad/s and m/s.
+        x: of the rear wheel's centre, m.
+        y: the same, m.
     """
 
     fault: int

@@ -61,12 +61,16 @@ class Motion(NamedTuple):
     """Motion of the frame without rider and of the joints.
 
     Attributes:
-        position: of the frame's centre of mass, m. orientation: of its principal axes, quaternion (x, y, z, w).
-        velocity: m/s. omega: angular velocity in map axes, rad/s.
+        position: of the frame's centre of mass, m.
+        orientation: of its principal axes, quaternion (x, y, z, w).
+        velocity: m/s.
+        omega: angular velocity in map axes, rad/s.
         rear_rate: of the rear wheel relative to the frame, rad/s.
-        steer: rad. steer_rate: rad/s.
+        steer: rad.
+        steer_rate: rad/s.
         front_rate: of the front wheel relative to the fork, rad/s.
-        slide: of the rider, m to the left. slide_rate: m/s.
+        slide: of the rider, m to the left.
+        slide_rate: m/s.
     """
 
     position: Vec
@@ -85,10 +89,15 @@ class Lags(NamedTuple):
     """Progress of the lags in a step: the part of the difference that each closes.
 
     Attributes:
-        drive: of the engine. brake: of the brakes. sensor: of the roll rate that the electronics measure.
-        feeling: of the rider's feeling of the front load. grip: of the steering angle that his arms are used to.
-        torso: of the roll that leaves it behind. twist: of the turn that does.
-        arms: the step by the arms' time constant. arms_left: what a step leaves of one of their two lags.
+        drive: of the engine.
+        brake: of the brakes.
+        sensor: of the roll rate that the electronics measure.
+        feeling: of the rider's feeling of the front load.
+        grip: of the steering angle that his arms are used to.
+        torso: of the roll that leaves it behind.
+        twist: of the turn that does.
+        arms: the step by the arms' time constant.
+        arms_left: what a step leaves of one of their two lags.
     """
 
     drive: float
@@ -106,7 +115,8 @@ class Command(NamedTuple):
     """Command of a step; `discretise_command` makes it.
 
     Attributes:
-        steering: in [-1, 1], positive to the left. throttle: drive above 0, brakes below.
+        steering: in [-1, 1], positive to the left.
+        throttle: drive above 0, brakes below.
         dt: time step, s.
         lags: how far lags come in it.
     """
@@ -121,10 +131,13 @@ class Attitude(NamedTuple):
     """Motion as rider and electronics measure it.
 
     Attributes:
-        roll: to the vertical about the rear wheel's heading, rad, positive to the right. roll_rate: rad/s.
+        roll: to the vertical about the rear wheel's heading, rad, positive to the right.
+        roll_rate: rad/s.
         camber: the same to the normal of the ground, rad.
-        cos_yaw: of the heading, seen from above. sin_yaw: of the heading.
-        speed: forward, m/s. squared_speed: of the whole velocity, m2/s2.
+        cos_yaw: of the heading, seen from above.
+        sin_yaw: of the heading.
+        speed: forward, m/s.
+        squared_speed: of the whole velocity, m2/s2.
     """
 
     roll: float
