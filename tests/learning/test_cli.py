@@ -3,6 +3,7 @@
 import json
 import re
 import resource
+import shutil
 import subprocess
 import sys
 
@@ -315,6 +316,11 @@ def test_export_and_curves_name_what_they_cannot_read(tmp_path, capsys):
     (run / "run.json").write_text(whole)
     assert main(["analyze", str(run), "--out", str(tmp_path / "pictures")]) == 1  # drawn, and not finished
     assert (tmp_path / "pictures" / "learning_curves.png").is_file()
+    shutil.copytree(run, tmp_path / "race")
+    (tmp_path / "race" / "validations.csv").write_text("step,seconds,part,mean_excess,passed\n4000,1.0,1,0.3,0\n")
+    assert main(["analyze", str(tmp_path / "race"), "--out", str(tmp_path / "race"), "--json"]) == 1
+    assert '"last_errors_median": 0.3' in capsys.readouterr().out
+    assert "draw them apart" in told("analyze", str(run), str(tmp_path / "race"))
     (run / "run.json").write_text("[]")
     assert "run.json must hold" in told("analyze", str(run))
 

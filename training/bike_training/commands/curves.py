@@ -30,7 +30,8 @@ class Curve:
         steps: learning step of each validation.
         seconds: learning time until it, s.
         part: part of the curriculum after it; 5 once the last is passed.
-        error: mean distance, m.
+        error: mean error of its rides: distance, m, or in races the excess over the planned time, as a part of it.
+        of_races: whether it is of races.
     """
 
     name: str
@@ -39,11 +40,14 @@ class Curve:
     seconds: NDArray[np.float64]
     part: NDArray[np.float64]
     error: NDArray[np.float64]
+    of_races: bool = False
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Draw the curves; not ok when a run has not finished its curriculum."""
     curves = [read_curve(folder) for folder in args.objects]
+    if len({curve.of_races for curve in curves}) > 1:
+        raise ValueError("runs on paths and runs of races have errors of different kinds; draw them apart")
     picture: Path = args.out if args.out.suffix else args.out / PICTURE
     picture.parent.mkdir(parents=True, exist_ok=True)
     draw(curves, picture)
@@ -55,7 +59,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             "finished_after_s": curve.summary["finished_after_s"],
             "steps": curve.summary["steps"],
             "seconds": curve.summary["seconds"],
-            "last_errors_median_m": float(np.median(curve.error[-10:])),
+            "last_errors_median" if curve.of_races else "last_errors_median_m": float(np.median(curve.error[-10:])),
         }
         for curve in curves
     ]
@@ -97,7 +101,9 @@ def read_curve(folder: Path) -> Curve:
     summary = _read_summary(folder / "run.json")
     ridden_in = column("part")
     part = ridden_in + column("passed") * (ridden_in <= PARTS)
-    return Curve(folder.name, summary, column("step"), column("seconds"), part, column("mean_error_m"))
+    races = "mean_excess" in rows[0]
+    error = column("mean_excess" if races else "mean_error_m")
+    return Curve(folder.name, summary, column("step"), column("seconds"), part, error, races)
 
 
 def _read_summary(path: Path) -> dict[str, Any]:
@@ -125,8 +131,11 @@ def draw(curves: Sequence[Curve], path: Path) -> None:
             x = getattr(curve, quantity)
             (line,) = top.plot(x, curve.error, lw=1, label=curve.name)
             bottom.step(x, curve.part, where="post", lw=1.5, color=line.get_color())
-        top.axhline(VALIDATION_THRESHOLD, color="0.5", ls=":", lw=1)
-        top.set(yscale="log", ylabel="mean distance of a validation / m" if column == 0 else "")
+        races = all(curve.of_races for curve in curves)
+        if not races:
+            top.axhline(VALIDATION_THRESHOLD, color="0.5", ls=":", lw=1)
+        ylabel = "excess over the planned time, mean of a validation" if races else "mean distance of a validation / m"
+        top.set(yscale="log", ylabel=ylabel if column == 0 else "")
         bottom.set(xlabel=label, ylabel="part (5: finished)" if column == 0 else "", yticks=range(1, PARTS + 2))
         for axis in (top, bottom):
             axis.grid(alpha=0.3)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -261,49 +261,52 @@ class MultiVehicleTaskState:
             task.make_state(len(range(first, count, len(vehicles))), vehicle) for first, vehicle in enumerate(vehicles)
         ]
 
-    def _of(self, rows: VehicleRows, part: int) -> Rows:
-        """Return the rows of a machine; views, so that what a batch does is seen."""
-        return Rows(*(getattr(rows, name)[part :: self._kinds] for name in Rows._fields))
+    def _each(self, rows: VehicleRows) -> Iterator[tuple[TaskState, Rows]]:
+        """Return the state of each machine with its rows: views, so that what a batch does is seen."""
+        for part, state in enumerate(self._parts):
+            yield state, Rows(*(getattr(rows, name)[part :: self._kinds] for name in Rows._fields))
 
-    def _together(self, parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    def _together(self, parts: Iterable[NDArray[Any]]) -> NDArray[Any]:
         """Return the results of the parts, row by row."""
-        whole = np.empty((self._count, *parts[0].shape[1:]), dtype=parts[0].dtype)
-        for part, found in enumerate(parts):
-            whole[part :: self._kinds] = found
+        found = list(parts)
+        whole = np.empty((self._count, *found[0].shape[1:]), dtype=found[0].dtype)
+        for part, result in enumerate(found):
+            whole[part :: self._kinds] = result
         return whole
 
     def begin(self, row: int, rows: VehicleRows, request: ResetRequest, course: Course) -> None:
         """Begin the ride of one machine; see `TaskState`."""
         place, part = divmod(row, self._kinds)
-        self._parts[part].begin(place, self._of(rows, part), request, course)
+        state, own = list(self._each(rows))[part]
+        state.begin(place, own, request, course)
 
     def observe(self, rows: VehicleRows) -> NDArray[np.float32]:
         """Return the observations; see `TaskState`."""
-        return self._together([state.observe(self._of(rows, part)) for part, state in enumerate(self._parts)])
+        return self._together(state.observe(own) for state, own in self._each(rows))
 
     def act(self, rows: VehicleRows, actions: NDArray[np.floating]) -> None:
         """Begin a decision; see `TaskState`."""
-        for part, state in enumerate(self._parts):
-            state.act(self._of(rows, part), actions[part :: self._kinds])
+        for part, (state, own) in enumerate(self._each(rows)):
+            state.act(own, actions[part :: self._kinds])
 
     def commands(self, rows: VehicleRows) -> FloatArray:
         """Return the commands of a control period; see `TaskState`."""
-        return self._together([state.commands(self._of(rows, part)) for part, state in enumerate(self._parts)])
+        return self._together(state.commands(own) for state, own in self._each(rows))
 
     def advance(self, rows: VehicleRows) -> None:
         """Add a control period; see `TaskState`."""
-        for part, state in enumerate(self._parts):
-            state.advance(self._of(rows, part))
+        for state, own in self._each(rows):
+            state.advance(own)
 
     def evaluate(self, rows: VehicleRows) -> StepResult:
         """Return the outcome of the decision; see `TaskState`."""
-        results = [state.evaluate(self._of(rows, part)) for part, state in enumerate(self._parts)]
-        terms = {name: self._together([result.terms[name] for result in results]) for name in results[0].terms}
-        return StepResult(terms, self._together([result.failed for result in results]))
+        results = [state.evaluate(own) for state, own in self._each(rows)]
+        terms = {name: self._together(result.terms[name] for result in results) for name in results[0].terms}
+        return StepResult(terms, self._together(result.failed for result in results))
 
     def error(self, rows: VehicleRows) -> FloatArray:
         """Return the error of each machine at this instant; see `TaskState`."""
-        return self._together([state.error(self._of(rows, part)) for part, state in enumerate(self._parts)])
+        return self._together(state.error(own) for state, own in self._each(rows))
 
     def state_dict(self) -> dict[str, Any]:
         """Return the memory; see `TaskState`."""
