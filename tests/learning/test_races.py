@@ -13,7 +13,7 @@ from bike_training.cli import main
 from bike_training.commands.evaluate import _pairs
 from bike_training.reproduce.superbike.bundle_tables import bundle_tables
 from bike_training.rollout.laps import ride_laps
-from bike_training.rollout.races import SLOW, RaceResult, ride_races, ride_starts
+from bike_training.rollout.races import SLOW, RaceResult, ride_races
 from bike_training.tasks.race import RaceTask
 
 
@@ -60,7 +60,7 @@ def test_the_classical_rider_rides_circuits_from_starts_too(tmp_path: Path, caps
     assert (race["rides"], race["whole"], race["falls"]) == (1, 1, 0)
     assert "classical" in capsys.readouterr().out
     with pytest.raises(ValueError, match="benchmark"):
-        ride_starts("classical", "panigale_v4r", "benchmark", 1)
+        ride_races(None, "panigale_v4r", "benchmark", 1)
 
 
 def test_lost_rides_are_printed_with_cause_and_place(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -28,7 +28,7 @@ from bike_training.commands.declarations import DEFAULT_SUPERBIKE, SUPERBIKE
 from bike_training.envs.clients import make_client
 from bike_training.progress import progress_bar
 from bike_training.rollout.evaluation import PAPER_MAX, PAPER_MEAN, SPEEDS, Ride, draw, evaluate
-from bike_training.rollout.races import RaceResult, ride_races, ride_starts
+from bike_training.rollout.races import RaceResult, ride_races
 from bike_training.rollout.rollout import TimedRider, ride_through
 from bike_training.rollout.stability import stability
 from bike_training.tasks.base import round_robin
@@ -235,11 +235,7 @@ def run_races(args: argparse.Namespace) -> dict[str, Any]:
                 bar.total = total
                 bar.update(done - bar.n)
 
-            results.append(
-                ride_starts(rider, machine, circuit, args.starts, args.laps, tell)
-                if bundle is None
-                else ride_races(bundle, machine, circuit, args.starts, args.laps, args.share, tell)
-            )
+            results.append(ride_races(bundle, machine, circuit, args.starts, args.laps, args.share, tell))
     found = [result.figures() for result in results]
     lost = [
         {"vehicle": each.vehicle, "circuit": each.circuit, **asdict(ride)} for each in results for ride in each.lost

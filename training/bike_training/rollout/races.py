@@ -1,30 +1,29 @@
-"""Rides from starts all around a circuit, side by side or one by one: whole laps, times, falls, distances."""
+"""Rides from starts all around a circuit, side by side: whole laps, times, falls, distances."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bike_policy.contract.bundle import Bundle
+from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, LinePlan
+from bike_policy.planning.plan_verification import BatchRider, PlanFollower, verified_plan
 from bike_policy.riders.racing import PolicyBatch
-from bike_policy.riders.rider import make_rider
+from bike_sim.course.course import Course
 from bike_sim.course.lap_timing import Lap
 from bike_sim.planning.line_cache import closest_lap
 from bike_sim.sim import look as lk
 from bike_sim.sim.batch import SUPERBIKE_ENGINE, Batch
 from bike_sim.sim.request import ResetRequest
-from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import WALL
 from bike_sim.sim.superbike_plant import superbike_config
 from bike_sim.vehicles.files import load_vehicle
+from bike_sim.vehicles.superbike import Superbike
 from bike_training.curricula.race import CircuitSet
-from bike_training.rollout.rollout import rollout
 
 SPEED_SHARES: Final = (0.5, 0.9)
 """Starts are at shares of the theoretical speed from this interval."""
@@ -108,7 +107,7 @@ class RaceResult:
 
 
 def ride_races(
-    bundle: Bundle,
+    bundle: Bundle | None,
     vehicle: str,
     circuit: str,
     starts: int = 100,
@@ -119,7 +118,7 @@ def ride_races(
     """Ride from starts all around a circuit.
 
     Args:
-        bundle: a policy that races.
+        bundle: a policy that races; None for the classical rider.
         vehicle: name or file of the machine.
         circuit: name or file of the circuit.
         starts: number of rides; they begin evenly around the circuit, at different speeds.
@@ -128,14 +127,13 @@ def ride_races(
         tell: called at times with the simulated time so far and the expected one, s.
 
     Raises:
-        ValueError: a policy that does not race, or a vehicle that is no superbike.
+        ValueError: a policy that does not race, a vehicle that is no superbike, or a course that is a path.
         FileNotFoundError: an unknown vehicle or circuit.
     """
-    layout = bundle.layout if share is None else replace(bundle.layout, share=share)
     config = replace(superbike_config(vehicle), engine=SUPERBIKE_ENGINE)
     ground = CircuitSet(load_vehicle(vehicle), [circuit])
     batch = Batch(starts, config)
-    rider = PolicyBatch(replace(bundle, layout=layout), batch.vehicle, config.control_period, starts)
+    rider = _rider(bundle, batch, share)
     for row in range(starts):
         request = _start(ground, circuit, row, starts)
         batch.reset(row, request)
@@ -193,74 +191,18 @@ def ride_races(
     return result
 
 
-def ride_starts(
-    name: str, vehicle: str, circuit: str, starts: int = 4, laps: int = 1, tell: Tell = lambda done, total: None
-) -> RaceResult:
-    """Ride a rider that is not learned from the same starts, one after the other.
+def _rider(bundle: Bundle | None, batch: Batch, share: float | None) -> BatchRider:
+    """Return a policy with its share of the planned speed, or the classical rider, for all rows of a batch."""
+    machine, period = batch.vehicle, batch.config.control_period
+    if bundle is not None:
+        layout = bundle.layout if share is None else replace(bundle.layout, share=share)
+        return PolicyBatch(replace(bundle, layout=layout), machine, period, batch.count)
+    assert isinstance(machine, Superbike), "laps are ridden on superbikes"
 
-    Args:
-        name: of the rider.
-        vehicle: name or file of the machine.
-        circuit: name or file of the circuit.
-        starts: number of rides; they begin evenly around the circuit, at different speeds.
-        laps: flying laps that each of them is to finish.
-        tell: called at times with the simulated time so far and the expected one, s.
+    def plan(line: Course) -> LinePlan:
+        return verified_plan(machine, line, CLASSICAL_SETTINGS, period)
 
-    Raises:
-        ValueError: a vehicle that is not a superbike, or a course that is a path.
-        FileNotFoundError: an unknown vehicle or circuit.
-    """
-    config = replace(superbike_config(vehicle), engine=SUPERBIKE_ENGINE)
-    ground, rider = CircuitSet(load_vehicle(vehicle), [circuit]), make_rider(name)
-    lost: list[LostRide] = []
-    finished: list[list[Lap]] = []
-    distances: list[float] = []
-    changes: list[NDArray[np.float64]] = []
-    outside = 0
-    with closing(Simulator(config)) as simulator:
-        limits = simulator.plant.envelope
-        assert limits is not None, "superbikes have limits"
-        theory = closest_lap(circuit, limits)
-        for row in range(starts):
-            place, fall, done, commands = math.nan, "", [], []
-            for snapshot in rollout(simulator, rider, _start(ground, circuit, row, starts)):
-                if snapshot.step % TELL_EVERY == 0:
-                    expected = theory * (laps + 1)
-                    tell(round(row * expected + snapshot.time), round(starts * expected))
-                if snapshot.step:
-                    commands.append((snapshot.steering, snapshot.throttle))
-                    distances.append(snapshot.distance)
-                outside += snapshot.off_course
-                if snapshot.fallen or (snapshot.off_course and math.isnan(place)):
-                    place, fall = float(snapshot.look[lk.PROGRESS]), snapshot.fall
-                done = simulator.batch.log(0).laps[:laps]
-                if len(done) == laps or snapshot.time > TIME * theory * (laps + 1):
-                    break
-            finished.append(done)
-            changes.append(np.abs(np.diff(commands, axis=0, prepend=np.zeros((1, 2)))))
-            if len(done) < laps or not math.isnan(place):
-                lost.append(_lost(row, fall, place, ground.length(circuit)))
-        named = simulator.vehicle.name
-    missing = {ride.start for ride in lost}
-    causes = [ride.cause for ride in lost]
-    activity = np.concatenate(changes).mean(axis=0)
-    return RaceResult(
-        vehicle=named,
-        circuit=circuit,
-        rides=starts,
-        laps=laps,
-        whole=starts - len(lost),
-        falls=sum(cause not in (WALL, OFF_TRACK, SLOW) for cause in causes),
-        walls=causes.count(WALL),
-        finished=sum(map(len, finished)),
-        times=tuple(sorted(lap.duration for row, done in enumerate(finished) if row not in missing for lap in done)),
-        off_track=float(sum(lap.off_track for done in finished for lap in done)),
-        outside=outside * config.control_period,
-        line=float(np.mean(distances)),
-        activity=(float(activity[0]), float(activity[1])),
-        theory=theory,
-        lost=tuple(lost),
-    )
+    return PlanFollower(machine, period, CLASSICAL_SETTINGS, plan, np.zeros(batch.count))
 
 
 def _lost(start: int, fall: str, arc_length: float, length: float) -> LostRide:
