@@ -15,7 +15,7 @@ from bike_sim.recording.recorder import RideRecorder, Split
 from bike_training.cli import main
 from bike_training.explain.drawing import labels
 from bike_training.explain.findings import correlation, state_findings
-from bike_training.explain.shap_values import explain, set_values
+from bike_training.explain.shap_values import explain, outputs_of
 
 SMALL = {"permutations": 4, "background": 20, "silent": True}
 COURSE = """format: bike.course/1
@@ -74,7 +74,7 @@ def test_values_sum_to_the_output_minus_the_base(layout):
     bundle, observations = random_bundle(layout, rng), observations_of(layout, rng)
     explanation = explain(bundle, observations, **SMALL)
     sums = explanation.values.sum(axis=1)
-    np.testing.assert_allclose(sums, set_values(bundle, observations) - explanation.base, atol=1e-6)
+    np.testing.assert_allclose(sums, outputs_of(bundle, observations) - explanation.base, atol=1e-6)
     assert explanation.additivity_error < 1e-6
     assert np.ptp(sums) > 0.1  # there is something to share
 
@@ -170,7 +170,7 @@ def test_observations_are_those_that_were_driven_on(seen):
     bundle = load_bundle("whipple")
     assert len(seen.observations) > 100
     assert np.isfinite(seen.steering).all()
-    commands = np.clip(set_values(bundle, seen.observations) / seen.steering_limit, -1.0, 1.0)
+    commands = np.clip(outputs_of(bundle, seen.observations) / seen.steering_limit, -1.0, 1.0)
     np.testing.assert_allclose(commands, seen.steering, atol=1e-6)
     assert np.ptp(seen.steering) > 0.1
 

@@ -18,7 +18,7 @@ from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.superbike_plant import superbike_config
 from bike_training.explain.drawing import draw_blocks
 from bike_training.explain.observations import Onlooker
-from bike_training.explain.shap_values import explain_blocks
+from bike_training.explain.shap_values import explain
 from bike_training.replay import RecordedCommands
 from bike_training.rollout.rollout import rollout
 
@@ -39,7 +39,7 @@ def made_up(seed: int) -> tuple[Bundle, np.ndarray]:
 
 def test_values_of_blocks_sum_to_the_actions() -> None:
     bundle, observations = made_up(1)
-    found = explain_blocks(bundle, observations, **SMALL)
+    found = explain(bundle, observations, **SMALL)
     assert found.values.shape == (15, len(GUIDED.terms), 2)
     assert found.additivity_error < 1e-6
     assert np.all(np.ptp(found.outputs, axis=0) > [0.01, 0.001])  # there is something to share
@@ -50,7 +50,7 @@ def test_a_linear_policy_has_the_values_of_the_closed_form() -> None:
     rng = np.random.default_rng(2)
     weight = 1e-4 * rng.normal(size=(2, GUIDED.size))  # so small that the tanh is a line
     observations = rng.uniform(-1.0, 1.0, (15, GUIDED.size)).astype("f4")
-    found = explain_blocks(bundle_of([weight]), observations, **SMALL)
+    found = explain(bundle_of([weight]), observations, **SMALL)
     parts = (observations - observations.mean(axis=0))[:, None, :] * weight * np.array([[0.6], [0.05]])
     expected = np.stack([parts[..., places].sum(axis=-1) for places in GUIDED.places.values()], axis=1)
     np.testing.assert_allclose(found.values, expected, atol=2e-8)
@@ -61,7 +61,7 @@ def test_a_block_without_weights_has_no_value(tmp_path: Path) -> None:
     number = GUIDED.terms.index("stations")
     tensors = bundle.actor.tensors()
     tensors["layers.0.weight"][:, GUIDED.places["stations"]] = 0.0
-    found = explain_blocks(replace(bundle, actor=Actor.from_tensors(tensors)), observations, **SMALL)
+    found = explain(replace(bundle, actor=Actor.from_tensors(tensors)), observations, **SMALL)
     assert np.abs(found.values[:, number]).max() < 1e-8
     assert np.abs(found.values).max() > 1e-3
     draw_blocks(found, "made up", tmp_path / "blocks.png")
@@ -70,10 +70,10 @@ def test_a_block_without_weights_has_no_value(tmp_path: Path) -> None:
 
 def test_a_block_that_stays_the_same_is_named() -> None:
     bundle, observations = made_up(4)
-    assert explain_blocks(bundle, observations, **SMALL).steady == ()
+    assert explain(bundle, observations, **SMALL).steady == ()
     number = GUIDED.terms.index("limits")
     observations[:, GUIDED.places["limits"]] = 0.3
-    found = explain_blocks(bundle, observations, **SMALL)
+    found = explain(bundle, observations, **SMALL)
     assert found.steady == ("limits",)
     assert np.abs(found.values[:, number]).max() < 1e-8
 

@@ -25,11 +25,13 @@ from bike_training.explain.observations import (
     read_observations,
     read_race,
 )
-from bike_training.explain.shap_values import BlockExplanation, Explanation, explain, explain_blocks, set_values
+from bike_training.explain.shap_values import Explanation, explain, outputs_of
 
 SCHEMA: Final = "bike.analyze_explanation/1"
 SECTION: Final = "slalom"
 """Section of paths that is explained; races are explained whole."""
+LARGEST_RESIDUAL: Final = 1e-5
+"""By which values may miss the outputs."""
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -37,23 +39,27 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     named = args.policy
     bundle = _policy(policy_of(read_recording(args.objects[0]).notes, args.objects[0]) if named is None else named)
     make_folder("--out", args.out)
-    if bundle.layout.races:
-        return _explain_race(args, bundle)
+    figures, text, ok = (_explain_race if bundle.layout.races else _explain_path)(args, bundle)
+    (args.out / "explanation.json").write_text(json.dumps(figures, indent=1), encoding="utf-8")
+    if not args.json:
+        print(text)
+        print(f"picture and figures: {args.out}")
+    return {"schema": SCHEMA, "ok": ok, "figures": figures}
+
+
+def _explain_path(args: argparse.Namespace, bundle: Bundle) -> tuple[dict[str, Any], str, bool]:
+    """Explain a policy that follows paths; return figures, text, and whether the values sum to its set points."""
     seen = read_observations(args.objects[0], bundle, args.section or SECTION, args.ride)
     explanation = explain(bundle, seen.observations, silent=args.json)
     differ = _answers_differ(bundle, seen)
     statement = state_findings(explanation, differ)
     figures = _figures(bundle, seen, explanation, statement) | {"answers_differ_rad": _number(differ)}
-    (args.out / "explanation.json").write_text(json.dumps(figures, indent=1), encoding="utf-8")
     draw(explanation, f"{_headline(bundle, seen)}: what makes it steer", args.out / "explanation.png")
-    if not args.json:
-        print(_text(bundle, seen, explanation, statement))
-        print(f"picture and figures: {args.out}")
-    return {"schema": SCHEMA, "ok": explanation.additivity_error < 1e-5, "figures": figures}
+    return figures, _text(bundle, seen, explanation, statement), explanation.additivity_error < LARGEST_RESIDUAL
 
 
-def _explain_race(args: argparse.Namespace, bundle: Bundle) -> dict[str, Any]:
-    """Explain a policy that races; not ok when the values do not sum to its actions."""
+def _explain_race(args: argparse.Namespace, bundle: Bundle) -> tuple[dict[str, Any], str, bool]:
+    """Explain a policy that races; return figures, text, and whether the values sum to its actions."""
     with Progress(console=Console(stderr=True), disable=args.json, transient=True) as progress:
         riding = progress.add_task("riding again")
         seen = read_race(
@@ -63,21 +69,16 @@ def _explain_race(args: argparse.Namespace, bundle: Bundle) -> dict[str, Any]:
             args.ride,
             lambda step, steps: progress.update(riding, completed=step, total=steps),
         )
-    explanation = explain_blocks(bundle, seen.observations, silent=args.json)
-    headline = f"{bundle.name} on {seen.course or 'a circuit'}" + (
-        "" if seen.section == WHOLE_RIDE else f", {seen.section}"
-    )
-    figures = _race_figures(bundle, seen, explanation)
-    (args.out / "explanation.json").write_text(json.dumps(figures, indent=1), encoding="utf-8")
+    explanation = explain(bundle, seen.observations, silent=args.json)
+    part = "" if seen.section == WHOLE_RIDE else f", {seen.section}"
+    headline = f"{bundle.name} on {seen.course or 'a circuit'}{part}"
     draw_blocks(explanation, f"{headline}: what makes it decide", args.out / "explanation.png")
-    if not args.json:
-        print(f"{headline}: {len(explanation.outputs)} of {len(seen.observations)} decisions\n")
-        print(_race_text(seen, explanation))
-        print(f"picture and figures: {args.out}")
-    return {"schema": SCHEMA, "ok": explanation.additivity_error < 1e-5, "figures": figures}
+    counts = f"{len(explanation.outputs)} of {len(seen.observations)} decisions"
+    text = f"{headline}: {counts}\n\n{_race_text(seen, explanation)}"
+    return _race_figures(bundle, seen, explanation), text, explanation.additivity_error < LARGEST_RESIDUAL
 
 
-def _race_figures(bundle: Bundle, seen: RaceObservations, explanation: BlockExplanation) -> dict[str, Any]:
+def _race_figures(bundle: Bundle, seen: RaceObservations, explanation: Explanation) -> dict[str, Any]:
     return {
         "recording": str(seen.recording),
         "policy": bundle.name,
@@ -97,7 +98,7 @@ def _race_figures(bundle: Bundle, seen: RaceObservations, explanation: BlockExpl
                 "base": float(explanation.base[column]),
                 "blocks": [
                     {
-                        "name": explanation.blocks[i],
+                        "name": explanation.parts[i],
                         "mean_abs": float(explanation.mean_abs[i, column]),
                         "share": float(explanation.shares[i, column]),
                     }
@@ -109,12 +110,12 @@ def _race_figures(bundle: Bundle, seen: RaceObservations, explanation: BlockExpl
     }
 
 
-def _race_text(seen: RaceObservations, explanation: BlockExplanation) -> str:
+def _race_text(seen: RaceObservations, explanation: Explanation) -> str:
     lines = []
     for column, action in enumerate(explanation.actions):
         unit, sizes = UNITS[action], explanation.mean_abs[:, column]
         parts = [
-            f"{explanation.blocks[i].replace('_', ' ')} {unit.factor * sizes[i]:.2g} {unit.unit} "
+            f"{explanation.parts[i].replace('_', ' ')} {unit.factor * sizes[i]:.2g} {unit.unit} "
             f"({explanation.shares[i, column]:.0%})"
             for i in np.argsort(-sizes)[:5]
         ]
@@ -150,7 +151,7 @@ def _answers_differ(bundle: Bundle, seen: RecordedObservations) -> float:
     """Return the largest difference of a policy's set points to the recorded ones, rad; NaN without commands."""
     if not np.isfinite(seen.steering).any():
         return math.nan
-    answers = np.clip(set_values(bundle, seen.observations) / seen.steering_limit, -1.0, 1.0)
+    answers = np.clip(outputs_of(bundle, seen.observations) / seen.steering_limit, -1.0, 1.0)
     return float(np.nanmax(np.abs(answers - seen.steering))) * seen.steering_limit
 
 

@@ -11,7 +11,7 @@ import shap  # type: ignore[import-untyped]
 
 from bike_policy.contract.action import DRIVE, LEAN_REQUEST, LINE_OFFSET, PACE
 from bike_policy.contract.observation import ObservationLayout
-from bike_training.explain.shap_values import BlockExplanation, Explanation
+from bike_training.explain.shap_values import Explanation
 
 SYMBOLS: Final = {
     "roll": "roll φ",
@@ -88,7 +88,7 @@ UNITS: Final = {
 """Of the meanings that races know."""
 
 
-def draw_blocks(explanation: BlockExplanation, title: str, path: Path) -> None:
+def draw_blocks(explanation: Explanation, title: str, path: Path) -> None:
     """Draw the blocks' mean magnitudes, the largest on top.
 
     Args:
@@ -101,13 +101,13 @@ def draw_blocks(explanation: BlockExplanation, title: str, path: Path) -> None:
 
     count = len(explanation.actions)
     fig, panels = plt.subplots(
-        1, count, figsize=(6.5 * count, 0.28 * len(explanation.blocks) + 1.6), layout="constrained", squeeze=False
+        1, count, figsize=(6.5 * count, 0.28 * len(explanation.parts) + 1.6), layout="constrained", squeeze=False
     )
     for column, (panel, action) in enumerate(zip(panels[0], explanation.actions, strict=True)):
         unit = UNITS[action]
         size = unit.factor * explanation.mean_abs[:, column]
         order = np.argsort(size)
-        bars = panel.barh([explanation.blocks[i].replace("_", " ") for i in order], size[order])
+        bars = panel.barh([explanation.parts[i].replace("_", " ") for i in order], size[order])
         panel.bar_label(bars, [f"{explanation.shares[i, column]:.0%}" for i in order], padding=3)
         panel.margins(x=0.12)
         panel.set_xlabel(f"{unit.name}: mean |SHAP value| / {unit.unit}, and its share")

@@ -213,7 +213,7 @@ def _bound_features(explanation: Explanation) -> list[str]:
 
 def _idle_features(explanation: Explanation) -> list[str]:
     """Name the features of no weight, with how much they vary."""
-    share = explanation.mean_abs / max(float(explanation.mean_abs.sum()), np.finfo(float).tiny)
+    share = explanation.shares
     spread, size = np.std(explanation.features, axis=0), np.abs(explanation.features).mean(axis=0)
     return [
         f"{name} has {part:.1%} of the weight here, but varies by {s / m:.1%} of its size only: nothing is said about "

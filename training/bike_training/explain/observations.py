@@ -14,7 +14,7 @@ from bike_analysis import Ride, find_rides, read_recording
 from bike_analysis.read.columns import ColumnReader
 from bike_analysis.read.container import find_files
 from bike_policy.contract.bundle import Bundle
-from bike_policy.contract.observation import ObservationLayout, Rows
+from bike_policy.contract.observation import Rows
 from bike_policy.riders.racing import RacingRider
 from bike_sim.course.course import Course
 from bike_sim.physics.state import FIELDS
@@ -142,19 +142,8 @@ def _columns(path: Path, topic: str, orders: NDArray[np.int64]) -> dict[str, NDA
     return reader.finish()
 
 
-def path_layout(bundle: Bundle) -> ObservationLayout:
-    """Return the layout of a policy that follows paths.
-
-    Raises:
-        ValueError: it races; what it sees is not made of one state.
-    """
-    if bundle.layout.races:
-        raise ValueError(f"policy {bundle.name!r} races; only policies that follow paths can be explained so far")
-    return bundle.layout
-
-
 def _observe(bundle: Bundle, columns: dict[str, NDArray[Any]]) -> NDArray[np.float32]:
-    layout, preview = path_layout(bundle), columns["preview_y"]
+    layout, preview = bundle.layout, columns["preview_y"]
     picked = layout.pick_preview(
         bool(columns["preview_by_time"][0]), float(columns["preview_interval"][0]), preview.shape[1]
     )
