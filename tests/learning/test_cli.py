@@ -98,6 +98,7 @@ def test_help_of_every_command_shows_how_to_use_it(command, capsys):
     assert stop.value.code == 0
     text = capsys.readouterr().out
     assert "--json" in text
+    assert f"duration: {COMMANDS[command].duration}\n" in text
     assert "example" in text
 
 

@@ -78,6 +78,7 @@ class Command:
 
     Attributes:
         summary: one line.
+        duration: how long it takes, in words.
         examples: text at the end of its help.
         declare: declares its options.
         subject: returns what parsed arguments are about.
@@ -85,6 +86,7 @@ class Command:
     """
 
     summary: str
+    duration: str
     examples: str
     declare: Callable[[CommandParser], None]
     subject: Callable[[Namespace], str]
@@ -93,7 +95,7 @@ class Command:
     def parser(self, name: str) -> CommandParser:
         """Return the parser of its arguments, under the name of the command."""
         parser = CommandParser(name, self.summary, tuple(self.functions), RENAMED_OPTIONS)
-        parser.epilog = f"examples:\n{self.examples.rstrip()}"
+        parser.epilog = f"duration: {self.duration}\n\nexamples:\n{self.examples.rstrip()}"
         self.declare(parser)
         return parser
 
@@ -242,6 +244,7 @@ def _ride_subject(args: Namespace) -> str:
 
 _RIDE: Final = Command(
     "ride a course, record it and report; lap a circuit on a superbike",
+    "less than a minute on a path, a minute or two for laps, much longer for --all; the first start compiles",
     """\
   bike ride                                      the benchmark path at 4 m/s with the shipped policy
   bike ride --speed 6.5 --course circle --out out/circle
@@ -300,6 +303,7 @@ def _declare_live(parser: CommandParser) -> None:
 
 _LIVE: Final = Command(
     "ride in a browser: watch, steer, and compare with other riders",
+    "some seconds until the page is there",
     """\
   bike live                                               the bicycle on the benchmark path; open the address it prints
   bike live --vehicle panigale_v4r --course barcelona     a superbike; arrows, touch or a gamepad ride it
@@ -394,6 +398,7 @@ def _train_subject(args: Namespace) -> str:
 
 _TRAIN: Final = Command(
     "learn to ride",
+    "a bicycle learns in minutes (--until-finished), with all steps of its preset in an hour or more; superbikes take hours",
     f"""\
   bike train whipple --out runs/a                        the default preset on the compiled engine
   bike train whipple --out runs/b --client ros           through ROS, with PyBullet behind it
@@ -447,6 +452,7 @@ def _export_subject(args: Namespace) -> str:
 
 _EXPORT: Final = Command(
     "make a policy bundle of a run",
+    "seconds",
     "  bike export runs/a --name mine && bike evaluate runs/a/policy",
     _declare_export,
     _export_subject,
@@ -529,6 +535,7 @@ def _evaluate_subject(args: Namespace) -> str:
 
 _EVALUATE: Final = Command(
     "ride a policy at 21 speeds, or laps of superbikes, and write down how well",
+    "a minute or two for 21 speeds or a hundred starts, so long for each of --compare and each pair of --tables",
     """\
   bike evaluate                                the shipped policy, in process, PyBullet at 1 ms
   bike evaluate runs/a/policy --client nodes   through the simulator node and the policy node
@@ -583,6 +590,7 @@ def _validate_subject(args: Namespace) -> str:
 
 _VALIDATE: Final = Command(
     "hold the physics against its publications, or check a circuit",
+    "less than a minute; the five superbikes take minutes",
     f"""\
   bike validate                                   the benchmark bicycle in PyBullet at 1 ms
   bike validate --time-step 0.005 --out out       at 5 ms, with modes.png and validate.json in out/
@@ -686,6 +694,7 @@ def _analyze_subject(args: Namespace) -> str:
 
 _ANALYZE: Final = Command(
     "figures, plots and pages from recordings, runs and sweeps; needs no ROS",
+    "seconds; --explain and videos up to a minute or two",
     """\
   bike analyze ride.mcap                    print the figures, write ride.html and ride.png beside the recording
   bike analyze a.mcap b.mcap --out report   compare two rides or laps, page in report/
@@ -732,6 +741,7 @@ def _declare_sweep(parser: CommandParser) -> None:
 
 _SWEEP: Final = Command(
     "do many runs from one file, and go on where they stopped",
+    "hours to days; --plan estimates it",
     """\
   bike sweep seeds.yaml --out sweeps/seeds              what is missing of the sweep, on all cores
   bike sweep seeds.yaml --out sweeps/seeds --plan       check the file and estimate the hours; nothing is started
@@ -771,6 +781,7 @@ def _declare_reproduce(parser: CommandParser) -> None:
 
 _REPRODUCE: Final = Command(
     "do the experiments of a publication again",
+    "days for all seeds; --plan estimates it, --quick takes minutes",
     """\
   bike reproduce bicycle --out runs/paper --plan             how long it will take; starts nothing
   bike reproduce bicycle --out runs/paper                    all settings, five seeds; the same command goes on
@@ -797,6 +808,7 @@ def _declare_bench(parser: CommandParser) -> None:
 
 _BENCH: Final = Command(
     "measure speeds and compare them",
+    "minutes for each part",
     "  bike bench physics environment\n  bike bench analysis --json",
     _declare_bench,
     lambda args: WORK,
