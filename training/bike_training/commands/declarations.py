@@ -398,7 +398,7 @@ def _train_subject(args: Namespace) -> str:
 
 _TRAIN: Final = Command(
     "learn to ride",
-    "a bicycle learns in minutes (--until-finished), with all steps of its preset in an hour or more; superbikes take hours",
+    "minutes for a bicycle with --until-finished, an hour or more for all steps of its preset; superbikes take hours",
     f"""\
   bike train whipple --out runs/a                        the default preset on the compiled engine
   bike train whipple --out runs/b --client ros           through ROS, with PyBullet behind it
