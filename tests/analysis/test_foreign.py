@@ -274,6 +274,16 @@ def check_answer(code: int, out: str, err: list[str]) -> None:
     assert all(line.startswith("warning: ") for line in err)
 
 
+def flipped(content: bytes, flips: list[tuple[float, int]], path: Path) -> Path:
+    """A file with some bytes changed: places as shares of its length, and what they are changed by."""
+    damaged = bytearray(content)
+    for place, value in flips:
+        damaged[int(place * len(damaged))] ^= value
+    path.write_bytes(damaged)
+    return path
+
+
+FLIPS = st.tuples(st.floats(0, 1, exclude_max=True), st.integers(1, 255))
 FAST = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
@@ -286,15 +296,10 @@ def test_torn_anywhere(recorded: bytes, tmp_path: Path, capsys, data: st.DataObj
 
 
 @FAST
-@given(flips=st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.integers(1, 255)), min_size=1, max_size=30))
+@given(flips=st.lists(FLIPS, min_size=1, max_size=30))
 @example(flips=[(0.0, 1)])
 def test_damaged_anywhere(recorded: bytes, tmp_path: Path, capsys, flips: list[tuple[float, int]]) -> None:
-    content = bytearray(recorded)
-    for place, value in flips:
-        content[int(place * len(content))] ^= value
-    damaged = tmp_path / "damaged.mcap"
-    damaged.write_bytes(content)
-    check_answer(*analyze_quietly(damaged, capsys))
+    check_answer(*analyze_quietly(flipped(recorded, flips, tmp_path / "damaged.mcap"), capsys))
 
 
 @pytest.fixture(scope="module")
@@ -316,17 +321,12 @@ def unchecked(recorded: bytes) -> bytes:
 
 
 @FAST
-@given(flips=st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.integers(1, 255)), min_size=1, max_size=200))
+@given(flips=st.lists(FLIPS, min_size=1, max_size=200))
 def test_damage_that_no_checksum_finds(
     unchecked: bytes, tmp_path: Path, capsys, flips: list[tuple[float, int]]
 ) -> None:
     """Wrong numbers cannot be told from right ones here; but there is an answer, and it is valid."""
-    content = bytearray(unchecked)
-    for place, value in flips:
-        content[int(place * len(content))] ^= value
-    damaged = tmp_path / "damaged.mcap"
-    damaged.write_bytes(content)
-    check_answer(*analyze_quietly(damaged, capsys))
+    check_answer(*analyze_quietly(flipped(unchecked, flips, tmp_path / "damaged.mcap"), capsys))
 
 
 @settings(max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -334,12 +334,10 @@ def test_damage_that_no_checksum_finds(
 @example(seed=12458)  # a gap as long as a lap
 def test_damaged_recordings_are_drawn_too(unchecked: bytes, tmp_path: Path, capsys, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    content = bytearray(unchecked)
-    for place in rng.integers(len(content) // 2, len(content), 60):
-        content[place] ^= int(rng.integers(1, 256))
-    damaged = tmp_path / "damaged.mcap"
-    damaged.write_bytes(content)
-    check_answer(*analyze_quietly(damaged, capsys, "--out", str(tmp_path / "out")))
+    places = (rng.integers(len(unchecked) // 2, len(unchecked), 60) + 0.5) / len(unchecked)
+    flips = [(float(place), int(rng.integers(1, 256))) for place in places]
+    path = flipped(unchecked, flips, tmp_path / "damaged.mcap")
+    check_answer(*analyze_quietly(path, capsys, "--out", str(tmp_path / "out")))
 
 
 def test_what_cannot_be_worked_out_names_its_file_and_leaves_the_others(

@@ -132,7 +132,7 @@ function minus(places, values, otherPlaces, otherValues) {
   return result;
 }
 
-// Pointers on a drawing: mouse, pen and fingers told as hover, pan, zoom, select and reset.
+// Pointers on a drawing: events of mouse, pen and fingers as hover, pan, zoom, select and reset.
 //
 // Mouse: moving hovers; dragging selects (with shift, or where nothing is to be selected, it pans); control and wheel
 // zoom, as does pinching a trackpad; a double click resets. Fingers: one hovers, two pan and zoom; the page still

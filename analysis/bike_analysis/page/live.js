@@ -1,7 +1,7 @@
-// A running ride: states from the WebSocket into the view's columns, wishes of the person at the page to the ride.
+// A running ride: states from the WebSocket into the view's columns, manual commands of the person at the page to the ride.
 
 const KEPT_S = 30;            // shown and kept
-const WISH_MS = 33;           // between two wishes
+const COMMAND_MS = 33;        // between two commands
 const KEY_RATE = 3.5;         // full lean by keys takes this part of a second
 const MAP_EVERY = 6;          // frames; its mark moves with each
 const PANELS_EVERY = 3;       // likewise, each in its turn: half a minute of traces moves by less than a pixel in a frame
@@ -12,14 +12,14 @@ class Live {
     Object.assign(this, { view, spec, bar: document.querySelector(".live-bar"), frames: [], delays: [], states: 0, drawn: 0 });
     this.keys = new Set();
     this.pads = { steering: 0, throttle: 0 };
-    this.wish = { steering: 0, throttle: 0 };
+    this.command = { steering: 0, throttle: 0 };
     this.laps = [];
     this.ghost = view.series[1];
     this.ghostTime = this.ghost?.columns.time;
     this.clear();
     this.listen();
     this.connect();
-    if (!spec.watched) setInterval(() => this.sendWish(), WISH_MS);
+    if (!spec.watched) setInterval(() => this.sendCommand(), COMMAND_MS);
   }
   // The ghost begins with the ride, and again with each lap if it is one.
   startGhost(at) { if (this.ghost) this.ghost.columns.time = this.ghostTime.map(time => time + at); }
@@ -80,8 +80,8 @@ class Live {
     this.frames.push(now);
     this.delays.push(performance.timeOrigin + now - this.sent);
     while (this.frames[0] < now - 2000) { this.frames.shift(); this.delays.shift(); }
-    if (!(this.told > now - 500)) {
-      this.told = now;
+    if (!(this.measured > now - 500)) {
+      this.measured = now;
       const middle = [...this.delays].sort((a, b) => a - b)[this.delays.length >> 1];
       this.rate = 1000 * (this.frames.length - 1) / (now - this.frames[0] || 1);
       this.delay = middle;
@@ -158,16 +158,16 @@ class Live {
   }
 
   // Positive to the left, as in a command. Keys move the lean at a rate, pads and sticks set it.
-  sendWish() {
+  sendCommand() {
     const pad = [...(navigator.getGamepads?.() ?? [])].find(Boolean), stick = pad?.axes[0] ?? 0;
     const pulled = k => pad?.buttons[k]?.value ?? 0, key = name => Number(this.keys.has(name));
-    const held = key("ArrowLeft") - key("ArrowRight"), most = KEY_RATE * WISH_MS / 1000;
+    const held = key("ArrowLeft") - key("ArrowRight"), most = KEY_RATE * COMMAND_MS / 1000;
     const wanted = this.pads.steering || (Math.abs(stick) > DEAD ? -stick : 0);
-    if (wanted) this.wish.steering = wanted;
-    else this.wish.steering += Math.max(-most, Math.min(most, held - this.wish.steering));
-    this.wish.throttle = this.pads.throttle || pulled(7) - pulled(6) || key("ArrowUp") - key("ArrowDown");
+    if (wanted) this.command.steering = wanted;
+    else this.command.steering += Math.max(-most, Math.min(most, held - this.command.steering));
+    this.command.throttle = this.pads.throttle || pulled(7) - pulled(6) || key("ArrowUp") - key("ArrowDown");
     if (Math.abs(stick) > DEAD || pulled(7) > DEAD || pulled(6) > DEAD) this.takeOver();
-    if (this.hands) this.send({ type: "input", steering: this.wish.steering, throttle: Math.max(-1, Math.min(1, this.wish.throttle)) });
+    if (this.hands) this.send({ type: "input", steering: this.command.steering, throttle: Math.max(-1, Math.min(1, this.command.throttle)) });
   }
 }
 

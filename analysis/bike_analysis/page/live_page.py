@@ -94,7 +94,7 @@ def live_view(course: Course, machine: str, powered: bool, ghost: Ghost | None =
         "y": np.full(2, course.y[0]),
         **({name: still for name in _DRIVEN} if powered else {}),
     }
-    speed = replace(SPEED, zero=True, least=50.0) if powered else SPEED
+    speed = replace(SPEED, zero=True, least=10.0) if powered else SPEED
     driven = tuple(replace(panel, folded=False) for panel in (THROTTLE, BRAKE, SLIP, LOAD)) if powered else ()
     panels = (speed, _LEAN, *driven, _COMMAND, ERROR)
     line, widths = (course.x, course.y, course.heading), (course.width_left, course.width_right)

@@ -312,7 +312,7 @@ class PanelPart extends PlotPart {
       if (this.shows) this.mark(this.points[k], inside && found.line.fill !== "band" ? at : NaN, value);
     });
   }
-  get said() {
+  get cursorText() {
     const first = this.lines?.[0];
     return first ? `${first.name} ${this.values[0].textContent}` : "";
   }

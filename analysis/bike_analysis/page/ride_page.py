@@ -165,7 +165,9 @@ def time_table(comparison: Comparison, circuit: Circuit | None = None) -> str:
     if circuit is not None:
         theory = circuit.theory
         rows.append(("theoretical", "", [theory.lap_time, *theory.sector_times]))
-    names = ["time", *(f"{number}\u2002{sector.name}" for number, sector in enumerate(sectors, start=1))]
+    names = ["time"]
+    for number, sector in enumerate(sectors, start=1):
+        names.append(sector.name if sector.name == f"sector {number}" else f"{number}\u2002{sector.name}")
     cells = [[_behind_cell(time, least) for time, least in zip_longest(times, best)] for _, _, times in rows]
     if len(sectors) <= MOST_COLUMNS:
         head = "".join(f"<th>{html_text(name)}</th>" for name in ("run", "", *names))

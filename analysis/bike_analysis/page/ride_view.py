@@ -97,6 +97,7 @@ LEAN: Final = Panel(
     ),
     caption="Roll is positive leaning right, steer positive to the left. The band is the lean that balances the path's "
     "curvature κ at this speed, −atan(v²κ/g). A short steer to the other side before a turn is counter-steering.",
+    least=2.0,
 )
 SPEED: Final = Panel("speed", "Speed", (PanelLine("speed", "speed", "green"),), zero=False, least=0.2)
 THROTTLE: Final = Panel(

@@ -175,14 +175,14 @@ class View {
       drawn.push(part);
     }
     for (const part of this.moved ? this.parts : drawn) part.point();
-    if (this.moved || drawn.length) tell(this);
+    if (this.moved || drawn.length) describeCursor(this);
     this.moved = false;
     if (drawn.length) performance.measure("draw", { start, detail: drawn.length });
     if ([...this.dirty].some(part => part.seen)) this.ask(); else if (this.parts.length) this.root.dataset.ready = "yes";
   }
 }
 
-// What stands beside the drawings: axis, zoom, playing, series, and what is told about the cursor.
+// Controls beside the drawings: axis, zoom, playing, series, and the words about the cursor.
 
 function buildBar(view) {
   const bar = view.root;
@@ -244,7 +244,7 @@ function steer(view, event, focused) {
   return true;
 }
 
-function tell(view) {
+function describeCursor(view) {
   const { distance, time } = view.main.columns, row = view.row;
   const section = view.sections.find(s => row >= s.first && row < s.last), length = time.length;
   const where = `${numberText(distance[row], 1)}\u202fm`, when = clockText(time[row]);
@@ -255,7 +255,7 @@ function tell(view) {
     part.plot.setAttribute("aria-valuemin", "0");
     part.plot.setAttribute("aria-valuemax", String(length - 1));
     part.plot.setAttribute("aria-valuenow", String(row));
-    part.plot.setAttribute("aria-valuetext", [where, when, part.said].filter(Boolean).join(", "));
+    part.plot.setAttribute("aria-valuetext", [where, when, part.cursorText].filter(Boolean).join(", "));
   }
 }
 
