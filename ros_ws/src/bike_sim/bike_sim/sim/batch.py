@@ -40,6 +40,10 @@ SUPERBIKE_ENGINE: Final = "compiled"
 
 _KEPT: Final = ("state", "signals", "fall", "ground", "ride", "views", "preview", "steps", "end")
 """What a checkpoint holds of the rows; the rest follows from the requests."""
+_PREPARED: Final = ("around", "road_facts", "ride", "ground")
+"""Records of a row that a reset makes anew."""
+_LEVEL: Final = flat_ground()
+_LEVEL_BYTES: Final = _LEVEL.record.view(np.uint8)
 
 
 class Batch:
@@ -98,6 +102,10 @@ class Batch:
         signals = len(self._plants[0].signal_names)
         self.rows = make_rows(count, signals, self.preview.count)
         self._scratch = make_rows(1, 0, 0)
+        # Rows of bytes: numpy copies records field by field, which takes ten times as long.
+        self._prepared = {name: bytes_of(getattr(self._scratch, name))[0] for name in _PREPARED}
+        self._started = [(bytes_of(getattr(self.rows, name)), self._prepared[name]) for name in _PREPARED]
+        self._by_time, self._interval = (self._scratch.around[name] for name in ("by_time", "interval"))
         self._kept = np.zeros(lk.VIEW_SIZE + 2 * self.preview.count)
         self._period = float(config.control_period)
         for index, plant in enumerate(self._plants):
@@ -306,27 +314,25 @@ class Batch:
 
     def _lay_ground(self, index: int, plant: Plant, begun: Beginning) -> Ground:
         """Return the ground under the first state, and prepare the row's beginning in the scratch row."""
-        scratch = self._scratch
-        scratch.around[0], scratch.moved[0] = begun.surroundings[0], begun.state
-        scratch.ride[0], scratch.ground[0] = 0, _LEVEL.record[0]
-        scratch.parameters[0] = plant.vehicle.parameters
+        scratch, prepared = self._scratch, self._prepared
+        prepared["around"][:], prepared["ride"][:] = begun.surroundings.view(np.uint8), 0
+        prepared["ground"][:] = _LEVEL_BYTES
+        scratch.moved[0], scratch.parameters[0] = begun.state, plant.vehicle.parameters
         if begun.followed is not None:
-            scratch.road_facts[0] = begun.followed.road.facts[0]
+            prepared["road_facts"][:] = begun.followed.road.facts.view(np.uint8)
         call(begin_row, 0, float(begun.asked), float(begun.near), float(begun.s), scratch)
-        bumps = _LEVEL.bumps if begun.followed is None else begun.followed.road.bumps
-        return Ground(scratch.ground.copy(), bumps)
+        return _LEVEL if begun.followed is None else Ground(scratch.ground.copy(), begun.followed.road.bumps)
 
     def _start_row(self, index: int, plant: Plant, begun: Beginning) -> None:
         """Put a row where its plant has been reset, and observe it."""
-        rows, scratch, preview = self.rows, self._scratch, self.preview
-        scratch.around[0]["by_time"], scratch.around[0]["interval"] = preview.by_time, preview.interval
-        for name in ("around", "road_facts", "ride", "ground"):
-            getattr(rows, name)[index] = getattr(scratch, name)[0]
+        rows, preview = self.rows, self.preview
+        self._by_time[0], self._interval[0] = preview.by_time, preview.interval
+        for started, prepared in self._started:
+            started[index] = prepared
         most = 8 if begun.followed is None else acc.rows_for(len(begun.followed.track.marks), 1.0) + 1
         if most > rows.events.shape[1]:
             self.rows = rows = rows._replace(events=np.zeros((self.count, most, acc.ROW_SIZE)))
-        state = plant.state()
-        rows.moved[index], rows.moved_signals[index] = state, plant.signals()
+        rows.moved[index], rows.moved_signals[index] = plant.state(), plant.signals()
         rows.fall[index], rows.steps[index], rows.end[index] = plant.fall(), 0, 0
         rows.views[index], rows.event_count[index] = 0.0, 0
         call(observe_row, index, 0.0, rows, self._kept)
@@ -403,11 +409,5 @@ class Batch:
             plant.close()
 
 
-_LEVEL: Final = flat_ground()
-
-
 def _name_of(vehicle: str | Vehicle) -> str:
     return vehicle if isinstance(vehicle, str) else vehicle.name
-
-
-make_batch = Batch

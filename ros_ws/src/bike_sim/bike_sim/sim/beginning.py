@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,6 +59,28 @@ class Beginning:
         return None if self.followed is None else self.followed.track
 
 
+class PathSurroundings(NamedTuple):
+    """What rows read of a path, as in `Beginning`."""
+
+    course: Course
+    surroundings: NDArray[np.void]
+    marks: NDArray[np.float64]
+    sections: tuple[str, ...]
+
+    @classmethod
+    def of(cls, course: Course) -> PathSurroundings:
+        """Return the surroundings of a path; its beginning is not a mark."""
+        behind = [(name, start) for name, start in course.sections if 0.0 < start < course.length]
+        marks = np.array([start for _, start in behind], dtype=np.float64)
+        values = {
+            "kind": acc.CLOSED_PATH if course.closed else acc.OPEN_PATH, "limit": course.off_course_limit,
+            "line": address_of(course.table), "line_samples": len(course.s), "line_spacing": course.spacing,
+            "line_length": course.length, "marks": address_of(marks), "mark_count": len(marks),
+            "bumps": address_of(NO_BUMPS),
+        }  # fmt: skip
+        return cls(course, surroundings_of(values), marks, tuple(name for name, _ in behind))
+
+
 LINES_KEPT: Final = 32
 """Lines of circuits that are kept; one of 4.6 km takes 15 MB."""
 
@@ -71,6 +93,7 @@ class Courses:
 
     def __init__(self) -> None:
         self._path: tuple[str, Course] | None = None
+        self._around_path: PathSurroundings | None = None
         self._circuits: dict[str, bool] = {}
         self._lines: dict[tuple[str, float], FollowedLine] = {}
         self._added: dict[str, Track] = {}
@@ -103,6 +126,12 @@ class Courses:
         if self._path is None or self._path[0] != name:
             self._path = (name, load_course(name))
         return self._path[1]
+
+    def around_path(self, course: Course) -> PathSurroundings:
+        """Return what rows read of a path; that of the last one is kept."""
+        if self._around_path is None or self._around_path.course is not course:
+            self._around_path = PathSurroundings.of(course)
+        return self._around_path
 
     def line(self, plant: Plant, circuit: str, lam: float) -> FollowedLine:
         """Return a line of a circuit for a vehicle.
@@ -165,9 +194,9 @@ def begin(request: ResetRequest, plant: Plant, courses: Courses) -> Beginning:
     if courses.is_circuit(plant, request.course):
         return _begin_on_circuit(request, plant, courses)
     _check_for_path(request)
-    rng = np.random.default_rng(request.seed)
-    start = _start(request, plant, rng)
     if request.course == RANDOM_COURSE:
+        rng = np.random.default_rng(request.seed)
+        start = _start(request, plant, rng)
         state = start.state
         length = request.path_length or random_length(start.speed)
         pose = (state[st.X], state[st.Y], state[st.YAW] + start.direction)
@@ -176,26 +205,13 @@ def begin(request: ResetRequest, plant: Plant, courses: Courses) -> Beginning:
             state = plant.place(start, course, 0.0)
     else:
         course = courses.path(request.course)
-        state = plant.place(start, course, 0.0)
+        state = plant.place(_start(request, plant), course, 0.0)
     s = 0.0
     if request.initial_state is not None:
         state = np.array(request.initial_state, dtype=np.float64)
         s = course.nearest(*(float(state[k]) for k in (st.X, st.Y, st.YAW)))
-    return _on_path(course, state, s)
-
-
-def _on_path(course: Course, state: st.StateVector, s: float) -> Beginning:
-    """Return the beginning of an episode on a path, near an arc length, m."""
-    length = course.length
-    behind = [(name, start) for name, start in course.sections if 0.0 < start < length]
-    marks = np.array([start for _, start in behind], dtype=np.float64)
-    values = {
-        "kind": acc.CLOSED_PATH if course.closed else acc.OPEN_PATH, "limit": course.off_course_limit,
-        "line": address_of(course.table), "line_samples": len(course.s), "line_spacing": course.spacing,
-        "line_length": length, "marks": address_of(marks), "mark_count": len(marks),
-        "bumps": address_of(NO_BUMPS),
-    }  # fmt: skip
-    return Beginning(state, course, surroundings_of(values), s, marks=marks, sections=tuple(name for name, _ in behind))
+    around = courses.around_path(course)
+    return Beginning(state, course, around.surroundings, s, marks=around.marks, sections=around.sections)
 
 
 def _check_for_path(request: ResetRequest) -> None:
@@ -210,9 +226,13 @@ def _check_for_path(request: ResetRequest) -> None:
             raise ValueError(f"{name} {getattr(request, name)!r} is for circuits; course {request.course!r} is a path")
 
 
-def _start(request: ResetRequest, plant: Plant, rng: np.random.Generator | None) -> Start:
-    """Return the part of a start that does not depend on the course; without draws, upright at the lowest speed."""
-    speed = float(request.speed_range[0] if rng is None else rng.uniform(*request.speed_range))
+def _start(request: ResetRequest, plant: Plant, rng: np.random.Generator | None = None) -> Start:
+    """Return the part of a start that does not depend on the course, drawn from a generator or the request's own."""
+    low, high = request.speed_range
+    # A generator takes a quarter of a reset, and a learner's starts mostly leave nothing to draw.
+    if rng is None and (request.perturb or low < high):
+        rng = np.random.default_rng(request.seed)
+    speed = float(low if rng is None else rng.uniform(low, high))
     if rng is not None and request.perturb:
         return plant.draw(rng, speed)
     return Start(st.upright_state(speed, plant.vehicle.rF), speed)
@@ -234,9 +254,7 @@ def _begin_on_circuit(request: ResetRequest, plant: Plant, courses: Courses) -> 
     if request.initial_state is not None:
         state = np.array(request.initial_state, dtype=np.float64)
     else:
-        # A generator takes a quarter of a reset, and a learner's starts mostly leave nothing to draw.
-        drawn = request.perturb or request.speed_range[0] < request.speed_range[1]
-        start = _start(request, plant, np.random.default_rng(request.seed) if drawn else None)
+        start = _start(request, plant)
         if request.speed_share > 0.0:
             start = replace(start, speed=_shared_speed(request, plant, followed, s))
         state = plant.place(start, followed.line, s)
