@@ -21,10 +21,9 @@ from bike_sim.physics.state import ROLL, ROLL_RATE
 from bike_sim.schema import GRAVITY
 from bike_sim.sim import look as lk
 from bike_sim.sim.batch import Batch
-from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.config import SimulatorConfig, superbike_config
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
-from bike_sim.sim.superbike_plant import superbike_config
 from bike_training.curricula.parts import RideRanges
 from bike_training.envs.env import BikeEnv
 from bike_training.envs.vec_env import BatchVecEnv

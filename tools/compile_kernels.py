@@ -23,10 +23,9 @@ from bike_sim.course.lap_timing import Sample, time_laps
 from bike_sim.planning.envelope import envelope
 from bike_sim.recording.mcap_file import McapFile
 from bike_sim.sim.batch import Batch
-from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.config import SimulatorConfig, superbike_config
 from bike_sim.sim.request import COURSE_POINTS, Preview, ResetRequest
 from bike_sim.sim.simulator import Simulator
-from bike_sim.sim.superbike_plant import superbike_config
 from bike_sim.vehicles.files import load_superbike
 
 CIRCUIT = "barcelona"

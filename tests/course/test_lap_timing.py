@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bike_sim.course.lap_timing import LapTimer, Sample, TimingKind, time_laps
+from bike_sim.course.lap_timing import EventKind, LapTimer, Sample, time_laps
 
 WHEELBASE = 1.4
 
@@ -41,7 +41,7 @@ def test_steady_ride_has_the_same_lap_every_time_at_any_step(shapes, speed, step
         assert lap.began == pytest.approx((before + (number - 1) * track.length) / speed, rel=1e-9)
         assert lap.sectors == pytest.approx([duration / 3.0] * 3, rel=1e-6)
         assert sum(lap.sectors) == pytest.approx(lap.duration, rel=1e-12)
-    assert [e.kind for e in events].count(TimingKind.SECTOR) >= 9
+    assert [e.kind for e in events].count(EventKind.SECTOR) >= 9
     assert [e.time for e in events] == sorted(e.time for e in events)
 
 
@@ -75,8 +75,8 @@ def test_best_is_the_fastest_valid_lap_and_last_the_latest(track):
     assert [lap.valid for lap in timing.laps] == [True, False, True]
     assert timing.best is timing.laps[2]
     assert timing.last is timing.laps[2]
-    laps = [event for event in events if event.kind is TimingKind.LAP]
-    assert [event.lap for event in laps] == list(timing.laps)
+    laps = [event for event in events if event.kind is EventKind.LAP]
+    assert [event.value for event in laps] == [lap.duration for lap in timing.laps]
     assert "invalid" in laps[1].text
     assert laps[0].text == "lap 1 in 0:30.000"
 
@@ -89,7 +89,7 @@ def test_time_off_the_track_is_interpolated_at_the_limits(track):
     exact = np.interp(fine, times, offset) > 6.0
     timing, events = time_laps(track, ride(times, 5.0 + 10.0 * times, offset))
     assert timing.off_track == pytest.approx(np.sum(exact) * 0.001, abs=2e-3)
-    left, back = (e for e in events if e.kind in (TimingKind.LEFT_TRACK, TimingKind.BACK_ON_TRACK))
+    left, back = (e for e in events if e.kind in (EventKind.OFF_COURSE, EventKind.BACK_ON_COURSE))
     assert back.time - left.time == pytest.approx(timing.off_track)
     assert back.value == pytest.approx(timing.off_track)
 
@@ -135,7 +135,7 @@ def test_riding_back_over_the_line_counts_nothing_twice(track):
     timing, events = time_laps(track, ride(times, progress))
     assert len(timing.laps) == 2
     assert timing.laps[0].began + timing.laps[0].duration < 30.0
-    assert [e.kind for e in events].count(TimingKind.LAP) == 2
+    assert [e.kind for e in events].count(EventKind.LAP) == 2
 
 
 @settings(max_examples=25)

@@ -18,10 +18,9 @@ from bike_policy.contract.bundle import Actor
 from bike_policy.contract.observation import ObservationLayout, Rows
 from bike_sim.physics.state import FIELDS
 from bike_sim.sim import look as lk
-from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.config import SimulatorConfig, superbike_config
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
-from bike_sim.sim.superbike_plant import superbike_config
 from bike_training.curricula.parts import REFINEMENT, PartsCurriculum
 from bike_training.envs.env import BikeEnv
 from bike_training.envs.vec_env import BatchVecEnv

@@ -13,9 +13,9 @@ from bike_policy.contract.bundle import Actor, Bundle, load_bundle
 from bike_policy.contract.observation import GUIDED
 from bike_policy.riders.racing import RacingRider
 from bike_sim.sim.batch import SUPERBIKE_ENGINE
+from bike_sim.sim.config import superbike_config
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
-from bike_sim.sim.superbike_plant import superbike_config
 from bike_training.explain.drawing import draw_blocks
 from bike_training.explain.observations import Onlooker
 from bike_training.explain.shap_values import explain

@@ -11,9 +11,9 @@ from bike_policy.contract.observation import DESCRIPTOR, Rows, rows_of
 from bike_sim.schema import SIGNALS
 from bike_sim.sim import look as lk
 from bike_sim.sim.batch import Batch
+from bike_sim.sim.config import superbike_config
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
-from bike_sim.sim.superbike_plant import superbike_config
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.learning.presets import load_preset
 from bike_training.tasks.base import batch_of, sum_of

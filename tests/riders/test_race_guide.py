@@ -18,8 +18,8 @@ from bike_sim.course.files import load_course
 from bike_sim.physics import state as ps
 from bike_sim.sim import look as lk
 from bike_sim.sim.batch import SUPERBIKE_ENGINE, Batch
+from bike_sim.sim.config import superbike_config
 from bike_sim.sim.request import ResetRequest
-from bike_sim.sim.superbike_plant import superbike_config
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.curricula.race import CircuitSet
 from tests.circuits import LineController, circle

@@ -36,7 +36,7 @@ from bike_sim.ros import node_tools
 from bike_sim.ros.command_gate import Command
 from bike_sim.ros.isolation import DISCOVERY_VARIABLE, PROFILES_VARIABLE, DomainLease
 from bike_sim.ros.messages import encode_command, reset_to_message
-from bike_sim.ros.node_settings import SPECS, NodeSettings
+from bike_sim.ros.sim_node import SPECS, NodeSettings
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.vehicles.files import load_vehicle
@@ -322,12 +322,18 @@ def other_ros(tmp_path: Path) -> Iterator[RosFixture]:
 
 
 @pytest.fixture(scope="module")
-def lockstep(tmp_path_factory: pytest.TempPathFactory, compiled: None) -> Iterator[StateProbe]:
-    """StateProbe on a simulator in lockstep that the tests of a module share; each begins with a reset of its own."""
-    ros = RosFixture(tmp_path_factory.mktemp("lockstep"))
-    ros.simulator()
-    yield ros.probe()
+def shared_ros(tmp_path_factory: pytest.TempPathFactory, compiled: None) -> Iterator[RosFixture]:
+    """A ROS domain that the tests of a module share."""
+    ros = RosFixture(tmp_path_factory.mktemp("shared"))
+    yield ros
     ros.close()
+
+
+@pytest.fixture(scope="module")
+def lockstep(shared_ros: RosFixture) -> StateProbe:
+    """StateProbe on a simulator in lockstep that the tests of a module share; each begins with a reset of its own."""
+    shared_ros.simulator()
+    return shared_ros.probe()
 
 
 LINEAR_LAYOUT = ObservationLayout(

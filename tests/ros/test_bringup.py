@@ -12,8 +12,8 @@ import yaml
 from bike_analysis.read.columns import MessageSchema
 from bike_analysis.read.container import Container
 from bike_sim.ros import record
-from bike_sim.ros.node_settings import SPECS, NodeSettings
 from bike_sim.ros.node_tools import ParameterSpec
+from bike_sim.ros.sim_node import SPECS, NodeSettings
 from bike_sim.vehicles.files import load_vehicle, shipped_superbikes
 from bike_training.cli import main
 

@@ -10,7 +10,7 @@ import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from bike_policy import drive, joy
-from bike_sim.ros import node_settings, node_tools, record
+from bike_sim.ros import node_tools, record, sim_node
 from bike_sim.ros.node_tools import ParameterSpec
 
 ROOT = Path(__file__).parents[2]
@@ -49,7 +49,7 @@ def parameter_row(spec: ParameterSpec) -> list[str]:
 @pytest.mark.parametrize(
     ("node", "specs"),
     [
-        ("sim_node", node_settings.SPECS),
+        ("sim_node", sim_node.SPECS),
         ("drive", drive.SPECS),
         ("joystick", joy.SPECS),
         ("record", record.SPECS),

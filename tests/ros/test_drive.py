@@ -124,9 +124,10 @@ class Asker:
         self._ears.until_equal(lambda: {kind: self._ears.count("drive", f"states_{kind}") for kind in states}, states)
 
 
-@pytest.fixture
-def asked(ros, policy) -> tuple[Asker, BikeState, Any]:
-    """A policy node that has answered a state, and that takes no silence for a new simulator."""
+@pytest.fixture(scope="module")
+def asked(shared_ros, policy) -> tuple[Asker, BikeState, Any]:
+    """A policy node that has answered a state and takes no silence for a new simulator; each test has its own steps."""
+    ros = shared_ros
     simulator = ros.simulator(course="line")
     probe = ros.probe()
     asker, state = Asker(probe), probe.states[-1]
@@ -154,35 +155,36 @@ def test_copies_of_a_state_are_answered_once_and_later_again(asked) -> None:
 def test_states_that_are_old_or_not_finite_are_told_and_not_answered(asked) -> None:
     asker, state, driver = asked
     later = Header(stamp=Time(sec=state.header.stamp.sec + 1), frame_id=state.header.frame_id)
-    asker.ask(state, step=7, header=later)
-    asker.until_answered(7)
-    asker.ask(state, step=5)
+    asker.ask(state, step=17, header=later)
+    asker.until_answered(17)
+    asker.ask(state, step=15)
     asker.until_reported(stale=1, refused=0)
-    asker.ask(state, step=8, header=later, roll=math.nan)
+    asker.ask(state, step=18, header=later, roll=math.nan)
     asker.until_reported(stale=1, refused=1)
-    asker.ask(state, step=9, header=later)
-    asker.until_answered(9)
-    assert not asker.answers(5)
-    assert not asker.answers(8)
+    asker.ask(state, step=19, header=later)
+    asker.until_answered(19)
+    assert not asker.answers(15)
+    assert not asker.answers(18)
     assert "1 stale, 0 not finite" in driver.words
     assert "0 stale, 1 not finite" in driver.words
 
 
 @pytest.mark.parametrize(
-    ("changes", "parameters", "words"),
+    ("parameters", "misfits"),
     [
-        ({"vehicle": "tricycle"}, {}, "trained for vehicle 'tricycle'"),
-        ({"control_period": 0.02}, {}, "control period of 0.02 s"),
-        ({}, {"preview_by_time": False, "preview_interval": 1.0}, "needs a preview by time"),
+        ({}, {"trained for vehicle 'tricycle'": {"vehicle": "tricycle"}, "period of 0.02 s": {"control_period": 0.02}}),
+        ({"preview_by_time": False, "preview_interval": 1.0}, {"needs a preview by time": {}}),
     ],
 )
-def test_a_policy_that_does_not_fit_is_refused(ros, policy, tmp_path: Path, changes, parameters, words) -> None:
-    replace(load_bundle(policy), **changes).save(tmp_path / "misfit")
+def test_a_policy_that_does_not_fit_is_refused(ros, policy, tmp_path: Path, parameters, misfits) -> None:
     ros.simulator(**parameters)
-    driver = ros.start("bike_policy.drive", policy=str(tmp_path / "misfit"))
     probe = ros.probe()
-    assert driver.wait() == 2
-    assert words in driver.words
+    for words, changes in misfits.items():
+        replace(load_bundle(policy), **changes).save(tmp_path / words)
+        driver = ros.start("bike_policy.drive", policy=str(tmp_path / words))
+        assert driver.wait() == 2
+        assert words in driver.words
+    probe.during(0.1)
     assert probe.states[-1].step == 0
 
 

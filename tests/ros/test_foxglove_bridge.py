@@ -24,9 +24,8 @@ from websockets.typing import Subprotocol
 
 from bike_analysis.read.columns import MessageSchema
 from bike_policy.riders.rider import make_rider
-from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.config import SimulatorConfig, superbike_config
 from bike_sim.sim.request import Preview, ResetRequest
-from bike_sim.sim.superbike_plant import superbike_config
 from bike_training.nodes.foxglove_bridge import FoxgloveBridge
 from bike_training.nodes.live_ride import LiveRide, LiveSettings
 

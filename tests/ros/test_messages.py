@@ -23,12 +23,11 @@ from bike_sim.physics import state as state_places
 from bike_sim.ros import messages, standard_messages
 from bike_sim.ros.command_gate import Command
 from bike_sim.sim import look as lk
-from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.config import SimulatorConfig, superbike_config
 from bike_sim.sim.events import EventKind
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import Snapshot
-from bike_sim.sim.superbike_plant import superbike_config
 from bike_sim.vehicles.files import load_vehicle, shipped_vehicles
 from bike_sim.vehicles.superbike import Superbike
 from tests.same import assert_same

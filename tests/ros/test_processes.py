@@ -22,7 +22,7 @@ from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 
 from bike_sim.ros.isolation import DISCOVERY_VARIABLE, PROFILES_VARIABLE
-from bike_sim.ros.node_settings import SPECS, NodeSettings
+from bike_sim.ros.sim_node import SPECS, NodeSettings
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator

@@ -10,11 +10,10 @@ import pytest
 
 from bike_sim.physics import state as st
 from bike_sim.sim import look as lk
-from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.config import SimulatorConfig, superbike_config
 from bike_sim.sim.events import EventKind
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.sim.simulator import Simulator
-from bike_sim.sim.superbike_plant import superbike_config
 from bike_training.envs.clients import make_client
 from bike_training.envs.ros_client import RosClient
 from tests.same import assert_same

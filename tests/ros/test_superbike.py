@@ -30,9 +30,9 @@ from bike_sim.ros.messages import (
 )
 from bike_sim.schema import SIGNALS
 from bike_sim.sim import look as lk
+from bike_sim.sim.config import superbike_config
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
-from bike_sim.sim.superbike_plant import superbike_config
 from bike_sim.vehicles.files import load_superbike
 from bike_training.nodes.node_rides import ride_through_nodes
 from tests.same import assert_same

@@ -11,13 +11,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as some
 
 from bike_sim.sim.batch import Batch
-from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.config import SimulatorConfig, superbike_config
 from bike_sim.sim.events import EventKind
 from bike_sim.sim.observation import array_at
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import Snapshot
-from bike_sim.sim.superbike_plant import superbike_config
 
 BICYCLES = SimulatorConfig(engine="whipple", time_step=0.01)
 CONFIG = replace(superbike_config("panigale_v4r"), engine="compiled")

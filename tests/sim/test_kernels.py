@@ -13,7 +13,7 @@ from numba.core.dispatcher import Dispatcher
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
-from bike_sim.sim.superbike_plant import superbike_config
+from bike_sim.sim.config import superbike_config
 config = superbike_config("r1") if "superbike" in sys.argv else SimulatorConfig(engine=sys.argv[1])
 simulator = Simulator(config)
 simulator.reset(ResetRequest(course="line"))

@@ -11,12 +11,11 @@ import pytest
 
 from bike_sim.physics import state as st
 from bike_sim.sim import look as lk
-from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.config import SimulatorConfig, superbike_config
 from bike_sim.sim.events import EventKind
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import Snapshot
-from bike_sim.sim.superbike_plant import superbike_config
 from tests.same import assert_same
 
 BICYCLE = SimulatorConfig(engine="whipple", time_step=0.005)

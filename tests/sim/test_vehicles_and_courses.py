@@ -11,10 +11,9 @@ import pytest
 from bike_sim.course.random_courses import PathRanges
 from bike_sim.physics import state as st
 from bike_sim.sim import look as lk
-from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.config import SimulatorConfig, superbike_config
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.snapshot import NO_FALL, Snapshot
-from bike_sim.sim.superbike_plant import superbike_config
 from bike_sim.vehicles.files import load_vehicle, shipped_vehicles
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.envs.clients import CLIENT_KINDS, Client, make_client

@@ -15,14 +15,12 @@ from bike_sim.course.track import Track
 from bike_sim.physics import state as st
 from bike_sim.physics.ground import GROUND, flat_ground
 from bike_sim.sim import look as lk
-from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.config import SimulatorConfig, superbike_config
 from bike_sim.sim.events import EventKind
-from bike_sim.sim.ground import GRASS_GRIP, GRAVEL_GRIP, GUST_SAMPLES, gust_series, lay_ground, road_of
+from bike_sim.sim.ground import GRASS_GRIP, GRAVEL_GRIP, GUST_SAMPLES, gust_series, lay_ground, road_of, touch_of
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import Snapshot
-from bike_sim.sim.superbike_plant import superbike_config
-from bike_sim.sim.walls import touch_of
 from tests.circuits import OVAL
 
 BANKED = (

@@ -15,10 +15,9 @@ from hypothesis import strategies as some
 from bike_sim.physics import state as st
 from bike_sim.schema import SIGNALS
 from bike_sim.sim import look as lk
-from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.config import SimulatorConfig, superbike_config
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
-from bike_sim.sim.superbike_plant import superbike_config
 from tests.sim.conftest import STADIUM
 
 QUICK = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

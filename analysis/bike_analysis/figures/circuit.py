@@ -21,15 +21,15 @@ from bike_analysis.read.reading import Recording
 from bike_analysis.read.rides import Ride
 from bike_sim.course.course import Course
 from bike_sim.course.files import load_track, shipped_tracks
-from bike_sim.course.lap_timing import EXACT, Timing, TimingKind, samples_of, time_laps
+from bike_sim.course.lap_timing import EXACT, EventKind, Timing, samples_of, time_laps
 from bike_sim.course.track import Corner, Track, find_corners
 from bike_sim.schema import GRAVITY
 
 _KINDS: Final = {
-    TimingKind.LAP: "lap",
-    TimingKind.SECTOR: "sector",
-    TimingKind.LEFT_TRACK: "off_course",
-    TimingKind.BACK_ON_TRACK: "back_on_course",
+    EventKind.LAP: "lap",
+    EventKind.SECTOR: "sector",
+    EventKind.OFF_COURSE: "off_course",
+    EventKind.BACK_ON_COURSE: "back_on_course",
 }
 OFF_CIRCUIT: Final = 500.0
 """Farther from the centre line no ride of a circuit is, m."""
@@ -139,7 +139,7 @@ def ridden_circuit(recording: Recording, ride: Ride, track: Track, theory: Theor
     again = [(_KINDS[event.kind], event.time, event.progress) for event in events]
     wanted = set(_KINDS.values())
     recorded = [(event.kind, event.time_s, event.progress_m) for event in ride.events if event.kind in wanted]
-    again_values = [event.value for event in events if event.kind is not TimingKind.LEFT_TRACK]
+    again_values = [event.value for event in events if event.kind is not EventKind.OFF_COURSE]
     recorded_values = [e.value for e in ride.events if e.kind in wanted and e.kind != "off_course"]
     agrees = bool(again) and again == recorded and again_values == recorded_values
     return Circuit(track, theory, timing, agrees)

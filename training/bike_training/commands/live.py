@@ -16,9 +16,8 @@ from bike_analysis.page.live_page import ghost_of, live_view, render_live_page
 from bike_analysis.report import analyze
 from bike_policy.riders.rider import make_rider
 from bike_sim.course.files import kind_of, load_course, shipped_tracks
-from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.config import SimulatorConfig, superbike_config
 from bike_sim.sim.request import Preview, ResetRequest
-from bike_sim.sim.superbike_plant import superbike_config
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.arguments import check_positive, check_whole, recording_folder

@@ -14,10 +14,9 @@ from bike_policy.contract.observation import rows_of
 from bike_sim.physics import state as st
 from bike_sim.sim import look as lk
 from bike_sim.sim.batch import SUPERBIKE_ENGINE
-from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.config import SimulatorConfig, superbike_config
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.snapshot import Snapshot
-from bike_sim.sim.superbike_plant import superbike_config
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.curricula.base import Episodes

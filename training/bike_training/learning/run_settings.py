@@ -13,8 +13,7 @@ import numpy as np
 from bike_sim.documents import show
 from bike_sim.physics.engines import ENGINE_KINDS
 from bike_sim.sim.batch import COMPILED_ENGINE, SUPERBIKE_ENGINE
-from bike_sim.sim.config import SimulatorConfig
-from bike_sim.sim.superbike_plant import superbike_config
+from bike_sim.sim.config import SimulatorConfig, superbike_config
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.envs.clients import CLIENT_KINDS

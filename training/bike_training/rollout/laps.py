@@ -23,12 +23,12 @@ from bike_sim.planning.lap_limit import LapLimit
 from bike_sim.planning.line_cache import closest_lap
 from bike_sim.planning.passing import Passing, passings, speeds_of_own_path
 from bike_sim.sim import look as lk
+from bike_sim.sim.config import superbike_config
 from bike_sim.sim.events import EventKind
 from bike_sim.sim.followed_line import FollowedLine
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import WALL, Snapshot
-from bike_sim.sim.superbike_plant import superbike_config
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.rollout.rollout import rollout
 

@@ -18,9 +18,9 @@ from bike_sim.course.lap_timing import Lap
 from bike_sim.planning.line_cache import closest_lap
 from bike_sim.sim import look as lk
 from bike_sim.sim.batch import SUPERBIKE_ENGINE, Batch
+from bike_sim.sim.config import superbike_config
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.snapshot import WALL
-from bike_sim.sim.superbike_plant import superbike_config
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.curricula.race import CircuitSet

@@ -77,34 +77,38 @@ class Lap:
         return self.off_track == 0.0
 
 
-class TimingKind(IntEnum):
-    """A report of the timing; the numbers are those of ``bike_msgs/RideEvent``."""
+class EventKind(IntEnum):
+    """Kinds of events; the numbers are those of ``bike_msgs/RideEvent``."""
 
-    SECTOR = acc.SECTOR
+    RESET = 0
+    FALL = 1
+    OFF_COURSE = acc.LEFT_TRACK
+    WALL = 3
     LAP = acc.LAP
-    LEFT_TRACK = acc.LEFT_TRACK
-    BACK_ON_TRACK = acc.BACK_ON_TRACK
+    FINISH = acc.FINISH
+    SECTOR = acc.SECTOR
+    BACK_ON_COURSE = acc.BACK_ON_TRACK
+    SCRAPE = 8
 
 
-@dataclass(frozen=True)
-class TimingEvent:
-    """Something the timing noticed.
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something that happened.
 
     Attributes:
         kind: what.
-        time: when, interpolated between samples, s.
-        progress: where, m, growing over laps.
-        value: duration of the sector or lap, or of the time off the track, s; 0 when it is left.
-        lap: the finished lap, for a lap.
+        time: s since the reset, interpolated within the step where a line was crossed.
+        progress: arc length, m: along the course, on a circuit along its centre line.
+        value: time of the lap or sector (s), roll of a fall (rad), lateral error off the course or distance beyond the
+            limits (m; 0 from samples), speed at a wall hit or scraped (m/s), time off the track on return (s), else 0.
         text: one sentence for people.
     """
 
-    kind: TimingKind
+    kind: EventKind
     time: float
     progress: float
     value: float
     text: str
-    lap: Lap | None = None
 
 
 @dataclass(frozen=True)
@@ -145,31 +149,26 @@ class LapLog:
         self.laps: list[Lap] = []
         self._sectors: list[float] = []
 
-    def take(self, row: Sequence[float]) -> TimingEvent:
+    def take(self, row: Sequence[float]) -> Event:
         """Return a row of `timing_account` as an event, and keep the lap that it finishes."""
-        kind, time, progress, value = TimingKind(int(row[acc.KIND])), *row[acc.TIME : acc.NUMBER]
-        if kind is TimingKind.LAP:
-            return self._finish_lap(row)
-        if kind is TimingKind.SECTOR:
-            if int(row[acc.NUMBER]) == 1:
+        kind, time, progress, value, number, began, off_track, distance = row
+        if kind == EventKind.LAP:
+            lap = Lap(int(number), began, value, tuple(self._sectors), off_track, distance)
+            self.laps.append(lap)
+            minutes, seconds = divmod(round(value, 3), 60.0)  # rounded first: never 60.000 s
+            text = f"lap {lap.number} in {int(minutes)}:{seconds:06.3f}"
+            if not lap.valid:
+                text += f", invalid: {off_track:.2f} s outside the limits"
+        elif kind == EventKind.SECTOR:
+            if int(number) == 1:
                 self._sectors.clear()
             self._sectors.append(value)
-            text = f"sector {int(row[acc.NUMBER])} in {value:.3f} s"
-        elif kind is TimingKind.LEFT_TRACK:
+            text = f"sector {int(number)} in {value:.3f} s"
+        elif kind == EventKind.OFF_COURSE:
             text = "both wheels left the track"
         else:
             text = f"back on the track after {value:.2f} s"
-        return TimingEvent(kind, time, progress, value, text)
-
-    def _finish_lap(self, row: Sequence[float]) -> TimingEvent:
-        _, time, progress, duration, number, began, off_track, distance = row
-        lap = Lap(int(number), began, duration, tuple(self._sectors), off_track, distance)
-        self.laps.append(lap)
-        minutes, seconds = divmod(round(duration, 3), 60.0)  # rounded first: never 60.000 s
-        text = f"lap {lap.number} in {int(minutes)}:{seconds:06.3f}"
-        if not lap.valid:
-            text += f", invalid: {off_track:.2f} s outside the limits"
-        return TimingEvent(TimingKind.LAP, time, progress, duration, text, lap)
+        return Event(EventKind(int(kind)), time, progress, value, text)
 
     def valid_laps(self) -> tuple[float, ...]:
         """Return the times of the valid laps, s."""
@@ -213,7 +212,7 @@ class LapTimer:
         self._log = LapLog()
         self._time, self._progress = -math.inf, math.nan
 
-    def feed(self, sample: Sample) -> list[TimingEvent]:
+    def feed(self, sample: Sample) -> list[Event]:
         """Take the next sample and return what happened since the one before, in the order of time.
 
         Raises:
@@ -279,7 +278,7 @@ def ideal_distance(table: FloatArray, spacing: float, length: float, progress: f
     return abs(offset - acc.sample(table[IDEAL], spacing, length, progress))
 
 
-def time_laps(track: Track, samples: Iterable[Sample]) -> tuple[Timing, tuple[TimingEvent, ...]]:
+def time_laps(track: Track, samples: Iterable[Sample]) -> tuple[Timing, tuple[Event, ...]]:
     """Time a whole ride, as from a recording; the same as feeding its samples one by one."""
     timer = LapTimer(track)
     events = tuple(itertools.chain.from_iterable(timer.feed(sample) for sample in samples))

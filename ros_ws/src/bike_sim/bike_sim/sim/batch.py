@@ -23,10 +23,9 @@ from bike_sim.sim import look as lk
 from bike_sim.sim.beginning import Beginning, Courses, begin, own_speed
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.disturbances import Disturbances
-from bike_sim.sim.disturbed_plant import make_disturbed_plant
 from bike_sim.sim.events import ENDS, Event, WallHit, events_of, reset_event
 from bike_sim.sim.observation import begin_row, call, make_rows, observe_row, observe_rows
-from bike_sim.sim.plant import Plant
+from bike_sim.sim.plant import Plant, make_plant
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.sim.slots import bytes_of, make_slot
 from bike_sim.vehicles.bicycle import Vehicle
@@ -143,7 +142,7 @@ class Batch:
             return self._known[name]
         config = replace(self.config, vehicle=name)
         known = vehicle if isinstance(vehicle, Vehicle) else None
-        plant = self._known[name] = make_disturbed_plant(config, self._disturbances, known)
+        plant = self._known[name] = make_plant(config, self._disturbances, known)
         return plant
 
     def courses(self, index: int) -> Courses:

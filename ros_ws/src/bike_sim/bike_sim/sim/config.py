@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from bike_sim.vehicles.files import load_vehicle
+
 
 @dataclass(frozen=True)
 class SimulatorConfig:
@@ -46,3 +48,20 @@ class SimulatorConfig:
     def substeps(self) -> int:
         """Integration steps in a control period."""
         return round(self.control_period / self.time_step)
+
+
+def superbike_config(vehicle: str = "panigale_v4r", time_step: float | None = None) -> SimulatorConfig:
+    """Return the settings with which a superbike rides: its own control period.
+
+    Args:
+        vehicle: name of a shipped superbike or path of a YAML file.
+        time_step: integration step, s; None for that of the superbike's engines.
+
+    Raises:
+        ValueError: a vehicle file that is wrong.
+        FileNotFoundError: an unknown vehicle.
+    """
+    from bike_sim.physics.superbike.engine import TIME_STEP  # late: a bicycle is spared tyres
+
+    period = load_vehicle(vehicle).control_period
+    return SimulatorConfig(vehicle, time_step=time_step or TIME_STEP, control_period=period)

@@ -2,7 +2,7 @@
 
 A file says what disturbs; a ride draws how. The draws depend on the file's seed and on the first state of the ride, so
 the same ride is disturbed in the same way wherever it is ridden. Forces, drive and parameters act on the bicycle
-(`bike_sim.sim.disturbed_plant`), sensors and delays lie between it and its rider (`bike_policy.riders.disturbed`).
+(`bike_sim.sim.plant`), sensors and delays lie between it and its rider (`bike_policy.riders.disturbed`).
 """
 
 from __future__ import annotations

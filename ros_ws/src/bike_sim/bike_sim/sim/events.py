@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import Final
 
 import numpy as np
@@ -13,7 +12,9 @@ from numpy.typing import NDArray
 
 from bike_sim.course import timing_account as acc
 from bike_sim.course.course import Course
-from bike_sim.course.lap_timing import LapLog, TimingEvent, TimingKind
+from bike_sim.course.lap_timing import Event as Event
+from bike_sim.course.lap_timing import EventKind as EventKind
+from bike_sim.course.lap_timing import LapLog
 from bike_sim.course.track import Track
 from bike_sim.physics.superbike.forces import FALL_NAMES
 
@@ -32,20 +33,6 @@ ENDS: Final = (*FALL_NAMES, WALL, DIVERGED)
 CAUSE, SPEED, ANGLE, ENERGY = acc.NUMBER, acc.BEGAN, acc.OFF_TRACK, acc.DISTANCE
 """Columns of rows of falls and walls: code of the end or 0, speed (m/s), and of a wall the angle to it (rad) and the
 energy (J)."""
-
-
-class EventKind(IntEnum):
-    """Kinds of events; the numbers are those of ``bike_msgs/RideEvent``."""
-
-    RESET = 0
-    FALL = 1
-    OFF_COURSE = 2
-    WALL = 3
-    LAP = 4
-    FINISH = 5
-    SECTOR = 6
-    BACK_ON_COURSE = 7
-    SCRAPE = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,26 +55,6 @@ class WallHit:
         return self.energy * math.sin(self.angle) ** 2
 
 
-@dataclass(frozen=True, slots=True)
-class Event:
-    """Something that happened.
-
-    Attributes:
-        kind: what.
-        time: s since the reset, interpolated within the step where a line was crossed.
-        progress: arc length, m: along the course, on a circuit along its centre line.
-        value: time of the lap or sector (s), roll of a fall (rad), lateral error off the course or distance beyond the
-            limits (m), speed at a wall hit or scraped (m/s), time off the track on return (s), else 0.
-        text: one sentence for people.
-    """
-
-    kind: EventKind
-    time: float
-    progress: float
-    value: float
-    text: str
-
-
 def events_of(rows: NDArray[np.float64], log: LapLog, sections: Sequence[str] | None) -> tuple[Event, ...]:
     """Return rows of an observation as events, and keep the laps that they finish.
 
@@ -102,67 +69,33 @@ def events_of(rows: NDArray[np.float64], log: LapLog, sections: Sequence[str] | 
 def _event(row: list[float], log: LapLog, sections: Sequence[str] | None) -> Event:
     kind, time, progress, value = EventKind(int(row[acc.KIND])), *row[acc.TIME : acc.NUMBER]
     if kind in (EventKind.WALL, EventKind.SCRAPE):
-        event = wall_event if kind is EventKind.WALL else scrape_event
-        return event(time, progress, WallHit(row[SPEED], row[ANGLE], row[ENERGY]))
+        hit = WallHit(row[SPEED], row[ANGLE], row[ENERGY])
+        if kind is EventKind.WALL:
+            energy = f"{hit.energy / 1e3:.0f} kJ, {hit.across / 1e3:.1f} kJ of it across"
+            text = f"met a wall at {hit.speed:.1f} m/s, {math.degrees(hit.angle):.0f} deg, {energy}"
+        else:
+            energy = f"{hit.across / 1e3:.2f} kJ across it"
+            text = f"scraped a wall at {hit.speed:.1f} m/s, {math.degrees(hit.angle):.1f} deg, {energy}"
+        return Event(kind, time, progress, hit.speed, text)
     if kind is EventKind.FALL:
         cause = int(row[CAUSE])
-        return fall_event(time, progress, value, ENDS[cause] if cause else "", row[SPEED])
+        how = f" ({ENDS[cause].replace('_', ' ')}) at {row[SPEED]:.1f} m/s" if cause and ENDS[cause] else ""
+        return Event(kind, time, progress, value, f"fell{how} with a roll of {math.degrees(value):.0f} deg")
     if sections is None:
-        return Event(kind, time, progress, value, log.take(row).text)
-    return Event(kind, time, progress, value, _text_on_path(kind, time, value, int(row[acc.NUMBER]), sections))
-
-
-def _text_on_path(kind: EventKind, time: float, value: float, number: int, sections: Sequence[str]) -> str:
+        return log.take(row)
+    number = int(row[acc.NUMBER])
     if kind is EventKind.SECTOR:
-        return f"sector {sections[number - 1]!r} begins"
-    if kind is EventKind.LAP:
-        return f"lap {number} in {value:.3f} s"
-    if kind is EventKind.FINISH:
-        return f"end of the course reached after {time:.3f} s"
-    return f"off the course by {value:+.2f} m"
-
-
-def timing_event(event: TimingEvent, outside: float) -> Event:
-    """Return an event of the lap timing as an event of the ride.
-
-    Args:
-        event: of the lap timing.
-        outside: distance beyond the limits at the end of the step, m.
-    """
-    value = outside if event.kind is TimingKind.LEFT_TRACK else event.value
-    return Event(EventKind(event.kind), event.time, event.progress, value, event.text)
+        text = f"sector {sections[number - 1]!r} begins"
+    elif kind is EventKind.LAP:
+        text = f"lap {number} in {value:.3f} s"
+    elif kind is EventKind.FINISH:
+        text = f"end of the course reached after {time:.3f} s"
+    else:
+        text = f"off the course by {value:+.2f} m"
+    return Event(kind, time, progress, value, text)
 
 
 def reset_event(episode: int, course: Course, track: Track | None, progress: float) -> Event:
     """Return the event that opens an episode at an arc length (m) of a course, or of a circuit where there is one."""
     where = f"course {course.name!r}" if track is None else f"circuit {track.name!r}"
-    text = f"episode {episode} begins on {where}"
-    return Event(EventKind.RESET, 0.0, progress, 0.0, text)
-
-
-def fall_event(time: float, progress: float, roll: float, fall: str = "", speed: float = 0.0) -> Event:
-    """Return the event of a fall.
-
-    Args:
-        time: s.
-        progress: m.
-        roll: rad.
-        fall: kind of the fall, where there are several.
-        speed: m/s, mentioned if the fall has a name.
-    """
-    how = f" ({fall.replace('_', ' ')}) at {speed:.1f} m/s" if fall else ""
-    return Event(EventKind.FALL, time, progress, roll, f"fell{how} with a roll of {math.degrees(roll):.0f} deg")
-
-
-def wall_event(time: float, progress: float, hit: WallHit) -> Event:
-    """Return the event of a collision with a wall at a time (s) and an arc length (m)."""
-    energy = f"{hit.energy / 1e3:.0f} kJ, {hit.across / 1e3:.1f} kJ of it across"
-    text = f"met a wall at {hit.speed:.1f} m/s, {math.degrees(hit.angle):.0f} deg, {energy}"
-    return Event(EventKind.WALL, time, progress, hit.speed, text)
-
-
-def scrape_event(time: float, progress: float, touch: WallHit) -> Event:
-    """Return the event of a touch of a wall, at a time (s) and an arc length (m), after which the ride goes on."""
-    how = f"{touch.speed:.1f} m/s, {math.degrees(touch.angle):.1f} deg, {touch.across / 1e3:.2f} kJ across it"
-    text = f"scraped a wall at {how}"
-    return Event(EventKind.SCRAPE, time, progress, touch.speed, text)
+    return Event(EventKind.RESET, 0.0, progress, 0.0, f"episode {episode} begins on {where}")

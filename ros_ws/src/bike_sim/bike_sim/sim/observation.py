@@ -26,8 +26,7 @@ from bike_sim.physics.ground import BUMP_SAMPLES, GROUND
 from bike_sim.schema import SIGNALS
 from bike_sim.sim import look as lk
 from bike_sim.sim.events import ANGLE, CAUSE, DIVERGED, ENDS, ENERGY, SPEED, TIPPED, WALL, EventKind
-from bike_sim.sim.ground import COLUMNS, FACTS, GUST_SAMPLES, LEFT, RIGHT, Road, lay_ground
-from bike_sim.sim.walls import touch_of
+from bike_sim.sim.ground import COLUMNS, FACTS, GUST_SAMPLES, LEFT, RIGHT, Road, lay_ground, touch_of
 from bike_sim.vehicles.bicycle import PARAMETER_NAMES
 
 Record = Any
@@ -75,7 +74,7 @@ RIDE: Final = np.dtype(
         ("off_track_time", np.float64),
         ("wall_energy", np.float64),
         ("hit", np.float64, (3,)),  # speed (m/s), angle (rad) and energy (J) of the last touch of a wall
-        ("scrape", np.float64, (4,)),  # turn (rad), share of the speed that is left, move (m), see `walls.Touch`
+        ("scrape", np.float64, (4,)),  # turn (rad), share of the speed that is left, move (m), see `ground.Touch`
         ("touched", np.int64),  # whether a wall was touched in the last look and the ride goes on
         ("seen", np.int64),  # whether there was a look before
         ("stopped", np.int64),  # whether a wall holds the vehicle

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from bike_sim.physics.engine import Engine
 from bike_sim.physics.engines import make_bicycle_engine, make_superbike_engine
 from bike_sim.physics.ground import Ground
 from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.disturbances import Disturbances
 from bike_sim.sim.events import ENDS
 from bike_sim.sim.request import Preview, Start, draw_start
 from bike_sim.sim.snapshot import NO_SIGNALS
@@ -26,6 +27,9 @@ if TYPE_CHECKING:
     from bike_sim.planning.envelope import Envelope
 
 FloatArray = NDArray[np.float64]
+
+_FORCES: Final = 0
+"""Branch of the draws of disturbances."""
 
 
 class Plant:
@@ -124,21 +128,103 @@ class Plant:
         self.engine.close()
 
 
-def make_plant(config: SimulatorConfig, vehicle: Vehicle | None = None) -> Plant:
-    """Return a vehicle with its engine.
+class DisturbedPlant(Plant):
+    """A bicycle that wind and pushes act on, whose drive is weak, or whose parameters are not the known ones.
+
+    Attributes:
+        vehicle: as the rider knows it; the engine integrates the one that is ridden.
+    """
+
+    def __init__(self, vehicle: Vehicle, config: SimulatorConfig, disturbances: Disturbances) -> None:
+        """Take a bicycle and start the engine of what is ridden in its place.
+
+        Raises:
+            ValueError: a parameter that cannot be wrong.
+        """
+        self._ridden = make_bicycle_engine(config.engine, disturbances.wrong(vehicle), config.time_step)
+        super().__init__(vehicle, self._ridden)
+        self._disturbances = disturbances
+        self._time_step = config.time_step
+
+    def reset(self, state: st.StateVector, ground: Ground) -> None:
+        """Set a state and begin the draws of a ride."""
+        super().reset(state, ground)
+        self._draws = self._disturbances.generator(state, _FORCES)
+        self._gust = self._disturbances.wind.gust_n * float(self._draws.standard_normal())
+        self._steps = 0
+        self._impulse, self._side = 0, 1.0
+
+    def advance(self, steering: float, throttle: float, steps: int, ground: Ground) -> None:
+        """Hold the set point, step by step where something acts; the gust is held for the control period."""
+        wanted, known = steering * self.vehicle.max_steer, self._disturbances
+        if not known.pushes and math.isinf(known.drive_torque_nm):
+            self._ridden.hold(wanted, steps)
+            return
+        self._blow(steps * self._time_step)
+        for _ in range(steps):
+            state = self.engine.state()
+            self._push(state)
+            self._ridden.hold(self._reached(wanted, state), 1)
+            self._steps += 1
+
+    def _blow(self, period: float) -> None:
+        """Change the gust: a first-order process whose standard deviation stays what it is."""
+        wind = self._disturbances.wind
+        kept = math.exp(-period / wind.gust_s)
+        drawn = wind.gust_n * float(self._draws.standard_normal())
+        self._gust = kept * self._gust + math.sqrt(1.0 - kept * kept) * drawn
+
+    def _push(self, state: st.StateVector) -> None:
+        """Apply wind and impulses to the engine's next step."""
+        wind, impulses = self._disturbances.wind, self._disturbances.impulses
+        force = wind.force_n + self._gust
+        if force:
+            angle = math.radians(wind.direction_deg) - float(state[st.YAW])
+            self._ridden.push(force * math.cos(angle), force * math.sin(angle), wind.ahead_m, wind.height_m)
+        if not impulses.impulse_ns:
+            return
+        count, since = divmod(self._steps * self._time_step + 1e-9, impulses.every_s)
+        if count < 1.0 or since > impulses.lasting_s:
+            return
+        if count != self._impulse:
+            self._impulse, self._side = int(count), float(self._draws.choice([-1.0, 1.0]))
+        push = self._side * impulses.impulse_ns / impulses.lasting_s
+        self._ridden.push(0.0, push, impulses.ahead_m, impulses.height_m)
+
+    def _reached(self, wanted: float, state: st.StateVector) -> float:
+        """Return the set point that a drive of limited torque acts as if it had been given."""
+        limit, vehicle = self._disturbances.drive_torque_nm, self.engine.vehicle
+        if math.isinf(limit):
+            return wanted
+        # The drive's torque is -P (steer - set) - D rate.
+        rest = float(state[st.STEER]) + vehicle.D / vehicle.P * float(state[st.STEER_RATE])
+        return min(max(wanted, rest - limit / vehicle.P), rest + limit / vehicle.P)
+
+
+def make_plant(
+    config: SimulatorConfig, disturbances: Disturbances | None = None, vehicle: Vehicle | None = None
+) -> Plant:
+    """Return a vehicle with its engine, disturbed where anything acts on it.
 
     Args:
         config: vehicle, engine and steps.
+        disturbances: of what is ridden.
         vehicle: the config's vehicle where it is loaded already; None to load it.
 
     Raises:
-        ValueError: an invalid parameter, or an engine that cannot simulate the vehicle.
+        ValueError: an invalid parameter, an engine that cannot simulate the vehicle, or disturbances of a superbike.
         FileNotFoundError: an unknown vehicle.
     """
     vehicle = vehicle or load_vehicle(config.vehicle)
+    if disturbances is not None and not disturbances.acts_on_bicycle:
+        disturbances = None
     if isinstance(vehicle, Superbike):
+        if disturbances is not None:
+            raise ValueError(f"disturbances {disturbances.name!r} act on bicycles, and {vehicle.name!r} is a superbike")
         # Late: a bicycle is spared tyres and lap theory, which take a good part of a node's start.
         from bike_sim.sim.superbike_plant import SuperbikePlant
 
         return SuperbikePlant(vehicle, make_superbike_engine(config.engine, vehicle, config.time_step))
+    if disturbances is not None:
+        return DisturbedPlant(vehicle, config, disturbances)
     return Plant(vehicle, make_bicycle_engine(config.engine, vehicle, config.time_step))

@@ -15,14 +15,12 @@ from bike_sim.physics import state as st
 from bike_sim.physics.ground import Ground
 from bike_sim.physics.superbike import equilibrium
 from bike_sim.physics.superbike import forces as sf
-from bike_sim.physics.superbike.engine import TIME_STEP, SuperbikeEngine
+from bike_sim.physics.superbike.engine import SuperbikeEngine
 from bike_sim.physics.superbike.statics import spread, turning_state
 from bike_sim.planning.envelope import Envelope, envelope
 from bike_sim.schema import SIGNALS
-from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.plant import Plant
 from bike_sim.sim.request import COURSE_POINTS, Preview, Start
-from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
 
 FloatArray = NDArray[np.float64]
@@ -100,12 +98,3 @@ class SuperbikePlant(Plant):
     def steer_torque(self, steering: float, state: st.StateVector, signals: FloatArray) -> float:
         """Return the virtual rider's torque."""
         return float(signals[SIGNALS.index("steer_torque")])
-
-
-def superbike_config(vehicle: str = "panigale_v4r", time_step: float = TIME_STEP) -> SimulatorConfig:
-    """Return the settings with which a superbike rides: its own control period.
-
-    Raises:
-        ValueError: a vehicle file that is wrong. FileNotFoundError: an unknown vehicle.
-    """
-    return SimulatorConfig(vehicle=vehicle, time_step=time_step, control_period=load_vehicle(vehicle).control_period)
