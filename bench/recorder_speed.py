@@ -289,8 +289,8 @@ def messages_of_a_period() -> dict[str, tuple[type, bytes]]:
         "clock": Clock(clock=node_tools.time_to_message(stamp)),
         "course_points": messages.course_points_to_message(snapshot, simulator.course, stamp),
         "lean_history": messages.lean_history_to_message(snapshot, stamp, period),
-        "odom": standard_messages.odometry(snapshot, stamp),
-        "joint_states": standard_messages.joint_state(snapshot, stamp),
+        "odom": standard_messages.odometry(snapshot, simulator.vehicle, stamp),
+        "joint_states": standard_messages.joint_state(snapshot, simulator.vehicle, stamp),
         "markers": standard_messages.vehicle_markers(snapshot, simulator.vehicle, stamp),
     }
     return {name: (type(message), bytes(serialize_message(message))) for name, message in made.items()}

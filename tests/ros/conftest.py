@@ -48,8 +48,8 @@ PATIENCE = 90.0
 class Program:
     """A node in a process of its own."""
 
-    def __init__(self, module: str, domain: int, words: Path, **parameters: Any) -> None:
-        command = [sys.executable, "-m", module, "--ros-args"]
+    def __init__(self, module: str, domain: int, words: Path, namespace: str = "bike", **parameters: Any) -> None:
+        command = [sys.executable, "-m", module, "--ros-args", "-r", f"__ns:=/{namespace}"]
         for name, value in parameters.items():
             command += ["-p", f"{name}:={json.dumps(value)}"]
         environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
@@ -76,9 +76,9 @@ class Program:
 class Witness(rclpy.node.Node):
     """A node of the test's own, and what it hears of the recorder."""
 
-    def __init__(self, name: str, domain: int) -> None:
+    def __init__(self, name: str, domain: int, namespace: str = "bike") -> None:
         self._own_context = node_tools.join(domain)
-        super().__init__(name, context=self._own_context, namespace="bike", start_parameter_services=False)
+        super().__init__(name, context=self._own_context, namespace=namespace, start_parameter_services=False)
         self._spinner = SingleThreadedExecutor(context=self._own_context)
         self._spinner.add_node(self)
         self.reports: list[DiagnosticStatus] = []
@@ -142,8 +142,8 @@ class Witness(rclpy.node.Node):
 class StateProbe(Witness):
     """Listens to a simulator, commands and calls."""
 
-    def __init__(self, domain: int) -> None:
-        super().__init__("probe", domain)
+    def __init__(self, domain: int, namespace: str = "bike") -> None:
+        super().__init__("probe", domain, namespace)
         self.commands = self.create_publisher(BikeCommand, "command", node_tools.COMMAND_QOS)
         self._reset = self.create_client(Reset, "reset")
         self._pause = self.create_client(Pause, "pause")
@@ -251,9 +251,9 @@ class RosFixture:
     def simulator(self, **parameters: Any) -> Program:
         return self.start("bike_sim.ros.sim_node", **{"time_step": 0.005, "course": "line", **parameters})
 
-    def probe(self) -> StateProbe:
-        """Return a probe that the simulator knows."""
-        probe = StateProbe(self.domain)
+    def probe(self, namespace: str = "bike") -> StateProbe:
+        """Return a probe that the simulator of a namespace knows."""
+        probe = StateProbe(self.domain, namespace)
         self._witnesses.append(probe)
         probe.until(probe.connected)
         return probe

@@ -140,9 +140,9 @@ def test_all_frames_lead_to_the_world(messages) -> None:
     for topic in SCENE["topics"]:
         for message in messages[topic][1]:
             shown |= {part.header.frame_id for part in getattr(message, "markers", [message])}
-    assert shown == {"map", "base_link"}
-    world = RVIZ["Global Options"]["Fixed Frame"]
-    assert {parents.get(frame, frame) for frame in shown} == {world}
+    assert shown == {"map", "base_footprint"}
+    assert parents == {"odom": "map", "base_footprint": "odom", "base_link": "base_footprint"}
+    assert RVIZ["Global Options"]["Fixed Frame"] == "map"
 
 
 PARAMETERS = yaml.safe_load((BRINGUP / "config" / "ride.yaml").read_text())

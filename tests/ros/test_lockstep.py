@@ -14,13 +14,15 @@ from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
 from bike_sim.course.files import load_course
-from bike_sim.ros import messages, node_tools
+from bike_sim.ros import messages, node_tools, standard_messages
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
+from bike_sim.vehicles.files import load_vehicle
 from bike_training.envs.ros_client import RosClient, RosClientConfig
 from tests.same import assert_same
 
@@ -171,27 +173,33 @@ def test_all_topics_tell_of_the_same_ride(lockstep) -> None:
     state = begin(lockstep, course="benchmark")
     for _ in range(5):
         state = lockstep.answer(state, 0.01)
-    lockstep.until_equal(lambda: {len(heard[topic]) for topic in kinds}, {6})
+    counts = dict.fromkeys(kinds, 6) | {"transform": 18}
+    lockstep.until_equal(lambda: {topic: len(heard[topic]) for topic in kinds}, counts)
     points, history, odom, joints = (heard[topic][-1] for topic in list(kinds)[:4])
     assert {m.header.stamp.nanosec for m in (points, history, odom, joints)} == {state.header.stamp.nanosec}
     assert [p.x for p in points.line] == list(state.preview_x)
     assert [p.y for p in points.line] == list(state.preview_y)
     assert list(history.roll) == list(state.roll_history)
     assert (odom.pose.pose.position.x, odom.pose.pose.position.y) == (state.x, state.y)
-    assert list(joints.position) == [state.steer, state.rear_wheel_angle, state.front_wheel_angle]
+    assert list(joints.position) == [state.steer, state.rear_wheel_angle, state.front_wheel_angle, state.pitch]
+    assert joints.velocity[0] == state.steer_rate
     assert len(heard["markers"][-1].markers) == 4
-    frame = heard["transform"][-1]
-    assert (frame.header.frame_id, frame.child_frame_id) == ("map", "base_link")
-    assert (frame.transform.translation.x, frame.transform.translation.y) == (state.x, state.y)
-    assert frame.transform.rotation == odom.pose.pose.orientation
+    frames = heard["transform"][-3:]
+    links = [("map", "odom"), ("odom", "base_footprint"), ("base_footprint", "base_link")]
+    assert [(frame.header.frame_id, frame.child_frame_id) for frame in frames] == links
+    assert (frames[1].transform.translation.x, frames[1].transform.translation.y) == (state.x, state.y)
+    assert (odom.header.frame_id, odom.child_frame_id) == ("odom", "base_link")
 
 
-def test_who_comes_late_still_gets_the_course(lockstep) -> None:
+def test_who_comes_late_still_gets_the_course_and_the_description(lockstep) -> None:
     state = begin(lockstep, course="circle")
     courses = lockstep.listen(CourseMessage, "course", node_tools.LATCHED_QOS)
     lockstep.until(lambda: courses)
     assert courses[-1].episode == state.episode
     np.testing.assert_array_equal(messages.course_from_message(courses[-1]).x, load_course("circle").x)
+    descriptions = lockstep.listen(String, "robot_description", node_tools.LATCHED_QOS)
+    lockstep.until(lambda: descriptions)
+    assert descriptions == [String(data=standard_messages.robot_description(load_vehicle("whipple")))]
 
 
 def test_a_fall_is_told_and_ends_the_episode(lockstep) -> None:

@@ -6,12 +6,15 @@ import contextlib
 import math
 from collections.abc import Iterator
 from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
+import pybullet
 import pytest
 from bike_msgs.msg import BikeCommand, BikeState
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pybullet_utils.bullet_client import BulletClient
 from rclpy.serialization import deserialize_message, serialize_message
 from visualization_msgs.msg import Marker
 
@@ -306,6 +309,68 @@ def test_wheels_touch_the_ground_where_the_physics_says(roll: float, steer: floa
     axis0 = t0 @ np.array([-math.sin(vehicle.lam), 0.0, math.cos(vehicle.lam)])
     assert span @ axis == pytest.approx((f0 - r0) @ axis0, abs=1e-6)
     assert kinematics.pitch(roll, steer, vehicle.parameters) == snapshot.look[lk.PITCH]
+
+
+def leaned_axes(yaw: float, roll: float) -> np.ndarray:
+    """Axes of base_link in map, in columns."""
+    (sy, cy), (sr, cr) = ((math.sin(angle), math.cos(angle)) for angle in (yaw, roll))
+    return np.array([[cy, -sy * cr, sy * sr], [sy, cy * cr, -cy * sr], [0.0, sr, cr]])
+
+
+@pytest.mark.parametrize(("name", "tolerance"), [("whipple", 1e-3), ("panigale_v4r", 0.02)])
+def test_twist_and_joint_rates_fit_poses_and_angles(name: str, tolerance: float) -> None:
+    """What is said of a moment is the mean of what changes around it, m/s and rad/s."""
+    kind = superbike_config(name) if name != "whipple" else SimulatorConfig(name, "whipple", control_period=0.01)
+    simulator = Simulator(kind)
+    snapshots = [simulator.reset(ResetRequest(course="line", speed_range=(30.0 if "v4r" in name else 5.0,) * 2))]
+    snapshots += [simulator.step(0.4 * math.sin(0.05 * k) if "v4r" in name else 0.03, 0.2) for k in range(150)]
+    vehicle, period = simulator.vehicle, simulator.config.control_period
+    simulator.close()
+    assert max(abs(s.state[state_places.ROLL]) for s in snapshots) > 0.2
+    for before, now, after in zip(snapshots[20:], snapshots[21:], snapshots[22:], strict=False):
+        odometry = standard_messages.odometry(now, vehicle, 0)
+        joints = [standard_messages.joint_state(s, vehicle, 0) for s in (before, now, after)]
+        change = (after.state - before.state) / (2.0 * period)
+        roll = now.state[state_places.ROLL]
+        axes = leaned_axes(now.state[state_places.YAW], roll)
+        linear = [getattr(odometry.twist.twist.linear, axis) for axis in "xyz"]
+        assert axes @ linear == pytest.approx([*change[:2], 0.0], abs=tolerance)
+        angular = [getattr(odometry.twist.twist.angular, axis) for axis in "xyz"]
+        yaw_rate, roll_rate = change[state_places.YAW], change[state_places.ROLL]
+        rates = [roll_rate, yaw_rate * math.sin(roll), yaw_rate * math.cos(roll)]
+        assert angular == pytest.approx(rates, abs=tolerance)
+        means = (np.array(joints[2].position) - joints[0].position) / (2.0 * period)
+        assert joints[1].velocity == pytest.approx(list(means), abs=tolerance)
+
+
+@pytest.mark.parametrize("name", ["whipple", "panigale_v4r"])
+def test_robot_description_moves_as_the_vehicle_does(name: str, tmp_path: Path) -> None:
+    """Bullet reads it: at the joint states its wheels are where the markers are; its mass is the vehicle's."""
+    simulator = Simulator(superbike_config(name) if name != "whipple" else SimulatorConfig(name, "whipple"))
+    vehicle = simulator.vehicle
+    file = tmp_path / "vehicle.urdf"
+    file.write_text(standard_messages.robot_description(vehicle))
+    state = state_places.upright_state(10.0, vehicle.rF)
+    state[[state_places.ROLL, state_places.STEER, state_places.YAW]] = 0.3, 0.1, 2.0
+    snapshot = simulator.reset(ResetRequest(course="line", initial_state=tuple(state)))
+    world = BulletClient(pybullet.DIRECT)
+    body = world.loadURDF(str(file))
+    yaw, roll = (world.getQuaternionFromEuler(angles) for angles in ((0.0, 0.0, 2.0), (0.3, 0.0, 0.0)))
+    _, leaned = world.multiplyTransforms([0.0] * 3, yaw, [0.0] * 3, roll)
+    contact = [*snapshot.state[[state_places.X, state_places.Y]], 0.0]
+    world.resetBasePositionAndOrientation(body, contact, leaned)
+    joints = {world.getJointInfo(body, i)[1].decode(): i for i in range(world.getNumJoints(body))}
+    angles = standard_messages.joint_state(snapshot, vehicle, 0)
+    assert set(joints) == set(angles.name)
+    for joint, angle in zip(angles.name, angles.position, strict=True):
+        world.resetJointState(body, joints[joint], angle)
+    poses = standard_messages.wheel_poses(snapshot, vehicle)
+    for wheel, (centre, _) in zip(("rear_wheel", "front_wheel"), poses, strict=True):
+        at = world.getLinkState(body, joints[wheel], computeForwardKinematics=True)[4]
+        assert at == pytest.approx(list(centre), abs=1e-6 if name == "whipple" else 0.05)
+    assert sum(world.getDynamicsInfo(body, i)[0] for i in joints.values()) == pytest.approx(vehicle.mass)
+    world.disconnect()
+    simulator.close()
 
 
 @given(st.floats(-0.7, 0.7), st.floats(-0.7, 0.7), st.floats(-3.1, 3.1), st.floats(-30.0, 30.0))

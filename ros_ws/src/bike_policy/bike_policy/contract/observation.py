@@ -58,7 +58,7 @@ class VehicleRows(Protocol):
     Attributes:
         state: minimal states, shape (n, 10).
         look: derived quantities, shape (n, 12).
-        preview_y: lateral offsets of the preview points in base_link, m, shape (n, points).
+        preview_y: lateral offsets of the preview points in base_footprint, m, shape (n, points).
         signals: telemetry, shape (n, signals).
         circuit: position between the limits, shape (n, 8); zeros without a circuit.
         points: followed line and limits ahead, m, shape (n, 3, STATIONS, 3); zeros without a circuit.

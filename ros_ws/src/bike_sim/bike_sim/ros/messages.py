@@ -44,7 +44,8 @@ from bike_sim.vehicles.superbike import Superbike
 FloatArray = NDArray[np.float64]
 
 MAP_FRAME: Final = "map"
-BASE_FRAME: Final = "base_link"
+FOOTPRINT_FRAME: Final = "base_footprint"
+"""Rear contact point, yaw only."""
 
 STATE_TYPE: Final = "bike_msgs/msg/BikeState"
 COMMAND_TYPE: Final = "bike_msgs/msg/BikeCommand"
@@ -465,7 +466,7 @@ def course_points_to_message(snapshot: Snapshot, course: Course, stamp: int) -> 
         stamp: simulated time, ns.
     """
     message = CoursePoints()
-    _stamp_message(message, snapshot, stamp, BASE_FRAME)
+    _stamp_message(message, snapshot, stamp, FOOTPRINT_FRAME)
     message.progress = float(snapshot.look[lk.PROGRESS])
     message.lateral_error = float(snapshot.look[lk.LATERAL_ERROR])
     message.heading_error = float(snapshot.look[lk.HEADING_ERROR])
@@ -509,7 +510,7 @@ def lean_history_to_message(snapshot: Snapshot, stamp: int, period: int) -> Lean
         period: control period, ns.
     """
     message = LeanHistory()
-    _stamp_message(message, snapshot, stamp, BASE_FRAME)
+    _stamp_message(message, snapshot, stamp, FOOTPRINT_FRAME)
     count = len(snapshot.roll_history)
     message.stamps = [time_to_message(stamp - (count - 1 - k) * period) for k in range(count)]
     message.roll = array("d", snapshot.roll_history)
@@ -563,7 +564,7 @@ def telemetry_to_message(snapshot: Snapshot, vehicle: Superbike, stamp: int) -> 
         stamp: simulated time, ns.
     """
     message = Telemetry()
-    _stamp_message(message, snapshot, stamp, BASE_FRAME)
+    _stamp_message(message, snapshot, stamp, FOOTPRINT_FRAME)
     measured = snapshot.signals.tolist()
     for name, place, is_flag in _COPIED:
         setattr(message, name, measured[place] != 0.0 if is_flag else measured[place])

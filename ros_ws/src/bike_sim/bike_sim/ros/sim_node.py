@@ -148,6 +148,10 @@ SPECS: Final = (
         "Bicycles: shipped disturbances or a YAML file; wind, pushes, drive and wrong parameters act here.",
         fixed=True,
     ),
+    ParameterSpec(
+        "frame_prefix", "", "Before the frames, map excepted; none: that of the namespace, none for /bike.", fixed=True
+    ),
+    ParameterSpec("publish_clock", True, "Publish /clock; false for all simulators of a domain but one.", fixed=True),
     ParameterSpec("publish_markers", True, "Publish markers for RViz and Foxglove where someone listens.", fixed=True),
 )
 
@@ -165,6 +169,8 @@ class NodeSettings:
         real_time_factor: simulated over wall-clock time in free mode; 0 for a step a command.
         command_timeout: s of simulated time, 0 for never.
         auto_reset: NEVER, FALL or END.
+        frame_prefix: before the frames, or empty for that of the namespace.
+        publish_clock: whether /clock is published.
         publish_markers: whether markers are published.
         disturbances: of what is ridden, or None.
     """
@@ -177,6 +183,8 @@ class NodeSettings:
     real_time_factor: float
     command_timeout: float
     auto_reset: str
+    frame_prefix: str
+    publish_clock: bool
     publish_markers: bool
     disturbances: Disturbances | None
 
@@ -221,6 +229,8 @@ class NodeSettings:
             real_time_factor=values["real_time_factor"],
             command_timeout=values["command_timeout_s"],
             auto_reset=values["auto_reset"],
+            frame_prefix=values["frame_prefix"],
+            publish_clock=values["publish_clock"],
             publish_markers=values["publish_markers"],
             disturbances=load_disturbances(values["disturbances"]) if values["disturbances"] else None,
         )
@@ -288,7 +298,7 @@ class SimNode(rclpy.node.Node):
         self._state_topic = open_topic(BikeState, "state", stream)
         self._screen_topic = open_topic(BikeState, node_tools.SCREEN_STATE, node_tools.SCREEN_QOS)
         self._screened_at = 0.0
-        self._clock_topic = open_topic(Clock, "/clock", stream)
+        self._clock_topic = open_topic(Clock, "/clock", stream) if self._settings.publish_clock else None
         self._start_topic = open_topic(EpisodeStart, "episode", latched)
         self._course_topic = open_topic(CourseMessage, "course", latched)
         self._course_marker_topic = open_topic(Marker, "course_marker", latched)
@@ -305,18 +315,24 @@ class SimNode(rclpy.node.Node):
 
         extra(CoursePoints, "course_points", lambda s: course_points_to_message(s, self._course, self._stamp))
         extra(LeanHistory, "lean_history", lambda s: lean_history_to_message(s, self._stamp, self._period))
-        machine = self._simulator.vehicle
-        if isinstance(machine, Superbike):
-            extra(Telemetry, "telemetry", lambda s: telemetry_to_message(s, machine, self._stamp))
-        extra(Odometry, "odom", lambda s: standard_messages.odometry(s, self._stamp))
+        vehicle = self._simulator.vehicle
+        if isinstance(vehicle, Superbike):
+            extra(Telemetry, "telemetry", lambda s: telemetry_to_message(s, vehicle, self._stamp))
+        extra(Odometry, "odom", lambda s: standard_messages.odometry(s, vehicle, self._stamp))
         # The same as on /tf, for viewers of recordings made where tf2_msgs is missing.
-        extra(TransformStamped, "transform", lambda s: standard_messages.base_transform(s, self._stamp))
-        extra(JointState, "joint_states", lambda s: standard_messages.joint_state(s, self._stamp))
+        transforms = open_topic(TransformStamped, "transform", stream)
+        for transform in standard_messages.TRANSFORMS:
+            self._extras.append((transforms, lambda s, transform=transform: transform(s, self._stamp)))
+        extra(JointState, "joint_states", lambda s: standard_messages.joint_state(s, vehicle, self._stamp))
         if self._settings.publish_markers:
-            vehicle = self._simulator.vehicle
             extra(MarkerArray, "markers", lambda s: standard_messages.vehicle_markers(s, vehicle, self._stamp))
         if TFMessage is not None:
-            extra(TFMessage, "/tf", lambda s: TFMessage(transforms=[standard_messages.base_transform(s, self._stamp)]))
+            made = standard_messages.TRANSFORMS
+            extra(TFMessage, "/tf", lambda s: TFMessage(transforms=[make(s, self._stamp) for make in made]))
+        description = open_topic(String, "robot_description", latched)
+        description.publish(String(data=standard_messages.robot_description(vehicle)))
+        name = self.get_namespace().strip("/")
+        self._prefix = self._settings.frame_prefix or ("" if name in ("", node_tools.NAMESPACE) else f"{name}/")
 
     @property
     def _course(self) -> Course:
@@ -333,10 +349,13 @@ class SimNode(rclpy.node.Node):
         self._publish_state()
         for topic, make in self._extras:
             if topic.get_subscription_count():
-                topic.publish(make(snapshot))
+                topic.publish(self._prefixed(make(snapshot)))
+
+    def _prefixed(self, message: Any) -> Any:
+        return standard_messages.set_prefix(message, self._prefix) if self._prefix else message
 
     def _publish_state(self) -> None:
-        if self._clock_topic.get_subscription_count():
+        if self._clock_topic is not None and self._clock_topic.get_subscription_count():
             self._clock_topic.publish(Clock(clock=time_to_message(self._stamp)))
         self._state_topic.publish(self._state)
         self._published_at = time.monotonic()
@@ -376,7 +395,8 @@ class SimNode(rclpy.node.Node):
         self._start_topic.publish(start)
         self._course_topic.publish(course_to_message(course, snapshot.episode, self._begin_stamp))
         if self._settings.publish_markers:
-            self._course_marker_topic.publish(standard_messages.course_marker(course, self._begin_stamp))
+            marker = standard_messages.course_marker(course, self._begin_stamp)
+            self._course_marker_topic.publish(self._prefixed(marker))
         for event in snapshot.events:
             self._event_topic.publish(event_to_message(event, snapshot, self._begin_stamp))
         self._show(snapshot)
@@ -501,6 +521,15 @@ class SimNode(rclpy.node.Node):
         if now - self._reported_at > REPORT_PERIOD - 0.5 * HOUSEKEEPING_PERIOD:
             self._report()
 
+    def _name_rivals(self) -> str:
+        """Return what is wrong where another node publishes what only this one may, else nothing."""
+        if self.count_publishers("state") > 1:
+            topic = self._state_topic.topic_name
+            return f"another simulator, or one that was killed just now, publishes {topic}: give each its own namespace"
+        if self._clock_topic is not None and self.count_publishers("/clock") > 1:
+            return "another node publishes /clock: set publish_clock to false in all simulators but one"
+        return ""
+
     def _report(self) -> None:
         """Report the last second on diagnostics and in the log."""
         now = time.monotonic()
@@ -511,7 +540,9 @@ class SimNode(rclpy.node.Node):
         text = f"commands in the last second: {', '.join(complaints)}" if complaints else self._doing()
         if self._is_silent:
             text = f"commands have stopped, steering is set straight; {text}"
-        level = self._diagnostics.WARN if complaints or self._is_silent else self._diagnostics.OK
+        rivals = self._name_rivals()
+        text = rivals or text
+        level = self._diagnostics.WARN if complaints or self._is_silent or rivals else self._diagnostics.OK
         if level == self._diagnostics.WARN:
             self.get_logger().warning(text)
         counts = {f"commands_{name}": value for name, value in vars(self._gate.counts).items()}

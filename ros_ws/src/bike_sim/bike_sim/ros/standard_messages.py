@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
-from geometry_msgs.msg import Point, Quaternion, TransformStamped
+from geometry_msgs.msg import Point, Quaternion, TransformStamped, Vector3
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
@@ -14,16 +14,29 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from bike_sim.course.course import Course
+from bike_sim.physics import kinematics
 from bike_sim.physics import state as st
-from bike_sim.ros.messages import BASE_FRAME, MAP_FRAME
+from bike_sim.ros.messages import FOOTPRINT_FRAME, MAP_FRAME
 from bike_sim.ros.node_tools import time_to_message
+from bike_sim.schema import SIGNALS
 from bike_sim.sim import look as lk
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.bicycle import Vehicle
+from bike_sim.vehicles.superbike import Superbike
 
 FloatArray = NDArray[np.float64]
 
-JOINTS: Final = ("steer", "rear_wheel", "front_wheel")
+ODOM_FRAME: Final = "odom"
+BASE_FRAME: Final = "base_link"
+
+JOINTS: Final = ("steer", "rear_wheel", "front_wheel", "pitch")
+_PITCH, _PITCH_RATE, _REAR_SLIP, _LATERAL, _VERTICAL = (
+    SIGNALS.index(name) for name in ("pitch", "pitch_rate", "rear_slip", "lateral_velocity", "vertical_velocity")
+)
+
+_COVARIANCE: Final = (1e-5 * np.eye(6)).ravel()
+"""Of pose and twist, SI units squared: 3 mm, 3 mrad, and so in a second. The simulator knows both; zeros would mean
+that nothing is known."""
 
 _COURSE_COLOUR: Final = ColorRGBA(r=0.1, g=0.5, b=0.9, a=1.0)
 _PREVIEW_COLOUR: Final = ColorRGBA(r=0.95, g=0.6, b=0.1, a=1.0)
@@ -35,39 +48,171 @@ _COURSE_MARKER_STEP: Final = 5
 """Every fifth sample of the course is drawn: half a metre."""
 
 
-def odometry(snapshot: Snapshot, stamp: int) -> Odometry:
-    """Return pose and velocity of base_link (rear contact point, yaw only) in map; velocities in base_link."""
+class BaseMotion(NamedTuple):
+    """Motion of a vehicle at one instant.
+
+    Attributes:
+        linear: velocity of the origin of base_link, in its axes, m/s.
+        angular: angular velocity of base_link, in its axes, rad/s.
+        pitch: of the rear frame in base_link, about the rear axle, positive nose down, rad.
+        pitch_rate: rad/s.
+        rear_wheel_rate: of the rear wheel to the rear frame, rad/s.
+    """
+
+    linear: tuple[float, float, float]
+    angular: tuple[float, float, float]
+    pitch: float
+    pitch_rate: float
+    rear_wheel_rate: float
+
+
+def base_motion(snapshot: Snapshot, vehicle: Vehicle) -> BaseMotion:
+    """Return the motion of base_link and of the rear frame in it; roads count as level."""
+    state, (yaw_rate, speed) = snapshot.state, snapshot.look[[lk.YAW_RATE, lk.SPEED]].tolist()
+    roll, roll_rate = float(state[st.ROLL]), float(state[st.ROLL_RATE])
+    sr, cr = math.sin(roll), math.cos(roll)
+    if not isinstance(vehicle, Superbike):  # rolls without slip along its heading
+        pitch, pitch_rate = float(snapshot.look[lk.PITCH]), kinematics.pitch_rate(state, vehicle.parameters)
+        angular = (roll_rate, yaw_rate * sr, yaw_rate * cr)
+        return BaseMotion((speed, 0.0, 0.0), angular, pitch, pitch_rate, speed / vehicle.rR - pitch_rate)
+    # The signals are of the frame's centre of mass, and of the angle between the frame and the horizontal.
+    sink, sink_rate, slip, lateral, vertical = (
+        float(snapshot.signals[i]) for i in (_PITCH, _PITCH_RATE, _REAR_SLIP, _LATERAL, _VERTICAL)
+    )
+    sp = min(max(math.sin(sink) / cr, -1.0), 1.0)
+    cp = math.sqrt(max(1.0 - sp * sp, 1e-12))
+    pitch_rate = (math.cos(sink) * sink_rate + sr * roll_rate * sp) / (cr * cp)
+    yaw_rate -= pitch_rate * sr
+    angular = (roll_rate, yaw_rate * sr, yaw_rate * cr)
+    ahead, above = vehicle.frame.x, vehicle.frame.height - vehicle.rR
+    ahead, above = cp * ahead + sp * above, cp * above - sp * ahead
+    crown = vehicle.rear_tyre.crown
+    arm = above + vehicle.rR - crown  # the contact point follows the lean around the tyre's crown
+    linear = (
+        speed - angular[1] * arm - pitch_rate * above,
+        lateral * cr + vertical * sr - angular[2] * ahead + roll_rate * arm,
+        vertical * cr - lateral * sr + angular[1] * ahead + pitch_rate * ahead,
+    )
+    radius = vehicle.rR - crown * (1.0 - cr)
+    return BaseMotion(linear, angular, math.asin(sp), pitch_rate, linear[0] * (1.0 + slip) / radius - pitch_rate)
+
+
+def odometry(snapshot: Snapshot, vehicle: Vehicle, stamp: int) -> Odometry:
+    """Return pose of base_link in odom and its velocity in its own axes."""
+    motion = base_motion(snapshot, vehicle)
     message = Odometry()
     message.header.stamp = time_to_message(stamp)
-    message.header.frame_id = MAP_FRAME
+    message.header.frame_id = ODOM_FRAME
     message.child_frame_id = BASE_FRAME
     message.pose.pose.position = _point(snapshot.state[st.X], snapshot.state[st.Y], 0.0)
-    message.pose.pose.orientation = _quaternion(_rotation_z(snapshot.state[st.YAW]))
-    message.twist.twist.linear.x = float(snapshot.look[lk.SPEED])
-    message.twist.twist.angular.x = float(snapshot.state[st.ROLL_RATE])
-    message.twist.twist.angular.z = float(snapshot.look[lk.YAW_RATE])
+    yaw, roll = _half_turn(snapshot.state[st.YAW]), _half_turn(snapshot.state[st.ROLL])
+    message.pose.pose.orientation = Quaternion(x=yaw.c * roll.s, y=yaw.s * roll.s, z=yaw.s * roll.c, w=yaw.c * roll.c)
+    message.twist.twist.linear = _vector(*motion.linear)
+    message.twist.twist.angular = _vector(*motion.angular)
+    message.pose.covariance = message.twist.covariance = _COVARIANCE
     return message
 
 
-def joint_state(snapshot: Snapshot, stamp: int) -> JointState:
-    """Return steering and wheel angles; the rate of the rear wheel is left to the speed."""
+def joint_state(snapshot: Snapshot, vehicle: Vehicle, stamp: int) -> JointState:
+    """Return angles and rates of the joints of `robot_description`."""
+    state, motion = snapshot.state, base_motion(snapshot, vehicle)
     message = JointState()
     message.header.stamp = time_to_message(stamp)
     message.name = list(JOINTS)
-    message.position = [float(snapshot.state[i]) for i in (st.STEER, st.REAR_WHEEL, st.FRONT_WHEEL)]
+    message.position = [*state[[st.STEER, st.REAR_WHEEL, st.FRONT_WHEEL]].tolist(), motion.pitch]
+    steer_rate, front_rate = state[[st.STEER_RATE, st.FRONT_WHEEL_RATE]].tolist()
+    message.velocity = [steer_rate, motion.rear_wheel_rate, front_rate, motion.pitch_rate]
     return message
 
 
-def base_transform(snapshot: Snapshot, stamp: int) -> TransformStamped:
-    """Return the transform from map to base_link."""
-    message = TransformStamped()
-    message.header.stamp = time_to_message(stamp)
-    message.header.frame_id = MAP_FRAME
-    message.child_frame_id = BASE_FRAME
-    message.transform.translation.x = float(snapshot.state[st.X])
-    message.transform.translation.y = float(snapshot.state[st.Y])
-    message.transform.rotation = _quaternion(_rotation_z(snapshot.state[st.YAW]))
+def map_to_odom(snapshot: Snapshot, stamp: int) -> TransformStamped:
+    """Return the transform from map to odom: none, for this odometry does not drift."""
+    return _transform(MAP_FRAME, ODOM_FRAME, stamp)
+
+
+def odom_to_footprint(snapshot: Snapshot, stamp: int) -> TransformStamped:
+    """Return the transform from odom to base_footprint: the rear contact point, yaw only (REP-120)."""
+    message = _transform(ODOM_FRAME, FOOTPRINT_FRAME, stamp)
+    message.transform.translation = _vector(snapshot.state[st.X], snapshot.state[st.Y], 0.0)
+    half = _half_turn(snapshot.state[st.YAW])
+    message.transform.rotation = Quaternion(z=half.s, w=half.c)
     return message
+
+
+def footprint_to_base(snapshot: Snapshot, stamp: int) -> TransformStamped:
+    """Return the transform from base_footprint to base_link: the lean."""
+    message = _transform(FOOTPRINT_FRAME, BASE_FRAME, stamp)
+    half = _half_turn(snapshot.state[st.ROLL])
+    message.transform.rotation = Quaternion(x=half.s, w=half.c)
+    return message
+
+
+TRANSFORMS: Final = (map_to_odom, odom_to_footprint, footprint_to_base)
+"""From the world to the vehicle."""
+
+
+def set_prefix(message: Any, prefix: str) -> Any:
+    """Put a prefix before the frames of a message, except the map that all share, and before marker namespaces."""
+    for part in getattr(message, "markers", None) or getattr(message, "transforms", None) or (message,):
+        if part.header.frame_id not in ("", MAP_FRAME):
+            part.header.frame_id = prefix + part.header.frame_id
+        for name in ("child_frame_id", "ns"):
+            if hasattr(part, name):
+                setattr(part, name, prefix + getattr(part, name))
+    return message
+
+
+def robot_description(vehicle: Vehicle) -> str:
+    """Return a vehicle's four bodies as URDF; the root is base_link, the joints are `JOINTS`.
+
+    Links have the axes of base_link in the upright pose. The rider belongs to the rear frame.
+    """
+    v = vehicle
+    wheel_r, wheel_f = ((i, 0.0, j, i) for i, j in ((v.IRxx, v.IRyy), (v.IFxx, v.IFyy)))
+    links = [
+        '<link name="base_link"/>',
+        _link("rear_frame", v.mB, (v.xB, -v.zB - v.rR), (v.IBxx, -v.IBxz, v.IByy, v.IBzz)),
+        _link("front_frame", v.mH, (v.xH - v.w - v.c, -v.zH), (v.IHxx, -v.IHxz, v.IHyy, v.IHzz)),
+        _link("rear_wheel_link", v.mR, (0.0, 0.0), wheel_r, v.rR),
+        _link("front_wheel_link", v.mF, (0.0, 0.0), wheel_f, v.rF),
+    ]
+    joints = [
+        _joint("pitch", "base_link", "rear_frame", (0.0, v.rR)),
+        _joint("rear_wheel", "rear_frame", "rear_wheel_link", (0.0, 0.0)),
+        # at the foot of the steering axis on the ground
+        _joint("steer", "rear_frame", "front_frame", (v.w + v.c, -v.rR), (-math.sin(v.lam), 0.0, math.cos(v.lam))),
+        _joint("front_wheel", "front_frame", "front_wheel_link", (-v.c, v.rF)),
+    ]
+    return "\n".join(['<?xml version="1.0"?>', f'<robot name="{v.name}">', *links, *joints, "</robot>", ""])
+
+
+def _link(
+    name: str, mass: float, centre: tuple[float, float], inertia: tuple[float, float, float, float], radius: float = 0.0
+) -> str:
+    """Return a body, drawn as a wheel of a radius or as a ball at its centre of mass (x and z, m)."""
+    x, z = centre
+    xx, xz, yy, zz = inertia
+    shape = f'<cylinder radius="{radius}" length="0.04"/>' if radius else '<sphere radius="0.1"/>'
+    turn = 0.5 * math.pi if radius else 0.0
+    return (
+        f'<link name="{name}"><inertial><origin xyz="{x} 0 {z}"/><mass value="{mass}"/><inertia ixx="{xx}" ixy="0" '
+        f'ixz="{xz}" iyy="{yy}" iyz="0" izz="{zz}"/></inertial>'
+        f'<visual><origin xyz="{x} 0 {z}" rpy="{turn} 0 0"/><geometry>{shape}</geometry></visual></link>'
+    )
+
+
+def _joint(
+    name: str,
+    parent: str,
+    child: str,
+    origin: tuple[float, float],
+    axis: tuple[float, float, float] = (0.0, 1.0, 0.0),
+) -> str:
+    """Return a joint at x and z in its parent, m."""
+    return (
+        f'<joint name="{name}" type="continuous"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{origin[0]} 0 {origin[1]}"/><axis xyz="{axis[0]} {axis[1]} {axis[2]}"/></joint>'
+    )
 
 
 def vehicle_markers(snapshot: Snapshot, vehicle: Vehicle, stamp: int) -> MarkerArray:
@@ -88,7 +233,7 @@ def vehicle_markers(snapshot: Snapshot, vehicle: Vehicle, stamp: int) -> MarkerA
     saddle = rear[0] + rear[1] @ np.array([0.25 * vehicle.w, 0.0, 1.8 * vehicle.rR])
     handlebar = front[0] + front[1] @ np.array([-0.35 * vehicle.rF, 0.0, 1.7 * vehicle.rF])
     frame.points = [_point(*p) for p in (rear[0], saddle, handlebar, front[0])]
-    preview = _marker(4, Marker.SPHERE_LIST, BASE_FRAME, stamp, _PREVIEW_COLOUR)
+    preview = _marker(4, Marker.SPHERE_LIST, FOOTPRINT_FRAME, stamp, _PREVIEW_COLOUR)
     preview.scale.x = preview.scale.y = preview.scale.z = 0.15
     preview.points = [
         _point(x, y, _PREVIEW_HEIGHT) for x, y in zip(snapshot.preview_x, snapshot.preview_y, strict=True)
@@ -110,7 +255,7 @@ def wheel_poses(snapshot: Snapshot, vehicle: Vehicle) -> tuple[tuple[FloatArray,
     state, look = snapshot.state, snapshot.look
     lean = _rotation_z(state[st.YAW]) @ _rotation_x(state[st.ROLL])
     rear = np.array([state[st.X], state[st.Y], 0.0]) + lean @ np.array([0.0, 0.0, vehicle.rR])
-    frame = lean @ _rotation_y(look[lk.PITCH])
+    frame = lean @ _rotation_y(base_motion(snapshot, vehicle).pitch)
     tilt = _rotation_y(-vehicle.lam)
     front = frame @ tilt @ _rotation_z(state[st.STEER]) @ tilt.T
     # From the contact point the centre lies upwards within the plane of the wheel.
@@ -126,6 +271,27 @@ def _marker(number: int, kind: int, frame: str, stamp: int, colour: ColorRGBA) -
     marker.header.frame_id = frame
     marker.pose.orientation.w = 1.0
     return marker
+
+
+def _transform(parent: str, child: str, stamp: int) -> TransformStamped:
+    message = TransformStamped(child_frame_id=child)
+    message.header.stamp = time_to_message(stamp)
+    message.header.frame_id = parent
+    return message
+
+
+class _HalfTurn(NamedTuple):
+    s: float
+    c: float
+
+
+def _half_turn(angle: float) -> _HalfTurn:
+    """Return sine and cosine of half an angle, the parts of a quaternion."""
+    return _HalfTurn(math.sin(0.5 * angle), math.cos(0.5 * angle))
+
+
+def _vector(x: Any, y: Any, z: Any) -> Vector3:
+    return Vector3(x=float(x), y=float(y), z=float(z))
 
 
 def _point(x: Any, y: Any, z: Any) -> Point:

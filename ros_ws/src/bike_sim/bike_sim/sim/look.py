@@ -153,7 +153,7 @@ def preview_line(
         line: the followed one.
         points: form of the preview.
         look: its progress is where the preview begins; its preview spacing is set.
-        preview: out, m, base_link, shape (2, points).
+        preview: out, m, base_footprint, shape (2, points).
     """
     step = points.interval
     if points.by_time and machine.rolling:
@@ -177,7 +177,7 @@ def derive_on_path(
         points: form of the preview.
         fresh: search for the front contact from the rear one, after a reset.
         look: vector of LOOK_SIZE, in and out: the last progress is where the search begins.
-        preview: out, m, base_link, shape (2, points).
+        preview: out, m, base_footprint, shape (2, points).
     """
     _move(state, machine, look)
     _relate(state, line, projection.BEHIND, projection.AHEAD, fresh, look)

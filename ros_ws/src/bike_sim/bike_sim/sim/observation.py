@@ -104,7 +104,7 @@ class BatchState(NamedTuple):
         ground: under the wheels, records of `physics.ground.GROUND`.
         ride: records of `RIDE`.
         views: shape (n, lk.VIEW_SIZE), as `look` lays them out; zeros beyond the derived quantities on a path.
-        preview: points of the followed line, m, base_link, shape (n, 2, points).
+        preview: points of the followed line, m, base_footprint, shape (n, 2, points).
         steps: control steps since the reset; -1 before the first.
         end: code of the end of the ride, see `ENDS`.
         events: rows of what happened in the last step, shape (n, most, timing_account.ROW_SIZE).

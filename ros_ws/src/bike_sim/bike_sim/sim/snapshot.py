@@ -30,7 +30,7 @@ class CircuitView:
         place: arc length and lateral offset (positive left) of the rear, then of the front contact point relative to
             the centre line, m, in the order of :mod:`bike_sim.sim.look`.
         limits: position relative to the limits, in the order of `schema.LIMITS`.
-        points: the followed line and both limits ahead, x, y, z in base_link, m, shape (3, lk.STATIONS, 3).
+        points: the followed line and both limits ahead, x, y, z in base_footprint, m, shape (3, lk.STATIONS, 3).
         wall: the touch of a wall at this instant, or the hit that ended the ride; None where there was none.
     """
 
@@ -63,7 +63,7 @@ class Snapshot:
         signals: telemetry in the order of the plant's `signal_names`; empty for bicycles.
         steering: applied steering command in [-1, 1]. throttle: the same for throttle and brake.
         steer_torque: torque of the steering drive or the rider, Nm, positive to the left.
-        preview_x: points of the followed line ahead, m, base_link. preview_y: m, base_link.
+        preview_x: points of the followed line ahead, m, base_footprint. preview_y: m, base_footprint.
         roll_history: rad, oldest first. steer_history: rad, oldest first.
         fallen: the ride is over: fallen, stopped by a wall, or diverged.
         off_course: distance beyond the course's limit; on a circuit both contact points beyond the limits.
