@@ -22,6 +22,7 @@ setup(
         (f"share/{NAME}", ["package.xml"]),
     ],
     install_requires=["setuptools"],
+    extras_require={"test": ["pytest"]},
     zip_safe=False,
     maintainer="The two-wheeler lab",
     maintainer_email="maintainers@example.com",
