@@ -140,7 +140,7 @@ def test_all_frames_lead_to_the_world(messages) -> None:
     for topic in SCENE["topics"]:
         for message in messages[topic][1]:
             shown |= {part.header.frame_id for part in getattr(message, "markers", [message])}
-    assert shown == {"map", "base_footprint"}
+    assert shown == {"map", "odom", "base_footprint"}
     assert parents == {"odom": "map", "base_footprint": "odom", "base_link": "base_footprint"}
     assert RVIZ["Global Options"]["Fixed Frame"] == "map"
 

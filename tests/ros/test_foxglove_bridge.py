@@ -36,7 +36,7 @@ PATIENCE: Final = 60.0
 TOPICS: Final = {
     *(f"/bike/{name}" for name in ("command", "course", "course_marker", "course_points", "episode", "events")),
     *(f"/bike/{name}" for name in ("joint_states", "lean_history", "markers", "odom", "state", "transform")),
-    *("/clock", "/diagnostics"),
+    *("/bike/robot_description", "/clock", "/diagnostics"),
 }
 """Of the ride of a bicycle."""
 OF_SUPERBIKES: Final = {"/bike/telemetry"}

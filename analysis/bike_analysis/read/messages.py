@@ -124,7 +124,7 @@ def _odometry(motion: Motion) -> dict[str, Floats]:
         "pitch": pitch,
         "speed": np.hypot(motion.column(f"{_TWIST}linear.x"), motion.column(f"{_TWIST}linear.y")),
         "roll_rate": motion.column(f"{_TWIST}angular.x"),
-        "yaw_rate": _yaw_rate(roll, pitch, *(motion.column(f"{_TWIST}angular.{axis}") for axis in "yz")),
+        "yaw_rate": motion.column(f"{_TWIST}angular.z"),
     }
 
 
@@ -142,14 +142,8 @@ def _satellite(motion: Motion) -> dict[str, Floats]:
 
 def _inertial(motion: Motion) -> dict[str, Floats]:
     roll, pitch, yaw = _angles(*(motion.column(f"orientation.{axis}") for axis in "xyzw"))
-    yaw_rate = _yaw_rate(roll, pitch, *(motion.column(f"angular_velocity.{axis}") for axis in "yz"))
-    rates = {"roll_rate": motion.column("angular_velocity.x"), "yaw_rate": yaw_rate}
+    rates = {"roll_rate": motion.column("angular_velocity.x"), "yaw_rate": motion.column("angular_velocity.z")}
     return {"yaw": yaw, "roll": roll, "pitch": pitch, **rates}
-
-
-def _yaw_rate(roll: Floats, pitch: Floats, across: Floats, upright: Floats) -> Floats:
-    """Return the yaw rate from the angular velocity about the y and z axes of a leaning body, rad/s."""
-    return (np.sin(roll) * across + np.cos(roll) * upright) / np.cos(pitch)
 
 
 _WORKED_OUT: Final = {ODOMETRY: _odometry, SATELLITE: _satellite, INERTIAL: _inertial}

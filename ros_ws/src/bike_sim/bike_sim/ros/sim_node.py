@@ -321,8 +321,7 @@ class SimNode(rclpy.node.Node):
         extra(Odometry, "odom", lambda s: standard_messages.odometry(s, vehicle, self._stamp))
         # The same as on /tf, for viewers of recordings made where tf2_msgs is missing.
         transforms = open_topic(TransformStamped, "transform", stream)
-        for transform in standard_messages.TRANSFORMS:
-            self._extras.append((transforms, lambda s, transform=transform: transform(s, self._stamp)))
+        self._extras += [(transforms, self._stamped(make)) for make in standard_messages.TRANSFORMS]
         extra(JointState, "joint_states", lambda s: standard_messages.joint_state(s, vehicle, self._stamp))
         if self._settings.publish_markers:
             extra(MarkerArray, "markers", lambda s: standard_messages.vehicle_markers(s, vehicle, self._stamp))
@@ -333,6 +332,9 @@ class SimNode(rclpy.node.Node):
         description.publish(String(data=standard_messages.robot_description(vehicle)))
         name = self.get_namespace().strip("/")
         self._prefix = self._settings.frame_prefix or ("" if name in ("", node_tools.NAMESPACE) else f"{name}/")
+
+    def _stamped(self, make: Callable[[Snapshot, int], Any]) -> Callable[[Snapshot], Any]:
+        return lambda snapshot: make(snapshot, self._stamp)
 
     @property
     def _course(self) -> Course:
