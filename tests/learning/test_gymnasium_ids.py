@@ -16,7 +16,6 @@ from bike_training.envs.vec_env import BatchVectorEnv
 from bike_training.gymnasium_ids import IDS, register
 
 
-@pytest.mark.filterwarnings("ignore:.*A Box observation space m.*imum value is")  # some of it has no bound
 @pytest.mark.parametrize("name", IDS)
 def test_ids_make_environments_that_keep_both_contracts_and_are_drawn(name):
     """Nothing but the path's observation, of which no task bounds all, is warned of."""
