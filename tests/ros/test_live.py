@@ -304,7 +304,7 @@ RIDE_BY_KEYS = """
   const press = (kind, side) => dispatchEvent(new KeyboardEvent(kind, { key: names[side] }));
   const look = () => {
     const { columns } = view.main, n = columns.time.length - 1, along = columns.yaw[n] - columns.distance[n] / 8;
-    const wish = 0.44 - 0.27 * (columns.error[n] + 3 * along), off = live.wish.steering - wish;
+    const wish = 0.44 - 0.27 * (columns.error[n] + 3 * along), off = live.command.steering - wish;
     const side = Math.abs(off) < 0.06 ? 0 : off > 0 ? -1 : 1;
     if (side !== held) {
       if (held) press("keyup", held);
