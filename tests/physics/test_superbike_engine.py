@@ -20,7 +20,7 @@ from bike_sim.physics.superbike.bullet import BulletSuperbikeEngine
 from bike_sim.physics.superbike.constants import constants_of
 from bike_sim.physics.superbike.forces import FallIndicators, fall_of
 from bike_sim.physics.superbike.modes import measure_modes
-from bike_sim.physics.superbike.pose import without_rider
+from bike_sim.physics.superbike.pose import superbike_tree
 from bike_sim.physics.superbike.records import MEMORY, Motion, discretise_command
 from bike_sim.physics.superbike.rider import through_arms
 from bike_sim.schema import SIGNALS
@@ -289,7 +289,7 @@ def loads(
 def test_the_order_of_fields_in_a_definition_means_nothing() -> None:
     """Whoever sorts a dataclass or a list of names changes no force, no memory and no telemetry."""
     rng = np.random.default_rng(5)
-    constants = constants_of(DUCATI, without_rider(DUCATI))
+    constants = constants_of(DUCATI, superbike_tree(DUCATI))
     memory, telemetry = np.zeros(1, dtype=MEMORY), np.zeros(1, dtype=sf.TELEMETRY)
     for name in ("drive", "lean_reference", "integral", "rear_slip", "front_tan_slip_angle"):
         memory[name] = rng.uniform(0.0, 0.1)
@@ -299,7 +299,7 @@ def test_the_order_of_fields_in_a_definition_means_nothing() -> None:
     ground, bumps = flat_ground(0.9, 1.0)
     parts = (ground, memory, telemetry, constants)
     records = [parts, tuple(by_name(part) for part in parts)]
-    motion = Motion(*pose, *twist, *joints)
+    motion = Motion(*pose, *twist, *joints, *(0.0,) * 8)  # nothing gives way
     forces = [loads(motion, command, part[0], bumps, *part[1:]) for part in records]
     assert forces[0] == forces[1]
     assert abs(forces[0].force[1]) > 100.0  # the pose is one in which tyres work

@@ -14,6 +14,7 @@ setup(
             "config/disturbances/*.yaml",
             "config/courses/*.csv",
             "config/tracks/*.yaml",
+            "config/validation/*.yaml",
             "config/middleware/*.xml",
         ]
     },

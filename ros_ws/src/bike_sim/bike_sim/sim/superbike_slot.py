@@ -14,7 +14,7 @@ from bike_sim.physics.ground import BUMP_SAMPLES
 from bike_sim.physics.multibody import articulated
 from bike_sim.physics.superbike.engine import CompiledSuperbikeEngine, Model, Rides, advance
 from bike_sim.physics.superbike.forces import TELEMETRY
-from bike_sim.physics.superbike.pose import deflect
+from bike_sim.physics.superbike.pose import LARGEST_TREE, deflect
 from bike_sim.physics.superbike.records import MEMORY, discretise_command
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.observation import BatchState, array_at, call
@@ -56,15 +56,15 @@ class SuperbikeSlot(EngineSlot):
     def __init__(self, plants: Sequence[Plant], config: SimulatorConfig) -> None:
         """Take the plants of all rows."""
         super().__init__(plants, config)
-        count, tree = len(plants), _engine_of(plants[0]).tree
+        count = len(plants)
         self._machines: list[Plant] = []
         self.bodies = Bodies(
             np.zeros(0),
             np.zeros(0),
             np.zeros(count, dtype=np.int64),
-            np.zeros(count, dtype=articulated.motion_record(len(tree))),
+            np.zeros(count, dtype=articulated.motion_record(LARGEST_TREE)),
             np.zeros(count, dtype=MEMORY),
-            articulated.workspace(len(tree)),
+            articulated.workspace(LARGEST_TREE),
         )
         self._telemetry: Any = None  # the signals of the rows, by name
 
@@ -76,11 +76,16 @@ class SuperbikeSlot(EngineSlot):
             engines = [_engine_of(machine) for machine in self._machines]
             self.bodies = self.bodies._replace(
                 constants=np.concatenate([engine.constants for engine in engines]),
-                trees=np.concatenate([articulated.tree_record(engine.tree, engine.vehicle.g) for engine in engines]),
+                trees=np.concatenate(
+                    [articulated.tree_record(engine.tree, engine.vehicle.g, LARGEST_TREE) for engine in engines]
+                ),
             )
         bodies, engine = self.bodies, _engine_of(plant)
         bodies.machine[row] = self._machines.index(plant)
-        bodies.motion[row], bodies.memory[row] = engine.motion[0], engine.memory[0]
+        bodies.memory[row] = engine.memory[0]
+        for name in engine.motion.dtype.names or ():
+            part = engine.motion[name][0]
+            bodies.motion[name][row, : part.size] = part
 
     def advance(self, commands: FloatArray, rows: BatchState) -> None:
         """Move the rows; see `EngineSlot`."""

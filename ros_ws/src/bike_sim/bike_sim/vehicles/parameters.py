@@ -1,15 +1,16 @@
 """Parameters of vehicles: dataclasses of numbers whose fields say unit, meaning and bounds, read from nested mappings.
 
-A record is a frozen dataclass. A field made with `positive`, `number` or `signed` is a number of the file, one whose
-type is a record is a section of it, and any other value is taken as it stands. Errors name the path in the file.
+A record is a frozen dataclass. A field made with `positive`, `number` or `signed` is a number of the file, one made
+with `point` two of them, one whose type is a record is a section of it, and any other value is taken as it stands. What
+has a default may be left out. Errors name the path in the file.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import fields, is_dataclass
-from typing import Any, Final, TypeVar, get_type_hints
+from dataclasses import MISSING, fields, is_dataclass
+from typing import Any, Final, TypeVar, get_args, get_type_hints
 
 import numpy as np
 import yaml
@@ -45,6 +46,11 @@ def signed(unit: str, meaning: str) -> dict[str, Any]:
     return number(unit, meaning, -math.inf)
 
 
+def point(meaning: str) -> dict[str, Any]:
+    """Return the metadata of a point of the middle plane, x forward and z up, m; its field is a tuple of two."""
+    return signed("m", meaning) | {"size": 2}
+
+
 def read_record(kind: type[_Record], document: Any, origin: str, path: str = "") -> _Record:
     """Return a record from a mapping that has exactly its keys; sections are read from nested mappings.
 
@@ -61,7 +67,7 @@ def read_record(kind: type[_Record], document: Any, origin: str, path: str = "")
     keys = {field.metadata.get("key", field.name): field for field in fields(kind)}  # type: ignore[arg-type]
     if not isinstance(document, dict):
         raise VehicleError(f"{where}: expected a mapping with the keys {', '.join(keys)}")
-    missing = [key for key in keys if key not in document]
+    missing = [key for key, entry in keys.items() if key not in document and entry.default is MISSING]
     unknown = [str(key) for key in document if key not in keys]
     problems = [f"lacks {', '.join(missing)}"] if missing else []
     problems += [f"has unknown {', '.join(unknown)}"] if unknown else []
@@ -69,12 +75,15 @@ def read_record(kind: type[_Record], document: Any, origin: str, path: str = "")
         raise VehicleError(f"{where}: {' and '.join(problems)}")
     types, values = get_type_hints(kind), {}
     for key, field in keys.items():
+        if key not in document:
+            continue
         value, here = document[key], f"{path}.{key}" if path else key
+        section = next((kind for kind in (types[field.name], *get_args(types[field.name])) if is_dataclass(kind)), None)
         if field.metadata:
             check_number(field.metadata, value, origin, here)
-            value = float(value)
-        elif is_dataclass(types[field.name]):
-            value = read_record(types[field.name], value, origin, here)
+            value = tuple(map(float, value)) if "size" in field.metadata else float(value)
+        elif section is not None:
+            value = read_record(section, value, origin, here)  # type: ignore[type-var]
         values[field.name] = value
     return kind(**values)
 
@@ -124,6 +133,13 @@ def check_number(metadata: Any, value: Any, origin: str, path: str) -> None:
     Raises:
         VehicleError: it is not a finite real number within its bounds.
     """
+    if "size" in metadata:
+        size = metadata["size"]
+        if not isinstance(value, list | tuple) or len(value) != size:
+            raise VehicleError(f"vehicle '{origin}': {path} = {value!r} is no list of {size} numbers")
+        for entry in value:
+            check_number({name: metadata[name] for name in ("low", "strict")}, entry, origin, path)
+        return
     try:
         finite = isinstance(value, int | float | np.floating) and math.isfinite(value)
     except OverflowError:

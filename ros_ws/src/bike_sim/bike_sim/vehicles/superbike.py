@@ -13,6 +13,7 @@ import itertools
 import math
 from dataclasses import dataclass, field, fields
 from functools import cached_property
+from types import SimpleNamespace
 from typing import Any, Final, get_type_hints
 
 import numpy as np
@@ -20,6 +21,8 @@ from numpy.typing import NDArray
 
 from bike_sim.schema import GRAVITY
 from bike_sim.vehicles.bicycle import Vehicle, VehicleFile
+from bike_sim.vehicles.joints import Joints
+from bike_sim.vehicles.magic_formula import MAGIC_FORMULA, check_coefficients
 from bike_sim.vehicles.parameters import VehicleError, check_format, number, positive, read_record, signed
 
 FloatArray = NDArray[np.float64]
@@ -60,6 +63,28 @@ class Tyre:
     trail: float = field(metadata=number("m", "pneumatic trail of the side slip's force at small slip"))
     twist: float = field(metadata=number("m/rad", "twisting torque by load and camber, towards the wheel's lean"))
     rolling: float = field(metadata=number("", "rolling resistance coefficient"))
+    camber_lag: float = field(default=0.0, metadata=number("", "1: camber thrust lags like that of side slip, 0: none"))
+    magic_formula: dict[str, float] | None = None
+
+    def __post_init__(self) -> None:
+        """Check the coefficients of the Magic Formula, which then takes the place of the law above.
+
+        Raises:
+            VehicleError: one is missing, unknown or no number.
+        """
+        if self.magic_formula is not None:
+            check_coefficients(self.magic_formula)
+
+    @property
+    def sag(self) -> float:
+        """How far the standing machine presses it in beyond the radius of its file, m: nothing."""
+        return 0.0
+
+    @property
+    def magic(self) -> SimpleNamespace:
+        """Fields of `MAGIC_FORMULA`, all 0 without coefficients."""
+        values = dict.fromkeys(MAGIC_FORMULA.names or (), 0.0)
+        return SimpleNamespace(**values | ({"on": 1.0} | self.magic_formula if self.magic_formula else {}))
 
     @property
     def peak(self) -> float:
@@ -80,6 +105,7 @@ class RiderBody:
     slide: float = field(metadata=number("m", "largest distance of the centre of mass from the middle plane"))
     slide_lean_deg: float = field(metadata=positive("deg", "lean from which on the slide is largest, linear below"))
     slide_frequency: float = field(metadata=positive("rad/s", "of the body's critically damped motion"))
+    Ixz: float = field(default=0.0, metadata=signed("kg m2", "element xz of the tensor, z up"))
 
 
 @dataclass(frozen=True)
@@ -88,7 +114,7 @@ class Air:
 
     density: float = field(metadata=number("kg/m3", "of the air"))
     drag_area: float = field(metadata=number("m2", "Cd A"))
-    down_area: float = field(metadata=number("m2", "-Cl A, pressing down in the machine's own plane"))
+    down_area: float = field(metadata=signed("m2", "-Cl A, positive pressing down in the machine's own plane"))
     x: float = field(metadata=number("m", "of the centre of pressure, ahead of the rear contact"))
     height: float = field(metadata=positive("m", "of the centre of pressure"))
 
@@ -285,9 +311,11 @@ class Superbike(Vehicle, Sections):
 
     Attributes:
         frame: rear frame without rider.
+        joints: what gives way; None is a rigid machine.
     """
 
     frame: Frame
+    joints: Joints | None = None
 
     def __post_init__(self) -> None:
         """Check that the numbers describe a machine that can exist.
@@ -408,11 +436,12 @@ class Superbike(Vehicle, Sections):
 
 def record_of(kind: type) -> np.dtype[np.void]:
     """Return the record that carries a dataclass of numbers into compiled code: its fields by their names."""
-    return np.dtype([(entry.name, np.float64) for entry in fields(kind)])
+    return np.dtype([(entry.name, np.float64) for entry in fields(kind) if entry.metadata])
 
 
-TYRE: Final = np.dtype([*((entry.name, np.float64) for entry in fields(Tyre)), ("peak", np.float64)])
-"""Record of a tyre, with its `peak`."""
+TYRE: Final = np.dtype([*record_of(Tyre).descr, ("peak", np.float64), ("sag", np.float64), ("magic", MAGIC_FORMULA)])
+"""Record of a tyre, with its `peak`, how far the standing machine presses it in beyond the radius of its file, m, and
+the coefficients of the Magic Formula."""
 
 MACHINE: Final = np.dtype(
     [
@@ -476,6 +505,7 @@ class SuperbikeFile(VehicleFile, Sections):
     type: Any
     geometry: _Geometry
     bodies: _Bodies
+    joints: Joints | None = None
 
 
 def superbike_from_document(document: Any, origin: str) -> Superbike:
@@ -529,6 +559,7 @@ def superbike_from_document(document: Any, origin: str) -> Superbike:
         fall_roll=math.radians(file.limits.fall_roll_deg),
         control_period=file.control_period_s,
         frame=frame,
+        joints=file.joints,
     )
 
 
@@ -563,5 +594,5 @@ def _join(frame: Frame, rider: RiderBody) -> Frame:
         frame.Ixx + rider.Ixx + reduced * dz * dz,
         frame.Iyy + rider.Iyy + reduced * (dx * dx + dz * dz),
         frame.Izz + rider.Izz + reduced * dx * dx,
-        frame.Ixz - reduced * dx * dz,
+        frame.Ixz + rider.Ixz - reduced * dx * dz,
     )

@@ -19,7 +19,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from bike_sim.physics.multibody.tree import Body, Joint, principal_axes
+from bike_sim.physics.multibody.tree import Body, Joint, outward, principal_axes
 from bike_sim.physics.multibody.vectors import Vec, conjugate, rotate
 
 Record = Any
@@ -39,25 +39,25 @@ def motion_record(bodies: int) -> np.dtype[np.void]:
     return np.dtype([(name, np.float64, (size,)) for name, size in shapes.items()])
 
 
-def tree_record(tree: Sequence[Body], gravity: float) -> NDArray[np.void]:
+def tree_record(tree: Sequence[Body], gravity: float, size: int = 0) -> NDArray[np.void]:
     """Return what the algorithm knows of a tree, in the base's principal axes, shape (1,).
 
     Args:
         tree: the bodies, a free base first, whose joints follow in order.
         gravity: m/s2.
+        size: number of bodies that the record has room for, at least those of the tree.
 
     Raises:
-        ValueError: the first body is not free, or another one is, or hangs on a body that comes later.
+        ValueError: see `tree.outward`.
     """
-    for index, body in enumerate(tree):
-        if (body.joint is Joint.FREE) != (index == 0) or not -1 <= body.parent < max(index, 1):
-            raise ValueError(f"body {index} '{body.name}' must hang by a joint on a body before it, the first on none")
-    count = len(tree)
+    order = outward(tree)
+    count = max(len(tree), size)
     turn, _ = principal_axes(tree[0].inertia)
     to_principal = np.array([rotate(conjugate(turn), axis) for axis in np.eye(3)]).T
     kind = np.dtype(
         [
             ("gravity", np.float64),
+            ("count", np.int64),
             ("mass", np.float64, (count,)),
             ("inertia", np.float64, (count, 3, 3)),
             ("offset", np.float64, (count, 3)),
@@ -65,13 +65,14 @@ def tree_record(tree: Sequence[Body], gravity: float) -> NDArray[np.void]:
             ("axis", np.float64, (count, 3)),
             ("joint", np.int64, (count,)),
             ("parent", np.int64, (count,)),
+            ("order", np.int64, (count,)),
             ("turns", np.int64, (count,)),
             ("spring", np.float64, (count,)),
             ("damper", np.float64, (count,)),
         ]
     )
     record = np.zeros(1, dtype=kind)
-    record["gravity"] = gravity
+    record["gravity"], record["count"], record["order"][0, : len(tree)] = gravity, len(tree), order
     for i, body in enumerate(tree):
         origin = tree[0].centre if body.parent <= 0 else tree[body.parent].point
         start = body.point if i else body.centre
@@ -100,6 +101,7 @@ def workspace(bodies: int) -> NDArray[np.void]:
     shapes: dict[str, tuple[int, ...]] = {
         "rotation": (n, 3, 3), "point": (n, 3), "velocity": (n, 6), "bias": (n, 6), "inertia": (n, 6, 6),
         "force": (n, 6), "axis": (n, 6), "push": (n, 6), "stiff": (n,), "left": (n,), "rates": (n - 1,),
+        "loads": (n - 1,),
         "linear": (3,), "angular": (3,), "spatial": (n, 6), "base": (3, 3),
     }  # fmt: skip
     return np.zeros(1, dtype=np.dtype([(name, np.float64, shape) for name, shape in shapes.items()]))
@@ -291,18 +293,18 @@ def _solve(total: Array, right: Array) -> None:
 
 
 @njit(cache=True)
-def accelerate(motion: Record, force: Vec, torque: Vec, joints: tuple[float, ...], tree: Record, work: Record) -> None:
+def accelerate(motion: Record, force: Vec, torque: Vec, joints: Any, tree: Record, work: Record) -> None:
     """Write the accelerations of base and joints into ``work``: `linear`, `angular` (map axes) and `rates`.
 
     Args:
         motion: a record of `motion_record`.
         force: on the base, N, map axes.
         torque: on the base about its centre of mass, N m.
-        joints: moments (N m) or forces (N) on the first joints, beside their springs and dampers.
+        joints: moments (N m) or forces (N) on the first joints, beside their springs and dampers: array or tuple.
         tree: a record of `tree_record`.
         work: a record of `workspace`.
     """
-    count = motion.rates.size + 1
+    count = tree.count
     base, w = work.base, motion.omega
     base_rotation(motion.orientation, base)
     v = work.velocity[0]
@@ -313,10 +315,12 @@ def accelerate(motion: Record, force: Vec, torque: Vec, joints: tuple[float, ...
         for j in range(3):
             work.rotation[0, k, j] = 1.0 if j == k else 0.0
     _inertia(0, tree, work)
-    for i in range(1, count):
+    for k in range(1, count):
+        i = tree.order[k]
         _place(i, motion, tree, work)
         _inertia(i, tree, work)
-    for i in range(count - 1, 0, -1):
+    for k in range(count - 1, 0, -1):
+        i = tree.order[k]
         load = joints[i - 1] if i <= len(joints) else 0.0
         if tree.spring[i] != 0.0 or tree.damper[i] != 0.0:
             load -= tree.spring[i] * motion.joints[i - 1] + tree.damper[i] * motion.rates[i - 1]
@@ -326,7 +330,8 @@ def accelerate(motion: Record, force: Vec, torque: Vec, joints: tuple[float, ...
         a[k] = base[0, k] * torque[0] + base[1, k] * torque[1] + base[2, k] * torque[2] - work.force[0, k]
         a[3 + k] = base[0, k] * force[0] + base[1, k] * force[1] + base[2, k] * force[2] - work.force[0, 3 + k]
     _solve(work.inertia[0], a)
-    for i in range(1, count):
+    for number in range(1, count):
+        i = tree.order[number]
         own, up = work.spatial[i], work.spatial[tree.parent[i]]
         rate = work.left[i]
         for k in range(6):
@@ -336,6 +341,7 @@ def accelerate(motion: Record, force: Vec, torque: Vec, joints: tuple[float, ...
         for k in range(6):
             own[k] += work.axis[i, k] * rate
         work.rates[i - 1] = rate
+    work.rates[count - 1 :] = 0.0  # room that this tree does not need
     for k in range(3):
         work.angular[k] = base[k, 0] * a[0] + base[k, 1] * a[1] + base[k, 2] * a[2]
         work.linear[k] = base[k, 0] * a[3] + base[k, 1] * a[4] + base[k, 2] * a[5]

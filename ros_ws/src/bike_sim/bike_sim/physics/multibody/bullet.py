@@ -10,12 +10,13 @@ import os
 import weakref
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_sim.physics.multibody.tree import Body, Joint, principal_axes
+from bike_sim.physics.multibody.tree import Body, Joint, outward, principal_axes
 from bike_sim.physics.multibody.vectors import Vec, axis_angle
 
 
@@ -152,9 +153,11 @@ class BulletTree:
         self._disconnect = weakref.finalize(self, bullet.disconnect, self.client)
         bullet.setTimeStep(time_step, self.client)
         bullet.setGravity(0.0, 0.0, -gravity, self.client)
-        self.body = build_tree(self.client, tree)
+        order = outward(tree)
+        sorted_tree = [replace(tree[i], parent=order.index(tree[i].parent) if i else -1) for i in order]
+        self.body = build_tree(self.client, sorted_tree)
         set_free(self.client, self.body)
-        self._joints = tuple(range(len(tree) - 1))
+        self._joints = tuple(order.index(i) - 1 for i in range(1, len(tree)))
         self._passive = [(k, body) for k, body in enumerate(tree[1:]) if body.spring or body.damper]
 
     @property
@@ -175,11 +178,11 @@ class BulletTree:
         body, client, now = self.body, self.client, motion[0]
         bullet.resetBasePositionAndOrientation(body, now["position"], now["orientation"], client)
         bullet.resetBaseVelocity(body, now["velocity"], now["omega"], client)
-        for joint, (angle, rate) in enumerate(zip(now["joints"].tolist(), now["rates"].tolist(), strict=True)):
+        for joint, angle, rate in zip(self._joints, now["joints"].tolist(), now["rates"].tolist(), strict=True):
             bullet.resetJointState(body, joint, angle, rate, client)
         self._read(motion.view(np.float64))
 
-    def step(self, motion: NDArray[np.void], force: Vec, torque: Vec, joints: tuple[float, ...]) -> None:
+    def step(self, motion: NDArray[np.void], force: Vec, torque: Vec, joints: Sequence[float]) -> None:
         """Integrate a step under given forces and read the motion after it.
 
         Args:
@@ -194,10 +197,10 @@ class BulletTree:
             loads[: len(joints)] = joints
             for k, link in self._passive:
                 loads[k] -= link.spring * motion["joints"][0, k] + link.damper * motion["rates"][0, k]
-            joints = tuple(loads.tolist())
+            joints = loads.tolist()
         bullet.applyExternalForce(body, -1, force, numbers[:3].tolist(), bullet.WORLD_FRAME, client)
         bullet.applyExternalTorque(body, -1, torque, bullet.WORLD_FRAME, client)
-        for joint, load in enumerate(joints):
+        for joint, load in zip(self._joints, joints, strict=False):
             # Positions and gains (the zeros and ones) mean nothing in this mode; keywords would cost 0.2 us a step.
             bullet.setJointMotorControl2(body, joint, mode, 0.0, 0.0, load, 0.0, 0.0, -1.0, client)
         bullet.stepSimulation(client)

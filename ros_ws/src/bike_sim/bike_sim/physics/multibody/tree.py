@@ -1,13 +1,14 @@
 """A tree of rigid bodies as data: bodies and the joints between them, in one list that every multibody engine reads.
 
-The list is in a reference configuration, in map axes. The first body is free, every other one hangs on a joint at a
-body before it. A further joint (a fork leg, a swingarm, a twist of the frame) is a further entry, with its spring and
+The list is in a reference configuration, in map axes. The first body is free, every other one hangs on a joint at
+another. A further joint (a fork leg, a swingarm, a twist of the frame) is a further entry, with its spring and
 damper.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -53,6 +54,25 @@ class Body:
     wheel: bool = False
     spring: float = 0.0
     damper: float = 0.0
+
+
+def outward(tree: Sequence[Body]) -> list[int]:
+    """Return the numbers of the bodies, each before what it carries and that before its next neighbour, as Bullet does.
+
+    Raises:
+        ValueError: the first body is not free, or another one is, or hangs on no body or on itself.
+    """
+    order: list[int] = []
+    waiting = [0]
+    while waiting:
+        number = waiting.pop()
+        order.append(number)
+        waiting += [i for i in range(len(tree) - 1, 0, -1) if tree[i].parent == number and i not in order]
+    loose = [i for i, body in enumerate(tree) if (body.joint is Joint.FREE) != (i == 0) or i not in order]
+    if loose or tree[0].parent != -1:
+        body = tree[loose[0] if loose else 0]
+        raise ValueError(f"body '{body.name}' must hang by a joint on another body, the first on none")
+    return order
 
 
 def principal_axes(tensor: Vector) -> tuple[Vector, Vector]:

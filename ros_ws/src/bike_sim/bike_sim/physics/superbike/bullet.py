@@ -60,11 +60,10 @@ class BulletSuperbikeEngine(SuperbikeEngine):
         chunk = reading_interval(self.time_step)
         for done in range(steps):
             last = done == steps - 1
-            loads = loads_one(ride, constants, command, *ground, last)
+            loads = loads_one(ride, constants, command, *ground, self._loads, last)
             if loads.fall != 0:
                 break
-            joints = (loads.rear, loads.steer, loads.front, loads.slide)
-            self._bodies.step(motion, loads.force, loads.torque, joints)
+            self._bodies.step(motion, loads.force, loads.torque, self._loads.tolist())
             if (done + 1) % chunk == 0:
                 read_one(ride, constants, ground.record)
         read_one(ride, constants, ground.record)

@@ -6,6 +6,7 @@ The torque is in closed form: what the rider has learnt of his machine.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -13,29 +14,31 @@ from numpy.typing import NDArray
 
 from bike_sim.physics import bodies
 from bike_sim.physics import state as st
-from bike_sim.physics.multibody.tree import principal_axes
+from bike_sim.physics.multibody.tree import Body, principal_axes
 from bike_sim.physics.multibody.vectors import axis_angle, multiply, rotate
 from bike_sim.physics.superbike import statics, tyres
 from bike_sim.physics.superbike.contact import lowest_point
-from bike_sim.physics.superbike.records import CONSTANTS, HOLDING_LEAN, HOLDING_SAMPLES
+from bike_sim.physics.superbike.pose import design_load, joint_numbers
+from bike_sim.physics.superbike.records import CONSTANTS, HOLDING_LEAN, HOLDING_SAMPLES, STRUT
+from bike_sim.vehicles.joints import UNIT_RANGE, UNIT_SAMPLES, Strut
 from bike_sim.vehicles.superbike import Record, Superbike
 
 FloatArray = NDArray[np.float64]
 
 
-def constants_of(vehicle: Superbike, bare: Superbike) -> NDArray[np.void]:
+def constants_of(vehicle: Superbike, tree: Sequence[Body]) -> NDArray[np.void]:
     """Return the constants of a machine, one record of `CONSTANTS`, shape (1,).
 
     Args:
         vehicle: the machine.
-        bare: the same whose rear body is the frame without rider; its centre of mass is the origin of the geometry.
+        tree: its bodies; the frame's centre of mass is the origin of the geometry.
     """
-    reference = bodies.layout(bare)
-    origin = reference.centres[bodies.REAR_FRAME]
+    reference = bodies.layout(vehicle)
+    origin = tree[0].centre
     axle, head = reference.centres[bodies.REAR_WHEEL] - origin, reference.head - origin
     hub = reference.centres[bodies.FRONT_WHEEL] - reference.head
     cos_tilt, sin_tilt = math.cos(vehicle.lam), math.sin(vehicle.lam)
-    quaternion, _ = principal_axes(bodies.inertia_tensors(bare)[bodies.REAR_FRAME])
+    quaternion, _ = principal_axes(tree[0].inertia)
     angle = 2.0 * math.atan2(quaternion[1], quaternion[3])
     x, _ = vehicle.centre_of_mass
     weight = vehicle.mass * vehicle.g
@@ -63,8 +66,56 @@ def constants_of(vehicle: Superbike, bare: Superbike) -> NDArray[np.void]:
     record["holding"] = holding_table(vehicle)
     for name, value in geometry.items():
         record["geometry"][name] = value
+    loads = {bodies.REAR_JOINT + 1: (0.0, weight - front), bodies.FRONT_JOINT + 1: (vehicle.w, front)}
+    _fill_joints(record["joints"], vehicle, tree, loads)
+    if vehicle.joints is not None:  # radii and geometry are those of the loaded machine
+        for tyre in ("rear", "front"):
+            record["machine"][f"{tyre}_tyre"]["sag"] = geometry[f"{tyre}_static"]
     constants.setflags(write=False)
     return constants
+
+
+def _fill_joints(
+    record: Record, vehicle: Superbike, tree: Sequence[Body], loads: Mapping[int, tuple[float, float]]
+) -> None:
+    """Write what gives way, with the spring forces that hold the design pose.
+
+    Args:
+        record: of `records.JOINTS`.
+        vehicle: the machine.
+        tree: its bodies.
+        loads: see `pose.design_load`.
+    """
+    joints, numbers = vehicle.joints, joint_numbers(tree)
+    for name, number in numbers.items():
+        record[name] = number
+    if joints is None:
+        return
+    record["any"] = 1
+    reference, origin, cosine = bodies.layout(vehicle), tree[0].centre, math.cos(vehicle.lam)
+    for name, flexure in (("head_up", joints.head), ("bend_up", joints.fork_bending)):
+        record[name] = 0.0 if flexure is None else (flexure.height - reference.head[2]) / cosine
+    if joints.fork is not None:
+        _fill_strut(record["fork"], joints.fork.strut, design_load(tree, numbers["travel"], loads, vehicle.g))
+    if joints.swing_arm is not None:
+        arm = joints.swing_arm
+        lengths = arm.unit_lengths()
+        angles = np.linspace(-UNIT_RANGE, UNIT_RANGE, UNIT_SAMPLES)
+        record["unit_length"], record["unit_ratio"] = lengths, np.gradient(lengths, angles, edge_order=2)
+        moment = design_load(tree, numbers["swing"], loads, vehicle.g)
+        _fill_strut(record["unit"], arm.strut, -moment / float(record["unit_ratio"][(UNIT_SAMPLES - 1) // 2]))
+        record["pivot_x"], record["pivot_z"] = arm.pivot[0] - origin[0], arm.pivot[1] - origin[2]
+        if arm.chain is not None:
+            x, z = arm.chain.countershaft
+            record["chain_x"], record["chain_z"] = x - origin[0], z - origin[2]
+            record["front_sprocket"], record["rear_sprocket"] = arm.chain.front_sprocket, arm.chain.rear_sprocket
+
+
+def _fill_strut(record: Record, strut: Strut, preload: float) -> None:
+    """Write a spring unit with its force in the design pose, N."""
+    record["preload"] = preload
+    for name in STRUT.names[1:]:
+        record[name] = getattr(strut, name)
 
 
 HOLDING_SPEEDS: Final = (40.0, 12.0)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from bike_sim.physics.ground import BUMP_SAMPLES, BUMP_SPACING
 from bike_sim.physics.multibody.vectors import Quaternion, Vec, add, cross, dot, mix, scale
-from bike_sim.physics.superbike import tyres
+from bike_sim.physics.superbike import magic_formula, tyres
 from bike_sim.physics.superbike.records import Motion
 from bike_sim.vehicles.superbike import Record
 
@@ -105,7 +105,13 @@ class Axes(NamedTuple):
         rear_arm: to the rear axle, m.
         head_arm: to the head.
         hub_arm: from the head to the front axle.
-        fork_omega: angular velocity of the fork, rad/s.
+        fork_omega: angular velocity of what carries the front wheel, rad/s.
+        pivot_arm: to the swing arm's pivot, m.
+        twist_arm: to the joint in which the steering head twists, m.
+        bend_arm: to the joint in which the fork bends, m.
+        ahead: axis of the head's twist.
+        bending: axis of the fork's bending.
+        sliding: along which the fork is pressed together, upward.
     """
 
     ex: Vec
@@ -117,6 +123,12 @@ class Axes(NamedTuple):
     head_arm: Vec
     hub_arm: Vec
     fork_omega: Vec
+    pivot_arm: Vec
+    twist_arm: Vec
+    bend_arm: Vec
+    ahead: Vec
+    bending: Vec
+    sliding: Vec
 
 
 class Contact(NamedTuple):
@@ -203,21 +215,53 @@ def fork_axes(ex: Vec, ey: Vec, ez: Vec, steer: float, geometry: Record) -> tupl
 
 
 @njit(cache=True)
-def axes_of(motion: Motion, geometry: Record) -> Axes:
-    """Return axes and arms of the bodies."""
+def rear_axle(ex: Vec, ez: Vec, swing: float, geometry: Record, joints: Record) -> Vec:
+    """Return the arm from the frame's centre of mass to the rear axle, m, with the swing arm at an angle, rad."""
+    if joints.swing < 0:
+        return mix(geometry.axle_x, ex, geometry.axle_z, ez)
+    c, s = math.cos(swing), math.sin(swing)
+    x, z = geometry.axle_x - joints.pivot_x, geometry.axle_z - joints.pivot_z
+    return mix(joints.pivot_x + c * x + s * z, ex, joints.pivot_z + c * z - s * x, ez)
+
+
+@njit(cache=True)
+def axes_of(motion: Motion, geometry: Record, joints: Record) -> Axes:
+    """Return axes and arms of the bodies.
+
+    Args:
+        motion: of the machine.
+        geometry: a record of `records.GEOMETRY`.
+        joints: a record of `records.JOINTS`.
+    """
     ex, ey, ez = frame_axes(motion.orientation, geometry)
-    ahead, axle, steering = fork_axes(ex, ey, ez, motion.steer, geometry)
+    rear_arm = rear_axle(ex, ez, motion.swing, geometry, joints)
+    head_arm = mix(geometry.head_x, ex, geometry.head_z, ez)
+    if not joints.any:
+        ahead, axle, steering = fork_axes(ex, ey, ez, motion.steer, geometry)
+        omega = mix(1.0, motion.omega, motion.steer_rate, steering)
+        hub_arm = scale(geometry.hub, ahead)
+        return Axes(
+            ex, ey, ez, axle, steering, rear_arm, head_arm, hub_arm, omega, rear_arm, head_arm, head_arm, ahead, ahead,
+            steering,
+        )  # fmt: skip
+    # the head twists about an axis square to the steering axis, the fork turns in it, bends and slides
+    c, s = geometry.cos_tilt, geometry.sin_tilt
+    ahead, up = mix(c, ex, s, ez), mix(-s, ex, c, ez)
+    ct, st = math.cos(motion.head), math.sin(motion.head)
+    left, steering = mix(ct, ey, st, up), mix(ct, up, -st, ey)
+    cs, ss = math.cos(motion.steer), math.sin(motion.steer)
+    bending, straight = mix(cs, ahead, ss, left), mix(cs, left, -ss, ahead)
+    cb, sb = math.cos(motion.bend), math.sin(motion.bend)
+    axle, sliding = mix(cb, straight, sb, steering), mix(cb, steering, -sb, straight)
+    twist_arm = mix(1.0, head_arm, joints.head_up, up)
+    bend_arm = mix(1.0, twist_arm, joints.bend_up - joints.head_up, steering)
+    head = mix(1.0, bend_arm, motion.travel - joints.bend_up, sliding)
+    omega = mix(1.0, motion.omega, motion.head_rate, ahead)
+    omega = mix(1.0, mix(1.0, omega, motion.steer_rate, steering), motion.bend_rate, bending)
     return Axes(
-        ex,
-        ey,
-        ez,
-        axle,
-        steering,
-        mix(geometry.axle_x, ex, geometry.axle_z, ez),
-        mix(geometry.head_x, ex, geometry.head_z, ez),
-        scale(geometry.hub, ahead),
-        mix(1.0, motion.omega, motion.steer_rate, steering),
-    )
+        ex, ey, ez, axle, steering, rear_arm, head, scale(geometry.hub, bending), omega,
+        mix(joints.pivot_x, ex, joints.pivot_z, ez), twist_arm, bend_arm, ahead, bending, sliding,
+    )  # fmt: skip
 
 
 class Lean(NamedTuple):
@@ -307,15 +351,30 @@ def wheel_contact(centre: Vec, axle: Vec, radius: float, crown: float, patch: Re
 
 
 @njit(cache=True)
-def rolling_wheels(motion: Motion, axes: Axes, rear: Contact, front: Contact) -> tuple[Rolling, Rolling]:
+def rolling_wheels(
+    motion: Motion, axes: Axes, rear: Contact, front: Contact, joints: Record
+) -> tuple[Rolling, Rolling]:
     """Return how the rear and the front wheel move at their contacts."""
     omega = motion.omega
     rear_velocity = add(motion.velocity, cross(omega, mix(1.0, rear.point, -1.0, motion.position)))
-    head_velocity = add(motion.velocity, cross(omega, axes.head_arm))
-    head = add(motion.position, axes.head_arm)
-    front_velocity = add(head_velocity, cross(axes.fork_omega, mix(1.0, front.point, -1.0, head)))
+    rear_omega = omega
+    if joints.any:
+        pivot = add(motion.position, axes.pivot_arm)
+        rear_omega = mix(1.0, omega, motion.swing_rate, axes.ey)
+        rear_velocity = mix(1.0, rear_velocity, motion.swing_rate, cross(axes.ey, mix(1.0, rear.point, -1.0, pivot)))
+        twisting = mix(1.0, omega, motion.head_rate, axes.ahead)
+        turning = mix(1.0, twisting, motion.steer_rate, axes.steering)
+        bend = add(motion.position, axes.bend_arm)
+        bend_velocity = add(motion.velocity, cross(omega, axes.twist_arm))
+        bend_velocity = add(bend_velocity, cross(turning, mix(1.0, axes.bend_arm, -1.0, axes.twist_arm)))
+        front_velocity = add(bend_velocity, cross(axes.fork_omega, mix(1.0, front.point, -1.0, bend)))
+        front_velocity = mix(1.0, front_velocity, motion.travel_rate, axes.sliding)
+    else:
+        head_velocity = add(motion.velocity, cross(omega, axes.head_arm))
+        head = add(motion.position, axes.head_arm)
+        front_velocity = add(head_velocity, cross(axes.fork_omega, mix(1.0, front.point, -1.0, head)))
     return (
-        Rolling(rear_velocity, omega, axes.ey, motion.rear_rate),
+        Rolling(rear_velocity, rear_omega, axes.ey, motion.rear_rate),
         Rolling(front_velocity, axes.fork_omega, axes.axle, motion.front_rate),
     )
 
@@ -337,14 +396,23 @@ def tyre_force(
     """
     # In the machine the tyre's spring lies between the road and the suspension's damper, which so does not feel how
     # steep a short bump is; here both act side by side, and the damper knows the road without bumps.
-    load = tyres.normal_load(contact.gap, dot(wheel.velocity, contact.smooth), tyre)
+    load = tyres.normal_load(contact.gap - tyre.sag, dot(wheel.velocity, contact.smooth), tyre)
     along = dot(wheel.velocity, contact.heading)
     # the contact wanders along the ground with the wheel's centre, whatever the pitch rate of its carrier
     speed = abs(along + dot(wheel.carrier, wheel.axle) * contact.radius)
     slip = tyres.relax(slip, wheel.rate * contact.radius - along, speed, tyre.slip_relaxation, dt)
-    tan_slip_angle = tyres.relax(tan_slip_angle, dot(wheel.velocity, contact.left), speed, tyre.relaxation, dt)
+    aside, length = dot(wheel.velocity, contact.left), tyre.relaxation
+    if tyre.magic.on != 0.0:
+        # its fits take the side slip of the crown's centre
+        aside += tyre.crown * dot(cross(wheel.carrier, contact.normal), contact.left)
+        length = magic_formula.relaxation_length(max(load, 1.0), speed, tyre.magic)
+    camber = math.asin(min(max(contact.lean, -1.0), 1.0))
+    if tyre.camber_lag != 0.0:
+        # camber counts as the side slip of the same force
+        aside += speed * tyre.camber / tyres.cornering_coefficient(load, tyre) * camber
+        camber = 0.0
+    tan_slip_angle = tyres.relax(tan_slip_angle, aside, speed, length, dt)
     if load <= 0.0:
         slip = tan_slip_angle = 0.0  # a tyre in the air forgets
-    camber = math.asin(min(max(contact.lean, -1.0), 1.0))
     fx, fy, mz, normalised_slip = tyres.forces(slip, tan_slip_angle, camber, load, grip, tyre)
     return TyreForce(fx, fy, load, mz, normalised_slip, slip, tan_slip_angle)

@@ -24,7 +24,7 @@ from bike_sim.physics.multibody.tree import principal_axes
 from bike_sim.physics.multibody.vectors import Quaternion
 from bike_sim.physics.superbike.constants import constants_of
 from bike_sim.physics.superbike.forces import FALL_NAMES, TELEMETRY, Loads, loads_at
-from bike_sim.physics.superbike.pose import begin, deflect, state_at, superbike_tree, without_rider
+from bike_sim.physics.superbike.pose import begin, deflect, state_at, superbike_tree
 from bike_sim.physics.superbike.records import MEMORY, Command, Motion, discretise_command
 from bike_sim.vehicles.superbike import Superbike
 
@@ -45,8 +45,14 @@ def reading_interval(dt: float) -> int:
 
 
 @njit(cache=True)
-def to_motion(motion: Record) -> Motion:
-    """Return the motion of frame and joints as the forces take it."""
+def _coordinate(values: Array, number: int) -> float:
+    """Return a joint's coordinate, 0 where it is rigid."""
+    return values[number] if number >= 0 else 0.0
+
+
+@njit(cache=True)
+def to_motion(motion: Record, numbers: Record) -> Motion:
+    """Return the motion of frame and joints as the forces take it; the numbers are those of `records.JOINTS`."""
     p, q, v, w = motion.position, motion.orientation, motion.velocity, motion.omega
     joints, rates = motion.joints, motion.rates
     return Motion(
@@ -60,14 +66,22 @@ def to_motion(motion: Record) -> Motion:
         rates[FRONT_JOINT],
         joints[SLIDE_JOINT],
         rates[SLIDE_JOINT],
+        _coordinate(joints, numbers.swing),
+        _coordinate(rates, numbers.swing),
+        _coordinate(joints, numbers.travel),
+        _coordinate(rates, numbers.travel),
+        _coordinate(joints, numbers.head),
+        _coordinate(rates, numbers.head),
+        _coordinate(joints, numbers.bend),
+        _coordinate(rates, numbers.bend),
     )
 
 
 @njit(cache=True)
 def read(motion: Record, ground: Record, constants: Record, state: Array) -> None:
     """Write the minimal state, counting turns of yaw on from what stands there."""
-    now = to_motion(motion)
-    x, y, yaw, roll, roll_rate = state_at(now.position, now.orientation, now.omega, ground.rear, constants)
+    now = to_motion(motion, constants.joints)
+    x, y, yaw, roll, roll_rate = state_at(now.position, now.orientation, now.omega, now.swing, ground.rear, constants)
     turns = round((state[st.YAW] - yaw) / (2.0 * math.pi))
     state[st.X], state[st.Y], state[st.YAW], state[st.ROLL] = x, y, yaw + 2.0 * math.pi * turns, roll
     state[st.STEER], state[st.STEER_RATE] = now.steer, now.steer_rate
@@ -106,6 +120,24 @@ class Model(NamedTuple):
 
 
 @njit(cache=True)
+def write_loads(loads: Loads, numbers: Record, joints: Array) -> None:
+    """Write the moments (N m) and forces (N) on the joints by number."""
+    joints[REAR_JOINT], joints[FORK_JOINT] = loads.rear, loads.steer
+    joints[FRONT_JOINT], joints[SLIDE_JOINT] = loads.front, loads.slide
+    if numbers.any:
+        if numbers.swing >= 0:
+            joints[numbers.swing] = loads.swing
+        if numbers.travel >= 0:
+            joints[numbers.travel] = loads.travel
+        if numbers.head >= 0:
+            joints[numbers.head] = loads.head
+        if numbers.bend >= 0:
+            joints[numbers.bend] = loads.bend
+        if numbers.torso >= 0:
+            joints[numbers.torso] = 0.0
+
+
+@njit(cache=True)
 def advance(ride: Rides, model: Model, command: Command, ground: Record, bumps: Array, steps: int) -> int:
     """Step a machine until a fall or to the end, and return the fall, an index of `forces.FALL_NAMES`.
 
@@ -123,12 +155,13 @@ def advance(ride: Rides, model: Model, command: Command, ground: Record, bumps: 
     for done in range(steps):
         if memory.fall != 0.0:
             break
+        now = to_motion(motion, constants.joints)
         last = done == steps - 1
-        loads = loads_at(to_motion(motion), command, ground, bumps, memory, telemetry, constants, last)
+        loads = loads_at(now, command, ground, bumps, memory, telemetry, constants, last)
         if loads.fall != 0:
             break
-        joints = (loads.rear, loads.steer, loads.front, loads.slide)
-        articulated.accelerate(motion, loads.force, loads.torque, joints, tree, work)
+        write_loads(loads, constants.joints, work.loads)
+        articulated.accelerate(motion, loads.force, loads.torque, work.loads, tree, work)
         articulated.integrate(motion, work, command.dt)
         if (done + 1) % chunk == 0:
             read(motion, ground, constants, state)
@@ -148,11 +181,19 @@ def _advance_one(
 
 @njit(cache=True)
 def loads_one(
-    rides: Rides, constants: Record, command: tuple[float, float, float], grounds: Record, bumps: Array, log: bool
+    rides: Rides,
+    constants: Record,
+    command: tuple[float, float, float],
+    grounds: Record,
+    bumps: Array,
+    joints: Array,
+    log: bool,
 ) -> Loads:
-    """Return `forces.loads_at` of arrays of one record each."""
-    discrete, motion = discretise_command(command, constants[0]), to_motion(rides.motion[0])
-    return loads_at(motion, discrete, grounds[0], bumps, rides.memory[0], rides.telemetry[0], constants[0], log)
+    """Return `forces.loads_at` of arrays of one record each, and write the loads on the joints."""
+    discrete, motion = discretise_command(command, constants[0]), to_motion(rides.motion[0], constants[0].joints)
+    loads = loads_at(motion, discrete, grounds[0], bumps, rides.memory[0], rides.telemetry[0], constants[0], log)
+    write_loads(loads, constants[0].joints, joints)
+    return loads
 
 
 @njit(cache=True)
@@ -194,10 +235,11 @@ class SuperbikeEngine(ABC):
         self._principal: Quaternion = tuple(principal_axes(self.tree[0].inertia)[0].tolist())
         self.motion = np.zeros(1, dtype=articulated.motion_record(len(self.tree)))
         self.memory = np.zeros(1, dtype=MEMORY)
-        self.constants = constants_of(vehicle, without_rider(vehicle))
+        self.constants = constants_of(vehicle, self.tree)
         self._telemetry = np.zeros(1, dtype=TELEMETRY)
         self._signals = self._telemetry.view(np.float64)
         self._state = np.zeros(st.STATE_SIZE)
+        self._loads = np.zeros(len(self.tree) - 1)  # on the joints
         self._ride = Rides(self._state, self.motion, self.memory, self._telemetry)
 
     @property
@@ -225,7 +267,7 @@ class SuperbikeEngine(ABC):
         read_one(self._ride, self.constants, ground.record)
         # the memory is a copy that nobody needs afterwards
         unmoved = self._ride._replace(memory=self.memory.copy())
-        loads_one(unmoved, self.constants, (0.0, 0.0, self.time_step), *ground, True)
+        loads_one(unmoved, self.constants, (0.0, 0.0, self.time_step), *ground, self._loads, True)
 
     def advance(self, steering: float, throttle: float, steps: int, ground: Ground = LEVEL) -> None:
         """Integrate with both commands held.

@@ -31,6 +31,7 @@ from bike_sim.physics.superbike.contact import (
 from bike_sim.physics.superbike.drive import WheelState, drive_and_brake, write_drive_telemetry
 from bike_sim.physics.superbike.records import Attitude, Command, Motion
 from bike_sim.physics.superbike.rider import RiderInputs, damper_and_stop, feel_load, slide_force, steering_torque
+from bike_sim.physics.superbike.suspension import chain_load, moment_about, rear_unit_load, strut_force
 from bike_sim.schema import SIGNALS
 from bike_sim.vehicles.superbike import Record
 
@@ -145,6 +146,10 @@ class Loads(NamedTuple):
         steer: on the steering.
         front: on that of the front wheel.
         slide: force on the rider's slide, N.
+        swing: moment on the swing arm's joint, N m.
+        travel: force along the fork, N, positive pressing it together.
+        head: moment on the joint in which the head twists, N m.
+        bend: on that in which the fork bends.
         fall: index of `FALL_NAMES`.
     """
 
@@ -154,6 +159,10 @@ class Loads(NamedTuple):
     steer: float
     front: float
     slide: float
+    swing: float
+    travel: float
+    head: float
+    bend: float
     fall: int
 
 
@@ -175,7 +184,8 @@ def loads_at(
         log_telemetry: whether the telemetry of this step is wanted; that of a fall is written always.
     """
     machine, dt = constants.machine, command.dt
-    axes = axes_of(motion, constants.geometry)
+    joints = constants.joints
+    axes = axes_of(motion, constants.geometry, joints)
     rear_centre = add(motion.position, axes.rear_arm)
     front_centre = add(add(motion.position, axes.head_arm), axes.hub_arm)
     profile = bumps[ground.profile]
@@ -185,7 +195,7 @@ def loads_at(
     front_contact = wheel_contact(
         front_centre, axes.axle, machine.rF, constants.machine.front_tyre.crown, ground.front, profile
     )
-    rear_wheel, front_wheel = rolling_wheels(motion, axes, rear_contact, front_contact)
+    rear_wheel, front_wheel = rolling_wheels(motion, axes, rear_contact, front_contact, joints)
     rear = tyre_force(
         memory.rear_slip,
         memory.rear_tan_slip_angle,
@@ -208,7 +218,7 @@ def loads_at(
     memory.front_slip, memory.front_tan_slip_angle = front.slip, front.tan_slip_angle
 
     attitude = attitude_of(motion, axes.ey, rear_contact.normal)
-    rear_spin = dot(motion.omega, axes.ey) + motion.rear_rate
+    rear_spin = dot(rear_wheel.carrier, axes.ey) + motion.rear_rate
     front_spin = dot(axes.fork_omega, axes.axle) + motion.front_rate
     spinning = WheelState(rear_spin, rear_contact.radius, rear)
     driven = drive_and_brake(
@@ -226,7 +236,20 @@ def loads_at(
     force, torque = total_wrench(motion, axes, wind, rear_force, rear_moment, front_force, front_moment, constants)
     rear_joint = driven.rear + dot(axes.ey, rear_moment)
     front_joint = driven.front + dot(axes.axle, front_moment)
-    steer_joint = fork_torque + dot(axes.steering, add(front_moment, cross(axes.hub_arm, front_force)))
+    swing = travel = head = bend = 0.0
+    if joints.any:
+        arm = add(axes.head_arm, axes.hub_arm)
+        steer_joint = fork_torque + moment_about(axes.steering, axes.twist_arm, arm, front_force, front_moment)
+        head = moment_about(axes.ahead, axes.twist_arm, arm, front_force, front_moment)
+        bend = moment_about(axes.bending, axes.bend_arm, arm, front_force, front_moment)
+        travel = dot(axes.sliding, front_force)
+        if joints.travel >= 0:
+            travel -= strut_force(motion.travel, motion.travel_rate, joints.fork)
+        if joints.swing >= 0:
+            swing = moment_about(axes.ey, axes.pivot_arm, axes.rear_arm, rear_force, rear_moment)
+            swing += rear_unit_load(motion, joints) + chain_load(driven.drive, axes, joints)
+    else:
+        steer_joint = fork_torque + dot(axes.steering, add(front_moment, cross(axes.hub_arm, front_force)))
 
     if memory.fall == NO_FALL:
         indicators = fall_indicators(attitude, dot(axes.ex, rear_contact.normal), rear, front, constants)
@@ -238,7 +261,9 @@ def loads_at(
         size = math.sqrt(dot(wind, wind))
         telemetry.drag_n = 0.5 * machine.air.density * machine.air.drag_area * size * size
         write_telemetry(motion, axes, attitude, (rear, front), force, memory, telemetry, machine)
-    return Loads(force, torque, rear_joint, steer_joint, front_joint, rider_force, int(memory.fall))
+    return Loads(
+        force, torque, rear_joint, steer_joint, front_joint, rider_force, swing, travel, head, bend, int(memory.fall)
+    )
 
 
 @njit(cache=True)

@@ -21,7 +21,7 @@ from bike_sim.physics.bodies import FORK_JOINT, FRONT_JOINT, REAR_JOINT, SLIDE_J
 from bike_sim.physics.multibody.vectors import axis_angle, multiply, rotate
 from bike_sim.physics.superbike import statics
 from bike_sim.physics.superbike.engine import CompiledSuperbikeEngine, SuperbikeEngine
-from bike_sim.physics.superbike.records import MEMORY_NAMES
+from bike_sim.physics.superbike.records import FURTHER_JOINTS, MEMORY_NAMES
 from bike_sim.vehicles.superbike import Superbike
 
 FloatArray = NDArray[np.float64]
@@ -103,10 +103,13 @@ def measure_modes(vehicle: Superbike, speed: float, time_step: float = 0.0005, h
     command = 0.0, holding_throttle(vehicle, speed)
     engine.reset(st.upright_state(speed, vehicle.rF))
     engine.advance(*command, round(_SETTLE / time_step))
-    names = LATERAL_STATES + (RIDER_STATES if hands else ())
+    giving = tuple(name for name in joint_states(engine, ("head", "bend", "torso")) if name not in _JOINTS)
+    names = LATERAL_STATES + giving + (RIDER_STATES if hands else ())
     values = eigenvalues(engine, command, names, max(1, round(_PERIOD / time_step)))
     real = values[np.abs(values.imag) <= 2.0 * math.pi * _LEAST_FREQUENCY].real
-    weave = least_damped(values, (_RIDER_UP_TO if hands else _LEAST_FREQUENCY, _STRAIGHT_WOBBLE_BAND[0]))
+    weave = least_damped(
+        values, (_RIDER_UP_TO if hands or vehicle.joints is not None else _LEAST_FREQUENCY, _STRAIGHT_WOBBLE_BAND[0])
+    )
     wobble = least_damped(values, _STRAIGHT_WOBBLE_BAND)
     return SuperbikeModes(speed, weave, wobble, float(real.max()) if real.size else math.nan)
 
@@ -149,6 +152,13 @@ def eigenvalues(
     return np.asarray(np.log(np.linalg.eigvals(transition).astype(complex)) / (steps * engine.time_step))
 
 
+def joint_states(engine: SuperbikeEngine, among: tuple[str, ...] = FURTHER_JOINTS) -> dict[str, tuple[str, int]]:
+    """Return field and number in the motion of the joints' states by name, with those of `among` that give way."""
+    numbers = {name: int(engine.constants["joints"][name][0]) for name in among}
+    further = {name: ("joints", number) for name, number in numbers.items() if number >= 0}
+    return _JOINTS | further | {f"{name}_rate": ("rates", number) for name, (_, number) in further.items()}
+
+
 def _axes(engine: SuperbikeEngine) -> FloatArray:
     """Return heading, left and up as rows, from the rear axle."""
     axle = rotate(engine.motion[0]["orientation"], np.array([0.0, 1.0, 0.0]))
@@ -163,8 +173,8 @@ def _push(engine: SuperbikeEngine, name: str, push: float) -> None:
     if name in _VECTORS:
         field, axis = _VECTORS[name]
         motion[field] += push * axes[axis]
-    elif name in _JOINTS:
-        field, joint = _JOINTS[name]
+    elif name in (joints := joint_states(engine)):
+        field, joint = joints[name]
         motion[field][joint] += push
     elif name == "height":
         motion["position"][2] += push
@@ -181,5 +191,5 @@ def _read(engine: SuperbikeEngine, names: tuple[str, ...]) -> FloatArray:
     ahead, axle = (rotate(motion["orientation"], np.eye(3)[k]) for k in (0, 1))
     values = {"height": motion["position"][2], "roll": math.asin(axle[2]), "pitch": -math.asin(ahead[2])}
     values |= {name: axes[axis] @ motion[field] for name, (field, axis) in _VECTORS.items()}
-    values |= {name: motion[field][joint] for name, (field, joint) in _JOINTS.items()}
+    values |= {name: motion[field][joint] for name, (field, joint) in joint_states(engine).items()}
     return np.array([values[name] if name in values else engine.memory[name][0] for name in names])

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from bike_sim.physics import kinematics
+from bike_sim.physics import bodies, kinematics
 from bike_sim.physics import state as st
-from bike_sim.physics.bodies import FRONT_JOINT, REAR_JOINT, vehicle_tree
+from bike_sim.physics.bodies import FORK_JOINT, FRONT_JOINT, REAR_JOINT, SLIDE_JOINT, vehicle_tree
 from bike_sim.physics.ground import Ground
-from bike_sim.physics.multibody.tree import Body, Joint
+from bike_sim.physics.multibody.tree import Body, Joint, outward
 from bike_sim.physics.multibody.vectors import (
     Quaternion,
     Vec,
@@ -28,16 +29,31 @@ from bike_sim.physics.multibody.vectors import (
     turned,
 )
 from bike_sim.physics.state import StateVector
-from bike_sim.physics.superbike.contact import fork_axes, frame_axes, lean_of, lowest_point, smooth_normal, surface_at
-from bike_sim.physics.superbike.records import MEMORY
+from bike_sim.physics.superbike.contact import (
+    fork_axes,
+    frame_axes,
+    lean_of,
+    lowest_point,
+    rear_axle,
+    smooth_normal,
+    surface_at,
+)
+from bike_sim.physics.superbike.records import FURTHER_JOINTS, MEMORY
 from bike_sim.physics.superbike.rider import holding, unmeant_turn
-from bike_sim.vehicles.superbike import Record, Superbike
+from bike_sim.vehicles.joints import Flexure, Part
+from bike_sim.vehicles.superbike import Record, RiderBody, Superbike
 
 Array = NDArray[np.float64]
 
 _FRESH: Final = 1e3
 """s since the last slide after a reset: long ago."""
 
+
+LARGEST_TREE: Final = 5 + len(FURTHER_JOINTS)
+"""Number of bodies of a machine in which all gives way that can."""
+_PIECE: Final = 0.05
+"""Mass of the piece of the fork between two of its joints, kg; Bullet wants one."""
+_PIECE_INERTIA: Final = 1e-4  # kg m2
 
 NO_POSE: Final = 1
 NO_ROLLING: Final = 2
@@ -50,7 +66,7 @@ _Z: Final = (0.0, 0.0, 1.0)
 
 @njit(cache=True)
 def state_at(
-    position: Vec, orientation: Quaternion, omega: Vec, patch: Record, constants: Record
+    position: Vec, orientation: Quaternion, omega: Vec, swing: float, patch: Record, constants: Record
 ) -> tuple[float, float, float, float, float]:
     """Return ``(x, y, yaw, roll, roll_rate)``: the rear contact point and the frame's angles, seen from above.
 
@@ -58,12 +74,13 @@ def state_at(
         position: of the frame's centre of mass, m.
         orientation: of its principal axes.
         omega: rad/s.
+        swing: angle of the swing arm, rad.
         patch: the ground under the rear wheel, a record of `ground.PATCH`.
         constants: a record of `CONSTANTS`.
     """
     geometry = constants.geometry
     ex, ey, ez = frame_axes(orientation, geometry)
-    centre = add(position, mix(geometry.axle_x, ex, geometry.axle_z, ez))
+    centre = add(position, rear_axle(ex, ez, swing, geometry, constants.joints))
     normal = smooth_normal(centre[0], centre[1], patch)
     point = lowest_point(centre, ey, constants.machine.rR, constants.machine.rear_tyre.crown, normal)
     lean, ahead = lean_of(ey, normal), cross(ey, normal)
@@ -155,8 +172,8 @@ def settle(roll: float, steer: float, rise: float, constants: Record) -> tuple[f
         front = add(mix(geometry.head_x, ex, geometry.head_z, ez), scale(geometry.hub, ahead))
         rear_low = lowest_point(rear, ey, machine.rR, rear_crown, up)
         front_low = lowest_point(front, axle, machine.rF, front_crown, up)
-        height = -geometry.rear_static - rear_low[2]
-        gap = height + front_low[2] - rise + geometry.front_static
+        height = machine.rear_tyre.sag - geometry.rear_static - rear_low[2]
+        gap = height + front_low[2] - rise + geometry.front_static - machine.front_tyre.sag
         # the nose turns about the rear axle: a unit of pitch lowers the front contact by its distance ahead
         change = gap / (cr * (front_low[0] - rear_low[0]))
         pitch += change
@@ -207,11 +224,104 @@ def without_rider(vehicle: Superbike) -> Superbike:
 
 
 def superbike_tree(vehicle: Superbike) -> tuple[Body, ...]:
-    """Return the bodies of a machine: frame, wheels, fork and the rider on his slide."""
-    rider = vehicle.rider
-    centre, inertia = np.array([rider.x, 0.0, rider.height]), np.diag((rider.Ixx, rider.Iyy, rider.Izz))
-    slide = Body("rider", rider.mass, centre, inertia, Joint.PRISMATIC, 0, centre, np.array([0.0, 1.0, 0.0]))
-    return vehicle_tree(without_rider(vehicle), slide)
+    """Return the bodies of a machine: frame, wheels, fork and the rider on his slide, then what gives way.
+
+    A part that hangs on a further joint is taken out of the body that holds it in the rigid machine.
+    """
+    rider, joints = vehicle.rider, vehicle.joints
+    centre = np.array([rider.x, 0.0, rider.height])
+    left = np.array([0.0, 1.0, 0.0])
+    slide = Body("rider", rider.mass, centre, _tensor(rider), Joint.PRISMATIC, 0, centre, left)
+    tree = list(vehicle_tree(without_rider(vehicle), slide))
+    if joints is None:
+        return tuple(tree)
+    reference = bodies.layout(vehicle)
+    steering, ahead = reference.steering_axis, np.array([math.cos(vehicle.lam), 0.0, math.sin(vehicle.lam)])
+    frame, rear, fork, front, seat = 0, REAR_JOINT + 1, FORK_JOINT + 1, FRONT_JOINT + 1, SLIDE_JOINT + 1
+
+    def hang(name: str, part: Part, out_of: int, joint: Joint, parent: int, point: Any, axis: Any) -> int:
+        """Take a part out of a body and hang it on another; return its number."""
+        tree[out_of] = _without(tree[out_of], part)
+        mass_centre = np.array([part.x, 0.0, part.height])
+        tree.append(Body(name, part.mass, mass_centre, _tensor(part), joint, parent, np.asarray(point), axis))
+        return len(tree) - 1
+
+    def flexure(name: str, joint: Flexure, parent: int) -> int:
+        """Hang a small piece of the fork on a joint that gives way sideways; return its number."""
+        point = reference.head + steering * ((joint.height - reference.head[2]) / steering[2])
+        piece = Part(_PIECE, point[0], point[2], *(_PIECE_INERTIA,) * 3, 0.0)
+        number = hang(name, piece, fork, Joint.REVOLUTE, parent, point, ahead)
+        tree[number] = replace(tree[number], spring=joint.stiffness, damper=joint.damping)
+        return number
+
+    carrier = fork
+    if joints.swing_arm is not None:
+        x, z = joints.swing_arm.pivot
+        arm = hang("swing_arm", joints.swing_arm.part, frame, Joint.REVOLUTE, frame, (x, 0.0, z), left)
+        tree[rear] = replace(tree[rear], parent=arm)
+    if joints.fork_bending is not None:
+        carrier = flexure("fork_bending", joints.fork_bending, carrier)
+    if joints.fork is not None:
+        carrier = hang("fork_slider", joints.fork.part, fork, Joint.PRISMATIC, carrier, reference.head, steering)
+    if joints.head is not None:
+        head = flexure("head", joints.head, frame)
+        tree[fork] = replace(tree[fork], parent=head)
+    tree[front] = replace(tree[front], parent=carrier)
+    if joints.torso is not None:
+        point, along = np.array([joints.torso.x, 0.0, joints.torso.height]), np.array([1.0, 0.0, 0.0])
+        torso = hang("torso", joints.torso.part, seat, Joint.REVOLUTE, seat, point, along)
+        tree[torso] = replace(tree[torso], spring=joints.torso.stiffness, damper=joints.torso.damping)
+    return tuple(tree)
+
+
+def _without(body: Body, part: Part) -> Body:
+    """Return what is left of a body without a part (parallel axes)."""
+    mass, centre = body.mass - part.mass, np.array([part.x, 0.0, part.height])
+    rest = (body.mass * body.centre - part.mass * centre) / mass
+    inertia = body.inertia - _tensor(part) + _offset(body.mass, body.centre) - _offset(part.mass, centre)
+    return replace(body, mass=mass, centre=rest, inertia=inertia - _offset(mass, rest))
+
+
+def _tensor(part: Part | RiderBody) -> Any:
+    """Return the inertia tensor of a body about its centre of mass, kg m2, shape (3, 3)."""
+    return np.array([[part.Ixx, 0.0, part.Ixz], [0.0, part.Iyy, 0.0], [part.Ixz, 0.0, part.Izz]])
+
+
+def _offset(mass: float, arm: Any) -> Any:
+    """Return the inertia of a point mass (kg) at an arm, m, kg m2, shape (3, 3)."""
+    return mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+
+
+def joint_numbers(tree: Sequence[Body]) -> dict[str, int]:
+    """Return the numbers of the joints that give way by their names in `records.FURTHER_JOINTS`, -1 where rigid."""
+    names = [body.name for body in tree]
+    bodies = ("swing_arm", "fork_slider", "head", "fork_bending", "torso")
+    return {
+        joint: names.index(name) - 1 if name in names else -1
+        for joint, name in zip(FURTHER_JOINTS, bodies, strict=True)
+    }
+
+
+def design_load(tree: Sequence[Body], joint: int, wheels: Mapping[int, tuple[float, float]], gravity: float) -> float:
+    """Return the load on a joint of the machine standing in its design pose, N or N m: weight and tyres.
+
+    Args:
+        tree: the bodies.
+        joint: number of the joint.
+        wheels: distance of a wheel's contact ahead of the rear one (m) and its load (N), by number of the wheel's body.
+        gravity: m/s2.
+    """
+    carried = {joint + 1}
+    for i in outward(tree):
+        if tree[i].parent in carried:
+            carried.add(i)
+    root, total = tree[joint + 1], 0.0
+    forces = [(tree[i].centre, -tree[i].mass * gravity) for i in carried]
+    forces += [(np.array([x, 0.0, 0.0]), load) for i, (x, load) in wheels.items() if i in carried]
+    for point, force in forces:
+        up = np.array([0.0, 0.0, force])
+        total += root.axis @ (up if root.joint is Joint.PRISMATIC else np.cross(point - root.point, up))
+    return float(total)
 
 
 def begin(
@@ -277,6 +387,8 @@ def _begin(
                 start.joints[k],
                 start.rates[k],
             )
+        motion.joints[4:] = 0.0
+        motion.rates[4:] = 0.0
         _forget(state, parameters, constants[0], memories)
     return start.fault
 

@@ -15,6 +15,7 @@ from numba import njit
 
 from bike_sim.physics.multibody.vectors import Quaternion as Quaternion
 from bike_sim.physics.multibody.vectors import Vec
+from bike_sim.vehicles.joints import UNIT_SAMPLES
 from bike_sim.vehicles.superbike import MACHINE, TORQUE_SAMPLES, Record
 
 MEMORY_NAMES: Final = (
@@ -41,6 +42,30 @@ GEOMETRY: Final = np.dtype(
 is from the frame's axes to the principal ones, the tilt the steering axis'; static are the tyres' deflections of the
 standing machine, m, and the spacing is that of the table of wheel torque, rad/s."""
 
+FURTHER_JOINTS: Final = ("swing", "travel", "head", "bend", "torso")
+"""What may give way, in the order of its bodies: see `bike_sim.vehicles.joints`."""
+
+STRUT: Final = np.dtype(
+    [(name, np.float64) for name in ("preload", "stiffness", "bump", "rebound", "compression", "extension", "stop")]
+)
+"""A spring unit: its force in the design pose, N, and the fields of `joints.Strut`."""
+
+JOINTS: Final = np.dtype(
+    [
+        ("any", np.int64),
+        *((name, np.int64) for name in FURTHER_JOINTS),
+        *((name, np.float64) for name in ("pivot_x", "pivot_z", "head_up", "bend_up", "chain_x", "chain_z")),
+        *((name, np.float64) for name in ("front_sprocket", "rear_sprocket")),
+        ("unit", STRUT),
+        ("fork", STRUT),
+        ("unit_length", np.float64, (UNIT_SAMPLES,)),
+        ("unit_ratio", np.float64, (UNIT_SAMPLES,)),
+    ]
+)
+"""Which joints give way, by number, -1 where rigid; the swing arm's pivot and the countershaft in the frame's axes from
+its centre of mass, m; heights of the head's twist and the fork's bending over the head along the steering axis, m;
+sprockets' radii, m; spring units; length of the rear one over the arm's angle, m, and its derivative, m/rad."""
+
 HOLDING_SAMPLES: Final = 15
 HOLDING_LEAN: Final = math.radians(70.0)
 """Leans at which the torque that holds a steady turn is tabulated: their number and the largest, rad."""
@@ -49,6 +74,7 @@ CONSTANTS: Final = np.dtype(
     [
         ("machine", MACHINE),
         ("geometry", GEOMETRY),
+        ("joints", JOINTS),
         ("wheel_torque", np.float64, (TORQUE_SAMPLES,)),
         ("holding", np.float64, (2, HOLDING_SAMPLES)),
     ]
@@ -71,6 +97,14 @@ class Motion(NamedTuple):
         front_rate: of the front wheel relative to the fork, rad/s.
         slide: of the rider, m to the left.
         slide_rate: m/s.
+        swing: of the swing arm, rad, positive with the wheel up.
+        swing_rate: rad/s.
+        travel: of the fork, m, positive pressed together.
+        travel_rate: m/s.
+        head: twist of the steering head, rad.
+        head_rate: rad/s.
+        bend: of the fork, rad.
+        bend_rate: rad/s.
     """
 
     position: Vec
@@ -83,6 +117,14 @@ class Motion(NamedTuple):
     front_rate: float
     slide: float
     slide_rate: float
+    swing: float
+    swing_rate: float
+    travel: float
+    travel_rate: float
+    head: float
+    head_rate: float
+    bend: float
+    bend_rate: float
 
 
 class Lags(NamedTuple):

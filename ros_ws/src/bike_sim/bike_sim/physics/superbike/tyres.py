@@ -25,6 +25,7 @@ from typing import Final
 
 from numba import njit
 
+from bike_sim.physics.superbike import magic_formula
 from bike_sim.vehicles.superbike import Record
 
 _LEAST_CORNERING: Final = 0.3
@@ -68,6 +69,8 @@ def forces(
     """
     if load <= 0.0:
         return 0.0, 0.0, 0.0, 0.0
+    if t.magic.on != 0.0:
+        return magic_formula.forces(slip, tan_slip_angle, camber, load, grip, t.magic)
     mu_y = friction(camber, t) * grip
     mu_x = mu_y * t.friction_ratio
     sx = t.slip_stiffness * slip / mu_x
