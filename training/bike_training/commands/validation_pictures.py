@@ -18,7 +18,9 @@ from bike_sim.planning.envelope import envelope
 from bike_sim.schema import GRAVITY, SIGNALS
 from bike_sim.validation import superbike
 from bike_sim.validation.bicycle import free_of_drive
+from bike_sim.validation.published import linear_modes, sharp_modes
 from bike_sim.vehicles.bicycle import Vehicle
+from bike_sim.vehicles.superbike import Superbike
 
 PICTURES: Final = ("tyres", "lean_steps", "turns", "modes", "launch_and_stop", "envelopes", "convergence")
 _PLOT_SPEEDS: Final = np.arange(0.5, 10.01, 0.5)
@@ -237,3 +239,37 @@ def _draw_convergence(result: superbike.Validation, figure: Any) -> None:
     axes.set(xlabel="step, ms", ylabel="error", title="braking, turning in and driving out from 45 m/s")
     axes.grid(alpha=0.3, which="both")
     axes.legend()
+
+
+def draw_root_loci(vehicle: Superbike, path: Path) -> Path:
+    """Draw measured eigenvalues of a machine's variants, and of Sharp's motorcycle, on the published ones.
+
+    Args:
+        vehicle: a machine with joints.
+        path: PNG file to write.
+    """
+    found = [*sharp_modes(), *linear_modes(vehicle)]
+    variants = list(dict.fromkeys(mode.variant for mode in found))
+    rows = math.ceil(len(variants) / 2)
+    figure = Figure(figsize=(9.0, 2.8 * rows), layout="constrained")
+    FigureCanvasAgg(figure)
+    for axes, variant in zip(figure.subplots(rows, 2, sharex=True, squeeze=False).flat, variants, strict=False):
+        axes.axvline(0.0, color="0.7", linewidth=0.8)
+        for name, colour in (("weave", "tab:blue"), ("wobble", "tab:orange")):
+            modes = [mode for mode in found if mode.variant == variant and mode.name == name]
+            for values, marker, label in (
+                ([mode.published for mode in modes], "x-", "published"),
+                ([mode.measured for mode in modes], "o", "measured"),
+            ):
+                points = np.array(values)
+                hertz = points.imag / (2.0 * math.pi)
+                axes.plot(
+                    points.real, hertz, marker, color=colour, markersize=5.0, linewidth=0.8, fillstyle="none",
+                    label=f"{name}, {label}",
+                )  # fmt: skip
+            axes.annotate(f"{modes[-1].speed:g} m/s", (modes[-1].published.real, modes[-1].published.imag / math.tau),
+                          fontsize="x-small", xytext=(4, 4), textcoords="offset points")  # fmt: skip
+        axes.set(title=variant, ylim=(0.0, 10.5), xlabel="real part, 1/s", ylabel="frequency, Hz")
+    figure.axes[0].legend(loc="lower left", fontsize="x-small")
+    figure.savefig(path, dpi=100)
+    return path

@@ -103,8 +103,7 @@ def measure_modes(vehicle: Superbike, speed: float, time_step: float = 0.0005, h
     command = 0.0, holding_throttle(vehicle, speed)
     engine.reset(st.upright_state(speed, vehicle.rF))
     engine.advance(*command, round(_SETTLE / time_step))
-    giving = tuple(name for name in joint_states(engine, ("head", "bend", "torso")) if name not in _JOINTS)
-    names = LATERAL_STATES + giving + (RIDER_STATES if hands else ())
+    names = lateral_states(engine) + (RIDER_STATES if hands else ())
     values = eigenvalues(engine, command, names, max(1, round(_PERIOD / time_step)))
     real = values[np.abs(values.imag) <= 2.0 * math.pi * _LEAST_FREQUENCY].real
     weave = least_damped(
@@ -150,6 +149,12 @@ def eigenvalues(
     engine.advance(*command, 0)
     transition = np.linalg.solve(starts.T, ends.T).T
     return np.asarray(np.log(np.linalg.eigvals(transition).astype(complex)) / (steps * engine.time_step))
+
+
+def lateral_states(engine: SuperbikeEngine) -> tuple[str, ...]:
+    """Return the names of the lateral states on the straight, with those of what gives way sideways."""
+    giving = joint_states(engine, ("head", "bend", "torso"))
+    return LATERAL_STATES + tuple(name for name in giving if name not in _JOINTS)
 
 
 def joint_states(engine: SuperbikeEngine, among: tuple[str, ...] = FURTHER_JOINTS) -> dict[str, tuple[str, int]]:
