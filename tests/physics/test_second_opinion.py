@@ -18,7 +18,7 @@ from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.joints import Flexure
 from bike_sim.vehicles.superbike import Superbike
 
-pin = pytest.importorskip("pinocchio")
+import pinocchio as pin
 
 GRAVITY = 9.81
 

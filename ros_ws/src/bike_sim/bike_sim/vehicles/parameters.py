@@ -83,7 +83,7 @@ def read_record(kind: type[_Record], document: Any, origin: str, path: str = "")
             check_number(field.metadata, value, origin, here)
             value = tuple(map(float, value)) if "size" in field.metadata else float(value)
         elif section is not None:
-            value = read_record(section, value, origin, here)  # type: ignore[type-var]
+            value = read_record(section, value, origin, here)  # type: ignore[arg-type]
         values[field.name] = value
     return kind(**values)
 

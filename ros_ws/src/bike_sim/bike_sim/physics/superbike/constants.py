@@ -114,7 +114,7 @@ def _fill_joints(
 def _fill_strut(record: Record, strut: Strut, preload: float) -> None:
     """Write a spring unit with its force in the design pose, N."""
     record["preload"] = preload
-    for name in STRUT.names[1:]:
+    for name in (STRUT.names or ())[1:]:
         record[name] = getattr(strut, name)
 
 

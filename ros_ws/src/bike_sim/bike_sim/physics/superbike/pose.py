@@ -320,8 +320,8 @@ def design_load(tree: Sequence[Body], joint: int, wheels: Mapping[int, tuple[flo
     forces += [(np.array([x, 0.0, 0.0]), load) for i, (x, load) in wheels.items() if i in carried]
     for point, force in forces:
         up = np.array([0.0, 0.0, force])
-        total += root.axis @ (up if root.joint is Joint.PRISMATIC else np.cross(point - root.point, up))
-    return float(total)
+        total += float(root.axis @ (up if root.joint is Joint.PRISMATIC else np.cross(point - root.point, up)))
+    return total
 
 
 def begin(

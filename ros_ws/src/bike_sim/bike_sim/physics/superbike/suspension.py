@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from numba import njit
 
-from bike_sim.physics.multibody.vectors import add, cross, dot, mix
+from bike_sim.physics.multibody.vectors import Vec, add, cross, dot, mix
 from bike_sim.physics.superbike.contact import Axes
-from bike_sim.physics.superbike.records import Motion, Vec
+from bike_sim.physics.superbike.records import Motion
 from bike_sim.vehicles.joints import UNIT_RANGE, UNIT_SAMPLES
 from bike_sim.vehicles.superbike import Record
 
