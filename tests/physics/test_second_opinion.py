@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as some
@@ -17,8 +18,6 @@ from bike_sim.physics.superbike.pose import superbike_tree
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.joints import Flexure
 from bike_sim.vehicles.superbike import Superbike
-
-import pinocchio as pin
 
 GRAVITY = 9.81
 
