@@ -202,7 +202,7 @@ def _rider(bundle: Bundle | None, batch: Batch, share: float | None) -> BatchRid
     def plan(line: Course) -> LinePlan:
         return verified_plan(machine, line, CLASSICAL_SETTINGS, period)
 
-    return PlanFollower(machine, period, CLASSICAL_SETTINGS, plan, np.zeros(batch.count))
+    return PlanFollower(machine, period, CLASSICAL_SETTINGS, plan, [0.0] * batch.count)
 
 
 def _lost(start: int, fall: str, arc_length: float, length: float) -> LostRide:
