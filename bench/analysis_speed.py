@@ -196,7 +196,7 @@ def write_recording(path: Path, duration: float, lap: Lap) -> int:
 
 @dataclass(frozen=True)
 class Used:
-    """What a process used.
+    """Resources that a process used.
 
     Attributes:
         wall_s: Wall-clock time, s.

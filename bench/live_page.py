@@ -1,4 +1,4 @@
-"""What the live page costs a simulator that runs as fast as it can, and how late the page is.
+"""Cost of the live page for a simulator that runs as fast as it can, and delay of the page.
 
 A simulator and the policy node ride in lockstep at full speed. In short windows, they ride alone, with a watcher
 (`bike live --attach`) without a page, alone again, with its page in headless Chromium, which draws in software, and so

@@ -1,4 +1,4 @@
-"""What ROS itself costs: two plain rclpy processes that pass the messages of a control step, empty, back and forth.
+"""Cost of ROS itself: two plain rclpy processes that pass the messages of a control step, empty, back and forth.
 
 Nobody simulates, checks or fills a field here, so lockstep through the simulator node can at best be this quick. The
 process that asks is `Peer`; the one that answers is this module as a program, on the domain of its environment.
@@ -32,7 +32,7 @@ from bike_sim.ros.isolation import (
 )
 
 QOS: Final = QoSProfile(depth=10)
-LONGEST_START: Final = 60.0
+START_TIMEOUT_S: Final = 60.0
 """Wall-clock time in which the answering process must be found, s."""
 RESEND_AFTER: Final = 0.5
 """Wall-clock time after which a message counts as lost and is sent again, s."""
@@ -72,7 +72,7 @@ class Peer:
         self._answers += 1
 
     def _wait_for_answers(self) -> None:
-        end = time.monotonic() + LONGEST_START
+        end = time.monotonic() + START_TIMEOUT_S
         while not self._answers:
             if time.monotonic() > end or self._process.poll() is not None:
                 raise RuntimeError("the other rclpy process does not answer")

@@ -40,7 +40,7 @@ from bike_training.envs.ros_client import RosClient
 
 EPISODE_STEPS: Final = 30
 """Steps before the bicycle is set upright again: it rides without a hand on the handlebar."""
-LONGEST_START: Final = 30.0
+START_TIMEOUT_S: Final = 30.0
 """Wall-clock time in which the policy node must have reported, s."""
 START: Final = ResetRequest(course="line", speed_range=(5.0, 5.0))
 
@@ -150,9 +150,9 @@ def actor_latency(policy: str | None = None, duration: float = 6.0) -> dict[str,
                 NodeProcess("bike_policy.drive", {"policy": name}, lease.domain_id) as drive,
             ):
                 nodes = (sim, drive)
-                _spin(executor, nodes, LONGEST_START, lambda: "latency_p99_ms" in figures)
+                _spin(executor, nodes, START_TIMEOUT_S, lambda: "latency_p99_ms" in figures)
                 if "latency_p99_ms" not in figures:
-                    raise NodeLost(f"the policy node reported no answers within {LONGEST_START:g} s")
+                    raise NodeLost(f"the policy node reported no answers within {START_TIMEOUT_S:g} s")
                 answered, began = int(figures["states_answered"]), time.perf_counter()
                 _spin(executor, nodes, duration, lambda: False)
                 rate = (int(figures["states_answered"]) - answered) / (time.perf_counter() - began)

@@ -10,16 +10,33 @@ from pathlib import Path
 import pytest
 
 from bike_policy.contract.bundle import load_bundle
+from bike_policy.riders.rider import LearnedRider
 from bike_training.cli import main
 from bike_training.learning.presets import load_preset
-from bike_training.reproduce.bicycle.data import Chance, Data, Direction, Impact, Instant, Rides, SteeringStep, Track
-from bike_training.reproduce.bicycle.detail import front_directions, full_circles, impacts, ride_benchmark
-from bike_training.reproduce.bicycle.detail_figures import weights
-from bike_training.reproduce.bicycle.experiment import BicycleExperiment
-from bike_training.reproduce.bicycle.paper import BICYCLE
-from bike_training.reproduce.bicycle.statements import STATEMENTS, controller_1, mean_distance
+from bike_training.reproduce.bicycle import (
+    BICYCLE,
+    BicycleExperiment,
+    front_directions,
+    full_circles,
+    impacts,
+    ride_course,
+)
+from bike_training.reproduce.bicycle_results import (
+    STATEMENTS,
+    Chance,
+    Data,
+    Direction,
+    Impact,
+    Instant,
+    Rides,
+    SteeringStep,
+    Track,
+    controller_1,
+    mean_distance,
+    weights,
+)
 from bike_training.reproduce.data import Run, Validation, read_data, write_data
-from bike_training.reproduce.report import all_tables
+from bike_training.reproduce.paper import all_tables
 from bike_training.reproduce.statement import verdict_table
 from bike_training.rollout.evaluation import SPEEDS
 
@@ -195,7 +212,7 @@ def test_tables_come_back_and_are_drawn_without_learning(tmp_path: Path, capsys:
 
 def test_shares_of_the_shipped_actor_sum_to_its_set_points() -> None:
     bundle = load_bundle("whipple")
-    ride = ride_benchmark(bundle, 35.0)
+    ride = ride_course(LearnedRider(bundle), "benchmark", 4.0, 35.0)
     found = impacts("whipple", bundle, ride, 6, 1)
     assert len(found) == 6 * bundle.layout.size
     assert next(iter(weights(tuple(found), "whipple")))

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from bike_training.arguments import seeds_of
 from bike_training.cli import main
-from bike_training.reproduce.bicycle.data import (
+from bike_training.reproduce.bicycle import BICYCLE, SETTINGS, BicycleExperiment
+from bike_training.reproduce.bicycle_results import (
     Chance,
     Data,
     Direction,
@@ -22,12 +23,10 @@ from bike_training.reproduce.bicycle.data import (
     Rides,
     SteeringStep,
     Track,
+    controller_1,
 )
-from bike_training.reproduce.bicycle.experiment import SETTINGS, BicycleExperiment
-from bike_training.reproduce.bicycle.paper import BICYCLE
-from bike_training.reproduce.bicycle.statements import controller_1
 from bike_training.reproduce.data import Run, Validation, read_data, write_data
-from bike_training.reproduce.merge import merge
+from bike_training.reproduce.paper import merge
 from bike_training.reproduce.statement import verdict_table
 
 Ended = Mapping[tuple[str, int], tuple[bool, float] | None]

@@ -15,15 +15,24 @@ from bike_training.cli import main
 from bike_training.curricula.spdl import TARGET_MEAN, TARGET_STD, Gaussian, divergence
 from bike_training.learning.presets import load_preset
 from bike_training.reproduce.data import Run, Validation, read_data, write_data
-from bike_training.reproduce.merge import merge
-from bike_training.reproduce.report import all_tables
+from bike_training.reproduce.figures import learning
+from bike_training.reproduce.paper import all_tables, merge
 from bike_training.reproduce.statement import verdict_table
-from bike_training.reproduce.superbike.data import Context, Data, Episodes, Laps, Moment, Transfer
-from bike_training.reproduce.superbike.experiment import CIRCUITS, MACHINES, SuperbikeExperiment, circuit_of
-from bike_training.reproduce.superbike.figures import learning
-from bike_training.reproduce.superbike.paper import SUPERBIKE
-from bike_training.reproduce.superbike.rides import best_run
-from bike_training.reproduce.superbike.statements import STATEMENTS, overshoots
+from bike_training.reproduce.superbike import SUPERBIKE, SuperbikeExperiment
+from bike_training.reproduce.superbike_results import (
+    CIRCUITS,
+    MACHINES,
+    STATEMENTS,
+    Context,
+    Data,
+    Episodes,
+    Laps,
+    Moment,
+    Transfer,
+    best_run,
+    circuit_of,
+    overshoots,
+)
 
 FOUND = {
     ("spdl", "early"): (0, 92.85, 2.99, 1.74),

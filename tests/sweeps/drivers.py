@@ -14,8 +14,8 @@ from typing import Any
 
 import psutil
 
+from bike_training.sweeps.runs import execute
 from bike_training.sweeps.spec import load_sweep
-from bike_training.sweeps.worker import execute
 
 from .conftest import assert_same, learned
 

@@ -1,4 +1,4 @@
-"""What is left of a sweep when workers and drivers are lost: all of it, bit for bit."""
+"""A sweep whose workers and drivers are lost keeps all of it, bit for bit."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import psutil
 import pytest
 
 from bike_training.learning.run_settings import DEFAULT_SIMULATORS as SIMULATORS
-from bike_training.sweeps.plan import make_plan
+from bike_training.sweeps.runs import make_plan
 from bike_training.sweeps.spec import load_sweep
 
 from .conftest import tiny

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from bike_training.sweeps.search import standing
-from bike_training.sweeps.search_space import METRICS
+from bike_training.sweeps.spec import METRICS
 
 from .conftest import TINY, tiny
 

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bike_sim.course import files as course_files
 from bike_training.cli import main
-from bike_training.sweeps.plan import make_plan, schedule, slots_of
-from bike_training.sweeps.records import FINISHED, SCHEMA
+from bike_training.sweeps.jobs import TrainJob
+from bike_training.sweeps.runs import FINISHED, SCHEMA, make_plan, schedule, slots_of
 from bike_training.sweeps.spec import load_sweep, sweep_from_document
-from bike_training.sweeps.training_job import TrainJob
 
 from .conftest import tiny
 
@@ -118,6 +120,21 @@ def test_a_plan_starts_nothing_and_tells_the_hours(tmp_path: Path, write, capsys
     one = TrainJob.from_entries({"vehicle": "whipple", "steps": 1_000_000}).estimate() / 3600.0
     assert figures["estimate_h"] == pytest.approx(5 * one, abs=1e-3)
     assert not (tmp_path / "out").exists()
+
+
+def test_many_runs_are_checked_without_drawing_their_circuits(monkeypatch) -> None:
+    def draw(name: str) -> None:
+        raise AssertionError(f"{name} was drawn")
+
+    monkeypatch.setattr(course_files, "load_track", draw)
+    sweep = load_sweep(Path(__file__).parents[2] / "docs" / "data" / "classical_random.yaml")
+    assert len(sweep.runs) == 500
+    assert all(run.estimate > 0.0 for run in sweep.runs)
+
+
+def test_the_first_line_of_a_plan_waits_for_no_learner() -> None:
+    program = "import sys, bike_training.commands.sweep; sys.exit('bike_training.learning.presets' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
 
 
 @given(st.lists(st.floats(1.0, 1e4), min_size=1, max_size=50), st.integers(1, 20))

@@ -14,8 +14,8 @@ import pytest
 from bike_sim.recording.in_use import claim_folder
 from bike_training.cli import main
 from bike_training.sweeps import cluster
+from bike_training.sweeps.runs import execute
 from bike_training.sweeps.spec import load_sweep
-from bike_training.sweeps.worker import execute
 
 from .conftest import assert_same, learned, tiny
 

@@ -1,23 +1,15 @@
-"""One run of a sweep in its process: it goes on, it fails in one line, and its folder may lie at two places."""
+"""One run of a sweep in its process: it goes on, and it fails in one line."""
 
 from __future__ import annotations
 
-import io
 import resource
 import signal
-import tarfile
 from pathlib import Path
 
-import pytest
-
 from bike_training.learning.run import run as learn
-from bike_training.sweeps.plan import make_plan
-from bike_training.sweeps.records import FAILED, FINISHED, INTERRUPTED, result_of, standing_of
-from bike_training.sweeps.results import curves_table, runs_table
+from bike_training.sweeps.results import curves_table, log_runs, runs_table
+from bike_training.sweeps.runs import FAILED, FINISHED, INTERRUPTED, execute, make_plan, result_of, status_of
 from bike_training.sweeps.spec import sweep_from_document
-from bike_training.sweeps.store import Store
-from bike_training.sweeps.tracking import log_runs
-from bike_training.sweeps.worker import execute
 
 from .conftest import assert_same, learned, tiny
 
@@ -30,6 +22,8 @@ def test_a_run_of_a_sweep_is_that_training_bit_for_bit(tmp_path: Path) -> None:
     summary = learn(RUN.job().settings, tmp_path / "alone")
     assert record["status"] == FINISHED
     assert record["figures"]["updates"] == summary["updates"] > 0
+    recorded = [path.name for path in sorted((tmp_path / "swept" / "episodes").glob("step_*[0-9].mcap"))]
+    assert recorded == ["step_000000040.mcap", "step_000000240.mcap"]  # the first validation and the last
     assert_same(learned(tmp_path / "swept"), learned(tmp_path / "alone"))
 
 
@@ -37,9 +31,9 @@ def test_a_run_that_was_interrupted_goes_on_and_ends_as_if_it_had_not_been(tmp_p
     def stop(done: float, total: float, words: str) -> None:
         signal.raise_signal(signal.SIGINT)
 
-    stopped = execute(RUN, tmp_path / "parts", told=stop)
+    stopped = execute(RUN, tmp_path / "parts", report=stop)
     assert stopped["status"] == INTERRUPTED
-    assert standing_of(tmp_path / "parts") == (INTERRUPTED, "")
+    assert status_of(tmp_path / "parts") == (INTERRUPTED, "")
     assert execute(RUN, tmp_path / "parts")["attempts"] == 2
     execute(RUN, tmp_path / "whole")
     assert_same(learned(tmp_path / "parts"), learned(tmp_path / "whole"))
@@ -65,42 +59,10 @@ def test_a_full_disk_fails_in_one_line_and_the_run_goes_on_later(tmp_path: Path)
     assert record["status"] == FAILED
     assert "\n" not in record["error"]
     assert "File too large" in record["error"]
-    assert standing_of(tmp_path / "run") == (FAILED, record["error"])
+    assert status_of(tmp_path / "run") == (FAILED, record["error"])
     assert execute(RUN, tmp_path / "run")["status"] == FINISHED
     execute(RUN, tmp_path / "whole")
     assert_same(learned(tmp_path / "run"), learned(tmp_path / "whole"))
-
-
-def test_a_store_brings_a_run_to_a_machine_that_has_never_seen_it(tmp_path: Path) -> None:
-    address = f"file://{tmp_path / 'store'}"
-
-    def stop(done: float, total: float, words: str) -> None:
-        signal.raise_signal(signal.SIGINT)
-
-    execute(RUN, tmp_path / "here" / RUN.name, address, stop)
-    record = execute(RUN, tmp_path / "there" / RUN.name, address)
-    assert record["attempts"] == 2  # it went on from what the first machine had put there
-    execute(RUN, tmp_path / "whole")
-    assert_same(learned(tmp_path / "there" / RUN.name), learned(tmp_path / "whole"))
-    assert execute(RUN, tmp_path / "third" / RUN.name, address) == record
-    assert sorted(path.name for path in (tmp_path / "store").iterdir()) == [f"{RUN.name}.tar"]
-
-
-@pytest.mark.parametrize(
-    ("name", "kind"), [("../../escaped", tarfile.REGTYPE), ("link", tarfile.SYMTYPE), ("pipe", tarfile.FIFOTYPE)]
-)
-def test_nothing_in_a_store_gets_out_of_the_folder_of_its_run(tmp_path: Path, name: str, kind: bytes) -> None:
-    store, folder = tmp_path / "store", tmp_path / "runs" / "a"
-    store.mkdir()
-    folder.mkdir(parents=True)
-    with tarfile.open(store / "a.tar", "w") as archive:
-        entry = tarfile.TarInfo(name)
-        entry.type, entry.linkname, entry.size = kind, "/etc/passwd", int(kind == tarfile.REGTYPE)
-        archive.addfile(entry, io.BytesIO(b"x"))
-    with pytest.raises(ValueError, match="no archive of a run"):
-        Store(f"file://{store}").pull(folder)
-    assert not (tmp_path / "escaped").exists()
-    assert list((tmp_path / "runs").iterdir()) == [folder]
 
 
 def test_tables_have_every_run_and_the_points_of_its_curves(tmp_path: Path) -> None:

@@ -1,1 +1,1 @@
-"""What came of a sweep: its two tables, figures with intervals, pictures and a report page."""
+"""Results of a sweep: its two tables, figures with intervals, pictures and a report page."""

@@ -1,31 +1,82 @@
-"""From the tables of a sweep to its report: figures, pictures, page and CSV files."""
+"""The report of a sweep: figures with intervals, pictures, one HTML page without network, and CSV files."""
 
 from __future__ import annotations
 
+import io
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass
+import re
+from collections.abc import Callable, Sequence
+from html import escape
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
+import matplotlib as mpl
+import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 
-from bike_analysis.sweeps.figures import GroupFigure, comparisons, figure_names, finished, group_figures
-from bike_analysis.sweeps.pictures import STEP, curves_figure, inline_svg, intervals_figure, profiles_figure
-from bike_analysis.sweeps.report_page import PictureSection, sweep_page
-from bike_analysis.sweeps.tables import read_tables
+from bike_analysis.figures.numbers import significant
+from bike_analysis.page.document import (
+    RC,
+    colour,
+    colour_variables,
+    html_text,
+    key_html,
+    page_shell,
+    program_version,
+    table_html,
+)
+from bike_analysis.page.view import SERIES_COLOURS
+from bike_analysis.read.container import shown
+from bike_analysis.sweeps.statistics import band, profile
+from bike_analysis.sweeps.tables import (
+    LARGER_IS_BETTER,
+    comparisons,
+    curves_of,
+    figure_names,
+    finished,
+    group_figures,
+    read_tables,
+    values_of,
+)
 
 PAGE_NAME: Final = "report.html"
-CURVES_PICTURE: Final = "curves.png"
-PROFILES_PICTURE: Final = "profiles.png"
-INTERVALS_PICTURE: Final = "intervals.png"
-FIGURES_CSV: Final = "figures.csv"
-COMPARISONS_CSV: Final = "comparisons.csv"
 DRAWN_QUANTITIES: Final = ("mean_error_m", "part", "episode_steps", "selection_rms_m")
 """Curves that pictures show where a sweep has them; else the first four it has."""
 DRAWN_FIGURES: Final = 4
-_LEAST_POINTS: Final = 2
+_MIN_POINTS: Final = 2
+PANEL_WIDTH: Final = 4.6
+"""Width of a panel, inches; on a page they stand side by side where there is room."""
+LABEL_LENGTH: Final = 36
+"""Characters of a group's name beside a panel; tables have all of it."""
+STEP: Final = "step"
+"""Axis of the curves of trainings."""
+DRAWN_GROUPS: Final = 6
+"""Groups that are drawn, one in each colour; the tables have all."""
+LOG_QUANTITIES: Final = ("mean_error_m", "max_error_m", "selection_rms_m")
+"""Quantities with a logarithmic axis: they fall by orders of magnitude."""
+_DIMENSION: Final = re.compile(rb'(<svg[^>]*?) width="[^"]*" height="[^"]*"|(<svg[^>]*?) height="[^"]*" width="[^"]*"')
+
+
+class Picture(NamedTuple):
+    """A picture as a file, and its panels one by one for the page, where they find their own places.
+
+    Attributes:
+        title: headline of its section.
+        caption: below the panels, or empty.
+        file: name.
+        whole: all panels, with a legend.
+        panels: one figure each.
+    """
+
+    title: str
+    caption: str
+    file: str
+    whole: Figure
+    panels: Sequence[Figure]
 
 
 def report_sweep(folder: str | os.PathLike[str], out: str | os.PathLike[str] | None = None) -> dict[str, Any]:
@@ -39,82 +90,301 @@ def report_sweep(folder: str | os.PathLike[str], out: str | os.PathLike[str] | N
         Figures ready for JSON: counts, ``groups`` and ``comparisons``, and the paths of what was written.
 
     Raises:
-        FileNotFoundError: the folder holds no sweep. ValueError: a table is damaged. OSError: a file cannot be written.
+        FileNotFoundError: the folder holds no sweep.
+        ValueError: a table is damaged.
+        OSError: a file cannot be written.
     """
     runs, curves = read_tables(folder)
     name = Path(folder).resolve().name
     figures, compared = group_figures(runs), comparisons(runs)
-    report: dict[str, Any] = {
-        "sweep": name,
-        "runs": len(runs),
-        "finished": len(finished(runs)),
-        "groups": list(figures),
-        "comparisons": list(compared),
-    }
+    report: dict[str, Any] = {"sweep": name, "runs": len(runs), "finished": len(finished(runs))}
+    report |= {"groups": figures, "comparisons": compared}
     if out is None:
         return report
     target = Path(out)
     target.mkdir(parents=True, exist_ok=True)
-    drawings = _draw(runs, curves, figures)
-    for drawing in drawings:
-        drawing.picture.savefig(target / drawing.file, dpi=160)
-    (target / PAGE_NAME).write_text(
-        sweep_page(name, runs, figures, compared, [drawing.section() for drawing in drawings]), encoding="utf-8"
-    )
-    pd.DataFrame(figures).to_csv(target / FIGURES_CSV, index=False, float_format="%.10g")
-    pd.DataFrame(compared).to_csv(target / COMPARISONS_CSV, index=False, float_format="%.10g")
-    pictures = [str(target / drawing.file) for drawing in drawings]
-    return report | {"page": str(target / PAGE_NAME), "pictures": pictures}
+    pictures = _draw(runs, curves, figures)
+    for picture in pictures:
+        picture.whole.savefig(target / picture.file, dpi=160)
+    (target / PAGE_NAME).write_text(_page(name, runs, figures, compared, pictures), encoding="utf-8")
+    for rows, file in ((figures, "figures.csv"), (compared, "comparisons.csv")):
+        pd.DataFrame(rows).to_csv(target / file, index=False, float_format="%.10g")
+    return report | {"page": str(target / PAGE_NAME), "pictures": [str(target / each.file) for each in pictures]}
 
 
-@dataclass(frozen=True)
-class _Drawing:
-    """A picture as a file, and its panels one by one for the page, where they find their own places."""
-
-    title: str
-    caption: str
-    file: str
-    picture: Figure
-    panels: Sequence[Figure]
-
-    def section(self) -> PictureSection:
-        svgs = [inline_svg(panel, f"{self.title} {place}") for place, panel in enumerate(self.panels)]
-        return PictureSection(self.title, self.caption, svgs)
+# -------------------------------------------------------------------------------------------------------- pictures
 
 
-def _draw(runs: pd.DataFrame, curves: pd.DataFrame, figures: Sequence[GroupFigure]) -> list[_Drawing]:
+def _draw(runs: pd.DataFrame, curves: pd.DataFrame, figures: Sequence[dict[str, Any]]) -> list[Picture]:
     """Draw curves, profiles and intervals, as far as there is something to draw."""
-    drawings = []
+    pictures = []
     for axis in map(str, curves["axis"].unique()):
         part = curves[curves["axis"] == axis]
         quantities = _quantities(part)
         if not quantities:
             continue
-        title, file = ("Learning curves", CURVES_PICTURE) if axis == STEP else (f"Over the {axis.split('_')[0]}", "")
+        title, file = (
+            ("Learning curves", "curves") if axis == STEP else (f"Over the {axis.split('_')[0]}", f"curves_{axis}")
+        )
         caption = "Interquartile mean over runs with its 95 % bootstrap interval, as far as all have come; thin: runs."
-        panels = [curves_figure(runs, part, [name], axis, legend=False) for name in quantities]
-        picture = curves_figure(runs, part, quantities, axis)
-        drawings.append(_Drawing(title, caption, file or f"curves_{axis}.png", picture, panels))
-    names = _least_alike(runs)[:DRAWN_FIGURES]
+        panels = [_curves_figure(runs, part, [name], axis, legend=False) for name in quantities]
+        pictures.append(Picture(title, caption, f"{file}.png", _curves_figure(runs, part, quantities, axis), panels))
+    # A picture of figures in which runs do not differ shows nothing.
+    names = [name for name in figure_names(runs) if finished(runs)[f"figure_{name}"].nunique() > 1][:DRAWN_FIGURES]
     if names:
         caption = "Share of runs that are at least as good, with its 95 % bootstrap interval."
-        panels = [profiles_figure(runs, [name], legend=False) for name in names]
-        picture = profiles_figure(runs, names)
-        drawings.append(_Drawing("Performance profiles", caption, PROFILES_PICTURE, picture, panels))
-        interval = intervals_figure(figures, names[0])
-        drawings.append(_Drawing("Intervals", "", INTERVALS_PICTURE, interval, [interval]))
-    return drawings
-
-
-def _least_alike(runs: pd.DataFrame) -> list[str]:
-    """Return the figures in which runs differ: a picture of the others shows nothing."""
-    done = finished(runs)
-    return [name for name in figure_names(runs) if done[f"figure_{name}"].nunique() > 1]
+        panels = [_profiles_figure(runs, [name], legend=False) for name in names]
+        pictures.append(Picture("Performance profiles", caption, "profiles.png", _profiles_figure(runs, names), panels))
+        interval = _intervals_figure(figures, names[0])
+        pictures.append(Picture("Intervals", "", "intervals.png", interval, [interval]))
+    return pictures
 
 
 def _quantities(curves: pd.DataFrame) -> Sequence[str]:
     """Return the curves to draw, at most four: those of which a run has more than one place."""
     places = curves.groupby(["quantity", "run"], sort=False)["x"].nunique().groupby("quantity", sort=False).max()
-    known = [str(name) for name, count in places.items() if count >= _LEAST_POINTS]
+    known = [str(name) for name, count in places.items() if count >= _MIN_POINTS]
     preferred = [name for name in DRAWN_QUANTITIES if name in known]
     return preferred or known[:4]
+
+
+def _curves_figure(
+    runs: pd.DataFrame, curves: pd.DataFrame, quantities: Sequence[str], axis: str, legend: bool = True
+) -> Figure:
+    """Draw the curves of all groups, a panel for each quantity: interquartile mean with its interval, and the runs."""
+    groups = drawn_groups(runs)
+    done = set(finished(runs)["run"])
+    with mpl.rc_context(RC):
+        figure, panels = _panels(len(quantities))
+        for panel, quantity in zip(panels, quantities, strict=True):
+            for name, group in zip(SERIES_COLOURS, groups, strict=False):
+                members = [run for run in runs[runs["group"] == group]["run"] if run in done]
+                known = curves_of(curves, quantity, group, members)
+                hue = colour(name)
+                for x, value in known:
+                    panel.step(x, value, where="post", color=hue, lw=0.5, alpha=0.35)
+                mean = band(known)
+                if mean is not None:
+                    panel.fill_between(mean.x, mean.low, mean.high, color=hue, alpha=0.18, lw=0)
+                    panel.plot(mean.x, mean.value, color=hue, lw=1.6, label=f"{shown(group)} ({len(known)})")
+            if quantity in LOG_QUANTITIES:
+                _scale_by_decades(panel)
+            panel.set(ylabel=label_of(quantity), xlabel=label_of(axis))
+            if axis == STEP:
+                panel.xaxis.set_major_formatter(lambda x, _: f"{x:,.0f}")
+            panel.margins(x=0.01)
+        if legend:
+            _add_legend(figure, panels[0])
+    return figure
+
+
+def _profiles_figure(runs: pd.DataFrame, figures: Sequence[str], legend: bool = True) -> Figure:
+    """Draw the share of runs that are at least as good as each value, with its interval."""
+    groups, done = drawn_groups(runs), finished(runs)
+    with mpl.rc_context(RC):
+        figure, panels = _panels(len(figures))
+        for panel, name in zip(panels, figures, strict=True):
+            every = values_of(done, name)
+            margin = 0.05 * (float(np.ptp(every)) or max(abs(float(every[0])), 1e-9))
+            thresholds = np.linspace(every.min() - margin, every.max() + margin, 400)
+            for hue_name, group in zip(SERIES_COLOURS, groups, strict=False):
+                members = done[done["group"] == group]
+                if not len(members):
+                    continue
+                values = np.full(len(members), np.nan)
+                known = values_of(members, name)
+                values[: len(known)] = known  # runs without the figure are worse than any threshold
+                share, low, high = profile(values, thresholds, name in LARGER_IS_BETTER)
+                hue = colour(hue_name)
+                panel.fill_between(thresholds, low, high, color=hue, alpha=0.18, lw=0, step="mid")
+                panel.step(thresholds, share, where="mid", color=hue, lw=1.6, label=shown(group))
+            sign = "≥" if name in LARGER_IS_BETTER else "≤"
+            panel.set(xlabel=label_of(name), ylabel=f"share of runs {sign}", ylim=(-0.02, 1.02))
+        if legend:
+            _add_legend(figure, panels[0])
+    return figure
+
+
+def _intervals_figure(figures: Sequence[dict[str, Any]], name: str) -> Figure:
+    """Draw a figure of all groups, with its interval."""
+    rows = [entry for entry in figures if entry["figure"] == name]
+    with mpl.rc_context(RC):
+        figure = Figure(figsize=(PANEL_WIDTH, 0.9 + 0.32 * len(rows)), layout="constrained")
+        FigureCanvasAgg(figure)
+        panel = figure.subplots()
+        for place, row in enumerate(rows):
+            if row["low"] is not None and row["high"] is not None:
+                panel.plot([row["low"], row["high"]], [place, place], color=colour("blue"), lw=5, alpha=0.3)
+            panel.plot(row["iqm"], place, "o", color=colour("blue"), ms=5)
+        panel.set_yticks(range(len(rows)), [shown(row["group"], LABEL_LENGTH) for row in rows])
+        panel.set(xlabel=f"{label_of(name)}: IQM and 95 % interval", ylim=(len(rows) - 0.5, -0.5))
+    return figure
+
+
+def drawn_groups(runs: pd.DataFrame) -> list[str]:
+    """Return the groups that pictures show: those of finished runs, the first of them where there are many."""
+    return [str(group) for group in finished(runs)["group"].unique()][:DRAWN_GROUPS]
+
+
+def label_of(name: str) -> str:
+    """Return a column's name for people: ``mean_error_m`` as ``mean error in m``."""
+    stem, _, unit = name.rpartition("_")
+    units = {"m": "m", "s": "s", "deg": "°"}
+    named = {"speed_m_s": "speed in m/s", STEP: "learning step"}
+    if name in named:
+        return named[name]
+    return f"{stem.replace('_', ' ')} in {units[unit]}" if stem and unit in units else name.replace("_", " ")
+
+
+def _scale_by_decades(panel: Axes) -> None:
+    """Take a logarithmic axis whose places are labelled in plain numbers; the usual ones take half of a small panel."""
+    panel.set_yscale("log")
+    for axis_locator, places in ((panel.yaxis.set_major_locator, (1.0,)), (panel.yaxis.set_minor_locator, (2.0, 5.0))):
+        axis_locator(LogLocator(subs=places))
+    for set_formatter in (panel.yaxis.set_major_formatter, panel.yaxis.set_minor_formatter):
+        set_formatter(lambda value, _: f"{value:g}")
+
+
+def _add_legend(figure: Figure, panel: Axes) -> None:
+    """Add the legend of a panel above all panels, where it hides no curve."""
+    handles, labels = panel.get_legend_handles_labels()
+    if handles:
+        figure.legend(handles, labels, loc="outside upper left", ncols=min(len(labels), 3))
+
+
+def _panels(count: int) -> tuple[Figure, list[Axes]]:
+    columns = min(count, 2)
+    rows = -(-count // 2)
+    figure = Figure(figsize=(PANEL_WIDTH * columns, 2.9 * rows), layout="constrained")
+    FigureCanvasAgg(figure)
+    panels = np.atleast_1d(figure.subplots(rows, columns, squeeze=False)).ravel().tolist()
+    for spare in panels[count:]:
+        spare.set_visible(False)
+    return figure, panels[:count]
+
+
+# ------------------------------------------------------------------------------------------------------------ page
+
+
+def _page(
+    name: str,
+    runs: pd.DataFrame,
+    figures: Sequence[dict[str, Any]],
+    compared: Sequence[dict[str, Any]],
+    pictures: Sequence[Picture],
+) -> str:
+    """Return HTML without any reference to the outside."""
+    done, legend = finished(runs), _legend(runs)
+    hours = float(done["cpu_seconds"].sum()) / 3600.0
+    key = [
+        ("runs finished", f"{len(done)} of {len(runs)}", ""),
+        ("groups", str(runs["group"].nunique()), ""),
+        ("seeds", str(runs["seed"].nunique()), ""),
+        ("processor time of last attempts", f"{hours:.2f}", "h"),
+    ]
+    failed = runs[runs["status"] == "failed"]
+    failures = "".join(f"<p>{html_text(f'{row.run}: {row.error}', 400)}</p>" for row in failed.itertuples())
+    parts = [key_html(key), f'<div class="warning" role="status">{failures}</div>' if failures else ""]
+    parts += [_picture(picture, legend) for picture in pictures]
+    parts.append(_table("Figures", _INTERVAL, _FIGURE_COLUMNS, 2, figures) if figures else _NO_FIGURES)
+    parts.append(_table("Paired comparisons", _PAIRED, _COMPARISON_COLUMNS, 3, compared) if compared else "")
+    parts.append(_table("Runs", "", _RUN_COLUMNS, 2, runs.to_dict("records")))
+    below = f'<p class="soft">{html_text(f"{len(runs)} runs · {program_version()}")}</p>'
+    return page_shell(name, below, parts, [])
+
+
+def _picture(picture: Picture, legend: str) -> str:
+    caption = f"<figcaption>{escape(picture.caption)}</figcaption>" if picture.caption else ""
+    svgs = [_inline_svg(panel, f"{picture.title} {place}") for place, panel in enumerate(picture.panels)]
+    above = legend if len(svgs) > 1 or picture.caption else ""
+    panels = f'<div class="panels">{"".join(svgs)}</div>'
+    return f'<section><h2>{escape(picture.title)}</h2><figure class="card">{above}{panels}{caption}</figure></section>'
+
+
+def _inline_svg(figure: Figure, label: str) -> str:
+    """Return a picture as part of a page: it takes the page's colours, in light and dark, and its width."""
+    target = io.BytesIO()
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": label}):
+        figure.savefig(target, format="svg", transparent=True, metadata={"Date": None})
+    text = _DIMENSION.sub(rb"\1\2", target.getvalue(), count=1).decode()
+    return colour_variables(text[text.index("<svg") :])
+
+
+def _legend(runs: pd.DataFrame) -> str:
+    """Return the colours of the groups, where there are several."""
+    groups, counts = drawn_groups(runs), finished(runs)["group"].value_counts()
+    entries = "".join(
+        f'<span><i style="background:var(--{colour})"></i>{html_text(group)} ({counts[group]} runs)</span>'
+        for colour, group in zip(SERIES_COLOURS, groups, strict=False)
+    )
+    return f'<div class="legend">{entries}</div>' if len(groups) > 1 else ""
+
+
+def interval_text(low: float | None, high: float | None) -> str:
+    """Return an interval for people; a dash where one run has none."""
+    return "–" if low is None or high is None else f"[{significant(low)}, {significant(high)}]"
+
+
+Column = tuple[str, Callable[[dict[str, Any]], str]]
+"""Head of a column, and a function that writes its cell of a row as HTML."""
+
+
+def _plain(name: str) -> Callable[[dict[str, Any]], str]:
+    return lambda row: "–" if pd.isna(row[name]) else html_text(str(row[name]))
+
+
+def _number(name: str) -> Callable[[dict[str, Any]], str]:
+    return lambda row: significant(row[name])
+
+
+def _label(row: dict[str, Any]) -> str:
+    return escape(label_of(row["figure"]))
+
+
+def _interval(row: dict[str, Any]) -> str:
+    return interval_text(row["low"], row["high"])
+
+
+_INTERVAL: Final = "interquartile mean over runs; in brackets its 95 % bootstrap interval"
+_PAIRED: Final = "Each seed with itself: interquartile mean of the differences, and how often the second is larger."
+_NO_FIGURES: Final = '<p class="soft">No run has finished with a figure yet.</p>'
+_FIGURE_COLUMNS: Final[tuple[Column, ...]] = (
+    ("group", _plain("group")),
+    ("figure", _label),
+    ("runs", _plain("runs")),
+    ("IQM", _number("iqm")),
+    ("95 % interval", _interval),
+    *(
+        (head, _number(name))
+        for head, name in (("mean", "mean"), ("median", "median"), ("least", "min"), ("largest", "max"))
+    ),
+)
+_COMPARISON_COLUMNS: Final[tuple[Column, ...]] = (
+    ("figure", _label),
+    ("first", _plain("first")),
+    ("second", _plain("second")),
+    ("seeds", _plain("seeds")),
+    ("second − first", _number("difference")),
+    ("95 % interval", _interval),
+    ("second larger", lambda row: f"{100.0 * row['share_larger']:.0f} %"),
+)
+_RUN_COLUMNS: Final[tuple[Column, ...]] = (
+    *((name, _plain(name)) for name in ("run", "status", "attempts")),
+    ("last attempt s", _plain("seconds")),
+    ("machine", _plain("host")),
+    ("commit", _plain("commit")),
+)
+
+
+def _table(title: str, words: str, columns: Sequence[Column], texts: int, rows: Sequence[Any]) -> str:
+    """Return a section with a table whose first columns are text."""
+    kinds = ["" if place == 0 or place >= texts else " class=text" for place in range(len(columns))]
+    head = "".join(
+        f"<th{' class=text' if place < texts else ''}>{escape(name)}</th>" for place, (name, _) in enumerate(columns)
+    )
+    lines = [
+        f"<tr>{''.join(f'<td{kind}>{write(row)}</td>' for kind, (_, write) in zip(kinds, columns, strict=True))}</tr>"
+        for row in rows
+    ]
+    above = f"<p class=soft>{words}</p>" if words else ""
+    return f"<section><h2>{title}</h2>{above}{table_html(head, lines)}</section>"

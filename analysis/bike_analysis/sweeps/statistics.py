@@ -44,18 +44,6 @@ def interquartile_mean(values: Floats) -> Floats:
     return result
 
 
-def mean(values: Floats) -> Floats:
-    """Return the mean along the last axis."""
-    result: Floats = np.mean(values, axis=-1)
-    return result
-
-
-def median(values: Floats) -> Floats:
-    """Return the median along the last axis."""
-    result: Floats = np.median(values, axis=-1)
-    return result
-
-
 def bootstrap(
     values: Sequence[float] | Floats, statistic: Statistic = interquartile_mean, seed: int = SEED
 ) -> Interval:

@@ -1,14 +1,22 @@
-"""The two tables of a sweep: one row a run, and one row a point of a curve. Documented in docs/reference/sweeps.md."""
+"""The two tables of a sweep (docs/reference/sweeps.md), and the figures of its groups of runs.
+
+One row of ``runs.parquet`` is a run, one row of ``curves.parquet`` a point of a curve.
+"""
 
 from __future__ import annotations
 
+import itertools
+import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
+import numpy as np
 import pandas as pd
+
+from bike_analysis.sweeps.statistics import Floats, Interval, bootstrap, paired
 
 RUNS_TABLE: Final = "runs.parquet"
 CURVES_TABLE: Final = "curves.parquet"
@@ -47,14 +55,40 @@ CURVE_COLUMNS: Final[Mapping[str, str]] = {
 """Columns of the table of curves."""
 
 
+MAX_COMPARED_GROUPS: Final = 12
+"""Groups up to which every two are compared; of more, each is compared with the first."""
+LARGER_IS_BETTER: Final = ("part", "completed_count", "random_completed_count", "valid_laps", "laps")
+"""Figures of which more is better; of all others less is."""
+_EFFORT: Final = (
+    "steps",
+    "updates",
+    "best_step",
+    "success_step",
+    "rides_count",
+    "random_rides_count",
+    "wanted_laps",
+)
+"""Figures that say how much was done and not how well."""
+
+
+def _need_parquet() -> None:
+    """Check that there is a reader and writer of Parquet.
+
+    Raises:
+        ModuleNotFoundError: pyarrow is not installed.
+    """
+    if find_spec("pyarrow") is None:
+        raise ModuleNotFoundError("the tables of a sweep need pyarrow: make setup-sweep", name="pyarrow")
+
+
 def write_table(table: pd.DataFrame, path: Path) -> None:
     """Write a table as Parquet, so that a kill leaves either the file of before or all of the new one.
 
     Raises:
-        ModuleNotFoundError: pyarrow is not installed. OSError: it cannot be written.
+        ModuleNotFoundError: pyarrow is not installed.
+        OSError: it cannot be written.
     """
-    if find_spec("pyarrow") is None:
-        raise ModuleNotFoundError("the tables of a sweep need pyarrow: make setup-sweep", name="pyarrow")
+    _need_parquet()
     unfinished = path.with_name(f"{path.name}.part")
     try:
         table.to_parquet(unfinished, index=False, compression="zstd")
@@ -69,11 +103,11 @@ def read_tables(folder: str | os.PathLike[str]) -> tuple[pd.DataFrame, pd.DataFr
     """Return the table of runs and the table of curves of a sweep.
 
     Raises:
-        FileNotFoundError: the folder holds no sweep. ValueError: a table is damaged, or another file.
+        FileNotFoundError: the folder holds no sweep.
+        ValueError: a table is damaged, or another file.
         ModuleNotFoundError: pyarrow is not installed.
     """
-    if find_spec("pyarrow") is None:
-        raise ModuleNotFoundError("the tables of a sweep need pyarrow: make setup-sweep", name="pyarrow")
+    _need_parquet()
     place = Path(folder)
     tables = []
     for name, columns in ((RUNS_TABLE, RUN_COLUMNS), (CURVES_TABLE, CURVE_COLUMNS)):
@@ -90,3 +124,93 @@ def read_tables(folder: str | os.PathLike[str]) -> tuple[pd.DataFrame, pd.DataFr
             raise ValueError(f"{path} has no column {', '.join(missing)}; it is not a table of bike sweep")
         tables.append(table)
     return tables[0], tables[1]
+
+
+def finished(runs: pd.DataFrame) -> pd.DataFrame:
+    """Return the runs that have finished."""
+    return runs[runs["status"] == "finished"]
+
+
+def figure_names(runs: pd.DataFrame) -> list[str]:
+    """Return the figures that tell how good runs are, in the order of the table."""
+
+    def is_result(column: str) -> bool:
+        values = runs[column]
+        kinds = pd.api.types
+        numbers = kinds.is_numeric_dtype(values) and not kinds.is_bool_dtype(values)
+        return column.removeprefix(FIGURE) not in _EFFORT and numbers and bool(values.notna().any())
+
+    columns = [name for name in runs.columns if name.startswith(FIGURE)]
+    return [name.removeprefix(FIGURE) for name in columns if is_result(name)]
+
+
+def values_of(runs: pd.DataFrame, figure: str) -> Floats:
+    """Return the known values of a figure."""
+    values = pd.to_numeric(runs[FIGURE + figure]).to_numpy(dtype=np.float64, na_value=np.nan)
+    known: Floats = values[np.isfinite(values)]
+    return known
+
+
+def _ends(interval: Interval) -> dict[str, float | None]:
+    """Return both ends of an interval, None where one run has none."""
+    return {name: end if math.isfinite(end) else None for name, end in (("low", interval.low), ("high", interval.high))}
+
+
+def group_figures(runs: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return the figures of all groups of finished runs: a row for each group and figure, ready for JSON.
+
+    The columns are ``group``, ``figure``, ``runs``, ``mean``, ``iqm`` (interquartile mean) with its interval ``low`` to
+    ``high``, ``median``, ``min`` and ``max``.
+    """
+    found = []
+    for figure in figure_names(runs):
+        for group, members in finished(runs).groupby("group", sort=False):
+            values = values_of(members, figure)
+            if not len(values):
+                continue
+            estimate = bootstrap(values)
+            row = {"group": str(group), "figure": figure, "runs": len(values), "mean": float(values.mean())}
+            row |= {"iqm": estimate.value, **_ends(estimate), "median": float(np.median(values))}
+            found.append(row | {"min": float(values.min()), "max": float(values.max())})
+    return found
+
+
+def comparisons(runs: pd.DataFrame) -> list[dict[str, Any]]:
+    """Compare groups on the seeds that they share: a row for each figure and two groups, ready for JSON.
+
+    The columns are ``figure``, ``first``, ``second``, ``seeds`` (their number), ``difference`` (second minus first)
+    with its interval ``low`` to ``high``, and ``share_larger``, the share of seeds with a larger second.
+    """
+    done = finished(runs)
+    groups = [str(group) for group in done["group"].unique()]
+    pairs = list(itertools.combinations(groups, 2))
+    if len(groups) > MAX_COMPARED_GROUPS:
+        pairs = [(groups[0], other) for other in groups[1:]]
+    found = []
+    for figure in figure_names(runs):
+        by_seed = {group: _by_seed(done[done["group"] == group], figure) for group in groups}
+        for first, second in pairs:
+            shared = sorted(by_seed[first].keys() & by_seed[second].keys())
+            if len(shared) < 2:
+                continue
+            one, other = (np.array([by_seed[group][seed] for seed in shared]) for group in (first, second))
+            difference, larger = paired(one, other)
+            row = {"figure": figure, "first": first, "second": second, "seeds": len(shared)}
+            found.append(row | {"difference": difference.value, **_ends(difference), "share_larger": larger})
+    return found
+
+
+def _by_seed(runs: pd.DataFrame, figure: str) -> dict[int, float]:
+    values = zip(runs["seed"], runs[FIGURE + figure], strict=True)
+    known = ((seed, value) for seed, value in values if not pd.isna(seed) and not pd.isna(value))
+    return {int(seed): float(value) for seed, value in known if math.isfinite(float(value))}
+
+
+def curves_of(curves: pd.DataFrame, quantity: str, group: str, runs: Sequence[str]) -> list[tuple[Floats, Floats]]:
+    """Return x and value of a quantity for runs of a group."""
+    part = curves[(curves["quantity"] == quantity) & (curves["group"] == group) & curves["run"].isin(runs)]
+    found = []
+    for _, rows in part.groupby("run", sort=False):
+        ordered = rows.sort_values("x", kind="stable")
+        found.append((ordered["x"].to_numpy(np.float64), ordered["value"].to_numpy(np.float64)))
+    return found

@@ -13,9 +13,7 @@ from bike_analysis.figures.numbers import lap_text, significant
 from bike_analysis.figures.results import SCHEMA
 from bike_analysis.read.container import LONGEST_FAULT, shown
 from bike_analysis.report import Video, analyze
-from bike_analysis.sweeps.pictures import label_of
-from bike_analysis.sweeps.report import report_sweep
-from bike_analysis.sweeps.report_page import interval_text
+from bike_analysis.sweeps.report import interval_text, label_of, report_sweep
 
 SWEEP_SCHEMA: Final = "bike.analyze_sweep/1"
 MOST_SECTORS: Final = 6

@@ -734,7 +734,6 @@ def _declare_sweep(parser: CommandParser) -> None:
     parser.option("--search", action="store_true", help="search the settings under `search` of the file instead")
     parser.option("--cores", type=int, help="processor cores of this machine to use (default: all)")
     parser.option("--address", help="of a running Ray cluster (default: Ray is started here, on 127.0.0.1)")
-    parser.option("--store", help="second place for the runs' folders, at an fsspec address such as s3://bucket/a")
     parser.option("--mlflow", metavar="URI", help="log finished runs to MLflow at this address or file store too")
     parser.option("--retries", type=int, help="how often a run goes on whose worker was lost (default: the file's)")
 
@@ -745,7 +744,7 @@ _SWEEP: Final = Command(
     """\
   bike sweep seeds.yaml --out sweeps/seeds              what is missing of the sweep, on all cores
   bike sweep seeds.yaml --out sweeps/seeds --plan       check the file and estimate the hours; nothing is started
-  bike sweep seeds.yaml --out sweeps/seeds --address 10.0.0.5:6379 --store s3://bucket/seeds
+  bike sweep seeds.yaml --out sweeps/seeds --address 10.0.0.5:6379
   bike analyze sweeps/seeds                             tables with intervals, curves and a page
 
 a file, docs/reference/sweeps.md has all of it:

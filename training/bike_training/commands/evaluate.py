@@ -265,7 +265,7 @@ def _asked(args: argparse.Namespace) -> tuple[list[str], list[str]]:
     """Return the machines and the circuits that are asked for."""
     machines, circuits = [DEFAULT_SUPERBIKE], [CIRCUIT]
     if args.tables:
-        from bike_training.reproduce.superbike.experiment import CIRCUITS, MACHINES  # late: it loads the presets
+        from bike_training.reproduce.superbike_results import CIRCUITS, MACHINES  # late: it loads the presets
 
         machines, circuits = list(MACHINES), list(CIRCUITS)
     return (args.vehicle.split(",") if args.vehicle else machines), (
@@ -274,7 +274,7 @@ def _asked(args: argparse.Namespace) -> tuple[list[str], list[str]]:
 
 
 def _tables(name: str, results: Sequence[RaceResult]) -> str:
-    from bike_training.reproduce.superbike.bundle_tables import bundle_tables  # late: it loads the presets
+    from bike_training.reproduce.superbike_results import bundle_tables  # late: it loads the presets
 
     return bundle_tables(name, results)
 

@@ -12,19 +12,15 @@ import yaml
 
 from bike_sim.recording.in_use import claim_folder
 from bike_training.arguments import check_whole, make_folder, seeds_of
-from bike_training.reproduce.bicycle.paper import BICYCLE
-from bike_training.reproduce.collecting import collect
+from bike_training.reproduce.bicycle import BICYCLE
 from bike_training.reproduce.data import write_data
-from bike_training.reproduce.experiment import Experiment
-from bike_training.reproduce.merge import read_all
-from bike_training.reproduce.paper import Paper
-from bike_training.reproduce.report import all_tables, draw_all
+from bike_training.reproduce.paper import Experiment, Paper, all_tables, collect, draw_all, read_all
 from bike_training.reproduce.statement import NO, OPEN, YES, verdict_table
-from bike_training.reproduce.superbike.paper import SUPERBIKE
+from bike_training.reproduce.superbike import SUPERBIKE
 from bike_training.sweeps.display import Display
 from bike_training.sweeps.driver import Place, do_runs
-from bike_training.sweeps.plan import Plan, make_plan, schedule, slots_of
-from bike_training.sweeps.training_job import TrainJob
+from bike_training.sweeps.jobs import TrainJob
+from bike_training.sweeps.runs import Plan, make_plan, schedule, slots_of
 
 PAPERS: Final[dict[str, Paper[Any, Any]]] = {paper.name: paper for paper in (BICYCLE, SUPERBIKE)}
 DATA: Final = "data"
@@ -36,7 +32,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Learn what is missing, ride, write tables, draw; not ok where a run has not finished.
 
     Raises:
-        ValueError, FileNotFoundError: an argument, or a table. ModuleNotFoundError: packages of sweeps are missing.
+        ValueError: an argument.
+        ModuleNotFoundError: packages of sweeps are missing.
     """
     for name, least in (("steps", 1), ("cores", 1)):
         value = getattr(args, name)
@@ -91,7 +88,8 @@ def run_drawing(args: argparse.Namespace) -> dict[str, Any]:
     """Draw from tables; those of several folders are left together as well.
 
     Raises:
-        ValueError, FileNotFoundError: as of `read_all`.
+        ValueError: as of `read_all`.
+        FileNotFoundError: as of `read_all`.
     """
     together = args.out / DATA
     if together.resolve() in [folder.resolve() for folder in args.data] and len(args.data) > 1:

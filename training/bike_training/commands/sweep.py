@@ -5,19 +5,18 @@ from __future__ import annotations
 import argparse
 import os
 import shutil
+from collections.abc import Iterable, Sequence
 from importlib.util import find_spec
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
+
+from tqdm import tqdm
 
 from bike_sim.recording.in_use import claim_folder
 from bike_training.arguments import check_whole, make_folder
-from bike_training.sweeps.display import Display
-from bike_training.sweeps.driver import Place, do_runs
-from bike_training.sweeps.plan import RUNS_FOLDER, Plan, make_plan
-from bike_training.sweeps.records import FAILED, FINISHED, INTERRUPTED, MISSING, write_record
-from bike_training.sweeps.results import write_tables
-from bike_training.sweeps.spec import Sweep, load_sweep
-from bike_training.sweeps.store import Store
-from bike_training.sweeps.tracking import check_mlflow, log_runs
+
+if TYPE_CHECKING:
+    from bike_training.sweeps.runs import Plan
+    from bike_training.sweeps.spec import Sweep
 
 SCHEMA: Final = "bike.sweep/1"
 SEARCH_SCHEMA: Final = "bike.search/1"
@@ -29,14 +28,27 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Do what is missing of a sweep; not ok where a run has not finished.
 
     Raises:
-        FileNotFoundError, ValueError: the file, or a run in it. OSError: the folder, or no cluster at the address.
+        FileNotFoundError: there is no such file, or a run names something that does not exist.
+        ValueError: the file, or a run in it.
+        OSError: the folder, or no cluster at the address.
         ModuleNotFoundError: the packages of sweeps are not installed.
     """
     if args.cores is not None:
         check_whole("--cores", args.cores, 1)
     if args.retries is not None:
         check_whole("--retries", args.retries, 0)
-    sweep = load_sweep(args.spec)
+
+    if not args.json:
+        print(f"{args.spec}: checking its runs", flush=True)
+    # Late: learners and planners take seconds, and the first line comes at once.
+    from bike_training.sweeps.runs import make_plan
+    from bike_training.sweeps.spec import load_sweep
+
+    def progress(runs: Sequence[Any]) -> Iterable[Any]:
+        shown: Iterable[Any] = tqdm(runs, unit="run", disable=args.json or None, leave=False)
+        return shown
+
+    sweep = load_sweep(args.spec, progress)
     if args.search != (sweep.search is not None):
         raise ValueError(
             f"{args.spec} {'has' if sweep.search else 'has no'} entry search: "
@@ -51,9 +63,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     for package in ("ray", "pyarrow"):
         if find_spec(package) is None:  # Ray itself reads its environment while it is imported, so only later
             raise ModuleNotFoundError(f"a sweep needs {package}", name=package)
-    if args.store:
-        Store(args.store)
     if args.mlflow:
+        from bike_training.sweeps.results import check_mlflow
+
         check_mlflow()
     make_folder("--out", args.out)
     with claim_folder(args.out):
@@ -63,17 +75,22 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _do(sweep: Sweep, plan: Plan, args: argparse.Namespace, cores: float) -> dict[str, Any]:
+    from bike_training.sweeps import results
+    from bike_training.sweeps.display import Display
+    from bike_training.sweeps.driver import Place, do_runs
+    from bike_training.sweeps.runs import RUNS_FOLDER, make_plan
+
     shutil.copyfile(args.spec, args.out / SPEC_COPY)
     missing, interrupted = plan.missing, False
     if missing:
-        place = Place(args.address, args.cores, args.store)
+        place = Place(args.address, args.cores)
         retries = sweep.retries if args.retries is None else args.retries
         with Display(len(plan.runs), len(missing), quiet=args.json) as display:
             interrupted = do_runs(missing, args.out, place, retries, display)
     plan = make_plan(sweep, args.out)
-    write_tables(plan, args.out)
+    results.write_tables(plan, args.out)
     if args.mlflow:
-        log_runs(plan, sweep.name, args.mlflow)
+        results.log_runs(plan, sweep.name, args.mlflow)
     outcome = _outcome(sweep, plan, args, cores, ok=all(run.finished for run in plan.runs))
     if not args.json:
         counts = outcome["figures"]["runs_by_status"]
@@ -88,7 +105,9 @@ def _do(sweep: Sweep, plan: Plan, args: argparse.Namespace, cores: float) -> dic
 
 def _search(sweep: Sweep, args: argparse.Namespace) -> dict[str, Any]:
     """Search settings; not ok where a trial failed."""
-    from bike_training.sweeps.search import search  # only a search needs Ray Tune
+    from bike_training.sweeps.driver import Place
+    from bike_training.sweeps.runs import write_record
+    from bike_training.sweeps.search import search
 
     assert sweep.search is not None
     count = sweep.search.trials
@@ -127,15 +146,12 @@ def _hours(hours: float) -> str:
 
 
 def _outcome(sweep: Sweep, plan: Plan, args: argparse.Namespace, cores: float, ok: bool) -> dict[str, Any]:
-    counts = {status: 0 for status in (FINISHED, FAILED, INTERRUPTED, MISSING)}
-    for planned in plan.runs:
-        counts[planned.status] += 1
     figures: dict[str, Any] = {
         "name": sweep.name,
         "out": str(args.out),
         "runs": len(plan.runs),
-        "runs_by_status": counts,
-        "failures": {run.folder.name: run.error for run in plan.runs if run.status == FAILED},
+        "runs_by_status": plan.counts,
+        "failures": {run.folder.name: run.error for run in plan.runs if run.error},
         "work_left_h": round(sum(run.seconds for run in plan.missing) / 3600.0, 4),
     }
     if not args.address:

@@ -360,8 +360,9 @@ class LearningProcess:
         logger.record(f"validation/max_{self.task.error_name}", result.max_error)
         logger.record("curriculum/part", progress.curriculum.part)
         logger.dump(step)
-        every = self.settings.record_every
-        if every and (progress.validations - 1) % every == 0:
+        every, period = self.settings.record_every, self.settings.preset.curriculum.validate_every
+        last = step // period == self.steps // period or (self.settings.until_finished and progress.curriculum.finished)
+        if every and (last or (progress.validations - 1) % every == 0):
             self._record(actor, requests[0], step, result.part)
 
     def _record(self, actor: Actor, request: ResetRequest, step: int, part: int) -> None:

@@ -23,6 +23,9 @@ from bike_training.settings import from_plain, to_plain
 COMPILED_TIME_STEP: Final = 0.01
 """Integration step of the compiled engine in training, s; its error there is below 1e-6 in every state."""
 
+RECORD_ENDS: Final = 1_000_000_000
+"""Validations between recorded rides where the first and the last alone are recorded."""
+
 GRADIENT_TABLE: Final = "refinement.csv"
 """File of a run that learns by gradients: a row for each comparison of actors."""
 GRADIENT_POLICY: Final = "policy"
@@ -62,7 +65,7 @@ class RunSettings:
         time_step: integration step of a bicycle's simulator, s; the compiled batch uses COMPILED_TIME_STEP, and
             superbikes have their own.
         checkpoint_every: learning steps between checkpoints.
-        record_every: validations between recorded rides; 0 records none.
+        record_every: validations between recorded rides, the last one besides; 0 records none.
         until_finished: stop when the curriculum is finished.
         keep_every: learning steps between actors that are kept in ``actors/``; 0 keeps those that are compared alone.
         start: policy that the learner ``gradients`` begins with; empty for a new network.

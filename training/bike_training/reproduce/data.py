@@ -1,4 +1,4 @@
-"""What experiments leave: tables as CSV, small enough to ship, from which figures are drawn again."""
+"""Tables that experiments leave: CSV files, small enough to ship, from which figures are drawn again."""
 
 from __future__ import annotations
 
@@ -17,17 +17,29 @@ def table(file: str, kind: type[Any]) -> Any:
 
 
 @dataclass(frozen=True)
-class Run:
-    """A learning run.
+class RunRow:
+    """A row about a learning run.
 
     Attributes:
-        setting: its name. seed: of the run. status: as in a sweep. steps: learning steps made.
-        finished_at: learning step at which the curriculum ended; -1 where it has not.
-        cpu_seconds: processor time of its last attempt, s; -1 where it has not ended.
+        setting: name of its setting.
+        seed: of the run.
     """
 
     setting: str
     seed: int
+
+
+@dataclass(frozen=True)
+class Run(RunRow):
+    """A learning run.
+
+    Attributes:
+        status: as in a sweep.
+        steps: learning steps made.
+        finished_at: learning step at which the curriculum ended; -1 where it has not.
+        cpu_seconds: processor time of its last attempt, s; -1 where it has not ended.
+    """
+
     status: str
     steps: int
     finished_at: int
@@ -35,16 +47,15 @@ class Run:
 
 
 @dataclass(frozen=True)
-class Validation:
+class Validation(RunRow):
     """A validation of a run.
 
     Attributes:
-        setting, seed: of the run. step: learning step. part: of the curriculum.
+        step: learning step.
+        part: of the curriculum.
         error: mean of its errors, as the paper defines them.
     """
 
-    setting: str
-    seed: int
     step: int
     part: int
     error: float
@@ -62,15 +73,10 @@ Row = TypeVar("Row")
 Data = TypeVar("Data", bound=Tables)
 
 
-def kind_of(tables: type[Tables], name: str) -> type[Any]:
-    """Return the kind of row of a table."""
-    kind: type[Any] = next(spec for spec in fields(tables) if spec.name == name).metadata[_KIND]
-    return kind
-
-
-def file_of(tables: type[Tables], name: str) -> str:
-    """Return the name of the file of a table."""
-    return str(next(spec for spec in fields(tables) if spec.name == name).metadata[_FILE])
+def table_of(tables: type[Tables], name: str) -> tuple[str, type[Any]]:
+    """Return the file of a table, and the kind of its rows."""
+    metadata = next(spec for spec in fields(tables) if spec.name == name).metadata
+    return metadata[_FILE], metadata[_KIND]
 
 
 def write_rows(path: Path, kind: type[Row], rows: Iterable[Row]) -> None:
@@ -90,22 +96,21 @@ def read_rows(path: Path, kind: type[Row]) -> tuple[Row, ...]:
     """Read a table.
 
     Raises:
-        FileNotFoundError: there is none. ValueError: it is another table, or has a value that means nothing.
+        FileNotFoundError: there is none.
+        ValueError: it is another table, or has a value that means nothing.
     """
     kinds = get_type_hints(kind)
+
+    def value_of(text: str, kind: type) -> Any:
+        if kind is bool and text not in ("True", "False"):
+            raise ValueError(f"{path}: {text!r} is neither True nor False")
+        return text == "True" if kind is bool else kind(text)
+
     with path.open(newline="", encoding="utf-8") as file:
         reader = csv.DictReader(file)
         if list(reader.fieldnames or ()) != list(kinds):
             raise ValueError(f"{path} must have the columns {', '.join(kinds)}")
-        return tuple(kind(**{name: _value(record[name], kinds[name], path) for name in kinds}) for record in reader)
-
-
-def _value(text: str, kind: type, path: Path) -> Any:
-    if kind is bool:
-        if text not in ("True", "False"):
-            raise ValueError(f"{path}: {text!r} is neither True nor False")
-        return text == "True"
-    return kind(text)
+        return tuple(kind(**{name: value_of(record[name], kinds[name]) for name in kinds}) for record in reader)
 
 
 def write_data(folder: Path, data: Tables) -> None:
@@ -118,7 +123,8 @@ def read_data(folder: Path, kind: type[Data]) -> Data:
     """Read all tables of a folder.
 
     Raises:
-        FileNotFoundError: one is missing. ValueError: one is of another kind.
+        FileNotFoundError: one is missing.
+        ValueError: one is of another kind.
     """
     found = {spec.name: read_rows(folder / spec.metadata[_FILE], spec.metadata[_KIND]) for spec in fields(kind)}
     return kind(**found)

@@ -1,15 +1,64 @@
-"""What a paper's experiments are: all that `bike reproduce` needs to know of one."""
+"""A paper's experiments: a sweep, the rides of its runs, and tables, verdicts and figures made of them."""
 
 from __future__ import annotations
 
+import csv
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from bike_training.reproduce.data import Data
-from bike_training.reproduce.experiment import Experiment
+import matplotlib as mpl
+
+from bike_training.progress import progress_bar
+from bike_training.reproduce.data import Data, Run, Validation, read_data, read_rows, table_of, write_rows
 from bike_training.reproduce.statement import Statement
+from bike_training.sweeps.runs import Plan, PlannedRun, read_record
+from bike_training.sweeps.spec import Sweep, sweep_from_document
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiment(ABC):
+    """Settings of an experiment.
+
+    Attributes:
+        settings: names of those that are learned.
+        seeds: of the runs of each setting.
+        steps: most learning steps of a run.
+    """
+
+    settings: tuple[str, ...]
+    seeds: tuple[int, ...] = tuple(range(5))
+    steps: int
+
+    @property
+    @abstractmethod
+    def title(self) -> str:
+        """Name of the sweep."""
+
+    @abstractmethod
+    def base(self) -> dict[str, Any]:
+        """Return the entries of every run, in a sweep."""
+
+    @abstractmethod
+    def entries(self, setting: str) -> dict[str, Any]:
+        """Return the entries of the runs of a setting."""
+
+    def named(self) -> list[tuple[str, int]]:
+        """Return setting and seed of every run, one seed of all settings first: what is interrupted shows them all."""
+        return [(name, seed) for seed in self.seeds for name in self.settings]
+
+    def document(self) -> dict[str, Any]:
+        """Return the file of the sweep that learns it all; its runs are in the order of `named`."""
+        runs = [self.entries(name) | {"seed": seed} for name, seed in self.named()]
+        return {"name": self.title, "task": "train", "base": self.base(), "runs": runs}
+
+    def sweep(self) -> Sweep:
+        """Return the sweep."""
+        return sweep_from_document(self.document(), self.title)
+
 
 Kind = TypeVar("Kind", bound=Experiment)
 
@@ -20,25 +69,28 @@ Rows = Mapping[str, Sequence[Any]]
 
 @dataclass(frozen=True)
 class Paper(Generic[Kind, Data]):
-    """A paper.
+    """All that `bike reproduce` needs of a paper.
 
     Attributes:
-        name: for the command line. source: who wrote it, and what of it is done.
-        experiment: what is done by default. quick: what tries the whole way in seconds, and learns nothing.
+        name: for the command line.
+        experiment: the default one.
+        quick: an experiment that tries the whole way in seconds, and learns nothing.
         tables: kinds of rows that it leaves.
-        error: column of ``validations.csv`` of a run that holds the error of a validation. unit: of that error.
+        error: column of ``validations.csv`` of a run that holds the error of a validation.
+        unit: of that error.
         ridden: tables that the rides of a run fill; kept in its folder.
-        rides: rides of a run, for a progress bar.
-        ride: ride what a run in a folder has learned; None where it has nothing to ride.
-        look_closely: add what needs all runs: the folders of those that rode, by setting and seed.
-        choose: of several places, take what `look_closely` has added from those that have the chosen ones of all runs;
-            it is given the tables of all runs, and those of each place.
-        statements: what it says. figures: what draws each, by file. written: tables as Markdown, by heading.
-        counts: what the command tells of the rides, by name.
+        rides: returns the number of rides of a run, for a progress bar.
+        ride: rides what a run in a folder has learned; returns None where it has nothing to ride.
+        add_details: adds what needs all runs: the folders of those that rode, by setting and seed.
+        choose: takes what `add_details` has added from the places that have the chosen ones of all runs; it is given
+            the tables of all runs, and those of each place.
+        statements: of the paper.
+        figures: functions that draw, by file.
+        written: functions that write a table as Markdown, by heading.
+        counts: returns the numbers of rides that the command prints, by name.
     """
 
     name: str
-    source: str
     experiment: Kind
     quick: Kind
     tables: type[Data]
@@ -47,9 +99,146 @@ class Paper(Generic[Kind, Data]):
     ridden: tuple[str, ...]
     rides: Callable[[Kind], int]
     ride: Callable[[Path, str, int, Kind, Advance], Rows | None]
-    look_closely: Callable[[Data, Mapping[tuple[str, int], Path], Kind], Data]
+    add_details: Callable[[Data, Mapping[tuple[str, int], Path], Kind], Data]
     choose: Callable[[Data, Sequence[Data]], Data]
     statements: Sequence[Statement]
     figures: Mapping[str, Callable[[Data, Any], Any]]
     written: Mapping[str, Callable[[Data], str]]
     counts: Callable[[Data], Mapping[str, int]]
+
+
+def collect(paper: Paper[Kind, Data], plan: Plan, experiment: Kind, quiet: bool) -> Data:
+    """Return the tables of what has been learned, and ride what has not ridden yet.
+
+    Args:
+        paper: of the experiments.
+        plan: its runs as they stand, in the order of the experiment.
+        experiment: its settings.
+        quiet: show no progress.
+    """
+    runs: list[Run] = []
+    validations: list[Validation] = []
+    ridden: dict[str, list[Any]] = {name: [] for name in paper.ridden}
+    folders: dict[tuple[str, int], Path] = {}
+    each = paper.rides(experiment)
+    with progress_bar("riding", "ride", each * len(plan.runs), quiet=quiet) as bar:
+        for (setting, seed), planned in zip(experiment.named(), plan.runs, strict=True):
+            rows = _validations(paper, planned.folder, setting, seed)
+            validations += rows
+            runs.append(_run_row(planned, setting, seed, rows))
+            before = bar.n
+            if _ride(paper, planned.folder, setting, seed, experiment, bar.update):
+                folders[setting, seed] = planned.folder
+                for name in paper.ridden:
+                    file, kind = table_of(paper.tables, name)
+                    ridden[name] += read_rows(planned.folder / file, kind)
+            bar.update(before + each - bar.n)
+    data = paper.tables(tuple(runs), tuple(validations))
+    data = replace(data, **{name: tuple(rows) for name, rows in ridden.items()})
+    return paper.add_details(data, folders, experiment)
+
+
+def _ride(
+    paper: Paper[Kind, Data], folder: Path, setting: str, seed: int, experiment: Kind, update: Callable[[], Any]
+) -> bool:
+    """Ride what a run has learned unless its tables are there already; return whether they are now."""
+    tables = {name: table_of(paper.tables, name) for name in paper.ridden}
+    with suppress(FileNotFoundError):
+        learned = (folder / "run.json").stat().st_mtime
+        if all((folder / file).stat().st_mtime >= learned for file, _ in tables.values()):
+            return True
+    found = paper.ride(folder, setting, seed, experiment, update)
+    if found is None:
+        return False
+    for name, (file, kind) in tables.items():
+        write_rows(folder / file, kind, found[name])
+    return True
+
+
+def _run_row(planned: PlannedRun, setting: str, seed: int, rows: list[Validation]) -> Run:
+    """Return how a run stands; the steps of one that was interrupted are those of its last validation at least."""
+    summary = read_record(planned.folder / "run.json") or {}
+    result = read_record(planned.folder / "result.json") or {}
+    finished = summary.get("finished_at_step")
+    steps = int(summary.get("steps", rows[-1].step if rows else 0))
+    cpu = float(result.get("cpu_seconds", -1.0))
+    return Run(setting, seed, planned.status, steps, -1 if finished is None else int(finished), cpu)
+
+
+def _validations(paper: Paper[Kind, Data], folder: Path, setting: str, seed: int) -> list[Validation]:
+    rows = []
+    with suppress(FileNotFoundError), (folder / "validations.csv").open(newline="", encoding="utf-8") as file:
+        for record in csv.DictReader(file):
+            with suppress(KeyError, TypeError, ValueError):  # a line that a kill has cut short
+                error = float(record[paper.error]) / paper.unit
+                rows.append(Validation(setting, seed, int(record["step"]), int(float(record["part"])), error))
+    return rows
+
+
+def read_all(paper: Paper[Kind, Data], folders: Sequence[Path]) -> Data:
+    """Read the tables of folders and put them together.
+
+    Raises:
+        FileNotFoundError: as of `read_data`.
+        ValueError: as of `read_data` and `merge`, or a folder is named twice.
+    """
+    for place, folder in enumerate(folders):
+        if folder.resolve() in [other.resolve() for other in folders[:place]]:
+            raise ValueError(f"{folder} is named twice")
+    return merge(paper, {str(folder): read_data(folder, paper.tables) for folder in folders})
+
+
+def merge(paper: Paper[Kind, Data], parts: Mapping[str, Data]) -> Data:
+    """Put tables together that hold different runs.
+
+    Args:
+        paper: that they belong to.
+        parts: at least one, by the name of its place.
+
+    Raises:
+        ValueError: a run is in two of them.
+    """
+    everywhere = tuple(parts.values())
+    if len(everywhere) == 1:
+        return everywhere[0]
+    _check_apart(parts)
+
+    def place(row: Any) -> tuple[int, int]:
+        """Return the order of rows: as of a single folder, one seed of all settings first."""
+        return row.seed, paper.experiment.settings.index(row.setting)
+
+    of_runs = {
+        name: tuple(sorted((row for part in everywhere for row in getattr(part, name)), key=place))
+        for name in ("runs", "validations", *paper.ridden)
+    }
+    return paper.choose(replace(everywhere[0], **of_runs), everywhere)
+
+
+def _check_apart(parts: Mapping[str, Data]) -> None:
+    places: dict[tuple[str, int], str] = {}
+    for name, part in parts.items():
+        twice = [run for run in part.runs if places.setdefault((run.setting, run.seed), name) != name]
+        if twice:
+            run = twice[0]
+            others = f" ({len(twice) - 1} more)" if len(twice) > 1 else ""
+            where = f"{places[run.setting, run.seed]} and {name}"
+            raise ValueError(f"{where} both have seed {run.seed} of {run.setting}{others}; a run may be in one of them")
+
+
+def draw_all(paper: Paper[Any, Any], data: Any, out: Path) -> list[Path]:
+    """Draw all figures of a paper from its tables and return their files."""
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    paths = []
+    for name, draw in paper.figures.items():
+        figure = draw(data, plt)
+        figure.savefig(out / name, dpi=90)
+        plt.close(figure)
+        paths.append(out / name)
+    return paths
+
+
+def all_tables(paper: Paper[Any, Any], data: Any) -> str:
+    """Return all tables of a paper as Markdown, with headings."""
+    return "\n".join(f"### {title}\n\n{write(data)}" for title, write in paper.written.items())

@@ -1,4 +1,4 @@
-"""Statements of a paper, and what the tables say of them."""
+"""Statements of a paper as rows of a table, and their verdicts by the tables of its experiments."""
 
 from __future__ import annotations
 
@@ -10,18 +10,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+Verdict = tuple[str, bool | None]
+"""Text of what was found, and whether the paper agrees; None where the runs do not say."""
 
 YES, NO, OPEN = "yes", "no", "open"
-"""Whether it agrees; open where the runs do not say."""
-LEAST_RUNS: Final = 3
+MIN_RUNS: Final = 3
 """Runs of a setting from which on intervals decide; the bootstrap interval of two values is only their range."""
 DRAWS: Final = 10_000
-"""Of a bootstrap."""
+"""Samples of a bootstrap."""
 BOOTSTRAP_SEED: Final = 0
 
 
+class NothingFound(Exception):
+    """The tables hold nothing that a statement is about; its text says what is missing."""
+
+
 class Found(NamedTuple):
-    """What was found, and whether the paper agrees."""
+    """Text of what was found, and `YES`, `NO` or `OPEN`."""
 
     text: str
     agrees: str
@@ -32,12 +37,40 @@ class Statement:
     """A statement of the paper.
 
     Attributes:
-        source: section, figure or table. paper: what it says. find: what the tables of that paper say.
+        source: section, figure or table.
+        paper: its text.
+        rule: returns the verdict of the tables; raises `NothingFound`.
+        arguments: of the rule, after the tables.
     """
 
     source: str
     paper: str
-    find: Callable[[Any], Found]
+    rule: Callable[..., Verdict]
+    arguments: tuple[Any, ...] = ()
+
+    def find(self, data: Any) -> Found:
+        """Return what the tables say."""
+        try:
+            text, agrees = self.rule(data, *self.arguments)
+        except NothingFound as missing:
+            return Found(str(missing), OPEN)
+        return Found(text, OPEN if agrees is None else YES if agrees else NO)
+
+
+def statements(*rows: tuple[Any, ...]) -> tuple[Statement, ...]:
+    """Return statements from rows of source, text, rule and the rule's arguments."""
+    return tuple(Statement(source, paper, rule, tuple(arguments)) for source, paper, rule, *arguments in rows)
+
+
+def some(values: Any, missing: str) -> Any:
+    """Return values, of which there must be some.
+
+    Raises:
+        NothingFound: with the text `missing`.
+    """
+    if not len(values):
+        raise NothingFound(missing)
+    return values
 
 
 def interval(*samples: FloatArray, rule: Callable[..., Any] = lambda mean: mean) -> tuple[float, float]:
@@ -55,20 +88,34 @@ def interval(*samples: FloatArray, rule: Callable[..., Any] = lambda mean: mean)
     return float(low), float(high)
 
 
-def with_interval(values: FloatArray, form: str) -> str:
-    """Return the mean of some values with its interval as text, each number in a format."""
+def with_interval(values: FloatArray, form: str | Callable[[float], str]) -> str:
+    """Return the mean of some values with its interval as text.
+
+    Args:
+        values: one a run.
+        form: format of a number, or a function that writes one.
+    """
     if not len(values):
         return "-"
+
+    def write(value: float) -> str:
+        return f"{value:{form}}" if isinstance(form, str) else form(value)
+
     low, high = interval(values)
-    if not np.isfinite(low):
-        return f"{values.mean():{form}}"
-    return f"{values.mean():{form}} ({low:{form}} to {high:{form}})"
+    mean = write(float(values.mean()))
+    return f"{mean} ({write(low)} to {write(high)})" if np.isfinite(low) else mean
 
 
-def verdict_table(statements: Sequence[Statement], data: Any) -> str:
+def markdown(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
+    """Return a table as Markdown."""
+
+    def line(cells: Sequence[Any]) -> str:
+        return "".join(f"| {cell} " if str(cell) else "| " for cell in cells) + "|"
+
+    return "\n".join([line(head), "|---" * len(head) + "|", *map(line, rows)]) + "\n"
+
+
+def verdict_table(rows: Sequence[Statement], data: Any) -> str:
     """Return the table "paper says, found, agrees" as Markdown."""
-    lines = ["| source | the paper says | found here | agrees |", "|---|---|---|---|"]
-    for statement in statements:
-        found = statement.find(data)
-        lines.append(f"| {statement.source} | {statement.paper} | {found.text} | {found.agrees} |")
-    return "\n".join(lines) + "\n"
+    head = ("source", "the paper says", "found here", "agrees")
+    return markdown(head, [(row.source, row.paper, *row.find(data)) for row in rows])

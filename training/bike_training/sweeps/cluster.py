@@ -36,7 +36,7 @@ _ENVIRONMENT: Final = {
     "RAY_USAGE_STATS_ENABLED": "0",
     "RAY_DISABLE_IMPORT_WARNING": "1",
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
-    # A lost worker is told here in one line, and not by Ray in ten, on standard output.
+    # A lost worker is reported here in one line, and not by Ray in ten, on standard output.
     "RAY_DEDUP_LOGS_SKIP_REGEX": "^",
     "RAY_AIR_NEW_OUTPUT": "0",
 }

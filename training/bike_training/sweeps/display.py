@@ -11,9 +11,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from bike_training.sweeps.records import FAILED, FINISHED
+from bike_training.sweeps.runs import FAILED, FINISHED
 
-LOG_EVERY: Final = 30.0
+LOG_PERIOD_S: Final = 30.0
 """Wall-clock time between two lines of a run where there is no terminal, s."""
 
 
@@ -56,7 +56,7 @@ class Display(AbstractContextManager["Display"]):
         """Leave the terminal as it was."""
         self._bars.stop()
 
-    def came(self, name: str, done: float, total: float, words: str) -> None:
+    def show_progress(self, name: str, done: float, total: float, words: str) -> None:
         """Show how far a run has come."""
         if self._quiet:
             return
@@ -66,12 +66,12 @@ class Display(AbstractContextManager["Display"]):
             if name not in self._lines:
                 self._lines[name] = self._bars.add_task(escape(name), total=total, completed=int(done), words=words)
             self._bars.update(self._lines[name], completed=done, total=total, words=escape(words))
-        elif now - self._logged.get(name, began) >= LOG_EVERY and done > first:
+        elif now - self._logged.get(name, began) >= LOG_PERIOD_S and done > first:
             self._logged[name] = now
             left = (now - began) * (total - done) / (done - first)
             self._print(f"{name}: {done:.0f} of {total:.0f}, about {_clock(left)} left  {words}")
 
-    def ended(self, name: str, record: dict[str, Any]) -> None:
+    def show_end(self, name: str, record: dict[str, Any]) -> None:
         """Show how a run has ended, in one line."""
         self._left -= 1
         if name in self._lines:

@@ -8,51 +8,45 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
-from bike_training.sweeps.board import Board
 from bike_training.sweeps.cluster import ray_cluster
-from bike_training.sweeps.plan import PlannedRun
-from bike_training.sweeps.records import FAILED, FINISHED, INTERRUPTED, RESULT_FILE, result_of, write_record
+from bike_training.sweeps.display import Display
+from bike_training.sweeps.runs import (
+    FAILED,
+    FINISHED,
+    INTERRUPTED,
+    REPORT_PERIOD_S,
+    RESULT_FILE,
+    PlannedRun,
+    execute,
+    result_of,
+    write_record,
+)
 from bike_training.sweeps.spec import RunSpec
-from bike_training.sweeps.worker import TELL_EVERY, execute
 
-LOOK_EVERY: Final = 1.0
-"""Wall-clock time between two looks at how far the runs have come, s."""
-REPORTS: Final = 100.0
+POLL_PERIOD_S: Final = 1.0
+"""Wall-clock time between two polls of the progress of the runs, s."""
+REPORT_RATE: Final = 100.0
 """Reports of progress of a whole sweep at most, 1/s: more would fill the head of a large one (docs/notes)."""
 SHUTDOWN_TIMEOUT_S: Final = 60.0
 """Longest wait for interrupted runs to write their checkpoints, s."""
 
 
-class Show(Protocol):
-    """Shows how a sweep goes on."""
-
-    def came(self, name: str, done: float, total: float, words: str) -> None:
-        """A run has come so far."""
-        ...
-
-    def ended(self, name: str, record: dict[str, Any]) -> None:
-        """A run has ended."""
-        ...
-
-
 @dataclass(frozen=True)
 class Place:
-    """Where runs are done.
+    """Machines that do the runs.
 
     Attributes:
         address: of a Ray cluster; None starts Ray on this machine.
         cores: of this machine, without an address; None for all.
-        store: second place for the folders of runs, at an fsspec address, or None.
     """
 
     address: str | None = None
     cores: int | None = None
-    store: str | None = None
 
 
-def do_runs(runs: Sequence[PlannedRun], out: Path, place: Place, retries: int, show: Show) -> bool:
+def do_runs(runs: Sequence[PlannedRun], out: Path, place: Place, retries: int, display: Display) -> bool:
     """Do runs, in this order as far as there is room.
 
     Args:
@@ -60,7 +54,7 @@ def do_runs(runs: Sequence[PlannedRun], out: Path, place: Place, retries: int, s
         out: folder of the sweep.
         place: where.
         retries: how often one is begun again when its worker or its machine is lost.
-        show: where to show it.
+        display: shows progress and ends.
 
     Returns:
         Whether it was interrupted.
@@ -69,8 +63,10 @@ def do_runs(runs: Sequence[PlannedRun], out: Path, place: Place, retries: int, s
         ConnectionError: no cluster at the address.
     """
     with ray_cluster(out, place.address, place.cores) as ray:
-        board = ray.remote(Board).options(num_cpus=0, max_restarts=-1).remote()
-        task, every = ray.remote(_task), max(TELL_EVERY, len(runs) / REPORTS)
+        from ray.util.queue import Queue
+
+        reports = Queue(actor_options={"num_cpus": 0, "max_restarts": -1})
+        task, period = ray.remote(_task), max(REPORT_PERIOD_S, len(runs) / REPORT_RATE)
         waiting = {
             task.options(
                 num_cpus=planned.run.cores,
@@ -78,34 +74,34 @@ def do_runs(runs: Sequence[PlannedRun], out: Path, place: Place, retries: int, s
                 max_retries=retries,
                 retry_exceptions=False,
                 name=planned.folder.name,
-            ).remote(planned.run, planned.folder, place.store, board, every): planned
+            ).remote(planned.run, planned.folder, reports, period): planned
             for planned in runs
         }
         try:
             while waiting:
-                _collect(ray, waiting, show, LOOK_EVERY)
-                _look(ray, board, show)
+                _collect(ray, waiting, display, POLL_PERIOD_S)
+                _show_progress(ray, reports, display)
         except KeyboardInterrupt:
-            _interrupt(ray, waiting, show)
+            _interrupt(ray, waiting, display)
             return True
     return False
 
 
-def _task(run: RunSpec, folder: Path, store: str | None, board: Any, every: float) -> dict[str, Any]:
+def _task(run: RunSpec, folder: Path, reports: Any, period: float) -> dict[str, Any]:
     """Do a run in a process of Ray.
 
     Ray cancels a task by what Python does at SIGINT. Where the sweep was begun in the background of a shell or under
-    nohup, its workers have inherited that this signal is ignored, and would not hear it.
+    nohup, its workers have inherited that this signal is ignored.
     """
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-    def told(done: float, total: float, words: str) -> None:
-        board.tell.remote(folder.name, done, total, words)
+    def report(done: float, total: float, text: str) -> None:
+        reports.actor.put_nowait.remote((folder.name, done, total, text))  # the queue's own method waits for the actor
 
-    return execute(run, folder, store, told, tell_every=every)
+    return execute(run, folder, report, report_period=period)
 
 
-def _collect(ray: Any, waiting: dict[Any, PlannedRun], show: Show, patience: float) -> None:
+def _collect(ray: Any, waiting: dict[Any, PlannedRun], display: Display, patience: float) -> None:
     """Take in the runs that have ended."""
     ended, _ = ray.wait(list(waiting), num_returns=1, timeout=patience)
     for reference in ended:
@@ -115,7 +111,7 @@ def _collect(ray: Any, waiting: dict[Any, PlannedRun], show: Show, patience: flo
             with suppress(OSError):
                 planned.folder.mkdir(parents=True, exist_ok=True)
                 write_record(planned.folder / RESULT_FILE, record)
-        show.ended(planned.folder.name, record)
+        display.show_end(planned.folder.name, record)
 
 
 def _record_of(ray: Any, reference: Any) -> dict[str, Any]:
@@ -133,17 +129,19 @@ def _record_of(ray: Any, reference: Any) -> dict[str, Any]:
     return record
 
 
-def _look(ray: Any, board: Any, show: Show) -> None:
-    with suppress(ray.exceptions.RayError):  # the board begins anew where its machine was lost
-        for name, line in ray.get(board.take.remote(), timeout=5.0).items():
-            show.came(name, *line)
+def _show_progress(ray: Any, reports: Any, display: Display) -> None:
+    with suppress(ray.exceptions.RayError):  # the queue begins anew where its machine was lost
+        size = ray.get(reports.actor.qsize.remote(), timeout=5.0)
+        latest = {name: line for name, *line in ray.get(reports.actor.get_nowait_batch.remote(size), timeout=5.0)}
+        for name, line in latest.items():
+            display.show_progress(name, *line)
 
 
-def _interrupt(ray: Any, waiting: dict[Any, PlannedRun], show: Show) -> None:
+def _interrupt(ray: Any, waiting: dict[Any, PlannedRun], display: Display) -> None:
     """Let runs write their checkpoints and end; a second interruption ends them at once."""
     end = time.monotonic() + SHUTDOWN_TIMEOUT_S
     for reference in waiting:
         ray.cancel(reference, force=False)
     with suppress(KeyboardInterrupt):
         while waiting and time.monotonic() < end:
-            _collect(ray, waiting, show, LOOK_EVERY)
+            _collect(ray, waiting, display, POLL_PERIOD_S)

@@ -14,11 +14,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 from bike_training.sweeps.cluster import ray_cluster
 from bike_training.sweeps.driver import Place
-from bike_training.sweeps.records import FINISHED
-from bike_training.sweeps.search_space import METRICS, SearchSpace, with_settings
-from bike_training.sweeps.spec import RunSpec, Sweep
-from bike_training.sweeps.training_job import TrainJob
-from bike_training.sweeps.worker import execute
+from bike_training.sweeps.jobs import TrainJob
+from bike_training.sweeps.runs import FINISHED, execute
+from bike_training.sweeps.spec import METRICS, RunSpec, SearchSpace, Sweep, with_settings
 
 if TYPE_CHECKING:
     from bike_training.learning.process import LearningProcess  # needs the learning packages
@@ -29,7 +27,7 @@ REPORT_EVERY: Final = 1000
 Show = Callable[[int, str], None]
 """Called with the number of trials that have ended, and how the last one did."""
 
-WORST_ERROR: Final = 1e3
+UNKNOWN_ERROR_M: Final = 1e3
 """Stands for an error that is not known yet, m."""
 
 
@@ -135,7 +133,7 @@ def standing(process: LearningProcess) -> dict[str, float]:
     return {
         "advance": advance,
         "episode_steps": steps,
-        "mean_error_m": WORST_ERROR if math.isnan(error) else error,
+        "mean_error_m": UNKNOWN_ERROR_M if math.isnan(error) else error,
     }
 
 

@@ -7,24 +7,119 @@ import itertools
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Self
 
 from bike_sim.documents import MAX_YAML_SIZE, DocumentError, parse_yaml, read_text, show
-from bike_training.sweeps.jobs import JOBS, Job
-from bike_training.sweeps.search_space import SearchSpace
+from bike_training.sweeps.jobs import JOBS, Job, TrainJob
 
-MOST_RUNS: Final = 20_000
+MAX_RUNS: Final = 20_000
 """Runs of one sweep at most: what a schedule and a table on one machine are still quick with."""
 DIGEST_LENGTH: Final = 10
-LONGEST_LABEL: Final = 80
+LABEL_LENGTH: Final = 80
 
 _KEYS: Final = {"name", "task", "base", "grid", "runs", "cores", "memory_gb", "retries", "search"}
 _SET: Final = "set"
-_PLAIN: Final = (str, int, float, bool)
 _UNSAFE: Final = re.compile(r"[^A-Za-z0-9._=,+-]+")
+
+RANGE_KINDS: Final = ("uniform", "loguniform", "randint", "choice")
+METRICS: Final = {"advance": "max", "mean_error_m": "min", "episode_steps": "max"}
+"""Metrics that can be searched for, with the direction of better values.
+
+``advance`` orders runs by how far they came: the part of the curriculum with the mean share of an episode that is
+ridden, and once the curriculum is finished the share of the steps that were left.
+"""
+_SEARCH_KEYS: Final = {"settings", "trials", "metric", "seed", "grace_steps", "reduction"}
+MAX_SETTINGS: Final = 12
+"""Settings of a search; it is meant for a handful."""
+
+Progress = Callable[[Sequence[Any]], Iterable[Any]]
+"""Passes a sequence on while it shows how far it is."""
+
+
+@dataclass(frozen=True)
+class SearchSpace:
+    """A search.
+
+    Attributes:
+        settings: name of a preset's setting, with a kind of RANGE_KINDS and its limits or choices.
+        trials: runs in all.
+        metric: name in METRICS.
+        seed: of the sampler.
+        grace_steps: learning steps that every run may make.
+        reduction: one run of so many goes on at each rung (ASHA, Li et al. 2020).
+    """
+
+    settings: Mapping[str, tuple[str, tuple[Any, ...]]]
+    trials: int = 20
+    metric: str = "advance"
+    seed: int = 0
+    grace_steps: int = 20_000
+    reduction: int = 3
+
+    @classmethod
+    def from_document(cls, document: Any) -> Self:
+        """Read the entry ``search`` of a sweep.
+
+        Raises:
+            ValueError: naming what is wrong.
+        """
+        if not isinstance(document, dict) or not document.get("settings"):
+            raise ValueError(f"search must be a table with settings, got {show(document)}")
+        unknown = sorted(set(map(str, document)) - _SEARCH_KEYS)
+        if unknown:
+            raise ValueError(f"search has no entry {unknown[0]!r}; it has {', '.join(sorted(_SEARCH_KEYS))}")
+        table = document["settings"]
+        if not isinstance(table, dict) or len(table) > MAX_SETTINGS:
+            raise ValueError(f"search settings must be a table of at most {MAX_SETTINGS}, got {show(table)}")
+        for name, least in (("trials", 1), ("seed", 0), ("grace_steps", 1), ("reduction", 2)):
+            value = document.get(name, least)
+            if not isinstance(value, int) or isinstance(value, bool) or value < least:
+                raise ValueError(f"search {name} must be a whole number of at least {least}, got {show(value)}")
+        metric = document.get("metric", "advance")
+        if metric not in METRICS:
+            raise ValueError(f"search metric {show(metric)} is not one of {', '.join(METRICS)}")
+        settings = {str(name): _search_range(str(name), entry) for name, entry in table.items()}
+        return cls(settings, **{name: value for name, value in document.items() if name != "settings"})
+
+    def check(self, entries: Mapping[str, Any]) -> None:
+        """Check that the run that is searched takes both ends of every range.
+
+        Args:
+            entries: of the training whose settings are searched.
+
+        Raises:
+            ValueError: naming the setting.
+        """
+        for name, (kind, values) in self.settings.items():
+            if kind != "choice":
+                values = (values[0], values[1] - 1 if kind == "randint" else values[1])
+            for value in values:
+                TrainJob.from_entries(with_settings(entries, {name: value}))
+
+
+def with_settings(entries: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the entries of a training with settings of its preset changed."""
+    return {**entries, "set": {**entries.get("set", {}), **settings}}
+
+
+def _search_range(name: str, entry: Any) -> tuple[str, tuple[Any, ...]]:
+    if not isinstance(entry, dict) or len(entry) != 1 or next(iter(entry)) not in RANGE_KINDS:
+        raise ValueError(
+            f"search setting {name} must be one of {', '.join(RANGE_KINDS)} with its values, got {show(entry)}"
+        )
+    kind, values = next(iter(entry.items()))
+    if not isinstance(values, list) or not values:
+        raise ValueError(f"search setting {name}: {kind} must be a list of values, got {show(values)}")
+    if kind == "choice":
+        return kind, tuple(values)
+    numbers = [value for value in values if isinstance(value, int | float) and not isinstance(value, bool)]
+    low = numbers[0] if numbers else math.nan
+    if len(values) != 2 or len(numbers) != 2 or not low < numbers[1] or (kind == "loguniform" and not low > 0.0):
+        raise ValueError(f"search setting {name}: {kind} must be its lower and its upper end, got {show(values)}")
+    return kind, tuple(numbers)
 
 
 @dataclass(frozen=True)
@@ -35,7 +130,9 @@ class RunSpec:
         task: name in :data:`bike_training.sweeps.jobs.JOBS`.
         entries: its entries, as the file has them.
         varied: those of them that differ between the runs of the sweep, flat, ``set.gamma`` for a setting.
-        cores: processor cores that are kept for it. memory_gb: main memory that is kept for it, GB.
+        cores: processor cores that are kept for it.
+        memory_gb: main memory that is kept for it, GB.
+        estimate: processor time that it is expected to take, s.
     """
 
     task: str
@@ -43,6 +140,7 @@ class RunSpec:
     varied: Mapping[str, Any]
     cores: float
     memory_gb: float
+    estimate: float = 0.0
 
     @property
     def digest(self) -> str:
@@ -52,7 +150,7 @@ class RunSpec:
 
     @property
     def label(self) -> str:
-        """What tells it from the others, for people."""
+        """Text for people that sets it apart from the others."""
         return ",".join(f"{key.removeprefix('set.')}={_short(value)}" for key, value in self.varied.items())
 
     @property
@@ -64,14 +162,15 @@ class RunSpec:
     @property
     def name(self) -> str:
         """Name of its folder. The digest at its end finds it again when another sweep labels it otherwise."""
-        label = _UNSAFE.sub("_", self.label)[:LONGEST_LABEL].strip("_") or self.task
+        label = _UNSAFE.sub("_", self.label)[:LABEL_LENGTH].strip("_") or self.task
         return f"{label}-{self.digest}"
 
     def job(self) -> Job:
         """Return the run as something that can be done.
 
         Raises:
-            ValueError: an entry that is unknown or means nothing. FileNotFoundError: an unknown vehicle, course, rider.
+            ValueError: an entry that is unknown or means nothing.
+            FileNotFoundError: an unknown vehicle, course or rider.
         """
         return JOBS[self.task].from_entries(self.entries)
 
@@ -94,15 +193,19 @@ class Sweep:
     document: Mapping[str, Any] = field(default_factory=dict)
 
 
-def load_sweep(path: Path) -> Sweep:
+def load_sweep(path: Path, progress: Progress = iter) -> Sweep:
     """Read the file of a sweep and check every run of it.
+
+    Args:
+        path: the file.
+        progress: shows how many runs have been checked.
 
     Raises:
         FileNotFoundError: there is none, or a run names a vehicle, course or rider that does not exist.
         ValueError: it is no such file, or a run in it cannot be; names the entry.
     """
     try:
-        return sweep_from_document(parse_yaml(read_text(path, MAX_YAML_SIZE)), path.stem, path.parent)
+        return sweep_from_document(parse_yaml(read_text(path, MAX_YAML_SIZE)), path.stem, path.parent, progress)
     except FileNotFoundError as error:
         if error.filename is None:
             raise FileNotFoundError(f"sweep '{path}': {error}") from None
@@ -113,16 +216,18 @@ def load_sweep(path: Path) -> Sweep:
         ) from None
 
 
-def sweep_from_document(document: Any, name: str = "sweep", folder: Path = Path()) -> Sweep:
+def sweep_from_document(document: Any, name: str = "sweep", folder: Path = Path(), progress: Progress = iter) -> Sweep:
     """Return the sweep that a parsed file describes.
 
     Args:
         document: content of the file.
         name: where the file gives none.
         folder: files that an entry names are looked for here.
+        progress: as of `load_sweep`.
 
     Raises:
-        FileNotFoundError, ValueError: as `load_sweep`.
+        FileNotFoundError: as of `load_sweep`.
+        ValueError: as of `load_sweep`.
     """
     if not isinstance(document, dict):
         raise ValueError(f"a sweep is a table with task, base, grid or runs; got {show(document)}")
@@ -141,7 +246,7 @@ def sweep_from_document(document: Any, name: str = "sweep", folder: Path = Path(
         search.check(found[0][1])
     varied = _varied([_flat(entries) for _, entries in found])
     runs = []
-    for place, (task, entries) in enumerate(found):
+    for place, (task, entries) in enumerate(progress(found)):
         kind = JOBS[task]
         flat = _flat(entries)
         run = RunSpec(
@@ -152,7 +257,7 @@ def sweep_from_document(document: Any, name: str = "sweep", folder: Path = Path(
             _amount(document, "memory_gb", kind.memory_gb),
         )
         try:
-            run.job()
+            run = replace(run, estimate=run.job().estimate())
         except (ValueError, FileNotFoundError) as error:
             where = f"run {place + 1} of {len(found)}" + (f" ({run.label})" if run.label else "")
             raise type(error)(f"{where}: {error}") from None
@@ -175,8 +280,8 @@ def _expand(document: Mapping[str, Any]) -> list[tuple[str, dict[str, Any]]]:
     if not isinstance(listed, list) or not listed:
         raise ValueError(f"runs must be a list of tables, got {show(listed)}")
     count = len(listed) * math.prod(map(len, grid.values()))
-    if count > MOST_RUNS:
-        raise ValueError(f"{count} runs; a sweep has at most {MOST_RUNS}")
+    if count > MAX_RUNS:
+        raise ValueError(f"{count} runs; a sweep has at most {MAX_RUNS}")
     found = []
     for own, values in itertools.product(listed, itertools.product(*grid.values())):
         entries = _merged(base, dict(zip(grid, values, strict=True)))

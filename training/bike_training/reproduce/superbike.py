@@ -1,10 +1,13 @@
-"""What rides after learning, and what a run tells of its curriculum."""
+"""The experiments of the superbike paper (Sect. VI): SAC with SPDL and alone on three circuits, and their rides.
+
+Source: Self-Paced Curriculum Reinforcement Learning for Autonomous Superbike Racing in Simulation.
+"""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,19 +23,143 @@ from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.curricula.spdl import FASTEST, SLOWEST, Gaussian
 from bike_training.learning.presets import Preset
-from bike_training.reproduce.paper import Advance, Rows
-from bike_training.reproduce.superbike.data import Context, Data, Episodes, Laps, Moment, Transfer
-from bike_training.reproduce.superbike.experiment import CURRICULA, MACHINE, SuperbikeExperiment, circuit_of
+from bike_training.learning.run_settings import RunSettings
+from bike_training.reproduce.figures import SPDL_THRESHOLD, SUPERBIKE_FIGURES
+from bike_training.reproduce.paper import Advance, Experiment, Paper, Rows
+from bike_training.reproduce.superbike_results import (
+    ACTORS,
+    CIRCUITS,
+    MACHINE,
+    MACHINES,
+    STATEMENTS,
+    TABLES,
+    Context,
+    Data,
+    Episodes,
+    Laps,
+    Moment,
+    Transfer,
+    best_run,
+    circuit_of,
+    kind_of,
+    setting_of,
+)
 from bike_training.rollout.laps import ride_laps
 from bike_training.rollout.races import RaceResult, ride_races
-from bike_training.sweeps.training_job import TrainJob
+from bike_training.sweeps.jobs import TrainJob
 
-ACTORS: Final = ("early", "late", "best")
+CURRICULA: Final = {"spdl": "spdl", "sac": "target"}
+"""Curriculum by the first part of a setting's name: both arms draw from SPDL's target in the end."""
+EARLY: Final = 1150 / 1900
+"""The paper's early snapshot as a part of its run (Table I)."""
+PRESET: Final = "race_direct"
+ITERATION: Final = 5000
+"""Decisions between two updates of SPDL, as published, however long a run is."""
+
+CHECKPOINTS: Final = 20
+VALIDATIONS: Final = 200
+COMPARISONS: Final = 50
+"""Most of each in a long run: a checkpoint holds the whole replay buffer, the others ride for seconds."""
 EPISODES_EVERY: Final = 5
 """Rows of a run's log for each row of the table, so that it stays small enough to ship."""
 MOMENT_EVERY: Final = 5
 """Control periods of 20 ms for each row of a lap."""
 NONE: Final = -1.0
+SETTINGS: Final = tuple(setting_of(kind, circuit) for circuit in CIRCUITS for kind in CURRICULA)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SuperbikeExperiment(Experiment):
+    """Settings of the experiments.
+
+    Attributes:
+        settings: a curriculum on a circuit each.
+        steps: decisions of a run.
+        starts: rides of each actor, all around the circuit.
+        laps: flying laps of each of them.
+        machines: that actors ride without learning on them.
+        transfer_starts: rides on each, a flying lap each.
+        learner: further settings, as entries of a sweep.
+        threshold: expected return that SPDL keeps.
+        iteration: decisions between two updates of SPDL.
+    """
+
+    settings: tuple[str, ...] = SETTINGS
+    steps: int = 300_000
+    starts: int = 8
+    laps: int = 3
+    machines: tuple[str, ...] = MACHINES
+    transfer_starts: int = 4
+    learner: tuple[tuple[str, Any], ...] = ()
+    threshold: float = SPDL_THRESHOLD
+    iteration: int = ITERATION
+
+    @property
+    def title(self) -> str:
+        """Name of the sweep."""
+        return "superbike paper"
+
+    @property
+    def early(self) -> int:
+        """Learning step of the early snapshot."""
+        return max(1, round(EARLY * self.steps))
+
+    def base(self) -> dict[str, Any]:
+        """Return the entries of every run."""
+        learner = {
+            "curriculum.validate_every": max(10_000, self.steps // VALIDATIONS),
+            "curriculum.select_every": max(50_000, self.steps // COMPARISONS),
+            "curriculum.spread": 0.0,
+            **dict(self.learner),
+        }
+        return {
+            "vehicle": MACHINE,
+            "preset": PRESET,
+            "steps": self.steps,
+            "keep_every": self.early,
+            "checkpoint_every": max(RunSettings.checkpoint_every, self.steps // CHECKPOINTS),
+            "set": learner,
+        }
+
+    def entries(self, setting: str) -> dict[str, Any]:
+        """Return the entries of the runs of a setting."""
+        kind = CURRICULA[kind_of(setting)]
+        spdl = {"curriculum.threshold": self.threshold} if kind == "spdl" else {}
+        return {
+            "set": {
+                "curriculum": kind,
+                "curriculum.circuits": [circuit_of(setting)],
+                "curriculum.iteration": self.iteration,
+                **spdl,
+            }
+        }
+
+
+QUICK: Final = SuperbikeExperiment(
+    settings=SETTINGS[:2],
+    seeds=(0,),
+    steps=400,
+    starts=2,
+    laps=1,
+    machines=(MACHINE, "r1"),
+    transfer_starts=1,
+    learner=(
+        ("learner", "sb3"),
+        ("learner.layers", [8]),
+        ("learner.layer_norm", False),
+        ("learner.batch_size", 16),
+        ("learner.buffer_size", 2000),
+        ("learner.learning_starts", 20),
+        ("learner.environments", 4),
+        ("learner.updates", 1),
+        ("task.max_steps", 10),
+        ("curriculum.validate_every", 200),
+        ("task.validation_duration", 2.0),
+    ),
+    iteration=100,
+    threshold=-1000.0,
+)
+"""Tries the whole way in seconds; it learns nothing, and its threshold lets SPDL go on all the same."""
 
 
 def ride(folder: Path, setting: str, seed: int, experiment: SuperbikeExperiment, advance: Advance) -> Rows | None:
@@ -44,13 +171,15 @@ def ride(folder: Path, setting: str, seed: int, experiment: SuperbikeExperiment,
     laps: list[Laps] = []
     for name, (step, bundle) in actors.items():
         result = ride_races(bundle, MACHINE, circuit, experiment.starts, experiment.laps)
-        laps.append(_laps(result, setting, seed, name, step))
+        mean, best = _mean_and_best(result)
+        counts = result.rides, result.whole, result.falls, result.walls, result.finished
+        laps.append(Laps(setting, seed, name, step, *counts, mean, best, result.line, result.outside / result.rides))
         advance()
     transfers: list[Transfer] = []
     for machine in experiment.machines if "best" in actors else ():
         result = ride_races(actors["best"][1], machine, circuit, experiment.transfer_starts, 1)
         median = float(np.median(result.times)) if result.times else NONE
-        best = min(result.times, default=NONE)
+        _, best = _mean_and_best(result)
         transfers.append(Transfer(setting, seed, circuit, machine, result.rides, result.whole, best, median))
         advance()
     return {
@@ -59,11 +188,6 @@ def ride(folder: Path, setting: str, seed: int, experiment: SuperbikeExperiment,
         "contexts": contexts(folder, setting, seed),
         "episodes": _episodes(folder, setting, seed),
     }
-
-
-def rides_of(experiment: SuperbikeExperiment) -> int:
-    """Return how many times `ride` advances for a run that has all its actors."""
-    return len(ACTORS) + len(experiment.machines)
 
 
 def deployed(folder: Path, experiment: SuperbikeExperiment) -> dict[str, tuple[int, Bundle]] | None:
@@ -75,7 +199,7 @@ def deployed(folder: Path, experiment: SuperbikeExperiment) -> dict[str, tuple[i
 
     Args:
         folder: of the run.
-        experiment: what is done.
+        experiment: its settings.
     """
     from bike_training.learning.checkpoint import Checkpoint, find_checkpoint  # late: PyTorch takes seconds
     from bike_training.learning.progress import chosen_actor
@@ -101,29 +225,14 @@ def deployed(folder: Path, experiment: SuperbikeExperiment) -> dict[str, tuple[i
     return {name: (step, _bundle(name, actor, preset)) for name, (step, actor) in found.items()}
 
 
+def _mean_and_best(result: RaceResult) -> tuple[float, float]:
+    return (float(np.mean(result.times)), min(result.times)) if result.times else (NONE, NONE)
+
+
 def _bundle(name: str, actor: Actor, preset: Preset) -> Bundle:
     vehicle = load_vehicle(MACHINE)
     action = preset.task.action
     return Bundle(name, actor, preset.deployed_layout, action, vehicle.name, vehicle.control_period)
-
-
-def _laps(result: RaceResult, setting: str, seed: int, actor: str, step: int) -> Laps:
-    mean = float(np.mean(result.times)) if result.times else NONE
-    return Laps(
-        setting,
-        seed,
-        actor,
-        step,
-        result.rides,
-        result.whole,
-        result.falls,
-        result.walls,
-        result.finished,
-        mean,
-        min(result.times, default=NONE),
-        result.line,
-        result.outside / result.rides,
-    )
 
 
 def contexts(folder: Path, setting: str, seed: int) -> list[Context]:
@@ -165,19 +274,13 @@ def _episodes(folder: Path, setting: str, seed: int) -> list[Episodes]:
     return rows[::EPISODES_EVERY]
 
 
-def best_run(data: Data, setting: str, actor: str = "best") -> int | None:
-    """Return the seed of the run whose actor rode most rides whole, and of these the quickest; None without one."""
-    rows = [row for row in data.laps if (row.setting, row.actor) == (setting, actor) and row.whole]
-    return min(rows, key=lambda row: (-row.whole / row.rides, row.mean)).seed if rows else None
-
-
-def look_closely(data: Data, folders: Mapping[tuple[str, int], Path], experiment: SuperbikeExperiment) -> Data:
+def add_details(data: Data, folders: Mapping[tuple[str, int], Path], experiment: SuperbikeExperiment) -> Data:
     """Return the tables with a flying lap of the best run of each setting on the first circuit (Figs. 3 and 4).
 
     Args:
         data: of runs and rides.
         folders: of the runs that rode, by setting and seed.
-        experiment: what is done.
+        experiment: its settings.
     """
     moments: list[Moment] = []
     for kind in CURRICULA:
@@ -219,3 +322,25 @@ def flying_lap(bundle: Bundle, setting: str, seed: int) -> Sequence[Moment]:
     rider = RacingRider(bundle)
     ride_laps(MACHINE, circuit_of(setting), 1, rider=rider, engine=SUPERBIKE_ENGINE, tell=tell)
     return moments
+
+
+SUPERBIKE: Final[Paper[SuperbikeExperiment, Data]] = Paper(
+    name="superbike",
+    experiment=SuperbikeExperiment(),
+    quick=QUICK,
+    tables=Data,
+    error="mean_excess",
+    unit=1.0,
+    ridden=("laps", "transfers", "contexts", "episodes"),
+    rides=lambda experiment: len(ACTORS) + len(experiment.machines),
+    ride=ride,
+    add_details=add_details,
+    choose=choose,
+    statements=STATEMENTS,
+    figures=SUPERBIKE_FIGURES,
+    written=TABLES,
+    counts=lambda data: {
+        "rides": sum(row.rides for row in data.laps),
+        "rides_completed": sum(row.whole for row in data.laps),
+    },
+)

@@ -1,1 +1,0 @@
-"""The bicycle paper: Weyrer et al. (2026)."""

@@ -1,0 +1,485 @@
+"""Figures of both papers, drawn from the tables alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from operator import itemgetter
+from typing import Any, Final
+
+import numpy as np
+
+from bike_sim.course.course import Course
+from bike_sim.course.files import load_course, load_track
+from bike_sim.course.track import Corner, Track
+from bike_sim.planning.envelope import envelope
+from bike_sim.planning.line_cache import track_with_line
+from bike_sim.vehicles.files import load_superbike
+from bike_training.explain.drawing import SYMBOLS
+from bike_training.reproduce import bicycle_results as bicycle
+from bike_training.reproduce import superbike_results as superbike
+from bike_training.reproduce.bicycle_results import Impact, Instant, controller_1, finished_at, mean_distance, weights
+from bike_training.reproduce.statement import interval
+from bike_training.reproduce.superbike_results import (
+    CIRCUITS,
+    KINDS,
+    MACHINE,
+    Context,
+    Moment,
+    circuit_of,
+    overshoots,
+    path_of,
+    setting_of,
+)
+
+_SETTINGS: Final = ("prop", "alt1", "alt2", "alt3", "alt4", "alt5")
+_COLOURS: Final = {name: f"C{place}" for names in (_SETTINGS, KINDS) for place, name in enumerate(names)}
+"""Of the settings of both papers."""
+
+# ----------------------------------------------------------------------------------------------- the bicycle paper
+
+_SMOOTH: Final = 3
+"""Validations of the moving average of Fig. 9; the paper, whose runs are ten times as long, takes 20."""
+_LEARNING: Final = ("prop", "alt1", "alt2", "alt5")
+"""Settings of Fig. 9; with the others nothing could be told apart."""
+
+
+def _settings(data: bicycle.Data) -> list[str]:
+    known = {run.setting for run in data.runs}
+    return [name for name in _SETTINGS if name in known]
+
+
+def _steps(data: bicycle.Data, plt: Any) -> Any:
+    """Fig. 8: learning steps until the curriculum is ended, dots for runs, bars for means with 95 % intervals."""
+    figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
+    names = _settings(data)
+    for place, name in enumerate(names):
+        done = finished_at(data, name)
+        if len(done):
+            low, high = interval(done)
+            axes.bar(place, done.mean(), color=_COLOURS[name], alpha=0.4)
+            axes.plot([place, place], [low, high], color="k", lw=1)
+            axes.plot(np.full(len(done), place), done, "o", color=_COLOURS[name])
+        open_runs = [run.steps for run in data.runs if run.setting == name and run.finished_at < 0]
+        axes.plot(np.full(len(open_runs), place), open_runs, "x", color=_COLOURS[name])
+    marked = [
+        f"{name}{'*' if any(r.setting == name and r.finished_at < 0 for r in data.runs) else ''}" for name in names
+    ]
+    axes.set_xticks(range(len(names)), marked)
+    axes.set(
+        ylabel="learning steps", title="Fig. 8: steps to the end of the curriculum (*, x: not ended)", ylim=(0, None)
+    )
+    return figure
+
+
+def _learning(data: bicycle.Data, plt: Any) -> Any:
+    """Fig. 9: validation error with its range over the runs, and the parts of the runs."""
+    figure, (top, bottom) = plt.subplots(2, 1, figsize=(7, 7), sharex=True, layout="constrained")
+    for name in [name for name in _settings(data) if name in _LEARNING]:
+        curves = []
+        for seed in sorted({run.seed for run in data.runs if run.setting == name}):
+            rows = sorted(
+                (row for row in data.validations if (row.setting, row.seed) == (name, seed)), key=lambda row: row.step
+            )
+            if not rows:
+                continue
+            steps = np.array([row.step for row in rows], float)
+            curves.append((steps, _averaged([row.error for row in rows])))
+            ends = [run.finished_at for run in data.runs if (run.setting, run.seed) == (name, seed)]
+            parts = [*((row.step, row.part) for row in rows), *((end, 5) for end in ends if end >= 0)]
+            bottom.step(*zip(*parts, strict=True), where="post", color=_COLOURS[name], lw=1)
+        if curves:
+            grid = np.linspace(min(c[0][0] for c in curves), max(c[0][-1] for c in curves), 200)
+            each = np.array([np.interp(grid, *curve, left=np.nan, right=np.nan) for curve in curves])
+            known = np.isfinite(each).any(axis=0)
+            mean, low, high = (rule(each[:, known], axis=0) for rule in (np.nanmean, np.nanmin, np.nanmax))
+            top.plot(grid[known], mean, color=_COLOURS[name], label=name)
+            top.fill_between(grid[known], low, high, color=_COLOURS[name], alpha=0.2)
+    top.set(ylabel="validation error e", title="Fig. 9: learning", ylim=(0, None))
+    if top.has_data():
+        top.legend()
+    bottom.set(ylabel="part of the curriculum", xlabel="learning steps", yticks=(1, 2, 3, 4, 5))
+    return figure
+
+
+def _averaged(values: Sequence[float]) -> Any:
+    """Return the mean of the last validations at each one."""
+    sums = np.cumsum(np.concatenate([[0.0], values]))
+    last = np.arange(1, len(sums))
+    first = np.maximum(last - _SMOOTH, 0)
+    return (sums[last] - sums[first]) / (last - first)
+
+
+def _distances(data: bicycle.Data, plt: Any) -> Any:
+    """Fig. 10: T(v) on random paths and on the benchmark path, and mean and maximum of the best controllers."""
+    figure, (top, middle, bottom) = plt.subplots(3, 1, figsize=(7, 10), sharex=True, layout="constrained")
+    for axes, course, kind in ((top, "random", "paths"), (middle, "benchmark", "path")):
+        for name in _settings(data):
+            points = mean_distance(data, name, course)
+            if not points:
+                continue
+            axes.plot(list(points), [mean for mean, _ in points.values()], ":", color=_COLOURS[name], lw=1)
+            for speed, (mean, whole) in points.items():
+                axes.plot(speed, mean, "o", color=_COLOURS[name], alpha=1.0 if whole else 0.3, ms=4)
+            axes.plot([], [], "o", color=_COLOURS[name], label=name)
+        axes.set(ylabel="T(v) / m", title=f"Fig. 10: {course} {kind} (pale: a controller fails)", ylim=(0, None))
+        if axes.has_data():
+            axes.legend()
+    for name in ("prop", "alt3"):
+        seed = controller_1(data, name)
+        rides = [r for r in data.rides if (r.setting, r.seed, r.course) == (name, seed, "benchmark")]
+        speeds = [ride.speed for ride in rides]
+        if rides:
+            bottom.plot(speeds, [ride.mean for ride in rides], "o-", color=_COLOURS[name], ms=3, label=f"{name}: mean")
+            bottom.plot(speeds, [r.largest for r in rides], "s--", color=_COLOURS[name], ms=3, label=f"{name}: maximum")
+    if bottom.has_data():
+        bottom.legend()
+    bottom.set(xlabel="v / (m/s)", ylabel="distance / m", title="controller 1 on the benchmark path", ylim=(0, None))
+    return figure
+
+
+def _junction(data: bicycle.Data, plt: Any) -> Any:
+    """Fig. 11: tracks of the front contacts, and of the rear ones dotted."""
+    figure, axes = plt.subplots(figsize=(7, 6), layout="constrained")
+    course = load_course("junction")
+    axes.plot(course.x, course.y, color="0.6", lw=4, label="path")
+    for place, name in enumerate(dict.fromkeys(row.rider for row in data.tracks)):
+        rows = [row for row in data.tracks if row.rider == name]
+        colour = _COLOURS.get(name, f"C{6 + place}")
+        axes.plot([row.front_x for row in rows], [row.front_y for row in rows], color=colour, label=name)
+        axes.plot([row.x for row in rows], [row.y for row in rows], ":", color=colour, lw=1)
+    axes.set(xlabel="x / m", ylabel="y / m", title="Fig. 11: junction at 4 m/s (dotted: rear contact)")
+    axes.set(aspect="equal", xlim=(-4.0, 20.0), ylim=(-12.0, 5.0))
+    axes.legend(loc="lower right")
+    return figure
+
+
+_LENGTH: Final = 200.0
+"""Of the benchmark path in Fig. 12, m."""
+_PREVIEW: Final = 4.0 * 0.4
+"""Distance of preview points at 4 m/s, m (Eq. 14)."""
+_SHOWN: Final = 8
+"""Rows of Fig. 14 for each policy."""
+_FRAMES: Final = (
+    ("a", "full circle", -3.0),
+    ("b", "slalom", 23.6),
+    ("c", "flat curve", 31.4),
+    ("d", "soft lane change", 2.0),
+    ("e", "hard lane change", 2.0),
+    ("f", "hard lane change", 9.0),
+)
+"""Frames of Fig. 13: name, section, and how far into it (m). The paper shows them, but gives no numbers."""
+
+
+def _roll_and_steer(data: bicycle.Data, plt: Any) -> Any:
+    """Fig. 12: roll, steer and the negated curvature over the first 200 m, and the start of the full circle."""
+    figure, (whole, close) = plt.subplots(1, 2, figsize=(11, 4), layout="constrained", width_ratios=(5, 2))
+    course = load_course("benchmark")
+    rows = [row for row in data.ride if row.progress <= _LENGTH]
+    begin = dict(course.sections)["full circle"]
+    for axes, shown in ((whole, rows), (close, [row for row in rows if begin - 5.0 <= row.progress <= begin + 7.0])):
+        along = [row.progress for row in shown]
+        axes.axhline(0.0, color="0.8", lw=0.8)
+        axes.plot(along, np.degrees([row.roll for row in shown]), color="C0", label="roll φ / °")
+        axes.plot(along, np.degrees([row.steer for row in shown]), color="C1", label="steer δ / °")
+        axes.set_xlabel("along the path / m")
+    turn = whole.twinx()
+    turn.plot([row.progress for row in rows], [-row.curvature for row in rows], "k:", lw=1, label="-κ / (1/m)")
+    turn.set_ylabel("-κ / (1/m)")
+    handles, names = (
+        a + b for a, b in zip(whole.get_legend_handles_labels(), turn.get_legend_handles_labels(), strict=True)
+    )
+    whole.legend(handles, names, loc="lower right", fontsize="small")
+    whole.set(ylabel="angle / °", title="Fig. 12: controller 1 of prop. on the benchmark path at 4 m/s")
+    close.axvline(begin, color="k", ls=":", lw=1)
+    close.set_title("before the full circle")
+    return figure
+
+
+def _frames(data: bicycle.Data, plt: Any) -> Any:
+    """Fig. 13: track of the rear contact, and six instants from above with the preview points."""
+    figure, axes = plt.subplot_mosaic("TTT;abc;def", figsize=(9, 10), layout="constrained", height_ratios=(4, 3, 3))
+    course = load_course("benchmark")
+    track = axes["T"]
+    track.plot(course.x, course.y, color="0.75", lw=3, label="path")
+    track.plot([row.x for row in data.ride], [row.y for row in data.ride], color="C0", lw=1, label="rear contact P")
+    sections = dict(course.sections)
+    for name, section, into in _FRAMES:
+        if not data.ride:
+            break
+        row = min(data.ride, key=lambda row: abs(row.progress - sections[section] - into))
+        track.annotate(f"({name})", (row.x, row.y), xytext=(6, 6), textcoords="offset points")
+        track.plot(row.x, row.y, "k.", ms=6)
+        _frame(axes[name], course, data, row)
+        axes[name].set_title(
+            f"({name}) φ {np.degrees(row.roll):+.1f}°, δ {np.degrees(row.steer):+.1f}°", fontsize="small"
+        )
+    track.set(aspect="equal", xlabel="x / m", ylabel="y / m", title="Fig. 13: controller 1 of prop. at 4 m/s")
+    track.legend(loc="best")
+    return figure
+
+
+def _frame(axes: Any, course: Course, data: bicycle.Data, row: Instant) -> None:
+    """Draw a bicycle from above: its wheelbase, the path, its track so far, and the preview points."""
+    axes.plot(course.x, course.y, color="0.75", lw=3)
+    axes.plot([each.x for each in data.ride], [each.y for each in data.ride], color="C0", lw=1)
+    ahead = [row.progress + k * _PREVIEW for k in range(5)]
+    axes.plot(np.interp(ahead, course.s, course.x), np.interp(ahead, course.s, course.y), "o", color="C3", ms=4)
+    axes.plot([row.x, row.front_x], [row.y, row.front_y], "k-o", lw=3, ms=4)
+    middle_x, middle_y = np.interp(ahead[2], course.s, course.x), np.interp(ahead[2], course.s, course.y)
+    axes.set(aspect="equal", xlim=(middle_x - 5.0, middle_x + 5.0), ylim=(middle_y - 5.0, middle_y + 5.0))
+    axes.tick_params(labelsize="x-small")
+
+
+def _impact(data: bicycle.Data, plt: Any) -> Any:
+    """Fig. 14: SHAP values of each observation, of controller 1 of prop. and of other actors."""
+    policies = list(dict.fromkeys(row.policy for row in data.impacts)) or ["prop"]
+    count = len(policies)
+    figure, row_of_axes = plt.subplots(1, count, figsize=(6 * count, 4.5), layout="constrained", squeeze=False)
+    dots = None
+    for axes, policy in zip(row_of_axes[0], policies, strict=True):
+        means = weights(data.impacts, policy)
+        total = sum(means.values()) or 1.0
+        names = list(means)[:_SHOWN]
+        for place, name in enumerate(names):
+            dots = _swarm(axes, place, [row for row in data.impacts if (row.policy, row.feature) == (policy, name)])
+        labels = [f"{SYMBOLS.get(name, name)}\n{means[name] / total:.0%}" for name in names]
+        axes.axvline(0.0, color="0.8", lw=0.8, zorder=0)
+        axes.set_yticks(range(len(names)), labels, fontsize="small")
+        axes.invert_yaxis()
+        others = sum(list(means.values())[_SHOWN:]) / total
+        axes.set(xlabel="SHAP value / °", title=f"Fig. 14: {policy}, {len(means) - len(names)} others {others:.0%}")
+    if dots is not None:
+        figure.colorbar(dots, ax=row_of_axes[0][-1], label="value of the feature, low to high", ticks=[])
+    return figure
+
+
+def _swarm(axes: Any, place: int, rows: list[Impact]) -> Any:
+    """Draw one dot an observation; those of like values spread around their row."""
+    shares = np.degrees([row.shap for row in rows])
+    values = np.array([row.value for row in rows])
+    spread = np.ptp(values)
+    colours = (values - values.min()) / spread if spread else np.full(len(values), 0.5)
+    height = np.random.default_rng(place).uniform(-0.25, 0.25, len(rows))
+    return axes.scatter(shares, place + height, c=colours, cmap="coolwarm", vmin=0.0, vmax=1.0, s=9)
+
+
+def _step_response(data: bicycle.Data, plt: Any) -> Any:
+    """Fig. 16: step response of the steering angle, and the largest value that is allowed."""
+    figure, axes = plt.subplots(figsize=(6, 3.5), layout="constrained")
+    time = [row.time for row in data.steering]
+    axes.plot(time, [row.whipple for row in data.steering], label="compiled bicycle")
+    axes.plot(time, [row.pybullet for row in data.steering], "--", label="PyBullet")
+    axes.axhline(70.0, color="k", lw=0.8, label="set point")
+    axes.axhline(77.0, color="k", ls=":", lw=1, label="largest allowed")
+    axes.set(xlabel="t / s", ylabel="δ / °", title="Fig. 16: steering step from standstill", ylim=(0, None))
+    axes.legend(loc="lower right")
+    return figure
+
+
+BICYCLE_FIGURES: Final = {
+    "fig8.png": _steps,
+    "fig9.png": _learning,
+    "fig10.png": _distances,
+    "fig11.png": _junction,
+    "fig12.png": _roll_and_steer,
+    "fig13.png": _frames,
+    "fig14.png": _impact,
+    "fig16.png": _step_response,
+}
+"""Functions that draw the figures of the bicycle paper, by their files."""
+
+# --------------------------------------------------------------------------------------------- the superbike paper
+
+SPDL_THRESHOLD: Final = 300.0
+"""Expected return that SPDL keeps; with 500 it stayed at its first distribution, whose episodes return 390 to 424."""
+_AROUND: Final = 80.0
+"""Length that is drawn before and behind a corner, m."""
+_ELLIPSES: Final = 7
+"""Distributions that are drawn of a run."""
+
+
+def _limits(axes: Any, track: Track, progress: Any) -> None:
+    """Draw the limits of a circuit, or of a part of it."""
+    for offset in (track.at(track.width_left, progress), -track.at(track.width_right, progress)):
+        axes.plot(*track.points(progress, offset)[:, :2].T, color="0.7", lw=1)
+
+
+def _coloured(axes: Any, moments: Sequence[Moment], shared: tuple[float, float]) -> Any:
+    """Draw a ride coloured by its speed."""
+    from matplotlib.collections import LineCollection
+
+    points = np.array([(row.x, row.y) for row in moments])
+    parts = np.stack([points[:-1], points[1:]], axis=1)
+    line = LineCollection(list(parts), cmap="turbo", linewidths=2.5)
+    line.set_array(np.array([row.speed for row in moments[:-1]]))
+    line.set_clim(*shared)
+    axes.add_collection(line)
+    axes.set(aspect="equal")
+    axes.autoscale_view()
+    return line
+
+
+def _rode(data: superbike.Data) -> dict[str, list[Moment]]:
+    found: dict[str, list[Moment]] = {}
+    for row in data.moments:
+        found.setdefault(row.setting, []).append(row)
+    return {name: rows for name, rows in found.items() if len(rows) > 1}
+
+
+def _speed_range(rode: dict[str, list[Moment]]) -> tuple[float, float]:
+    speeds = [row.speed for rows in rode.values() for row in rows]
+    return min(speeds), max(speeds)
+
+
+def _lap(data: superbike.Data, plt: Any) -> Any:
+    """Fig. 3: a flying lap of the best run of each setting, coloured by speed."""
+    rode, track = _rode(data), load_track(CIRCUITS[0])
+    names = list(rode) or ["spdl"]
+    figure, axes = plt.subplots(1, len(names), figsize=(6 * len(names), 5), layout="constrained", squeeze=False)
+    line = None
+    for each, name in zip(axes[0], names, strict=True):
+        _limits(each, track, np.linspace(0.0, track.length, 2000, endpoint=False))
+        if name in rode:
+            line = _coloured(each, rode[name], _speed_range(rode))
+            each.set_title(f"Fig. 3: {name.upper()}, seed {rode[name][0].seed}, to {rode[name][-1].time:.1f} s")
+        each.set(xlabel="x / m", ylabel="y / m", aspect="equal")
+    if line is not None:
+        figure.colorbar(line, ax=axes[0][-1], label="speed / (m/s)")
+    return figure
+
+
+def _widest(data: superbike.Data, track: Track) -> Corner:
+    found = overshoots(data, "spdl") or overshoots(data, "sac")
+    if not found:
+        return track.corners[0]
+    name = max(found, key=lambda each: found[each])
+    return next(corner for corner in track.corners if corner.name == name)
+
+
+def _overshoot(data: superbike.Data, plt: Any) -> Any:
+    """Fig. 4: the corner in which SPDL runs widest, with limits and ideal line, and the distance to it."""
+    machine = load_superbike(MACHINE)
+    rode, track = _rode(data), track_with_line(CIRCUITS[0], envelope(machine))
+    corner = _widest(data, track)
+    begin, end = corner.begin - _AROUND, corner.end + _AROUND
+    figure, (map_axes, error_axes) = plt.subplots(1, 2, figsize=(12, 5), layout="constrained")
+    along = np.linspace(begin, end, 400)
+    _limits(map_axes, track, along)
+    assert track.ideal is not None, "it was computed"
+    map_axes.plot(*track.points(along, track.at(track.ideal, along))[:, :2].T, "k--", lw=1, label="ideal line")
+    sign = 1.0 if corner.angle > 0.0 else -1.0
+    for name, rows in rode.items():
+        placed = [(row, begin + (row.progress - begin) % track.length) for row in rows]
+        placed = sorted(((row, at) for row, at in placed if at <= end), key=itemgetter(1))
+        shown, at = [row for row, _ in placed], [at for _, at in placed]
+        if len(shown) < 2:
+            continue
+        if name == "spdl":
+            figure.colorbar(_coloured(map_axes, shown, _speed_range(rode)), ax=map_axes, label="speed / (m/s)")
+        else:
+            map_axes.plot(
+                [row.x for row in shown], [row.y for row in shown], ":", color="k", lw=1.5, label=name.upper()
+            )
+        distance = [-sign * row.error for row in shown]
+        error_axes.plot(at, distance, color=_COLOURS[name], label=name.upper())
+    error_axes.axvspan(corner.begin, corner.end, color="0.92", zorder=0)
+    error_axes.axhline(0.0, color="0.6", lw=0.8)
+    error_axes.set(xlabel="along the circuit / m", ylabel="outside of the ideal line / m", title="inside below 0")
+    map_axes.set(xlabel="x / m", ylabel="y / m", title=f"Fig. 4: corner {corner.name} (coloured: SPDL)", aspect="equal")
+    map_axes.legend()
+    if error_axes.get_legend_handles_labels()[0]:
+        error_axes.legend()
+    return figure
+
+
+def _circuits(data: superbike.Data) -> list[str]:
+    """Circuits that were learned on, in the paper's order; the first one where there is none."""
+    learned_on = {circuit_of(run.setting) for run in data.runs}
+    return [circuit for circuit in CIRCUITS if circuit in learned_on] or [CIRCUITS[0]]
+
+
+def learning(data: superbike.Data, plt: Any) -> Any:
+    """Return of the last 100 episodes, and excess of validations, a column for each circuit."""
+    circuits = _circuits(data)
+    size = (2.0 + 4.5 * len(circuits), 7.0)
+    figure, axes = plt.subplots(
+        2, len(circuits), figsize=size, sharex="col", sharey="row", layout="constrained", squeeze=False
+    )
+    for (top, bottom), circuit in zip(axes.T, circuits, strict=True):
+        _learned(data, circuit, top, bottom)
+        top.set(title=circuit)
+        bottom.set(xlabel="decisions", ylim=(0.0, 1.05))
+    axes[0, 0].set(ylabel="return of an episode")
+    axes[0, 0].legend()
+    axes[1, 0].set(ylabel="excess of validations (1: not whole)")
+    figure.suptitle("Learning, each run (dotted: early snapshot)")
+    return figure
+
+
+def _learned(data: superbike.Data, circuit: str, top: Any, bottom: Any) -> None:
+    """Draw the runs on a circuit: returns above, validations below."""
+    for kind in KINDS:
+        colour, name = _COLOURS[kind], setting_of(kind, circuit)
+        top.plot([], [], color=colour, label=kind.upper())
+        for seed in sorted({run.seed for run in data.runs if run.setting == name}):
+            rows = [row for row in data.episodes if (row.setting, row.seed) == (name, seed)]
+            top.plot([row.step for row in rows], [row.total for row in rows], color=colour, lw=1, alpha=0.7)
+            found = [row for row in data.validations if (row.setting, row.seed) == (name, seed)]
+            steps, errors = [row.step for row in found], [row.error for row in found]
+            bottom.plot(steps, errors, ".-", color=colour, lw=1, ms=4, alpha=0.7)
+    early = [row.step for row in data.laps if row.actor == "early" and circuit_of(row.setting) == circuit]
+    for axes in (top, bottom) if early else ():
+        axes.axvline(early[0], color="0.7", ls=":", lw=1)
+
+
+def _distribution(data: superbike.Data, plt: Any) -> Any:
+    """SPDL's context over its updates on one circuit: means, divergence and value, and ellipses of a run."""
+    circuit = _circuits(data)[0]
+    figure, axes = plt.subplots(2, 2, figsize=(11, 8), layout="constrained")
+    figure.suptitle(circuit)
+    paths = path_of(data, setting_of("spdl", circuit))
+    for seed, path in paths.items():
+        steps = [row.step for row in path]
+        colour = f"C{seed}"
+        axes[0, 0].plot(steps, [row.kl for row in path], color=colour, label=f"seed {seed}")
+        axes[0, 1].plot(steps, [row.value for row in path], color=colour)
+        axes[1, 0].plot(steps, [row.v_max for row in path], color=colour)
+        twin = [25.0 + 65.0 * row.d_median for row in path]
+        axes[1, 0].plot(steps, twin, ":", color=colour)
+    axes[0, 0].set(ylabel="divergence from the target / nat", title="Divergence")
+    axes[0, 1].axhline(SPDL_THRESHOLD, color="k", ls=":", lw=1)
+    axes[0, 1].set(ylabel="expected return", title="Value that SPDL sees (dotted: threshold)")
+    axes[1, 0].set(xlabel="decisions", ylabel="mean speed limit / (m/s)", title="Means (dotted: d_median, 0 to 1)")
+    if paths:
+        axes[0, 0].legend()
+        axes[0, 0].set_yscale("log")
+        first = min(paths)
+        _ellipses(axes[1, 1], paths[first])
+        axes[1, 1].set_title(f"Seed {first}: ellipses of one standard deviation")
+    axes[1, 1].set(xlabel="speed limit / (m/s)", ylabel="d_median")
+    return figure
+
+
+def _ellipses(axes: Any, path: Sequence[Context]) -> None:
+    """Draw the distribution of speed limit and d_median of some updates, the last one darkest."""
+    chosen = np.unique(np.linspace(0, len(path) - 1, _ELLIPSES).round().astype(int))
+    angle = np.linspace(0.0, 2.0 * np.pi, 80)
+    for number in chosen:
+        row = path[number]
+        shade = 0.25 + 0.75 * number / max(1, len(path) - 1)
+        # Cholesky factor of the covariance of (v_max, d_median).
+        across = row.correlation * np.cos(angle) + np.sqrt(max(0.0, 1.0 - row.correlation**2)) * np.sin(angle)
+        x = row.v_max + row.std_v_max * np.cos(angle)
+        axes.plot(x, row.d_median + row.std_d_median * across, color="C0", alpha=shade)
+        axes.plot(row.v_max, row.d_median, ".", color="C0", alpha=shade)
+        axes.annotate(str(row.iteration), (row.v_max, row.d_median), fontsize="x-small")
+    axes.plot(90.0, 1.0, "k*", ms=10)
+
+
+SUPERBIKE_FIGURES: Final = {
+    "fig3.png": _lap,
+    "fig4.png": _overshoot,
+    "learning.png": learning,
+    "distribution.png": _distribution,
+}
+"""Functions that draw the figures of the superbike paper, by their files."""

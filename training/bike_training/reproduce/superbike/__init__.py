@@ -1,1 +1,0 @@
-"""The superbike paper: SAC with a self-paced curriculum, and without."""

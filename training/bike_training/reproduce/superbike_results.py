@@ -1,0 +1,550 @@
+"""Tables of the superbike paper's experiments, its statements, and its tables as Markdown."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from bike_analysis.figures.numbers import lap_text
+from bike_sim.course.files import load_track
+from bike_training.reproduce.data import Run, RunRow, Tables, table
+from bike_training.reproduce.statement import (
+    MIN_RUNS,
+    FloatArray,
+    NothingFound,
+    Verdict,
+    interval,
+    markdown,
+    some,
+    statements,
+    with_interval,
+)
+from bike_training.rollout.races import RaceResult
+
+MACHINE: Final = "panigale_v4r"
+MACHINES: Final = (MACHINE, "zx10rr", "cbr1000rr_r", "r1", "m1000rr")
+"""Of Table III; the first one learns."""
+CIRCUITS: Final = ("barcelona", "cremona", "phillip_island")
+KINDS: Final = ("spdl", "sac")
+"""Curricula that are compared; the first part of a setting's name."""
+ACTORS: Final = ("early", "late", "best")
+
+
+def kind_of(setting: str) -> str:
+    """Return ``spdl`` or ``sac``."""
+    return setting.partition("_")[0]
+
+
+def circuit_of(setting: str) -> str:
+    """Return the circuit of a setting."""
+    return setting.partition("_")[2] or CIRCUITS[0]
+
+
+def setting_of(kind: str, circuit: str) -> str:
+    """Return the setting of ``spdl`` or ``sac`` on a circuit."""
+    return kind if circuit == CIRCUITS[0] else f"{kind}_{circuit}"
+
+
+@dataclass(frozen=True)
+class Laps(RunRow):
+    """Rides of an actor on the circuit and the machine that it learned on (Tables I and II).
+
+    Attributes:
+        actor: ``early``, ``late`` or ``best``.
+        step: learning step that it is of.
+        rides: number of starts.
+        whole: rides that finished all laps with never both contact points outside the limits.
+        falls: rides that ended with a fall.
+        walls: rides that ended at a wall.
+        laps: flying laps finished.
+        mean: of the flying laps of whole rides, s; -1 where there is none.
+        best: of the flying laps of whole rides, s; -1 where there is none.
+        line: mean distance to the ideal line, m.
+        outside: time with both contact points outside the limits, s a ride.
+    """
+
+    actor: str
+    step: int
+    rides: int
+    whole: int
+    falls: int
+    walls: int
+    laps: int
+    mean: float
+    best: float
+    line: float
+    outside: float
+
+
+@dataclass(frozen=True)
+class Transfer(RunRow):
+    """Rides of a run's best actor on a machine, without learning on it (Table III).
+
+    Attributes:
+        circuit: its name.
+        machine: its name.
+        rides: number of starts, a flying lap each.
+        whole: as of `Laps`.
+        best: of the flying laps of whole rides, s; -1 where there is none.
+        median: of the flying laps of whole rides, s; -1 where there is none.
+    """
+
+    circuit: str
+    machine: str
+    rides: int
+    whole: int
+    best: float
+    median: float
+
+
+@dataclass(frozen=True)
+class Context(RunRow):
+    """The distribution of the context after an update (V).
+
+    Attributes:
+        iteration: number of the update.
+        step: learning step.
+        stage: kind of the update.
+        d_median: mean, as a part of the distance between both lines.
+        d_ideal: mean, as a part of the distance between both lines.
+        v_max: mean, m/s.
+        std_d_median: standard deviation, in the unit of the mean.
+        std_d_ideal: standard deviation, in the unit of the mean.
+        std_v_max: standard deviation, m/s.
+        correlation: of d_median and v_max.
+        kl: divergence from the target, nat.
+        value: expected return.
+    """
+
+    iteration: int
+    step: int
+    stage: str
+    d_median: float
+    d_ideal: float
+    v_max: float
+    std_d_median: float
+    std_d_ideal: float
+    std_v_max: float
+    correlation: float
+    kl: float
+    value: float
+
+
+@dataclass(frozen=True)
+class Episodes(RunRow):
+    """The last 100 episodes of learning at a step.
+
+    Attributes:
+        step: learning step.
+        length: mean, decisions.
+        total: mean return.
+    """
+
+    step: int
+    length: float
+    total: float
+
+
+@dataclass(frozen=True)
+class Moment(RunRow):
+    """An instant of a flying lap, for Figs. 3 and 4.
+
+    Attributes:
+        time: s.
+        progress: along the centre line, m, of any lap.
+        x: rear contact, m.
+        y: rear contact, m.
+        speed: m/s.
+        error: distance to the ideal line, m, positive to the left.
+    """
+
+    time: float
+    progress: float
+    x: float
+    y: float
+    speed: float
+    error: float
+
+
+@dataclass(frozen=True)
+class Data(Tables):
+    """All tables; the error of a validation is its rides' mean excess over the planned lap, 1 of one not whole."""
+
+    laps: tuple[Laps, ...] = table("laps.csv", Laps)
+    transfers: tuple[Transfer, ...] = table("transfer.csv", Transfer)
+    contexts: tuple[Context, ...] = table("context.csv", Context)
+    episodes: tuple[Episodes, ...] = table("episodes.csv", Episodes)
+    moments: tuple[Moment, ...] = table("moments.csv", Moment)
+
+
+# -------------------------------------------------------------------------------------------------------- verdicts
+
+OVERSHOOT: Final = 1.0
+"""Distance to the outside of the ideal line that counts as running wide, m; ours."""
+CONVERGED: Final = 1.0
+"""Divergence below which a distribution has come to the target, nat; ours."""
+NO_RUN: Final = "no run"
+
+
+def rows_of(data: Data, setting: str, actor: str) -> list[Laps]:
+    """Return the rides of an actor of all runs of a setting."""
+    return [row for row in data.laps if (row.setting, row.actor) == (setting, actor)]
+
+
+def of_whole(rows: list[Laps], name: str) -> FloatArray:
+    """Return a figure of each run that has laps of whole rides."""
+    return np.array([getattr(row, name) for row in rows if row.whole], float)
+
+
+def _endings(rows: list[Laps]) -> str:
+    """Return the endings of the rides of some actors as text."""
+    rides, whole = sum(row.rides for row in rows), sum(row.whole for row in rows)
+    ends = ", ".join(f"{sum(getattr(row, name) for row in rows)} {name}" for name in ("falls", "walls"))
+    return f"{whole} of {rides} rides whole, {ends} ({len(rows)} run{'s' if len(rows) != 1 else ''})"
+
+
+def _all_whole(data: Data, kind: str, actor: str, circuits: tuple[str, ...] = CIRCUITS[:1]) -> Verdict:
+    """Agree where every ride of every run is whole; one that is not denies it."""
+    each = {circuit: rows_of(data, setting_of(kind, circuit), actor) for circuit in circuits}
+    some([row for rows in each.values() for row in rows], NO_RUN)
+    texts = [_endings(rows) if len(each) == 1 else f"{circuit}: {_endings(rows)}" for circuit, rows in each.items()]
+    if any(row.whole < row.rides for rows in each.values() for row in rows):
+        return "; ".join(texts), False
+    return "; ".join(texts), True if all(len(rows) >= MIN_RUNS for rows in each.values()) else None
+
+
+def _no_lap(data: Data) -> Verdict:
+    rows = some(rows_of(data, "sac", "early"), NO_RUN)
+    laps = sum(row.laps for row in rows)
+    text = f"{laps} flying laps finished; {_endings(rows)}"
+    return text, False if laps else True if len(rows) >= MIN_RUNS else None
+
+
+def _less(data: Data, name: str, actor: str, unit: str, first: str = "spdl") -> Verdict:
+    """Agree where the 95 % interval of the difference of the means over runs says that one is less than the other.
+
+    Args:
+        data: the tables.
+        name: figure of `Laps`; a lap time is that of the runs that have whole rides.
+        actor: of both curricula.
+        unit: of the figure.
+        first: curriculum that has less in the paper.
+    """
+    found = {}
+    for kind in (first, *(kind for kind in KINDS if kind != first)):
+        rows = rows_of(data, kind, actor)
+        found[kind] = of_whole(rows, name) if name == "mean" else np.array([getattr(row, name) for row in rows])
+    missing = [kind for kind, values in found.items() if not len(values)]
+    if missing:
+        raise NothingFound(f"no run of {' and '.join(missing)} to compare")
+    form = lap_text if name == "mean" else lambda value: f"{value:.2f}"
+    text = ", ".join(f"{kind} {form(float(values.mean()))}" for kind, values in found.items())
+    if min(map(len, found.values())) < MIN_RUNS:
+        return f"{text} {unit} ({', '.join(str(len(v)) for v in found.values())} runs)", None
+    low, high = interval(*found.values(), rule=operator.sub)
+    return f"{text} {unit}; difference {low:+.2f} to {high:+.2f}", None if low <= 0.0 <= high else high < 0.0
+
+
+def _sooner(data: Data) -> Verdict:
+    """A run without a whole validation counts as one that had its first with its last step."""
+    runs = {kind: [run for run in data.runs if run.setting == kind and run.steps] for kind in KINDS}
+    if not all(runs.values()):
+        raise NothingFound(NO_RUN)
+
+    def first_whole(run: Run) -> int:
+        return run.finished_at if run.finished_at >= 0 else run.steps
+
+    first = {kind: np.array([first_whole(run) for run in each], float) for kind, each in runs.items()}
+    text = "first whole validation: " + ", ".join(
+        f"{kind} {values.mean():,.0f} decisions ({sum(run.finished_at >= 0 for run in runs[kind])} of {len(values)} "
+        "runs had one)"
+        for kind, values in first.items()
+    )
+    if min(map(len, first.values())) < MIN_RUNS:
+        return text, None
+    low, high = interval(*first.values(), rule=operator.truediv)
+    return f"{text}; ratio {low:.2f} to {high:.2f}", None if low <= 1.0 <= high else high < 1.0
+
+
+def _no_walls(data: Data) -> Verdict:
+    rows = some([row for row in data.laps if row.actor != "best"], NO_RUN)
+    walls, rides = sum(row.walls for row in rows), sum(row.rides for row in rows)
+    return f"{walls} of {rides} rides ended at a wall", not walls
+
+
+def _sac_elsewhere(data: Data) -> Verdict:
+    """Table II: SAC alone has a lap on Cremona, and none on Phillip Island."""
+    each = {circuit: rows_of(data, setting_of("sac", circuit), "early") for circuit in CIRCUITS[1:]}
+    if not all(each.values()):
+        raise NothingFound("no run of both")
+    laps = {circuit: sum(row.laps for row in rows) for circuit, rows in each.items()}
+    text = ", ".join(f"{circuit}: {count} flying laps of {len(each[circuit])} runs" for circuit, count in laps.items())
+    if laps[CIRCUITS[2]]:
+        return text, False
+    return text, True if laps[CIRCUITS[1]] and min(map(len, each.values())) >= MIN_RUNS else None
+
+
+def best_run(data: Data, setting: str, actor: str = "best") -> int | None:
+    """Return the seed of the run whose actor rode most rides whole, and of these the quickest; None without one."""
+    rows = [row for row in rows_of(data, setting, actor) if row.whole]
+    return min(rows, key=lambda row: (-row.whole / row.rides, row.mean)).seed if rows else None
+
+
+def transfers_of(data: Data, circuit: str) -> dict[str, Transfer]:
+    """Return Table III on a circuit by machine: the rides of the best SPDL run there."""
+    setting = setting_of("spdl", circuit)
+    seed = best_run(data, setting)
+    return {row.machine: row for row in data.transfers if (row.setting, row.seed) == (setting, seed)}
+
+
+def _transfer(data: Data) -> Verdict:
+    each = {circuit: transfers_of(data, circuit) for circuit in CIRCUITS}
+    missing = [circuit for circuit, rows in each.items() if not rows]
+    pairs = [row for rows in each.values() for row in rows.values()]
+    lapped = sum(row.whole > 0 for row in pairs)
+    rides = f"{sum(row.whole for row in pairs)} of {sum(row.rides for row in pairs)} rides whole"
+    text = f"{lapped} of {len(pairs)} lapped, {rides}"
+    if missing:
+        return f"{text}; no actor that laps {' and '.join(missing)}", None
+    return text, lapped >= len(CIRCUITS) * len(MACHINES) - 1
+
+
+def _quickest_trained(data: Data) -> Verdict:
+    rows = transfers_of(data, CIRCUITS[0])
+    if MACHINE not in rows or not rows[MACHINE].whole:
+        raise NothingFound("no actor that laps")
+    own = rows[MACHINE].best
+    others = {name: row.best - own for name, row in rows.items() if name != MACHINE and row.whole}
+    text = ", ".join(f"{name} {more:+.2f} s" for name, more in others.items()) or "no other machine laps"
+    if any(more < 0.0 for more in others.values()):
+        return text, False
+    return text, None if len(others) < len(MACHINES) - 1 else min(others.values()) > 0.0
+
+
+def overshoots(data: Data, setting: str) -> dict[str, float]:
+    """Return the distance of a lap to the outside of the ideal line in each corner, m; less than 0 where it cuts it."""
+    track = load_track(CIRCUITS[0])
+    rows = [row for row in data.moments if row.setting == setting]
+    found = {}
+    for corner in track.corners:
+        sign = 1.0 if corner.angle > 0.0 else -1.0
+        size = corner.end - corner.begin
+        inside = [-sign * row.error for row in rows if (row.progress - corner.begin) % track.length <= size]
+        if inside:
+            found[corner.name] = max(inside)
+    return found
+
+
+def _runs_wide(data: Data) -> Verdict:
+    found = some(overshoots(data, "spdl"), "no lap")
+    wide = {name: more for name, more in found.items() if more > OVERSHOOT}
+    widest = max(found, key=lambda name: found[name])
+    text = f"{len(wide)} of {len(found)} corners by more than {OVERSHOOT:g} m, most in corner {widest}: "
+    return f"{text}{found[widest]:.2f} m", bool(wide)
+
+
+def path_of(data: Data, setting: str) -> dict[int, list[Context]]:
+    """Return the distributions of each run of a setting, in the order of updates."""
+    found: dict[int, list[Context]] = {}
+    for row in sorted(data.contexts, key=lambda row: row.iteration):
+        if row.setting == setting:
+            found.setdefault(row.seed, []).append(row)
+    return found
+
+
+def _moves(data: Data) -> Verdict:
+    """Agree where the distribution of every run has moved towards the target; the text counts those at the target."""
+    paths = some(path_of(data, "spdl"), NO_RUN)
+    ends = [path[-1] for path in paths.values()]
+    there = sum(end.kl < CONVERGED for end in ends)
+    nearer = sum(path[-1].kl < path[0].kl for path in paths.values())
+    low, high = min(end.kl for end in ends), max(end.kl for end in ends)
+    speed = np.mean([end.v_max for end in ends])
+    text = (
+        f"nearer in {nearer} of {len(ends)} runs, there in {there}: divergence at the end {low:.3g} to {high:.3g} nat"
+    )
+    return f"{text}, mean speed limit {speed:.0f} m/s", nearer == len(ends)
+
+
+STATEMENTS: Final = statements(
+    ("Table I, early", "SPDL finishes all laps without a fall", _all_whole, "spdl", "early"),
+    ("Table I, early", "SAC finishes no lap", _no_lap),
+    ("Table I, early", "SPDL is nearer to the ideal line: 2.99 against 4.59 m", _less, "line", "early", "m"),
+    ("Table I, early", "SPDL is off the track for less time: 1.74 against 9.22 s", _less, "outside", "early", "s"),
+    ("Table I, late", "SPDL finishes all laps without a fall", _all_whole, "spdl", "late"),
+    ("Table I, late", "SAC finishes all laps without a fall", _all_whole, "sac", "late"),
+    ("Table I, late", "SPDL laps faster, 1:30.75 against 1:31.32", _less, "mean", "late", "s"),
+    ("Table I, late", "SAC is nearer to the ideal line: 2.89 against 3.15 m", _less, "line", "late", "m", "sac"),
+    ("Table I, late", "SPDL is off the track for less time: 1.17 against 2.15 s", _less, "outside", "late", "s"),
+    ("Table I", "no collision", _no_walls),
+    ("Sect. VI-B", "SPDL converges faster than SAC", _sooner),
+    ("Table II", "SPDL finishes all laps on three circuits, early", _all_whole, "spdl", "early", CIRCUITS),
+    ("Table II", "SAC laps Cremona early, and not Phillip Island", _sac_elsewhere),
+    ("Table III", "the Panigale's actor laps 14 of 15 pairs of machine and circuit", _transfer),
+    ("Table III", "in Barcelona the other machines are slower, by 0.87 to 2.89 s", _quickest_trained),
+    ("Fig. 4", "the agent overshoots corners", _runs_wide),
+    ("Sect. V", "SPDL moves the distribution towards the ideal line at full speed", _moves),
+)
+"""Statements that the experiments can answer."""
+
+# --------------------------------------------------------------------------------------------------------- tables
+
+PUBLISHED_1: Final = {
+    ("spdl", "early"): ("1:32.85", "2.99", "1.74", "0", "0"),
+    ("sac", "early"): ("-", "4.59", "9.22", "3", "0"),
+    ("spdl", "late"): ("1:30.75", "3.15", "1.17", "0", "0"),
+    ("sac", "late"): ("1:31.32", "2.89", "2.15", "0", "0"),
+}
+"""Published Table I: lap time, distance to the ideal line (m), off-track time (s), falls, collisions."""
+PUBLISHED_2: Final = {
+    "barcelona": ("1:32.85", "2.99", "1.74", "-"),
+    "cremona": ("1:28.22", "3.73", "1.31", "1:29.14"),
+    "phillip_island": ("1:27.49", "3.10", "4.35", "-"),
+}
+"""Published Table II: lap time, distance (m) and off-track time (s) of SPDL, lap time of SAC."""
+PUBLISHED_3: Final = {
+    "panigale_v4r": ("1:30.24", "1:27.80", "1:26.01"),
+    "zx10rr": ("1:31.10", "1:27.98", "1:28.75"),
+    "cbr1000rr_r": ("1:32.34", "1:28.81", "1:24.62"),
+    "r1": ("1:32.53", "1:29.52", "1:24.29"),
+    "m1000rr": ("1:33.13", "1:30.32", "-"),
+}
+"""Published Table III: best laps of each machine on the three circuits."""
+
+
+_ROWS_1: Final[dict[str, Callable[[list[Laps]], str]]] = {
+    "rides whole": lambda rows: f"{sum(row.whole for row in rows)} of {sum(row.rides for row in rows)}",
+    "lap time, mean": lambda rows: with_interval(of_whole(rows, "mean"), lap_text),
+    "lap time, best": lambda rows: lap_text(min(best)) if len(best := of_whole(rows, "best")) else "-",
+    "distance to ideal / m": lambda rows: with_interval(np.array([row.line for row in rows]), ".2f"),
+    "off-track time a ride / s": lambda rows: with_interval(np.array([row.outside for row in rows]), ".2f"),
+    "falls": lambda rows: f"{sum(row.falls for row in rows)}",
+    "collisions": lambda rows: f"{sum(row.walls for row in rows)}",
+}
+
+
+def _cell(rows: list[Laps], name: str) -> str:
+    return _ROWS_1[name](rows) if rows else "-"
+
+
+def _runs(data: Data) -> str:
+    rows = []
+    for name in dict.fromkeys(run.setting for run in data.runs):
+        runs = [run for run in data.runs if run.setting == name]
+        whole = np.array([run.finished_at for run in runs if run.finished_at >= 0], float)
+        done = [run for run in runs if run.status == "finished"]
+        cpu = np.array([run.cpu_seconds for run in done if run.cpu_seconds >= 0.0], float)
+        steps = ", ".join(f"{steps:,}" for steps in sorted({run.steps for run in done})) or "-"
+        first = f"{len(whole)} of {len(runs)}: {with_interval(whole, ',.0f')}"
+        rows.append((name, f"{len(done)} of {len(runs)}", steps, first, with_interval(cpu, ".0f")))
+    head = ("setting", "runs finished", "decisions each", "first whole validation, decisions")
+    return markdown((*head, "processor time a run / s"), rows)
+
+
+def _table_1(data: Data) -> str:
+    columns = [(kind, actor) for actor in ACTORS for kind in KINDS]
+    each = [rows_of(data, kind, actor) for kind, actor in columns]
+    steps = [sorted({row.step for row in rows}) for rows in each]
+    cells = [f"{of[0]:,}" + (f" to {of[-1]:,}" if len(of) > 1 else "") if of else "-" for of in steps]
+    lines: list[Sequence[str]] = [("decisions", *cells)]
+    lines += [(name, *(_cell(rows, name) for rows in each)) for name in _ROWS_1]
+    names = ("lap time", "distance / m", "off-track / s", "falls", "collisions")
+    published = [PUBLISHED_1.get(column, ("",) * 5) for column in columns]
+    lines += [(f"*paper: {name}*", *(of[place] for of in published)) for place, name in enumerate(names)]
+    return markdown(("", *(f"{kind.upper()} {actor}" for kind, actor in columns)), lines)
+
+
+def _table_2(data: Data) -> str:
+    lines: list[Sequence[str]] = []
+    names = ("rides whole", "lap time, mean", "distance to ideal / m", "off-track time a ride / s")
+    for circuit in CIRCUITS:
+        lap, line, off, sac = PUBLISHED_2[circuit]
+        lines.append((circuit, "*paper, early*", "", lap, line, off, "", sac))
+        for actor in ACTORS:
+            ours, others = (rows_of(data, setting_of(kind, circuit), actor) for kind in KINDS)
+            if ours or others:
+                cells = [_cell(ours, name) for name in names] + [_cell(others, name) for name in names[:2]]
+                lines.append(("", actor, *cells))
+    head = ("circuit", "actor", "SPDL whole", "lap", "distance / m", "off-track / s", "SAC whole", "lap")
+    return markdown(head, lines)
+
+
+def _table_3(data: Data) -> str:
+    found = {circuit: transfers_of(data, circuit) for circuit in CIRCUITS}
+    lines: list[Sequence[str]] = []
+
+    def cell(row: Transfer | None) -> str:
+        if row is None:
+            return "not ridden"
+        return f"{lap_text(row.best) if row.whole else '-'} ({row.whole} of {row.rides})"
+
+    for machine in MACHINES:
+        lines.append((machine, "paper", *PUBLISHED_3[machine]))
+        lines.append(("", "found", *(cell(found[circuit].get(machine)) for circuit in CIRCUITS)))
+    return markdown(("machine", "", *CIRCUITS), lines)
+
+
+TABLES: Final = {
+    "Runs, means with 95 % bootstrap intervals": _runs,
+    "Table I: Panigale, Barcelona": _table_1,
+    "Table II: three circuits, an actor learned on each": _table_2,
+    "Table III: best laps of the best SPDL run of each circuit, on machines that it did not learn on": _table_3,
+}
+"""All tables as Markdown, by their headings."""
+
+
+# --------------------------------------------------------------------------------------------- tables of one policy
+
+
+def bundle_tables(name: str, results: Sequence[RaceResult]) -> str:
+    """Return the three tables as Markdown, of the rides of one policy beside the published figures.
+
+    Table I is of the paper's machine on its first circuit, Table II of that machine on all, Table III of all machines.
+    Cells of pairs without rides say ``not ridden``.
+
+    Args:
+        name: of the policy.
+        results: a machine on a circuit each.
+    """
+    ridden = {(result.vehicle, result.circuit): result for result in results}
+
+    def figures(machine: str, circuit: str) -> tuple[str, ...]:
+        """Return lap time, distance, off-track time a ride, falls and collisions, as Table I has them."""
+        result = ridden.get((machine, circuit))
+        if result is None:
+            return ("not ridden",) * 5
+        mean = lap_text(float(np.mean(result.times))) if result.times else "-"
+        off = f"{result.outside / result.rides:.2f}"
+        return mean, f"{result.line:.2f}", off, str(result.falls), str(result.walls)
+
+    def best(machine: str, circuit: str) -> str:
+        result = ridden.get((machine, circuit))
+        return "not ridden" if result is None else lap_text(result.times[0]) if result.times else "-"
+
+    def interleaved(found: Sequence[Any], published: Sequence[Any]) -> list[Any]:
+        return [cell for pair in zip(found, published, strict=True) for cell in pair]
+
+    result = ridden.get((MACHINE, CIRCUITS[0]))
+    rides = "" if result is None else f", {result.rides} rides of {result.laps} flying laps, {result.whole} whole"
+    names = ("lap time, mean", "distance to the line / m", "off-track time a ride / s", "falls", "collisions")
+    found = figures(MACHINE, CIRCUITS[0])
+    first = list(zip(names, found, *(PUBLISHED_1[kind, "late"] for kind in KINDS), strict=True))
+    second = [
+        (circuit, *interleaved(figures(MACHINE, circuit)[:3], PUBLISHED_2[circuit][:3]), PUBLISHED_2[circuit][3])
+        for circuit in CIRCUITS
+    ]
+    third = [
+        (machine, *interleaved([best(machine, circuit) for circuit in CIRCUITS], PUBLISHED_3[machine]))
+        for machine in MACHINES
+    ]
+    head = ("circuit", "lap time, mean", "paper", "distance / m", "paper", "off-track / s", "paper", "paper's SAC")
+    parts = (
+        (f"Table I: {MACHINE}, {CIRCUITS[0]}{rides}", ("", name, "paper, SPDL", "paper, SAC"), first),
+        (f"Table II: {MACHINE}, {name}", head, second),
+        (f"Table III: best laps, {name}", ("machine", *interleaved(CIRCUITS, ("paper",) * len(CIRCUITS))), third),
+    )
+    return "\n".join(f"{title}\n\n{markdown(columns, rows)}" for title, columns, rows in parts)
