@@ -10,7 +10,7 @@ import pytest
 from bike_policy.contract.bundle import Actor, Bundle, load_bundle
 from bike_policy.contract.observation import COMPACT, GUIDED
 from bike_training.cli import main
-from bike_training.commands.evaluate_races import _pairs
+from bike_training.commands.evaluate import _pairs
 from bike_training.reproduce.superbike_results import bundle_tables
 from bike_training.rollout.laps import ride_laps
 from bike_training.rollout.races import SLOW, RaceResult, ride_races

@@ -1,7 +1,7 @@
 """The motorcycle tyre: numbers by hand, symmetry, the friction ellipse, relaxation."""
 
 import math
-from dataclasses import astuple, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -23,7 +23,10 @@ PLAIN = Tyre(
 
 
 def row(tyre: Tyre) -> np.void:
-    return np.array([(*astuple(tyre), tyre.peak)], dtype=TYRE)[0]
+    record = np.zeros(1, dtype=TYRE)[0]
+    for name in TYRE.names[:-1]:
+        record[name] = getattr(tyre, name)
+    return record
 
 
 PLAIN_ROW = row(PLAIN)

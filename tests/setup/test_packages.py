@@ -129,8 +129,7 @@ def run_python(program: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_riding_and_analysis_import_no_learning_package() -> None:
-    commands = ["declarations", "sweep", "ride", "laps", "evaluate", "evaluate_races", "analyze", "replay", "curves"]
-    commands += ["validate", "course", "bench"]
+    commands = ["declarations", "sweep", "ride", "evaluate", "analyze", "replay", "curves", "validate", "bench"]
     modules = [f"bike_training.commands.{name}" for name in commands]
     modules += ["bike_training.cli", "bike_training.nodes.node_rides", "bike_training.nodes.node_rides"]
     modules += ["bike_training.nodes.node_rides", "bike_sim.ros.sim_node", "bike_sim.ros.record", "bike_policy.drive"]

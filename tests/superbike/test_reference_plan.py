@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, REFERENCE, RiderSettings, plan_lap
-from tests.superbike.test_theory import machine_of, wavy
+from bike_sim.vehicles.files import load_superbike
+from tests.superbike.test_theory import wavy
 
 PINNED = {
     ("panigale_v4r", 0.0): (46.55155836270564, 39.145504068165884, 33.980978312635266, 44.81852876196894),
@@ -24,7 +25,7 @@ that fade in a deep lean and stoppie control that keeps more load there."""
 def test_the_reference_of_policies_is_what_it_was(name: str, height: float) -> None:
     line = wavy()
     hills = height * np.sin(6.0 * np.pi * line.s / line.length) if height else None
-    plan = plan_lap(machine_of(name), replace(line, height=hills), REFERENCE)
+    plan = plan_lap(load_superbike(name), replace(line, height=hills), REFERENCE)
     assert (plan.lap_time, *plan.speed[:801:400]) == pytest.approx(PINNED[name, height], rel=1e-9)
 
 
