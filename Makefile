@@ -1,10 +1,12 @@
 # Every target sets up first what it needs; a set-up that is current costs a fraction of a second.
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-training setup-sweep setup-all setup-checks build ride lap live test test-long check format bench clean distclean
+.PHONY: help setup setup-training setup-sweep setup-all setup-checks build ride lap live test test-long check docs figures \
+	release format bench clean distclean
 
 BIN := .venv/bin
-SHELL_SCRIPTS := tools/setup tools/update-constraints .ci/run
-YAML_FOLDERS := ros_ws/src docker
+SHELL_SCRIPTS := tools/setup tools/update-constraints tools/release .ci/run
+YAML_FOLDERS := ros_ws/src docker .github .pre-commit-config.yaml mkdocs.yml CITATION.cff
+MKDOCS := NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 # Tests run in as many processes as there are processors, at most four; those of a file together, in pytest's order.
 SIDE_BY_SIDE := -n logical --maxprocesses 4 --dist loadgroup --no-loadscope-reorder
 
@@ -47,7 +49,7 @@ test-long: setup-all ## The tests that take minutes, or download, and the quick 
 	$(BIN)/python -m pytest -m long
 	$(BIN)/python -m pytest $(SIDE_BY_SIDE) --hypothesis-profile=explore -m 'not long and not slow and not ros'
 
-check: setup-checks ## Style, types, import rules, shell scripts, Dockerfiles, YAML
+check: setup-checks ## Style, types, import rules, shell scripts, Dockerfiles, YAML, the documents' site
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
@@ -56,6 +58,16 @@ check: setup-checks ## Style, types, import rules, shell scripts, Dockerfiles, Y
 	$(BIN)/shellcheck $(SHELL_SCRIPTS)
 	$(BIN)/hadolint docker/Dockerfile docker/Dockerfile.jazzy
 	$(BIN)/yamllint --strict $(YAML_FOLDERS)
+	$(MKDOCS)
+
+docs: setup-checks ## Build the documents' site into out/site
+	$(MKDOCS)
+
+figures: setup-all ## Fill the tables of documents from data files and from the code; measures nothing
+	$(BIN)/python tools/figures.py
+
+release: setup-checks ## Build wheel and sdist into out/dist, check them, and ride from the wheel in a clean environment
+	@tools/release
 
 format: setup-checks ## Apply the formatter and the fixes that are safe
 	$(BIN)/ruff check --fix .

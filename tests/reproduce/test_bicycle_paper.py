@@ -181,16 +181,6 @@ def test_all_settings_are_those_of_the_paper_but_for_the_learner() -> None:
         assert run.until_finished
 
 
-def test_the_page_says_what_its_data_say() -> None:
-    docs = Path(__file__).parents[2] / "docs"
-    page, data = (
-        (docs / "explanation" / "bicycle-paper.md").read_text(encoding="utf-8"),
-        read_data(docs / "data" / "bicycle_paper", Data),
-    )
-    assert verdict_table(STATEMENTS, data).strip() in page
-    assert all_tables(BICYCLE, data).strip() in page
-
-
 def test_tables_come_back_and_are_drawn_without_learning(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     data, folder = paper_like(), tmp_path / "data"
     folder.mkdir()

@@ -138,14 +138,6 @@ def test_what_is_as_in_the_paper_agrees_and_what_is_not_does_not() -> None:
     assert "no" in {each.find(replace(data, transfers=quick)).agrees for each in STATEMENTS}
 
 
-def test_the_page_says_what_its_data_say() -> None:
-    docs = Path(__file__).parents[2] / "docs"
-    page = (docs / "explanation" / "superbike-paper.md").read_text(encoding="utf-8")
-    data = read_data(docs / "data" / "superbike_paper", Data)
-    assert verdict_table(STATEMENTS, data).strip() in page
-    assert all_tables(SUPERBIKE, data).strip() in page
-
-
 def test_a_flying_lap_is_behind_the_start_line() -> None:
     """Its progress goes on from the lap before."""
     data, length = paper_like(), load_track("barcelona").length

@@ -25,8 +25,8 @@ setup(
     install_requires=["setuptools"],
     extras_require={"test": ["pytest"]},
     zip_safe=False,
-    maintainer="The two-wheeler lab",
-    maintainer_email="maintainers@example.com",
+    maintainer="bike lab maintainers",
+    maintainer_email="noreply@two-wheeler-lab.invalid",
     description="Bicycle physics, courses, and the simulator and recorder nodes.",
     license="Apache-2.0",
     entry_points={

@@ -1,0 +1,56 @@
+"""Commands in README, documents and help can be given as they stand there."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from bike_training.commands.declarations import COMMANDS
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+STARTS = re.compile(r"(?:\.venv/bin/)?bike [a-z]")
+
+
+def commands_of(text: str) -> list[str]:
+    """Commands in code blocks and code spans of a page, but for those that are filled in from a help."""
+    text = re.sub(r"<!-- figures: command .*?<!-- /figures -->", "", text, flags=re.DOTALL)
+    blocks = re.findall(r"^```\w*\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    prose = re.sub(r"^```\w*\n.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
+    lines = [line for block in blocks for line in block.replace("\\\n", " ").splitlines()]
+    spans = [" ".join(span.split()) for span in re.findall(r"`([^`]+)`", prose)]
+    parts = [part.strip() for line in lines for part in line.partition(" # ")[0].split("&&")]
+    return [part.removeprefix(".venv/bin/") for part in [*parts, *spans] if STARTS.match(part)]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_commands_of_pages_can_be_given(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, check_command: Callable[..., None]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for command in commands_of(page.read_text(encoding="utf-8")):
+        check_command(command, complete=False)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_examples_of_help_can_be_given(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, check_command: Callable[..., None]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    lines = [re.split(r" {2,}", line.strip())[0] for line in COMMANDS[name].examples.splitlines()]
+    examples = [part.strip() for line in lines for part in line.split("&&") if part.strip().startswith("bike ")]
+    assert any(example.startswith(f"bike {name}") for example in examples)
+    for example in examples:
+        check_command(example)
+
+
+def test_the_reference_names_all_commands() -> None:
+    page = (ROOT / "docs/reference/commands.md").read_text(encoding="utf-8")
+    assert re.findall(r"<!-- figures: command (\w+) -->", page) == list(COMMANDS)
+
+
+def test_make_rides_with_commands_that_exist(check_command: Callable[..., None]) -> None:
+    for line in (ROOT / "Makefile").read_text().splitlines():
+        if "$(BIN)/bike " in line:
+            check_command(line.strip().removeprefix("@$(BIN)/").replace("$(or $(V),whipple)", "whipple"))

@@ -1,0 +1,61 @@
+"""Tables of documents are those of their data, and each data file says by which command it was made."""
+
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT / "tools"))
+import figures  # noqa: E402
+
+HEADS = list(figures.data_heads())
+
+
+@pytest.mark.parametrize("page", figures.PAGES, ids=lambda page: page.stem)
+def test_tables_of_pages_are_those_of_the_data(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert text.count("<!-- figures:") == text.count("<!-- /figures -->") == len(figures.BLOCK.findall(text))
+    assert figures.filled(text) == text, "run make figures"
+
+
+@pytest.mark.parametrize("path", HEADS, ids=lambda path: str(path.relative_to(figures.DATA)))
+def test_heads_name_commands_that_can_be_given(path: Path, check_command: Callable[[str], None]) -> None:
+    head = figures.read_head(path)
+    assert re.fullmatch(r"[0-9a-f]{7,}", head["commit"])
+    assert re.fullmatch(r"\d{4}-\d\d-\d\d", head["date"])
+    check_command(head["command"])
+
+
+def test_every_table_is_shown_somewhere() -> None:
+    """What no page shows or links to is no longer needed."""
+    pages = "".join(page.read_text(encoding="utf-8") for page in figures.PAGES)
+    for path in HEADS:
+        name = path.parent.name if path.name == "head.txt" else path.stem
+        assert re.search(rf"<!-- figures: \w+ {name}\b|data/{name}\b", pages), name
+
+
+def test_a_table_that_is_changed_by_hand_is_found() -> None:
+    page = next(page for page in figures.PAGES if "<!-- figures: shipped" in page.read_text(encoding="utf-8"))
+    text = page.read_text(encoding="utf-8")
+    row = re.search(r"<!-- figures: shipped.*?\n\n(?:\|.*\n){2}(\|.*\n)", text)
+    assert row is not None
+    assert figures.filled(text.replace(row[1], "| 0 |\n")) == text
+
+
+def test_data_older_than_its_sources_say_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    head = figures.read_head(HEADS[0])
+    monkeypatch.setattr(figures, "changed_sources", lambda head: ["physics"])
+    line = " ".join(figures.origin(HEADS[0]).split())
+    assert f"Measured at commit {head['commit']} ({head['date']}); changed since: physics" in line
+    monkeypatch.undo()
+    assert figures.changed_sources({**head, "commit": "HEAD"}) == []
+    assert figures.changed_sources({**head, "commit": "0000000"}) == [], "a shallow clone"
+
+
+def test_a_head_without_an_entry_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("# command: bike ride\n# depends: weather\nx\n1\n")
+    with pytest.raises(ValueError, match=r"lacks \['commit', 'date', 'machine'\].*\['weather'\]"):
+        figures.read_head(tmp_path / "a.csv")

@@ -1,0 +1,249 @@
+"""Fill the tables of the documents from data files and from the code: ``make figures``. Nothing is measured here.
+
+A page marks a table by ``<!-- figures: NAME -->`` and ``<!-- /figures -->``; what stands between them is written by
+`filled`. A data file in ``docs/data`` begins with lines ``# key: value``, a folder of them has these in ``head.txt``:
+
+    command  that made the data
+    commit   of the sources that it ran on
+    date     of that commit
+    machine  that it ran on
+    depends  on which sources, names of `SOURCES`
+    note     what the command does not say (optional)
+
+Below a table stands where it is from. Where a source has changed since, the line says so.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+import subprocess
+from argparse import Action, HelpFormatter
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from textwrap import dedent, fill
+from typing import Any, Final
+
+ROOT: Final = Path(__file__).resolve().parents[1]
+DATA: Final = ROOT / "docs" / "data"
+PAGES: Final = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
+BLOCK: Final = re.compile(r"(<!-- figures: ([^>]+?) -->\n).*?(<!-- /figures -->)", re.DOTALL)
+_SIM: Final = "ros_ws/src/bike_sim/bike_sim"
+_POLICY: Final = "ros_ws/src/bike_policy/bike_policy"
+SOURCES: Final[Mapping[str, tuple[str, ...]]] = {
+    "bicycle": (f"{_SIM}/physics", f"{_SIM}/config/vehicles/whipple.yaml"),
+    "superbike": (f"{_SIM}/physics", f"{_SIM}/config/vehicles"),
+    "physics": (f"{_SIM}/physics", f"{_SIM}/config/vehicles"),
+    "courses": (f"{_SIM}/course", f"{_SIM}/config/courses"),
+    "lines": (f"{_SIM}/course", f"{_SIM}/planning", f"{_SIM}/config/tracks"),
+    "riders": (f"{_POLICY}/riders", f"{_POLICY}/contract", f"{_POLICY}/planning", f"{_POLICY}/policies"),
+    "learning": tuple(f"training/bike_training/{name}" for name in ("tasks", "curricula", "learning", "presets")),
+    "ros": (f"{_SIM}/ros", f"{_POLICY}/drive.py"),
+}
+HEAD: Final = ("command", "commit", "date", "machine", "depends")
+
+
+def data_heads() -> Iterator[Path]:
+    """Yield the files in ``docs/data`` that have a head: tables, and ``head.txt`` of folders."""
+    yield from sorted(DATA.glob("*.csv"))
+    yield from sorted(DATA.glob("*/head.txt"))
+
+
+def read_head(path: Path) -> dict[str, str]:
+    """Return the head of a data file, or of a folder of data.
+
+    Raises:
+        ValueError: an entry is missing, or a source is unknown.
+    """
+    path = path / "head.txt" if path.is_dir() else path
+    head = dict(re.findall(r"^# (\w+): (.+)$", path.read_text(encoding="utf-8"), re.MULTILINE))
+    missing = [key for key in HEAD if key not in head]
+    unknown = [name for name in head.get("depends", "").split() if name not in SOURCES]
+    if missing or unknown:
+        raise ValueError(f"{path}: the head lacks {missing}, and does not know the sources {unknown}")
+    return head
+
+
+def read_rows(name: str) -> list[list[str]]:
+    """Return the rows of a table in ``docs/data``, its column names first."""
+    text = (DATA / f"{name}.csv").read_text(encoding="utf-8")
+    return list(csv.reader(io.StringIO("".join(line for line in text.splitlines(True) if not line.startswith("#")))))
+
+
+def read_records(name: str) -> list[dict[str, str]]:
+    """Return the rows of a table in ``docs/data`` by column."""
+    names, *rows = read_rows(name)
+    return [dict(zip(names, row, strict=True)) for row in rows]
+
+
+def markdown(names: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table as Markdown."""
+    lines = [names, ["---"] * len(names), *rows]
+    return "".join(f"| {' | '.join(cells)} |\n" for cells in lines).replace("| --- ", "|---").replace("--- |", "---|")
+
+
+def changed_sources(head: Mapping[str, str]) -> list[str]:
+    """Return the sources of data that have changed since its commit; none where the history does not reach it."""
+    found = []
+    for name in head["depends"].split():
+        words = ["git", "-C", str(ROOT), "log", "-1", "--format=%h", f"{head['commit']}..HEAD", "--", *SOURCES[name]]
+        done = subprocess.run(words, capture_output=True, text=True, check=False)
+        if done.returncode == 0 and done.stdout:
+            found.append(name)
+    return found
+
+
+def origin(path: Path) -> str:
+    """Return the line that says where data is from, and whether it is older than its sources."""
+    head = read_head(path)
+    note = f"; {head['note']}" if "note" in head else ""
+    line = f"`{head['command']}`{note}. {head['machine']}. *Measured at commit {head['commit']} ({head['date']})"
+    changed = changed_sources(head)
+    line += f"; changed since: {', '.join(changed)}*" if changed else "*"
+    return f"\n{fill(line, 120, break_long_words=False, break_on_hyphens=False)}\n"
+
+
+def shipped(name: str) -> str:
+    """Return a table as it is in its file."""
+    names, *rows = read_rows(name)
+    return markdown(names, rows) + origin(DATA / f"{name}.csv")
+
+
+def pairs(name: str) -> str:
+    """Return a table of a rider's laps, one line for each machine and circuit."""
+    rows = [
+        [
+            row["vehicle"],
+            row["circuit"],
+            f"{row['whole']} of {row['rides']}",
+            f"{float(row['best_s']):.2f}",
+            f"{float(row['median_s']):.2f}",
+            f"{100.0 * float(row['median_excess']):.1f} %",
+            f"{float(row['line_distance_m']):.2f} m",
+        ]
+        for row in read_records(name)
+    ]
+    names = ("machine", "circuit", "rides whole", "best, s", "median, s", "over the closest line", "off the line")
+    return markdown(names, rows) + origin(DATA / f"{name}.csv")
+
+
+def random_circuits(name: str) -> str:
+    """Return a table of laps of random circuits, one line for each machine."""
+    by_machine: dict[str, list[dict[str, str]]] = defaultdict(list)
+    for row in read_records(name):
+        by_machine[row["vehicle"]].append(row)
+        by_machine["all"].append(row)
+    by_machine["all"] = by_machine.pop("all")
+    rows = []
+    for machine, laps in by_machine.items():
+        if "whole" in laps[0]:
+            rides, whole = (sum(int(lap[key]) for lap in laps) for key in ("rides", "whole"))
+            excess = sorted(100.0 * float(lap["median_excess"]) for lap in laps)
+        else:
+            rides, whole = len(laps), sum(lap["falls"] == "0" and int(lap["valid_laps"]) > 0 for lap in laps)
+            excess = sorted(100.0 * float(lap["closest_excess"]) for lap in laps)
+        middle = 0.5 * (excess[(len(excess) - 1) // 2] + excess[len(excess) // 2])
+        rows.append([machine, f"{whole} of {rides}", *(f"{value:.1f} %" for value in (middle, excess[0], excess[-1]))])
+    names = ("machine", "rides whole", "median over the closest line", "least", "largest")
+    return markdown(names, rows) + origin(DATA / f"{name}.csv")
+
+
+def shake(name: str) -> str:
+    """Return the largest shake of all machines by lean and brake."""
+    largest: dict[tuple[int, str], float] = defaultdict(float)
+    for row in read_records(name):
+        brake = "none" if float(row["brake"]) == 0.0 else "up to 0.4" if float(row["brake"]) <= 0.4 else "more"
+        key = (int(float(row["lean_deg"])), brake)
+        largest[key] = max(largest[key], float(row["shake_g"]))
+    brakes = list(dict.fromkeys(brake for _, brake in largest))
+    rows = [
+        [f"{lean}°", *(f"{largest[lean, brake]:.3f}" for brake in brakes)] for lean in sorted({k for k, _ in largest})
+    ]
+    return markdown(("lean", *(f"brake {brake}, g" for brake in brakes)), rows) + origin(DATA / f"{name}.csv")
+
+
+def paper(name: str) -> str:
+    """Return a table of a paper's experiments: FOLDER statements, or FOLDER and the heading of a table."""
+    from bike_training.commands.reproduce import PAPERS
+    from bike_training.reproduce.data import read_data
+    from bike_training.reproduce.statement import verdict_table
+
+    folder, _, title = name.partition(" ")
+    found = PAPERS[folder.split("_")[0]]
+    data = read_data(DATA / folder, found.tables)
+    if title == "statements":
+        return verdict_table(found.statements, data) + origin(DATA / folder)
+    written = {re.split("[:,]", heading)[0]: write for heading, write in found.written.items()}
+    return written[title](data) + origin(DATA / folder)
+
+
+def command(name: str) -> str:
+    """Return summary, options and examples of a command."""
+    from bike_training.commands.declarations import COMMANDS
+
+    declared = COMMANDS[name]
+    parser = declared.parser(name)
+    formatter = HelpFormatter(parser.prog)
+    rows = [[_written(action), _help(formatter, action)] for action in parser._actions if action.dest != "help"]
+    told = fill(f"{parser.description} Duration: {declared.duration}.", 120, break_on_hyphens=False)
+    text = f"{told}\n\n{markdown(('option', 'meaning'), rows)}"
+    return f"{text}\n```text\n{dedent(declared.examples).strip()}\n```\n"
+
+
+def _help(formatter: HelpFormatter, action: Action) -> str:
+    return re.sub(r"\s+", " ", formatter._expand_help(action)).replace("|", "\\|").replace("<", "&lt;")
+
+
+def _written(action: Action) -> str:
+    values = f"{{{','.join(map(str, action.choices))}}}" if action.choices else action.metavar or action.dest.upper()
+    value = "" if action.nargs == 0 else values if isinstance(values, str) else " ".join(values)
+    return f"`{' '.join(filter(None, [', '.join(action.option_strings), value]))}`"
+
+
+def parameters(node: str) -> str:
+    """Return the parameters of a node."""
+    from bike_policy import drive, joy
+    from bike_sim.ros import record, sim_node
+
+    specs: Any = {"sim_node": sim_node, "drive": drive, "joystick": joy, "record": record}[node].SPECS
+    rows = []
+    for spec in specs:
+        default = "none" if spec.default in ("", ()) else str(spec.default)
+        default = default.lower() if isinstance(spec.default, bool) else default
+        meaning = spec.text + (f" One of {', '.join(spec.choices)}." if spec.choices else "")
+        rows.append([f"`{spec.name}`", default, "start" if spec.fixed else "any time", meaning])
+    return markdown(("name", "default", "set", "meaning, with unit"), rows)
+
+
+KINDS: Final[Mapping[str, Callable[[str], str]]] = {
+    function.__name__: function for function in (shipped, pairs, random_circuits, shake, paper, command, parameters)
+}
+
+
+def filled(text: str) -> str:
+    """Return a page with all its marked tables.
+
+    Raises:
+        KeyError, OSError, ValueError: a table that is not known, or data that cannot be read.
+    """
+
+    def write(match: re.Match[str]) -> str:
+        kind, _, name = match[2].partition(" ")
+        return f"{match[1]}\n{KINDS[kind](name).strip()}\n\n{match[3]}"
+
+    return BLOCK.sub(write, text)
+
+
+def main() -> None:
+    """Fill all pages, and name those that changed."""
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        if (new := filled(text)) != text:
+            page.write_text(new, encoding="utf-8")
+            print(page.relative_to(ROOT))
+
+
+if __name__ == "__main__":
+    main()
