@@ -1,11 +1,14 @@
 """Commands in README, documents and help can be given as they stand there."""
 
 import re
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from bike_training import cli
+from bike_training.commands import declarations as dc
 from bike_training.commands.declarations import COMMANDS
 
 ROOT = Path(__file__).parents[2]
@@ -54,3 +57,38 @@ def test_make_rides_with_commands_that_exist(check_command: Callable[..., None])
     for line in (ROOT / "Makefile").read_text().splitlines():
         if "$(BIN)/bike " in line:
             check_command(line.strip().removeprefix("@$(BIN)/").replace("$(or $(V),whipple)", "whipple"))
+
+
+SHORTER = {
+    ("ride", dc.SUPERBIKE): "--laps 1 --engine compiled",
+    ("ride", dc.ALL): "--laps 1 --engine compiled",
+    ("live", dc.BICYCLE): "--seconds 2",
+    ("evaluate", dc.BICYCLE): "--speeds 4 --random-rides 0 --engine whipple --time-step 0.01",
+    ("evaluate", dc.SUPERBIKE): "--starts 1",
+    ("validate", dc.BICYCLE): "--engine whipple --time-step 0.01",
+    ("train", dc.BICYCLE): "--steps 4000",
+    ("train", dc.SUPERBIKE): "--steps 3000",
+    ("train", dc.REFINEMENT): "--set learner.segments=1",
+    ("bench", dc.WORK): "recorder",
+}
+"""Words that make a command take seconds, by command and subject."""
+
+
+@pytest.mark.long
+@pytest.mark.ros
+@pytest.mark.timeout(3600)
+def test_every_line_of_readme_can_be_given_in_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """After `make ride`, each in a form that takes seconds; then its blocks of Python."""
+    pytest.importorskip("rclpy")
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "docs").symlink_to(ROOT / "docs")
+    assert cli.main(["ride"]) == 0
+    for command in commands_of("\n".join(re.findall(r"^```sh\n.*?^```$", text, re.DOTALL | re.MULTILINE))):
+        words = shlex.split(command)[1:]
+        subject = cli.parse(words[0], words[1:]).subject
+        code = cli.main([*words, *SHORTER.get((words[0], subject), "").split()])
+        # One segment of learning is no rider.
+        assert code in ((0, 1) if subject == dc.REFINEMENT else (0,)), command
+    for block in re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE):
+        exec(block, {})

@@ -14,7 +14,6 @@ from bike_policy.riders.rider import LearnedRider
 from bike_training.cli import main
 from bike_training.learning.presets import load_preset
 from bike_training.reproduce.bicycle import (
-    BICYCLE,
     BicycleExperiment,
     front_directions,
     full_circles,
@@ -36,7 +35,6 @@ from bike_training.reproduce.bicycle_results import (
     weights,
 )
 from bike_training.reproduce.data import Run, Validation, read_data, write_data
-from bike_training.reproduce.paper import all_tables
 from bike_training.reproduce.statement import verdict_table
 from bike_training.rollout.evaluation import SPEEDS
 
