@@ -132,6 +132,6 @@ def test_a_bench_of_a_policy_that_answers_nothing_says_so(monkeypatch: pytest.Mo
     pytest.importorskip("rclpy")
     ros_speed = load_part("ros")
     monkeypatch.setattr(ros_speed, "NodeProcess", Silent)
-    monkeypatch.setattr(ros_speed, "LONGEST_START", 0.2)
+    monkeypatch.setattr(ros_speed, "START_TIMEOUT_S", 0.2)
     with pytest.raises(NodeLost, match=r"^the policy node reported no answers within 0.2 s$"):
         ros_speed.actor_latency()

@@ -84,7 +84,8 @@ def ride_with(stream: io.StringIO, monkeypatch: pytest.MonkeyPatch, **options: b
         for place in range(0, 101, 10):
             bar.set_postfix_str("4.00 m/s", refresh=False)
             bar.update(place - bar.n)
-            bar.refresh()
+            if stream.isatty():
+                bar.refresh()
     return stream.getvalue()
 
 

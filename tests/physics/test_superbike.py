@@ -68,7 +68,7 @@ def test_wet_mass_and_load_share_come_back() -> None:
         x, height = bare.centre_of_mass
         assert x / vehicle.w == pytest.approx(bodies["front_load_share"])
         assert height == pytest.approx(bodies["centre_height"])
-        assert vehicle.mass == pytest.approx(bodies["wet_mass"] + 80.0)
+        assert vehicle.mass == pytest.approx(bodies["wet_mass"] + vehicle.rider.mass)
 
 
 def test_rear_body_is_frame_and_rider_by_parallel_axes() -> None:
@@ -100,7 +100,13 @@ def test_records_for_compiled_code_carry_every_number_by_its_name() -> None:
         section = getattr(DUCATI, name)
         assert {field.name: machine[name][field.name] for field in fields(section)} == asdict(section)
     for record, tyre in ((machine["rear_tyre"], DUCATI.rear_tyre), (machine["front_tyre"], DUCATI.front_tyre)):
-        assert {name: record[name] for name in record.dtype.names} == {**asdict(tyre), "peak": tyre.peak}
+        numbers = {name: value for name, value in asdict(tyre).items() if name != "magic_formula"}
+        assert {name: record[name] for name in record.dtype.names if name != "magic"} == {
+            **numbers,
+            "peak": tyre.peak,
+            "sag": 0.0,
+        }
+        assert not any(record["magic"].tolist())
     with pytest.raises(ValueError, match="read-only"):
         DUCATI.wheel_torque[0] = 1.0
     with pytest.raises(ValueError, match="read-only"):
@@ -206,7 +212,7 @@ def test_loads_of_the_standing_machine() -> None:
     assert front * DUCATI.w == pytest.approx(DUCATI.mass * 9.81 * x)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [name for name in NAMES if MACHINES[name].joints is None])  # on racing tyres
 def test_envelope(name: str) -> None:
     limits = envelope(MACHINES[name])
     assert 1.5 < limits.lateral(30.0) / 9.81 < 1.7

@@ -20,6 +20,7 @@ from bike_analysis.figures.numbers import lap_text
 from bike_analysis.report import analyze, analyze_laps
 from bike_policy.riders.rider import Rider, bundle_of, make_rider
 from bike_sim.course.files import load_course, shipped_tracks
+from bike_sim.physics.engines import check_superbike_engine
 from bike_sim.planning.envelope import Envelope, envelope
 from bike_sim.planning.lap_limit import lap_limit
 from bike_sim.planning.line_cache import track_with_line
@@ -208,6 +209,7 @@ def described(machine: Superbike, limits: Envelope) -> Machine:
 
 def _lap_figures(vehicle: str, circuit: str, args: argparse.Namespace) -> dict[str, Any]:
     began, laps, rider = time.monotonic(), args.laps, make_rider(args.rider)
+    check_superbike_engine(args.engine, load_vehicle(vehicle))
     with progress_bar(f"{vehicle}, {circuit}", "m", quiet=args.json, leave=False) as bar:
 
         def tell(snapshot: Snapshot, length: float) -> None:

@@ -33,17 +33,28 @@ def make_engine(kind: str, vehicle: Vehicle, time_step: float) -> Engine:
     return make(kind, vehicle, time_step)  # type: ignore[arg-type]
 
 
+def check_superbike_engine(kind: str, vehicle: Vehicle) -> None:
+    """Refuse an engine that cannot simulate superbikes.
+
+    Raises:
+        ValueError: naming it.
+    """
+    if kind not in SUPERBIKE_ENGINES:
+        raise ValueError(
+            f"engine '{kind}' has no tyres for the superbike '{vehicle.name}'; choose pybullet or compiled"
+        )
+
+
 def make_superbike_engine(kind: str, vehicle: Superbike, time_step: float) -> SuperbikeEngine:
     """Return a new engine of a superbike; see `make_engine`."""
+    check_superbike_engine(kind, vehicle)
     if kind == "pybullet":
         from bike_sim.physics.superbike.bullet import BulletSuperbikeEngine
 
         return BulletSuperbikeEngine(vehicle, time_step)
-    if kind == "compiled":
-        from bike_sim.physics.superbike.engine import CompiledSuperbikeEngine
+    from bike_sim.physics.superbike.engine import CompiledSuperbikeEngine
 
-        return CompiledSuperbikeEngine(vehicle, time_step)
-    raise ValueError(f"engine '{kind}' has no tyres for the superbike '{vehicle.name}'; choose pybullet or compiled")
+    return CompiledSuperbikeEngine(vehicle, time_step)
 
 
 def make_bicycle_engine(kind: str, vehicle: Vehicle, time_step: float) -> BicycleEngine:

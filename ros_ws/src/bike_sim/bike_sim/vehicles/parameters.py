@@ -78,7 +78,7 @@ def read_record(kind: type[_Record], document: Any, origin: str, path: str = "")
         if key not in document:
             continue
         value, here = document[key], f"{path}.{key}" if path else key
-        section = next((kind for kind in (types[field.name], *get_args(types[field.name])) if is_dataclass(kind)), None)
+        section = _section_of(types[field.name])
         if field.metadata:
             check_number(field.metadata, value, origin, here)
             value = tuple(map(float, value)) if "size" in field.metadata else float(value)
@@ -86,6 +86,11 @@ def read_record(kind: type[_Record], document: Any, origin: str, path: str = "")
             value = read_record(section, value, origin, here)  # type: ignore[arg-type]
         values[field.name] = value
     return kind(**values)
+
+
+def _section_of(kind: Any) -> Any:
+    """Return the record that a field's type is or may be, None where it is none."""
+    return next((each for each in (kind, *get_args(kind)) if is_dataclass(each)), None)
 
 
 def explained(kind: type, document: dict[str, Any], indent: str = "") -> Iterator[str]:
@@ -99,11 +104,14 @@ def explained(kind: type, document: dict[str, Any], indent: str = "") -> Iterato
     types, keys = get_type_hints(kind), {field.metadata.get("key", field.name): field for field in fields(kind)}
     for key, value in document.items():
         field = keys[key]
-        if is_dataclass(types[field.name]):
+        if (section := _section_of(types[field.name])) is not None:
             yield f"{indent}{key}:"
-            yield from explained(types[field.name], value, indent + "  ")
+            yield from explained(section, value, indent + "  ")
         else:
-            line = f"{indent}{yaml.safe_dump({key: value}, width=100).rstrip()}"
+            # lists of two and coefficients stay on their line
+            line = f"{indent}{yaml.safe_dump({key: value}, width=100 if isinstance(value, str) else 10**6).rstrip()}"
+            if isinstance(value, list | dict) and value:
+                line = f"{indent}{key}: {yaml.safe_dump(value, default_flow_style=True, width=10**6).rstrip()}"
             texts = [text for name in ("unit", "meaning") if (text := field.metadata.get(name))]
             yield f"{line:32} # {', '.join(texts)}" if texts else line
 
