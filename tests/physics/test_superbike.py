@@ -101,12 +101,12 @@ def test_records_for_compiled_code_carry_every_number_by_its_name() -> None:
         assert {field.name: machine[name][field.name] for field in fields(section)} == asdict(section)
     for record, tyre in ((machine["rear_tyre"], DUCATI.rear_tyre), (machine["front_tyre"], DUCATI.front_tyre)):
         numbers = {name: value for name, value in asdict(tyre).items() if name != "magic_formula"}
-        assert {name: record[name] for name in record.dtype.names if name != "magic"} == {
+        assert {name: record[name] for name in record.dtype.names if name != "magic_formula"} == {
             **numbers,
             "peak": tyre.peak,
             "sag": 0.0,
         }
-        assert not any(record["magic"].tolist())
+        assert not any(record["magic_formula"].tolist())
     with pytest.raises(ValueError, match="read-only"):
         DUCATI.wheel_torque[0] = 1.0
     with pytest.raises(ValueError, match="read-only"):

@@ -8,13 +8,14 @@ from importlib import resources
 
 import numpy as np
 import pytest
+import yaml
 
 from bike_sim.physics import state as st
 from bike_sim.physics.superbike import magic_formula
 from bike_sim.physics.superbike.bullet import BulletSuperbikeEngine
 from bike_sim.physics.superbike.engine import CompiledSuperbikeEngine
-from bike_sim.validation.published import FOLDER, check_published, nearest, straight_eigenvalues
-from bike_sim.vehicles.files import load_superbike, load_vehicle
+from bike_sim.validation.published import FOLDER, check_published, measured_modes, nearest, straight_eigenvalues
+from bike_sim.vehicles.files import SHIPPED, load_superbike, load_vehicle, vehicle_from_document
 from bike_sim.vehicles.joints import UNIT_RANGE, UNIT_SAMPLES, Chain, Joints
 from bike_sim.vehicles.parameters import VehicleError
 from bike_sim.vehicles.superbike import Superbike
@@ -58,7 +59,7 @@ def test_linkage_is_the_published_one() -> None:
 
 def test_every_published_figure_is_met() -> None:
     """Statics, Sharp's eigenvalues at eight speeds, and those of a linear model with joints switched on and off."""
-    checks = list(check_published(suzuki()))
+    checks = list(check_published(suzuki(), measured_modes(suzuki())))
     assert len(checks) == 18
     assert [check.title for check in checks if not check.passed] == []
 
@@ -136,12 +137,13 @@ def test_a_file_without_joints_is_rigid() -> None:
 
 def test_coefficients_are_complete() -> None:
     """A tyre whose coefficients lack one or have one too many is refused by name."""
-    tyre = suzuki().front_tyre
-    assert tyre.magic_formula is not None
-    with pytest.raises(VehicleError, match="pKy6"):
-        replace(tyre, magic_formula={k: v for k, v in tyre.magic_formula.items() if k != "pKy6"})
-    with pytest.raises(VehicleError, match="pKz1"):
-        replace(tyre, magic_formula=tyre.magic_formula | {"pKz1": 1.0})
+    document = yaml.safe_load((SHIPPED / "gsxr1000.yaml").read_text(encoding="utf-8"))
+    coefficients = document["front_tyre"].pop("magic_formula")
+    short = {name: value for name, value in coefficients.items() if name != "pKy6"}
+    for wrong, named in ((short, "pKy6"), (coefficients | {"pKz1": 1.0}, "pKz1")):
+        tyre = document["front_tyre"] | {"magic_formula": wrong}
+        with pytest.raises(VehicleError, match=f"front_tyre.magic_formula: .*{named}"):
+            vehicle_from_document(document | {"front_tyre": tyre}, "mine")
 
 
 @pytest.mark.parametrize(
@@ -161,7 +163,7 @@ def test_magic_formula(
     place: int, slip: float, drift: float, camber: float, expected: tuple[float, float, float]
 ) -> None:
     """Forces and moment of both tyres at their nominal loads, to the last digit printed, and mirrored."""
-    tyre = suzuki().machine[("rear_tyre", "front_tyre")[place]]["magic"]
+    tyre = suzuki().machine[("rear_tyre", "front_tyre")[place]]["magic_formula"]
     fx, fy, mz, _ = magic_formula.forces(slip, drift, camber, float(tyre["Fz0"]), 1.0, tyre)
     np.testing.assert_allclose((fx, -fy), expected[:2], rtol=0.0, atol=0.006)
     assert -mz == pytest.approx(expected[2], abs=0.0006)

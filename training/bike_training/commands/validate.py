@@ -25,7 +25,7 @@ from bike_sim.planning.envelope import point_mass_envelope
 from bike_sim.planning.lap_limit import LapLimit, lap_limit
 from bike_sim.planning.minimum_time import with_fastest_line
 from bike_sim.validation import bicycle, superbike
-from bike_sim.validation.published import check_published
+from bike_sim.validation.published import Mode, check_published, measured_modes
 from bike_sim.validation.report import Check, Report, number_of
 from bike_sim.vehicles.files import load_superbike, load_vehicle, vehicle_template
 from bike_training.arguments import check_positive, make_folder
@@ -82,12 +82,14 @@ def run_superbikes(args: argparse.Namespace) -> dict[str, Any]:
     names = superbike.MACHINES if args.vehicle == ALL_SUPERBIKES else (args.vehicle,)
     machines = [load_superbike(name) for name in names]
 
-    giving = [machine for machine in machines if machine.joints is not None]
+    modes: list[Mode] = []  # of a machine that gives way, beside published ones
 
     def measure(progress: Callable[[str], None]) -> superbike.Validation:
-        if giving:
+        if machines[0].joints is not None:
             progress("statics and modes beside published ones")
-            return superbike.Validation(args.time_step, list(check_published(machines[0])), machines=tuple(machines))
+            modes.extend(measured_modes(machines[0]))
+            checks = list(check_published(machines[0], modes))
+            return superbike.Validation(args.time_step, checks, machines=tuple(machines))
         result = superbike.validate(machines, args.time_step, progress)
         progress("theoretical laps")
         result.checks.extend(bound_checks(names))
@@ -96,13 +98,15 @@ def run_superbikes(args: argparse.Namespace) -> dict[str, Any]:
     def draw(result: superbike.Validation, folder: Path) -> Sequence[Path]:
         from bike_training.commands.validation_pictures import draw_root_loci, draw_superbikes
 
-        return (draw_root_loci(machines[0], folder / "root_loci.png"),) if giving else draw_superbikes(result, folder)
+        return (draw_root_loci(modes, folder / "root_loci.png"),) if modes else draw_superbikes(result, folder)
 
     def describe(result: superbike.Validation) -> dict[str, Any]:
         return {"schema": SUPERBIKE_SCHEMA} | result.as_dict(_superbike_figures(result))
 
     check_positive("--time-step", args.time_step, "s", SUPERBIKE_PERIOD)
-    engine = "steps of the comparisons" if giving else f"PyBullet, step {1e3 * args.time_step:g} ms"
+    engine = (
+        "steps of the comparisons" if machines[0].joints is not None else f"PyBullet, step {1e3 * args.time_step:g} ms"
+    )
     title = f"{', '.join(machine.name for machine in machines)}, {engine}"
     return _report(args, title, measure, describe, draw, _range_table)
 

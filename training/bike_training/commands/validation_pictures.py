@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,9 +19,8 @@ from bike_sim.planning.envelope import envelope
 from bike_sim.schema import GRAVITY, SIGNALS
 from bike_sim.validation import superbike
 from bike_sim.validation.bicycle import free_of_drive
-from bike_sim.validation.published import linear_modes, sharp_modes
+from bike_sim.validation.published import Mode
 from bike_sim.vehicles.bicycle import Vehicle
-from bike_sim.vehicles.superbike import Superbike
 
 PICTURES: Final = ("tyres", "lean_steps", "turns", "modes", "launch_and_stop", "envelopes", "convergence")
 _PLOT_SPEEDS: Final = np.arange(0.5, 10.01, 0.5)
@@ -241,14 +241,13 @@ def _draw_convergence(result: superbike.Validation, figure: Any) -> None:
     axes.legend()
 
 
-def draw_root_loci(vehicle: Superbike, path: Path) -> Path:
+def draw_root_loci(found: Sequence[Mode], path: Path) -> Path:
     """Draw measured eigenvalues of a machine's variants, and of Sharp's motorcycle, on the published ones.
 
     Args:
-        vehicle: a machine with joints.
+        found: from `published.measured_modes`.
         path: PNG file to write.
     """
-    found = [*sharp_modes(), *linear_modes(vehicle)]
     variants = list(dict.fromkeys(mode.variant for mode in found))
     rows = math.ceil(len(variants) / 2)
     figure = Figure(figsize=(9.0, 2.8 * rows), layout="constrained")

@@ -6,7 +6,7 @@ The figures are in ``config/validation/published.yaml``, each beside its source.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib import resources
 from typing import Any, Final
@@ -24,6 +24,8 @@ from bike_sim.vehicles.joints import Flexure
 from bike_sim.vehicles.superbike import Superbike
 
 FOLDER: Final = resources.files("bike_sim") / "config" / "validation"
+SHARP: Final = "Sharp (1971)"
+"""Name of his motorcycle among the variants."""
 SHARP_STEP: Final = 2e-5
 """Integration step of the comparison with Sharp, s: at 0.5 ms it changes the damping of wobble by 0.3 1/s."""
 LINEAR_STEP: Final = 2e-4
@@ -66,7 +68,7 @@ def sharp_modes() -> Iterator[Mode]:
         values = straight_eigenvalues(vehicle, speed, SHARP_STEP, 0.0)
         for name in ("capsize", "weave", "wobble"):
             wanted = complex(table[f"{name}_re"][i], table.get(f"{name}_im", [0.0] * 8)[i])
-            yield Mode("Sharp (1971)", speed, name, nearest(values, wanted), wanted)
+            yield Mode(SHARP, speed, name, nearest(values, wanted), wanted)
 
 
 def linear_modes(vehicle: Superbike) -> Iterator[Mode]:
@@ -129,15 +131,25 @@ def nearest(values: NDArray[np.complex128], wanted: complex) -> complex:
     return complex(values[np.argmin(np.abs(values - wanted))])
 
 
-def check_published(vehicle: Superbike) -> Iterator[Check]:
-    """Checks of a machine that gives way against all published figures."""
+def measured_modes(vehicle: Superbike) -> list[Mode]:
+    """Return the eigenvalues of Sharp's motorcycle, and of a machine's variants."""
+    return [*sharp_modes(), *linear_modes(vehicle)]
+
+
+def check_published(vehicle: Superbike, found: Sequence[Mode]) -> Iterator[Check]:
+    """Checks of a machine that gives way against all published figures.
+
+    Args:
+        vehicle: the machine.
+        found: its `measured_modes`.
+    """
     constants = CompiledSuperbikeEngine(vehicle, LINEAR_STEP).constants["joints"]
     for name, value in published().get(vehicle.name, {}).get("statics", {}).items():
         measured = float(constants[name.removesuffix("_n")]["preload"][0])
         title = f"force of the {'fork' if name == 'fork_n' else 'rear spring unit'} in the design pose, N"
         yield Check(f"static_{name}", title, measured, 0.995 * value, 1.005 * value, value)
-    sharp, linear = list(sharp_modes()), list(linear_modes(vehicle))
-    real, imaginary = _errors(sharp)
+    linear = [mode for mode in found if mode.variant != SHARP]
+    real, imaginary = _errors([mode for mode in found if mode.variant == SHARP])
     yield Check("sharp_real_1_s", "Sharp (1971), 8 speeds: real parts, largest error, 1/s", real, 0.0, 0.03)
     yield Check("sharp_imaginary_1_s", "and frequencies, largest error, rad/s", imaginary, 0.0, 0.1)
     for variant in dict.fromkeys(mode.variant for mode in linear):

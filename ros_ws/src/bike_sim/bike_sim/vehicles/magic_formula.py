@@ -2,39 +2,76 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
-from typing import Any, Final
+from dataclasses import dataclass, field
 
-import numpy as np
-
-from bike_sim.vehicles.parameters import VehicleError
-
-COEFFICIENTS: Final = (
-    "Fz0", "pCx1", "pDx1", "pDx2", "pEx1", "pEx2", "pEx3", "pEx4", "pKx1", "pKx2", "pKx3", "pCy1", "pDy1", "pDy2",
-    "pDy3", "pEy1", "pEy2", "pEy4", "pKy1", "pKy2", "pKy3", "pKy4", "pKy5", "pCy2", "pKy6", "pKy7", "pEy5", "qHz3",
-    "qHz4", "qBz1", "qBz2", "qBz5", "qBz6", "qCz1", "qDz1", "qDz2", "qDz3", "qDz4", "qEz1", "qEz2", "qEz3", "qEz5",
-    "qBz9", "qBz10", "qDz8", "qDz9", "qDz10", "qDz11", "rBx1", "rBx2", "rCx1", "rBy1", "rBy2", "rBy3", "rCy1",
-)  # fmt: skip
-"""Names of the coefficients; all are without unit but the nominal load Fz0, N."""
-
-MAGIC_FORMULA: Final = np.dtype([(name, np.float64) for name in ("on", *COEFFICIENTS, "rc", "c0", "c1", "c2")])
-"""Record of a tyre: 1 where it follows this law, its coefficients, the radius of its crown, m, and the relaxation
-length by cornering stiffness, m/N, as a polynomial of the speed, m/s."""
+from bike_sim.vehicles.parameters import positive, signed
 
 
-def check_coefficients(values: Mapping[str, Any]) -> None:
-    """Check that a tyre has all coefficients and nothing else.
+@dataclass(frozen=True)
+class MagicFormula:
+    """A tyre's coefficients by their published names; those without unit count from the nominal load."""
 
-    Raises:
-        VehicleError: naming those that are missing, unknown or no finite numbers.
-    """
-    wanted = MAGIC_FORMULA.names[1:]  # type: ignore[index]
-    missing, unknown = [n for n in wanted if n not in values], [str(n) for n in values if n not in wanted]
-    if missing or unknown:
-        raise VehicleError(
-            f"magic_formula lacks {', '.join(missing) or 'nothing'}, has unknown {', '.join(unknown) or 'nothing'}"
-        )
-    for name, value in values.items():
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise VehicleError(f"magic_formula.{name} = {value!r} is not a finite number")
+    Fz0: float = field(metadata=positive("N", "nominal load"))
+    pCx1: float = field(metadata=signed("", "shape of the longitudinal force"))
+    pDx1: float = field(metadata=signed("", "peak of the longitudinal force"))
+    pDx2: float = field(metadata=signed("", "peak of the longitudinal force"))
+    pEx1: float = field(metadata=signed("", "curvature of the longitudinal force"))
+    pEx2: float = field(metadata=signed("", "curvature of the longitudinal force"))
+    pEx3: float = field(metadata=signed("", "curvature of the longitudinal force"))
+    pEx4: float = field(metadata=signed("", "curvature of the longitudinal force"))
+    pKx1: float = field(metadata=signed("", "longitudinal slip stiffness"))
+    pKx2: float = field(metadata=signed("", "longitudinal slip stiffness"))
+    pKx3: float = field(metadata=signed("", "longitudinal slip stiffness"))
+    pCy1: float = field(metadata=signed("", "shape of the side force"))
+    pDy1: float = field(metadata=signed("", "peak of the side force"))
+    pDy2: float = field(metadata=signed("", "peak of the side force"))
+    pDy3: float = field(metadata=signed("", "peak of the side force"))
+    pEy1: float = field(metadata=signed("", "curvature of the side force"))
+    pEy2: float = field(metadata=signed("", "curvature of the side force"))
+    pEy4: float = field(metadata=signed("", "curvature of the side force"))
+    pKy1: float = field(metadata=signed("", "cornering stiffness"))
+    pKy2: float = field(metadata=signed("", "cornering stiffness"))
+    pKy3: float = field(metadata=signed("", "cornering stiffness"))
+    pKy4: float = field(metadata=signed("", "cornering stiffness"))
+    pKy5: float = field(metadata=signed("", "cornering stiffness"))
+    pCy2: float = field(metadata=signed("", "shape of camber's part of the side force"))
+    pKy6: float = field(metadata=signed("", "camber stiffness"))
+    pKy7: float = field(metadata=signed("", "camber stiffness"))
+    pEy5: float = field(metadata=signed("", "curvature of camber's part of the side force"))
+    qHz3: float = field(metadata=signed("", "shift of the residual moment"))
+    qHz4: float = field(metadata=signed("", "shift of the residual moment"))
+    qBz1: float = field(metadata=signed("", "stiffness of the trail"))
+    qBz2: float = field(metadata=signed("", "stiffness of the trail"))
+    qBz5: float = field(metadata=signed("", "stiffness of the trail"))
+    qBz6: float = field(metadata=signed("", "stiffness of the trail"))
+    qCz1: float = field(metadata=signed("", "shape of the trail"))
+    qDz1: float = field(metadata=signed("", "peak of the trail"))
+    qDz2: float = field(metadata=signed("", "peak of the trail"))
+    qDz3: float = field(metadata=signed("", "peak of the trail"))
+    qDz4: float = field(metadata=signed("", "peak of the trail"))
+    qEz1: float = field(metadata=signed("", "curvature of the trail"))
+    qEz2: float = field(metadata=signed("", "curvature of the trail"))
+    qEz3: float = field(metadata=signed("", "curvature of the trail"))
+    qEz5: float = field(metadata=signed("", "curvature of the trail"))
+    qBz9: float = field(metadata=signed("", "stiffness of the residual moment"))
+    qBz10: float = field(metadata=signed("", "stiffness of the residual moment"))
+    qDz8: float = field(metadata=signed("", "peak of the residual moment"))
+    qDz9: float = field(metadata=signed("", "peak of the residual moment"))
+    qDz10: float = field(metadata=signed("", "peak of the residual moment"))
+    qDz11: float = field(metadata=signed("", "peak of the residual moment"))
+    rBx1: float = field(metadata=signed("", "longitudinal force under side slip"))
+    rBx2: float = field(metadata=signed("", "longitudinal force under side slip"))
+    rCx1: float = field(metadata=signed("", "longitudinal force under side slip"))
+    rBy1: float = field(metadata=signed("", "side force under longitudinal slip"))
+    rBy2: float = field(metadata=signed("", "side force under longitudinal slip"))
+    rBy3: float = field(metadata=signed("", "side force under longitudinal slip"))
+    rCy1: float = field(metadata=signed("", "side force under longitudinal slip"))
+    rc: float = field(metadata=positive("m", "radius of the crown"))
+    c0: float = field(metadata=positive("m/N", "relaxation length by cornering stiffness, standing"))
+    c1: float = field(metadata=signed("s/N", "change of it with the speed"))
+    c2: float = field(metadata=signed("s2/(N m)", "change of it with the square of the speed"))
+
+    @property
+    def on(self) -> float:
+        """1: the tyre follows this law; 0 in the record of one without coefficients."""
+        return 1.0

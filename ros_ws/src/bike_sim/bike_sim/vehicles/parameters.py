@@ -108,10 +108,8 @@ def explained(kind: type, document: dict[str, Any], indent: str = "") -> Iterato
             yield f"{indent}{key}:"
             yield from explained(section, value, indent + "  ")
         else:
-            # lists of two and coefficients stay on their line
-            line = f"{indent}{yaml.safe_dump({key: value}, width=100 if isinstance(value, str) else 10**6).rstrip()}"
-            if isinstance(value, list | dict) and value:
-                line = f"{indent}{key}: {yaml.safe_dump(value, default_flow_style=True, width=10**6).rstrip()}"
+            dumped = yaml.safe_dump({key: value}, width=100).rstrip()
+            line = f"{indent}{f'{key}: {value}' if isinstance(value, list) else dumped}"
             texts = [text for name in ("unit", "meaning") if (text := field.metadata.get(name))]
             yield f"{line:32} # {', '.join(texts)}" if texts else line
 

@@ -13,7 +13,6 @@ import itertools
 import math
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from types import SimpleNamespace
 from typing import Any, Final, get_type_hints
 
 import numpy as np
@@ -22,7 +21,7 @@ from numpy.typing import NDArray
 from bike_sim.schema import GRAVITY
 from bike_sim.vehicles.bicycle import Vehicle, VehicleFile
 from bike_sim.vehicles.joints import Joints
-from bike_sim.vehicles.magic_formula import MAGIC_FORMULA, check_coefficients
+from bike_sim.vehicles.magic_formula import MagicFormula
 from bike_sim.vehicles.parameters import VehicleError, check_format, number, positive, read_record, signed
 
 FloatArray = NDArray[np.float64]
@@ -64,27 +63,12 @@ class Tyre:
     twist: float = field(metadata=number("m/rad", "twisting torque by load and camber, towards the wheel's lean"))
     rolling: float = field(metadata=number("", "rolling resistance coefficient"))
     camber_lag: float = field(default=0.0, metadata=number("", "1: camber thrust lags like that of side slip, 0: none"))
-    magic_formula: dict[str, float] | None = None
-
-    def __post_init__(self) -> None:
-        """Check the coefficients of the Magic Formula, which then takes the place of the law above.
-
-        Raises:
-            VehicleError: one is missing, unknown or no number.
-        """
-        if self.magic_formula is not None:
-            check_coefficients(self.magic_formula)
+    magic_formula: MagicFormula | None = None
 
     @property
     def sag(self) -> float:
         """How far the standing machine presses it in beyond the radius of its file, m: nothing."""
         return 0.0
-
-    @property
-    def magic(self) -> SimpleNamespace:
-        """Fields of `MAGIC_FORMULA`, all 0 without coefficients."""
-        values = dict.fromkeys(MAGIC_FORMULA.names or (), 0.0)
-        return SimpleNamespace(**values | ({"on": 1.0} | self.magic_formula if self.magic_formula else {}))
 
     @property
     def peak(self) -> float:
@@ -422,7 +406,7 @@ class Superbike(Vehicle, Sections):
     @cached_property
     def machine(self) -> Record:
         """All numbers for compiled code: a record of `MACHINE`."""
-        table = np.empty(1, dtype=MACHINE)
+        table = np.zeros(1, dtype=MACHINE)
         _fill(table[0], self)
         table.setflags(write=False)
         return table[0]
@@ -439,7 +423,12 @@ def record_of(kind: type) -> np.dtype[np.void]:
     return np.dtype([(entry.name, np.float64) for entry in fields(kind) if entry.metadata])
 
 
-TYRE: Final = np.dtype([*record_of(Tyre).descr, ("peak", np.float64), ("sag", np.float64), ("magic", MAGIC_FORMULA)])
+MAGIC_FORMULA: Final = np.dtype([*record_of(MagicFormula).descr, ("on", np.float64)])
+"""Record of a tyre's coefficients of the Magic Formula, all 0 without."""
+
+TYRE: Final = np.dtype(
+    [*record_of(Tyre).descr, ("peak", np.float64), ("sag", np.float64), ("magic_formula", MAGIC_FORMULA)]
+)
 """Record of a tyre, with its `peak`, how far the standing machine presses it in beyond the radius of its file, m, and
 the coefficients of the Magic Formula."""
 
@@ -459,7 +448,7 @@ def _fill(record: Record, source: Any) -> None:
         value = getattr(source, name)
         if record.dtype[name].names is None:
             record[name] = value
-        else:
+        elif value is not None:
             _fill(record[name], value)
 
 

@@ -402,10 +402,10 @@ def tyre_force(
     speed = abs(along + dot(wheel.carrier, wheel.axle) * contact.radius)
     slip = tyres.relax(slip, wheel.rate * contact.radius - along, speed, tyre.slip_relaxation, dt)
     aside, length = dot(wheel.velocity, contact.left), tyre.relaxation
-    if tyre.magic.on != 0.0:
+    if tyre.magic_formula.on != 0.0:
         # its fits take the side slip of the crown's centre
         aside += tyre.crown * dot(cross(wheel.carrier, contact.normal), contact.left)
-        length = magic_formula.relaxation_length(max(load, 1.0), speed, tyre.magic)
+        length = magic_formula.relaxation_length(max(load, 1.0), speed, tyre.magic_formula)
     camber = math.asin(min(max(contact.lean, -1.0), 1.0))
     if tyre.camber_lag != 0.0:
         # camber counts as the side slip of the same force

@@ -72,7 +72,7 @@ def forces(
         camber: rad, positive leaning right.
         load: Fz, N; none or less gives no force.
         grip: factor on friction, 1 on the track.
-        t: a record of `vehicles.magic_formula.MAGIC_FORMULA`.
+        t: a record of `vehicles.superbike.MAGIC_FORMULA`.
     """
     if load <= 0.0:
         return 0.0, 0.0, 0.0, 0.0
@@ -110,7 +110,7 @@ def _moment(
         load: N.
         of: largest side force, N; stiffness of longitudinal slip, of side slip, and that upright, N/rad.
         share: of the side force that longitudinal slip leaves.
-        t: a record of `vehicles.magic_formula.MAGIC_FORMULA`.
+        t: a record of `vehicles.superbike.MAGIC_FORMULA`.
     """
     peak_y, stiff_x, stiff_y, stiff_0 = of
     d, cos = (load - t.Fz0) / t.Fz0, 1.0 / math.sqrt(1.0 + a * a)

@@ -294,12 +294,9 @@ def _offset(mass: float, arm: Any) -> Any:
 
 def joint_numbers(tree: Sequence[Body]) -> dict[str, int]:
     """Return the numbers of the joints that give way by their names in `records.FURTHER_JOINTS`, -1 where rigid."""
-    names = [body.name for body in tree]
-    bodies = ("swing_arm", "fork_slider", "head", "fork_bending", "torso")
-    return {
-        joint: names.index(name) - 1 if name in names else -1
-        for joint, name in zip(FURTHER_JOINTS, bodies, strict=True)
-    }
+    numbers = {body.name: number - 1 for number, body in enumerate(tree)}
+    names = ("swing_arm", "fork_slider", "head", "fork_bending", "torso")
+    return {joint: numbers.get(name, -1) for joint, name in zip(FURTHER_JOINTS, names, strict=True)}
 
 
 def design_load(tree: Sequence[Body], joint: int, wheels: Mapping[int, tuple[float, float]], gravity: float) -> float:

@@ -69,8 +69,8 @@ def forces(
     """
     if load <= 0.0:
         return 0.0, 0.0, 0.0, 0.0
-    if t.magic.on != 0.0:
-        return magic_formula.forces(slip, tan_slip_angle, camber, load, grip, t.magic)
+    if t.magic_formula.on != 0.0:
+        return magic_formula.forces(slip, tan_slip_angle, camber, load, grip, t.magic_formula)
     mu_y = friction(camber, t) * grip
     mu_x = mu_y * t.friction_ratio
     sx = t.slip_stiffness * slip / mu_x
