@@ -305,7 +305,7 @@ def test_a_recorded_ride_has_its_first_state_and_command(ros: Any, tmp_path: Pat
 
 SLOW_SIMULATOR = """
 import time
-end = time.monotonic() + 3.0
+end = time.monotonic() + 7.0
 while time.monotonic() < end:
     pass
 from bike_sim.ros.sim_node import main
@@ -322,8 +322,8 @@ def test_a_start_that_works_for_long_is_waited_for_and_explained(
     parameters = {"course": "circle", "engine": "whipple", "time_step": 0.01}
     with RideMonitor(ros.domain) as monitor, NodeProcess("slow_simulator", parameters, ros.domain) as simulator:
         began = time.monotonic()
-        monitor.pause(True, 2.0, [simulator])
-        assert time.monotonic() - began > 3.0
+        monitor.pause(True, 5.0, [simulator])
+        assert time.monotonic() - began > 7.0
     assert capfd.readouterr().err == f"{node_rides.EXPLANATION}\n"
 
 
