@@ -26,8 +26,6 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 FOLDERS = {Path(folder).name: ROOT / folder for folder in tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"][
     "hatch"]["build"]["targets"]["wheel"]["packages"]}  # fmt: skip
 REFUSED = PACKAGES | SWEEP_PACKAGES
-BY_HAND = {"mlflow"}
-"""What an option needs that few want: it brings twenty packages, and its user installs it."""
 NOT_IMPORTED = {
     "pyarrow": "pandas writes Parquet files with it",
     "tensorboard": "stable-baselines3 writes its logs with it",
@@ -47,7 +45,7 @@ def imported(package: str) -> dict[str, str]:
     for file in sorted(FOLDERS[package].rglob("*.py")):
         for name in imports(ast.parse(file.read_text(encoding="utf-8"))):
             top = name.partition(".")[0]
-            if top not in {*sys.stdlib_module_names, *FOLDERS, *BY_HAND} and not ROS_PACKAGES.match(top):
+            if top not in {*sys.stdlib_module_names, *FOLDERS} and not ROS_PACKAGES.match(top):
                 assert top in owners(), f"{file} imports {top}, which is not installed"
                 found[owners()[top]] = str(file.relative_to(ROOT))
     return found

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from bike_training.learning.run import run as learn
 from bike_training.learning.run_settings import RECORD_ENDS
-from bike_training.sweeps.results import curves_table, log_runs, runs_table
+from bike_training.sweeps.results import curves_table, runs_table
 from bike_training.sweeps.runs import FAILED, FINISHED, INTERRUPTED, execute, make_plan, result_of, status_of
 from bike_training.sweeps.spec import sweep_from_document
 
@@ -76,17 +76,3 @@ def test_tables_have_every_run_and_the_points_of_its_curves(tmp_path: Path) -> N
     rows = (tmp_path / "runs" / RUN.name / "validations.csv").read_text().splitlines()[1:]
     errors = curves[curves["quantity"] == "mean_error_m"]
     assert list(errors["value"]) == [float(row.split(",")[3]) for row in rows]
-
-
-def test_mlflow_has_each_finished_run_once(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setenv("MLFLOW_ALLOW_FILE_STORE", "true")
-    import mlflow  # takes seconds, and only this test needs it
-
-    execute(RUN, tmp_path / "runs" / RUN.name)
-    plan, uri = make_plan(SWEEP, tmp_path), f"file://{tmp_path / 'mlruns'}"
-    assert log_runs(plan, "seeds", uri) == 1
-    assert log_runs(plan, "seeds", uri) == 0
-    client = mlflow.MlflowClient(uri)
-    (run,) = client.search_runs([client.get_experiment_by_name("seeds").experiment_id])
-    assert run.data.params["seed"] == "3"
-    assert run.data.metrics["updates"] == result_of(tmp_path / "runs" / RUN.name)["figures"]["updates"]

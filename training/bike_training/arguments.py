@@ -42,16 +42,14 @@ class CommandParser(argparse.ArgumentParser):
         options: all options, by their attribute in the parsed arguments.
     """
 
-    def __init__(
-        self, command: str, summary: str, subjects: Sequence[str], renamed: Mapping[tuple[str, str], str]
-    ) -> None:
+    def __init__(self, command: str, summary: str, subjects: Sequence[str], renamed: Mapping[str, str]) -> None:
         """Begin a parser.
 
         Args:
             command: its name.
             summary: one line about it.
             subjects: what the command can be about.
-            renamed: by command and former option, what stands for it.
+            renamed: by former option, what stands for it.
         """
         super().__init__(
             prog=f"bike {command}",
@@ -59,7 +57,7 @@ class CommandParser(argparse.ArgumentParser):
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         self.subjects = tuple(subjects)
-        self._renamed = {flag: now for (name, flag), now in renamed.items() if name == command}
+        self._renamed = renamed
         self.options: dict[str, Option] = {}
         self.add_argument("--json", action="store_true", help="print one JSON object on standard output, nothing else")
 

@@ -63,10 +63,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     for package in ("ray", "pyarrow"):
         if find_spec(package) is None:  # Ray itself reads its environment while it is imported, so only later
             raise ModuleNotFoundError(f"a sweep needs {package}", name=package)
-    if args.mlflow:
-        from bike_training.sweeps.results import check_mlflow
-
-        check_mlflow()
     make_folder("--out", args.out)
     with claim_folder(args.out):
         if sweep.search is not None:
@@ -89,8 +85,6 @@ def _do(sweep: Sweep, plan: Plan, args: argparse.Namespace, cores: float) -> dic
             interrupted = do_runs(missing, args.out, place, retries, display)
     plan = make_plan(sweep, args.out)
     results.write_tables(plan, args.out)
-    if args.mlflow:
-        results.log_runs(plan, sweep.name, args.mlflow)
     outcome = _outcome(sweep, plan, args, cores, ok=all(run.finished for run in plan.runs))
     if not args.json:
         counts = outcome["figures"]["runs_by_status"]
