@@ -148,10 +148,15 @@ def test_bytes_of_a_stranger_end_no_node_and_are_recorded_as_they_are(ros, polic
     probe.destroy_subscription(next(s for s in probe.subscriptions if s.topic_name == "/bike/state"))
     probe.destroy_subscription(next(s for s in probe.subscriptions if s.topic_name == "/diagnostics"))
     qos = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    for topic, kind in topics.items():
-        publisher = sender.create_publisher(kind, topic, qos)
+    publishers = {topic: sender.create_publisher(kind, topic, qos) for topic, kind in topics.items()}
+
+    def matched() -> bool:
+        return all(0 < probe.count_subscribers(t) <= p.get_subscription_count() for t, p in publishers.items())
+
+    sender.until(matched)  # a node that is found later would not get the bytes
+    for topic, publisher in publishers.items():
         for data in GARBAGE:
-            publisher.publish(data[:8] if kind is Clock else data)  # a type without texts has a largest size
+            publisher.publish(data[:8] if topic == "/clock" else data)  # a type without texts has a largest size
     clock = time.monotonic()
     while time.monotonic() < clock + 4.0:
         monitor._executor.spin_once(0.05)

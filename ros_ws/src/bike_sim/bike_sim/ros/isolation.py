@@ -8,6 +8,7 @@ prints the variables that a shell must export so that programs started from it, 
 from __future__ import annotations
 
 import fcntl
+import itertools
 import os
 import re
 import shlex
@@ -64,6 +65,10 @@ def prepare_discovery(environment: MutableMapping[str, str] = os.environ) -> Non
         environment[PROFILES_VARIABLE] = str(NETWORK)
 
 
+_leases = itertools.count()
+"""Leases that this process has asked for."""
+
+
 class DomainLease(AbstractContextManager["DomainLease"]):
     """A ROS domain that no other lease on this machine has, held until `close` or the end of the process.
 
@@ -76,7 +81,10 @@ class DomainLease(AbstractContextManager["DomainLease"]):
     """
 
     def __init__(self, family: str = "bike_ros_domain") -> None:
-        """Take a free domain, beginning at one that depends on the process; preferably one without running nodes.
+        """Take a free domain, preferably one without running nodes.
+
+        The first one that is tried depends on the process and moves on with each lease: a participant that was killed
+        may have left a port of its domain broken.
 
         Args:
             family: which leases exclude each other.
@@ -85,7 +93,8 @@ class DomainLease(AbstractContextManager["DomainLease"]):
             OSError: every domain is taken.
         """
         count = LAST_DOMAIN - FIRST_DOMAIN + 1
-        domains = [FIRST_DOMAIN + (os.getpid() + k) % count for k in range(count)]
+        first = os.getpid() + next(_leases)
+        domains = [FIRST_DOMAIN + (first + k) % count for k in range(count)]
         inhabited = _inhabited_domains()
         for domain_id in sorted(domains, key=lambda domain: domain in inhabited):
             name = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
