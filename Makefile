@@ -1,7 +1,7 @@
 # Every target sets up first what it needs; a set-up that is current costs a fraction of a second.
 .DEFAULT_GOAL := help
 .PHONY: help setup setup-training setup-sweep setup-all setup-checks build ride lap live test test-long check docs figures \
-	release format bench clean distclean
+	measure release format bench clean distclean
 
 BIN := .venv/bin
 SHELL_SCRIPTS := tools/setup tools/update-constraints tools/release .ci/run
@@ -65,6 +65,9 @@ docs: setup-checks ## Build the documents' site into out/site
 
 figures: setup-all ## Fill the tables of documents from data files and from the code; measures nothing
 	$(BIN)/python tools/figures.py
+
+measure: setup-all ## Make the data of those tables anew that are older than the code: all that take no more than an hour
+	$(BIN)/python tools/measure.py $(CLASS) $(if $(ONLY),--only $(ONLY))
 
 release: setup-checks ## Build wheel and sdist into out/dist, check them, and ride from the wheel in a clean environment
 	@tools/release

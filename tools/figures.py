@@ -9,6 +9,7 @@ A page marks a table by ``<!-- figures: NAME -->`` and ``<!-- /figures -->``; wh
     machine  that it ran on
     depends  on which sources, names of `SOURCES`
     note     what the command does not say (optional)
+    duration of the measurement (optional; `tools/measure.py` writes it)
 
 Below a table stands where it is from. Where a source has changed since, the line says so.
 """
@@ -138,30 +139,52 @@ def random_circuits(name: str) -> str:
     by_machine["all"] = by_machine.pop("all")
     rows = []
     for machine, laps in by_machine.items():
-        if "whole" in laps[0]:
-            rides, whole = (sum(int(lap[key]) for lap in laps) for key in ("rides", "whole"))
-            excess = sorted(100.0 * float(lap["median_excess"]) for lap in laps)
-        else:
-            rides, whole = len(laps), sum(lap["falls"] == "0" and int(lap["valid_laps"]) > 0 for lap in laps)
-            excess = sorted(100.0 * float(lap["closest_excess"]) for lap in laps)
+        rides, whole = (sum(int(lap[key]) for lap in laps) for key in ("rides", "whole"))
+        excess = sorted(100.0 * float(lap["median_excess"]) for lap in laps if lap["median_excess"])
         middle = 0.5 * (excess[(len(excess) - 1) // 2] + excess[len(excess) // 2])
         rows.append([machine, f"{whole} of {rides}", *(f"{value:.1f} %" for value in (middle, excess[0], excess[-1]))])
     names = ("machine", "rides whole", "median over the closest line", "least", "largest")
     return markdown(names, rows) + origin(DATA / f"{name}.csv")
 
 
-def shake(name: str) -> str:
-    """Return the largest shake of all machines by lean and brake."""
-    largest: dict[tuple[int, str], float] = defaultdict(float)
-    for row in read_records(name):
-        brake = "none" if float(row["brake"]) == 0.0 else "up to 0.4" if float(row["brake"]) <= 0.4 else "more"
-        key = (int(float(row["lean_deg"])), brake)
-        largest[key] = max(largest[key], float(row["shake_g"]))
-    brakes = list(dict.fromkeys(brake for _, brake in largest))
+def headline(name: str) -> str:
+    """Return the table of README: the ends of the tables of the results' page."""
+    from bike_training.commands.reproduce import PAPERS
+    from bike_training.reproduce.data import read_data
+
+    found = PAPERS["bicycle"]
+    statement = next(each for each in found.statements if each.source == "Table 6")
+    of_paper = statement.find(read_data(DATA / "bicycle_paper", found.tables)).text
+    riders = {row["figure"]: row for row in read_records("bicycle_riders")}
+    modes = {row["figure"]: row["`pybullet` 1 ms"] for row in read_records("bicycle_validation")}
+    engines = {row["figure"]: float(row["value"].replace(",", "")) for row in read_records("speed")}
+    pairs_ = read_records("racer_pairs")
+    racer = [100.0 * float(row["median_excess"]) for row in pairs_]
+    classical = [float(row["excess of closest"].rstrip("%")) for row in read_records("classical_laps")]
+    lapped = f"{sum(row['whole'] == row['rides'] for row in pairs_)} of {len(pairs_)}"
+    own = f"{riders['largest distance']['`whipple`']}, {riders['largest mean distance']['`whipple`']}"
+    speeds = f"{modes['`weave_speed_m_s`']}, {modes['`capsize_speed_m_s`']} m/s"
+    ratios = [f"{engines[f'`{kind}_to_exudyn_ratio`']:.1f}" for kind in ("pybullet", "whipple")]
     rows = [
-        [f"{lean}°", *(f"{largest[lean, brake]:.3f}" for brake in brakes)] for lean in sorted({k for k, _ in largest})
+        [
+            "Bicycle, SAC of the paper: largest, largest mean distance",
+            of_paper,
+            "0.69 m, 0.09 m",
+            "`bike reproduce bicycle`",
+        ],
+        ["Bicycle, learned through gradients: the same", own, "-", "`bike evaluate`"],
+        ["Bicycle, PyBullet at 1 ms: weave, capsize speed", speeds, "4.29, 6.02 m/s", "`bike validate`"],
+        ["Superbikes, one guided actor: pairs lapped", lapped, "14 of 15", "`bike evaluate racer`"],
+        ["`racer` over the closest line's theoretical lap", f"{min(racer):.1f} to {max(racer):.1f} %", "-", "the same"],
+        ["classical rider over it", f"{min(classical):.1f} to {max(classical):.1f} %", "-", "`bike ride --all`"],
+        ["Speed against Exudyn: PyBullet, compiled", f"{' and '.join(ratios)} times", "-", "`bike bench`"],
     ]
-    return markdown(("lean", *(f"brake {brake}, g" for brake in brakes)), rows) + origin(DATA / f"{name}.csv")
+    heads = {file: read_head(DATA / file) for file in name.split(",")}
+    old = sorted({source for head in heads.values() for source in changed_sources(head)})
+    line = "Measured at commits " + ", ".join(dict.fromkeys(f"{h['commit']} ({h['date']})" for h in heads.values()))
+    line = f"*{line}{'; changed since: ' + ', '.join(old) if old else ''}*"
+    table = markdown(("figure", "here", "published", "command"), rows)
+    return f"{table}\n{fill(line, 120, break_long_words=False, break_on_hyphens=False)}\n"
 
 
 def paper(name: str) -> str:
@@ -218,7 +241,7 @@ def parameters(node: str) -> str:
 
 
 KINDS: Final[Mapping[str, Callable[[str], str]]] = {
-    function.__name__: function for function in (shipped, pairs, random_circuits, shake, paper, command, parameters)
+    function.__name__: function for function in (shipped, pairs, random_circuits, headline, paper, command, parameters)
 }
 
 

@@ -10,6 +10,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "tools"))
 import figures  # noqa: E402
+import measure  # noqa: E402
 
 HEADS = list(figures.data_heads())
 
@@ -59,3 +60,21 @@ def test_a_head_without_an_entry_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("# command: bike ride\n# depends: weather\nx\n1\n")
     with pytest.raises(ValueError, match=r"lacks \['commit', 'date', 'machine'\].*\['weather'\]"):
         figures.read_head(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize("name", measure.TABLES)
+def test_data_can_be_measured_anew(name: str, check_command: Callable[[str], None]) -> None:
+    command = figures.read_head(figures.DATA / f"{name}.csv")["command"]
+    for variant in measure.TABLES[name].variants:
+        check_command(f"{command} {variant}")
+
+
+def test_rows_of_answers_are_those_of_the_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is written can be read, with the commit that last changed its sources, and is not out of date."""
+    monkeypatch.setattr(measure, "DATA", tmp_path)
+    head = (figures.DATA / "racer_pairs.csv").read_text(encoding="utf-8").partition("vehicle,")[0]
+    (tmp_path / "racer_pairs.csv").write_text(head)
+    measure.write("racer_pairs", [({"figures": {"races": [{"vehicle": "r1", "best_s": None}]}}, 3.0)])
+    lines = (tmp_path / "racer_pairs.csv").read_text(encoding="utf-8").splitlines()
+    assert lines[-3:] == ["# duration: 3 s", "vehicle,best_s", "r1,"]
+    assert figures.changed_sources(figures.read_head(tmp_path / "racer_pairs.csv")) == []

@@ -108,7 +108,7 @@ def test_what_is_pinned_and_what_it_pulls_in_has_one_version() -> None:
     versions = dict(line.split("==") for line in lines if not line.startswith("#"))
     names = {canonicalize_name(name) for name in versions}
     assert len(names) == len(versions)
-    for stage in ("runtime", "build", "ros", "training", "sweep", "dev"):
+    for stage in ("runtime", "build", "ros-jazzy", "training", "sweep", "dev"):
         assert pinned(stage) <= names, f"requirements/{stage}.txt: run tools/update-constraints"
 
 

@@ -5,7 +5,8 @@ before anything else runs. Every program of the environment (`bike`, the nodes, 
 the message packages, their shared libraries and the ament index without a sourced shell. This is the only place where
 the project sets these variables:
 
-* `AMENT_PREFIX_PATH` gets the environment itself (colcon installs the workspace into it), then `/opt/ros/jazzy`.
+* `AMENT_PREFIX_PATH` gets the environment itself (colcon installs the workspace into it), then `/opt/ros/DISTRIBUTION`.
+* `ROS_DISTRO` gets the distribution that `tools/setup` chose, where it is not set.
 * `LD_LIBRARY_PATH` gets the libraries of both. The dynamic loader reads it when a process starts, so Python restarts
   itself once. The ROS 2 wheels bring `ros_wheels_bootstrapper`, which does the same and marks it in
   `_ROS_WHEELS_BOOTSTRAP_COMPLETE`; but it trusts a mark inherited from another environment, and its order of the
@@ -16,7 +17,18 @@ the project sets these variables:
 import os
 import sys
 
-ROS_ROOT = "/opt/ros/jazzy"
+
+
+def _distribution() -> str:
+    """Name of the distribution of ROS 2 that the environment was made for."""
+    try:
+        with open(os.path.join(sys.prefix, "stamps", "distribution"), encoding="utf-8") as file:
+            return file.read().strip()
+    except OSError:
+        return "jazzy"
+
+
+ROS_ROOT = os.path.join("/opt/ros", _distribution())
 WHEELS_MARK = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 
 
@@ -48,6 +60,7 @@ def _prepend(variable: str, directories: list[str]) -> None:
 
 def apply() -> None:
     """Sets the search paths of this process and of all that it starts; restarts Python where the loader needs it."""
+    os.environ.setdefault("ROS_DISTRO", _distribution())
     _prepend("AMENT_PREFIX_PATH", [prefix for prefix in (sys.prefix, ROS_ROOT) if os.path.isdir(prefix)])
     if os.path.isdir(_site_packages(ROS_ROOT)) and _site_packages(ROS_ROOT) not in sys.path:
         sys.path.append(_site_packages(ROS_ROOT))

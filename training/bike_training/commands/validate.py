@@ -197,6 +197,7 @@ def _superbike_figures(result: superbike.Validation) -> dict[str, Any]:
     ranges = [
         {
             "name": row.name,
+            "title": row.title,
             "low": number_of(row.low),
             "high": number_of(row.high),
             "published_low": row.published_low,

@@ -5,6 +5,7 @@ Source: rosbag2_storage (``yaml.hpp``, ``qos.cpp``) and rosbag2_storage_mcap of 
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -137,7 +138,7 @@ def bag_information(
             for file in files
         ],
         "custom_data": dict(notes) or None,
-        "ros_distro": "jazzy",
+        "ros_distro": os.environ.get("ROS_DISTRO", "jazzy"),
     }
 
 

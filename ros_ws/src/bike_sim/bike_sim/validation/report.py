@@ -36,7 +36,7 @@ class Check:
     def as_dict(self) -> dict[str, Any]:
         """Return the check for JSON; values that are not finite are None."""
         numbers = {name: number_of(getattr(self, name)) for name in ("measured", "reference", "low", "high")}
-        return {"name": self.name, **numbers, "ok": self.passed}
+        return {"name": self.name, "title": self.title, **numbers, "ok": self.passed}
 
 
 @dataclass

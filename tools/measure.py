@@ -1,0 +1,248 @@
+"""Make the data of the documents' tables anew: ``make measure``, or ``tools/measure.py [CLASS] [--only NAME]``.
+
+It runs the command in the head of each file of `TABLES` and writes the file with its head. What is no older than its
+sources is left alone. Each command's answer is kept in ``out/measure`` until its sources change, so that the same call
+goes on where it was stopped. One command runs on each core; those that measure time run alone, after all others.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from figures import DATA, ROOT, SOURCES, changed_sources, read_head
+
+CLASSES: Final[Mapping[str, float]] = {"minutes": 900.0, "hour": 7200.0, "days": float("inf")}
+"""Longest duration of a measurement, s."""
+ANSWERS: Final = ROOT / "out" / "measure"
+Rows = list[list[Any]]
+
+
+def columns(item: str, **texts: str) -> Callable[[Sequence[Any]], Rows]:
+    """Return what makes a row of each entry of a list of figures, by format strings."""
+
+    def rows(answers: Sequence[Any]) -> Rows:
+        entries = [entry | _more(entry, answers[0]["figures"]) for entry in answers[0]["figures"][item]]
+        return [list(texts), *([text.format(**entry) for text in texts.values()] for entry in entries)]
+
+    return rows
+
+
+def _more(entry: Mapping[str, Any], figures: Mapping[str, Any]) -> dict[str, Any]:
+    """Return figures of an entry that its command does not write."""
+    paths = [path for path in figures.get("random", ()) if path["speed_m_s"] == entry["speed_m_s"]]
+    found: dict[str, Any] = {f"random_{key}": max(path[key] for path in paths) for key in ("mean_m", "max_m") if paths}
+    if "sections" in entry:
+        found["section"] = max(entry["sections"], key=lambda part: part["max_m"])["section"]
+    return found | ({"slowest_s": max(entry["laps_s"], default=float("nan"))} if "laps_s" in entry else {})
+
+
+def checks(answers: Sequence[Any]) -> Rows:
+    """Return the checks of a validation, a column for each answer, and ranges of modes beside published ones."""
+    found = [{check["name"]: check["measured"] for check in answer["checks"]} for answer in answers]
+    rows = []
+    for name, title in ((check["name"], check["title"]) for check in answers[0]["checks"]):
+        same = [check for answer in answers for check in answer["checks"] if check["name"] == name]
+        allowed = " or ".join(dict.fromkeys(_allowed(check) for check in same))
+        label = f"`{name}`" if len(answers) > 1 else title
+        rows.append([label, *(_short(each.get(name)) for each in found), allowed])
+    for mode in answers[0]["figures"].get("ranges", ()):
+        low, high, *published = (_short(mode[key]) for key in ("low", "high", "published_low", "published_high"))
+        rows.append([mode["title"], f"{low} to {high}", f"published: {published[0]} to {published[1]}"])
+    engines = [f"`{a.get('engine', 'measured')}` {1e3 * a['time_step_s']:g} ms" for a in answers]
+    return [["figure", *(engines if len(answers) > 1 else ["measured"]), "published or allowed"], *rows]
+
+
+def _allowed(check: Mapping[str, Any]) -> str:
+    low, high, reference = (_short(check[key]) for key in ("low", "high", "reference"))
+    limits = f"at most {high}" if low in ("-", "0") else f"{low} at least" if high == "-" else f"{low} to {high}"
+    return reference if reference != "-" else high if low == high else limits
+
+
+def _short(value: float | None) -> str:
+    return "-" if value is None else f"{value:.6g}" if 1.0 <= abs(value) < 1e5 else f"{value:.2g}"
+
+
+RIDERS: Final = (
+    ("speeds ridden to the end", "21 of 21", "{completed_count} of {rides_count}"),
+    ("mean of the mean distances", "", "{average_mean_m:.4f} m"),
+    ("largest mean distance", "0.09 m", "{worst_mean_m:.4f} m"),
+    ("largest distance", "0.69 m", "{worst_max_m:.3f} m"),
+    ("steer rate, RMS", "", "{average_steer_rate_deg_s:.2f} °/s"),
+    ("random rides", "all", "{random_completed_count} of {random_rides_count}"),
+    ("mean of their mean distances", "", "{random_average_mean_m:.4f} m"),
+    ("largest distance in them", "", "{random_worst_max_m:.3f} m"),
+    ("spectral radius on a straight, worst of 2 to 7 m/s", "", "{worst_spectral_radius_upright:.3f}"),
+    ("the same in a turn of 20 m", "", "{worst_spectral_radius_turn:.3f}"),
+    ("set point left swinging on a straight, standard deviation", "", "{worst_swing_deg:.1g}°"),
+)
+RIDDEN: Final = "{completed_count} of {rides_count}; {average_mean_m:.4f}, {worst_mean_m:.4f}, {worst_max_m:.3f} m"
+
+
+def riders(answers: Sequence[Any]) -> Rows:
+    """Return riders of the bicycle side by side: of one ride, under disturbances, or on several courses."""
+    first = answers[0]["figures"]["riders"]
+    names = [f"`{rider['policy']}`" for rider in first]
+    if not first[0]["disturbed"] and len(answers) == 1:
+        rows = [[title, paper, *(text.format(**rider) for rider in first)] for title, paper, text in RIDERS]
+        return [["figure", "paper's best controller", *names], *rows]
+    groups = [(Path(a["figures"]["riders"][0]["course"]).stem, a["figures"]["riders"]) for a in answers]
+    if len(answers) == 1:
+        groups = [(each[0]["disturbances"], each) for each in zip(*(r["disturbed"] for r in first), strict=True)]
+    rows = [[name, *(RIDDEN.format(**rider) for rider in each)] for name, each in groups]
+    return [["", *(f"{name}: rides; mean, worst mean, largest" for name in names)], *rows]
+
+
+def races(answers: Sequence[Any]) -> Rows:
+    """Return laps of superbikes as ``bike evaluate`` writes them."""
+    found = answers[0]["figures"]["races"]
+    return [list(found[0]), *(list(race.values()) for race in found)]
+
+
+def speeds(answers: Sequence[Any]) -> Rows:
+    """Return all single figures of the benchmark."""
+    figures = {key: value for key, value in answers[0]["figures"].items() if isinstance(value, float)}
+    return [["figure", "value"], *([f"`{key}`", f"{value:,.4g}"] for key, value in figures.items())]
+
+
+class Table(NamedTuple):
+    """A data file.
+
+    Attributes:
+        rows: makes its rows of the commands' answers.
+        variants: words behind the command of its head, a run each.
+        alone: whether it measures time.
+    """
+
+    rows: Callable[[Sequence[Any]], Rows]
+    variants: tuple[str, ...] = ("",)
+    alone: bool = False
+
+
+def _circuits(first: int, last: int) -> tuple[str]:
+    return ("--course " + ",".join(f"random_circuit:{seed}" for seed in range(first, last + 1)),)
+
+
+EVALUATION: Final = {
+    "speed, m/s": "{speed_m_s:.2f}", "mean, m": "{mean_m:.4f}", "largest, m": "{max_m:.3f}",
+    "roll, °": "{max_roll_deg:.0f}", "worst section": "{section}", "random paths: mean, m": "{random_mean_m:.3f}",
+    "random paths: largest, m": "{random_max_m:.3f}",
+}  # fmt: skip
+LAPS: Final = {
+    "machine": "{vehicle}", "circuit": "{course}", "slowest of three laps, s": "{slowest_s:.2f}",
+    "followed line, s": "{limit_s:.2f}", "excess": "{excess:.1%}", "closest line, s": "{closest_limit_s:.2f}",
+    "excess of closest": "{closest_excess:.1%}", "falls": "{falls}", "walls": "{walls}",
+}  # fmt: skip
+STEPS: Final = ("", "--time-step 0.005", "--engine whipple", "--engine whipple --time-step 0.005")
+TABLES: Final[Mapping[str, Table]] = {
+    "bicycle_validation": Table(checks, STEPS),
+    "bicycle_evaluation": Table(columns("rides", **EVALUATION)),
+    "bicycle_riders": Table(riders),
+    "bicycle_disturbances": Table(riders),
+    "outside_paths": Table(
+        riders, tuple(f"--course {path.relative_to(ROOT)}" for path in sorted(DATA.glob("paths/*")))
+    ),
+    "gsxr1000_validation": Table(checks),
+    "superbike_validation": Table(checks),
+    "classical_laps": Table(columns("pairs", **LAPS)),
+    "classical_random": Table(races, _circuits(100, 199)),
+    "racer_pairs": Table(races),
+    "racer_100_starts": Table(races),
+    "racer_random": Table(races, _circuits(100, 139)),
+    "generalist_pairs": Table(races),
+    "generalist_random": Table(races, _circuits(100, 199)),
+    "speed": Table(speeds, alone=True),
+}
+"""Data that one command makes. Trainings and papers take days: theirs is what ``bike reproduce`` and ``bike sweep``
+leave, which go on where they were stopped too."""
+
+
+def _git(*words: str) -> str:
+    return subprocess.run(["git", "-C", str(ROOT), *words], capture_output=True, text=True, check=True).stdout.strip()
+
+
+def _sources(name: str) -> list[str]:
+    return [path for source in read_head(DATA / f"{name}.csv")["depends"].split() for path in SOURCES[source]]
+
+
+def answer(name: str, variant: str) -> tuple[Any, float]:
+    """Give a command, or return what it answered on the same sources, and the seconds that it took."""
+    head = read_head(DATA / f"{name}.csv")
+    words = [*head["command"].removeprefix("bike ").split(), *variant.split()]
+    words += [] if "--json" in words else ["--json"]
+    key = hashlib.sha256(f"{words} {_git('log', '-1', '--format=%h', '--', *_sources(name))}".encode()).hexdigest()[:16]
+    path = ANSWERS / f"{key}.json"
+    if not path.exists():
+        began = time.monotonic()
+        out = [] if words[0] in ("validate", "bench") else ["--out", str(ANSWERS / key)]
+        bike = [sys.executable, "-m", "bike_training.cli", *words, *out]
+        done = subprocess.run(bike, cwd=ROOT, capture_output=True, text=True, check=False)
+        if not done.stdout.startswith("{"):
+            raise RuntimeError(f"{name}: bike {' '.join(words)}: {done.stderr.strip().splitlines()[-1:]}")
+        path.write_text(json.dumps([json.loads(done.stdout), time.monotonic() - began]), encoding="utf-8")
+    found, seconds = json.loads(path.read_text(encoding="utf-8"))
+    return found, seconds
+
+
+def write(name: str, answers: Sequence[tuple[Any, float]]) -> None:
+    """Write a data file with its head."""
+    path = DATA / f"{name}.csv"
+    commit, date = _git("log", "-1", "--format=%h %cs", "--", *_sources(name)).split()
+    head = read_head(path) | {"commit": commit, "date": date, "duration": f"{sum(s for _, s in answers):.0f} s"}
+    with path.open("w", newline="", encoding="utf-8") as file:
+        file.writelines(f"# {key}: {value}\n" for key, value in head.items())
+        csv.writer(file, lineterminator="\n").writerows(TABLES[name].rows([found for found, _ in answers]))
+
+
+def duration(name: str) -> float:
+    """Return how long the measurement took last time, s."""
+    return float(read_head(DATA / f"{name}.csv").get("duration", "600 s").removesuffix(" s"))
+
+
+def main() -> None:
+    """Measure what is asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("duration", nargs="?", choices=CLASSES, default="hour", help="longest measurements")
+    parser.add_argument("--only", choices=TABLES, help="one data file, also where it is not out of date")
+    args = parser.parse_args()
+    old = [name for name in TABLES if changed_sources(read_head(DATA / f"{name}.csv"))]
+    names = [args.only] if args.only else [name for name in old if duration(name) <= CLASSES[args.duration]]
+    sources = {
+        path for name in names for s in read_head(DATA / f"{name}.csv")["depends"].split() for path in SOURCES[s]
+    }
+    if sources and (dirty := _git("status", "--porcelain", "--", *sources)):
+        parser.error(
+            f"sources are not committed, so the data would name a commit that it is not of: {dirty.split()[1]}"
+        )
+    ANSWERS.mkdir(parents=True, exist_ok=True)
+    left = sum(map(duration, names))
+    for alone in (False, True):
+        runs = [(name, variant) for name in names if TABLES[name].alone is alone for variant in TABLES[name].variants]
+        cores = 1 if alone else os.cpu_count() or 1
+        with ThreadPoolExecutor(cores) as pool:
+            running = {pool.submit(answer, *run): run for run in runs}
+            found: dict[tuple[str, str], tuple[Any, float]] = {}
+            for done in as_completed(running):
+                name, variant = running[done]
+                found[name, variant] = done.result()
+                left -= duration(name) / len(TABLES[name].variants)
+                print(
+                    f"{name} {variant}: {found[name, variant][1]:.0f} s; about {left / 60 / cores:.0f} minutes left",
+                    flush=True,
+                )
+                if all((name, each) in found for each in TABLES[name].variants):
+                    write(name, [found[name, each] for each in TABLES[name].variants])
+
+
+if __name__ == "__main__":
+    main()
