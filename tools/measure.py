@@ -184,7 +184,7 @@ def answer(name: str, variant: str) -> tuple[Any, float]:
     path = ANSWERS / f"{key}.json"
     if not path.exists():
         began = time.monotonic()
-        out = [] if words[0] in ("validate", "bench") else ["--out", str(ANSWERS / key)]
+        out = ["--out", str(ANSWERS / key)] if words[0] == "evaluate" else []
         bike = [sys.executable, "-m", "bike_training.cli", *words, *out]
         done = subprocess.run(bike, cwd=ROOT, capture_output=True, text=True, check=False)
         if not done.stdout.startswith("{"):
