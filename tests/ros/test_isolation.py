@@ -312,3 +312,10 @@ def test_the_next_start_removes_what_a_kill_left(ros: Any) -> None:
     probe.until(lambda: segments_of(second.process.pid))  # states may still be those of the first
     assert not segments & {path.name for path in SHARED_MEMORY.iterdir()}
     assert segments_of(os.getpid()) <= {path.name for path in SHARED_MEMORY.iterdir()}
+
+
+@pytest.mark.parametrize("name", ["this_machine.xml", "network.xml"])
+def test_settings_of_both_generations_of_fast_dds_are_the_same(name: str) -> None:
+    folder = isolation.NETWORK.parents[0 if isolation.NETWORK.parent.name == "middleware" else 1]
+    second, third = ((path / name).read_text(encoding="utf-8") for path in (folder, folder / "fastdds3"))
+    assert third == second.replace("heartbeatPeriod", "heartbeat_period")

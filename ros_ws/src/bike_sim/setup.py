@@ -16,6 +16,7 @@ setup(
             "config/tracks/*.yaml",
             "config/validation/*.yaml",
             "config/middleware/*.xml",
+            "config/middleware/fastdds3/*.xml",
         ]
     },
     data_files=[

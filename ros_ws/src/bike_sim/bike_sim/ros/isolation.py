@@ -24,11 +24,14 @@ from typing import Final
 DISCOVERY_VARIABLE: Final = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 DOMAIN_VARIABLE: Final = "ROS_DOMAIN_ID"
 MIDDLEWARE_VARIABLE: Final = "RMW_IMPLEMENTATION"
-PROFILES_VARIABLE: Final = "FASTRTPS_DEFAULT_PROFILES_FILE"
+_FAST_DDS_2: Final = os.environ.get("ROS_DISTRO", "jazzy") in ("humble", "iron", "jazzy")
+PROFILES_VARIABLE: Final = "FASTRTPS_DEFAULT_PROFILES_FILE" if _FAST_DDS_2 else "FASTDDS_DEFAULT_PROFILES_FILE"
 """Names the settings of Fast DDS; other middleware takes no notice."""
-THIS_MACHINE: Final = Path(__file__).parents[1] / "config" / "middleware" / "this_machine.xml"
+_MIDDLEWARE: Final = Path(__file__).parents[1] / "config" / "middleware"
+THIS_MACHINE: Final = (_MIDDLEWARE if _FAST_DDS_2 else _MIDDLEWARE / "fastdds3") / "this_machine.xml"
+"""Fast DDS 3, of Kilted, reads other names of elements."""
 NETWORK: Final = THIS_MACHINE.with_name("network.xml")
-LOCAL_PROFILES: Final = "DEFAULT_FASTRTPS_PROFILES.xml"
+LOCAL_PROFILES: Final = f"DEFAULT_FAST{'RTPS' if _FAST_DDS_2 else 'DDS'}_PROFILES.xml"
 """Settings of a user in the working directory, which Fast DDS reads on its own."""
 
 LOCALHOST: Final = "LOCALHOST"
