@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import Final, Protocol, runtime_checkable
+from typing import Any, Final, Protocol, runtime_checkable
 
 import numpy as np
+from numba import typeof
 from numpy.typing import NDArray
 
 from bike_sim.physics.ground import LEVEL, Ground
@@ -14,6 +15,17 @@ from bike_sim.vehicles.bicycle import Vehicle
 
 NO_FALL: Final = "none"
 TIP_OVER: Final = "tip_over"
+
+
+def compiled_entry(function: Any, *args: Any) -> Any:
+    """Return the machine code of a compiled function for arguments of these types, layouts of arrays included.
+
+    Numba's own call looks at the type of every argument first, which for records costs as much as a good part of a
+    control step.
+    """
+    kinds = tuple(typeof(value) for value in args)
+    function.compile(kinds)
+    return function.get_overload(kinds)
 
 
 class Engine(Protocol):

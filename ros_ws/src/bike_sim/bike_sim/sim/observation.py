@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numba import carray, njit, typeof, types
+from numba import carray, njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from bike_sim.course import track as tr
 from bike_sim.course.lap_timing import EXACT, REACH, ideal_distance
 from bike_sim.course.projection import AHEAD, SampledLine, project, window
 from bike_sim.physics import state as st
+from bike_sim.physics.engine import compiled_entry
 from bike_sim.physics.ground import BUMP_SAMPLES, GROUND
 from bike_sim.schema import SIGNALS
 from bike_sim.sim import look as lk
@@ -226,16 +227,10 @@ _entries: dict[Any, Any] = {}
 
 
 def call(function: Any, *args: Any) -> Any:
-    """Call a compiled function whose arguments have the same types every time, layouts of arrays included.
-
-    Numba's own call looks at the type of every argument first, which for records costs as much as a good part of a
-    control step. What is called is the same machine code.
-    """
+    """Call a compiled function whose arguments have the same types every time; see `compiled_entry`."""
     entry = _entries.get(function)
     if entry is None:
-        kinds = tuple(typeof(value) for value in args)
-        function.compile(kinds)
-        entry = _entries[function] = function.get_overload(kinds)
+        entry = _entries[function] = compiled_entry(function, *args)
     return entry(*args)
 
 

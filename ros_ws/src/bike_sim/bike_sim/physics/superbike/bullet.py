@@ -11,7 +11,7 @@ from __future__ import annotations
 from bike_sim.physics import state as st
 from bike_sim.physics.ground import Ground
 from bike_sim.physics.multibody.bullet import BulletTree
-from bike_sim.physics.superbike.engine import SuperbikeEngine, loads_one, read_one, reading_interval
+from bike_sim.physics.superbike.engine import SuperbikeEngine, reading_interval
 from bike_sim.vehicles.superbike import Superbike
 
 
@@ -54,16 +54,16 @@ class BulletSuperbikeEngine(SuperbikeEngine):
     def _run(self, command: tuple[float, float, float], steps: int, ground: Ground) -> None:
         """Step until a fall or to the end, and fill the minimal state."""
         self._check_open()
-        motion, ride, constants = self.motion, self._ride, self.constants
+        motion, ride, constants, load, loads = self.motion, self._ride, self.constants, self._load, self._loads
         if self.memory["fall"][0] != 0.0 or steps == 0:
             return  # a fallen machine is not read again on another ground
         chunk = reading_interval(self.time_step)
         for done in range(steps):
             last = done == steps - 1
-            loads = loads_one(ride, constants, command, *ground, self._loads, last)
-            if loads.fall != 0:
+            force, torque, fall = load(ride, constants, command, *ground, loads, last)
+            if fall != 0:
                 break
-            self._bodies.step(motion, loads.force, loads.torque, self._loads.tolist())
+            self._bodies.step(motion, force, torque, loads.tolist())
             if (done + 1) % chunk == 0:
-                read_one(ride, constants, ground.record)
-        read_one(ride, constants, ground.record)
+                self._read(ride, constants, ground.record)
+        self._read(ride, constants, ground.record)

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from bike_sim.physics import state as st
 from bike_sim.physics.bodies import FORK_JOINT, FRONT_JOINT, REAR_JOINT, SLIDE_JOINT
-from bike_sim.physics.engine import check_commands, checked_time_step
+from bike_sim.physics.engine import check_commands, checked_time_step, compiled_entry
 from bike_sim.physics.ground import LEVEL, Ground
 from bike_sim.physics.multibody import articulated
 from bike_sim.physics.multibody.tree import principal_axes
-from bike_sim.physics.multibody.vectors import Quaternion
+from bike_sim.physics.multibody.vectors import Quaternion, Vec
 from bike_sim.physics.superbike.constants import constants_of
 from bike_sim.physics.superbike.forces import FALL_NAMES, TELEMETRY, Loads, loads_at
 from bike_sim.physics.superbike.pose import begin, deflect, state_at, superbike_tree
@@ -188,12 +188,12 @@ def loads_one(
     bumps: Array,
     joints: Array,
     log: bool,
-) -> Loads:
-    """Return `forces.loads_at` of arrays of one record each, and write the loads on the joints."""
+) -> tuple[Vec, Vec, int]:
+    """Return force, torque and fall of `forces.loads_at` for arrays of one record each; write the joints' loads."""
     discrete, motion = discretise_command(command, constants[0]), to_motion(rides.motion[0], constants[0].joints)
     loads = loads_at(motion, discrete, grounds[0], bumps, rides.memory[0], rides.telemetry[0], constants[0], log)
     write_loads(loads, constants[0].joints, joints)
-    return loads
+    return loads.force, loads.torque, loads.fall
 
 
 @njit(cache=True)
@@ -241,6 +241,8 @@ class SuperbikeEngine(ABC):
         self._state = np.zeros(st.STATE_SIZE)
         self._loads = np.zeros(len(self.tree) - 1)  # on the joints
         self._ride = Rides(self._state, self.motion, self.memory, self._telemetry)
+        self._read = compiled_entry(read_one, self._ride, self.constants, LEVEL.record)
+        self._load = compiled_entry(loads_one, self._ride, self.constants, (0.0, 0.0, 0.0), *LEVEL, self._loads, False)
 
     @property
     def fall(self) -> str:
@@ -264,10 +266,10 @@ class SuperbikeEngine(ABC):
         begin(self.vehicle, self.constants, self._principal, state, ground, self.motion, self.memory)
         self._state[:] = state
         self.set_motion()
-        read_one(self._ride, self.constants, ground.record)
+        self._read(self._ride, self.constants, ground.record)
         # the memory is a copy that nobody needs afterwards
         unmoved = self._ride._replace(memory=self.memory.copy())
-        loads_one(unmoved, self.constants, (0.0, 0.0, self.time_step), *ground, self._loads, True)
+        self._load(unmoved, self.constants, (0.0, 0.0, self.time_step), *ground, self._loads, True)
 
     def advance(self, steering: float, throttle: float, steps: int, ground: Ground = LEVEL) -> None:
         """Integrate with both commands held.
