@@ -109,7 +109,7 @@ def _as_kind(name: str, value: Any, default: Any) -> Any:
     if isinstance(default, tuple):
         if not isinstance(value, list | tuple):
             raise wrong
-        return tuple(_as_kind(name, part, default[0]) for part in value)
+        return tuple(_as_kind(name, part, default[0] if default else "") for part in value)
     if isinstance(default, Mapping):
         if not isinstance(value, Mapping):
             raise wrong

@@ -19,6 +19,7 @@ from bike_policy.contract.observation import ObservationLayout, Rows, VehicleRow
 from bike_sim.course.course import Course
 from bike_sim.sim.batch import Batch
 from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.disturbances import load_disturbances
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.files import load_vehicle
@@ -103,6 +104,11 @@ class Task(Protocol):
     def layout(self) -> ObservationLayout: ...  # noqa: D102
     @property
     def action(self) -> ActionLayout: ...  # noqa: D102
+
+    @property
+    def disturbances(self) -> tuple[str, ...]:
+        """Names or files of what disturbs the vehicles, of which rows take one in turn; none where nothing does."""
+        ...
 
     @property
     def preview(self) -> Preview:
@@ -231,7 +237,10 @@ def batch_of(task: Task, count: int, config: SimulatorConfig, machines: Sequence
         FileNotFoundError: an unknown vehicle.
     """
     names = round_robin(machines, count) if len(machines) > 1 else None
-    batch = Batch(count, config, task.preview, vehicles=names)
+    worlds = [load_disturbances(name) for name in task.disturbances]
+    # All machines ride in the first world, then all in the second.
+    rows = [worlds[row // max(len(machines), 1) % len(worlds)] for row in range(count)] if worlds else None
+    batch = Batch(count, config, task.preview, rows, names)
     vehicles = [batch.vehicle] if names is None else [load_vehicle(name) for name in machines]
     return batch, state_of(task, vehicles, count)
 

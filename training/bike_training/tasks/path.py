@@ -128,6 +128,11 @@ class PathTask:
         check_positive_settings(self, ("max_steps", "sharpness", "max_steer"))
 
     @property
+    def disturbances(self) -> tuple[str, ...]:
+        """Nothing: bicycles learn undisturbed."""
+        return ()
+
+    @property
     def layout(self) -> ObservationLayout:
         """Layout of the observation."""
         return VARIANTS[self.task].layout

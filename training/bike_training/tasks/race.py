@@ -23,6 +23,7 @@ from bike_sim.course.course import Course
 from bike_sim.physics.state import ROLL, ROLL_RATE, STEER
 from bike_sim.schema import SIGNALS
 from bike_sim.sim import look as lk
+from bike_sim.sim.disturbances import load_disturbances
 from bike_sim.sim.request import COURSE_POINTS, Preview, ResetRequest
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.superbike import Superbike
@@ -163,6 +164,7 @@ class RaceTask:
         stalled_time: the same for hardly moving, s.
         limiter: whether a speed limit cuts the throttle instead of being penalised alone.
         validation_duration: of a validation ride, s.
+        disturbances: names or files of what is ridden in place of the machine that is known; rows take them in turn.
     """
 
     task: str = "race"
@@ -182,13 +184,16 @@ class RaceTask:
     stalled_time: float = 2.0
     limiter: bool = False
     validation_duration: float = 120.0
+    disturbances: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse values that mean nothing.
 
         Raises:
-            ValueError: naming the value.
+            ValueError: naming the value. FileNotFoundError: unknown disturbances.
         """
+        for name in self.disturbances:
+            load_disturbances(name)
         if self.task != "race":
             raise ValueError(f"setting task={self.task!r} is not race")
         check_choice("observation", self.observation, RACE_LAYOUTS)

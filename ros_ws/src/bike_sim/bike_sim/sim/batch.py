@@ -67,7 +67,7 @@ class Batch:
         count: int,
         config: SimulatorConfig,
         preview: Preview | None = None,
-        disturbances: Disturbances | None = None,
+        disturbances: Disturbances | Sequence[Disturbances] | None = None,
         vehicles: Sequence[str | Vehicle] | None = None,
     ) -> None:
         """Make room for a number of vehicles.
@@ -77,7 +77,8 @@ class Batch:
             config: vehicle, engine and steps.
             preview: points of the path ahead, the same for all rows; None for those of each request, which must be as
                 many for all rows. Superbikes have their own.
-            disturbances: of what is ridden, drawn for each row anew; those of what a rider sees are not the batch's.
+            disturbances: of what is ridden, drawn for each row anew, or those of each row; those of what a rider sees
+                are not the batch's.
             vehicles: name, file or parameters of each row's vehicle, where they are not the config's.
 
         Raises:
@@ -87,13 +88,16 @@ class Batch:
         if len(names) != count:
             raise ValueError(f"a batch of {count} vehicles needs as many vehicles, got {len(names)}")
         self.count, self.config = count, config
+        if disturbances is None or isinstance(disturbances, Disturbances):
+            disturbances = [disturbances or Disturbances()] * count
         self._disturbances = disturbances
-        self._known: dict[str, Plant] = {}
+        self._known: dict[tuple[str, str], Plant] = {}
         self._courses: dict[str, Courses] = {}
-        disturbed = disturbances is not None and disturbances.acts_on_bicycle
-        self._shared = config.engine in (COMPILED_ENGINE, SUPERBIKE_ENGINE) and not disturbed
+        disturbed = any(known.acts_on_vehicle for known in disturbances)
+        # The engine of a superbike differs in its parameters alone.
+        self._shared = config.engine == SUPERBIKE_ENGINE or (config.engine == COMPILED_ENGINE and not disturbed)
         self._names: list[str] = [_name_of(name) for name in names]
-        self._plants = [self._plant(name) for name in names]
+        self._plants = [self._plant(name, index) for index, name in enumerate(names)]
         if len({plant.rolling for plant in self._plants}) > 1:
             raise ValueError(f"bicycles and superbikes see different points ahead: {', '.join(self._names)}")
         self._slot = make_slot(self._plants, config, disturbed)
@@ -131,18 +135,19 @@ class Batch:
         record["max_steer"], record["fall_roll"] = vehicle.max_steer, vehicle.fall_roll
         self.rows.parameters[index] = vehicle.parameters
 
-    def _plant(self, vehicle: str | Vehicle) -> Plant:
-        """Return a vehicle with an engine: its own, or one of all rows where a compiled loop steps them.
+    def _plant(self, vehicle: str | Vehicle, index: int) -> Plant:
+        """Return a row's vehicle with an engine: its own, or one of all rows where a compiled loop steps them.
 
         Raises:
             ValueError: an engine that cannot simulate it. FileNotFoundError: an unknown vehicle.
         """
-        name = _name_of(vehicle)
-        if self._shared and name in self._known:
-            return self._known[name]
+        disturbances = self._disturbances[index]
+        key = name, _ = _name_of(vehicle), disturbances.to_text()
+        if self._shared and key in self._known:
+            return self._known[key]
         config = replace(self.config, vehicle=name)
         known = vehicle if isinstance(vehicle, Vehicle) else None
-        plant = self._known[name] = make_plant(config, self._disturbances, known)
+        plant = self._known[key] = make_plant(config, disturbances, known)
         return plant
 
     def courses(self, index: int) -> Courses:
@@ -290,7 +295,7 @@ class Batch:
             ValueError: a request that cannot be met; the row rides on. FileNotFoundError: an unknown vehicle or course.
         """
         name = self._names[index] if vehicle is None else vehicle
-        plant = self._plants[index] if vehicle is None else self._plant(vehicle)
+        plant = self._plants[index] if vehicle is None else self._plant(vehicle, index)
         begun = begin(request, plant, self._courses.setdefault(name, Courses()))
         count = self.preview.count if self._fixed or plant.preview else request.preview.count
         if self.count > 1 and count != self.preview.count:

@@ -1,8 +1,9 @@
-"""Disturbances of a bicycle's rides, from one YAML file: wind, pushes, sensors, delays, a weak drive, wrong parameters.
+"""Disturbances of rides, from one YAML file: wind, pushes, sensors, delays, a weak drive, wrong parameters.
 
 A file says what disturbs; a ride draws how. The draws depend on the file's seed and on the first state of the ride, so
-the same ride is disturbed in the same way wherever it is ridden. Forces, drive and parameters act on the bicycle
-(`bike_sim.sim.plant`), sensors and delays lie between it and its rider (`bike_policy.riders.disturbed`).
+the same ride is disturbed in the same way wherever it is ridden. Forces, drive and parameters act on the vehicle
+(`bike_sim.sim.plant`), sensors and delays lie between it and its rider (`bike_policy.riders.disturbed`). Of superbikes
+only parameters and delays differ: wind, bumps and wet patches belong to their circuits.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import json
 import math
 import zlib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields
 from importlib import resources
 from pathlib import Path
 from typing import Any, Final
@@ -26,9 +27,6 @@ FORMAT: Final = "bike.disturbances/1"
 
 CHANNELS: Final = ("roll", "steer", "roll_rate", "steer_rate", "lateral", "heading", "speed")
 """What sensors measure: rad, rad/s, m, rad, m/s; signs of the state."""
-
-FIXED: Final = ("w", "c", "lam", "rR", "rF", "g")
-"""Parameters that cannot be wrong here: a rider could measure them with a rule, and positions follow from them."""
 
 SHIPPED: Final = resources.files("bike_sim") / "config" / "disturbances"
 """Folder of the files that come with the package."""
@@ -88,7 +86,8 @@ class Disturbances:
         observation_delay_s: age of what the rider sees, s; whole control periods.
         command_delay_s: time until its command acts, s; whole control periods.
         drive_torque_nm: largest torque of the steering drive, Nm.
-        vehicle: factors of the bicycle's parameters, by name; the rider is told the parameters without them.
+        vehicle: factors of the vehicle's parameters by name, those of a superbike's sections as ``section.name``; the
+            rider knows the parameters without them.
     """
 
     name: str = "none"
@@ -146,13 +145,13 @@ class Disturbances:
         return bool(self.wind.force_n or self.wind.gust_n or self.impulses.impulse_ns)
 
     @property
-    def acts_on_bicycle(self) -> bool:
-        """Whether anything acts on the bicycle itself."""
+    def acts_on_vehicle(self) -> bool:
+        """Whether anything acts on the vehicle itself."""
         return self.pushes or math.isfinite(self.drive_torque_nm) or bool(self.vehicle)
 
     @property
     def acts_on_rider(self) -> bool:
-        """Whether anything lies between the bicycle and its rider."""
+        """Whether anything lies between the vehicle and its rider."""
         return bool(self.noise or self.bias or self.observation_delay_s or self.command_delay_s)
 
     def periods(self, delay: float, period: float) -> int:
@@ -167,15 +166,18 @@ class Disturbances:
         return count
 
     def wrong(self, vehicle: Vehicle) -> Vehicle:
-        """Return the bicycle that is ridden in place of the one that the rider knows.
+        """Return the vehicle that is ridden in place of the one that the rider knows.
 
         Raises:
-            ValueError: a factor of a parameter that the bicycle does not have, or that cannot be wrong.
+            ValueError: a factor of a parameter that the vehicle does not have, or that cannot be wrong.
         """
-        for name in self.vehicle:
-            if name in FIXED or not isinstance(getattr(vehicle, name, None), float):
-                raise ValueError(f"disturbances: vehicle {vehicle.name!r} has no parameter {name!r} that may be wrong")
-        return replace(vehicle, **{name: getattr(vehicle, name) * factor for name, factor in self.vehicle.items()})
+        unknown = sorted(set(self.vehicle) - set(vehicle.scalable))
+        if unknown:
+            raise ValueError(
+                f"disturbances {self.name!r}: vehicle {vehicle.name!r} has no parameter {unknown[0]!r} that may be "
+                f"wrong; one of its {len(vehicle.scalable)} is called {vehicle.scalable[0]!r}"
+            )
+        return vehicle.scaled(self.vehicle)
 
     def to_text(self) -> str:
         """Return a document of it for recordings; it is read again as exactly the same."""

@@ -212,19 +212,23 @@ def make_plant(
         vehicle: the config's vehicle where it is loaded already; None to load it.
 
     Raises:
-        ValueError: an invalid parameter, an engine that cannot simulate the vehicle, or disturbances of a superbike.
+        ValueError: an invalid parameter, an engine that cannot simulate the vehicle, or a bicycle's disturbances.
         FileNotFoundError: an unknown vehicle.
     """
     vehicle = vehicle or load_vehicle(config.vehicle)
-    if disturbances is not None and not disturbances.acts_on_bicycle:
+    if disturbances is not None and not disturbances.acts_on_vehicle:
         disturbances = None
     if isinstance(vehicle, Superbike):
-        if disturbances is not None:
-            raise ValueError(f"disturbances {disturbances.name!r} act on bicycles, and {vehicle.name!r} is a superbike")
+        if disturbances is not None and (disturbances.pushes or math.isfinite(disturbances.drive_torque_nm)):
+            raise ValueError(
+                f"disturbances {disturbances.name!r} push a bicycle or its steering drive, and {vehicle.name!r} is a "
+                "superbike: its wind is the circuit's"
+            )
+        ridden = vehicle if disturbances is None else disturbances.wrong(vehicle)
         # Late: a bicycle is spared tyres and lap theory, which take a good part of a node's start.
         from bike_sim.sim.superbike_plant import SuperbikePlant
 
-        return SuperbikePlant(vehicle, make_superbike_engine(config.engine, vehicle, config.time_step))
+        return SuperbikePlant(vehicle, make_superbike_engine(config.engine, ridden, config.time_step))
     if disturbances is not None:
         return DisturbedPlant(vehicle, config, disturbances)
     return Plant(vehicle, make_bicycle_engine(config.engine, vehicle, config.time_step))

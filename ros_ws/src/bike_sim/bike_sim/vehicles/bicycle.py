@@ -12,7 +12,8 @@ Code that works in the project's z-up frame flips the sign of `zB`, `zH`, `IBxz`
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, Final
 
@@ -28,6 +29,9 @@ from bike_sim.vehicles.parameters import (
     read_record,
     signed,
 )
+
+MEASURED: Final = ("w", "c", "lam", "rR", "rF", "g")
+"""Parameters that a rule measures and that positions follow from: nobody is wrong about them."""
 
 
 @dataclass(frozen=True)
@@ -132,6 +136,15 @@ class Vehicle(FourBodies):
     def mass(self) -> float:
         """Mass of vehicle and rider, kg."""
         return self.mR + self.mB + self.mH + self.mF
+
+    @property
+    def scalable(self) -> tuple[str, ...]:
+        """Names of the parameters of `scaled`: not those that a rule measures and that positions follow from."""
+        return tuple(name for name, value in vars(self).items() if isinstance(value, float) and name not in MEASURED)
+
+    def scaled(self, factors: Mapping[str, float]) -> Vehicle:
+        """Return the vehicle with parameters times factors, by names of `scalable`."""
+        return replace(self, **{name: getattr(self, name) * factor for name, factor in factors.items()})
 
     @cached_property
     def parameters(self) -> NDArray[np.float64]:

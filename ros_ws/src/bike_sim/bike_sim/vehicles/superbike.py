@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, Final, get_type_hints
 
@@ -328,6 +329,30 @@ class Superbike(Vehicle, Sections):
                 f"{math.degrees(self.fall_roll):.6g} deg"
             )
 
+    @property
+    def scalable(self) -> tuple[str, ...]:
+        """Names of the parameters of `scaled`, each as ``section.name``."""
+        return tuple(
+            f"{section}.{name}"
+            for section in ("frame", *get_type_hints(Sections))
+            for name, value in vars(getattr(self, section)).items()
+            if isinstance(value, float)
+        )
+
+    def scaled(self, factors: Mapping[str, float]) -> Superbike:
+        """Return the machine with numbers of its sections times factors; what follows from them changes as well.
+
+        Raises:
+            VehicleError: no such machine can exist.
+        """
+        sections: dict[str, Any] = {}
+        for path, factor in factors.items():
+            section, name = path.split(".")
+            part = sections.get(section, getattr(self, section))
+            sections[section] = replace(part, **{name: getattr(part, name) * factor})
+        rear = _rear_body(sections.get("frame", self.frame), sections.get("rider", self.rider))
+        return replace(self, **sections, **rear, D=sections.get("steering", self.steering).damper_slow)
+
     def _check_motor(self) -> None:
         """Check that peaks and gears belong together.
 
@@ -511,7 +536,6 @@ def superbike_from_document(document: Any, origin: str) -> Superbike:
     file = read_record(SuperbikeFile, document, origin)
     geometry, bodies = file.geometry, file.bodies
     frame = _frame(geometry, bodies, origin)
-    rear = _join(frame, file.rider)
     return Superbike(
         **{entry.name: getattr(file, entry.name) for entry in fields(Sections)},
         name=str(file.name),
@@ -524,13 +548,7 @@ def superbike_from_document(document: Any, origin: str) -> Superbike:
         mR=bodies.rear_wheel_mass,
         IRxx=bodies.rear_wheel_diameter,
         IRyy=bodies.rear_wheel_spin,
-        xB=rear.x,
-        zB=-rear.height,
-        mB=rear.mass,
-        IBxx=rear.Ixx,
-        IBxz=-rear.Ixz,
-        IByy=rear.Iyy,
-        IBzz=rear.Izz,
+        **_rear_body(frame, file.rider),
         xH=bodies.fork_x,
         zH=-bodies.fork_height,
         mH=bodies.fork_mass,
@@ -569,6 +587,20 @@ def _frame(geometry: _Geometry, bodies: _Bodies, origin: str) -> Frame:
     moment_z = wet * bodies.centre_height - sum(part[0] * part[2] for part in parts)
     inertia = bodies.frame_Ixx, bodies.frame_Iyy, bodies.frame_Izz, bodies.frame_Ixz
     return Frame(mass, moment_x / mass, moment_z / mass, *inertia)
+
+
+def _rear_body(frame: Frame, rider: RiderBody) -> dict[str, float]:
+    """Return frame and rider as the body B of `Vehicle`, whose z points down."""
+    rear = _join(frame, rider)
+    return {
+        "xB": rear.x,
+        "zB": -rear.height,
+        "mB": rear.mass,
+        "IBxx": rear.Ixx,
+        "IBxz": -rear.Ixz,
+        "IByy": rear.Iyy,
+        "IBzz": rear.Izz,
+    }
 
 
 def _join(frame: Frame, rider: RiderBody) -> Frame:
