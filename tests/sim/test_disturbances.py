@@ -15,6 +15,7 @@ from bike_sim.physics import state as st
 from bike_sim.physics.bicycle.whipple import energy, mass_matrix
 from bike_sim.physics.engines import make_engine
 from bike_sim.sim import look as lk
+from bike_sim.sim.batch import Batch
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.disturbances import (
     Disturbances,
@@ -26,7 +27,7 @@ from bike_sim.sim.disturbances import (
 )
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
-from bike_sim.vehicles.files import load_vehicle
+from bike_sim.vehicles.files import load_superbike, load_vehicle
 from bike_training.rollout.rollout import rollout
 
 COMPILED = SimulatorConfig(engine="whipple", time_step=0.01)
@@ -203,11 +204,14 @@ def test_wrong_parameters_are_ridden_but_not_told() -> None:
             Simulator(COMPILED, Disturbances(vehicle={name: 1.1}))
 
 
-@pytest.mark.parametrize("name", shipped_disturbances())
+OF_SUPERBIKES = [name for name in shipped_disturbances() if "." in "".join(load_disturbances(name).vehicle)]
+
+
+@pytest.mark.parametrize("name", sorted(set(shipped_disturbances()) - set(OF_SUPERBIKES)))
 def test_shipped_files_disturb(name: str) -> None:
     known = load_disturbances(name)
     assert known.name == name
-    assert known.acts_on_bicycle or known.acts_on_rider
+    assert known.acts_on_vehicle or known.acts_on_rider
     disturbed, calm = (ridden(each, 110, "circle") for each in (known, None))
     # A rider that is told nothing of a late command falls before the end.
     both = min(len(disturbed), len(calm))
@@ -234,6 +238,52 @@ def test_bad_files_are_named(text: str, message: str, tmp_path: Path) -> None:
         load_disturbances(path)
 
 
-def test_superbikes_are_refused() -> None:
-    with pytest.raises(ValueError, match="is a superbike"):
-        Simulator(SimulatorConfig("r1", "compiled", 0.001, 0.02), Disturbances(drive_torque_nm=3.0))
+def test_what_a_superbike_cannot_have_is_refused() -> None:
+    config = SimulatorConfig("r1", "compiled", 0.001, 0.02)
+    for disturbances in (Disturbances(drive_torque_nm=3.0), Disturbances(wind=Wind(force_n=3.0))):
+        with pytest.raises(ValueError, match="is a superbike"):
+            Simulator(config, disturbances)
+    for name in ("mB", "frame", "front_tyre.colour", "grip.friction", "geometry.wheelbase"):
+        with pytest.raises(ValueError, match="that may be wrong"):
+            Simulator(config, Disturbances(vehicle={name: 1.1}))
+
+
+def test_numbers_of_a_superbike_change_with_what_follows_from_them() -> None:
+    machine = load_superbike("r1")
+    assert machine.scaled({}) == machine
+    heavy = machine.scaled({"frame.mass": 1.1, "steering.damper_slow": 0.5})
+    assert heavy.mass == pytest.approx(machine.mass + 0.1 * machine.frame.mass)
+    assert heavy.com_height * heavy.mass == pytest.approx(
+        machine.com_height * machine.mass + 0.1 * machine.frame.mass * machine.frame.height
+    )
+    assert heavy.D == heavy.steering.damper_slow == 0.5 * machine.D
+
+
+@pytest.mark.parametrize("engine", ["compiled", "pybullet"])
+def test_a_superbike_is_ridden_as_it_is_and_known_as_it_was(engine: str) -> None:
+    """Rows with wrong parameters ride as such machines do alone; less friction stops a machine later."""
+    config = SimulatorConfig("r1", engine, 0.002, 0.02)
+    request = ResetRequest(course="barcelona", speed_range=(40.0, 40.0), progress=100.0)
+    slippery = load_disturbances("grip_085")
+    known = [Disturbances(), slippery, load_disturbances("heavy_machine"), slippery]
+    batch = Batch(len(known), config, disturbances=known)
+    alone = [Simulator(config, each) for each in known]
+    assert all(vehicle == batch.vehicle for vehicle in batch.vehicles)
+    for row, simulator in enumerate(alone):
+        batch.reset(row, request)
+        simulator.reset(request)
+    for _ in range(40):
+        batch.step(np.tile([0.0, -1.0], (len(known), 1)))
+        for row, simulator in enumerate(alone):
+            np.testing.assert_array_equal(batch.state[row], simulator.step(0.0, -1.0).state)
+    np.testing.assert_array_equal(batch.state[1], batch.state[3])
+    assert len({tuple(state) for state in batch.state}) == 3
+    batch.close()
+    for simulator in alone:
+        simulator.close()
+
+
+@pytest.mark.parametrize("name", OF_SUPERBIKES)
+def test_shipped_files_of_superbikes_disturb(name: str) -> None:
+    machine = load_superbike("panigale_v4r")
+    assert load_disturbances(name).wrong(machine) != machine

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
@@ -19,6 +20,7 @@ from bike_sim.planning.line_cache import closest_lap
 from bike_sim.sim import look as lk
 from bike_sim.sim.batch import SUPERBIKE_ENGINE, Batch
 from bike_sim.sim.config import superbike_config
+from bike_sim.sim.disturbances import Disturbances
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.snapshot import WALL
 from bike_sim.vehicles.files import load_vehicle
@@ -66,6 +68,7 @@ class RaceResult:
             control period to the next.
         theory: theoretical lap of the closest line, s.
         lost: rides that were not whole.
+        disturbances: name of what disturbed them.
     """
 
     vehicle: str
@@ -83,6 +86,7 @@ class RaceResult:
     activity: tuple[float, float]
     theory: float
     lost: tuple[LostRide, ...] = ()
+    disturbances: str = "none"
 
     def figures(self) -> dict[str, Any]:
         """Return plain values with units in their names."""
@@ -92,6 +96,7 @@ class RaceResult:
         return {
             "vehicle": self.vehicle,
             "circuit": self.circuit,
+            "disturbances": self.disturbances,
             **{name: known[name] for name in ("rides", "laps", "whole", "falls", "walls")},
             "best_s": best,
             "median_s": median,
@@ -114,6 +119,7 @@ def ride_races(
     laps: int = 1,
     share: float | None = None,
     tell: Tell = lambda done, total: None,
+    disturbances: Disturbances | None = None,
 ) -> RaceResult:
     """Ride from starts all around a circuit.
 
@@ -125,14 +131,22 @@ def ride_races(
         laps: flying laps that each of them is to finish.
         share: part of the planned speed that is asked; None for the policy's own.
         tell: called at times with the simulated time so far and the expected one, s.
+        disturbances: of the machine, which the rider knows without them, and delays; a ride is late by the sum of
+            both delays.
 
     Raises:
-        ValueError: a policy that does not race, a vehicle that is no superbike, or a course that is a path.
+        ValueError: a policy that does not race, a vehicle that is no superbike, a course that is a path, or
+            disturbances that only a bicycle can have.
         FileNotFoundError: an unknown vehicle or circuit.
     """
     config = replace(superbike_config(vehicle), engine=SUPERBIKE_ENGINE)
     ground = CircuitSet(load_vehicle(vehicle), [circuit])
-    batch = Batch(starts, config)
+    known = disturbances or Disturbances()
+    if known.noise or known.bias:
+        raise ValueError(f"disturbances {known.name!r} have errors of sensors, which only a bicycle's riders get here")
+    delay = known.periods(known.observation_delay_s + known.command_delay_s, config.control_period)
+    batch = Batch(starts, config, disturbances=known)
+    sent = deque([np.zeros((starts, 2))] * delay)
     rider = _rider(bundle, batch, share)
     for row in range(starts):
         request = _start(ground, circuit, row, starts)
@@ -147,7 +161,8 @@ def ride_races(
     for step in range(round(TIME * theory * (laps + 1) / config.control_period)):
         if step % TELL_EVERY == 0:
             tell(round(step * config.control_period), round(theory * (laps + 1)))
-        commands = rider.commands(batch, step)
+        sent.append(rider.commands(batch, step))
+        commands = sent.popleft()
         riding = ~batch.fallen & (_finished(batch) < laps)
         if not riding.any():
             break
@@ -186,6 +201,7 @@ def ride_races(
         activity=(float(activity[0]) / max(1, moments), float(activity[1]) / max(1, moments)),
         theory=theory,
         lost=tuple(lost),
+        disturbances=known.name,
     )
     batch.close()
     return result

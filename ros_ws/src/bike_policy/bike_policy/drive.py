@@ -43,7 +43,7 @@ SPECS: Final = (
     ParameterSpec(
         "disturbances",
         "",
-        "Bicycles: shipped disturbances or a YAML file; errors of sensors and delays act here.",
+        "Shipped disturbances or a YAML file; errors of sensors and delays act here.",
         fixed=True,
     ),
     ParameterSpec("stale_after_s", 1.0, "Wall-clock time without a state after which a warning is given, s."),

@@ -145,7 +145,7 @@ SPECS: Final = (
     ParameterSpec(
         "disturbances",
         "",
-        "Bicycles: shipped disturbances or a YAML file; wind, pushes, drive and wrong parameters act here.",
+        "Shipped disturbances or a YAML file; wind, pushes, drive and wrong parameters act here.",
         fixed=True,
     ),
     ParameterSpec(
