@@ -15,13 +15,15 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from importlib import resources
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bike_sim.documents import MAX_YAML_SIZE, DocumentError, alternatives, check_text, parse_yaml, read_text, show
 from bike_sim.vehicles.bicycle import Vehicle
+
+VehicleT = TypeVar("VehicleT", bound=Vehicle)
 
 FORMAT: Final = "bike.disturbances/1"
 
@@ -165,7 +167,7 @@ class Disturbances:
             raise ValueError(f"disturbances: a delay of {delay!r} s is not a whole number of periods of {period!r} s")
         return count
 
-    def wrong(self, vehicle: Vehicle) -> Vehicle:
+    def wrong(self, vehicle: VehicleT) -> VehicleT:
         """Return the vehicle that is ridden in place of the one that the rider knows.
 
         Raises:

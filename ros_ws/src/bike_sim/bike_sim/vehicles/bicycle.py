@@ -15,7 +15,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import Any, Final
+from typing import Any, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -142,9 +142,10 @@ class Vehicle(FourBodies):
         """Names of the parameters of `scaled`: not those that a rule measures and that positions follow from."""
         return tuple(name for name, value in vars(self).items() if isinstance(value, float) and name not in MEASURED)
 
-    def scaled(self, factors: Mapping[str, float]) -> Vehicle:
+    def scaled(self, factors: Mapping[str, float]) -> Self:
         """Return the vehicle with parameters times factors, by names of `scalable`."""
-        return replace(self, **{name: getattr(self, name) * factor for name, factor in factors.items()})
+        changed: dict[str, Any] = {name: getattr(self, name) * factor for name, factor in factors.items()}
+        return replace(self, **changed)
 
     @cached_property
     def parameters(self) -> NDArray[np.float64]:

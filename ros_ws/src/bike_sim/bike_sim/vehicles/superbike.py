@@ -14,7 +14,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import Any, Final, get_type_hints
+from typing import Any, Final, Self, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -339,7 +339,7 @@ class Superbike(Vehicle, Sections):
             if isinstance(value, float)
         )
 
-    def scaled(self, factors: Mapping[str, float]) -> Superbike:
+    def scaled(self, factors: Mapping[str, float]) -> Self:
         """Return the machine with numbers of its sections times factors; what follows from them changes as well.
 
         Raises:
@@ -589,7 +589,7 @@ def _frame(geometry: _Geometry, bodies: _Bodies, origin: str) -> Frame:
     return Frame(mass, moment_x / mass, moment_z / mass, *inertia)
 
 
-def _rear_body(frame: Frame, rider: RiderBody) -> dict[str, float]:
+def _rear_body(frame: Frame, rider: RiderBody) -> dict[str, Any]:
     """Return frame and rider as the body B of `Vehicle`, whose z points down."""
     rear = _join(frame, rider)
     return {
