@@ -179,7 +179,8 @@ def headline(name: str) -> str:
         ["classical rider over it", f"{min(classical):.1f} to {max(classical):.1f} %", "-", "`bike ride --all`"],
         ["Speed against Exudyn: PyBullet, compiled", f"{' and '.join(ratios)} times", "-", "`bike bench`"],
     ]
-    heads = {file: read_head(DATA / file) for file in name.split(",")}
+    files = [DATA / file if (DATA / file).is_dir() else DATA / f"{file}.csv" for file in name.split(",")]
+    heads = {file: read_head(file) for file in files}
     old = sorted({source for head in heads.values() for source in changed_sources(head)})
     line = "Measured at commits " + ", ".join(dict.fromkeys(f"{h['commit']} ({h['date']})" for h in heads.values()))
     line = f"*{line}{'; changed since: ' + ', '.join(old) if old else ''}*"

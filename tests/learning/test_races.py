@@ -63,6 +63,27 @@ def test_the_classical_rider_rides_circuits_from_starts_too(tmp_path: Path, caps
         ride_races(None, "panigale_v4r", "benchmark", 1)
 
 
+def test_rides_are_disturbed_and_named(tmp_path: Path) -> None:
+    """A weak engine, and commands that are late, change where a ride that goes straight is lost."""
+    policy, weak = tmp_path / "straight", tmp_path / "weak.yaml"
+    bundle(0.3).save(policy)
+    weak.write_text("format: bike.disturbances/1\nvehicle: {motor.peak_power: 0.75, motor.peak_torque: 0.75}\n")
+    late = tmp_path / "late.yaml"
+    late.write_text("format: bike.disturbances/1\ncommand_delay_s: 0.1\nobservation_delay_s: 0.1\n")
+    words = ["evaluate", str(policy), "--vehicle", "panigale_v4r", "--starts", "1", "--out", str(tmp_path)]
+    assert main([*words, "--disturbances", str(weak), str(late)]) == 1  # for the ride that nothing disturbs
+    figures = json.loads((tmp_path / "races.json").read_text())
+    assert [race["disturbances"] for race in figures["races"]] == ["none", "weak", "late"]
+    assert len({ride["arc_length_m"] for ride in figures["lost"]}) == 3
+
+
+@pytest.mark.parametrize("name", ["noise", "wind", "heavy", "delay_50"])
+def test_disturbances_that_no_superbike_has_are_refused_before_the_first_ride(name: str, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert main(["evaluate", "classical", "--starts", "1", "--disturbances", "grip_095", name, "--out", str(out)]) == 2
+    assert not out.exists()
+
+
 def test_lost_rides_are_printed_with_cause_and_place(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     policy = tmp_path / "straight"
     bundle(0.3).save(policy)

@@ -23,13 +23,15 @@ from bike_policy.riders.rider import Rider, bundle_of, make_rider
 from bike_sim.course.files import load_course
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.disturbances import Disturbances, load_disturbances
+from bike_sim.sim.plant import ridden_superbike
 from bike_sim.sim.simulator import Simulator
+from bike_sim.vehicles.files import load_superbike
 from bike_training.arguments import check_positive, check_whole, make_folder
 from bike_training.commands.declarations import DEFAULT_SUPERBIKE, SUPERBIKE
 from bike_training.envs.clients import make_client
 from bike_training.progress import progress_bar
 from bike_training.rollout.evaluation import PAPER_MAX, PAPER_MEAN, SPEEDS, Ride, draw, evaluate
-from bike_training.rollout.races import RaceResult, ride_races
+from bike_training.rollout.races import RaceResult, delay_of, ride_races
 from bike_training.rollout.rollout import TimedRider, ride_through
 from bike_training.rollout.stability import stability
 from bike_training.tasks.base import round_robin
@@ -227,8 +229,12 @@ def run_races(args: argparse.Namespace) -> dict[str, Any]:
     bundle = load_bundle(rider) if args.subject == SUPERBIKE else None
     disturbances = [Disturbances(), *map(load_disturbances, args.disturbances)]
     name = rider if bundle is None else bundle.name
-    make_folder("--out", args.out)
     pairs = _pairs(*_asked(args), args.in_turn)
+    for (machine, _), known in itertools.product(pairs, disturbances):  # before the first ride
+        superbike = load_superbike(machine)
+        delay_of(known, superbike.control_period)
+        ridden_superbike(superbike, known)
+    make_folder("--out", args.out)
     results = []
     for (machine, circuit), known in itertools.product(pairs, disturbances):
         title = f"{name}, {machine}, {circuit}" + (f", {known.name}" if known.name != "none" else "")

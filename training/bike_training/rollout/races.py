@@ -142,9 +142,7 @@ def ride_races(
     config = replace(superbike_config(vehicle), engine=SUPERBIKE_ENGINE)
     ground = CircuitSet(load_vehicle(vehicle), [circuit])
     known = disturbances or Disturbances()
-    if known.noise or known.bias:
-        raise ValueError(f"disturbances {known.name!r} have errors of sensors, which only a bicycle's riders get here")
-    delay = known.periods(known.observation_delay_s + known.command_delay_s, config.control_period)
+    delay = delay_of(known, config.control_period)
     batch = Batch(starts, config, disturbances=known)
     sent = deque([np.zeros((starts, 2))] * delay)
     rider = _rider(bundle, batch, share)
@@ -205,6 +203,17 @@ def ride_races(
     )
     batch.close()
     return result
+
+
+def delay_of(disturbances: Disturbances, period: float) -> int:
+    """Return by how many control periods of a length (s) commands of a batch's rider are late.
+
+    Raises:
+        ValueError: not a whole number of them, or errors of sensors, which riders of batches do not get.
+    """
+    if disturbances.noise or disturbances.bias:
+        raise ValueError(f"disturbances {disturbances.name!r} have errors of sensors, which are a bicycle's here")
+    return disturbances.periods(disturbances.observation_delay_s + disturbances.command_delay_s, period)
 
 
 def _rider(bundle: Bundle | None, batch: Batch, share: float | None) -> BatchRider:

@@ -201,6 +201,20 @@ class DisturbedPlant(Plant):
         return min(max(wanted, rest - limit / vehicle.P), rest + limit / vehicle.P)
 
 
+def ridden_superbike(vehicle: Superbike, disturbances: Disturbances) -> Superbike:
+    """Return the machine that is ridden in place of the one that the rider knows.
+
+    Raises:
+        ValueError: disturbances that only a bicycle can have, or a parameter that cannot be wrong.
+    """
+    if disturbances.pushes or math.isfinite(disturbances.drive_torque_nm):
+        raise ValueError(
+            f"disturbances {disturbances.name!r} push a bicycle or its steering drive, and {vehicle.name!r} is a "
+            "superbike: its wind is the circuit's"
+        )
+    return disturbances.wrong(vehicle)
+
+
 def make_plant(
     config: SimulatorConfig, disturbances: Disturbances | None = None, vehicle: Vehicle | None = None
 ) -> Plant:
@@ -219,12 +233,7 @@ def make_plant(
     if disturbances is not None and not disturbances.acts_on_vehicle:
         disturbances = None
     if isinstance(vehicle, Superbike):
-        if disturbances is not None and (disturbances.pushes or math.isfinite(disturbances.drive_torque_nm)):
-            raise ValueError(
-                f"disturbances {disturbances.name!r} push a bicycle or its steering drive, and {vehicle.name!r} is a "
-                "superbike: its wind is the circuit's"
-            )
-        ridden = vehicle if disturbances is None else disturbances.wrong(vehicle)
+        ridden = vehicle if disturbances is None else ridden_superbike(vehicle, disturbances)
         # Late: a bicycle is spared tyres and lap theory, which take a good part of a node's start.
         from bike_sim.sim.superbike_plant import SuperbikePlant
 
