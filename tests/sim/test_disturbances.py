@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bike_policy.riders.classical import ClassicalRider
 from bike_policy.riders.disturbed import DisturbedRider, measured
 from bike_policy.riders.lqr import LqrRider
+from bike_sim.course.files import load_course
 from bike_sim.physics import state as st
 from bike_sim.physics.bicycle.whipple import energy, mass_matrix
 from bike_sim.physics.engines import make_engine
@@ -25,9 +27,9 @@ from bike_sim.sim.disturbances import (
     read_disturbances,
     shipped_disturbances,
 )
-from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.sim.simulator import Simulator
-from bike_sim.vehicles.files import load_superbike, load_vehicle
+from bike_sim.vehicles.files import load_superbike, load_vehicle, shipped_superbikes
 from bike_training.rollout.rollout import rollout
 
 COMPILED = SimulatorConfig(engine="whipple", time_step=0.01)
@@ -283,7 +285,21 @@ def test_a_superbike_is_ridden_as_it_is_and_known_as_it_was(engine: str) -> None
         simulator.close()
 
 
-@pytest.mark.parametrize("name", OF_SUPERBIKES)
-def test_shipped_files_of_superbikes_disturb(name: str) -> None:
-    machine = load_superbike("panigale_v4r")
-    assert load_disturbances(name).wrong(machine) != machine
+@pytest.mark.parametrize("vehicle", shipped_superbikes())
+def test_shipped_files_of_superbikes_disturb_each(vehicle: str) -> None:
+    config = SimulatorConfig(vehicle, "compiled", 0.002, 0.02)
+    known = [Disturbances(), *map(load_disturbances, OF_SUPERBIKES)]
+    batch = Batch(len(known), config, disturbances=known)
+    for row in range(len(known)):
+        batch.reset(row, ResetRequest(course="line", speed_range=(20.0, 20.0)))
+    for step in range(60):
+        batch.step(np.tile([0.3 if step < 30 else -0.3, 1.0 if step < 40 else -1.0], (len(known), 1)))
+    assert len({tuple(state) for state in batch.state}) == len(known)
+    batch.close()
+
+
+def test_errors_of_sensors_are_a_bicycles() -> None:
+    rider = DisturbedRider(ClassicalRider(), load_disturbances("noise"))
+    machine = load_superbike("r1")
+    with pytest.raises(ValueError, match="'noise' have errors of sensors"):
+        rider.begin(machine, load_course("line"), 0.02, Preview())

@@ -211,8 +211,8 @@ def delay_of(disturbances: Disturbances, period: float) -> int:
     Raises:
         ValueError: not a whole number of them, or errors of sensors, which riders of batches do not get.
     """
-    if disturbances.noise or disturbances.bias:
-        raise ValueError(f"disturbances {disturbances.name!r} have errors of sensors, which are a bicycle's here")
+    if disturbances.acts_on_sensors:
+        raise ValueError(f"disturbances {disturbances.name!r} have errors of sensors, which are a bicycle's")
     return disturbances.periods(disturbances.observation_delay_s + disturbances.command_delay_s, period)
 
 

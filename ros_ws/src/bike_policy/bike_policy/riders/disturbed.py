@@ -18,6 +18,7 @@ from bike_sim.sim.disturbances import CHANNELS, Disturbances
 from bike_sim.sim.request import Preview
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.bicycle import Vehicle
+from bike_sim.vehicles.superbike import Superbike
 
 FloatArray = NDArray[np.float64]
 
@@ -45,8 +46,10 @@ class DisturbedRider:
         """Prepare the rider; see `Rider`.
 
         Raises:
-            ValueError: a delay that is not a whole number of control periods.
+            ValueError: a delay that is not a whole number of control periods, or errors of sensors on a superbike.
         """
+        if isinstance(vehicle, Superbike) and self._disturbances.acts_on_sensors:
+            raise ValueError(f"disturbances {self._disturbances.name!r} have errors of sensors, which are a bicycle's")
         self.rider.begin(vehicle, course, period, preview)
         known = self._disturbances
         self._seen_late = known.periods(known.observation_delay_s, period)

@@ -349,7 +349,13 @@ class Superbike(Vehicle, Sections):
         for path, factor in factors.items():
             section, name = path.split(".")
             part = sections.get(section, getattr(self, section))
-            sections[section] = replace(part, **{name: getattr(part, name) * factor})
+            changed: dict[str, Any] = {name: getattr(part, name) * factor}
+            if name == "friction" and isinstance(part, Tyre) and part.magic_formula is not None:
+                # Its peaks are those of the other tyre law's friction.
+                formula = part.magic_formula
+                peaks: dict[str, float] = {peak: getattr(formula, peak) * factor for peak in ("pDx1", "pDx2", "pDy1")}
+                changed["magic_formula"] = replace(formula, **peaks)
+            sections[section] = replace(part, **changed)
         rear = _rear_body(sections.get("frame", self.frame), sections.get("rider", self.rider))
         return replace(self, **sections, **rear, D=sections.get("steering", self.steering).damper_slow)
 
