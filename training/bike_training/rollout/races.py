@@ -96,7 +96,6 @@ class RaceResult:
         return {
             "vehicle": self.vehicle,
             "circuit": self.circuit,
-            "disturbances": self.disturbances,
             **{name: known[name] for name in ("rides", "laps", "whole", "falls", "walls")},
             "best_s": best,
             "median_s": median,
@@ -108,6 +107,7 @@ class RaceResult:
             "line_distance_m": self.line,
             "steering_change": self.activity[0],
             "throttle_change": self.activity[1],
+            "disturbances": self.disturbances,
         }
 
 
