@@ -155,7 +155,6 @@ TABLES: Final[Mapping[str, Table]] = {
     "gsxr1000_validation": Table(checks),
     "superbike_validation": Table(checks),
     "classical_laps": Table(columns("pairs", **LAPS)),
-    "classical_random": Table(races, _circuits(100, 199)),
     "racer_pairs": Table(races),
     "racer_100_starts": Table(races),
     "racer_random": Table(races, _circuits(100, 139)),

@@ -100,6 +100,7 @@ def test_every_option_that_applies_has_its_default(command, subject, folders) ->
 
 def test_options_of_bicycles_are_not_dropped_beside_a_superbike(capsys) -> None:
     options = (
+        ["--disturbances", "delay_150"],
         ["--time-step", "0.004"],
         ["--engine", "pybullet"],
         ["--compare", "lqr"],

@@ -263,7 +263,7 @@ def test_numbers_of_a_superbike_change_with_what_follows_from_them() -> None:
 
 @pytest.mark.parametrize("engine", ["compiled", "pybullet"])
 def test_a_superbike_is_ridden_as_it_is_and_known_as_it_was(engine: str) -> None:
-    """Rows with wrong parameters ride as such machines do alone; less friction stops a machine later."""
+    """Rows with wrong parameters ride as such machines do alone, and show the machine that is known."""
     config = SimulatorConfig("r1", engine, 0.002, 0.02)
     request = ResetRequest(course="barcelona", speed_range=(40.0, 40.0), progress=100.0)
     slippery = load_disturbances("grip_085")
@@ -280,6 +280,8 @@ def test_a_superbike_is_ridden_as_it_is_and_known_as_it_was(engine: str) -> None
             np.testing.assert_array_equal(batch.state[row], simulator.step(0.0, -1.0).state)
     np.testing.assert_array_equal(batch.state[1], batch.state[3])
     assert len({tuple(state) for state in batch.state}) == 3
+    with pytest.raises(ValueError, match="needs as many disturbances"):
+        Batch(2, config, disturbances=[slippery])
     batch.close()
     for simulator in alone:
         simulator.close()

@@ -26,6 +26,7 @@ from bike_sim.sim.disturbances import Disturbances, load_disturbances
 from bike_sim.sim.plant import ridden_superbike
 from bike_sim.sim.simulator import Simulator
 from bike_sim.vehicles.files import load_superbike
+from bike_sim.vehicles.superbike import Superbike
 from bike_training.arguments import check_positive, check_whole, make_folder
 from bike_training.commands.declarations import DEFAULT_SUPERBIKE, SUPERBIKE
 from bike_training.envs.clients import make_client
@@ -230,10 +231,8 @@ def run_races(args: argparse.Namespace) -> dict[str, Any]:
     disturbances = [Disturbances(), *map(load_disturbances, args.disturbances)]
     name = rider if bundle is None else bundle.name
     pairs = _pairs(*_asked(args), args.in_turn)
-    for (machine, _), known in itertools.product(pairs, disturbances):  # before the first ride
-        superbike = load_superbike(machine)
-        delay_of(known, superbike.control_period)
-        ridden_superbike(superbike, known)
+    for machine in dict.fromkeys(machine for machine, _ in pairs):
+        _check_disturbances(disturbances, load_superbike(machine))
     make_folder("--out", args.out)
     results = []
     for (machine, circuit), known in itertools.product(pairs, disturbances):
@@ -275,6 +274,20 @@ def run_races(args: argparse.Namespace) -> dict[str, Any]:
     return {"schema": "bike.evaluate_races/1", "ok": ok, "figures": figures}
 
 
+def _check_disturbances(disturbances: Sequence[Disturbances], machine: Superbike) -> None:
+    """Check that a machine can be ridden under disturbances, so that no ride is lost to the last of them.
+
+    Raises:
+        ValueError: naming the option and the disturbances.
+    """
+    for known in disturbances:
+        try:
+            delay_of(known, machine)
+            ridden_superbike(machine, known)
+        except ValueError as error:
+            raise ValueError(f"--disturbances {known.name}: {error}") from None
+
+
 def _asked(args: argparse.Namespace) -> tuple[list[str], list[str]]:
     """Return the machines and the circuits that are asked for."""
     machines, circuits = [DEFAULT_SUPERBIKE], [CIRCUIT]
@@ -302,10 +315,11 @@ def _pairs(machines: Sequence[str], circuits: Sequence[str], taking_turns: bool)
 
 def _race_table(name: str, found: list[dict[str, Any]]) -> Table:
     table = Table(box=box.SIMPLE, title=f"Races of {name}")
+    disturbed = any(race["disturbances"] != "none" for race in found)
+    named = ("machine", "circuit", "disturbances") if disturbed else ("machine", "circuit")
+    for column in named:
+        table.add_column(column, overflow="fold")
     for column in (
-        "machine",
-        "circuit",
-        "disturbances",
         "whole",
         "falls",
         "best",
@@ -315,12 +329,12 @@ def _race_table(name: str, found: list[dict[str, Any]]) -> Table:
         "off line",
         "off track",
     ):
-        table.add_column(column, justify="left" if column in ("machine", "circuit", "disturbances") else "right")
+        table.add_column(column, justify="right")
     for race in found:
         table.add_row(
             race["vehicle"],
             race["circuit"],
-            race["disturbances"],
+            *([race["disturbances"]] if disturbed else []),
             f"{race['whole']} of {race['rides']}",
             f"{race['falls'] + race['walls']}",
             "-" if race["best_s"] is None else lap_text(race["best_s"]),

@@ -13,6 +13,7 @@ import numpy as np
 from bike_policy.contract.bundle import Bundle
 from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, LinePlan
 from bike_policy.planning.plan_verification import BatchRider, PlanFollower, verified_plan
+from bike_policy.riders.disturbed import check_sensors
 from bike_policy.riders.racing import PolicyBatch
 from bike_sim.course.course import Course
 from bike_sim.course.lap_timing import Lap
@@ -23,7 +24,7 @@ from bike_sim.sim.config import superbike_config
 from bike_sim.sim.disturbances import Disturbances
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.snapshot import WALL
-from bike_sim.vehicles.files import load_vehicle
+from bike_sim.vehicles.files import load_superbike
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.curricula.race import CircuitSet
 
@@ -140,9 +141,10 @@ def ride_races(
         FileNotFoundError: an unknown vehicle or circuit.
     """
     config = replace(superbike_config(vehicle), engine=SUPERBIKE_ENGINE)
-    ground = CircuitSet(load_vehicle(vehicle), [circuit])
+    machine = load_superbike(vehicle)
+    ground = CircuitSet(machine, [circuit])
     known = disturbances or Disturbances()
-    delay = delay_of(known, config.control_period)
+    delay = delay_of(known, machine)
     batch = Batch(starts, config, disturbances=known)
     sent = deque([np.zeros((starts, 2))] * delay)
     rider = _rider(bundle, batch, share)
@@ -205,15 +207,15 @@ def ride_races(
     return result
 
 
-def delay_of(disturbances: Disturbances, period: float) -> int:
-    """Return by how many control periods of a length (s) commands of a batch's rider are late.
+def delay_of(disturbances: Disturbances, machine: Superbike) -> int:
+    """Return by how many of a machine's control periods its rider's commands are late.
 
     Raises:
-        ValueError: not a whole number of them, or errors of sensors, which riders of batches do not get.
+        ValueError: not a whole number of them, or errors of sensors.
     """
-    if disturbances.acts_on_sensors:
-        raise ValueError(f"disturbances {disturbances.name!r} have errors of sensors, which are a bicycle's")
-    return disturbances.periods(disturbances.observation_delay_s + disturbances.command_delay_s, period)
+    check_sensors(disturbances, machine)
+    late = disturbances.observation_delay_s + disturbances.command_delay_s
+    return disturbances.periods(late, machine.control_period)
 
 
 def _rider(bundle: Bundle | None, batch: Batch, share: float | None) -> BatchRider:

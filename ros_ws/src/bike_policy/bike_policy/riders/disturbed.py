@@ -48,8 +48,7 @@ class DisturbedRider:
         Raises:
             ValueError: a delay that is not a whole number of control periods, or errors of sensors on a superbike.
         """
-        if isinstance(vehicle, Superbike) and self._disturbances.acts_on_sensors:
-            raise ValueError(f"disturbances {self._disturbances.name!r} have errors of sensors, which are a bicycle's")
+        check_sensors(self._disturbances, vehicle)
         self.rider.begin(vehicle, course, period, preview)
         known = self._disturbances
         self._seen_late = known.periods(known.observation_delay_s, period)
@@ -91,6 +90,16 @@ class DisturbedRider:
         self._seen.append(snapshot)
         while len(self._seen) > 1 and self._seen[1].step <= snapshot.step - self._seen_late:
             self._seen.popleft()
+
+
+def check_sensors(disturbances: Disturbances, vehicle: Vehicle) -> None:
+    """Refuse errors of sensors on a superbike: `measured` does not know what its riders see.
+
+    Raises:
+        ValueError: naming the disturbances.
+    """
+    if isinstance(vehicle, Superbike) and disturbances.acts_on_sensors:
+        raise ValueError(f"disturbances {disturbances.name!r} have errors of sensors, which are a bicycle's")
 
 
 def measured(snapshot: Snapshot, errors: FloatArray) -> Snapshot:

@@ -69,7 +69,7 @@ def prepare_discovery(environment: MutableMapping[str, str] = os.environ) -> Non
 
 
 _leases = itertools.count()
-"""Leases that this process has asked for."""
+"""Numbers of this process' leases."""
 
 
 class DomainLease(AbstractContextManager["DomainLease"]):

@@ -82,7 +82,8 @@ class Batch:
             vehicles: name, file or parameters of each row's vehicle, where they are not the config's.
 
         Raises:
-            ValueError: an invalid parameter, or a wrong number of vehicles. FileNotFoundError: an unknown vehicle.
+            ValueError: an invalid parameter, or a wrong number of vehicles or disturbances.
+            FileNotFoundError: an unknown vehicle.
         """
         names = [config.vehicle] * count if vehicles is None else list(vehicles)
         if len(names) != count:
@@ -90,8 +91,10 @@ class Batch:
         self.count, self.config = count, config
         if disturbances is None or isinstance(disturbances, Disturbances):
             disturbances = [disturbances or Disturbances()] * count
+        if len(disturbances) != count:
+            raise ValueError(f"a batch of {count} vehicles needs as many disturbances, got {len(disturbances)}")
         self._disturbances = disturbances
-        self._known: dict[tuple[str, str], Plant] = {}
+        self._known: dict[tuple[str, int], Plant] = {}
         self._courses: dict[str, Courses] = {}
         disturbed = any(known.acts_on_vehicle for known in disturbances)
         # The engine of a superbike differs in its parameters alone.
@@ -141,8 +144,8 @@ class Batch:
         Raises:
             ValueError: an engine that cannot simulate it. FileNotFoundError: an unknown vehicle.
         """
-        disturbances = self._disturbances[index]
-        key = name, _ = _name_of(vehicle), disturbances.to_text()
+        name, disturbances = _name_of(vehicle), self._disturbances[index]
+        key = name, id(disturbances)
         if self._shared and key in self._known:
             return self._known[key]
         config = replace(self.config, vehicle=name)
