@@ -248,6 +248,15 @@ def test_what_the_dead_have_left_is_removed_and_nothing_else(leftovers: Path) ->
     assert remove_leftovers(leftovers / "nowhere") == 0
 
 
+@pytest.mark.parametrize("generation", ["fastrtps", "fastdds"])
+def test_leftovers_of_both_generations_of_fast_dds_are_known(generation: str, tmp_path: Path) -> None:
+    for name in (f"{generation}_00000000000000aa", f"{generation}_port17410"):
+        (tmp_path / name).write_text("x")
+        (tmp_path / f"{name}_el").touch()
+    assert remove_leftovers(tmp_path, settled=0.0) == 2
+    assert not list(tmp_path.iterdir())
+
+
 def test_files_of_others_and_links_are_left_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     precious = tmp_path / "precious"
     precious.write_text("stays")

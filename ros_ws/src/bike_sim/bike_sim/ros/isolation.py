@@ -70,6 +70,8 @@ def prepare_discovery(environment: MutableMapping[str, str] = os.environ) -> Non
 
 _leases = itertools.count()
 """Numbers of this process' leases."""
+_STRIDE: Final = 10
+"""Domains between a lease and the next of the same process: those beside it are of processes started with it."""
 
 
 class DomainLease(AbstractContextManager["DomainLease"]):
@@ -96,7 +98,7 @@ class DomainLease(AbstractContextManager["DomainLease"]):
             OSError: every domain is taken.
         """
         count = LAST_DOMAIN - FIRST_DOMAIN + 1
-        first = os.getpid() + next(_leases)
+        first = os.getpid() + _STRIDE * next(_leases)
         domains = [FIRST_DOMAIN + (first + k) % count for k in range(count)]
         inhabited = _inhabited_domains()
         for domain_id in sorted(domains, key=lambda domain: domain in inhabited):
@@ -166,9 +168,9 @@ SHARED_MEMORY: Final = Path("/dev/shm")
 SETTLED: Final = 2.0
 """Age after which a lock file counts, s: one that is younger may not be locked yet by the process that made it."""
 
-_SEGMENT: Final = re.compile(r"(fastrtps_[0-9a-f]{16})_[es]l")
-_PORT_FILE: Final = re.compile(r"fastrtps_port\d{1,5}")
-_PORT: Final = re.compile(r"(fastrtps_port(\d{1,5}))_[es]l")
+_SEGMENT: Final = re.compile(r"(fast(?:rtps|dds)_[0-9a-f]{16})_[es]l")
+_PORT_FILE: Final = re.compile(r"fast(?:rtps|dds)_port\d{1,5}")
+_PORT: Final = re.compile(r"(fast(?:rtps|dds)_port(\d{1,5}))_[es]l")
 
 
 @dataclass(frozen=True)
