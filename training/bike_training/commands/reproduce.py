@@ -22,7 +22,7 @@ from bike_training.sweeps.driver import Place, do_runs
 from bike_training.sweeps.jobs import TrainJob
 from bike_training.sweeps.runs import Plan, make_plan, schedule, slots_of
 
-PAPERS: Final[dict[str, Paper[Any, Any]]] = {paper.name: paper for paper in (BICYCLE, SUPERBIKE)}
+PAPERS: Final[dict[str, Paper[Any]]] = {paper.name: paper for paper in (BICYCLE, SUPERBIKE)}
 DATA: Final = "data"
 STATEMENTS_FILE: Final = "statements.md"
 TABLES_FILE: Final = "tables.md"

@@ -45,6 +45,7 @@ from bike_training.reproduce.bicycle_results import (
     Track,
     controller_1,
 )
+from bike_training.reproduce.data import Tables
 from bike_training.reproduce.figures import BICYCLE_FIGURES
 from bike_training.reproduce.paper import Advance, Experiment, Paper, Rows
 from bike_training.rollout.evaluation import SPEEDS, evaluate
@@ -247,7 +248,7 @@ def ride_course(rider: Rider, course: str, speed: float, longest: float = math.i
     return snapshots
 
 
-def ride_junction(riders: Sequence[tuple[str, Rider]]) -> list[Track]:
+def ride_junction(riders: Sequence[tuple[str, Rider]]) -> list[Any]:
     """Ride the road junction of Fig. 11 with each named rider and return the tracks of both contact points."""
     rows = []
     for name, rider in riders:
@@ -261,7 +262,7 @@ def ride_junction(riders: Sequence[tuple[str, Rider]]) -> list[Track]:
     return rows
 
 
-def instants(ride: Sequence[Snapshot]) -> list[Instant]:
+def instants(ride: Sequence[Snapshot]) -> list[Any]:
     """Return every second instant of a ride."""
     rows = []
     for snapshot in ride[::_INSTANT_EVERY]:
@@ -272,9 +273,7 @@ def instants(ride: Sequence[Snapshot]) -> list[Instant]:
     return rows
 
 
-def impacts(
-    policy: str, bundle: Bundle, ride: Sequence[Snapshot], observations: int, permutations: int
-) -> list[Impact]:
+def impacts(policy: str, bundle: Bundle, ride: Sequence[Snapshot], observations: int, permutations: int) -> list[Any]:
     """Return SHAP values of an actor on the slalom of its own ride; none where it did not come there.
 
     Args:
@@ -302,7 +301,7 @@ def impacts(
     ]
 
 
-def front_directions() -> list[Direction]:
+def front_directions() -> list[Any]:
     """Return Table 8, by the formula and measured by rolling in both engines."""
     vehicle = load_vehicle("whipple")
     engines = {kind: make_bicycle_engine(kind, replace(vehicle, g=0.0), 0.001) for kind in ("whipple", "pybullet")}
@@ -318,7 +317,7 @@ def front_directions() -> list[Direction]:
     return rows
 
 
-def steering_step() -> list[SteeringStep]:
+def steering_step() -> list[Any]:
     """Return the step response of Fig. 16: 70 degrees from standstill, without gravity."""
     target = math.radians(70.0)
     vehicle = replace(load_vehicle("whipple"), g=0.0)
@@ -336,7 +335,7 @@ def steering_step() -> list[SteeringStep]:
     ]
 
 
-def full_circles(paths: int) -> Chance:
+def full_circles(paths: int) -> Any:
     """Draw paths of the last part of the curriculum and count those with a full circle."""
     rng = np.random.default_rng(0)
 
@@ -349,7 +348,7 @@ def full_circles(paths: int) -> Chance:
     return Chance(paths, PATH_LENGTH, sum(has_circle(elements) for elements in drawn))
 
 
-def add_details(data: Data, folders: Mapping[tuple[str, int], Path], experiment: BicycleExperiment) -> Data:
+def add_details(data: Tables, folders: Mapping[tuple[str, int], Path], experiment: BicycleExperiment) -> Tables:
     """Return the tables with those of Figs. 11 to 14 and 16, Table 8 and Sect. 6.
 
     Args:
@@ -361,15 +360,14 @@ def add_details(data: Data, folders: Mapping[tuple[str, int], Path], experiment:
     found = {name: controller(folders[name, seed], name, experiment.which) for name, seed in chosen if seed is not None}
     best = {name: bundle for name, bundle in found.items() if bundle is not None}
     riders = [(name, LearnedRider(bundle)) for name, bundle in best.items()]
-    ridden_by_prop: tuple[Instant, ...] = ()
-    shares: list[Impact] = []
+    ridden_by_prop: tuple[Any, ...] = ()
+    shares: list[Any] = []
     for name, bundle in {**({"prop": best["prop"]} if "prop" in best else {}), SHIPPED: load_bundle(SHIPPED)}.items():
         ridden = ride_course(LearnedRider(bundle), COURSE, SPEED, experiment.longest)
         if name == "prop":
             ridden_by_prop = tuple(instants(ridden))
         shares += impacts(name, bundle, ridden, experiment.explained, experiment.permutations)
-    return replace(
-        data,
+    return data.with_rows(
         tracks=tuple(ride_junction([*riders, *((name, make_rider(name)) for name in ("stanley", "lqr"))])),
         ride=ridden_by_prop,
         impacts=tuple(shares),
@@ -379,7 +377,7 @@ def add_details(data: Data, folders: Mapping[tuple[str, int], Path], experiment:
     )
 
 
-def choose(data: Data, places: Sequence[Data]) -> Data:
+def choose(data: Tables, places: Sequence[Tables]) -> Tables:
     """Return the tables with what was looked at closely where the controllers 1 of all runs are.
 
     What no run takes part in (classical riders, the shipped actor, Table 8, the step response, the random paths) is the
@@ -398,15 +396,14 @@ def choose(data: Data, places: Sequence[Data]) -> Data:
     }
     tracks = [row for name in CLOSELY if name in own for row in own[name].tracks if row.rider == name]
     shares = [row for row in own["prop"].impacts if row.policy == "prop"] if "prop" in own else []
-    return replace(
-        data,
+    return data.with_rows(
         tracks=(*tracks, *(row for row in places[0].tracks if row.rider not in CLOSELY)),
         ride=own["prop"].ride if "prop" in own else (),
         impacts=(*shares, *(row for row in places[0].impacts if row.policy == SHIPPED)),
     )
 
 
-BICYCLE: Final[Paper[BicycleExperiment, Data]] = Paper(
+BICYCLE: Final[Paper[BicycleExperiment]] = Paper(
     name="bicycle",
     experiment=BicycleExperiment(),
     quick=QUICK,

@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from scipy.stats import fisher_exact
 
 from bike_sim.course.files import load_course
-from bike_training.reproduce.data import Run, RunRow, Tables, table
+from bike_training.reproduce.data import Run, Tables, read_paper, row_kinds, tables_of
 from bike_training.reproduce.statement import (
     MIN_RUNS,
     FloatArray,
@@ -21,166 +20,14 @@ from bike_training.reproduce.statement import (
     interval,
     markdown,
     some,
-    statements,
+    statements_of,
     with_interval,
 )
 
-# -------------------------------------------------------------------------------------------------------------- rows
-
-
-@dataclass(frozen=True)
-class Rides(RunRow):
-    """A ride of a controller.
-
-    Attributes:
-        course: ``benchmark`` or ``random``.
-        speed: m/s.
-        completed: whether it came to its end.
-        mean: mean distance of the rear contact, m.
-        largest: its largest distance, m.
-    """
-
-    course: str
-    speed: float
-    completed: bool
-    mean: float
-    largest: float
-
-
-@dataclass(frozen=True)
-class Track:
-    """An instant of a ride on the junction.
-
-    Attributes:
-        rider: controller or classical rider.
-        time: s.
-        x: rear contact, m.
-        y: rear contact, m.
-        front_x: front contact, m.
-        front_y: front contact, m.
-        rear_error: lateral error of the rear contact, m.
-        front_error: lateral error of the front contact, m.
-        completed: whether the ride came to its end.
-    """
-
-    rider: str
-    time: float
-    x: float
-    y: float
-    front_x: float
-    front_y: float
-    rear_error: float
-    front_error: float
-    completed: bool
-
-
-@dataclass(frozen=True)
-class Instant:
-    """An instant of the ride of Figs. 12 and 13.
-
-    Attributes:
-        progress: along the path, m.
-        x: rear contact, m.
-        y: rear contact, m.
-        front_x: front contact, m.
-        front_y: front contact, m.
-        roll: rad.
-        steer: rad.
-        curvature: of the path at the rear contact, 1/m.
-    """
-
-    progress: float
-    x: float
-    y: float
-    front_x: float
-    front_y: float
-    roll: float
-    steer: float
-    curvature: float
-
-
-@dataclass(frozen=True)
-class Impact:
-    """Share of a feature of an observation in the set point of the steering angle (Fig. 14).
-
-    Attributes:
-        policy: setting, or name of a shipped actor.
-        observation: number.
-        feature: name in the layout.
-        value: of the feature, in its unit.
-        shap: share in the set point, rad.
-    """
-
-    policy: str
-    observation: int
-    feature: str
-    value: float
-    shap: float
-
-
-@dataclass(frozen=True)
-class Direction:
-    """A row of Table 8, in degrees.
-
-    Attributes:
-        roll: of the posture.
-        steer: of the posture.
-        published: direction of the front contact.
-        formula: by Eq. (A.10).
-        whipple: measured by rolling in the compiled engine.
-        pybullet: measured by rolling in PyBullet.
-    """
-
-    roll: float
-    steer: float
-    published: float
-    formula: float
-    whipple: float
-    pybullet: float
-
-
-@dataclass(frozen=True)
-class SteeringStep:
-    """An instant of the step response of Fig. 16.
-
-    Attributes:
-        time: s.
-        whipple: steering angle in the compiled engine, deg.
-        pybullet: steering angle in PyBullet, deg.
-    """
-
-    time: float
-    whipple: float
-    pybullet: float
-
-
-@dataclass(frozen=True)
-class Chance:
-    """Frequency of full circles in the paths of learning (Sect. 6).
-
-    Attributes:
-        paths: drawn from part 4.
-        length: least length of each, m.
-        circles: paths with five bends in a row to one side.
-    """
-
-    paths: int
-    length: float
-    circles: int
-
-
-@dataclass(frozen=True)
-class Data(Tables):
-    """All tables; the error of a validation is the mean of its errors e_i (Eq. 12)."""
-
-    rides: tuple[Rides, ...] = table("rides.csv", Rides)
-    tracks: tuple[Track, ...] = table("junction.csv", Track)
-    ride: tuple[Instant, ...] = table("ride.csv", Instant)
-    impacts: tuple[Impact, ...] = table("impacts.csv", Impact)
-    directions: tuple[Direction, ...] = table("table8.csv", Direction)
-    steering: tuple[SteeringStep, ...] = table("steering_step.csv", SteeringStep)
-    chances: tuple[Chance, ...] = table("full_circles.csv", Chance)
-
+PAPER: Final = read_paper("bicycle")
+Data: Final = tables_of(PAPER)
+"""All tables; the error of a validation is the mean of its errors e_i (Eq. 12)."""
+Rides, Track, Instant, Impact, Direction, SteeringStep, Chance = row_kinds(Data)
 
 # ------------------------------------------------------------------------------------------------------- learning
 
@@ -191,23 +38,23 @@ RODE_ALL: Final = ("prop", "alt1", "alt2", "alt3", "alt4")
 NO_CONTROLLER: Final = "no controller"
 
 
-def runs_of(data: Data, *settings: str) -> list[Run]:
+def runs_of(data: Tables, *settings: str) -> list[Run]:
     """Return the runs of some settings."""
     return [run for run in data.runs if run.setting in settings]
 
 
-def finished_at(data: Data, setting: str) -> FloatArray:
+def finished_at(data: Tables, setting: str) -> FloatArray:
     """Return the learning steps after which the runs of a setting have ended the curriculum."""
     return np.array([run.finished_at for run in runs_of(data, setting) if run.finished_at >= 0], float)
 
 
-def _ended(data: Data, *settings: str) -> bool:
+def _ended(data: Tables, *settings: str) -> bool:
     """Return whether there are runs of all settings, and all of them have ended."""
     each = [runs_of(data, name) for name in settings]
     return all(each) and all(run.status == "finished" for runs in each for run in runs)
 
 
-def _all_end(data: Data, settings: Sequence[str]) -> Verdict:
+def _all_end(data: Tables, settings: Sequence[str]) -> Verdict:
     means = {name: finished_at(data, name) for name in settings}
     totals = {name: len(runs_of(data, name)) for name in settings}
     text = ", ".join(
@@ -221,7 +68,7 @@ def _all_end(data: Data, settings: Sequence[str]) -> Verdict:
     return _of_cut_runs(data, settings, text)
 
 
-def _of_cut_runs(data: Data, settings: Sequence[str], text: str) -> Verdict:
+def _of_cut_runs(data: Tables, settings: Sequence[str], text: str) -> Verdict:
     """Return the verdict where runs have not ended: open if they had too few steps to say so.
 
     The paper's n_tot is twice what its *prop.* needs and more.
@@ -233,7 +80,7 @@ def _of_cut_runs(data: Data, settings: Sequence[str], text: str) -> Verdict:
     return text, False
 
 
-def _needs_more(data: Data, setting: str) -> Verdict:
+def _needs_more(data: Tables, setting: str) -> Verdict:
     """A run that has not ended counts as one that ended with its last step, so the ratio is a lower bound.
 
     It is open where a run of *prop.* has not ended: those that have would be the quick ones.
@@ -254,7 +101,7 @@ def _needs_more(data: Data, setting: str) -> Verdict:
     return text, low > 1.0
 
 
-def _no_difference(data: Data, setting: str) -> Verdict:
+def _no_difference(data: Tables, setting: str) -> Verdict:
     ours, prop = finished_at(data, setting), finished_at(data, "prop")
     totals = [len(runs_of(data, name)) for name in (setting, "prop")]
     if min(len(ours), len(prop)) < 2 or [len(ours), len(prop)] != totals:
@@ -266,7 +113,7 @@ def _no_difference(data: Data, setting: str) -> Verdict:
     return text, low <= 0.0 <= high
 
 
-def _part_two(data: Data) -> Verdict:
+def _part_two(data: Tables) -> Verdict:
     means = {}
     for setting in ("prop", "alt2"):
         spans = []
@@ -280,7 +127,7 @@ def _part_two(data: Data) -> Verdict:
     return f"{ratio:.0%}", ratio > 1.5
 
 
-def _few_finish(data: Data) -> Verdict:
+def _few_finish(data: Tables) -> Verdict:
     runs = runs_of(data, "alt5")
     done = len(finished_at(data, "alt5"))
     text = f"{done} of {len(runs)}"
@@ -295,7 +142,7 @@ def _few_finish(data: Data) -> Verdict:
 # ---------------------------------------------------------------------------------------------------------- rides
 
 
-def mean_distance(data: Data, setting: str, course: str) -> dict[float, tuple[float, bool]]:
+def mean_distance(data: Tables, setting: str, course: str) -> dict[float, tuple[float, bool]]:
     """Return T(v) of Eq. (15) by speed, with whether all controllers came to the end; of those that did."""
     found: dict[float, tuple[float, bool]] = {}
     rides = [ride for ride in data.rides if (ride.setting, ride.course) == (setting, course)]
@@ -306,13 +153,13 @@ def mean_distance(data: Data, setting: str, course: str) -> dict[float, tuple[fl
     return found
 
 
-def _known_distances(data: Data) -> dict[float, float]:
+def _known_distances(data: Tables) -> dict[float, float]:
     """Return T(v) of *prop.* on the benchmark path at the speeds at which a controller came to the end."""
     found = mean_distance(data, "prop", "benchmark").items()
     return {speed: mean for speed, (mean, _) in found if np.isfinite(mean)}
 
 
-def controller_1(data: Data, setting: str) -> int | None:
+def controller_1(data: Tables, setting: str) -> int | None:
     """Return the seed of the controller with the smallest largest distance on the benchmark path (Sect. 5.3.3)."""
     worst: dict[int, tuple[bool, float]] = {}
     for ride in _benchmark(data, setting):
@@ -321,11 +168,11 @@ def controller_1(data: Data, setting: str) -> int | None:
     return min(worst, key=lambda seed: worst[seed]) if worst else None
 
 
-def _benchmark(data: Data, setting: str) -> list[Rides]:
+def _benchmark(data: Tables, setting: str) -> list[Any]:
     return [ride for ride in data.rides if (ride.setting, ride.course) == (setting, "benchmark")]
 
 
-def _all_ridden(data: Data, settings: Sequence[str], course: str) -> Verdict:
+def _all_ridden(data: Tables, settings: Sequence[str], course: str) -> Verdict:
     rides = [ride for ride in data.rides if ride.setting in settings and ride.course == course]
     done = sum(ride.completed for ride in rides)
     missing = sorted(set(settings) - {ride.setting for ride in rides})
@@ -333,12 +180,12 @@ def _all_ridden(data: Data, settings: Sequence[str], course: str) -> Verdict:
     return text, False if done < len(rides) else None if missing else True
 
 
-def _below(data: Data, limit: float) -> Verdict:
+def _below(data: Tables, limit: float) -> Verdict:
     largest = max(some(_known_distances(data), NO_CONTROLLER).values())
     return f"largest T {largest:.3f} m", largest < limit
 
 
-def worst_of(data: Data, setting: str) -> tuple[Rides, Rides] | None:
+def worst_of(data: Tables, setting: str) -> tuple[Any, Any] | None:
     """Return the benchmark rides of controller 1 with the largest maximum and with the largest mean (Table 6)."""
     seed = controller_1(data, setting)
     rides = [ride for ride in _benchmark(data, setting) if ride.seed == seed]
@@ -347,13 +194,13 @@ def worst_of(data: Data, setting: str) -> tuple[Rides, Rides] | None:
     return max(rides, key=lambda ride: ride.largest), max(rides, key=lambda ride: ride.mean)
 
 
-def _largest_distances(data: Data, setting: str, largest: float, mean: float) -> Verdict:
+def _largest_distances(data: Tables, setting: str, largest: float, mean: float) -> Verdict:
     by_maximum, by_mean = some(worst_of(data, setting) or (), NO_CONTROLLER)
     text = f"{by_maximum.largest:.2f} m at {by_maximum.speed:g} m/s, {by_mean.mean:.3f} m at {by_mean.speed:g} m/s"
     return text, by_maximum.largest <= largest and by_mean.mean <= mean
 
 
-def _fails_slow(data: Data) -> Verdict:
+def _fails_slow(data: Tables) -> Verdict:
     rides = [ride for ride in data.rides if ride.course == "benchmark" and ride.setting in RODE_ALL]
     failed = [ride for ride in some(rides, NO_CONTROLLER) if not ride.completed]
     places = sorted({(ride.setting, ride.speed) for ride in failed})
@@ -362,7 +209,7 @@ def _fails_slow(data: Data) -> Verdict:
     return text, all(ride.speed <= 2.25 for ride in failed)
 
 
-def _least_in_the_middle(data: Data) -> Verdict:
+def _least_in_the_middle(data: Tables) -> Verdict:
     found = _known_distances(data)
     if len(found) < 3:
         raise NothingFound(NO_CONTROLLER)
@@ -372,7 +219,7 @@ def _least_in_the_middle(data: Data) -> Verdict:
     return text, low < best < high
 
 
-def _junction_error(data: Data, rider: str) -> float | None:
+def _junction_error(data: Tables, rider: str) -> float | None:
     """Return the largest error of a front contact on the junction, m; infinite where the ride ended early."""
     rows = [row for row in data.tracks if row.rider == rider]
     if not rows:
@@ -384,14 +231,14 @@ def _error_text(error: float) -> str:
     return f"{error:.2f} m" if math.isfinite(error) else "not ridden to the end"
 
 
-def _on_junction(data: Data) -> Verdict:
+def _on_junction(data: Tables) -> Verdict:
     error = _junction_error(data, "alt3")
     if error is None:
         raise NothingFound(NO_CONTROLLER)
     return _error_text(error), error < 2.0
 
 
-def _beats_stanley(data: Data) -> Verdict:
+def _beats_stanley(data: Tables) -> Verdict:
     ours = _junction_error(data, "alt3")
     others = {name: _junction_error(data, name) for name in ("stanley", "lqr")}
     text = ", ".join(f"{name}: {_error_text(error)}" for name, error in others.items() if error is not None)
@@ -402,7 +249,7 @@ def _beats_stanley(data: Data) -> Verdict:
 # ----------------------------------------------------------------------------------------- one controller closely
 
 
-def _leans_with_curvature(data: Data) -> Verdict:
+def _leans_with_curvature(data: Tables) -> Verdict:
     rows = [row for row in data.ride if row.progress <= 200.0]
     if len(rows) < 2 or not any(row.curvature for row in rows):
         raise NothingFound("no ride")
@@ -410,7 +257,7 @@ def _leans_with_curvature(data: Data) -> Verdict:
     return f"correlation {found:.2f}", found > 0.9
 
 
-def _counter_steers(data: Data) -> Verdict:
+def _counter_steers(data: Tables) -> Verdict:
     begin = dict(load_course("benchmark").sections)["full circle"]
     before = [row for row in data.ride if begin - 4.0 <= row.progress <= begin]
     if not before or data.ride[-1].progress <= begin:
@@ -420,7 +267,7 @@ def _counter_steers(data: Data) -> Verdict:
     return text, steer < 0.0 and roll < 0.0
 
 
-def weights(impacts: Sequence[Impact], policy: str) -> dict[str, float]:
+def weights(impacts: Sequence[Any], policy: str) -> dict[str, float]:
     """Return the mean magnitude of the SHAP values of each feature of a policy, rad, largest first."""
     found: dict[str, list[float]] = {}
     for row in impacts:
@@ -430,26 +277,26 @@ def weights(impacts: Sequence[Impact], policy: str) -> dict[str, float]:
     return dict(sorted(means.items(), key=lambda item: -item[1]))
 
 
-def _shares(data: Data) -> dict[str, float]:
+def _shares(data: Tables) -> dict[str, float]:
     """Return the share of each feature in the magnitudes of all, of controller 1 of *prop.*, largest first."""
     means = some(weights(data.impacts, "prop"), NO_CONTROLLER)
     total = sum(means.values())
     return {name: mean / total for name, mean in means.items()}
 
 
-def _weightiest(data: Data) -> Verdict:
+def _weightiest(data: Tables) -> Verdict:
     shares = _shares(data)
     names = list(shares)[:5]
     text = ", ".join(f"{name} {shares[name]:.0%}" for name in names)
     return text, set(names) == {"roll", "t_p3", "t_p2", "roll_rate", "t_p4"}
 
 
-def _weightiest_is_roll(data: Data) -> Verdict:
+def _weightiest_is_roll(data: Tables) -> Verdict:
     first = next(iter(_shares(data)))
     return first, first == "roll"
 
 
-def _correlation(data: Data, *features: str) -> float:
+def _correlation(data: Tables, *features: str) -> float:
     """Return the correlation of features of *prop.* with their SHAP values, each summed over the features."""
     rows = [row for row in data.impacts if row.policy == "prop" and row.feature in features]
     sums: dict[int, tuple[float, float]] = {}
@@ -459,24 +306,24 @@ def _correlation(data: Data, *features: str) -> float:
     return float(np.corrcoef(np.array(list(sums.values())).T)[0, 1])
 
 
-def _pulls_down(data: Data, *features: str) -> Verdict:
+def _pulls_down(data: Tables, *features: str) -> Verdict:
     found = {name: _correlation(data, name) for name in features}
     text = "correlation " + ", ".join(f"{name} {value:+.2f}" for name, value in found.items())
     return text, all(value < -0.5 for value in found.values())
 
 
-def _pulls_together(data: Data) -> Verdict:
+def _pulls_together(data: Tables) -> Verdict:
     found = _correlation(data, "t_p2", "t_p3", "t_p4")
     return f"correlation {found:+.2f}", found < -0.5
 
 
-def _hardly_any_weight(data: Data, *features: str) -> Verdict:
+def _hardly_any_weight(data: Tables, *features: str) -> Verdict:
     shares = _shares(data)
     text = ", ".join(f"{name} {shares[name]:.1%}" for name in features)
     return text, not set(features) & set(list(shares)[:5])
 
 
-def _directions(data: Data) -> Verdict:
+def _directions(data: Tables) -> Verdict:
     rows = some(data.directions, "not measured")
     engines = ("formula", "whipple", "pybullet")
     errors = {name: max(abs(getattr(row, name) - row.published) for row in rows) for name in engines}
@@ -484,14 +331,14 @@ def _directions(data: Data) -> Verdict:
     return text, max(errors.values()) < 0.1
 
 
-def _overshoot(data: Data) -> Verdict:
+def _overshoot(data: Tables) -> Verdict:
     rows = some(data.steering, "not measured")
     peaks = {name: max(getattr(row, name) for row in rows) / 70.0 - 1.0 for name in ("whipple", "pybullet")}
     text = ", ".join(f"{name} {peak:.1%}" for name, peak in peaks.items())
     return text, all(0.0 < peak <= 0.1 for peak in peaks.values())
 
 
-def _rare_circles(data: Data) -> Verdict:
+def _rare_circles(data: Tables) -> Verdict:
     """Agree where Fisher's exact test of the two counts finds no difference at 5 %."""
     chance = some(data.chances, "not drawn")[0]
     counts = [[chance.circles, chance.paths - chance.circles], [20, 9_980]]
@@ -499,75 +346,38 @@ def _rare_circles(data: Data) -> Verdict:
     return text, float(fisher_exact(counts).pvalue) > 0.05
 
 
-_YAW_AND_WHEEL: Final = ("yaw_cos", "yaw_sin", "front_wheel_rate")
-
-STATEMENTS: Final = statements(
-    ("Fig. 8", "all runs of prop. and alt(1-4) end the curriculum", _all_end, RODE_ALL),
-    ("Fig. 8", "alt(2) needs more steps than prop. (over 2.5 against under 2 million)", _needs_more, "alt2"),
-    ("Fig. 8", "alt(5) needs more steps than prop. (over 2.5 against under 2 million)", _needs_more, "alt5"),
-    ("Sect. 5.2", "the yaw's representation, alt(1), does not change the steps", _no_difference, "alt1"),
-    ("Sect. 5.2", "the front contact, alt(3), makes no difference in learning", _no_difference, "alt3"),
-    ("Sect. 5.2", "the exponential reward, alt(4), makes no difference in learning", _no_difference, "alt4"),
-    ("Sect. 5.2", "alt(2) takes 264 % of prop.'s steps in part 2", _part_two),
-    ("Sect. 5.2", "two of five runs of alt(5) end the curriculum", _few_finish),
-    (
-        "Sect. 5.3.2",
-        "all controllers of prop. and alt(1-4) ride random paths at all speeds",
-        _all_ridden,
-        RODE_ALL,
-        "random",
-    ),
-    ("Sect. 5.3.3", "all controllers of prop. ride the benchmark path", _all_ridden, ("prop",), "benchmark"),
-    ("Sect. 5.3.3", "all controllers of alt(3) ride the benchmark path", _all_ridden, ("alt3",), "benchmark"),
-    ("Sect. 5.3.3", "T(v) of prop. on the benchmark path is below 0.2 m", _below, 0.2),
-    (
-        "Table 6",
-        "prop.: at most 0.69 m, in the mean at most 0.09 m, both at 7 m/s",
-        _largest_distances,
-        "prop",
-        0.69,
-        0.09,
-    ),
-    (
-        "Table 6",
-        "alt(3): at most 0.58 m at 7 m/s, in the mean at most 0.13 m at 2.25 m/s",
-        _largest_distances,
-        "alt3",
-        0.58,
-        0.13,
-    ),
-    ("Sect. 5.3.3", "on the benchmark path controllers of prop. and alt(1-4) fail at 2.25 m/s at most", _fails_slow),
-    (
-        "Sect. 5.3.3",
-        "T(v) of prop. is least at 4.25 m/s (0.08 m), and larger at 2 (0.19 m) and 7 m/s (0.15 m)",
-        _least_in_the_middle,
-    ),
-    ("Fig. 11", "the controller of alt(3) stays within 2 m of the junction's path", _on_junction),
-    ("Fig. 11", "it deviates less than the Stanley controller", _beats_stanley),
-    ("Fig. 12", "the roll is proportional to the negated curvature", _leans_with_curvature),
-    ("Fig. 12", "before the circle to the left it steers right and leans left", _counter_steers),
-    ("Fig. 14", "the roll has the greatest impact", _weightiest_is_roll),
-    ("Fig. 14", "roll, t_P3, t_P2, roll rate and t_P4 weigh most", _weightiest),
-    ("Sect. 5.5", "steers into the fall: roll pulls to the other sign", _pulls_down, "roll"),
-    ("Sect. 5.5", "t_P3 and t_P2 pull to the other sign", _pulls_down, "t_p3", "t_p2"),
-    ("Sect. 6", "counter-steers: t_P2 to t_P4 together pull to the other sign", _pulls_together),
-    ("Sects. 5.5 and 6", "yaw and front wheel rate are among the others", _hardly_any_weight, *_YAW_AND_WHEEL),
-    ("Sect. 6", "20 of 10,000 paths of learning have a full circle (0.2 %)", _rare_circles),
-    ("Table 8", "direction of the front contact in nine postures", _directions),
-    ("Appendix B", "P = 9 Nm, D = 1.6 Nms overshoot by at most 10 %", _overshoot),
+STATEMENTS: Final = statements_of(
+    PAPER,
+    _all_end,
+    _all_ridden,
+    _beats_stanley,
+    _below,
+    _counter_steers,
+    _directions,
+    _fails_slow,
+    _few_finish,
+    _hardly_any_weight,
+    _largest_distances,
+    _leans_with_curvature,
+    _least_in_the_middle,
+    _needs_more,
+    _no_difference,
+    _on_junction,
+    _overshoot,
+    _part_two,
+    _pulls_down,
+    _pulls_together,
+    _rare_circles,
+    _weightiest,
+    _weightiest_is_roll,
 )
 """Statements that the experiments can answer."""
 
 
 # --------------------------------------------------------------------------------------------------------- tables
 
-_PUBLISHED_6: Final = {
-    "prop": ("0.69 m at 7 m/s", "0.09 m at 7 m/s"),
-    "alt3": ("0.58 m at 7 m/s", "0.13 m at 2.25 m/s"),
-}
 
-
-def _settings(data: Data) -> str:
+def _settings(data: Tables) -> str:
     rows = []
     for name in dict.fromkeys(run.setting for run in data.runs):
         done, ridden = finished_at(data, name), _benchmark(data, name)
@@ -585,9 +395,9 @@ def _settings(data: Data) -> str:
     return markdown((*head, "rides ended, benchmark", "random"), rows)
 
 
-def _table_6(data: Data) -> str:
+def _table_6(data: Tables) -> str:
     rows = []
-    for name, (published_max, published_mean) in _PUBLISHED_6.items():
+    for name, (published_max, published_mean) in PAPER["published"]["table_6"].items():
         for by_maximum, by_mean in filter(None, [worst_of(data, name)]):
             controller, largest = f"{name} (seed {by_maximum.seed})", by_maximum.largest
             found = f"{largest:.2f} m at {by_maximum.speed:g} m/s", f"{by_mean.mean:.3f} m at {by_mean.speed:g} m/s"
@@ -596,7 +406,7 @@ def _table_6(data: Data) -> str:
     return markdown(("controller 1 of", "", "published", "found"), rows)
 
 
-def _table_8(data: Data) -> str:
+def _table_8(data: Tables) -> str:
     rows = []
     for row in data.directions:
         found = (f"{value:.3f}" for value in (row.formula, row.whipple, row.pybullet))

@@ -3,12 +3,23 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable
-from dataclasses import dataclass, field, fields
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields, make_dataclass, replace
+from importlib import resources
 from pathlib import Path
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, Final, TypeVar, get_type_hints
+
+import yaml
 
 _FILE, _KIND = "file", "kind"
+_COLUMNS: Final[Mapping[str, type]] = {"str": str, "int": int, "float": float, "bool": bool}
+
+
+def read_paper(name: str) -> dict[str, Any]:
+    """Return what is known of a paper: tables of its experiments, statements, and published figures."""
+    file = resources.files("bike_training") / "reproduce" / f"{name}.yaml"
+    found: dict[str, Any] = yaml.load(file.read_text(encoding="utf-8"), getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    return found
 
 
 def table(file: str, kind: type[Any]) -> Any:
@@ -63,14 +74,44 @@ class Validation(RunRow):
 
 @dataclass(frozen=True)
 class Tables:
-    """The tables of every paper; those of one paper add their own with `table`."""
+    """The tables of every paper; `tables_of` adds those of one."""
 
     runs: tuple[Run, ...] = table("runs.csv", Run)
     validations: tuple[Validation, ...] = table("validations.csv", Validation)
 
+    def with_rows(self, **tables: tuple[Any, ...]) -> Tables:
+        """Return the tables with others in the place of some, by their names."""
+        return replace(self, **tables)
+
+    def __getattr__(self, name: str) -> Any:
+        """Refuse a table that the paper does not have.
+
+        Raises:
+            AttributeError: always.
+        """
+        raise AttributeError(f"no table {name!r}")
+
+
+def tables_of(paper: Mapping[str, Any]) -> type[Tables]:
+    """Return the kind of the tables of a paper, whose rows are records.
+
+    Args:
+        paper: from `read_paper`.
+    """
+    found = []
+    for name, entry in paper["tables"].items():
+        columns = [(column, _COLUMNS[kind]) for column, (kind, _) in entry["columns"].items()]
+        kind = make_dataclass(entry["row"], columns, bases=(RunRow,) if entry.get("of_run") else (), frozen=True)
+        found.append((name, tuple[kind, ...], table(entry["file"], kind)))  # type: ignore[valid-type]
+    return make_dataclass("Data", found, bases=(Tables,), frozen=True)
+
+
+def row_kinds(tables: type[Tables]) -> tuple[Any, ...]:
+    """Return the kinds of the rows of a paper's own tables, in their order."""
+    return tuple(spec.metadata[_KIND] for spec in fields(tables)[len(fields(Tables)) :])
+
 
 Row = TypeVar("Row")
-Data = TypeVar("Data", bound=Tables)
 
 
 def table_of(tables: type[Tables], name: str) -> tuple[str, type[Any]]:
@@ -119,7 +160,7 @@ def write_data(folder: Path, data: Tables) -> None:
         write_rows(folder / spec.metadata[_FILE], spec.metadata[_KIND], getattr(data, spec.name))
 
 
-def read_data(folder: Path, kind: type[Data]) -> Data:
+def read_data(folder: Path, kind: type[Tables]) -> Tables:
     """Read all tables of a folder.
 
     Raises:

@@ -15,16 +15,13 @@ from bike_sim.planning.envelope import envelope
 from bike_sim.planning.line_cache import track_with_line
 from bike_sim.vehicles.files import load_superbike
 from bike_training.explain.drawing import SYMBOLS
-from bike_training.reproduce import bicycle_results as bicycle
-from bike_training.reproduce import superbike_results as superbike
-from bike_training.reproduce.bicycle_results import Impact, Instant, controller_1, finished_at, mean_distance, weights
+from bike_training.reproduce.bicycle_results import controller_1, finished_at, mean_distance, weights
+from bike_training.reproduce.data import Tables
 from bike_training.reproduce.statement import interval
 from bike_training.reproduce.superbike_results import (
     CIRCUITS,
     KINDS,
     MACHINE,
-    Context,
-    Moment,
     circuit_of,
     overshoots,
     path_of,
@@ -43,12 +40,12 @@ _LEARNING: Final = ("prop", "alt1", "alt2", "alt5")
 """Settings of Fig. 9; with the others nothing could be told apart."""
 
 
-def _settings(data: bicycle.Data) -> list[str]:
+def _settings(data: Tables) -> list[str]:
     known = {run.setting for run in data.runs}
     return [name for name in _SETTINGS if name in known]
 
 
-def _steps(data: bicycle.Data, plt: Any) -> Any:
+def _steps(data: Tables, plt: Any) -> Any:
     """Fig. 8: learning steps until the curriculum is ended, dots for runs, bars for means with 95 % intervals."""
     figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
     names = _settings(data)
@@ -71,7 +68,7 @@ def _steps(data: bicycle.Data, plt: Any) -> Any:
     return figure
 
 
-def _learning(data: bicycle.Data, plt: Any) -> Any:
+def _learning(data: Tables, plt: Any) -> Any:
     """Fig. 9: validation error with its range over the runs, and the parts of the runs."""
     figure, (top, bottom) = plt.subplots(2, 1, figsize=(7, 7), sharex=True, layout="constrained")
     for name in [name for name in _settings(data) if name in _LEARNING]:
@@ -109,7 +106,7 @@ def _averaged(values: Sequence[float]) -> Any:
     return (sums[last] - sums[first]) / (last - first)
 
 
-def _distances(data: bicycle.Data, plt: Any) -> Any:
+def _distances(data: Tables, plt: Any) -> Any:
     """Fig. 10: T(v) on random paths and on the benchmark path, and mean and maximum of the best controllers."""
     figure, (top, middle, bottom) = plt.subplots(3, 1, figsize=(7, 10), sharex=True, layout="constrained")
     for axes, course, kind in ((top, "random", "paths"), (middle, "benchmark", "path")):
@@ -137,7 +134,7 @@ def _distances(data: bicycle.Data, plt: Any) -> Any:
     return figure
 
 
-def _junction(data: bicycle.Data, plt: Any) -> Any:
+def _junction(data: Tables, plt: Any) -> Any:
     """Fig. 11: tracks of the front contacts, and of the rear ones dotted."""
     figure, axes = plt.subplots(figsize=(7, 6), layout="constrained")
     course = load_course("junction")
@@ -170,7 +167,7 @@ _FRAMES: Final = (
 """Frames of Fig. 13: name, section, and how far into it (m). The paper shows them, but gives no numbers."""
 
 
-def _roll_and_steer(data: bicycle.Data, plt: Any) -> Any:
+def _roll_and_steer(data: Tables, plt: Any) -> Any:
     """Fig. 12: roll, steer and the negated curvature over the first 200 m, and the start of the full circle."""
     figure, (whole, close) = plt.subplots(1, 2, figsize=(11, 4), layout="constrained", width_ratios=(5, 2))
     course = load_course("benchmark")
@@ -195,7 +192,7 @@ def _roll_and_steer(data: bicycle.Data, plt: Any) -> Any:
     return figure
 
 
-def _frames(data: bicycle.Data, plt: Any) -> Any:
+def _frames(data: Tables, plt: Any) -> Any:
     """Fig. 13: track of the rear contact, and six instants from above with the preview points."""
     figure, axes = plt.subplot_mosaic("TTT;abc;def", figsize=(9, 10), layout="constrained", height_ratios=(4, 3, 3))
     course = load_course("benchmark")
@@ -218,7 +215,7 @@ def _frames(data: bicycle.Data, plt: Any) -> Any:
     return figure
 
 
-def _frame(axes: Any, course: Course, data: bicycle.Data, row: Instant) -> None:
+def _frame(axes: Any, course: Course, data: Tables, row: Any) -> None:
     """Draw a bicycle from above: its wheelbase, the path, its track so far, and the preview points."""
     axes.plot(course.x, course.y, color="0.75", lw=3)
     axes.plot([each.x for each in data.ride], [each.y for each in data.ride], color="C0", lw=1)
@@ -230,7 +227,7 @@ def _frame(axes: Any, course: Course, data: bicycle.Data, row: Instant) -> None:
     axes.tick_params(labelsize="x-small")
 
 
-def _impact(data: bicycle.Data, plt: Any) -> Any:
+def _impact(data: Tables, plt: Any) -> Any:
     """Fig. 14: SHAP values of each observation, of controller 1 of prop. and of other actors."""
     policies = list(dict.fromkeys(row.policy for row in data.impacts)) or ["prop"]
     count = len(policies)
@@ -253,7 +250,7 @@ def _impact(data: bicycle.Data, plt: Any) -> Any:
     return figure
 
 
-def _swarm(axes: Any, place: int, rows: list[Impact]) -> Any:
+def _swarm(axes: Any, place: int, rows: list[Any]) -> Any:
     """Draw one dot an observation; those of like values spread around their row."""
     shares = np.degrees([row.shap for row in rows])
     values = np.array([row.value for row in rows])
@@ -263,7 +260,7 @@ def _swarm(axes: Any, place: int, rows: list[Impact]) -> Any:
     return axes.scatter(shares, place + height, c=colours, cmap="coolwarm", vmin=0.0, vmax=1.0, s=9)
 
 
-def _step_response(data: bicycle.Data, plt: Any) -> Any:
+def _step_response(data: Tables, plt: Any) -> Any:
     """Fig. 16: step response of the steering angle, and the largest value that is allowed."""
     figure, axes = plt.subplots(figsize=(6, 3.5), layout="constrained")
     time = [row.time for row in data.steering]
@@ -304,7 +301,7 @@ def _limits(axes: Any, track: Track, progress: Any) -> None:
         axes.plot(*track.points(progress, offset)[:, :2].T, color="0.7", lw=1)
 
 
-def _coloured(axes: Any, moments: Sequence[Moment], shared: tuple[float, float]) -> Any:
+def _coloured(axes: Any, moments: Sequence[Any], shared: tuple[float, float]) -> Any:
     """Draw a ride coloured by its speed."""
     from matplotlib.collections import LineCollection
 
@@ -319,19 +316,19 @@ def _coloured(axes: Any, moments: Sequence[Moment], shared: tuple[float, float])
     return line
 
 
-def _rode(data: superbike.Data) -> dict[str, list[Moment]]:
-    found: dict[str, list[Moment]] = {}
+def _rode(data: Tables) -> dict[str, list[Any]]:
+    found: dict[str, list[Any]] = {}
     for row in data.moments:
         found.setdefault(row.setting, []).append(row)
     return {name: rows for name, rows in found.items() if len(rows) > 1}
 
 
-def _speed_range(rode: dict[str, list[Moment]]) -> tuple[float, float]:
+def _speed_range(rode: dict[str, list[Any]]) -> tuple[float, float]:
     speeds = [row.speed for rows in rode.values() for row in rows]
     return min(speeds), max(speeds)
 
 
-def _lap(data: superbike.Data, plt: Any) -> Any:
+def _lap(data: Tables, plt: Any) -> Any:
     """Fig. 3: a flying lap of the best run of each setting, coloured by speed."""
     rode, track = _rode(data), load_track(CIRCUITS[0])
     names = list(rode) or ["spdl"]
@@ -348,7 +345,7 @@ def _lap(data: superbike.Data, plt: Any) -> Any:
     return figure
 
 
-def _widest(data: superbike.Data, track: Track) -> Corner:
+def _widest(data: Tables, track: Track) -> Corner:
     found = overshoots(data, "spdl") or overshoots(data, "sac")
     if not found:
         return track.corners[0]
@@ -356,7 +353,7 @@ def _widest(data: superbike.Data, track: Track) -> Corner:
     return next(corner for corner in track.corners if corner.name == name)
 
 
-def _overshoot(data: superbike.Data, plt: Any) -> Any:
+def _overshoot(data: Tables, plt: Any) -> Any:
     """Fig. 4: the corner in which SPDL runs widest, with limits and ideal line, and the distance to it."""
     machine = load_superbike(MACHINE)
     rode, track = _rode(data), track_with_line(CIRCUITS[0], envelope(machine))
@@ -392,13 +389,13 @@ def _overshoot(data: superbike.Data, plt: Any) -> Any:
     return figure
 
 
-def _circuits(data: superbike.Data) -> list[str]:
+def _circuits(data: Tables) -> list[str]:
     """Circuits that were learned on, in the paper's order; the first one where there is none."""
     learned_on = {circuit_of(run.setting) for run in data.runs}
     return [circuit for circuit in CIRCUITS if circuit in learned_on] or [CIRCUITS[0]]
 
 
-def learning(data: superbike.Data, plt: Any) -> Any:
+def learning(data: Tables, plt: Any) -> Any:
     """Return of the last 100 episodes, and excess of validations, a column for each circuit."""
     circuits = _circuits(data)
     size = (2.0 + 4.5 * len(circuits), 7.0)
@@ -416,7 +413,7 @@ def learning(data: superbike.Data, plt: Any) -> Any:
     return figure
 
 
-def _learned(data: superbike.Data, circuit: str, top: Any, bottom: Any) -> None:
+def _learned(data: Tables, circuit: str, top: Any, bottom: Any) -> None:
     """Draw the runs on a circuit: returns above, validations below."""
     for kind in KINDS:
         colour, name = _COLOURS[kind], setting_of(kind, circuit)
@@ -432,7 +429,7 @@ def _learned(data: superbike.Data, circuit: str, top: Any, bottom: Any) -> None:
         axes.axvline(early[0], color="0.7", ls=":", lw=1)
 
 
-def _distribution(data: superbike.Data, plt: Any) -> Any:
+def _distribution(data: Tables, plt: Any) -> Any:
     """SPDL's context over its updates on one circuit: means, divergence and value, and ellipses of a run."""
     circuit = _circuits(data)[0]
     figure, axes = plt.subplots(2, 2, figsize=(11, 8), layout="constrained")
@@ -460,7 +457,7 @@ def _distribution(data: superbike.Data, plt: Any) -> Any:
     return figure
 
 
-def _ellipses(axes: Any, path: Sequence[Context]) -> None:
+def _ellipses(axes: Any, path: Sequence[Any]) -> None:
     """Draw the distribution of speed limit and d_median of some updates, the last one darkest."""
     chosen = np.unique(np.linspace(0, len(path) - 1, _ELLIPSES).round().astype(int))
     angle = np.linspace(0.0, 2.0 * np.pi, 80)

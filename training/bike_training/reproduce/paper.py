@@ -6,14 +6,14 @@ import csv
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 import matplotlib as mpl
 
 from bike_training.progress import progress_bar
-from bike_training.reproduce.data import Data, Run, Validation, read_data, read_rows, table_of, write_rows
+from bike_training.reproduce.data import Run, Tables, Validation, read_data, read_rows, table_of, write_rows
 from bike_training.reproduce.statement import Statement
 from bike_training.sweeps.runs import Plan, PlannedRun, read_record
 from bike_training.sweeps.spec import Sweep, sweep_from_document
@@ -68,7 +68,7 @@ Rows = Mapping[str, Sequence[Any]]
 
 
 @dataclass(frozen=True)
-class Paper(Generic[Kind, Data]):
+class Paper(Generic[Kind]):
     """All that `bike reproduce` needs of a paper.
 
     Attributes:
@@ -93,21 +93,21 @@ class Paper(Generic[Kind, Data]):
     name: str
     experiment: Kind
     quick: Kind
-    tables: type[Data]
+    tables: type[Tables]
     error: str
     unit: float
     ridden: tuple[str, ...]
     rides: Callable[[Kind], int]
     ride: Callable[[Path, str, int, Kind, Advance], Rows | None]
-    add_details: Callable[[Data, Mapping[tuple[str, int], Path], Kind], Data]
-    choose: Callable[[Data, Sequence[Data]], Data]
+    add_details: Callable[[Tables, Mapping[tuple[str, int], Path], Kind], Tables]
+    choose: Callable[[Tables, Sequence[Tables]], Tables]
     statements: Sequence[Statement]
-    figures: Mapping[str, Callable[[Data, Any], Any]]
-    written: Mapping[str, Callable[[Data], str]]
-    counts: Callable[[Data], Mapping[str, int]]
+    figures: Mapping[str, Callable[[Tables, Any], Any]]
+    written: Mapping[str, Callable[[Tables], str]]
+    counts: Callable[[Tables], Mapping[str, int]]
 
 
-def collect(paper: Paper[Kind, Data], plan: Plan, experiment: Kind, quiet: bool) -> Data:
+def collect(paper: Paper[Kind], plan: Plan, experiment: Kind, quiet: bool) -> Tables:
     """Return the tables of what has been learned, and ride what has not ridden yet.
 
     Args:
@@ -134,12 +134,12 @@ def collect(paper: Paper[Kind, Data], plan: Plan, experiment: Kind, quiet: bool)
                     ridden[name] += read_rows(planned.folder / file, kind)
             bar.update(before + each - bar.n)
     data = paper.tables(tuple(runs), tuple(validations))
-    data = replace(data, **{name: tuple(rows) for name, rows in ridden.items()})
+    data = data.with_rows(**{name: tuple(rows) for name, rows in ridden.items()})
     return paper.add_details(data, folders, experiment)
 
 
 def _ride(
-    paper: Paper[Kind, Data], folder: Path, setting: str, seed: int, experiment: Kind, update: Callable[[], Any]
+    paper: Paper[Kind], folder: Path, setting: str, seed: int, experiment: Kind, update: Callable[[], Any]
 ) -> bool:
     """Ride what a run has learned unless its tables are there already; return whether they are now."""
     tables = {name: table_of(paper.tables, name) for name in paper.ridden}
@@ -165,7 +165,7 @@ def _run_row(planned: PlannedRun, setting: str, seed: int, rows: list[Validation
     return Run(setting, seed, planned.status, steps, -1 if finished is None else int(finished), cpu)
 
 
-def _validations(paper: Paper[Kind, Data], folder: Path, setting: str, seed: int) -> list[Validation]:
+def _validations(paper: Paper[Kind], folder: Path, setting: str, seed: int) -> list[Validation]:
     rows = []
     with suppress(FileNotFoundError), (folder / "validations.csv").open(newline="", encoding="utf-8") as file:
         for record in csv.DictReader(file):
@@ -175,7 +175,7 @@ def _validations(paper: Paper[Kind, Data], folder: Path, setting: str, seed: int
     return rows
 
 
-def read_all(paper: Paper[Kind, Data], folders: Sequence[Path]) -> Data:
+def read_all(paper: Paper[Kind], folders: Sequence[Path]) -> Tables:
     """Read the tables of folders and put them together.
 
     Raises:
@@ -188,7 +188,7 @@ def read_all(paper: Paper[Kind, Data], folders: Sequence[Path]) -> Data:
     return merge(paper, {str(folder): read_data(folder, paper.tables) for folder in folders})
 
 
-def merge(paper: Paper[Kind, Data], parts: Mapping[str, Data]) -> Data:
+def merge(paper: Paper[Kind], parts: Mapping[str, Tables]) -> Tables:
     """Put tables together that hold different runs.
 
     Args:
@@ -211,10 +211,10 @@ def merge(paper: Paper[Kind, Data], parts: Mapping[str, Data]) -> Data:
         name: tuple(sorted((row for part in everywhere for row in getattr(part, name)), key=place))
         for name in ("runs", "validations", *paper.ridden)
     }
-    return paper.choose(replace(everywhere[0], **of_runs), everywhere)
+    return paper.choose(everywhere[0].with_rows(**of_runs), everywhere)
 
 
-def _check_apart(parts: Mapping[str, Data]) -> None:
+def _check_apart(parts: Mapping[str, Tables]) -> None:
     places: dict[tuple[str, int], str] = {}
     for name, part in parts.items():
         twice = [run for run in part.runs if places.setdefault((run.setting, run.seed), name) != name]
@@ -225,7 +225,7 @@ def _check_apart(parts: Mapping[str, Data]) -> None:
             raise ValueError(f"{where} both have seed {run.seed} of {run.setting}{others}; a run may be in one of them")
 
 
-def draw_all(paper: Paper[Any, Any], data: Any, out: Path) -> list[Path]:
+def draw_all(paper: Paper[Any], data: Any, out: Path) -> list[Path]:
     """Draw all figures of a paper from its tables and return their files."""
     mpl.use("Agg")
     from matplotlib import pyplot as plt
@@ -239,6 +239,6 @@ def draw_all(paper: Paper[Any, Any], data: Any, out: Path) -> list[Path]:
     return paths
 
 
-def all_tables(paper: Paper[Any, Any], data: Any) -> str:
+def all_tables(paper: Paper[Any], data: Any) -> str:
     """Return all tables of a paper as Markdown, with headings."""
     return "\n".join(f"### {title}\n\n{write(data)}" for title, write in paper.written.items())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
@@ -57,9 +57,18 @@ class Statement:
         return Found(text, OPEN if agrees is None else YES if agrees else NO)
 
 
-def statements(*rows: tuple[Any, ...]) -> tuple[Statement, ...]:
-    """Return statements from rows of source, text, rule and the rule's arguments."""
-    return tuple(Statement(source, paper, rule, tuple(arguments)) for source, paper, rule, *arguments in rows)
+def statements_of(paper: Mapping[str, Any], *rules: Callable[..., Verdict]) -> tuple[Statement, ...]:
+    """Return the statements of a paper, in their order.
+
+    Args:
+        paper: from `read_paper`.
+        rules: that statements name, without a first underscore.
+    """
+    named = {rule.__name__.removeprefix("_"): rule for rule in rules}
+    return tuple(
+        Statement(row["source"], row["paper"], named[row["rule"]], tuple(row.get("arguments", ())))
+        for row in paper["statements"]
+    )
 
 
 def some(values: Any, missing: str) -> Any:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -24,6 +24,7 @@ from bike_sim.vehicles.files import load_vehicle
 from bike_training.curricula.spdl import FASTEST, SLOWEST, Gaussian
 from bike_training.learning.presets import Preset
 from bike_training.learning.run_settings import RunSettings
+from bike_training.reproduce.data import Tables
 from bike_training.reproduce.figures import SPDL_THRESHOLD, SUPERBIKE_FIGURES
 from bike_training.reproduce.paper import Advance, Experiment, Paper, Rows
 from bike_training.reproduce.superbike_results import (
@@ -168,14 +169,14 @@ def ride(folder: Path, setting: str, seed: int, experiment: SuperbikeExperiment,
     if actors is None:
         return None
     circuit = circuit_of(setting)
-    laps: list[Laps] = []
+    laps: list[Any] = []
     for name, (step, bundle) in actors.items():
         result = ride_races(bundle, MACHINE, circuit, experiment.starts, experiment.laps)
         mean, best = _mean_and_best(result)
         counts = result.rides, result.whole, result.falls, result.walls, result.finished
         laps.append(Laps(setting, seed, name, step, *counts, mean, best, result.line, result.outside / result.rides))
         advance()
-    transfers: list[Transfer] = []
+    transfers: list[Any] = []
     for machine in experiment.machines if "best" in actors else ():
         result = ride_races(actors["best"][1], machine, circuit, experiment.transfer_starts, 1)
         median = float(np.median(result.times)) if result.times else NONE
@@ -235,7 +236,7 @@ def _bundle(name: str, actor: Actor, preset: Preset) -> Bundle:
     return Bundle(name, actor, preset.deployed_layout, action, vehicle.name, vehicle.control_period)
 
 
-def contexts(folder: Path, setting: str, seed: int) -> list[Context]:
+def contexts(folder: Path, setting: str, seed: int) -> list[Any]:
     """Return the distributions of a run's self-paced curriculum, update by update; none of another curriculum."""
     from bike_training.learning.checkpoint import Checkpoint  # late: PyTorch takes seconds
 
@@ -261,7 +262,7 @@ def contexts(folder: Path, setting: str, seed: int) -> list[Context]:
     return rows
 
 
-def _episodes(folder: Path, setting: str, seed: int) -> list[Episodes]:
+def _episodes(folder: Path, setting: str, seed: int) -> list[Any]:
     found: dict[int, dict[str, float]] = {}
     for name, step, value in TrainJob.curve(folder):
         if name in ("episode_steps", "episode_return"):
@@ -274,7 +275,7 @@ def _episodes(folder: Path, setting: str, seed: int) -> list[Episodes]:
     return rows[::EPISODES_EVERY]
 
 
-def add_details(data: Data, folders: Mapping[tuple[str, int], Path], experiment: SuperbikeExperiment) -> Data:
+def add_details(data: Tables, folders: Mapping[tuple[str, int], Path], experiment: SuperbikeExperiment) -> Tables:
     """Return the tables with a flying lap of the best run of each setting on the first circuit (Figs. 3 and 4).
 
     Args:
@@ -282,16 +283,16 @@ def add_details(data: Data, folders: Mapping[tuple[str, int], Path], experiment:
         folders: of the runs that rode, by setting and seed.
         experiment: its settings.
     """
-    moments: list[Moment] = []
+    moments: list[Any] = []
     for kind in CURRICULA:
         seed = best_run(data, kind)
         actors = None if seed is None else deployed(folders[kind, seed], experiment)
         if seed is not None and actors is not None:
             moments += flying_lap(actors["best"][1], kind, seed)
-    return replace(data, moments=tuple(moments))
+    return data.with_rows(moments=tuple(moments))
 
 
-def choose(data: Data, places: Sequence[Data]) -> Data:
+def choose(data: Tables, places: Sequence[Tables]) -> Tables:
     """Return the tables with the flying laps of the best of all runs.
 
     Args:
@@ -300,12 +301,12 @@ def choose(data: Data, places: Sequence[Data]) -> Data:
     """
     best = [(kind, best_run(data, kind)) for kind in CURRICULA]
     found = [row for run in best for place in places for row in place.moments if (row.setting, row.seed) == run]
-    return replace(data, moments=tuple(found))
+    return data.with_rows(moments=tuple(found))
 
 
-def flying_lap(bundle: Bundle, setting: str, seed: int) -> Sequence[Moment]:
+def flying_lap(bundle: Bundle, setting: str, seed: int) -> Sequence[Any]:
     """Ride an out-lap and a flying lap, and return the flying one, as far as it goes."""
-    moments: list[Moment] = []
+    moments: list[Any] = []
     begun = [NONE]
 
     def tell(snapshot: Snapshot, length: float) -> None:
@@ -324,7 +325,7 @@ def flying_lap(bundle: Bundle, setting: str, seed: int) -> Sequence[Moment]:
     return moments
 
 
-SUPERBIKE: Final[Paper[SuperbikeExperiment, Data]] = Paper(
+SUPERBIKE: Final[Paper[SuperbikeExperiment]] = Paper(
     name="superbike",
     experiment=SuperbikeExperiment(),
     quick=QUICK,

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 
 from bike_analysis.figures.numbers import lap_text
 from bike_sim.course.files import load_track
-from bike_training.reproduce.data import Run, RunRow, Tables, table
+from bike_training.reproduce.data import Run, Tables, read_paper, row_kinds, tables_of
 from bike_training.reproduce.statement import (
     MIN_RUNS,
     FloatArray,
@@ -20,7 +19,7 @@ from bike_training.reproduce.statement import (
     interval,
     markdown,
     some,
-    statements,
+    statements_of,
     with_interval,
 )
 from bike_training.rollout.races import RaceResult
@@ -49,136 +48,10 @@ def setting_of(kind: str, circuit: str) -> str:
     return kind if circuit == CIRCUITS[0] else f"{kind}_{circuit}"
 
 
-@dataclass(frozen=True)
-class Laps(RunRow):
-    """Rides of an actor on the circuit and the machine that it learned on (Tables I and II).
-
-    Attributes:
-        actor: ``early``, ``late`` or ``best``.
-        step: learning step that it is of.
-        rides: number of starts.
-        whole: rides that finished all laps with never both contact points outside the limits.
-        falls: rides that ended with a fall.
-        walls: rides that ended at a wall.
-        laps: flying laps finished.
-        mean: of the flying laps of whole rides, s; -1 where there is none.
-        best: of the flying laps of whole rides, s; -1 where there is none.
-        line: mean distance to the ideal line, m.
-        outside: time with both contact points outside the limits, s a ride.
-    """
-
-    actor: str
-    step: int
-    rides: int
-    whole: int
-    falls: int
-    walls: int
-    laps: int
-    mean: float
-    best: float
-    line: float
-    outside: float
-
-
-@dataclass(frozen=True)
-class Transfer(RunRow):
-    """Rides of a run's best actor on a machine, without learning on it (Table III).
-
-    Attributes:
-        circuit: its name.
-        machine: its name.
-        rides: number of starts, a flying lap each.
-        whole: as of `Laps`.
-        best: of the flying laps of whole rides, s; -1 where there is none.
-        median: of the flying laps of whole rides, s; -1 where there is none.
-    """
-
-    circuit: str
-    machine: str
-    rides: int
-    whole: int
-    best: float
-    median: float
-
-
-@dataclass(frozen=True)
-class Context(RunRow):
-    """The distribution of the context after an update (V).
-
-    Attributes:
-        iteration: number of the update.
-        step: learning step.
-        stage: kind of the update.
-        d_median: mean, as a part of the distance between both lines.
-        d_ideal: mean, as a part of the distance between both lines.
-        v_max: mean, m/s.
-        std_d_median: standard deviation, in the unit of the mean.
-        std_d_ideal: standard deviation, in the unit of the mean.
-        std_v_max: standard deviation, m/s.
-        correlation: of d_median and v_max.
-        kl: divergence from the target, nat.
-        value: expected return.
-    """
-
-    iteration: int
-    step: int
-    stage: str
-    d_median: float
-    d_ideal: float
-    v_max: float
-    std_d_median: float
-    std_d_ideal: float
-    std_v_max: float
-    correlation: float
-    kl: float
-    value: float
-
-
-@dataclass(frozen=True)
-class Episodes(RunRow):
-    """The last 100 episodes of learning at a step.
-
-    Attributes:
-        step: learning step.
-        length: mean, decisions.
-        total: mean return.
-    """
-
-    step: int
-    length: float
-    total: float
-
-
-@dataclass(frozen=True)
-class Moment(RunRow):
-    """An instant of a flying lap, for Figs. 3 and 4.
-
-    Attributes:
-        time: s.
-        progress: along the centre line, m, of any lap.
-        x: rear contact, m.
-        y: rear contact, m.
-        speed: m/s.
-        error: distance to the ideal line, m, positive to the left.
-    """
-
-    time: float
-    progress: float
-    x: float
-    y: float
-    speed: float
-    error: float
-
-
-@dataclass(frozen=True)
-class Data(Tables):
-    """All tables; the error of a validation is its rides' mean excess over the planned lap, 1 of one not whole."""
-
-    laps: tuple[Laps, ...] = table("laps.csv", Laps)
-    transfers: tuple[Transfer, ...] = table("transfer.csv", Transfer)
-    contexts: tuple[Context, ...] = table("context.csv", Context)
-    episodes: tuple[Episodes, ...] = table("episodes.csv", Episodes)
-    moments: tuple[Moment, ...] = table("moments.csv", Moment)
+PAPER: Final = read_paper("superbike")
+Data: Final = tables_of(PAPER)
+"""All tables; the error of a validation is its rides' mean excess over the planned lap, 1 of one not whole."""
+Laps, Transfer, Context, Episodes, Moment = row_kinds(Data)
 
 
 # -------------------------------------------------------------------------------------------------------- verdicts
@@ -190,24 +63,24 @@ CONVERGED: Final = 1.0
 NO_RUN: Final = "no run"
 
 
-def rows_of(data: Data, setting: str, actor: str) -> list[Laps]:
+def rows_of(data: Tables, setting: str, actor: str) -> list[Any]:
     """Return the rides of an actor of all runs of a setting."""
     return [row for row in data.laps if (row.setting, row.actor) == (setting, actor)]
 
 
-def of_whole(rows: list[Laps], name: str) -> FloatArray:
+def of_whole(rows: list[Any], name: str) -> FloatArray:
     """Return a figure of each run that has laps of whole rides."""
     return np.array([getattr(row, name) for row in rows if row.whole], float)
 
 
-def _endings(rows: list[Laps]) -> str:
+def _endings(rows: list[Any]) -> str:
     """Return the endings of the rides of some actors as text."""
     rides, whole = sum(row.rides for row in rows), sum(row.whole for row in rows)
     ends = ", ".join(f"{sum(getattr(row, name) for row in rows)} {name}" for name in ("falls", "walls"))
     return f"{whole} of {rides} rides whole, {ends} ({len(rows)} run{'s' if len(rows) != 1 else ''})"
 
 
-def _all_whole(data: Data, kind: str, actor: str, circuits: tuple[str, ...] = CIRCUITS[:1]) -> Verdict:
+def _all_whole(data: Tables, kind: str, actor: str, circuits: tuple[str, ...] = CIRCUITS[:1]) -> Verdict:
     """Agree where every ride of every run is whole; one that is not denies it."""
     each = {circuit: rows_of(data, setting_of(kind, circuit), actor) for circuit in circuits}
     some([row for rows in each.values() for row in rows], NO_RUN)
@@ -217,14 +90,14 @@ def _all_whole(data: Data, kind: str, actor: str, circuits: tuple[str, ...] = CI
     return "; ".join(texts), True if all(len(rows) >= MIN_RUNS for rows in each.values()) else None
 
 
-def _no_lap(data: Data) -> Verdict:
+def _no_lap(data: Tables) -> Verdict:
     rows = some(rows_of(data, "sac", "early"), NO_RUN)
     laps = sum(row.laps for row in rows)
     text = f"{laps} flying laps finished; {_endings(rows)}"
     return text, False if laps else True if len(rows) >= MIN_RUNS else None
 
 
-def _less(data: Data, name: str, actor: str, unit: str, first: str = "spdl") -> Verdict:
+def _less(data: Tables, name: str, actor: str, unit: str, first: str = "spdl") -> Verdict:
     """Agree where the 95 % interval of the difference of the means over runs says that one is less than the other.
 
     Args:
@@ -249,7 +122,7 @@ def _less(data: Data, name: str, actor: str, unit: str, first: str = "spdl") -> 
     return f"{text} {unit}; difference {low:+.2f} to {high:+.2f}", None if low <= 0.0 <= high else high < 0.0
 
 
-def _sooner(data: Data) -> Verdict:
+def _sooner(data: Tables) -> Verdict:
     """A run without a whole validation counts as one that had its first with its last step."""
     runs = {kind: [run for run in data.runs if run.setting == kind and run.steps] for kind in KINDS}
     if not all(runs.values()):
@@ -270,13 +143,13 @@ def _sooner(data: Data) -> Verdict:
     return f"{text}; ratio {low:.2f} to {high:.2f}", None if low <= 1.0 <= high else high < 1.0
 
 
-def _no_walls(data: Data) -> Verdict:
+def _no_walls(data: Tables) -> Verdict:
     rows = some([row for row in data.laps if row.actor != "best"], NO_RUN)
     walls, rides = sum(row.walls for row in rows), sum(row.rides for row in rows)
     return f"{walls} of {rides} rides ended at a wall", not walls
 
 
-def _sac_elsewhere(data: Data) -> Verdict:
+def _sac_elsewhere(data: Tables) -> Verdict:
     """Table II: SAC alone has a lap on Cremona, and none on Phillip Island."""
     each = {circuit: rows_of(data, setting_of("sac", circuit), "early") for circuit in CIRCUITS[1:]}
     if not all(each.values()):
@@ -288,20 +161,20 @@ def _sac_elsewhere(data: Data) -> Verdict:
     return text, True if laps[CIRCUITS[1]] and min(map(len, each.values())) >= MIN_RUNS else None
 
 
-def best_run(data: Data, setting: str, actor: str = "best") -> int | None:
+def best_run(data: Tables, setting: str, actor: str = "best") -> int | None:
     """Return the seed of the run whose actor rode most rides whole, and of these the quickest; None without one."""
     rows = [row for row in rows_of(data, setting, actor) if row.whole]
     return min(rows, key=lambda row: (-row.whole / row.rides, row.mean)).seed if rows else None
 
 
-def transfers_of(data: Data, circuit: str) -> dict[str, Transfer]:
+def transfers_of(data: Tables, circuit: str) -> dict[str, Any]:
     """Return Table III on a circuit by machine: the rides of the best SPDL run there."""
     setting = setting_of("spdl", circuit)
     seed = best_run(data, setting)
     return {row.machine: row for row in data.transfers if (row.setting, row.seed) == (setting, seed)}
 
 
-def _transfer(data: Data) -> Verdict:
+def _transfer(data: Tables) -> Verdict:
     each = {circuit: transfers_of(data, circuit) for circuit in CIRCUITS}
     missing = [circuit for circuit, rows in each.items() if not rows]
     pairs = [row for rows in each.values() for row in rows.values()]
@@ -313,7 +186,7 @@ def _transfer(data: Data) -> Verdict:
     return text, lapped >= len(CIRCUITS) * len(MACHINES) - 1
 
 
-def _quickest_trained(data: Data) -> Verdict:
+def _quickest_trained(data: Tables) -> Verdict:
     rows = transfers_of(data, CIRCUITS[0])
     if MACHINE not in rows or not rows[MACHINE].whole:
         raise NothingFound("no actor that laps")
@@ -325,7 +198,7 @@ def _quickest_trained(data: Data) -> Verdict:
     return text, None if len(others) < len(MACHINES) - 1 else min(others.values()) > 0.0
 
 
-def overshoots(data: Data, setting: str) -> dict[str, float]:
+def overshoots(data: Tables, setting: str) -> dict[str, float]:
     """Return the distance of a lap to the outside of the ideal line in each corner, m; less than 0 where it cuts it."""
     track = load_track(CIRCUITS[0])
     rows = [row for row in data.moments if row.setting == setting]
@@ -339,7 +212,7 @@ def overshoots(data: Data, setting: str) -> dict[str, float]:
     return found
 
 
-def _runs_wide(data: Data) -> Verdict:
+def _runs_wide(data: Tables) -> Verdict:
     found = some(overshoots(data, "spdl"), "no lap")
     wide = {name: more for name, more in found.items() if more > OVERSHOOT}
     widest = max(found, key=lambda name: found[name])
@@ -347,16 +220,16 @@ def _runs_wide(data: Data) -> Verdict:
     return f"{text}{found[widest]:.2f} m", bool(wide)
 
 
-def path_of(data: Data, setting: str) -> dict[int, list[Context]]:
+def path_of(data: Tables, setting: str) -> dict[int, list[Any]]:
     """Return the distributions of each run of a setting, in the order of updates."""
-    found: dict[int, list[Context]] = {}
+    found: dict[int, list[Any]] = {}
     for row in sorted(data.contexts, key=lambda row: row.iteration):
         if row.setting == setting:
             found.setdefault(row.seed, []).append(row)
     return found
 
 
-def _moves(data: Data) -> Verdict:
+def _moves(data: Tables) -> Verdict:
     """Agree where the distribution of every run has moved towards the target; the text counts those at the target."""
     paths = some(path_of(data, "spdl"), NO_RUN)
     ends = [path[-1] for path in paths.values()]
@@ -370,53 +243,27 @@ def _moves(data: Data) -> Verdict:
     return f"{text}, mean speed limit {speed:.0f} m/s", nearer == len(ends)
 
 
-STATEMENTS: Final = statements(
-    ("Table I, early", "SPDL finishes all laps without a fall", _all_whole, "spdl", "early"),
-    ("Table I, early", "SAC finishes no lap", _no_lap),
-    ("Table I, early", "SPDL is nearer to the ideal line: 2.99 against 4.59 m", _less, "line", "early", "m"),
-    ("Table I, early", "SPDL is off the track for less time: 1.74 against 9.22 s", _less, "outside", "early", "s"),
-    ("Table I, late", "SPDL finishes all laps without a fall", _all_whole, "spdl", "late"),
-    ("Table I, late", "SAC finishes all laps without a fall", _all_whole, "sac", "late"),
-    ("Table I, late", "SPDL laps faster, 1:30.75 against 1:31.32", _less, "mean", "late", "s"),
-    ("Table I, late", "SAC is nearer to the ideal line: 2.89 against 3.15 m", _less, "line", "late", "m", "sac"),
-    ("Table I, late", "SPDL is off the track for less time: 1.17 against 2.15 s", _less, "outside", "late", "s"),
-    ("Table I", "no collision", _no_walls),
-    ("Sect. VI-B", "SPDL converges faster than SAC", _sooner),
-    ("Table II", "SPDL finishes all laps on three circuits, early", _all_whole, "spdl", "early", CIRCUITS),
-    ("Table II", "SAC laps Cremona early, and not Phillip Island", _sac_elsewhere),
-    ("Table III", "the Panigale's actor laps 14 of 15 pairs of machine and circuit", _transfer),
-    ("Table III", "in Barcelona the other machines are slower, by 0.87 to 2.89 s", _quickest_trained),
-    ("Fig. 4", "the agent overshoots corners", _runs_wide),
-    ("Sect. V", "SPDL moves the distribution towards the ideal line at full speed", _moves),
+STATEMENTS: Final = statements_of(
+    PAPER,
+    _all_whole,
+    _less,
+    _moves,
+    _no_lap,
+    _no_walls,
+    _quickest_trained,
+    _runs_wide,
+    _sac_elsewhere,
+    _sooner,
+    _transfer,
 )
 """Statements that the experiments can answer."""
 
 # --------------------------------------------------------------------------------------------------------- tables
 
-PUBLISHED_1: Final = {
-    ("spdl", "early"): ("1:32.85", "2.99", "1.74", "0", "0"),
-    ("sac", "early"): ("-", "4.59", "9.22", "3", "0"),
-    ("spdl", "late"): ("1:30.75", "3.15", "1.17", "0", "0"),
-    ("sac", "late"): ("1:31.32", "2.89", "2.15", "0", "0"),
-}
-"""Published Table I: lap time, distance to the ideal line (m), off-track time (s), falls, collisions."""
-PUBLISHED_2: Final = {
-    "barcelona": ("1:32.85", "2.99", "1.74", "-"),
-    "cremona": ("1:28.22", "3.73", "1.31", "1:29.14"),
-    "phillip_island": ("1:27.49", "3.10", "4.35", "-"),
-}
-"""Published Table II: lap time, distance (m) and off-track time (s) of SPDL, lap time of SAC."""
-PUBLISHED_3: Final = {
-    "panigale_v4r": ("1:30.24", "1:27.80", "1:26.01"),
-    "zx10rr": ("1:31.10", "1:27.98", "1:28.75"),
-    "cbr1000rr_r": ("1:32.34", "1:28.81", "1:24.62"),
-    "r1": ("1:32.53", "1:29.52", "1:24.29"),
-    "m1000rr": ("1:33.13", "1:30.32", "-"),
-}
-"""Published Table III: best laps of each machine on the three circuits."""
+PUBLISHED: Final[Mapping[str, Mapping[str, Sequence[str]]]] = PAPER["published"]
 
 
-_ROWS_1: Final[dict[str, Callable[[list[Laps]], str]]] = {
+_ROWS_1: Final[dict[str, Callable[[list[Any]], str]]] = {
     "rides whole": lambda rows: f"{sum(row.whole for row in rows)} of {sum(row.rides for row in rows)}",
     "lap time, mean": lambda rows: with_interval(of_whole(rows, "mean"), lap_text),
     "lap time, best": lambda rows: lap_text(min(best)) if len(best := of_whole(rows, "best")) else "-",
@@ -427,11 +274,11 @@ _ROWS_1: Final[dict[str, Callable[[list[Laps]], str]]] = {
 }
 
 
-def _cell(rows: list[Laps], name: str) -> str:
+def _cell(rows: list[Any], name: str) -> str:
     return _ROWS_1[name](rows) if rows else "-"
 
 
-def _runs(data: Data) -> str:
+def _runs(data: Tables) -> str:
     rows = []
     for name in dict.fromkeys(run.setting for run in data.runs):
         runs = [run for run in data.runs if run.setting == name]
@@ -445,7 +292,7 @@ def _runs(data: Data) -> str:
     return markdown((*head, "processor time a run / s"), rows)
 
 
-def _table_1(data: Data) -> str:
+def _table_1(data: Tables) -> str:
     columns = [(kind, actor) for actor in ACTORS for kind in KINDS]
     each = [rows_of(data, kind, actor) for kind, actor in columns]
     steps = [sorted({row.step for row in rows}) for rows in each]
@@ -453,16 +300,16 @@ def _table_1(data: Data) -> str:
     lines: list[Sequence[str]] = [("decisions", *cells)]
     lines += [(name, *(_cell(rows, name) for rows in each)) for name in _ROWS_1]
     names = ("lap time", "distance / m", "off-track / s", "falls", "collisions")
-    published = [PUBLISHED_1.get(column, ("",) * 5) for column in columns]
+    published = [PUBLISHED["table_1"].get(" ".join(column), ("",) * 5) for column in columns]
     lines += [(f"*paper: {name}*", *(of[place] for of in published)) for place, name in enumerate(names)]
     return markdown(("", *(f"{kind.upper()} {actor}" for kind, actor in columns)), lines)
 
 
-def _table_2(data: Data) -> str:
+def _table_2(data: Tables) -> str:
     lines: list[Sequence[str]] = []
     names = ("rides whole", "lap time, mean", "distance to ideal / m", "off-track time a ride / s")
     for circuit in CIRCUITS:
-        lap, line, off, sac = PUBLISHED_2[circuit]
+        lap, line, off, sac = PUBLISHED["table_2"][circuit]
         lines.append((circuit, "*paper, early*", "", lap, line, off, "", sac))
         for actor in ACTORS:
             ours, others = (rows_of(data, setting_of(kind, circuit), actor) for kind in KINDS)
@@ -473,17 +320,17 @@ def _table_2(data: Data) -> str:
     return markdown(head, lines)
 
 
-def _table_3(data: Data) -> str:
+def _table_3(data: Tables) -> str:
     found = {circuit: transfers_of(data, circuit) for circuit in CIRCUITS}
     lines: list[Sequence[str]] = []
 
-    def cell(row: Transfer | None) -> str:
+    def cell(row: Any | None) -> str:
         if row is None:
             return "not ridden"
         return f"{lap_text(row.best) if row.whole else '-'} ({row.whole} of {row.rides})"
 
     for machine in MACHINES:
-        lines.append((machine, "paper", *PUBLISHED_3[machine]))
+        lines.append((machine, "paper", *PUBLISHED["table_3"][machine]))
         lines.append(("", "found", *(cell(found[circuit].get(machine)) for circuit in CIRCUITS)))
     return markdown(("machine", "", *CIRCUITS), lines)
 
@@ -532,13 +379,17 @@ def bundle_tables(name: str, results: Sequence[RaceResult]) -> str:
     rides = "" if result is None else f", {result.rides} rides of {result.laps} flying laps, {result.whole} whole"
     names = ("lap time, mean", "distance to the line / m", "off-track time a ride / s", "falls", "collisions")
     found = figures(MACHINE, CIRCUITS[0])
-    first = list(zip(names, found, *(PUBLISHED_1[kind, "late"] for kind in KINDS), strict=True))
+    first = list(zip(names, found, *(PUBLISHED["table_1"][f"{kind} late"] for kind in KINDS), strict=True))
     second = [
-        (circuit, *interleaved(figures(MACHINE, circuit)[:3], PUBLISHED_2[circuit][:3]), PUBLISHED_2[circuit][3])
+        (
+            circuit,
+            *interleaved(figures(MACHINE, circuit)[:3], PUBLISHED["table_2"][circuit][:3]),
+            PUBLISHED["table_2"][circuit][3],
+        )
         for circuit in CIRCUITS
     ]
     third = [
-        (machine, *interleaved([best(machine, circuit) for circuit in CIRCUITS], PUBLISHED_3[machine]))
+        (machine, *interleaved([best(machine, circuit) for circuit in CIRCUITS], PUBLISHED["table_3"][machine]))
         for machine in MACHINES
     ]
     head = ("circuit", "lap time, mean", "paper", "distance / m", "paper", "off-track / s", "paper", "paper's SAC")
