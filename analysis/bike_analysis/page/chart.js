@@ -190,7 +190,7 @@ function listenTo(area, on) {
 }
 
 // The one way in which plots are drawn: uPlot draws axes, grid and lines on a canvas, and what it has no word for is
-// painted on the same canvas under and over them. The same calls write SVG when a plot is saved.
+// painted on the same canvas under and over them. A saved picture is drawn by the same calls.
 
 const narrow = matchMedia("(max-width: 46rem)");
 const phone = () => narrow.matches;
@@ -373,112 +373,15 @@ function paintHead({ title, legend = [] }) {
 
 // ---- saving ---------------------------------------------------------------------------------------------------------
 
-// Stands for a canvas's context and for its paths, and writes SVG. Knows what uPlot and this page call.
-class SvgPath {
-  constructor(other) { this.d = other?.d.slice() ?? []; }
-  put(...words) { this.d.push(words.map(word => typeof word === "number" ? Number(word.toFixed(2)) : word).join(" ")); }
-  moveTo(x, y) { this.put("M", x, y); }
-  lineTo(x, y) { this.put(this.d.length ? "L" : "M", x, y); }
-  rect(x, y, w, h) { this.put("M", x, y, "h", w, "v", h, "h", -w, "Z"); }
-  closePath() { this.put("Z"); }
-  arc(x, y, r) { this.put("M", x + r, y, "A", r, r, 0, 1, 1, x - r, y, "A", r, r, 0, 1, 1, x + r, y, "Z"); }
-}
-
-class SvgContext {
-  constructor(canvas, measure) {
-    Object.assign(this, { canvas, measure, out: [], clips: 0, stack: [], path: new SvgPath() });
-    this.state = { matrix: [1, 0, 0, 1, 0, 0], clip: "", dash: [], strokeStyle: "#000", fillStyle: "#000", lineWidth: 1, font: "12px sans-serif",
-      textAlign: "left", textBaseline: "alphabetic", globalAlpha: 1, lineJoin: "miter", lineCap: "butt" };
-    for (const name of Object.keys(this.state).slice(3)) {
-      Object.defineProperty(this, name, { get: () => this.state[name], set: value => { this.state[name] = value; } });
-    }
-  }
-  save() { this.stack.push({ ...this.state }); }
-  restore() { this.state = this.stack.pop() ?? this.state; }
-  by(a, b, c, d, e, f) {
-    const [p, q, r, s, t, u] = this.state.matrix;
-    this.state.matrix = [p * a + r * b, q * a + s * b, p * c + r * d, q * c + s * d, p * e + r * f + t, q * e + s * f + u];
-  }
-  translate(x, y) { this.by(1, 0, 0, 1, x, y); }
-  rotate(angle) { const c = Math.cos(angle), s = Math.sin(angle); this.by(c, s, -s, c, 0, 0); }
-  setLineDash(dash) { this.state.dash = [...dash]; }
-  clearRect() {}
-  beginPath() { this.path = new SvgPath(); }
-  moveTo(x, y) { this.path.moveTo(x, y); }
-  lineTo(x, y) { this.path.lineTo(x, y); }
-  rect(...box) { this.path.rect(...box); }
-  arc(...circle) { this.path.arc(...circle); }
-  closePath() { this.path.closePath(); }
-  measureText(text) { this.measure.font = this.font; return this.measure.measureText(text); }
-
-  put(tag, attributes, text = "") {
-    const { matrix, clip, globalAlpha } = this.state, all = { ...attributes };
-    if (matrix.some((value, k) => value !== [1, 0, 0, 1, 0, 0][k])) all.transform = `matrix(${matrix.map(v => +v.toFixed(4)).join(" ")})`;
-    if (clip) all["clip-path"] = `url(#${clip})`;
-    if (globalAlpha !== 1) all.opacity = globalAlpha;
-    const words = Object.entries(all).map(([name, value]) => ` ${name}="${markup(value)}"`).join("");
-    this.out.push(`<${tag}${words}>${markup(text)}</${tag}>`);
-  }
-  clip(path = this.path) {
-    const id = `clip${++this.clips}`;
-    this.out.push(`<clipPath id="${id}"><path d="${path.d.join("")}"/></clipPath>`);
-    this.state.clip = id;
-  }
-  stroke(path = this.path) {
-    if (!path.d.length) return;
-    const { strokeStyle, lineWidth, dash, lineJoin } = this.state;
-    this.put("path", { d: path.d.join(""), fill: "none", stroke: strokeStyle, "stroke-width": lineWidth, "stroke-linejoin": lineJoin,
-      ...(dash.length ? { "stroke-dasharray": dash.join(" ") } : {}) });
-  }
-  fill(path = this.path) { if (path.d.length) this.put("path", { d: path.d.join(""), fill: this.fillStyle }); }
-  fillRect(x, y, width, height) { this.put("rect", { x, y, width, height, fill: this.fillStyle }); }
-  fillText(text, x, y) {
-    const anchor = { center: "middle", right: "end", left: "start" }[this.textAlign];
-    const baseline = { top: "hanging", middle: "central", bottom: "text-after-edge" }[this.textBaseline];
-    this.put("text", { x: +x.toFixed(2), y: +y.toFixed(2), style: `font: ${this.font}`, fill: this.fillStyle, "text-anchor": anchor,
-      ...(baseline ? { "dominant-baseline": baseline } : {}) }, text);
-  }
-}
-const markup = text => String(text).replaceAll("&", "&amp;").replaceAll("<", "&lt;").replaceAll(">", "&gt;").replaceAll('"', "&quot;");
-
-// What `wanted` (see Chart) looks like, as SVG. uPlot asks for a canvas's context and for paths by their global names, so
-// for this moment they mean those that write.
-function svgOf(wanted) {
-  const host = document.createElement("div"), { Path2D } = window, { getContext } = HTMLCanvasElement.prototype;
-  const measure = document.createElement("canvas").getContext("2d");
-  let context = null;
-  HTMLCanvasElement.prototype.getContext = function () { return context = new SvgContext(this, measure); };
-  window.Path2D = SvgPath;
-  try {
-    const chart = new Chart(host);
-    const show = { ...wanted, head: paintHead(wanted) };
-    chart.show(show);
-    context.out = [];
-    chart.show(show);  // all at once and whole, whatever the first call left for later
-    chart.u.destroy();
-    Object.assign(context, { stroke() {}, fill() {}, clip() {} });  // uPlot draws once more when this task has ended
-  } finally {
-    HTMLCanvasElement.prototype.getContext = getContext;
-    window.Path2D = Path2D;
-  }
-  const { width, height } = wanted, size = [width, height].map(pixels => pixels * devicePixelRatio).join(" ");
-  const tag = "svg", head = `xmlns="http://www.w3.org/2000/svg" width="${width}" height="${height}" viewBox="0 0 ${size}"`;
-  return `<${tag} ${head}>${context.out.join("")}</${tag}>`;
-}
-
-async function save(view, part, format) {
-  const [width, height] = part.fileSize;
-  const svg = svgOf({ ...part.wanted(width, height, true), width, height });
-  let file = new Blob([svg], { type: "image/svg+xml" });
-  if (format === "png") {
-    const picture = element("img", { src: URL.createObjectURL(file) });
-    await picture.decode();
-    const canvas = element("canvas", { width: 2 * width, height: 2 * height });
-    canvas.getContext("2d").drawImage(picture, 0, 0, 2 * width, 2 * height);
-    URL.revokeObjectURL(picture.src);
-    file = await new Promise(done => canvas.toBlob(done, "image/png"));
-  }
-  const name = `${fileName(`${view.title} ${part.figure.dataset.plot}`)}.${format}`;
+// Once more on a canvas of its own, with title and legend, larger than on the page.
+async function save(view, part) {
+  const [width, height] = part.fileSize, host = document.createElement("div");
+  const wanted = { ...part.wanted(width, height, true), width, height }, chart = new Chart(host);
+  chart.show({ ...wanted, head: paintHead(wanted) });
+  await new Promise(requestAnimationFrame);  // uPlot draws when the task has ended
+  const file = await new Promise(done => chart.u.ctx.canvas.toBlob(done, "image/png"));
+  chart.u.destroy();
+  const name = `${fileName(`${view.title} ${part.figure.dataset.plot}`)}.png`;
   const link = element("a", { href: URL.createObjectURL(file), download: name });
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 30000);

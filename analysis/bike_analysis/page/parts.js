@@ -195,7 +195,7 @@ class PlotPart {
     this.chart = new Chart(this.paper);
     this.ranged = true;
     this.shows = null;
-    this.fileSize = [1100, 800];
+    this.fileSize = [1600, 1160];
     new ResizeObserver(() => this.refit()).observe(this.plot);
   }
   get width() { return this.plot.clientWidth; }
@@ -235,7 +235,7 @@ class PanelPart extends PlotPart {
   constructor(view, figure, spec) {
     super(view, figure);
     this.spec = spec;
-    this.fileSize = [1200, 420];
+    this.fileSize = [1600, 560];
     this.cursor = this.area.appendChild(element("div", { className: "cursor" }));
     this.chosen = this.area.appendChild(element("div", { className: "chosen", hidden: true }));
     this.points = [];
@@ -331,7 +331,7 @@ class HistogramPart extends PlotPart {
     super(view, figure);
     this.spec = spec;
     this.ranged = false;
-    this.fileSize = [900, 460];
+    this.fileSize = [1600, 820];
   }
   wanted(width, height, asFile = false) {
     const { view, spec } = this, { edges } = spec;

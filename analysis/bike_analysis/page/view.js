@@ -77,7 +77,7 @@ class View {
       seen.observe(figure);
       for (const kind of ["pointerenter", "focusin"]) figure.addEventListener(kind, () => { this.active = figure.drawn; });
       for (const button of figure.querySelectorAll("[data-save]")) {
-        button.onclick = () => save(this, figure.drawn, button.dataset.save);
+        button.onclick = () => save(this, figure.drawn);
       }
     }
     buildBar(this);

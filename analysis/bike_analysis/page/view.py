@@ -373,10 +373,7 @@ def series_colour(index: int) -> str:
 
 # ---- as HTML --------------------------------------------------------------------------------------------------------
 
-_EXPORT: Final = (
-    '<span class="export"><button type="button" data-save="svg" aria-label="Save “@” as SVG">SVG</button>'
-    '<button type="button" data-save="png" aria-label="Save “@” as PNG">PNG</button></span>'
-)
+_EXPORT: Final = '<span class="export"><button type="button" data-save aria-label="Save “@” as PNG">PNG</button></span>'
 
 
 def view_html(view: View, pads: Sequence[str] = ()) -> str:
