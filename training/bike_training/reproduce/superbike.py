@@ -30,6 +30,7 @@ from bike_training.reproduce.paper import Advance, Experiment, Paper, Rows
 from bike_training.reproduce.superbike_results import (
     ACTORS,
     CIRCUITS,
+    KINDS,
     MACHINE,
     MACHINES,
     STATEMENTS,
@@ -49,8 +50,15 @@ from bike_training.rollout.laps import ride_laps
 from bike_training.rollout.races import RaceResult, ride_races
 from bike_training.sweeps.jobs import TrainJob
 
-CURRICULA: Final = {"spdl": "spdl", "sac": "target"}
-"""Curriculum by the first part of a setting's name: both arms draw from SPDL's target in the end."""
+CURRICULA: Final[Mapping[str, Mapping[str, Any]]] = {
+    "spdl": {"curriculum": "spdl", "curriculum.threshold": SPDL_THRESHOLD},
+    "sac": {"curriculum": "target"},
+    "schedule": {"curriculum": "schedule"},
+    "spdl450": {"curriculum": "spdl", "curriculum.threshold": 450.0},
+    "spdl600": {"curriculum": "spdl", "curriculum.threshold": 600.0},
+}
+"""Settings by the first part of a setting's name: all arms draw from SPDL's target in the end. The first two are the
+paper's. ``schedule`` moves to the target whatever the returns are: what self-pacing adds is the difference from it."""
 EARLY: Final = 1150 / 1900
 """The paper's early snapshot as a part of its run (Table I)."""
 PRESET: Final = "race_direct"
@@ -66,7 +74,7 @@ EPISODES_EVERY: Final = 5
 MOMENT_EVERY: Final = 5
 """Control periods of 20 ms for each row of a lap."""
 NONE: Final = -1.0
-SETTINGS: Final = tuple(setting_of(kind, circuit) for circuit in CIRCUITS for kind in CURRICULA)
+SETTINGS: Final = (*CURRICULA, *(setting_of(kind, circuit) for circuit in CIRCUITS[1:] for kind in KINDS))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,7 +89,7 @@ class SuperbikeExperiment(Experiment):
         machines: that actors ride without learning on them.
         transfer_starts: rides on each, a flying lap each.
         learner: further settings, as entries of a sweep.
-        threshold: expected return that SPDL keeps.
+        threshold: expected return that SPDL keeps, in place of the setting's.
         iteration: decisions between two updates of SPDL.
     """
 
@@ -92,7 +100,7 @@ class SuperbikeExperiment(Experiment):
     machines: tuple[str, ...] = MACHINES
     transfer_starts: int = 4
     learner: tuple[tuple[str, Any], ...] = ()
-    threshold: float = SPDL_THRESHOLD
+    threshold: float | None = None
     iteration: int = ITERATION
 
     @property
@@ -124,16 +132,13 @@ class SuperbikeExperiment(Experiment):
 
     def entries(self, setting: str) -> dict[str, Any]:
         """Return the entries of the runs of a setting."""
-        kind = CURRICULA[kind_of(setting)]
-        spdl = {"curriculum.threshold": self.threshold} if kind == "spdl" else {}
-        return {
-            "set": {
-                "curriculum": kind,
-                "curriculum.circuits": [circuit_of(setting)],
-                "curriculum.iteration": self.iteration,
-                **spdl,
-            }
-        }
+        curriculum = dict(CURRICULA[kind_of(setting)])
+        if self.threshold is not None and "curriculum.threshold" in curriculum:
+            curriculum["curriculum.threshold"] = self.threshold
+        if curriculum["curriculum"] == "schedule":
+            curriculum["curriculum.schedule"] = max(1, self.steps // 2)
+        circuits = [circuit_of(setting)]
+        return {"set": curriculum | {"curriculum.circuits": circuits, "curriculum.iteration": self.iteration}}
 
 
 QUICK: Final = SuperbikeExperiment(
@@ -284,7 +289,7 @@ def add_details(data: Tables, folders: Mapping[tuple[str, int], Path], experimen
         experiment: its settings.
     """
     moments: list[Any] = []
-    for kind in CURRICULA:
+    for kind in KINDS:
         seed = best_run(data, kind)
         actors = None if seed is None else deployed(folders[kind, seed], experiment)
         if seed is not None and actors is not None:
@@ -299,7 +304,7 @@ def choose(data: Tables, places: Sequence[Tables]) -> Tables:
         data: of all runs and rides.
         places: tables of each place.
     """
-    best = [(kind, best_run(data, kind)) for kind in CURRICULA]
+    best = [(kind, best_run(data, kind)) for kind in KINDS]
     found = [row for run in best for place in places for row in place.moments if (row.setting, row.seed) == run]
     return data.with_rows(moments=tuple(found))
 

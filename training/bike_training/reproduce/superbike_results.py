@@ -34,7 +34,7 @@ ACTORS: Final = ("early", "late", "best")
 
 
 def kind_of(setting: str) -> str:
-    """Return ``spdl`` or ``sac``."""
+    """Return the kind of curriculum of a setting."""
     return setting.partition("_")[0]
 
 
@@ -44,7 +44,7 @@ def circuit_of(setting: str) -> str:
 
 
 def setting_of(kind: str, circuit: str) -> str:
-    """Return the setting of ``spdl`` or ``sac`` on a circuit."""
+    """Return the setting of a kind of curriculum on a circuit."""
     return kind if circuit == CIRCUITS[0] else f"{kind}_{circuit}"
 
 
