@@ -1,13 +1,19 @@
-"""What all tests share: quick ones run first, and no test fails because the machine is busy."""
+"""What all tests share: quick ones run first, nothing is computed twice, no test fails because the machine is busy."""
 
+import copy
 import os
+import pickle
 import signal
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import hypothesis
 import pytest
 
+from bike_sim.planning import envelope, lap_limit
 from bike_sim.vehicles.files import load_superbike
 from bike_sim.vehicles.superbike import Superbike
 
@@ -15,13 +21,14 @@ ROOT = Path(__file__).parents[1]
 
 # Compiled functions make the first example slow, and machines of continuous integration are uneven. The same sources
 # are tested with the same examples, so that a failure belongs to a change; `make test-long` looks for new ones.
-for _profile, _derandomized in (("lab", True), ("explore", False)):
+for _profile, _derandomized, _examples in (("lab", True, 25), ("explore", False, 100)):
     hypothesis.settings.register_profile(
         _profile,
         deadline=None,
         derandomize=_derandomized,
+        max_examples=_examples,
         print_blob=True,
-        suppress_health_check=[hypothesis.HealthCheck.too_slow],
+        suppress_health_check=[hypothesis.HealthCheck.too_slow, hypothesis.HealthCheck.function_scoped_fixture],
     )
 hypothesis.settings.load_profile("lab")
 
@@ -31,28 +38,51 @@ for _number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(_number, signal.default_int_handler if _number == signal.SIGINT else signal.SIG_DFL)
 
 
+SESSION_LINES = "BIKE_SESSION_LINES"
+"""Environment variable that names the folder of lines that the processes of a session share."""
+
+
+def compute_once(module: ModuleType, name: str) -> None:
+    """Let a function that depends on its arguments alone be computed once for the same ones."""
+    function, known = getattr(module, name), dict[bytes, Any]()
+
+    def look_up(*arguments: Any) -> Any:
+        key = pickle.dumps(arguments)
+        if key not in known:
+            known[key] = function(*arguments)
+        return copy.deepcopy(known[key])
+
+    setattr(module, name, look_up)
+
+
+# Most of the time of a short ride on a circuit is that of its plan.
+compute_once(envelope, "_tables")
+compute_once(lap_limit, "_solve")
+
+
 def pytest_configure(config: pytest.Config) -> None:
-    """Lets JAX compile what many short runs of learning share once and not for each."""
+    """Lets JAX compile what many short runs of learning share once and not for each; lines are shared, too."""
     if hasattr(config, "workerinput"):
         return  # one of several processes that share the folder of the one that started them
-    folder = tempfile.TemporaryDirectory(prefix="jax_")
+    folder = tempfile.TemporaryDirectory(prefix="bike_tests_")
     config.add_cleanup(folder.cleanup)
-    os.environ["JAX_COMPILATION_CACHE_DIR"] = folder.name
+    os.environ[SESSION_LINES] = str(Path(folder.name) / "lines")
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = str(Path(folder.name) / "jax")
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
     os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Moves the slow tests to the end, and before them those that start ROS 2 nodes.
 
-    Where several processes share the tests, those of one file that are of one kind stay together, because they share
-    fixtures that take seconds.
+    Where several processes share the tests it is the other way round, so that none waits for another in the end. Those
+    of one file that are of one kind stay together, because they share fixtures that take seconds.
     """
 
     def kind(item: pytest.Item) -> int:
         return 2 * bool(item.get_closest_marker("slow")) + bool(item.get_closest_marker("ros"))
 
-    items.sort(key=kind)
+    items.sort(key=kind, reverse=hasattr(config, "workerinput"))
     for item in items:
         item.add_marker(pytest.mark.xdist_group(f"{kind(item)} {item.path.name} {item.path.parent.name}"))
 
@@ -61,3 +91,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def panigale() -> Superbike:
     machine = load_superbike("panigale_v4r")
     return machine
+
+
+@pytest.fixture(scope="session")
+def own_lines() -> Iterator[Path]:
+    """Keeps computed lines out of the user's cache: those of a session are in a folder of its own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("BIKE_CACHE", os.environ[SESSION_LINES])
+        yield Path(os.environ[SESSION_LINES])

@@ -21,7 +21,7 @@ from bike_sim.sim.batch import Batch
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_training import cli
-from bike_training.curricula.parts import REFINEMENT
+from bike_training.curricula.parts import REFINEMENT, PartsCurriculum
 from bike_training.learning import gradients, linear_rides
 from bike_training.learning.gradients import (
     STEEP,
@@ -42,6 +42,7 @@ from bike_training.learning.linear_rides import (
 )
 from bike_training.learning.presets import GradientSettings, load_preset
 from bike_training.learning.run_settings import RunSettings
+from bike_training.rollout.stability import stability
 from bike_training.tasks.path import TASKS
 
 COMPILED = SimulatorConfig(engine="whipple", time_step=0.01)
@@ -49,6 +50,14 @@ TASK = TASKS["fine"]
 SMALL = GradientSettings(
     layers=(16,), bicycles=6, periods=20, tail=5, updates=2, segments=3, select_every=3, learning_rate=5e-3
 )
+
+
+@pytest.fixture(autouse=True)
+def few_rides(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compares actors on a few of the rides and at one speed."""
+    requests = PartsCurriculum.selection_requests
+    monkeypatch.setattr(PartsCurriculum, "selection_requests", lambda *of: requests(*of)[::10])
+    monkeypatch.setattr(gradients, "stability", lambda rider: stability(rider, (4.5,)))
 
 
 def run_of(learner: GradientSettings, start: str = "") -> RunSettings:

@@ -12,34 +12,32 @@ from bike_sim.validation.superbike import MACHINES
 from bike_sim.vehicles.files import load_superbike
 from bike_sim.vehicles.superbike import Superbike
 
+VEHICLES = [load_superbike(name) for name in MACHINES]
+
 
 def limits(vehicle: Superbike, lean_deg: float, speed: float) -> AidLimits:
     return aid_limits(math.radians(lean_deg), 0.0, speed**2, vehicle.machine)
 
 
-@given(some.sampled_from(MACHINES), some.floats(10.0, 80.0), some.floats(0.0, 60.0), some.floats(0.0, 60.0))
-def test_more_lean_leaves_no_more_brake(name: str, speed: float, one: float, other: float) -> None:
-    less, more = (limits(load_superbike(name), lean, speed) for lean in sorted((one, other)))
+@given(some.sampled_from(VEHICLES), some.floats(10.0, 80.0), some.floats(0.0, 60.0), some.floats(0.0, 60.0))
+def test_more_lean_leaves_no_more_brake(vehicle: Superbike, speed: float, one: float, other: float) -> None:
+    less, more = (limits(vehicle, lean, speed) for lean in sorted((one, other)))
     assert more.braking <= less.braking * (1.0 + 1e-12)
     assert 0.0 <= more.rear <= less.rear <= 1.0
+    assert limits(vehicle, -one, speed) == limits(vehicle, one, speed)
 
 
-@given(some.sampled_from(MACHINES), some.floats(10.0, 80.0), some.floats(0.0, 60.0))
-def test_both_sides_are_alike(name: str, speed: float, lean: float) -> None:
-    assert limits(load_superbike(name), lean, speed) == limits(load_superbike(name), -lean, speed)
-
-
-@pytest.mark.parametrize("name", MACHINES)
-def test_brakes_fade_between_45_degrees_and_the_deepest_lean(name: str) -> None:
+@pytest.mark.parametrize("vehicle", VEHICLES, ids=MACHINES)
+def test_brakes_fade_between_45_degrees_and_the_deepest_lean(vehicle: Superbike) -> None:
     """Engine braking is eased with the rear brake; near the tyres' limit either makes weave grow."""
-    assert limits(load_superbike(name), 45.0, 40.0).rear == 1.0
-    assert 0.0 < limits(load_superbike(name), 52.0, 40.0).rear < 1.0
-    deepest = limits(load_superbike(name), 58.0, 40.0)
+    assert limits(vehicle, 45.0, 40.0).rear == 1.0
+    assert 0.0 < limits(vehicle, 52.0, 40.0).rear < 1.0
+    deepest = limits(vehicle, 58.0, 40.0)
     assert (deepest.rear, deepest.braking) == (0.0, 0.0)
 
 
 def test_without_brake_control_nothing_is_eased() -> None:
-    vehicle = load_superbike(MACHINES[0])
+    vehicle = VEHICLES[0]
     bare = replace(vehicle, electronics=replace(vehicle.electronics, brake_control=0.0))
     assert limits(bare, 55.0, 40.0).rear == 1.0
     assert limits(bare, 55.0, 40.0).braking == math.inf

@@ -24,8 +24,8 @@ DIRECT = "spdl_barcelona"
     ],
 )
 def test_it_laps_from_all_around_faster_than_the_classical_rider(name: str, vehicle: str, circuit: str) -> None:
-    result = ride_races(load_bundle(name), vehicle, circuit, starts=16)
-    assert result.whole == result.rides == 16
+    result = ride_races(load_bundle(name), vehicle, circuit, starts=4)
+    assert result.whole == result.rides == 4
     assert result.off_track == 0.0
     assert result.line < 0.6
     classical = ride_laps(vehicle, circuit, laps=1, engine="compiled").best
@@ -37,8 +37,8 @@ def test_without_a_guide_it_laps_whole_from_all_around() -> None:
     bundle = load_bundle(DIRECT)
     assert not bundle.action.guided
     assert bundle.training["preset"]["curriculum"]["curriculum"] == "spdl"
-    result = ride_races(bundle, "panigale_v4r", "barcelona", starts=16)
-    assert result.whole == result.rides == 16
+    result = ride_races(bundle, "panigale_v4r", "barcelona", starts=4)
+    assert result.whole == result.rides == 4
     assert result.off_track == 0.0
     assert result.times[-1] < 1.06 * result.theory
 
