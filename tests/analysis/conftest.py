@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -220,8 +220,3 @@ def evil_names() -> tuple[str, ...]:
 @pytest.fixture(scope="session")
 def share() -> Any:
     return SHARE
-
-
-@pytest.fixture(scope="session")
-def topic_types() -> Mapping[str, str]:
-    return TYPES

@@ -12,7 +12,7 @@ from typing import Any
 import jsonschema
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, example, given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
@@ -284,10 +284,8 @@ def flipped(content: bytes, flips: list[tuple[float, int]], path: Path) -> Path:
 
 
 FLIPS = st.tuples(st.floats(0, 1, exclude_max=True), st.integers(1, 255))
-FAST = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
-@FAST
 @given(data=st.data())
 def test_torn_anywhere(recorded: bytes, tmp_path: Path, capsys, data: st.DataObject) -> None:
     torn = tmp_path / "torn.mcap"
@@ -295,7 +293,6 @@ def test_torn_anywhere(recorded: bytes, tmp_path: Path, capsys, data: st.DataObj
     check_answer(*analyze_quietly(torn, capsys))
 
 
-@FAST
 @given(flips=st.lists(FLIPS, min_size=1, max_size=30))
 @example(flips=[(0.0, 1)])
 def test_damaged_anywhere(recorded: bytes, tmp_path: Path, capsys, flips: list[tuple[float, int]]) -> None:
@@ -320,7 +317,6 @@ def unchecked(recorded: bytes) -> bytes:
     return out.getvalue()
 
 
-@FAST
 @given(flips=st.lists(FLIPS, min_size=1, max_size=200))
 def test_damage_that_no_checksum_finds(
     unchecked: bytes, tmp_path: Path, capsys, flips: list[tuple[float, int]]
@@ -329,7 +325,7 @@ def test_damage_that_no_checksum_finds(
     check_answer(*analyze_quietly(flipped(unchecked, flips, tmp_path / "damaged.mcap"), capsys))
 
 
-@settings(max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=5)
 @given(seed=st.integers(0, 2**32 - 1))
 @example(seed=12458)  # a gap as long as a lap
 def test_damaged_recordings_are_drawn_too(unchecked: bytes, tmp_path: Path, capsys, seed: int) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bike_analysis import compare, open_ride
@@ -42,7 +42,6 @@ def test_lap_times_are_interpolated_below_the_step(ride_of, circle, speed: float
     assert ride.best_lap.duration_s == ride.figures.best_lap_s == min(lap.duration_s for lap in ride.laps)
 
 
-@settings(max_examples=25, deadline=None)
 @given(start=st.floats(-3.0, 200.0), noise=st.floats(0.0, 0.3), seed=st.integers(0, 99))
 def test_lines_count_once_and_only_whole_laps(
     writer, circle, tmp_path_factory: pytest.TempPathFactory, start: float, noise: float, seed: int
@@ -238,7 +237,6 @@ def test_off_track_time_and_validity(ride_of, circle) -> None:
     assert ride_of(ride).figures.off_track_s == 0.0
 
 
-@settings(max_examples=50, deadline=None)
 @given(
     outside=st.lists(st.floats(-5.0, 5.0), min_size=2, max_size=40),
     split=st.floats(0.0, 1.0),

@@ -203,7 +203,7 @@ def test_figures_are_plain_json(ride_of, circle) -> None:
     assert json.loads(text)["mean_error_m"] == pytest.approx(0.3)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(offsets=st.lists(st.integers(-3_000_000, 3_000_000).map(lambda x: 1e-6 * x), min_size=2, max_size=30))
 def test_figures_of_any_errors(offsets: list[float], writer, circle, tmp_path_factory: pytest.TempPathFactory) -> None:
     path = writer.write(
@@ -219,7 +219,6 @@ def test_figures_of_any_errors(offsets: list[float], writer, circle, tmp_path_fa
     assert figures.rms_error_m <= figures.max_error_m * slack
 
 
-@settings(max_examples=80, deadline=None)
 @given(data=st.data())
 def test_command_delay_is_that_of_a_plain_search(circle_ride_of_ten: Ride, data: st.DataObject) -> None:
     """Held, repeated, late and unknown commands of few values, against a search written down as the docstring says."""

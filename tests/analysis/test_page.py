@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from PIL import Image
@@ -72,7 +72,6 @@ def unpacked(packed: dict[str, Any]) -> np.ndarray:
     return np.where(multiples == MISSING, np.nan, multiples * packed["quantum"])
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     values=hnp.arrays(float, st.integers(1, 300), elements=st.floats(-1e9, 1e9) | st.just(np.nan)),
     quantum=st.sampled_from([1e-4, 1e-3, 0.1]),

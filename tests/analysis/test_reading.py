@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import yaml
 import zstandard
-from hypothesis import HealthCheck, example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.records import Channel, Chunk, Message
@@ -166,7 +166,6 @@ def first_state_end(path: Path) -> int:
     raise AssertionError(f"{path} has no state")
 
 
-@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_cut_at_any_byte(recorded: Path, tmp_path: Path, data: st.DataObject) -> None:
     content = recorded.read_bytes()
@@ -192,7 +191,6 @@ def test_a_file_can_be_read_twice(recorded: Path) -> None:
     assert box.counts == counts
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(place=st.floats(0.0, 1.0, exclude_max=True), value=st.integers(1, 255))
 @example(place=0.0, value=1)
 def test_damage_never_gives_wrong_numbers_or_a_traceback(
@@ -517,7 +515,6 @@ float64 z
 """
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     rows=st.lists(
         st.tuples(

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
@@ -234,7 +234,7 @@ except ValueError as error:
 """
 
 
-@settings(max_examples=4, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=4)
 @given(limit=st.integers(30_000, 80_000))
 def test_a_disk_that_fills_up_leaves_a_whole_file(limit: int, tmp_path: Path) -> None:
     folder = Path(tempfile.mkdtemp(dir=tmp_path))
@@ -279,7 +279,6 @@ MESSAGES = st.lists(
 )
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     messages=MESSAGES,
     compression=st.sampled_from(["zstd", "lz4", "none"]),
@@ -311,7 +310,6 @@ def test_any_bytes_on_any_topics_come_back(
     assert by_rosbags == sorted(messages)
 
 
-@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     times=st.lists(st.integers(0, 10**11), min_size=1, max_size=40).map(sorted),
     duration=st.sampled_from([0.5, 5.0, 50.0]),

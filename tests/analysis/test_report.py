@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from PIL import Image
@@ -188,7 +188,6 @@ def test_picture_has_equal_scales_and_the_course(recorded: Path) -> None:
     assert driven.norm.vmax == pytest.approx(np.abs(ride.states.lateral_error).max())
 
 
-@settings(max_examples=50, deadline=None)
 @given(y=hnp.arrays(float, st.integers(1, 3000), elements=st.floats(-1e3, 1e3)), points=st.integers(2, 500))
 def test_thinning_keeps_extremes_and_order(y: np.ndarray, points: int) -> None:
     x = np.arange(len(y), dtype=float)

@@ -86,7 +86,6 @@ def memory_of(layout, rows, sign=1.0, actions=()):
 
 
 @pytest.mark.parametrize("layout", [ALL, *RACE_LAYOUTS.values()], ids=lambda layout: layout.name)
-@settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_the_mirrored_ride_gives_the_mirrored_observation(layout, seed):
     rng = np.random.default_rng(seed)
@@ -105,7 +104,6 @@ def test_mirroring_twice_changes_nothing(layout):
     np.testing.assert_array_equal(layout.mirror_signs * layout.mirror_signs[layout.mirror_places], np.ones(layout.size))
 
 
-@settings(max_examples=50, deadline=None)
 @given(data=st.data())
 def test_every_number_lies_within_its_bounds(data):
     rows = drawn(np.random.default_rng(data.draw(st.integers(0, 1000))), 1)
@@ -165,7 +163,7 @@ def test_a_reference_is_sampled_linearly_around_the_lap(progress, share, cap):
 
 
 @given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_however_many_lines_come_and_go_each_row_sees_its_own(seed):
     """Rows change lines, lines come back, and what nobody rides on is not kept for ever."""
     rng = np.random.default_rng(seed)

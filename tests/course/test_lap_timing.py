@@ -138,7 +138,6 @@ def test_riding_back_over_the_line_counts_nothing_twice(track):
     assert [e.kind for e in events].count(EventKind.LAP) == 2
 
 
-@settings(max_examples=25)
 @given(seed=st.integers(0, 2**32 - 1), cut=st.integers(1, 399))
 def test_live_and_from_the_recording_are_the_same_bit_for_bit(shapes, seed, cut):
     track = shapes.circle(40.0)

@@ -82,7 +82,7 @@ def test_all_seeds_for_tuning_and_judging_are_sound_and_like_real_circuits(seeds
     assert 0.3 < sides.count("clockwise") / len(sides) < 0.7
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(st.integers(200, MAX_SEED))
 def test_any_seed_is_sound(seed):
     check_sound(random_circuit(seed))

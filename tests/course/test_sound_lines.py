@@ -29,7 +29,7 @@ def text_of(points: np.ndarray, widths: bool = True) -> str:
     return "\n".join(f"{x:.4f},{y:.4f}" + (",6.0,6.0" if widths else "") for x, y in points)
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(
     name=st.sampled_from(["barcelona", "phillip_island", "cremona", "random_circuit:1", "random_circuit:4"]),
     spacing=st.floats(2.0, 12.0),
@@ -47,7 +47,6 @@ def test_measured_circuits_are_read_with_their_noise(name, spacing, noise, uneve
     assert track.length == pytest.approx(load_course(name).length, rel=0.01)
 
 
-@settings(max_examples=60, deadline=None)
 @given(begin=st.integers(0, 930), missing=st.integers(11, 300))
 def test_a_hole_is_refused_wherever_it_is(barcelona, begin, missing):
     rolled = np.roll(barcelona, -begin, axis=0)
@@ -126,7 +125,6 @@ def test_a_path_drawn_by_hand_may_have_long_straights():
     assert path_from_points("u", parse_csv(text_of(np.array(rows), widths=False), closed=False)).length > 200.0
 
 
-@settings(max_examples=40, deadline=None)
 @given(begin=st.integers(5, 800), length=st.integers(3, 100), later=st.integers(0, 20))
 def test_a_stretch_that_is_there_twice_is_refused(barcelona, begin, length, later):
     end = begin + length
@@ -143,7 +141,6 @@ def test_a_point_met_twice_is_a_crossing():
     assert parse_csv(text_of(eight)).closed
 
 
-@settings(max_examples=25, deadline=None)
 @given(begin=st.integers(5, 900), size=st.floats(1.5, 8.0))
 def test_zig_zag_is_refused(barcelona, begin, size):
     points = barcelona.copy()

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bike_sim.physics.superbike import statics
@@ -205,7 +205,6 @@ def test_motors_that_cannot_be_are_refused(key: str, value: float, message: str)
         replace(ducati, motor=replace(ducati.motor, **{key: value}))
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     power_rpm=st.floats(1.03, 1.6), drop=st.floats(0.0, 0.35), torque_rpm=st.floats(5000.0, 14000.0),
     low=st.floats(0.3, 1.0),

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 
 from bike_sim.physics import bodies as bd
 from bike_sim.physics import kinematics
@@ -57,7 +57,6 @@ def test_any_state_is_set_and_read_back(state: np.ndarray) -> None:
 test_any_state_is_set_and_read_back.engine = PyBulletEngine(VEHICLE, 0.005)  # one for all examples
 
 
-@settings(max_examples=25)
 @given(states)
 def test_bullet_places_every_body_where_the_mapping_does(state: np.ndarray) -> None:
     shared = test_any_state_is_set_and_read_back.engine

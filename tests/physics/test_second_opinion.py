@@ -56,7 +56,7 @@ def model_of(tree: tuple[Body, ...]) -> tuple[Any, list[int]]:
 
 
 @pytest.mark.parametrize(("name", "bending"), [("panigale_v4r", False), ("gsxr1000", False), ("gsxr1000", True)])
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=some.integers(0, 2**32 - 1))
 def test_accelerations_are_those_of_another_library(name: str, bending: bool, seed: int) -> None:
     """Random poses, speeds, forces and loads on the joints, to 1e-9 of the largest acceleration."""

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as some
 from numpy.typing import NDArray
 
@@ -166,7 +166,6 @@ states = some.tuples(
 ).map(np.array)
 
 
-@settings(max_examples=50)
 @given(states, some.floats(-1.2, 1.2))
 def test_mirror_image_is_exact(state: Array, steer_set: float) -> None:
     here, there = state.copy(), st.MIRROR_SIGNS * state
@@ -186,7 +185,6 @@ def test_equations_and_kinematics_agree(state: Array) -> None:
     assert derivative[st.REAR_WHEEL] == pytest.approx(kin.rear_wheel_rate(state, VEHICLE.parameters), abs=1e-11 * scale)
 
 
-@settings(max_examples=30)
 @given(states, some.floats(-3.0, 3.0), some.floats(-20.0, 20.0), some.floats(-20.0, 20.0))
 def test_place_and_heading_do_not_matter(state: Array, turn: float, dx: float, dy: float) -> None:
     moved = state.copy()

@@ -49,7 +49,7 @@ def mean_error(snapshots: list[Snapshot]) -> float:
 @pytest.mark.parametrize("name", ["lqr", DEFAULT_POLICY])
 def test_it_changes_no_bit_of_a_ride_that_nothing_disturbs(name: str, engine: str) -> None:
     for speed in (2.0, 7.0):
-        observed, plain = (ride(name, Disturbances(), speed, engine, plain=plain)[0] for plain in (False, True))
+        observed, plain = (ride(name, Disturbances(), speed, engine, 150, plain)[0] for plain in (False, True))
         np.testing.assert_array_equal([s.state for s in observed], [s.state for s in plain])
 
 
@@ -85,7 +85,7 @@ def test_noise_is_found_and_filtered() -> None:
 
 
 @pytest.mark.parametrize("name", [DEFAULT_POLICY, "lqr"])
-@pytest.mark.parametrize("speed", [2.0, 3.0, 7.0])
+@pytest.mark.parametrize("speed", [2.0, 7.0])
 def test_a_start_on_six_times_the_noise_is_no_fall(name: str, speed: float) -> None:
     usual = load_disturbances("noise")
     strong = replace(usual, noise={channel: 6.0 * size for channel, size in usual.noise.items()})

@@ -43,7 +43,6 @@ def pair(panigale: Superbike) -> tuple[LineController, LineController]:
     return left, right
 
 
-@settings(max_examples=50, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_one_is_answered_as_among_others(law: LineLaw, pair: tuple[LineController, LineController], seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -65,7 +64,6 @@ def test_one_is_answered_as_among_others(law: LineLaw, pair: tuple[LineControlle
         assert alone.command(*seen[2].tolist()) == tuple(answers[2].tolist())
 
 
-@settings(max_examples=50, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_the_mirrored_ride_gets_the_mirrored_answer(pair: tuple[LineController, LineController], seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -132,7 +130,7 @@ def test_targets_are_reached(offset: float, pace: float, share: float) -> None:
     assert np.mean(paces) == pytest.approx(share * (1.0 + pace) - 1.0, abs=0.01)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(width=st.floats(0.2, 4.0), target=st.floats(-3.0, 3.0))
 def test_targets_stay_clear_of_the_limits(panigale: Superbike, width: float, target: float) -> None:
     """Beside a line that lies near one limit, what is ridden to ends before it; on the other side nothing changes."""

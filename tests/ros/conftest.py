@@ -301,9 +301,8 @@ def oval(folder: Path) -> Path:
 
 
 @pytest.fixture
-def circuit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A small circuit, whose lines are kept where nothing else is."""
-    monkeypatch.setenv("BIKE_CACHE", str(tmp_path / "lines"))
+def circuit(own_lines: Path, tmp_path: Path) -> Path:
+    """A small circuit."""
     return oval(tmp_path)
 
 

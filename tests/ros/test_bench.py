@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import shutil
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -17,21 +18,22 @@ SHORT: dict[str, dict[str, Any]] = {
     "environment": {"scale": 0.02},
     "ros": {"rounds": 3, "steps": 20, "duration": 0.5},
     "recorder": {"periods": 20, "rounds": 1, "rates": (500,), "duration": 0.5},
-    "analysis": {"duration": 4.0, "excerpt": 2.0, "distance": 100.0},
+    "analysis": {"duration": 4.0, "excerpt": 2.0, "distance": 50.0},
     "live": {"rounds": 1},
 }
 
 
 @pytest.mark.parametrize("part", PARTS)
-def test_each_part_measures(part: str, compiled: None, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_part_measures(part: str, compiled: None, circuit: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     module, sizes = load_part(part), SHORT[part]
     if part == "physics":
         pytest.importorskip("exudyn")
     if part == "live":
         sizes = sizes | {"with_page": shutil.which("chromium") is not None}
         monkeypatch.setattr(module, "FIRST_REPORTS", 5)
+    monkeypatch.setattr(module, "ROUNDS", 1, raising=False)
     if part == "analysis":
-        monkeypatch.setattr(module, "ROUNDS", 1)
+        monkeypatch.setattr(module, "CIRCUIT", str(circuit))
     figures = module.measure(**sizes)
     numbers = {name: value for name, value in figures.items() if isinstance(value, float)}
     assert numbers

@@ -180,7 +180,7 @@ def test_a_taken_port_is_one_sentence(bridge: FoxgloveBridge) -> None:
 
 
 @pytest.mark.ros
-def test_every_field_that_the_superbikes_layout_plots_comes_through() -> None:
+def test_every_field_that_the_superbikes_layout_plots_comes_through(circuit: Path) -> None:
     """And the speed stands on its gauge."""
     layout = json.loads((LAYOUTS / "superbike.json").read_text())["configById"]
     plotted = {
@@ -191,7 +191,7 @@ def test_every_field_that_the_superbikes_layout_plots_comes_through() -> None:
     }
     assert {topic for topic, _ in plotted} == {"/bike/state", *OF_SUPERBIKES}
     rider = make_rider("classical")
-    request = ResetRequest(course="barcelona", preview=rider.preview or Preview(), speed_share=0.5)
+    request = ResetRequest(course=str(circuit), preview=rider.preview or Preview(), speed_share=0.5)
     ride = LiveRide(LiveSettings(superbike_config("panigale_v4r"), request, rider), lambda _: None)
     try:
         ride.start()

@@ -12,7 +12,7 @@ import numpy as np
 import pybullet
 import pytest
 from bike_msgs.msg import BikeCommand, BikeState
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pybullet_utils.bullet_client import BulletClient
 from rclpy.serialization import deserialize_message, serialize_message
@@ -108,7 +108,7 @@ def test_bytes_of_a_stranger_are_a_message_or_one_error(
 
 
 @pytest.fixture(scope="module")
-def simulators(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Simulator]]:
+def simulators(own_lines: Path) -> Iterator[dict[str, Simulator]]:
     """One simulator of each shipped vehicle, and of a bicycle on PyBullet."""
     configs = {
         name: superbike_config(name) if isinstance(load_vehicle(name), Superbike) else SimulatorConfig(name, "whipple")
@@ -116,9 +116,7 @@ def simulators(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, S
     }
     configs["whipple on pybullet"] = SimulatorConfig(time_step=0.005)
     made = {name: Simulator(config) for name, config in configs.items()}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("BIKE_CACHE", str(tmp_path_factory.mktemp("lines")))
-        yield made
+    yield made
     for simulator in made.values():
         simulator.close()
 
@@ -137,7 +135,6 @@ def assert_survives(simulator: Simulator, snapshot: Snapshot) -> None:
     assert_carried(snapshot, facts)
 
 
-@settings(max_examples=40)
 @given(data=st.data())
 def test_snapshots_of_all_vehicles_survive_wherever_they_ride(
     simulators: dict[str, Simulator], circuit_file: str, data: st.DataObject

@@ -199,30 +199,6 @@ def test_all_topics_by_wall_clock_in_files_by_duration(ros: Any, sender: Any, tm
         assert bag.message_count == len(seen)
 
 
-@pytest.mark.slow
-def test_a_ride_in_several_files_opens_everywhere(ros: Any, sender: Any, policy: str, tmp_path: Path) -> None:
-    ros.simulator(course="circle")
-    recorder = ros.start(
-        "bike_sim.ros.record", path=str(tmp_path / "ride"), max_bag_duration=3.0, chunk_size=8192, compression="lz4"
-    )
-    sender.until(lambda: sender.figures().get("messages_written", "0") > "0")
-    ros.start("bike_policy.drive", policy=policy)
-    sender.until(lambda: not re.search(r"ride_[012]\.mcap$", sender.figures()["file"]))
-    assert recorder.end()[0] == 0
-    files = sorted((tmp_path / "ride").glob("*.mcap"))
-    with AnyReader([tmp_path / "ride"]) as reader:
-        by_rosbags = Counter(c.topic for c, _, data in reader.messages() if reader.deserialize(data, c.msgtype))
-    by_mcap_ros2 = Counter(topic for file in files for topic, _ in decoded(file))
-    assert by_rosbags == by_mcap_ros2
-    assert {"/bike/state", "/bike/command", "/bike/markers", "/clock"} < set(by_rosbags)
-    steps = [message.step for file in files for topic, message in decoded(file) if topic == "/bike/state"]
-    assert steps == sorted(steps)
-    assert set(range(steps[0], steps[-1] + 1)) == set(steps)
-    for file in files:
-        assert counts_in(file)["/bike/course"] == 1
-        assert not Container(file).truncated
-
-
 # -------------------------------------------------------------------------------------------------------------- faults
 
 
@@ -291,8 +267,7 @@ def ride_a_little(domain: int, recording: Path, **record: Any) -> None:
     )
 
 
-@pytest.mark.parametrize("trial", range(2))
-def test_a_recorded_ride_has_its_first_state_and_command(ros: Any, tmp_path: Path, trial: int) -> None:
+def test_a_recorded_ride_has_its_first_state_and_command(ros: Any, tmp_path: Path) -> None:
     """However late the nodes find each other, which is different each time."""
     ride_a_little(ros.domain, tmp_path / "ride.mcap")
     messages = decoded(tmp_path / "ride.mcap")
@@ -305,7 +280,7 @@ def test_a_recorded_ride_has_its_first_state_and_command(ros: Any, tmp_path: Pat
 
 SLOW_SIMULATOR = """
 import time
-end = time.monotonic() + 7.0
+end = time.monotonic() + 2.0
 while time.monotonic() < end:
     pass
 from bike_sim.ros.sim_node import main
@@ -319,11 +294,12 @@ def test_a_start_that_works_for_long_is_waited_for_and_explained(
     """As the first one on a machine, which compiles: limits count silence."""
     (tmp_path / "slow_simulator.py").write_text(SLOW_SIMULATOR)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setattr(node_rides, "LONG_START", 1.0)
     parameters = {"course": "circle", "engine": "whipple", "time_step": 0.01}
     with RideMonitor(ros.domain) as monitor, NodeProcess("slow_simulator", parameters, ros.domain) as simulator:
         began = time.monotonic()
-        monitor.pause(True, 5.0, [simulator])
-        assert time.monotonic() - began > 7.0
+        monitor.pause(True, 1.5, [simulator])
+        assert time.monotonic() - began > 2.0
     assert capfd.readouterr().err == f"{node_rides.EXPLANATION}\n"
 
 

@@ -114,12 +114,6 @@ def test_a_disturbed_ride_is_the_same_everywhere(ros, policy, tmp_path: Path) ->
         np.testing.assert_array_equal(recorded.columns[name][: steps + 1], [one.state[place] for one in ride])
 
 
-def test_disturbances_that_are_none_stop_the_node(ros, tmp_path: Path) -> None:
-    node = ros.simulator(disturbances=str(tmp_path / "none.yaml"))
-    assert node.wait() == 2
-    assert "none.yaml" in node.words
-
-
 def test_a_ride_of_a_learner_behind_ros_comes_out_the_same(tmp_path: Path) -> None:
     """The simulator of the training is a node; the recording holds what the learner got from it."""
     ranges, path = PartsCurriculum().episodes(0), tmp_path / "training.mcap"
@@ -162,9 +156,8 @@ def test_a_ride_by_the_clock_comes_out_the_same(ros, tmp_path: Path) -> None:
     assert len(applied) > 10
 
 
-def test_a_superbike_comes_out_the_same(ros, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_superbike_comes_out_the_same(ros, own_lines: Path, tmp_path: Path) -> None:
     """Its tyres, engine and rider have inner states that no message shows: they begin as the request says."""
-    monkeypatch.setenv("BIKE_CACHE", str(tmp_path / "lines"))
     circuit = tmp_path / "ring.csv"
     angle = np.linspace(0.0, 2.0 * np.pi, 90, endpoint=False)
     rows = "\n".join(f"{150.0 * np.cos(a):.4f},{150.0 * np.sin(a):.4f},6.0,6.0" for a in angle)

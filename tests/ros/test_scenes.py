@@ -26,8 +26,7 @@ FIRST = ResetRequest(course="line", speed_range=(4.0, 4.0))
 
 
 @pytest.fixture
-def stadium(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
-    monkeypatch.setenv("BIKE_CACHE", str(tmp_path / "lines"))
+def stadium(own_lines: Path, tmp_path: Path) -> str:
     path = tmp_path / "stadium.yaml"
     path.write_text(STADIUM, encoding="utf-8")
     return str(path)

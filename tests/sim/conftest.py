@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -24,12 +23,8 @@ elements:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Keep computed lines out of the user's cache."""
-    folder = tmp_path_factory.mktemp("lines")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("BIKE_CACHE", str(folder))
-        yield folder
+def own_cache(own_lines: Path) -> Path:
+    return own_lines
 
 
 @pytest.fixture(scope="session")

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as some
 
 from bike_sim.sim.batch import Batch
@@ -22,7 +22,7 @@ BICYCLES = SimulatorConfig(engine="whipple", time_step=0.01)
 CONFIG = replace(superbike_config("panigale_v4r"), engine="compiled")
 MACHINES = ("panigale_v4r", "r1")
 PREVIEW = Preview(True, 0.4, 5)
-QUICK = settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+QUICK = settings(max_examples=12)
 
 CIRCUITS = ("circuit file", "CSV of a circuit")
 STARTS = some.fixed_dictionaries(

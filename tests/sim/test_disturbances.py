@@ -262,10 +262,10 @@ def test_numbers_of_a_superbike_change_with_what_follows_from_them() -> None:
 
 
 @pytest.mark.parametrize("engine", ["compiled", "pybullet"])
-def test_a_superbike_is_ridden_as_it_is_and_known_as_it_was(engine: str) -> None:
+def test_a_superbike_is_ridden_as_it_is_and_known_as_it_was(engine: str, courses: dict[str, str]) -> None:
     """Rows with wrong parameters ride as such machines do alone, and show the machine that is known."""
     config = SimulatorConfig("r1", engine, 0.002, 0.02)
-    request = ResetRequest(course="barcelona", speed_range=(40.0, 40.0), progress=100.0)
+    request = ResetRequest(course=courses["circuit file"], speed_range=(40.0, 40.0), progress=10.0)
     slippery = load_disturbances("grip_085")
     known = [Disturbances(), slippery, load_disturbances("heavy_machine"), slippery]
     batch = Batch(len(known), config, disturbances=known)

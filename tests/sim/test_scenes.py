@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ BICYCLE = SimulatorConfig(engine="whipple", time_step=0.005)
 
 
 def superbike_on_a_path(courses: dict[str, str]) -> tuple[Simulator, ResetRequest, Callable[[Snapshot], float]]:
-    machine = Simulator(superbike_config("panigale_v4r"))
+    machine = Simulator(replace(superbike_config("panigale_v4r"), engine="compiled"))
     request = ResetRequest(seed=3, course=courses["closed path"], speed_range=(13.0, 13.0), perturb=True)
     lean = math.radians(machine.vehicle.virtual_rider.max_lean_deg)
 

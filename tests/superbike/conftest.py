@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +10,8 @@ import pytest
 
 
 @pytest.fixture(scope="session", autouse=True)
-def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Keep computed lines out of the user's cache."""
-    folder = tmp_path_factory.mktemp("lines")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("BIKE_CACHE", str(folder))
-        yield folder
+def own_cache(own_lines: Path) -> Path:
+    return own_lines
 
 
 def write_circuit(path: Path, reverse: bool = False) -> Path:

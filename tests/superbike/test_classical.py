@@ -13,8 +13,7 @@ from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, plan_lap, reserved
 from bike_policy.planning.line_law import P_SPEED
 from bike_sim.physics import state as st
 from bike_sim.physics.state import upright_state
-from bike_sim.physics.superbike.bullet import BulletSuperbikeEngine
-from bike_sim.physics.superbike.engine import TIME_STEP
+from bike_sim.physics.superbike.engine import TIME_STEP, CompiledSuperbikeEngine
 from bike_sim.physics.superbike.statics import turning_state
 from bike_sim.planning.envelope import Envelope, envelope
 from bike_sim.planning.lap_limit import lap_limit
@@ -59,7 +58,7 @@ def test_plan_keeps_its_reserve(panigale: Superbike, limits: Envelope) -> None:
 def test_speed_is_that_of_the_contacts(panigale: Superbike) -> None:
     """The frame leans 0.4 m inwards: on a line of 25 m radius 2 % of speed, 4 % of what the tyres have to hold."""
     radius, speed = 25.0, 15.0
-    engine = BulletSuperbikeEngine(panigale, TIME_STEP)
+    engine = CompiledSuperbikeEngine(panigale, TIME_STEP)
     engine.reset(turning_state(panigale, speed, -math.atan(speed**2 / radius / 9.81), speed / radius))
     told = float(engine.telemetry()[signal("speed")])
     engine.close()
@@ -71,7 +70,7 @@ def test_speed_is_that_of_the_contacts(panigale: Superbike) -> None:
 
 
 def test_engine_braking_never_locks_the_rear_wheel(panigale: Superbike) -> None:
-    engine = BulletSuperbikeEngine(panigale, 0.002)
+    engine = CompiledSuperbikeEngine(panigale, 0.002)
     engine.reset(upright_state(60.0, panigale.rF))
     slips = []
     for _ in range(150):
@@ -143,7 +142,7 @@ def test_front_does_not_shake_at_full_drive_whatever_the_control_period(period: 
     panigale = load_superbike("r1")  # the machine with the lightest front wheel
     radius, speed = 5000.0, 40.0
     rider = LineController(panigale, circle(radius, 1.0), period)
-    engine = BulletSuperbikeEngine(panigale, TIME_STEP)
+    engine = CompiledSuperbikeEngine(panigale, TIME_STEP)
     state = upright_state(speed, panigale.rF)
     state[st.Y], state[st.ROLL] = 1.0, -math.atan(speed**2 / radius / panigale.g)  # one metre inside the line
     engine.reset(state)
@@ -166,7 +165,7 @@ def test_front_does_not_shake_at_full_drive_whatever_the_control_period(period: 
 @pytest.mark.parametrize("reverse", [False, True])
 def test_laps_a_circuit_it_has_never_seen(tmp_path: Path, reverse: bool) -> None:
     path = write_circuit(tmp_path / "unseen.csv", reverse)
-    ride = ride_laps("panigale_v4r", path, laps=2)
+    ride = ride_laps("panigale_v4r", path, laps=2, engine="compiled")
     assert ride.end == "finished"
     assert len(ride.laps) == 2
     assert all(lap.valid for lap in ride.laps)
@@ -210,7 +209,7 @@ def test_a_start_line_in_a_bend_is_begun_slowly(tmp_path: Path) -> None:
     rows = "\n".join(f"{70.0 * math.cos(a):.4f},{70.0 * math.sin(a):.4f},5.0,5.0" for a in angle)
     path = tmp_path / "bowl.csv"
     path.write_text(f"# x_m,y_m,w_tr_right_m,w_tr_left_m\n{rows}\n", encoding="utf-8")
-    ride = ride_laps("cbr1000rr_r", path, laps=1)
+    ride = ride_laps("cbr1000rr_r", path, laps=1, engine="compiled")
     assert ride.end == "finished"
     assert all(lap.valid for lap in ride.laps)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as some
 
 from bike_sim.physics import state as st
@@ -19,8 +19,6 @@ from bike_sim.sim.config import SimulatorConfig, superbike_config
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from tests.sim.conftest import STADIUM
-
-QUICK = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +36,6 @@ def machine() -> Iterator[Simulator]:
     line=some.sampled_from((0.0, 0.5, 1.0)),
 )
 @example(progress=0.0, share=0.5, offset=2.0, heading=0.0, line=1.0)  # 0.9 m outside, on the bumps of the grass
-@QUICK
 def test_a_start_is_where_and_as_fast_as_asked(
     machine: Simulator, circuit: Path, progress: float, share: float, offset: float, heading: float, line: float
 ) -> None:
