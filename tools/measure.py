@@ -115,6 +115,13 @@ def speeds(answers: Sequence[Any]) -> Rows:
     return [["figure", "value"], *([f"`{key}`", f"{value:,.4g}"] for key, value in figures.items())]
 
 
+def bicycles(answers: Sequence[Any]) -> Rows:
+    """Return measured bicycles: where they balance themselves, and the largest error of their eigenvalues."""
+    keys = ("stable_from_m_s", "stable_to_m_s", "error_1_s")
+    rows = [[b["bicycle"], *(_short(b[key]) for key in keys)] for b in answers[0]["figures"]["bicycles"]]
+    return [["bicycle", "balances itself from, m/s", "to, m/s", "eigenvalues, largest error, 1/s"], *rows]
+
+
 class Table(NamedTuple):
     """A data file.
 
@@ -153,6 +160,7 @@ TABLES: Final[Mapping[str, Table]] = {
         riders, tuple(f"--course {path.relative_to(ROOT)}" for path in sorted(DATA.glob("paths/*")))
     ),
     "gsxr1000_validation": Table(checks),
+    "measured_bicycles": Table(bicycles),
     "superbike_validation": Table(checks),
     "classical_laps": Table(columns("pairs", **LAPS)),
     "racer_pairs": Table(races),

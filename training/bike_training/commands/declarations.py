@@ -33,6 +33,7 @@ RUNS: Final = "folders of runs"
 SWEEP: Final = "the folder of a sweep"
 CIRCUIT: Final = "a circuit (--course)"
 TEMPLATE: Final = "a vehicle's file (--template)"
+PARAMETERS: Final = "measured bicycles (--parameters)"
 RUN: Final = "a run"
 REFINED: Final = "a refined run"
 LEARNING: Final = "learning"
@@ -230,6 +231,8 @@ def _validate_subject(args: Namespace) -> str:
         return TEMPLATE
     if args.course is not None:
         return CIRCUIT
+    if args.parameters is not None:
+        return PARAMETERS
     if args.vehicle in (None, ALL_SUPERBIKES):
         return BICYCLE if args.vehicle is None else SUPERBIKE
     return vehicle_kind(args.vehicle)

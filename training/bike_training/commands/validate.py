@@ -25,6 +25,7 @@ from bike_sim.planning.envelope import point_mass_envelope
 from bike_sim.planning.lap_limit import LapLimit, lap_limit
 from bike_sim.planning.minimum_time import with_fastest_line
 from bike_sim.validation import bicycle, superbike
+from bike_sim.validation.parameters import SPEEDS, measured_bicycles
 from bike_sim.validation.published import Mode, check_published, measured_modes
 from bike_sim.validation.report import Check, Report, number_of
 from bike_sim.vehicles.files import load_superbike, load_vehicle, vehicle_template
@@ -272,6 +273,46 @@ def run_template(args: argparse.Namespace) -> dict[str, Any]:
     if not args.json:
         print(text)
     return {"schema": "bike.validate_template/1", "ok": True, "figures": {"file": text}}
+
+
+PARAMETERS_SCHEMA: Final = "bike.validate_parameters/1"
+
+
+def run_parameters(args: argparse.Namespace) -> dict[str, Any]:
+    """Compare the eigenvalues of measured bicycles with the closed formulas, print a table, and return the result.
+
+    Raises:
+        ValueError: a broken file.
+        FileNotFoundError: there is none.
+    """
+    console = Console(quiet=args.json)
+    found = []
+    with status(console, "measuring") as progress:
+        for one in measured_bicycles(args.parameters):
+            progress(one.name)
+            found.append(one)
+    checks = [check for check in (one.check() for one in found) if check is not None]
+    figures = [
+        {
+            "bicycle": one.name,
+            "stable_from_m_s": number_of(one.stable[0]),
+            "stable_to_m_s": number_of(one.stable[1]),
+            "eigenvalues": [
+                {"speed_m_s": speed, "real_1_s": row.real.tolist(), "imaginary_1_s": row.imag.tolist()}
+                for speed, row in zip(SPEEDS, one.formula, strict=True)
+            ],
+            "error_1_s": next((check.measured for check in checks if check.name == one.name), None),
+        }
+        for one in found
+    ]
+    result = Report(0.0, checks)
+    ranges = Table(title="balances itself", box=box.SIMPLE)
+    for heading in ("bicycle", "from, m/s", "to, m/s"):
+        ranges.add_column(heading, no_wrap=True)
+    for one in found:
+        ranges.add_row(one.name, *(f"{speed:.4f}" for speed in one.stable))
+    console.print(ranges, _check_table("measured bicycles", result))
+    return {"schema": PARAMETERS_SCHEMA} | result.as_dict({"bicycles": figures})
 
 
 CIRCUIT_SCHEMA: Final = "bike.validate_course/1"

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from bike_sim.physics import state as st
 from bike_sim.physics.engine import Engine
-from bike_sim.vehicles.bicycle import Vehicle
+from bike_sim.vehicles.bicycle import FourBodies, Vehicle
 
 Matrix = NDArray[np.float64]
 
@@ -65,7 +65,7 @@ class Modes:
     castering: float
 
 
-def canonical_matrices(vehicle: Vehicle) -> CanonicalMatrices:
+def canonical_matrices(vehicle: FourBodies) -> CanonicalMatrices:
     """Return the matrices of the bicycle with the steering drive switched off."""
     v = vehicle
     sin_tilt, cos_tilt = math.sin(v.lam), math.cos(v.lam)
@@ -91,7 +91,7 @@ def canonical_matrices(vehicle: Vehicle) -> CanonicalMatrices:
     i_alx = -m_a * u_a * z_a + i_axx * sin_tilt + i_axz * cos_tilt
     i_alz = m_a * u_a * x_a + i_axz * sin_tilt + i_azz * cos_tilt
     mu = v.c / v.w * cos_tilt
-    s_r, s_f = v.IRyy / v.rR, v.IFyy / v.rF
+    s_r, s_f = (spin / radius if radius else 0.0 for spin, radius in ((v.IRyy, v.rR), (v.IFyy, v.rF)))  # or skates
     s_t = s_r + s_f
     s_a = m_a * u_a + mu * m_t * x_t
     # the matrices (A21 to A29)
@@ -110,18 +110,19 @@ def canonical_matrices(vehicle: Vehicle) -> CanonicalMatrices:
     )
 
 
-def state_matrix(vehicle: Vehicle, speed: float) -> Matrix:
+def state_matrix(vehicle: FourBodies, speed: float) -> Matrix:
     """Return A of ``x' = A x`` with x = (roll, steer, roll rate, steer rate) in the project's signs.
 
     The steering drive holds a set point of zero; ``replace(vehicle, P=0.0, D=0.0)`` gives the free bicycle.
 
     Args:
-        vehicle: the bicycle.
+        vehicle: the bicycle, or its four bodies, which have no drive.
         speed: forward speed, m/s.
     """
     matrices = canonical_matrices(vehicle)
-    stiffness = vehicle.g * matrices.K0 + speed**2 * matrices.K2 + np.diag([0.0, vehicle.P])
-    damping = speed * matrices.C1 + np.diag([0.0, vehicle.D])
+    drive = (vehicle.P, vehicle.D) if isinstance(vehicle, Vehicle) else (0.0, 0.0)
+    stiffness = vehicle.g * matrices.K0 + speed**2 * matrices.K2 + np.diag([0.0, drive[0]])
+    damping = speed * matrices.C1 + np.diag([0.0, drive[1]])
     a = np.zeros((4, 4))
     a[:2, 2:] = np.eye(2)
     a[2:, :2] = -np.linalg.solve(matrices.M, stiffness)
