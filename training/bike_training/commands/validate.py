@@ -5,34 +5,41 @@ from __future__ import annotations
 import argparse
 import json
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
 import numpy as np
 from rich import box
-from rich.console import Console
+from rich.console import Console, Group
 from rich.table import Table
 
 from bike_analysis.figures.numbers import lap_text
 from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
 from bike_policy.riders.classical import ClassicalRider
+from bike_sim.course.course import Course
 from bike_sim.course.drawing import track_figure
 from bike_sim.course.files import load_track
 from bike_sim.course.track import Track
 from bike_sim.planning.envelope import point_mass_envelope
 from bike_sim.planning.lap_limit import LapLimit, lap_limit
 from bike_sim.planning.minimum_time import with_fastest_line
-from bike_sim.validation import bicycle, superbike
+from bike_sim.sim.config import superbike_config
+from bike_sim.sim.request import Preview, ResetRequest
+from bike_sim.sim.simulator import Simulator
+from bike_sim.validation import bicycle, energy, superbike
 from bike_sim.validation.parameters import SPEEDS, measured_bicycles
 from bike_sim.validation.published import Mode, check_published, measured_modes
 from bike_sim.validation.report import Check, Report, number_of
+from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.files import load_superbike, load_vehicle, vehicle_template
+from bike_sim.vehicles.superbike import Superbike
 from bike_training.arguments import check_positive, make_folder
 from bike_training.commands.declarations import ALL_SUPERBIKES
 from bike_training.progress import status
 from bike_training.rollout.laps import ride_laps
+from bike_training.rollout.rollout import rollout
 
 SCHEMA: Final = "bike.validate/1"
 SUPERBIKE_SCHEMA: Final = "bike.validate_superbike/1"
@@ -42,6 +49,13 @@ SUPERBIKE_PERIOD: Final = 0.02
 """The same of a superbike, s."""
 BOLD: Final = (0.9, 0.92)
 """Parts of the lateral limit that riders use who try the theoretical laps; the last falls at times."""
+
+LAP_COURSE: Final = "barcelona"
+CALM: Final = 0.7
+"""Part of the lateral limit of a rider who laps calmly."""
+ACCOUNT_STEPS: Final = (0.002, 0.001)
+"""Steps at which the energy of a lap must close, s."""
+LAP_STEPS: Final = (0.004, *ACCOUNT_STEPS, 0.0005)
 
 _Report = TypeVar("_Report", bound=Report)
 
@@ -84,16 +98,20 @@ def run_superbikes(args: argparse.Namespace) -> dict[str, Any]:
     machines = [load_superbike(name) for name in names]
 
     modes: list[Mode] = []  # of a machine that gives way, beside published ones
+    accounts: dict[str, dict[float, energy.Account]] = {}
 
     def measure(progress: Callable[[str], None]) -> superbike.Validation:
         if machines[0].joints is not None:
             progress("statics and modes beside published ones")
             modes.extend(measured_modes(machines[0]))
             checks = list(check_published(machines[0], modes))
-            return superbike.Validation(args.time_step, checks, machines=tuple(machines))
-        result = superbike.validate(machines, args.time_step, progress)
-        progress("theoretical laps")
-        result.checks.extend(bound_checks(names))
+            result = superbike.Validation(args.time_step, checks, machines=tuple(machines))
+        else:
+            result = superbike.validate(machines, args.time_step, progress)
+            progress("theoretical laps")
+            result.checks.extend(bound_checks(names))
+        progress("energy of a lap")
+        result.checks.extend(lap_checks(names, accounts))
         return result
 
     def draw(result: superbike.Validation, folder: Path) -> Sequence[Path]:
@@ -102,14 +120,17 @@ def run_superbikes(args: argparse.Namespace) -> dict[str, Any]:
         return (draw_root_loci(modes, folder / "root_loci.png"),) if modes else draw_superbikes(result, folder)
 
     def describe(result: superbike.Validation) -> dict[str, Any]:
-        return {"schema": SUPERBIKE_SCHEMA} | result.as_dict(_superbike_figures(result))
+        return {"schema": SUPERBIKE_SCHEMA} | result.as_dict(_superbike_figures(result) | _energy_figures(accounts))
+
+    def tables(result: superbike.Validation) -> Group:
+        return Group(_range_table(result), _energy_table(accounts))
 
     check_positive("--time-step", args.time_step, "s", SUPERBIKE_PERIOD)
     engine = (
         "steps of the comparisons" if machines[0].joints is not None else f"PyBullet, step {1e3 * args.time_step:g} ms"
     )
     title = f"{', '.join(machine.name for machine in machines)}, {engine}"
-    return _report(args, title, measure, describe, draw, _range_table)
+    return _report(args, title, measure, describe, draw, tables)
 
 
 def _report(
@@ -118,7 +139,7 @@ def _report(
     measure: Callable[[Callable[[str], None]], _Report],
     describe: Callable[[_Report], dict[str, Any]],
     draw: Callable[[_Report, Path], Sequence[Path]],
-    table: Callable[[_Report], Table],
+    table: Callable[[_Report], Table | Group],
 ) -> dict[str, Any]:
     """Measure, print and write a report, and return it for JSON.
 
@@ -164,6 +185,91 @@ def bound_checks(names: Sequence[str]) -> Iterator[Check]:
     yield Check("bound_line_margin", "fastest lap over its own line's theoretical lap, share", tightest, -0.001, 0.06)
     yield Check("bound_passings_unpaid", "gains on the theoretical lap not lost again", unpaid, 0.0, 0.0)
     yield Check("bound_passed", "largest speed above the theoretical lap's, share", passed, 0.0, 0.03)
+
+
+class _OnePlan(ClassicalRider):
+    """Keeps its first plan, so that laps differ by the integration step alone."""
+
+    _first: tuple[Vehicle, Course] | None = None
+
+    def begin(self, vehicle: Vehicle, course: Course, period: float, preview: Preview) -> None:
+        """Prepare for a ride; see `ClassicalRider`."""
+        self._first = self._first or (vehicle, course)
+        super().begin(*self._first, period, preview)
+
+
+def lap_checks(names: Sequence[str], accounts: dict[str, dict[float, energy.Account]]) -> Iterator[Check]:
+    """Return checks of laps of a circuit's median at several steps: their energy, and what the step does to their time.
+
+    Args:
+        names: of superbikes, or their files.
+        accounts: of laps by machine and step, s, filled.
+    """
+    rests, spreads = [], []
+    for name in names:
+        rider, found = _OnePlan(replace(CLASSICAL_SETTINGS, lateral=CALM)), accounts.setdefault(name, {})
+        times = []
+        for step in LAP_STEPS if name == names[0] else ACCOUNT_STEPS:
+            lap, found[step] = _ridden_lap(rider, name, step)
+            times.append(lap)
+        rests += [abs(found[step].rest) for step in ACCOUNT_STEPS]
+        spreads.append(max(times) / min(times) - 1.0)
+    title = "rest of the energy of a lap at 2 and 1 ms, share of the engine's work"
+    yield Check("energy_rest", title, max(rests), 0.0, energy.ALLOWED)
+    title = "a lap at steps of 0.5 to 4 ms: largest difference of its times, share"
+    yield Check("lap_step", title, spreads[0], 0.0, 0.002)
+
+
+def _ridden_lap(rider: ClassicalRider, name: str, step: float) -> tuple[float, energy.Account]:
+    """Return the time (s) of a lap at an integration step (s), infinite after a fall, and the account of its energy."""
+    machine = Simulator(replace(superbike_config(name), engine="compiled", time_step=step))
+    request = machine.at_own_speed(ResetRequest(course=LAP_COURSE, line=0.0))
+    parts, commands = [], []
+    for snapshot in rollout(machine, rider, request):
+        if snapshot.step:
+            commands.append((snapshot.steering, snapshot.throttle))
+        if snapshot.fallen or machine.batch.log(0).laps:
+            break
+        stored = machine.batch.state_dict()
+        assert stored is not None
+        parts.append((stored["slot"]["motion"], stored["slot"]["memory"], stored["rows"]["ground"]))
+    assert isinstance(machine.vehicle, Superbike)
+    assert machine.begun is not None
+    assert machine.begun.followed is not None
+    kinds = energy.PERIOD_KINDS
+    records = (
+        np.concatenate(rows).reshape(-1).view(kind) for rows, kind in zip(zip(*parts, strict=True), kinds, strict=True)
+    )
+    periods = energy.Periods(*records, np.array(commands), machine.begun.followed.road.bumps)
+    lap = math.inf if snapshot.fallen else machine.batch.log(0).laps[0].duration
+    return lap, energy.account(machine.vehicle, periods, step, machine.config.substeps)
+
+
+def _energy_figures(accounts: Mapping[str, Mapping[float, energy.Account]]) -> dict[str, Any]:
+    """Return the accounts of laps for JSON."""
+    laps = [
+        {"vehicle": name, "step_s": step}
+        | {f"{entry}_j": one.work[entry] for entry in energy.ENTRIES}
+        | {"stored_j": one.stored, "rest": one.rest}
+        for name, found in accounts.items()
+        for step, one in found.items()
+        if step in ACCOUNT_STEPS
+    ]
+    return {"energy": laps}
+
+
+def _energy_table(accounts: Mapping[str, Mapping[float, energy.Account]]) -> Table:
+    """Return what did work on each lap, kJ, as a table for people."""
+    table = Table(title="energy of a lap of the median of Barcelona, kJ", box=box.SIMPLE, pad_edge=False)
+    table.add_column("work of")
+    laps = [(name, step, found[step]) for name, found in accounts.items() for step in ACCOUNT_STEPS]
+    for name, step, _ in laps:
+        table.add_column(f"{name}\n{1e3 * step:g} ms", justify="right", no_wrap=True)
+    for entry in energy.ENTRIES:
+        table.add_row(entry.replace("_", ", "), *(f"{1e-3 * one.work[entry]:.1f}" for _, _, one in laps))
+    table.add_row("stored", *(f"{1e-3 * one.stored:.1f}" for _, _, one in laps))
+    table.add_row("rest by engine", *(f"{one.rest:.1e}" for _, _, one in laps))
+    return table
 
 
 def _superbike_figures(result: superbike.Validation) -> dict[str, Any]:

@@ -28,7 +28,7 @@ from bike_sim.physics.superbike.contact import (
     tyre_force,
     wheel_contact,
 )
-from bike_sim.physics.superbike.drive import WheelState, drive_and_brake, write_drive_telemetry
+from bike_sim.physics.superbike.drive import DriveOutput, WheelState, drive_and_brake, write_drive_telemetry
 from bike_sim.physics.superbike.records import Attitude, Command, Motion
 from bike_sim.physics.superbike.rider import RiderInputs, damper_and_stop, feel_load, slide_force, steering_torque
 from bike_sim.physics.superbike.suspension import chain_load, moment_about, rear_unit_load, strut_force
@@ -166,23 +166,53 @@ class Loads(NamedTuple):
     fall: int
 
 
-@njit(cache=True)
-def loads_at(
-    motion: Motion, command: Command, ground: Record, bumps: Array, memory: Record, telemetry: Record,
-    constants: Record, log_telemetry: bool,
-) -> Loads:  # fmt: skip
-    """Return all forces at this instant and advance the memory by one step.
+class Acting(NamedTuple):
+    """All that acts on a machine at one instant, part by part.
 
-    Args:
-        motion: of frame and joints.
-        command: of the step.
-        ground: a record of `ground.GROUND`.
-        bumps: profiles, see `ground.Ground`.
-        memory: a record of `MEMORY`, advanced.
-        telemetry: a record of `TELEMETRY`, written.
-        constants: a record of `CONSTANTS`.
-        log_telemetry: whether the telemetry of this step is wanted; that of a fall is written always.
+    Attributes:
+        axes: of the bodies.
+        rear_contact: of the rear wheel with the ground.
+        front_contact: of the front wheel.
+        rear_wheel: motion of the rear wheel.
+        front_wheel: of the front wheel.
+        rear: force of the rear tyre.
+        front: of the front tyre.
+        rear_centre: of the rear wheel, m.
+        front_centre: of the front wheel, m.
+        attitude: of the machine.
+        rear_spin: state of the rear wheel for engine and brakes.
+        front_spin: of the front wheel.
+        driven: torques of engine and brakes.
+        steer_torque: of the rider on the bars, N m.
+        fork_torque: the same with damper and stop, N m.
+        rider_force: on the rider's slide, N.
+        wind: velocity in the moving air, m/s.
     """
+
+    axes: Axes
+    rear_contact: Contact
+    front_contact: Contact
+    rear_wheel: Rolling
+    front_wheel: Rolling
+    rear: TyreForce
+    front: TyreForce
+    rear_centre: Vec
+    front_centre: Vec
+    attitude: Attitude
+    rear_spin: WheelState
+    front_spin: WheelState
+    driven: DriveOutput
+    steer_torque: float
+    fork_torque: float
+    rider_force: float
+    wind: Vec
+
+
+@njit(cache=True)
+def acting_at(
+    motion: Motion, command: Command, ground: Record, bumps: Array, memory: Record, constants: Record
+) -> Acting:
+    """Return what acts at this instant and advance the memory by one step; arguments as of `loads_at`."""
     machine, dt = constants.machine, command.dt
     joints = constants.joints
     axes = axes_of(motion, constants.geometry, joints)
@@ -218,28 +248,53 @@ def loads_at(
     memory.front_slip, memory.front_tan_slip_angle = front.slip, front.tan_slip_angle
 
     attitude = attitude_of(motion, axes.ey, rear_contact.normal)
-    rear_spin = dot(rear_wheel.carrier, axes.ey) + motion.rear_rate
-    front_spin = dot(axes.fork_omega, axes.axle) + motion.front_rate
-    spinning = WheelState(rear_spin, rear_contact.radius, rear)
-    driven = drive_and_brake(
-        command, attitude, spinning, WheelState(front_spin, front_contact.radius, front), memory, constants
-    )
+    rear_spin = WheelState(dot(rear_wheel.carrier, axes.ey) + motion.rear_rate, rear_contact.radius, rear)
+    front_spin = WheelState(dot(axes.fork_omega, axes.axle) + motion.front_rate, front_contact.radius, front)
+    driven = drive_and_brake(command, attitude, rear_spin, front_spin, memory, constants)
     share = feel_load(front.fz, command.lags.feeling, memory, constants)
     inputs = RiderInputs(attitude, motion, dot(motion.omega, axes.ez), front.fx, driven.brake_rate, share)
     steer_torque = steering_torque(command, inputs, memory, constants)
     fork_torque = steer_torque + damper_and_stop(motion.steer, motion.steer_rate, attitude.speed, machine)
-    rider_force = slide_force(motion, memory.lean_reference, machine.rider)
+    return Acting(
+        axes, rear_contact, front_contact, rear_wheel, front_wheel, rear, front, rear_centre, front_centre, attitude,
+        rear_spin, front_spin, driven, steer_torque, fork_torque,
+        slide_force(motion, memory.lean_reference, machine.rider), air_speed(motion.velocity, ground),
+    )  # fmt: skip
 
-    rear_force, rear_moment = at_wheel(rear_contact, rear, rear_wheel, rear_centre, ground.rear.drag)
-    front_force, front_moment = at_wheel(front_contact, front, front_wheel, front_centre, ground.front.drag)
-    wind = air_speed(motion.velocity, ground)
+
+@njit(cache=True)
+def loads_at(
+    motion: Motion, command: Command, ground: Record, bumps: Array, memory: Record, telemetry: Record,
+    constants: Record, log_telemetry: bool,
+) -> Loads:  # fmt: skip
+    """Return all forces at this instant and advance the memory by one step.
+
+    Args:
+        motion: of frame and joints.
+        command: of the step.
+        ground: a record of `ground.GROUND`.
+        bumps: profiles, see `ground.Ground`.
+        memory: a record of `MEMORY`, advanced.
+        telemetry: a record of `TELEMETRY`, written.
+        constants: a record of `CONSTANTS`.
+        log_telemetry: whether the telemetry of this step is wanted; that of a fall is written always.
+    """
+    machine, joints = constants.machine, constants.joints
+    acting = acting_at(motion, command, ground, bumps, memory, constants)
+    axes, driven, rear, front, wind = acting.axes, acting.driven, acting.rear, acting.front, acting.wind
+    rear_force, rear_moment = at_wheel(
+        acting.rear_contact, rear, acting.rear_wheel, acting.rear_centre, ground.rear.drag
+    )
+    front_force, front_moment = at_wheel(
+        acting.front_contact, front, acting.front_wheel, acting.front_centre, ground.front.drag
+    )
     force, torque = total_wrench(motion, axes, wind, rear_force, rear_moment, front_force, front_moment, constants)
     rear_joint = driven.rear + dot(axes.ey, rear_moment)
     front_joint = driven.front + dot(axes.axle, front_moment)
     swing = travel = head = bend = 0.0
     if joints.any:
         arm = add(axes.head_arm, axes.hub_arm)
-        steer_joint = fork_torque + moment_about(axes.steering, axes.twist_arm, arm, front_force, front_moment)
+        steer_joint = acting.fork_torque + moment_about(axes.steering, axes.twist_arm, arm, front_force, front_moment)
         head = moment_about(axes.ahead, axes.twist_arm, arm, front_force, front_moment)
         bend = moment_about(axes.bending, axes.bend_arm, arm, front_force, front_moment)
         travel = dot(axes.sliding, front_force)
@@ -249,21 +304,23 @@ def loads_at(
             swing = moment_about(axes.ey, axes.pivot_arm, axes.rear_arm, rear_force, rear_moment)
             swing += rear_unit_load(motion, joints) + chain_load(driven.drive, axes, joints)
     else:
-        steer_joint = fork_torque + dot(axes.steering, add(front_moment, cross(axes.hub_arm, front_force)))
+        steer_joint = acting.fork_torque + dot(axes.steering, add(front_moment, cross(axes.hub_arm, front_force)))
 
     if memory.fall == NO_FALL:
-        indicators = fall_indicators(attitude, dot(axes.ex, rear_contact.normal), rear, front, constants)
-        memory.fall = fall_of(indicators, dt, machine.fall_roll, memory)
+        upward = dot(axes.ex, acting.rear_contact.normal)
+        indicators = fall_indicators(acting.attitude, upward, rear, front, constants)
+        memory.fall = fall_of(indicators, command.dt, machine.fall_roll, memory)
     if log_telemetry or memory.fall != NO_FALL:
-        write_drive_telemetry(driven, spinning, memory, telemetry, constants)
-        telemetry.steer_torque_nm = steer_torque
-        telemetry.front_camber_rad = math.asin(min(max(front_contact.lean, -1.0), 1.0))
+        write_drive_telemetry(driven, acting.rear_spin, memory, telemetry, constants)
+        telemetry.steer_torque_nm = acting.steer_torque
+        telemetry.front_camber_rad = math.asin(min(max(acting.front_contact.lean, -1.0), 1.0))
         size = math.sqrt(dot(wind, wind))
         telemetry.drag_n = 0.5 * machine.air.density * machine.air.drag_area * size * size
-        write_telemetry(motion, axes, attitude, (rear, front), force, memory, telemetry, machine)
+        write_telemetry(motion, axes, acting.attitude, (rear, front), force, memory, telemetry, machine)
     return Loads(
-        force, torque, rear_joint, steer_joint, front_joint, rider_force, swing, travel, head, bend, int(memory.fall)
-    )
+        force, torque, rear_joint, steer_joint, front_joint, acting.rider_force, swing, travel, head, bend,
+        int(memory.fall),
+    )  # fmt: skip
 
 
 @njit(cache=True)
