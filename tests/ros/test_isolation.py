@@ -1,24 +1,20 @@
-"""Who sees whom: domains of one's own, sockets of this machine only, and nothing left in shared memory."""
+"""Who sees whom: domains of one's own, and sockets of this machine only."""
 
 from __future__ import annotations
 
-import fcntl
 import multiprocessing
 import os
 import re
-import signal
 import socket
 import subprocess
 import sys
 import uuid
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from bike_sim.ros import isolation
-from bike_sim.ros.isolation import SHARED_MEMORY, remove_leftovers
 
 PATIENCE = 90.0
 """Longest wait for anything, s."""
@@ -173,7 +169,7 @@ def udp_addresses(process: int) -> set[str]:
 
 
 @pytest.mark.ros
-def test_nodes_listen_at_this_machine_only(ros: Any, policy: str, tmp_path: Path) -> None:
+def test_nodes_use_sockets_of_this_machine_only(ros: Any, policy: str, tmp_path: Path) -> None:
     simulator = ros.simulator()
     programs = [
         simulator,
@@ -184,6 +180,7 @@ def test_nodes_listen_at_this_machine_only(ros: Any, policy: str, tmp_path: Path
     probe.until(lambda: probe.records("state", "command"))
     for program in programs:
         assert udp_addresses(program.process.pid) == {"127.0.0.1"}
+        assert not re.findall(r"/dev/shm/\S*fast\S*", Path(f"/proc/{program.process.pid}/maps").read_text())
     assert udp_addresses(os.getpid()) <= {"127.0.0.1"}
 
 
@@ -216,111 +213,6 @@ def test_a_shell_with_the_documented_variables_finds_the_topics_each_time(ros: A
     for _ in range(10):
         found = subprocess.run(["sh", "-c", shell], env=environment, capture_output=True, text=True, check=True).stdout
         assert found.split() == ["/bike/course", "/bike/events", "/bike/state", "/clock"]
-
-
-# ------------------------------------------------------------------------------------------------------- shared memory
-
-
-@pytest.fixture
-def leftovers(tmp_path: Path) -> Iterator[Path]:
-    """A folder as /dev/shm with what two dead and one living participant have left."""
-    for name in ("fastrtps_00000000000000aa", "fastrtps_00000000000000bb", "fastrtps_port17410", "fastrtps_port9660"):
-        (tmp_path / name).write_text("x")
-        (tmp_path / f"{name}_el").touch()
-    for name in ("sem.fastrtps_port17410_mutex", "sem.fastrtps_port9660_mutex", "fastrtps_port9661", "else"):
-        (tmp_path / name).write_text("x")
-    (tmp_path / "fastrtps_port9661_el").touch()
-    with (tmp_path / "fastrtps_00000000000000bb_el").open() as one, (tmp_path / "fastrtps_port9661_el").open() as two:
-        fcntl.flock(one, fcntl.LOCK_EX)
-        fcntl.flock(two, fcntl.LOCK_EX)
-        yield tmp_path
-
-
-def test_what_the_dead_have_left_is_removed_and_nothing_else(leftovers: Path) -> None:
-    before = {path.name for path in leftovers.iterdir()}
-    assert remove_leftovers(leftovers, settled=60.0) == 0  # too young to be known as dead
-    assert {path.name for path in leftovers.iterdir()} == before
-    assert remove_leftovers(leftovers, settled=0.0) == 2
-    gone = {"fastrtps_00000000000000aa", "fastrtps_port17410", "sem.fastrtps_port17410_mutex"}
-    gone |= {f"{name}_el" for name in gone if not name.startswith("sem.")}
-    assert {path.name for path in leftovers.iterdir()} == before - gone  # 9660 has a living neighbour in its domain
-    assert remove_leftovers(leftovers, settled=0.0) == 0
-    assert remove_leftovers(leftovers / "nowhere") == 0
-
-
-@pytest.mark.parametrize("generation", ["fastrtps", "fastdds"])
-def test_leftovers_of_both_generations_of_fast_dds_are_known(generation: str, tmp_path: Path) -> None:
-    for name in (f"{generation}_00000000000000aa", f"{generation}_port17410"):
-        (tmp_path / name).write_text("x")
-        (tmp_path / f"{name}_el").touch()
-    assert remove_leftovers(tmp_path, settled=0.0) == 2
-    assert not list(tmp_path.iterdir())
-
-
-def test_files_of_others_and_links_are_left_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    precious = tmp_path / "precious"
-    precious.write_text("stays")
-    (tmp_path / "fastrtps_00000000000000aa").write_text("x")
-    (tmp_path / "fastrtps_00000000000000aa_el").symlink_to(precious)
-    os.mkfifo(tmp_path / "fastrtps_00000000000000bb_el")
-    (tmp_path / "fastrtps_00000000000000cc_el").touch()
-    before = {path.name for path in tmp_path.iterdir()}
-    with monkeypatch.context() as patch:
-        patch.setattr(os, "geteuid", lambda: os.getuid() + 1)
-        assert remove_leftovers(tmp_path, settled=0.0) == 0
-    assert {path.name for path in tmp_path.iterdir()} == before
-    assert remove_leftovers(tmp_path, settled=0.0) == 1
-    assert {path.name for path in tmp_path.iterdir()} == before - {"fastrtps_00000000000000cc_el"}
-    assert precious.read_text() == "stays"
-
-
-def test_ports_without_a_lock_are_removed_unless_somebody_uses_them(tmp_path: Path) -> None:
-    """Empty ones of killed nodes, and those that a participant has made again for one that had just ended."""
-    for name in ("fastrtps_port11163", "fastrtps_port11161", "fastrtps_port11165_sl", "fastrtps_port"):
-        (tmp_path / name).touch()
-    (tmp_path / "fastrtps_port11169").write_text("x")
-    (tmp_path / "fastrtps_port11167").symlink_to(tmp_path / "fastrtps_port")
-    before = {path.name for path in tmp_path.iterdir()}
-    with (tmp_path / "fastrtps_port11161").open():
-        assert remove_leftovers(tmp_path, settled=60.0) == 2
-    gone = {"fastrtps_port11163", "fastrtps_port11169"}
-    assert {path.name for path in tmp_path.iterdir()} == before - gone
-    assert remove_leftovers(tmp_path, settled=60.0) == 1
-    assert {path.name for path in tmp_path.iterdir()} == before - gone - {"fastrtps_port11161"}
-
-
-@pytest.mark.ros
-@pytest.mark.slow
-def test_a_port_without_content_makes_nobody_deaf(ros: Any) -> None:
-    """The second participant of a domain gets its second port: the simulator, for the test's own is there sooner."""
-    port = isolation.FIRST_PORT + isolation.PORTS_PER_DOMAIN * ros.domain + 13
-    (SHARED_MEMORY / f"fastrtps_port{port}").touch()
-    ros.simulator()
-    probe = ros.probe()
-    assert probe.pause(True).success
-
-
-def segments_of(process: int) -> set[str]:
-    """Return the segments of a process in shared memory, without those of a port, which others share."""
-    links = [os.readlink(link) for link in (Path("/proc") / str(process) / "fd").iterdir() if link.is_symlink()]
-    found = (re.fullmatch(rf"{SHARED_MEMORY}/(fastrtps_[0-9a-f]{{16}})_el", link) for link in links)
-    return {match[1] for match in found if match}
-
-
-@pytest.mark.ros
-def test_the_next_start_removes_what_a_kill_left(ros: Any) -> None:
-    first = ros.simulator()
-    probe = ros.probe()
-    segments = segments_of(first.process.pid)
-    assert segments
-    probe.during(2.5)  # longer than SETTLED
-    first.end(signal.SIGKILL)
-    there = {path.name for path in SHARED_MEMORY.iterdir()}
-    assert segments <= there
-    second = ros.simulator()
-    probe.until(lambda: segments_of(second.process.pid))  # states may still be those of the first
-    assert not segments & {path.name for path in SHARED_MEMORY.iterdir()}
-    assert segments_of(os.getpid()) <= {path.name for path in SHARED_MEMORY.iterdir()}
 
 
 @pytest.mark.parametrize("name", ["this_machine.xml", "network.xml"])

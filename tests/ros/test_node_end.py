@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import os
-import re
-import signal
 import subprocess
 import sys
-import time
-from pathlib import Path
 from typing import Any
 
 import pytest
 
-from bike_sim.ros.isolation import DOMAIN_VARIABLE, SHARED_MEMORY, DomainLease
+from bike_sim.ros.isolation import DOMAIN_VARIABLE, DomainLease
 
 ENDS_TWICE = """
 import os, signal, sys, time
@@ -47,26 +43,3 @@ def test_a_signal_while_a_node_is_ending_does_not_bury_the_reason(number: int) -
         result = subprocess.run(command, env=environment, capture_output=True, text=True, check=False, timeout=60.0)
     assert result.stderr == "full: no space left\n"
     assert result.returncode == 2
-
-
-def mapped_by(process: int) -> set[str]:
-    """Return the files of Fast DDS that a process has in its memory."""
-    return set(re.findall(rf"{SHARED_MEMORY}/(\S*fastrtps\S*)", (Path("/proc") / str(process) / "maps").read_text()))
-
-
-@pytest.mark.ros
-def test_a_clean_end_leaves_nothing_in_shared_memory(ros: Any, policy: str, tmp_path: Path) -> None:
-    programs = {
-        "recording to": ros.start("bike_sim.ros.record", path=str(tmp_path / "ride.mcap")),
-        "every 50 ms": ros.simulator(),
-        "driving episode": ros.start("bike_policy.drive", policy=policy),
-    }
-    end = time.monotonic() + 90.0
-    while not all(words in program.words for words, program in programs.items()):
-        assert time.monotonic() < end
-        time.sleep(0.1)
-    files = set().union(*(mapped_by(program.process.pid) for program in programs.values()))
-    assert len(files) >= 6  # a segment and a port of each
-    for program in programs.values():
-        assert program.end(signal.SIGTERM)[0] == 0
-    assert not files & {path.name for path in SHARED_MEMORY.iterdir()}

@@ -214,16 +214,15 @@ def test_an_existing_recording_is_not_overwritten(ros, tmp_path: Path) -> None:
 
 TWO_MACHINES = """
 set -e
-mount -t tmpfs none /dev/shm
 ip link set lo up
-unshare -n -m sh -c 'mount -t tmpfs none /dev/shm; exec sleep 600' & other=$!
+unshare -n sleep 600 & other=$!
 trap 'kill $other $simulator' EXIT
 until [ "$(cat /proc/$other/comm)" = sleep ]; do sleep 0.05; done
 ip link add v0 type veth peer name v1 netns $other
 ip addr add 10.77.0.1/24 dev v0
 ip link set v0 up
 ip route add default dev v0
-far_away() { nsenter -t $other -n -m "$@"; }
+far_away() { nsenter -t $other -n "$@"; }
 far_away ip link set lo up
 far_away ip addr add 10.77.0.2/24 dev v1
 far_away ip link set v1 up

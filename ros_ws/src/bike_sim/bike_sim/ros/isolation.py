@@ -1,4 +1,4 @@
-"""Isolation of nodes: discovery on this machine, domains, end with the parent process, shared memory. Imports no ROS.
+"""Isolation of nodes: discovery on this machine, domains, end with the parent process. Imports no ROS.
 
     python -m bike_sim.ros.isolation
 
@@ -7,17 +7,12 @@ prints the variables that a shell must export so that programs started from it, 
 
 from __future__ import annotations
 
-import fcntl
 import itertools
 import os
-import re
 import shlex
 import socket
-import stat
-import time
 from collections.abc import Iterator, MutableMapping
-from contextlib import AbstractContextManager, contextmanager, suppress
-from dataclasses import dataclass
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 from typing import Final
 
@@ -88,8 +83,7 @@ class DomainLease(AbstractContextManager["DomainLease"]):
     def __init__(self, family: str = "bike_ros_domain") -> None:
         """Take a free domain, preferably one without running nodes.
 
-        The first one that is tried depends on the process and moves on with each lease: a participant that was killed
-        may have left a port of its domain broken.
+        The first one that is tried depends on the process and moves on with each lease.
 
         Args:
             family: which leases exclude each other.
@@ -159,136 +153,7 @@ def parent_is_gone() -> bool:
     return parent is not None and parent != str(os.getppid())
 
 
-# -------------------------------------------------------------------------------------------------------- shared memory
-
-# Fast DDS keeps a segment of half a megabyte for a participant, and a port for each of its addresses. One that is
-# killed leaves them until the machine is restarted. Each has a lock file that is locked as long as its owner lives.
-
-SHARED_MEMORY: Final = Path("/dev/shm")
-SETTLED: Final = 2.0
-"""Age after which a lock file counts, s: one that is younger may not be locked yet by the process that made it."""
-
-_SEGMENT: Final = re.compile(r"(fast(?:rtps|dds)_[0-9a-f]{16})_[es]l")
-_PORT_FILE: Final = re.compile(r"fast(?:rtps|dds)_port\d{1,5}")
-_PORT: Final = re.compile(r"(fast(?:rtps|dds)_port(\d{1,5}))_[es]l")
-
-
-@dataclass(frozen=True)
-class _Lock:
-    """A lock file of Fast DDS; `domain` is that of a port, -1 for a port of no domain in particular."""
-
-    path: Path
-    guarded: tuple[str, ...]
-    domain: int | None
-
-
-def remove_leftovers(folder: Path = SHARED_MEMORY, settled: float = SETTLED) -> int:
-    """Remove what belongs to processes of this user that are gone.
-
-    A port stays as long as its domain has living ones: who sends to it may not have noticed that its owner is gone.
-
-    Args:
-        folder: of the shared memory.
-        settled: least age of a lock file, s.
-
-    Returns:
-        Number of segments and ports that were removed.
-    """
-    locks = list(_locks(folder))
-    living = {lock.domain for lock in locks if lock.domain is not None and _is_held(lock.path, settled)}
-    removed = 0
-    for lock in locks:
-        if lock.domain in living or (lock.domain == -1 and living):
-            continue
-        with _taken(lock.path, settled) as mine:
-            if mine:
-                for name in (*lock.guarded, lock.path.name):
-                    with suppress(OSError):
-                        if (folder / name).lstat().st_uid == os.geteuid():
-                            (folder / name).unlink()
-                removed += 1
-    return removed + _remove_abandoned_ports(folder)
-
-
-def _remove_abandoned_ports(folder: Path) -> int:
-    """Remove ports of this user without a lock that no process uses; return their number.
-
-    A participant that sends to one that has just ended makes its port again, without a lock. One that is killed in the
-    moment in which it makes a port leaves that without content: whoever gets the port next receives nothing.
-    """
-    removed = 0
-    with suppress(OSError):
-        for path in folder.iterdir():
-            locked = any(path.with_name(f"{path.name}_{kind}l").exists() for kind in "es")
-            if locked or not _PORT_FILE.fullmatch(path.name):
-                continue
-            with suppress(OSError):
-                status = path.lstat()
-                own = stat.S_ISREG(status.st_mode) and status.st_uid == os.geteuid()
-                if own and not _is_in_use(path):
-                    path.unlink()
-                    removed += 1
-                    path.with_name(f"sem.{path.name}_mutex").unlink(missing_ok=True)
-    return removed
-
-
-def _is_in_use(path: Path) -> bool:
-    """Whether a process of this user has a file open or, which comes after, mapped."""
-    for link in Path("/proc").glob("[0-9]*/fd/*"):
-        with suppress(OSError):
-            if os.readlink(link) == str(path):
-                return True
-    for table in Path("/proc").glob("[0-9]*/maps"):
-        with suppress(OSError):
-            if any(line.endswith(f" {path}") for line in table.read_text().splitlines()):
-                return True
-    return False
-
-
-def _locks(folder: Path) -> Iterator[_Lock]:
-    with suppress(OSError):
-        for name in sorted(os.listdir(folder)):
-            if found := _SEGMENT.fullmatch(name):
-                yield _Lock(folder / name, (found[1],), None)
-            elif found := _PORT.fullmatch(name):
-                domain = max((int(found[2]) - FIRST_PORT) // PORTS_PER_DOMAIN, -1)
-                yield _Lock(folder / name, (found[1], f"sem.{found[1]}_mutex"), domain)
-
-
-def _is_held(path: Path, settled: float) -> bool:
-    """Whether a lock has an owner, or is so young that one may be about to take it: then it is not touched."""
-    with _taken(path, settled, anybody=True) as free:
-        return not free
-
-
-@contextmanager
-def _taken(path: Path, settled: float, anybody: bool = False) -> Iterator[bool]:
-    """Lock a lock file if it is free; return whether it was.
-
-    Args:
-        path: the file. It is opened for reading only, and never through a link.
-        settled: least age, s.
-        anybody: whether it may belong to another user.
-    """
-    try:
-        file = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
-    except OSError:
-        yield False
-        return
-    try:
-        status = os.fstat(file)
-        usable = stat.S_ISREG(status.st_mode) and time.time() - status.st_mtime >= settled
-        if usable and (anybody or status.st_uid == os.geteuid()):
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                yield False
-                return
-            yield True
-        else:
-            yield False
-    finally:
-        os.close(file)
+# -------------------------------------------------------------------------------------------------------------- shell
 
 
 def _print_exports() -> None:

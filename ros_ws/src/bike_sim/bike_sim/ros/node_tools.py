@@ -29,7 +29,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.timer import Timer
 
-from bike_sim.ros.isolation import PARENT_PERIOD, parent_is_gone, prepare_discovery, remove_leftovers
+from bike_sim.ros.isolation import PARENT_PERIOD, parent_is_gone, prepare_discovery
 from bike_sim.ros.subscriptions import StreamLoop
 
 NANOSECONDS: Final = 1_000_000_000
@@ -103,7 +103,7 @@ def run_node(
     Returns:
         Exit code: 0 after a signal, 2 after bad input with one line on standard error.
     """
-    _prepare()
+    prepare_discovery()
     stop, ended, bell = threading.Event(), threading.Event(), _Bell()
     _watch_signals(stop, ended, bell, farewell)
     node = executor = None
@@ -139,7 +139,6 @@ def run_node(
         rclpy.try_shutdown()
         rclpy.get_default_context().destroy()  # notifies the others at once that the node is gone
         ended.set()
-        remove_leftovers()
     return code
 
 
@@ -168,21 +167,16 @@ def leave(code: int) -> NoReturn:
 
 def join(domain_id: int) -> Context:
     """Return a context of its own in a ROS domain, for nodes beside others in a process; see `leave_domain`."""
-    _prepare()
+    prepare_discovery()
     context = Context()
     context.init(args=[], domain_id=domain_id)
     return context
 
 
 def leave_domain(context: Context) -> None:
-    """Shut down a context of `join` and what it has in shared memory; its nodes must be destroyed before."""
+    """Shut down a context of `join`; its nodes must be destroyed before."""
     context.try_shutdown()
     context.destroy()
-
-
-def _prepare() -> None:
-    prepare_discovery()
-    remove_leftovers()
 
 
 def _start_middleware(arguments: Sequence[str] | None) -> None:
