@@ -1,10 +1,8 @@
-"""Speed of the analysis: an hour of riding at 100 Hz with every topic, and the rate of reading beside `rosbags`.
+"""Speed of the analysis: an hour of riding at 100 Hz with every topic.
 
 A superbike rides an out-lap and a flying lap through the nodes, with a recorder. The flying lap is written again and
-again, with new stamps, steps and progress. Analysing and reading happen in fresh processes, so that their memory is
-their own. Both wall-clock and processor time are given: only the latter means something on a busy machine.
-
-    python -m bench.analysis_speed
+again, with new stamps, steps and progress. The analysis is a fresh process, so that its memory is its own. Both
+wall-clock and processor time are given: only the latter means something on a busy machine.
 """
 
 from __future__ import annotations
@@ -16,7 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -25,7 +23,6 @@ from rosbags.highlevel import AnyReader
 from tqdm import tqdm
 
 from bike_analysis.read.columns import MessageLayout, MessageSchema
-from bike_analysis.read.reading import read_recording
 from bike_sim.course.files import load_track
 from bike_sim.physics.superbike.engine import TIME_STEP
 from bike_sim.recording.definitions import MessageType
@@ -40,10 +37,7 @@ PERIOD: Final = 0.01
 """Control period of the recorded ride, s: 100 Hz."""
 HOUR: Final = 3600.0
 EXCERPT: Final = 360.0
-"""Length of the ride with which the rates of reading are compared, s."""
-ROUNDS: Final = 3
-DECODED: Final = ("/bike/state", "/bike/command", "/bike/telemetry", "/bike/events", "/bike/course", "/diagnostics")
-"""Topics that the analysis decodes; `rosbags` decodes the same."""
+"""Length of the ride that is analysed before, s: it compiles what is compiled once."""
 SECOND: Final = 1_000_000_000
 """ns."""
 
@@ -234,50 +228,6 @@ def run_alone(*words: str) -> Used:
     return Used(took, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 2**20, output)
 
 
-def read_ours(path: Path) -> int:
-    """Read a recording as the analysis does; return the number of messages."""
-    return read_recording(path).message_count
-
-
-def read_rosbags(path: Path) -> int:
-    """Read a recording with `rosbags` and decode the topics that the analysis decodes."""
-    count = 0
-    with AnyReader([path]) as reader:
-        for connection, _, data in reader.messages():
-            count += 1
-            if connection.topic in DECODED:
-                reader.deserialize(data, connection.msgtype)
-    return count
-
-
-def read_rosbags_raw(path: Path) -> int:
-    """Read a recording with `rosbags` and decode nothing."""
-    with AnyReader([path]) as reader:
-        return sum(1 for _ in reader.messages())
-
-
-READERS: Final[dict[str, Callable[[Path], int]]] = {
-    "reading": read_ours,
-    "rosbags": read_rosbags,
-    "rosbags_raw": read_rosbags_raw,
-}
-
-
-def reading_rates(path: Path) -> dict[str, float]:
-    """Return messages per second of processor time by reader, the best of some rounds in turn."""
-    best: dict[str, float] = {}
-    for name in tqdm([*READERS] * ROUNDS, desc="reading", unit="reading", leave=False):
-        read = json.loads(run_alone("-m", "bench.analysis_speed", "--read", name, str(path)).output)
-        best[name] = max(best.get(name, 0.0), read["messages"] / read["processor_s"])
-    return {
-        "reading_messages_per_s": best["reading"],
-        "rosbags_messages_per_s": best["rosbags"],
-        "rosbags_raw_messages_per_s": best["rosbags_raw"],
-        "reading_to_rosbags_ratio": best["reading"] / best["rosbags"],
-        "reading_to_rosbags_raw_ratio": best["reading"] / best["rosbags_raw"],
-    }
-
-
 def hour_figures(path: Path, out: Path, count: int) -> dict[str, float]:
     """Return time and memory of `bike analyze` of a recording with page, picture and figures."""
     used = run_alone("-m", "bike_training.cli", "analyze", str(path), "--json", "--out", str(out))
@@ -299,28 +249,13 @@ def measure(duration: float = HOUR, excerpt: float = EXCERPT, distance: float | 
 
     Args:
         duration: Length of the ride that is analysed, s.
-        excerpt: Length of the ride with which rates of reading are compared, s.
+        excerpt: Length of the ride that is analysed before, s.
         distance: Length of the part of the ride that is repeated, m; None takes a lap.
     """
     lap = record_lap(distance)
     with tempfile.TemporaryDirectory() as folder:
         part, whole = Path(folder) / "excerpt.mcap", Path(folder) / "hour.mcap"
-        write_recording(part, excerpt, lap)
-        figures = reading_rates(part)  # compiles what is compiled once, before time is taken below
+        hour_figures(part, Path(folder) / "out", write_recording(part, excerpt, lap))
         count = write_recording(whole, duration, lap)
         print(f"analysing {count} messages ...", file=sys.stderr)
-        return {**hour_figures(whole, Path(folder) / "out", count), **figures}
-
-
-def _print_reading(name: str, path: Path) -> None:
-    began = time.process_time()
-    count = READERS[name](path)
-    print(json.dumps({"messages": count, "processor_s": time.process_time() - began}))
-
-
-if __name__ == "__main__":
-    if sys.argv[1:2] == ["--read"]:
-        _print_reading(sys.argv[2], Path(sys.argv[3]))
-    else:
-        for key, value in measure().items():
-            print(f"{key:30} {value:.4g}")
+        return hour_figures(whole, Path(folder) / "out", count)

@@ -2,8 +2,6 @@
 
 Processor time of the steps is counted. Rides are steered by a linear balancing law, so that they last: speed in free
 fall is not the speed of riding.
-
-    python -m bench.environment_speed
 """
 
 from __future__ import annotations
@@ -186,8 +184,3 @@ def measure(scale: float = 1.0) -> dict[str, Any]:
         "superbike_reset_us": superbike_reset(steps(50)),
         "superbike_batch_of_32_steps_per_s": superbike_batch_speed(32, steps(100)),
     }
-
-
-if __name__ == "__main__":
-    for name, value in measure().items():
-        print(f"{name}: {value:,.0f}")

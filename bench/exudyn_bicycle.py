@@ -1,12 +1,8 @@
 """The benchmark bicycle in Exudyn, the multibody code of Weyrer et al. (2026), for comparison only.
 
-Two models, both from Exudyn's own elements with ideal rolling discs and the steering drive inside the solver:
-
-- ``redundant``: four rigid bodies with Euler parameters, three hinges and two rolling discs, as in that paper;
-- ``tree``: a kinematic tree of nine joint coordinates with two rolling discs, the smallest system Exudyn offers.
-
-Both implement `bike_sim.physics.engine.BicycleEngine` but for pushes, so that the same identification of modes measures
-their accuracy.
+It is built of Exudyn's own elements, as the smallest system that Exudyn offers: a kinematic tree of nine joint
+coordinates with two ideal rolling discs, and the steering drive inside the solver. It implements
+`bike_sim.physics.engine.BicycleEngine` but for pushes, so that the same identification of modes measures its accuracy.
 Exudyn (https://exudyn.readthedocs.io) is a development dependency; nothing that is shipped imports it.
 """
 
@@ -26,7 +22,6 @@ from bike_sim.physics import kinematics
 from bike_sim.physics import state as st
 from bike_sim.physics.bicycle.whipple import BicycleBase
 from bike_sim.physics.ground import LEVEL, Ground
-from bike_sim.physics.multibody import vectors
 from bike_sim.physics.state import StateVector
 from bike_sim.vehicles.bicycle import Vehicle
 
@@ -43,10 +38,12 @@ METHODS: Final = ("trapezoidal", "generalized_alpha")
 _YAW, _ROLL, _REAR, _STEER, _FRONT = 3, 4, 6, 7, 8
 
 
-class _ExudynBicycle(BicycleBase):
-    """Common part of both models: the solver, and how it is driven step by step."""
+class ExudynBicycle(BicycleBase):
+    """The bicycle as a kinematic tree with joint coordinates, and its solver."""
 
-    def __init__(self, vehicle: Vehicle, time_step: float, method: str, tolerance: float) -> None:
+    def __init__(
+        self, vehicle: Vehicle, time_step: float, method: str = "trapezoidal", tolerance: float = 1e-8
+    ) -> None:
         """Build the model and its solver.
 
         Args:
@@ -78,22 +75,6 @@ class _ExudynBicycle(BicycleBase):
         self._solver = exudyn.MainSolverImplicitSecondOrder()
         self._time = 0.0
         self.reset(st.upright_state(0.0, vehicle.rF))
-
-    def _build(self) -> None:
-        """Add nodes, bodies and joints to the system."""
-        raise NotImplementedError
-
-    def _coordinates(self, state: StateVector) -> tuple[Any, Any]:
-        """Return Exudyn's coordinates and their rates for a minimal state."""
-        raise NotImplementedError
-
-    def _set_drive(self, steer_set: float) -> None:
-        """Give the set point to the spring and damper that are the steering drive."""
-        raise NotImplementedError
-
-    def state(self) -> StateVector:
-        """Return the minimal state as a fresh vector of ten."""
-        raise NotImplementedError
 
     @property
     def fall(self) -> str:
@@ -143,10 +124,6 @@ class _ExudynBicycle(BicycleBase):
 
     def close(self) -> None:
         """Release nothing; Exudyn frees its system with the object."""
-
-
-class TreeBicycle(_ExudynBicycle):
-    """The bicycle as a kinematic tree with joint coordinates."""
 
     def _build(self) -> None:
         vehicle, j = self.vehicle, exudyn.JointType
@@ -228,104 +205,3 @@ class TreeBicycle(_ExudynBicycle):
         return np.array(
             [x, y, q[_YAW], q[_ROLL], q[_STEER], q[_REAR], q[_FRONT], rates[_ROLL], rates[_STEER], rates[_FRONT]]
         )
-
-
-class RedundantBicycle(_ExudynBicycle):
-    """The bicycle as four rigid bodies with Euler parameters, hinges and rolling discs."""
-
-    def _build(self) -> None:
-        vehicle, system = self.vehicle, self._system
-        reference = bd.redundant_from_minimal(st.upright_state(0.0, vehicle.rF), vehicle)
-        layout, self._reference = bd.layout(vehicle), self._positions(reference)
-        masses = (vehicle.mR, vehicle.mB, vehicle.mH, vehicle.mF)
-        self._bodies = []
-        for row, mass, tensor in zip(self._reference.reshape(4, 7), masses, bd.inertia_tensors(vehicle), strict=True):
-            node = system.AddNode(items.NodeRigidBodyEP(referenceCoordinates=row))
-            inertia = [tensor[0, 0], tensor[1, 1], tensor[2, 2], 0.0, tensor[0, 2], 0.0]
-            body = system.AddObject(items.ObjectRigidBody(mass=mass, inertia=inertia, nodeNumber=node))
-            self._bodies.append(body)
-            system.AddLoad(
-                items.LoadMassProportional(
-                    markerNumber=system.AddMarker(items.MarkerBodyMass(bodyNumber=body)),
-                    loadVector=[0.0, 0.0, -vehicle.g],
-                )
-            )
-        rear, frame, fork, front = layout.centres
-        axle = np.array([0.0, 1.0, 0.0])
-        self._hinge(bd.REAR_FRAME, bd.REAR_WHEEL, rear - frame, rear - rear, axle)
-        head = self._hinge(bd.REAR_FRAME, bd.FORK, layout.head - frame, layout.head - fork, layout.steering_axis)
-        self._hinge(bd.FORK, bd.FRONT_WHEEL, front - fork, front - front, axle)
-        self._drive = system.AddObject(
-            items.ObjectConnectorTorsionalSpringDamper(markerNumbers=head, stiffness=vehicle.P, damping=vehicle.D)
-        )
-        ground = system.AddMarker(items.MarkerBodyRigid(bodyNumber=system.AddObject(items.ObjectGround())))
-        for wheel, radius in ((bd.REAR_WHEEL, vehicle.rR), (bd.FRONT_WHEEL, vehicle.rF)):
-            hub = system.AddMarker(items.MarkerBodyRigid(bodyNumber=self._bodies[wheel]))
-            system.AddObject(
-                items.ObjectJointRollingDisc(markerNumbers=[ground, hub], discRadius=radius, discAxis=axle)
-            )
-
-    def _hinge(self, one: int, other: int, at_one: Any, at_other: Any, axis: Any) -> list[Any]:
-        """Join two bodies by a hinge about an axis that both share in the reference, and return its markers."""
-        across = np.cross(axis, [1.0, 0.0, 0.0])
-        across /= np.linalg.norm(across)
-        rotation = np.column_stack([np.cross(across, axis), across, axis])
-        markers = [
-            self._system.AddMarker(
-                items.MarkerBodyRigid(
-                    bodyNumber=self._bodies[body], localHT=exudyn.HT(rotation=rotation, translation=point)
-                )
-            )
-            for body, point in ((one, at_one), (other, at_other))
-        ]
-        self._system.AddObject(items.ObjectJointRevoluteZ(markerNumbers=markers))
-        return markers
-
-    @staticmethod
-    def _positions(bodies: bd.RedundantState) -> Any:
-        """Return positions and Euler parameters (real part first) of the bodies as one vector."""
-        return np.hstack([bodies.positions, np.roll(bodies.orientations, 1, axis=1)]).ravel()
-
-    def _coordinates(self, state: StateVector) -> tuple[Any, Any]:
-        bodies = bd.redundant_from_minimal(state, self.vehicle)
-        # the rate of a quaternion is half the product of the angular velocity, as a quaternion, with it
-        turning = [
-            0.5 * np.roll(vectors.multiply(np.append(rate, 0.0), orientation), 1)
-            for rate, orientation in zip(bodies.angular_velocities, bodies.orientations, strict=True)
-        ]
-        return self._positions(bodies) - self._reference, np.hstack([bodies.velocities, turning]).ravel()
-
-    def _set_drive(self, steer_set: float) -> None:
-        self._system.SetObjectParameter(self._drive, "offset", steer_set)
-
-    def state(self) -> StateVector:
-        """Return the minimal state as a fresh vector of ten."""
-        q, rates = self.raw_coordinates()
-        rows, rate_rows = (np.asarray(q) + self._reference).reshape(4, 7), np.asarray(rates).reshape(4, 7)
-        orientations = np.roll(rows[:, 3:], -1, axis=1)
-        turning = np.roll(rate_rows[:, 3:], -1, axis=1)
-        omegas = np.array(
-            [
-                2.0 * vectors.multiply(turn, vectors.conjugate(orientation))[:3]
-                for turn, orientation in zip(turning, orientations, strict=True)
-            ]
-        )
-        bodies = bd.RedundantState(rows[:, :3], orientations, rate_rows[:, :3], omegas)
-        self._state = bd.minimal_from_redundant(bodies, self.vehicle, near=self._state)
-        return self._state.copy()
-
-
-MODELS: Final = {"tree": TreeBicycle, "redundant": RedundantBicycle}
-
-
-def make_bicycle(
-    model: str, vehicle: Vehicle, time_step: float, method: str = "trapezoidal", tolerance: float = 1e-8
-) -> _ExudynBicycle:
-    """Return a bicycle in Exudyn; arguments as for its class.
-
-    Raises:
-        ValueError: unknown model or method.
-    """
-    if model not in MODELS:
-        raise ValueError(f"unknown model '{model}'; choose one of {', '.join(MODELS)}")
-    return MODELS[model](vehicle, time_step, method, tolerance)

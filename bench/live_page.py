@@ -9,14 +9,11 @@ The figure that counts is the simulator's own processor time for a control step:
 programs, Chromium among them, take of the processors. Steps and their rate are the simulator's own, from its
 diagnostics, so that nobody has to listen to the states when it rides alone.
 
-    python -m bench.live_page                                  # a bicycle
-    python -m bench.live_page --vehicle panigale_v4r --course barcelona
-    python -m bench.live_page --unshown                        # the watcher alone, without Chromium
+As a program it is the simulator node with more frequent diagnostics.
 """
 
 from __future__ import annotations
 
-import argparse
 import shutil
 import sys
 import tempfile
@@ -242,20 +239,5 @@ def run_simulator() -> None:
     sim_node.main()
 
 
-def main() -> None:
-    """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--vehicle", default="whipple")
-    parser.add_argument("--course", default="circle")
-    parser.add_argument("--rounds", type=int, default=12, help="of 8 s each")
-    parser.add_argument("--unshown", action="store_true", help="watch without a page")
-    args = parser.parse_args()
-    for name, value in measure(args.vehicle, args.course, args.rounds, not args.unshown).items():
-        print(f"{name:36} {value:,.4g}")
-
-
 if __name__ == "__main__":
-    if "--ros-args" in sys.argv:
-        run_simulator()
-    else:
-        main()
+    run_simulator()

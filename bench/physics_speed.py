@@ -4,7 +4,7 @@ A control step is what a simulator asks of an engine: 50 ms of integration with 
 evaluated at every step, then the minimal state. Processor time of the process is counted, so that others on the
 machine do not slow one engine more than another; engines take turns, and the best ride of each counts.
 
-    python -m bench.physics_speed            # the project's engines and Exudyn, as a table
+Without a part, ``bike bench`` prints the project's engines and Exudyn as a table.
 """
 
 from __future__ import annotations
@@ -33,13 +33,11 @@ _ACCURATE_PERCENT: Final = 1.0
 """Largest error of weave and capsize speed, %, with which a setting of Exudyn counts as a setting to ride with."""
 
 EXUDYN_SETTINGS: Final = (
-    ("redundant", "trapezoidal", 1e-8),
-    ("redundant", "generalized_alpha", 1e-8),
-    ("tree", "trapezoidal", 1e-8),
-    ("tree", "generalized_alpha", 1e-8),
-    ("tree", "trapezoidal", 1e-4),
+    ("trapezoidal", 1e-8),
+    ("generalized_alpha", 1e-8),
+    ("trapezoidal", 1e-4),
 )
-"""Model, method and Newton tolerance. The last is what haste can buy: twice the speed, but wrong modes."""
+"""Method and Newton tolerance. The last is what haste can buy: twice the speed, but wrong modes."""
 
 
 @dataclass(slots=True)
@@ -82,10 +80,10 @@ def exudyn_engines(time_step: float = 0.005) -> list[Contender]:
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError(f"{error}; it comes with requirements/dev.txt") from error
 
-    def contender(model: str, method: str, tolerance: float) -> Contender:
+    def contender(method: str, tolerance: float) -> Contender:
         return Contender(
-            f"exudyn {model}, {method}, {tolerance:g}",
-            lambda vehicle: exudyn_bicycle.make_bicycle(model, vehicle, time_step, method, tolerance),
+            f"exudyn, {method}, {tolerance:g}",
+            lambda vehicle: exudyn_bicycle.ExudynBicycle(vehicle, time_step, method, tolerance),
             time_step,
             read="raw_coordinates",  # in Exudyn's favour: mapping them to the minimal state is left out
         )
@@ -203,19 +201,14 @@ def _against_exudyn(engines: list[dict[str, Any]]) -> dict[str, Any]:
     """Compare the project's engines with Exudyn's fastest accurate setting, all at the same step."""
     exudyn = [entry for entry in engines if entry["name"].startswith("exudyn") and _worst(entry) <= _ACCURATE_PERCENT]
     fastest = max(exudyn, key=lambda entry: entry["control_steps_per_s"])
-    paper = max(
-        (entry for entry in exudyn if "redundant" in entry["name"]), key=lambda entry: entry["control_steps_per_s"]
-    )
     figures: dict[str, Any] = {
         "exudyn_setting": fastest["name"],
         "exudyn_control_steps_per_s": fastest["control_steps_per_s"],
-        "exudyn_redundant_control_steps_per_s": paper["control_steps_per_s"],
     }
     for entry in engines:
         if entry["name"] in ("pybullet", "whipple") and entry["time_step_s"] == fastest["time_step_s"]:
-            kind, speed = entry["name"], entry["control_steps_per_s"]
-            figures[f"{kind}_to_exudyn_ratio"] = speed / fastest["control_steps_per_s"]
-            figures[f"{kind}_to_exudyn_redundant_ratio"] = speed / paper["control_steps_per_s"]
+            kind = entry["name"]
+            figures[f"{kind}_to_exudyn_ratio"] = entry["control_steps_per_s"] / fastest["control_steps_per_s"]
             figures[f"{kind}_no_less_accurate"] = all(
                 abs(entry[name]) <= abs(fastest[name])
                 for name in ("weave_speed_error_percent", "capsize_speed_error_percent")
@@ -227,20 +220,3 @@ def _worst(entry: dict[str, Any]) -> float:
     """Return the larger of the two errors of an engine, %; nan counts as infinite."""
     worst = max(abs(entry["weave_speed_error_percent"]), abs(entry["capsize_speed_error_percent"]))
     return worst if math.isfinite(worst) else math.inf
-
-
-def main() -> None:
-    """Print the table."""
-    figures = measure()
-    print(f"{'engine':44} {'step':>6} {'control steps/s':>16} {'weave':>9} {'capsize':>9}")
-    for entry in figures.pop("engines"):
-        print(
-            f"{entry['name']:44} {1e3 * entry['time_step_s']:4g}ms {entry['control_steps_per_s']:16,.0f}"
-            f" {entry['weave_speed_error_percent']:+8.3f}% {entry['capsize_speed_error_percent']:+8.3f}%"
-        )
-    for name, value in figures.items():
-        print(f"{name}: {value:,.1f}" if isinstance(value, float) else f"{name}: {value}")
-
-
-if __name__ == "__main__":
-    main()

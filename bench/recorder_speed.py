@@ -1,11 +1,10 @@
-"""Speed of the recorder: the writer alone beside the one of the `mcap` library, and the node behind ROS 2.
+"""Speed of the recorder: the node behind ROS 2.
 
 The load is what bicycles with their policies publish, sent by processes of their own. The rate goes up until messages
 are dropped or do not arrive in time; the last rate without is the figure. Publishers, middleware and recorder share the
 machine's cores, so the figure is that of the whole path on this machine.
 
-    python -m bench.recorder_speed
-    python -m bench.recorder_speed --send 10 8000 5    # only send: ten bicycles, 8000 messages a second, for 5 s
+    python -m bench.recorder_speed --send 10 8000 5    # send: ten bicycles, 8000 messages a second, for 5 s
 
 A sender prints a line when all topics have a listener, and the number of messages once all are sent. It ends when all
 have arrived.
@@ -21,25 +20,22 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import rclpy
 import rclpy.node
 import yaml
 from bike_msgs.msg import BikeCommand, BikeState
-from mcap.writer import Writer
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message, serialize_message
 from rosgraph_msgs.msg import Clock
 
-from bike_sim.recording.definitions import message_type
-from bike_sim.recording.recorder import CHUNK_BYTES, RideRecorder
 from bike_sim.ros import messages, node_tools, standard_messages
 from bike_sim.ros.command_gate import Command
 from bike_sim.ros.isolation import DOMAIN_VARIABLE, DomainLease, prepare_discovery
@@ -70,18 +66,14 @@ PACE: Final = 0.002
 UNSTAMPED: Final = "markers"
 
 
-def measure(
-    periods: int = 2500, rounds: int = 3, rates: Sequence[int] = RATES, duration: float = SENDING_TIME
-) -> dict[str, Any]:
+def measure(rates: Sequence[int] = RATES, duration: float = SENDING_TIME) -> dict[str, float]:
     """Return all figures of this module.
 
     Args:
-        periods: see `writer_speed`.
-        rounds: see `writer_speed`.
         rates: see `largest_rate`.
         duration: see `largest_rate`.
     """
-    return {**load(), **writer_speed(periods, rounds), **largest_rate(rates, duration)}
+    return {**load(), **largest_rate(rates, duration)}
 
 
 def load() -> dict[str, float]:
@@ -91,66 +83,6 @@ def load() -> dict[str, float]:
         "ten_bicycles_messages_per_s": BIKES * CONTROL_RATE * len(period),
         "ten_bicycles_bytes_per_s": BIKES * CONTROL_RATE * sum(len(data) for _, data in period.values()),
     }
-
-
-def writer_speed(periods: int = 2500, rounds: int = 3) -> dict[str, float]:
-    """Return how many messages a second are written, and how much faster that is than the library's writer.
-
-    Both write the same messages with the same chunks and compression, in turns; the best round of each counts. The
-    ratio is one of processor times, so that it means something on a busy machine, too.
-
-    Args:
-        periods: control periods of one bicycle in a round.
-        rounds: rounds of each.
-    """
-    period = messages_of_a_period()
-    ways: dict[str, Callable[[Path, int], None]] = {
-        "ours": lambda path, count: _write_ours(path, period, count),
-        "library": lambda path, count: _write_with_library(path, period, count),
-    }
-    count = periods * len(period)
-    rates: dict[str, list[float]] = {name: [] for name in ways}
-    costs: dict[str, list[float]] = {name: [] for name in ways}
-    with tempfile.TemporaryDirectory() as folder:
-        for number in range(rounds):
-            for name, write in ways.items():
-                begun, spent = time.perf_counter(), time.process_time()
-                write(Path(folder) / f"{name}_{number}.mcap", periods)
-                costs[name].append((time.process_time() - spent) / count)
-                rates[name].append(count / (time.perf_counter() - begun))
-    return {
-        "recorder_messages_per_s": max(rates["ours"]),
-        "recorder_cpu_us_per_message": 1e6 * min(costs["ours"]),
-        "recorder_to_mcap_library_ratio": min(costs["library"]) / min(costs["ours"]),
-    }
-
-
-def _write_ours(path: Path, period: dict[str, tuple[type, bytes]], periods: int) -> None:
-    with RideRecorder(path, flush_period_s=1e9) as recorder:
-        for name, (kind, _) in period.items():
-            recorder.add_topic(name, _type_name(kind))
-        for number in range(periods):
-            for name, (_, data) in period.items():
-                recorder.write(name, data, number)
-
-
-def _write_with_library(path: Path, period: dict[str, tuple[type, bytes]], periods: int) -> None:
-    with path.open("wb") as file:
-        writer = Writer(file, chunk_size=CHUNK_BYTES)
-        writer.start(profile="ros2")
-        channels = {}
-        for name, (kind, data) in period.items():
-            described = message_type(_type_name(kind))
-            schema = writer.register_schema(described.name, "ros2msg", described.definition.encode())
-            channels[writer.register_channel(name, "cdr", schema)] = data
-        for number in range(periods):
-            for channel, data in channels.items():
-                writer.add_message(channel, number, data, number, number)
-        writer.finish()
-
-
-def _type_name(kind: type) -> str:
-    return f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}"
 
 
 @dataclass(frozen=True)
@@ -260,8 +192,10 @@ def _cpu_time(process: int) -> float:
 
 
 def _count_of(publisher: subprocess.Popen[str]) -> int:
+    assert publisher.stdout is not None
     try:
-        words, _ = publisher.communicate(timeout=TIMEOUT)
+        words = publisher.stdout.readline()  # like the line before: what is buffered is lost to `communicate`
+        publisher.wait(TIMEOUT)
     finally:
         publisher.kill()
     if publisher.returncode:
@@ -381,19 +315,15 @@ def send(bikes: int, rate: float, duration: float, name: str) -> None:
 
 
 def main() -> None:
-    """Measure and print, or send."""
+    """Send."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
-        "--send", type=float, nargs=3, metavar=("BIKES", "RATE", "DURATION"), help="only send, 1/s and s"
+        "--send", type=float, nargs=3, required=True, metavar=("BIKES", "RATE", "DURATION"), help="1/s and s"
     )
     parser.add_argument("--name", default="traffic", help="name of the sending node and of its topics")
     args = parser.parse_args()
-    if args.send is not None:
-        bikes, rate, duration = args.send
-        send(int(bikes), rate, duration, args.name)
-        return
-    for key, value in measure().items():
-        print(f"{key:36} {value:,.4g}")
+    bikes, rate, duration = args.send
+    send(int(bikes), rate, duration, args.name)
 
 
 if __name__ == "__main__":

@@ -4,17 +4,12 @@ Client, simulator and policy are separate processes that talk over DDS. The ride
 rclpy processes that only pass the same messages, take turns in short rounds. A ratio is taken in each round, of
 neighbours in time, and the median of the rounds counts, so that it means something on a busy machine; the processor
 time of all processes of a side is compared as well. Speeds are those of the best round.
-
-    python -m bench.ros_speed
 """
 
 from __future__ import annotations
 
-import itertools
-import tempfile
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -24,16 +19,13 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import SingleThreadedExecutor
 
 from bench.ros_peer import Peer
-from bike_policy.contract.action import ActionLayout
-from bike_policy.contract.bundle import DEFAULT_POLICY, Actor, Bundle, shipped_policies
-from bike_policy.contract.observation import LEAN_LAYOUT
+from bike_policy.contract.bundle import DEFAULT_POLICY
 from bike_sim.ros import node_tools
 from bike_sim.ros.isolation import DomainLease
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import Snapshot
-from bike_sim.vehicles.files import load_vehicle
 from bike_training.envs.clients import Client
 from bike_training.envs.node_process import NodeLost, NodeProcess
 from bike_training.envs.ros_client import RosClient
@@ -117,19 +109,17 @@ def _ride(client: Client, steps: int) -> list[float]:
     return taken
 
 
-def actor_latency(policy: str | None = None, duration: float = 6.0) -> dict[str, Any]:
+def actor_latency(policy: str = DEFAULT_POLICY, duration: float = 6.0) -> dict[str, Any]:
     """Return how long the policy node takes from a state to its command, as it measures it itself.
 
     Args:
-        policy: name or folder of a bundle; None takes the shipped one, and where there is none, a network of two
-            hidden layers of 256 with random weights, whose answers are as fast as a trained one's.
+        policy: name or folder of a bundle.
         duration: wall-clock time of the ride, s.
 
     Raises:
         NodeLost: a node ended, or the policy node reported nothing in time.
     """
-    with tempfile.TemporaryDirectory() as folder, DomainLease() as lease:
-        name = policy or _any_policy(Path(folder))
+    with DomainLease() as lease:
         context = node_tools.join(lease.domain_id)
         node = rclpy.create_node("ros_speed", context=context, namespace=node_tools.NAMESPACE)
         executor = SingleThreadedExecutor(context=context)
@@ -147,7 +137,7 @@ def actor_latency(policy: str | None = None, duration: float = 6.0) -> dict[str,
                 NodeProcess(
                     "bike_sim.ros.sim_node", {"auto_reset": "fall", "time_step": 0.005}, lease.domain_id
                 ) as sim,
-                NodeProcess("bike_policy.drive", {"policy": name}, lease.domain_id) as drive,
+                NodeProcess("bike_policy.drive", {"policy": policy}, lease.domain_id) as drive,
             ):
                 nodes = (sim, drive)
                 _spin(executor, nodes, START_TIMEOUT_S, lambda: "latency_p99_ms" in figures)
@@ -179,21 +169,6 @@ def _spin(
             node.check()
 
 
-def _any_policy(folder: Path) -> str:
-    if DEFAULT_POLICY in shipped_policies():
-        return DEFAULT_POLICY
-    rng = np.random.default_rng(0)
-    sizes = [LEAN_LAYOUT.size, 256, 256, 1]
-    weights = [rng.normal(0.0, 0.01, (b, a)).astype(np.float32) for a, b in itertools.pairwise(sizes)]
-    actor = Actor(weights, [np.zeros(len(w), dtype=np.float32) for w in weights])
-    vehicle = load_vehicle("whipple")
-    bundle = Bundle(
-        "random", actor, LEAN_LAYOUT, ActionLayout.steering(vehicle.max_steer), vehicle.name, vehicle.control_period
-    )
-    bundle.save(folder / "random")
-    return str(folder / "random")
-
-
 def measure(rounds: int = 15, steps: int = 150, duration: float = 6.0) -> dict[str, Any]:
     """Return all figures of this module.
 
@@ -203,8 +178,3 @@ def measure(rounds: int = 15, steps: int = 150, duration: float = 6.0) -> dict[s
         duration: see `actor_latency`.
     """
     return {**lockstep_speed(rounds=rounds, steps=steps), **actor_latency(duration=duration)}
-
-
-if __name__ == "__main__":
-    for key, value in measure().items():
-        print(f"{key:30} {value:.4g}" if isinstance(value, float) else f"{key:30} {value}")
