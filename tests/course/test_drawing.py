@@ -7,7 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from bike_sim.course.course import Course
-from bike_sim.course.drawing import course_figure, main, section_colours, section_spans
+from bike_sim.course.drawing import course_figure, main, sections_of
 from bike_sim.course.elements import Arc, Line
 from bike_sim.course.files import load_course
 
@@ -30,17 +30,17 @@ def test_map_covers_the_course_and_names_every_bend():
 
 def test_sections_are_spanned_and_coloured():
     course = load_course("benchmark")
-    spans = section_spans(course)
-    assert spans[0][1] == 0.0
-    assert spans[-1][2] == course.length
-    assert all(one[2] == other[1] for one, other in itertools.pairwise(spans))
-    colours = dict(zip([name for name, _, _ in spans], section_colours(course), strict=True))
+    parts = sections_of(course)
+    assert parts[0].begin == 0.0
+    assert parts[-1].end == course.length
+    assert all(one.end == other.begin for one, other in itertools.pairwise(parts))
+    colours = {part.name: part.colour for part in parts}
     assert colours["start straight"] == colours["closing straight"] != colours["slalom"]
 
 
 def test_course_without_sections_is_one_span():
     course = Course.from_elements("plain", [Line(5.0)])
-    assert section_spans(course) == [("plain", 0.0, 5.0)]
+    assert [part[:3] for part in sections_of(course)] == [("plain", 0.0, 5.0)]
 
 
 def test_limits_are_drawn_on_their_sides():

@@ -495,4 +495,4 @@ def _draw_circuit(track: Track, ideal: LapLimit, path: Path) -> None:
         f"{track.name}: {track.length:.0f} m, {track.direction}, {len(track.corners)} corners; "
         f"{ideal.machine}: {lap_text(ideal.lap_time)}"
     )
-    track_figure(track, (track.line(1.0), ideal.s, ideal.speed), title).savefig(path, dpi=100)
+    track_figure(track, track.line(1.0), ideal.s, ideal.speed, title).savefig(path, dpi=100)

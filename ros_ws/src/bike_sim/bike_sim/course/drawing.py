@@ -1,4 +1,4 @@
-"""Pictures of courses: the line from above with its sections and limits, and its curvature.
+"""Pictures of courses: the line from above with its limits and sections, its curvature, and the height of circuits.
 
 ``python -m bike_sim.course.drawing FOLDER`` draws the pictures of docs/reference/courses.md, and the random circuits of
 docs/reference/circuits.md.
@@ -10,12 +10,11 @@ import argparse
 import itertools
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
-from matplotlib import colors
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.colorbar import Colorbar
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -30,33 +29,44 @@ FloatArray = NDArray[np.float64]
 _INK = "#222222"
 _STRAIGHT = "#8a8a8a"
 _LIMIT = "#bbbbbb"
+_LEFT, _RIGHT = "#c07f00", "#2f6fae"
+"""Corners of circuits."""
 
 
-def section_spans(course: Course) -> list[tuple[str, float, float]]:
-    """Return name, first and last arc length (m) of each section; the whole course if it has none."""
-    if not course.sections:
-        return [(course.name, 0.0, course.length)]
-    ends = [begin for _, begin in course.sections[1:]] + [course.length]
-    return [(name, begin, end) for (name, begin), end in zip(course.sections, ends, strict=True)]
+class Part(NamedTuple):
+    """A part of a line: its name, where it begins and ends (arc length, m), and its colour."""
+
+    name: str
+    begin: float
+    end: float
+    colour: str
 
 
-def section_colours(course: Course) -> list[str]:
-    """Return one colour a section; straights are grey."""
+def sections_of(course: Course) -> list[Part]:
+    """Return the sections of a course, or the whole of it if it has none; straights are grey."""
     palette = itertools.cycle(f"C{i}" for i in range(7))
-    colours = []
-    for _, begin, end in section_spans(course):
-        inside = (course.s >= begin) & (course.s < end)
-        bent = bool(np.any(np.abs(course.curvature[inside]) > 1e-9))
-        colours.append(colors.to_hex(next(palette)) if bent else _STRAIGHT)
-    return colours
+    sections = course.sections or ((course.name, 0.0),)
+    ends = [begin for _, begin in sections[1:]] + [course.length]
+    parts = []
+    for (name, begin), end in zip(sections, ends, strict=True):
+        bent = np.any(np.abs(course.curvature[(course.s >= begin) & (course.s < end)]) > 1e-9)
+        parts.append(Part(name, begin, end, next(palette) if bent else _STRAIGHT))
+    return parts
 
 
-def draw_map(axes: Axes, course: Course) -> None:
-    """Draw a course from above: its limits (or how far a ride may leave it), its sections, start and direction.
+def corners_of(track: Track) -> list[Part]:
+    """Return the corners of a circuit."""
+    return [Part(each.name, each.begin, each.end, _LEFT if each.angle > 0.0 else _RIGHT) for each in track.corners]
+
+
+def draw_map(axes: Axes, course: Course, parts: Sequence[Part], labels: bool = True) -> None:
+    """Draw a course from above: its limits (or how far a ride may leave it), its parts, start and direction.
 
     Args:
         axes: where to draw; equal scales are set, in m.
-        course: what to draw.
+        course: what to draw; the centre line of a circuit.
+        parts: of it.
+        labels: write the names of the parts that are not straight.
     """
     left = course.off_course_limit if course.width_left is None else course.width_left
     right = course.off_course_limit if course.width_right is None else course.width_right
@@ -64,82 +74,94 @@ def draw_map(axes: Axes, course: Course) -> None:
     for offset in (left, -right):
         # A limit farther inside a curve than its centre would run backwards.
         shown = np.where(offset * course.curvature < 1.0, offset, np.nan)
-        axes.plot(
-            course.x - shown * np.sin(course.heading),
-            course.y + shown * np.cos(course.heading),
-            color=_LIMIT,
-            linestyle=style,
-            linewidth=0.8,
-        )
-    for (name, begin, end), colour in zip(section_spans(course), section_colours(course), strict=True):
-        inside = slice(max(0, int(np.searchsorted(course.s, begin)) - 1), int(np.searchsorted(course.s, end)) + 1)
-        axes.plot(course.x[inside], course.y[inside], color=colour, linewidth=2.2, solid_capstyle="round")
-        if colour != _STRAIGHT:
-            _label(axes, course, name, 0.5 * (begin + end), colour)
-    _arrow(axes, course)
-    axes.set_aspect("equal")
-    axes.set_xlabel("x in m")
-    axes.set_ylabel("y in m")
+        limit = course.x - shown * np.sin(course.heading), course.y + shown * np.cos(course.heading)
+        axes.plot(*limit, color=_LIMIT, linestyle=style, linewidth=0.8)
+    axes.plot(course.x, course.y, color=_STRAIGHT, linewidth=2.2)
+    for part in parts:
+        first, last = np.searchsorted(course.s, (part.begin, part.end))
+        inside = slice(max(0, first - 1), last + 1)
+        axes.plot(course.x[inside], course.y[inside], color=part.colour, linewidth=2.2, solid_capstyle="round")
+        if labels and part.colour != _STRAIGHT:
+            _label(axes, course, part)
+    x, y, tx, ty = point_at(course.samples, 0.0)
+    axes.plot(x, y, "o", color=_INK, markersize=5, zorder=3)
+    arrow = {"arrowstyle": "<|-", "color": _INK}
+    axes.annotate("", (x, y), xytext=(22.0 * tx, 22.0 * ty), textcoords="offset points", arrowprops=arrow, zorder=3)
+    axes.set(aspect="equal", xlabel="x in m", ylabel="y in m")
 
 
-def _point(course: Course, s: float) -> tuple[float, float, float, float]:
-    return point_at(course.samples, s)
-
-
-def _label(axes: Axes, course: Course, name: str, s: float, colour: str) -> None:
+def _label(axes: Axes, course: Course, part: Part) -> None:
     """Write a name outside the course, or inside, next to a vertical line where there is no room outside."""
-    x, y, tx, ty = _point(course, s)
+    x, y, tx, ty = point_at(course.samples, 0.5 * (part.begin + part.end))
     middle = np.array([np.mean(course.x), np.mean(course.y)])
     beside = np.array([-ty, tx])
     inside = float(beside @ (np.array([x, y]) - middle)) < 0.0
     if inside != (abs(beside[0]) > 0.9):
         beside = -beside
     axes.annotate(
-        name,
+        part.name,
         (x, y),
         xytext=(9.0 * beside[0], 11.0 * beside[1]),
         textcoords="offset points",
         ha="center" if abs(beside[0]) < 0.5 else ("left" if beside[0] > 0.0 else "right"),
         va="center" if abs(beside[1]) < 0.5 else ("bottom" if beside[1] > 0.0 else "top"),
-        color=colour,
+        color=part.colour,
         fontsize=8,
     )
 
 
-def _arrow(axes: Axes, course: Course) -> None:
-    x, y, tx, ty = _point(course, 0.0)
-    axes.plot(x, y, "o", color=_INK, markersize=5, zorder=3)
-    axes.annotate(
-        "",
-        (x, y),
-        xytext=(22.0 * tx, 22.0 * ty),
-        textcoords="offset points",
-        arrowprops={"arrowstyle": "<|-", "color": _INK},
-        zorder=3,
-    )
-
-
-def draw_curvature(axes: Axes, course: Course) -> None:
-    """Draw the curvature over arc length, coloured by section."""
-    for (_, begin, end), colour in zip(section_spans(course), section_colours(course), strict=True):
-        axes.axvspan(begin, end, color=colour, alpha=0.12, linewidth=0.0)
-    axes.plot(course.s, course.curvature, color=_INK, linewidth=1.0, drawstyle="steps-post")
-    axes.axhline(0.0, color=_LIMIT, linewidth=0.6, zorder=0)
-    axes.set_xlim(0.0, course.length)
-    axes.set_xlabel("distance along the line in m")
-    axes.set_ylabel("curvature in 1/m")
+def _figure(course: Course, parts: Sequence[Part], panels: int) -> tuple[Figure, list[Axes]]:
+    """Return a figure with the map of a course and panels over its arc length, the first of them with its curvature."""
+    margin = 3.0 * course.off_course_limit
+    width, height = (max(float(np.ptp(places)), 1.0) + margin for places in (course.x, course.y))
+    map_height = float(np.clip(8.0 * height / width, 1.2, 8.0))
+    figure = Figure(figsize=(9.0, map_height + 1.6 * panels + 1.0), layout="constrained")
+    axes = list(figure.subplots(1 + panels, 1, height_ratios=[map_height] + [1.6] * panels))
+    draw_map(axes[0], course, parts)
+    for panel in axes[1:]:
+        for part in parts:
+            panel.axvspan(part.begin, part.end, color=part.colour, alpha=0.12, linewidth=0.0)
+        panel.set_xlim(0.0, course.length)
+    axes[1].plot(course.s, course.curvature, color=_INK, linewidth=1.0, drawstyle="steps-post")
+    axes[1].axhline(0.0, color=_LIMIT, linewidth=0.6, zorder=0)
+    axes[1].set_ylabel("curvature in 1/m")
+    axes[-1].set_xlabel("distance along the line in m")
+    return figure, axes
 
 
 def course_figure(course: Course) -> Figure:
     """Return a figure of a course: seen from above, and its curvature (positive to the left)."""
-    width = max(float(np.ptp(course.x)), 1.0) + 3.0 * course.off_course_limit
-    height = max(float(np.ptp(course.y)), 1.0) + 3.0 * course.off_course_limit
-    map_height = float(np.clip(8.0 * height / width, 1.2, 6.0))
-    figure = Figure(figsize=(9.0, map_height + 2.6), layout="constrained")
-    above, below = figure.subplots(2, 1, height_ratios=[map_height, 1.6])
-    draw_map(above, course)
-    draw_curvature(below, course)
-    above.set_title(f"{course.name}: {course.length:.1f} m, {'closed' if course.closed else 'open'}", fontsize=10)
+    figure, axes = _figure(course, sections_of(course), 1)
+    axes[0].set_title(f"{course.name}: {course.length:.1f} m, {'closed' if course.closed else 'open'}", fontsize=10)
+    return figure
+
+
+def track_figure(track: Track, line: Course, s: FloatArray, speed: FloatArray, title: str) -> Figure:
+    """Return a figure of a circuit: a lap from above, coloured by its speed, and curvature, height and speed.
+
+    Args:
+        track: the circuit.
+        line: that the lap follows.
+        s: arc lengths on it, m.
+        speed: there, m/s.
+        title: above the map.
+    """
+    figure, axes = _figure(track.centre, corners_of(track), 3)
+    for wall in track.walls():
+        axes[0].plot(*track.points(track.centre.s, wall)[:, :2].T, color=_LIMIT, linewidth=0.7, linestyle="--")
+    for _, begin in track.sectors:
+        across = track.points(np.array([begin, begin]), np.array([-2.0, 2.0]) * np.max(track.width_left))
+        axes[0].plot(across[:, 0], across[:, 1], color=_INK, linewidth=0.9)
+    points = np.stack([np.interp(s, line.s, line.x), np.interp(s, line.s, line.y)], axis=1)
+    lap = LineCollection(list(np.stack([points[:-1], points[1:]], axis=1)), cmap="turbo", linewidths=2.4, zorder=3)
+    lap.set_array(3.6 * 0.5 * (speed[1:] + speed[:-1]))
+    axes[0].add_collection(lap)
+    figure.colorbar(lap, ax=axes[0], label="speed in km/h", shrink=0.7, pad=0.01)
+    axes[0].set_title(title, fontsize=10)
+    axes[2].plot(track.centre.s, track.elevation, color=_INK, linewidth=1.0)
+    axes[2].set_ylabel("height in m")
+    axes[3].plot(s * track.length / line.length, 3.6 * speed, color=_INK, linewidth=1.0)
+    axes[3].set_ylabel("speed in km/h")
     return figure
 
 
@@ -160,8 +182,7 @@ def random_paths_figure() -> Figure:
             f"{ranges.quintic_width_min:g} to {ranges.quintic_width_max:g} m",
             fontsize=8,
         )
-        axes.set_xlabel("x in m")
-        axes.set_ylabel("y in m")
+        axes.set(xlabel="x in m", ylabel="y in m")
     return figure
 
 
@@ -170,7 +191,7 @@ def random_circuits_figure() -> Figure:
     figure = Figure(figsize=(12.0, 8.4), layout="constrained")
     for seed, axes in enumerate(figure.subplots(3, 4).flat):
         track = random_circuit(seed)
-        draw_track(axes, track, labels=False)
+        draw_map(axes, track.centre, corners_of(track), labels=False)
         axes.set_axis_off()
         sharpest = min(corner.radius for corner in track.corners)
         axes.set_title(
@@ -198,122 +219,3 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 if __name__ == "__main__":
     main()
-
-
-_INK = "#222222"
-_ROAD = "#dcdcdc"
-_WALL = "#9a9a9a"
-_IDEAL = "#c0392b"
-_STRIDE = 10
-
-
-def draw_track(axes: Axes, track: Track, labels: bool = True) -> None:
-    """Draw a circuit from above: road, walls, median, corners, sectors, start and direction; scales in m."""
-    rows = slice(None, None, _STRIDE)
-    s = track.centre.s[rows]
-    left, right = track.points(s, track.width_left[rows]), track.points(s, -track.width_right[rows])
-    # Quadrangles instead of one polygon: a circuit that crosses itself on a bridge has no inside.
-    quadrangles = np.stack([left[:-1], left[1:], right[1:], right[:-1]], axis=1)[:, :, :2]
-    axes.add_collection(PolyCollection(list(quadrangles), facecolor=_ROAD, edgecolor=_ROAD, linewidth=0.3, zorder=1))
-    for limit in (left, right):
-        axes.plot(limit[:, 0], limit[:, 1], color=_INK, linewidth=0.5)
-    for wall in track.walls():
-        points = track.points(s, wall[rows])
-        axes.plot(points[:, 0], points[:, 1], color=_WALL, linewidth=0.7, linestyle=(0, (4, 2)))
-    if labels:
-        _label_corners(axes, track)
-    for name, begin in track.sectors:
-        across = track.points(np.array([begin, begin]), np.array([-2.0, 2.0]) * np.max(track.width_left))
-        axes.plot(across[:, 0], across[:, 1], color=_INK, linewidth=1.8 if begin == 0.0 else 0.9, label=f"_{name}")
-    _draw_direction(axes, track)
-    axes.set_aspect("equal")
-    axes.set_xlabel("x in m")
-    axes.set_ylabel("y in m")
-
-
-def _label_corners(axes: Axes, track: Track) -> None:
-    for corner in track.corners:
-        # On the inside, where no run-off is wide.
-        sign = 1.0 if corner.angle > 0.0 else -1.0
-        width = float(track.at(track.width_left if sign > 0.0 else track.width_right, corner.apex))
-        point = track.points(np.array([corner.apex]), sign * (width + min(16.0, 0.9 * corner.radius)))[0]
-        axes.text(point[0], point[1], corner.name, fontsize=8, ha="center", va="center", color=_INK, fontweight="bold")
-
-
-def _draw_direction(axes: Axes, track: Track) -> None:
-    reach = 0.035 * track.length
-    side = 3.0 * float(np.max(track.width_left))
-    arrow = track.points(np.array([0.0, reach]), side)
-    (x0, y0), (x1, y1) = arrow[:, :2].tolist()
-    axes.annotate("", (x1, y1), xytext=(x0, y0), arrowprops={"arrowstyle": "-|>", "color": _INK})
-
-
-def draw_line_by_speed(axes: Axes, line: Course, s: FloatArray, speed: FloatArray) -> Colorbar:
-    """Draw a line coloured by speed (m/s at arc lengths s), with the scale in km/h."""
-    x, y = np.interp(s, line.s, line.x), np.interp(s, line.s, line.y)
-    points = np.stack([x, y], axis=1)
-    segments = np.stack([points[:-1], points[1:]], axis=1)
-    drawn = LineCollection(list(segments), cmap="turbo", linewidths=1.6)
-    drawn.set_array(3.6 * 0.5 * (speed[1:] + speed[:-1]))
-    axes.add_collection(drawn)
-    return axes.figure.colorbar(drawn, ax=axes, label="speed in km/h", shrink=0.7, pad=0.01)
-
-
-def draw_ideal(axes: Axes, track: Track) -> None:
-    """Draw the ideal line from above."""
-    line = track.line(1.0)
-    axes.plot(line.x, line.y, color=_IDEAL, linewidth=0.9)
-
-
-def draw_profile_over_distance(axes: Axes, track: Track, column: FloatArray, label: str, colour: str = _INK) -> None:
-    """Draw a column of the centre line's samples over distance, with corners shaded and sectors marked."""
-    shade_corners(axes, track)
-    axes.plot(track.centre.s[::_STRIDE], column[::_STRIDE], color=colour, linewidth=1.0)
-    axes.set_ylabel(label)
-
-
-def shade_corners(axes: Axes, track: Track) -> None:
-    """Shade the corners over distance and mark the sectors."""
-    for corner in track.corners:
-        axes.axvspan(corner.begin, corner.end, color="#e8c170" if corner.angle > 0.0 else "#8fb8de", alpha=0.3, lw=0.0)
-    for _, begin in track.sectors:
-        axes.axvline(begin, color=_INK, linewidth=0.7, linestyle=":")
-    axes.set_xlim(0.0, track.length)
-
-
-def track_figure(
-    track: Track, lap: tuple[Course, FloatArray, FloatArray] | None = None, title: str | None = None
-) -> Figure:
-    """Return a figure of a circuit.
-
-    Args:
-        track: the circuit; its ideal line is drawn if it has one.
-        lap: a line, arc lengths on it (m) and speeds there (m/s) to colour it with, or None.
-        title: above the map; name, length and direction if None.
-    """
-    rows = 3 if lap is None else 4
-    extent = np.ptp(track.centre.x), np.ptp(track.centre.y)
-    tall = float(np.clip(9.0 * (extent[1] + 120.0) / (extent[0] + 120.0), 3.5, 10.0))
-    figure = Figure(figsize=(10.0, tall + 1.5 * (rows - 1) + 0.5), layout="constrained")
-    axes = figure.subplots(rows, 1, height_ratios=[tall] + [1.5] * (rows - 1))
-    draw_track(axes[0], track)
-    if lap is not None:
-        draw_line_by_speed(axes[0], *lap)
-    elif track.ideal is not None:
-        draw_ideal(axes[0], track)
-    draw_profile_over_distance(axes[1], track, 1e3 * track.centre.curvature, "curvature\nin 1/km")
-    draw_profile_over_distance(axes[2], track, track.elevation, "height in m", "#4e7a27")
-    if track.ideal is not None:
-        line = track.line(1.0)
-        along = line.s * track.length / line.length
-        axes[1].plot(along[::_STRIDE], 1e3 * line.curvature[::_STRIDE], color=_IDEAL, linewidth=0.8)
-    if lap is not None:
-        line, s, speed = lap
-        shade_corners(axes[3], track)
-        axes[3].plot(s * track.length / line.length, 3.6 * speed, color=_INK, linewidth=1.0)
-        axes[3].set_ylabel("speed\nin km/h")
-    axes[-1].set_xlabel("distance in m")
-    axes[0].set_title(
-        title or f"{track.name}: {track.length:.0f} m, {track.direction}, {len(track.corners)} corners", fontsize=10
-    )
-    return figure
