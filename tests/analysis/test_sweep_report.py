@@ -117,12 +117,12 @@ def sweep(tmp_path: Path) -> Path:
 def test_the_report_shows_every_group_and_needs_nothing_from_outside(sweep: Path) -> None:
     report = report_sweep(sweep, sweep / "report")
     page = (sweep / "report" / "report.html").read_text()
-    assert page.count("<svg") == 4  # two curves, a profile, intervals
+    assert page.count("<svg") == 2  # curves and profiles
     assert not re.search(r'(?:src|href)="(?!data:)[^#"]', page)
     assert "<script>alert" not in page
     assert "&lt;script&gt;alert(1)" in page
     assert "ValueError: &lt;b&gt;" in page
-    assert {Path(path).name for path in report["pictures"]} == {"curves.png", "profiles.png", "intervals.png"}
+    assert {Path(path).name for path in report["pictures"]} == {"curves.png", "profiles.png"}
     assert all(Path(path).read_bytes().startswith(b"\x89PNG") for path in report["pictures"])
 
 

@@ -1,19 +1,11 @@
-"""Results of `bike analyze` as typed records: the figures of its ``--json``, and their JSON Schema.
-
-The JSON Schema is generated from the records and their docstrings; ``python -m bike_analysis.figures.results`` prints
-it.
-"""
+"""Results of `bike analyze` as typed records: the figures of its ``--json``."""
 
 from __future__ import annotations
 
-import inspect
-import json
 import math
-import re
-import types
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, fields, is_dataclass
-from typing import Any, Final, Union, get_args, get_origin, get_type_hints
+from dataclasses import asdict, dataclass, field
+from typing import Any, Final
 
 import numpy as np
 
@@ -279,84 +271,3 @@ def _speed_figures(course: str, speed: float, found: Sequence[tuple[str, RideFig
         mean_error_m=float(np.mean([np.mean(means) for means in by_controller.values()])),
         max_error_m=max(f.max_error_m or 0.0 for _, f in found),
     )
-
-
-_PLAIN: Final[dict[Any, str]] = {str: "string", int: "integer", bool: "boolean"}
-_ATTRIBUTE: Final = re.compile(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", re.MULTILINE)
-
-
-def make_schema() -> dict[str, Any]:
-    """Return the schema of the whole output."""
-    definitions: dict[str, Any] = {}
-    figures = _object(Analysis, definitions)
-    figures["required"] = [name for name in figures["required"] if name not in WRITTEN]
-    for name in WRITTEN:
-        figures["properties"][name]["type"] = "string"
-    ride = _object(RideFigures, definitions)
-    ride["properties"] = {"recording": {"type": "string", "description": "The file."}, **ride["properties"]}
-    ride["required"] = ["recording", *ride["required"]]
-    definitions.pop("RideEntry")
-    definitions["Ride"] = ride
-    figures["properties"]["rides"]["items"] = {"$ref": "#/$defs/Ride"}
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": SCHEMA,
-        "description": "What `bike analyze --json` prints. Names end in their units; null is what is not known.",
-        "type": "object",
-        "properties": {
-            "schema": {"const": SCHEMA},
-            "ok": {"type": "boolean", "description": "Whether all recordings could be read."},
-            "figures": figures,
-        },
-        "required": ["schema", "ok", "figures"],
-        "additionalProperties": False,
-        "$defs": dict(sorted(definitions.items())),
-    }
-
-
-def _object(kind: type, definitions: dict[str, Any]) -> dict[str, Any]:
-    """Schema of a record; records within it go to the definitions."""
-    hints = get_type_hints(kind)
-    texts = [inspect.cleandoc(base.__doc__ or "") for base in reversed(kind.__mro__) if is_dataclass(base)]
-    descriptions = {n: " ".join(words.replace("`", "").split()) for t in texts for n, words in _ATTRIBUTE.findall(t)}
-    properties = {}
-    for f in fields(kind):
-        properties[f.name] = _value(hints[f.name], definitions)
-        if f.name in descriptions:
-            properties[f.name]["description"] = descriptions[f.name]
-    first_line = inspect.cleandoc(kind.__doc__ or "").splitlines()[0]
-    return {
-        "type": "object",
-        "description": first_line,
-        "properties": properties,
-        "required": list(properties),
-        "additionalProperties": False,
-    }
-
-
-def _value(hint: Any, definitions: dict[str, Any]) -> dict[str, Any]:
-    """Schema of a value."""
-    if hint in _PLAIN:
-        return {"type": _PLAIN[hint]}
-    if hint is float:
-        return {"type": ["number", "null"]}  # what is not finite is null
-    origin, arguments = get_origin(hint), get_args(hint)
-    if origin in (tuple, list):
-        return {"type": "array", "items": _value(arguments[0], definitions)}
-    if origin is dict:
-        return {"type": "object", "additionalProperties": _value(arguments[1], definitions)}
-    if origin in (Union, types.UnionType):
-        inner = _value(next(a for a in arguments if a is not type(None)), definitions)
-        if "$ref" in inner:
-            return {"anyOf": [inner, {"type": "null"}]}
-        kinds = inner["type"] if isinstance(inner["type"], list) else [inner["type"]]
-        return {**inner, "type": list(dict.fromkeys([*kinds, "null"]))}
-    if is_dataclass(hint) and isinstance(hint, type):
-        definitions.setdefault(hint.__name__, {})
-        definitions[hint.__name__] = _object(hint, definitions)
-        return {"$ref": f"#/$defs/{hint.__name__}"}
-    raise TypeError(f"no JSON Schema for {hint!r}")
-
-
-if __name__ == "__main__":
-    print(json.dumps(make_schema(), indent=2, ensure_ascii=False))

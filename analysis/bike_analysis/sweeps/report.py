@@ -49,9 +49,7 @@ DRAWN_QUANTITIES: Final = ("mean_error_m", "part", "episode_steps", "selection_r
 DRAWN_FIGURES: Final = 4
 _MIN_POINTS: Final = 2
 PANEL_WIDTH: Final = 4.6
-"""Width of a panel, inches; on a page they stand side by side where there is room."""
-LABEL_LENGTH: Final = 36
-"""Characters of a group's name beside a panel; tables have all of it."""
+"""Width of a panel, inches."""
 STEP: Final = "step"
 """Axis of the curves of trainings."""
 DRAWN_GROUPS: Final = 6
@@ -62,21 +60,19 @@ _DIMENSION: Final = re.compile(rb'(<svg[^>]*?) width="[^"]*" height="[^"]*"|(<sv
 
 
 class Picture(NamedTuple):
-    """A picture as a file, and its panels one by one for the page, where they find their own places.
+    """A picture as a file and on the page.
 
     Attributes:
         title: headline of its section.
-        caption: below the panels, or empty.
+        caption: below it.
         file: name.
-        whole: all panels, with a legend.
-        panels: one figure each.
+        figure: all panels, with a legend.
     """
 
     title: str
     caption: str
     file: str
-    whole: Figure
-    panels: Sequence[Figure]
+    figure: Figure
 
 
 def report_sweep(folder: str | os.PathLike[str], out: str | os.PathLike[str] | None = None) -> dict[str, Any]:
@@ -103,9 +99,9 @@ def report_sweep(folder: str | os.PathLike[str], out: str | os.PathLike[str] | N
         return report
     target = Path(out)
     target.mkdir(parents=True, exist_ok=True)
-    pictures = _draw(runs, curves, figures)
+    pictures = _draw(runs, curves)
     for picture in pictures:
-        picture.whole.savefig(target / picture.file, dpi=160)
+        picture.figure.savefig(target / picture.file, dpi=160)
     (target / PAGE_NAME).write_text(_page(name, runs, figures, compared, pictures), encoding="utf-8")
     for rows, file in ((figures, "figures.csv"), (compared, "comparisons.csv")):
         pd.DataFrame(rows).to_csv(target / file, index=False, float_format="%.10g")
@@ -115,8 +111,8 @@ def report_sweep(folder: str | os.PathLike[str], out: str | os.PathLike[str] | N
 # -------------------------------------------------------------------------------------------------------- pictures
 
 
-def _draw(runs: pd.DataFrame, curves: pd.DataFrame, figures: Sequence[dict[str, Any]]) -> list[Picture]:
-    """Draw curves, profiles and intervals, as far as there is something to draw."""
+def _draw(runs: pd.DataFrame, curves: pd.DataFrame) -> list[Picture]:
+    """Draw curves and profiles, as far as there is something to draw."""
     pictures = []
     for axis in map(str, curves["axis"].unique()):
         part = curves[curves["axis"] == axis]
@@ -127,16 +123,12 @@ def _draw(runs: pd.DataFrame, curves: pd.DataFrame, figures: Sequence[dict[str, 
             ("Learning curves", "curves") if axis == STEP else (f"Over the {axis.split('_')[0]}", f"curves_{axis}")
         )
         caption = "Interquartile mean over runs with its 95 % bootstrap interval, as far as all have come; thin: runs."
-        panels = [_curves_figure(runs, part, [name], axis, legend=False) for name in quantities]
-        pictures.append(Picture(title, caption, f"{file}.png", _curves_figure(runs, part, quantities, axis), panels))
+        pictures.append(Picture(title, caption, f"{file}.png", _curves_figure(runs, part, quantities, axis)))
     # A picture of figures in which runs do not differ shows nothing.
     names = [name for name in figure_names(runs) if finished(runs)[f"figure_{name}"].nunique() > 1][:DRAWN_FIGURES]
     if names:
         caption = "Share of runs that are at least as good, with its 95 % bootstrap interval."
-        panels = [_profiles_figure(runs, [name], legend=False) for name in names]
-        pictures.append(Picture("Performance profiles", caption, "profiles.png", _profiles_figure(runs, names), panels))
-        interval = _intervals_figure(figures, names[0])
-        pictures.append(Picture("Intervals", "", "intervals.png", interval, [interval]))
+        pictures.append(Picture("Performance profiles", caption, "profiles.png", _profiles_figure(runs, names)))
     return pictures
 
 
@@ -148,9 +140,7 @@ def _quantities(curves: pd.DataFrame) -> Sequence[str]:
     return preferred or known[:4]
 
 
-def _curves_figure(
-    runs: pd.DataFrame, curves: pd.DataFrame, quantities: Sequence[str], axis: str, legend: bool = True
-) -> Figure:
+def _curves_figure(runs: pd.DataFrame, curves: pd.DataFrame, quantities: Sequence[str], axis: str) -> Figure:
     """Draw the curves of all groups, a panel for each quantity: interquartile mean with its interval, and the runs."""
     groups = drawn_groups(runs)
     done = set(finished(runs)["run"])
@@ -173,12 +163,11 @@ def _curves_figure(
             if axis == STEP:
                 panel.xaxis.set_major_formatter(lambda x, _: f"{x:,.0f}")
             panel.margins(x=0.01)
-        if legend:
-            _add_legend(figure, panels[0])
+        _add_legend(figure, panels[0])
     return figure
 
 
-def _profiles_figure(runs: pd.DataFrame, figures: Sequence[str], legend: bool = True) -> Figure:
+def _profiles_figure(runs: pd.DataFrame, figures: Sequence[str]) -> Figure:
     """Draw the share of runs that are at least as good as each value, with its interval."""
     groups, done = drawn_groups(runs), finished(runs)
     with mpl.rc_context(RC):
@@ -200,24 +189,7 @@ def _profiles_figure(runs: pd.DataFrame, figures: Sequence[str], legend: bool = 
                 panel.step(thresholds, share, where="mid", color=hue, lw=1.6, label=shown(group))
             sign = "≥" if name in LARGER_IS_BETTER else "≤"
             panel.set(xlabel=label_of(name), ylabel=f"share of runs {sign}", ylim=(-0.02, 1.02))
-        if legend:
-            _add_legend(figure, panels[0])
-    return figure
-
-
-def _intervals_figure(figures: Sequence[dict[str, Any]], name: str) -> Figure:
-    """Draw a figure of all groups, with its interval."""
-    rows = [entry for entry in figures if entry["figure"] == name]
-    with mpl.rc_context(RC):
-        figure = Figure(figsize=(PANEL_WIDTH, 0.9 + 0.32 * len(rows)), layout="constrained")
-        FigureCanvasAgg(figure)
-        panel = figure.subplots()
-        for place, row in enumerate(rows):
-            if row["low"] is not None and row["high"] is not None:
-                panel.plot([row["low"], row["high"]], [place, place], color=colour("blue"), lw=5, alpha=0.3)
-            panel.plot(row["iqm"], place, "o", color=colour("blue"), ms=5)
-        panel.set_yticks(range(len(rows)), [shown(row["group"], LABEL_LENGTH) for row in rows])
-        panel.set(xlabel=f"{label_of(name)}: IQM and 95 % interval", ylim=(len(rows) - 0.5, -0.5))
+        _add_legend(figure, panels[0])
     return figure
 
 
@@ -274,7 +246,7 @@ def _page(
     pictures: Sequence[Picture],
 ) -> str:
     """Return HTML without any reference to the outside."""
-    done, legend = finished(runs), _legend(runs)
+    done = finished(runs)
     hours = float(done["cpu_seconds"].sum()) / 3600.0
     key = [
         ("runs finished", f"{len(done)} of {len(runs)}", ""),
@@ -285,7 +257,7 @@ def _page(
     failed = runs[runs["status"] == "failed"]
     failures = "".join(f"<p>{html_text(f'{row.run}: {row.error}', 400)}</p>" for row in failed.itertuples())
     parts = [key_html(key), f'<div class="warning" role="status">{failures}</div>' if failures else ""]
-    parts += [_picture(picture, legend) for picture in pictures]
+    parts += [_picture(picture) for picture in pictures]
     parts.append(_table("Figures", _INTERVAL, _FIGURE_COLUMNS, 2, figures) if figures else _NO_FIGURES)
     parts.append(_table("Paired comparisons", _PAIRED, _COMPARISON_COLUMNS, 3, compared) if compared else "")
     parts.append(_table("Runs", "", _RUN_COLUMNS, 2, runs.to_dict("records")))
@@ -293,31 +265,15 @@ def _page(
     return page_shell(name, below, parts, [])
 
 
-def _picture(picture: Picture, legend: str) -> str:
-    caption = f"<figcaption>{escape(picture.caption)}</figcaption>" if picture.caption else ""
-    svgs = [_inline_svg(panel, f"{picture.title} {place}") for place, panel in enumerate(picture.panels)]
-    above = legend if len(svgs) > 1 or picture.caption else ""
-    panels = f'<div class="panels">{"".join(svgs)}</div>'
-    return f'<section><h2>{escape(picture.title)}</h2><figure class="card">{above}{panels}{caption}</figure></section>'
-
-
-def _inline_svg(figure: Figure, label: str) -> str:
-    """Return a picture as part of a page: it takes the page's colours, in light and dark, and its width."""
+def _picture(picture: Picture) -> str:
+    """Return a picture as a section of a page: it takes the page's colours, in light and dark, and its width."""
     target = io.BytesIO()
-    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": label}):
-        figure.savefig(target, format="svg", transparent=True, metadata={"Date": None})
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": picture.title}):
+        picture.figure.savefig(target, format="svg", transparent=True, metadata={"Date": None})
     text = _DIMENSION.sub(rb"\1\2", target.getvalue(), count=1).decode()
-    return colour_variables(text[text.index("<svg") :])
-
-
-def _legend(runs: pd.DataFrame) -> str:
-    """Return the colours of the groups, where there are several."""
-    groups, counts = drawn_groups(runs), finished(runs)["group"].value_counts()
-    entries = "".join(
-        f'<span><i style="background:var(--{colour})"></i>{html_text(group)} ({counts[group]} runs)</span>'
-        for colour, group in zip(SERIES_COLOURS, groups, strict=False)
-    )
-    return f'<div class="legend">{entries}</div>' if len(groups) > 1 else ""
+    svg = colour_variables(text[text.index("<svg") :])
+    caption = f"<figcaption>{escape(picture.caption)}</figcaption>"
+    return f'<section><h2>{escape(picture.title)}</h2><figure class="card">{svg}{caption}</figure></section>'
 
 
 def interval_text(low: float | None, high: float | None) -> str:
