@@ -19,7 +19,7 @@ setup: ## What riding, recording and analysis need: system packages, .venv, colc
 setup-training: ## The learning packages as well: PyTorch, JAX and what stands on them
 	@tools/setup training
 
-setup-sweep: ## And those of sweeps: Ray, Optuna
+setup-sweep: ## And those of sweeps: Ray
 	@tools/setup sweep
 
 setup-all: ## All of it, and what tests, checks and benchmarks need

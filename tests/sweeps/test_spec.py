@@ -78,13 +78,6 @@ def test_a_finished_run_is_found_by_another_sweep_of_it(tmp_path: Path) -> None:
         (tiny(grid={"seed": [1, 1]}), r"run 2 is run 1 again \(train\)"),
         (tiny(cores=0), "cores must be a positive number"),
         (tiny(retries=-1), "retries must be a whole number"),
-        (tiny(search={"settings": {"learner.gamma": {"uniform": [0.9, 1.5]}}}), "gamma=1.5 must be 0 to 1"),
-        (tiny(search={"settings": {"learner.gama": {"uniform": [0.9, 1]}}}), "preset has no setting"),
-        (tiny(search={"settings": {"learner.gamma": {"uniform": [1, 0.9]}}}), "lower and its upper end"),
-        (
-            tiny(search={"settings": {"learner.gamma": {"uniform": [0.9, 1]}}}, grid={"seed": [0, 1]}),
-            "leave grid and runs out",
-        ),
         ({"task": "evaluate", "base": {"speeds": ["fast"]}}, "speeds must be numbers"),
         ({"task": "evaluate", "base": {"speeds": [-1]}}, "speeds must be positive"),
         ({"task": "lap", "base": {"vehicle": "whipple"}}, "is no superbike"),

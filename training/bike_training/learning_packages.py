@@ -31,7 +31,7 @@ PACKAGES: Final = frozenset(
     }
 )
 """Names of those of learning, as they are imported."""
-SWEEP_PACKAGES: Final = frozenset({"optuna", "ray"})
+SWEEP_PACKAGES: Final = frozenset({"ray"})
 """The same of those that a sweep needs besides."""
 
 ROS_PACKAGES: Final = re.compile(r"(rclpy|rosidl\w*|ament_index_python|builtin_interfaces|\w+_(msgs|interfaces))$")

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from bike_training.sweeps.spec import Sweep
 
 SCHEMA: Final = "bike.sweep/1"
-SEARCH_SCHEMA: Final = "bike.search/1"
-SEARCH_FILE: Final = "search.json"
 SPEC_COPY: Final = "sweep.yaml"
 
 
@@ -49,11 +47,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         return shown
 
     sweep = load_sweep(args.spec, progress)
-    if args.search != (sweep.search is not None):
-        raise ValueError(
-            f"{args.spec} {'has' if sweep.search else 'has no'} entry search: "
-            f"{'add' if sweep.search else 'leave out'} --search"
-        )
     plan = make_plan(sweep, args.out)
     cores = float(args.cores or os.cpu_count() or 1)
     if not args.json:
@@ -65,8 +58,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             raise ModuleNotFoundError(f"a sweep needs {package}", name=package)
     make_folder("--out", args.out)
     with claim_folder(args.out):
-        if sweep.search is not None:
-            return _search(sweep, args)
         return _do(sweep, plan, args, cores)
 
 
@@ -97,37 +88,10 @@ def _do(sweep: Sweep, plan: Plan, args: argparse.Namespace, cores: float) -> dic
     return outcome
 
 
-def _search(sweep: Sweep, args: argparse.Namespace) -> dict[str, Any]:
-    """Search settings; not ok where a trial failed."""
-    from bike_training.sweeps.driver import Place
-    from bike_training.sweeps.runs import write_record
-    from bike_training.sweeps.search import search
-
-    assert sweep.search is not None
-    count = sweep.search.trials
-
-    def show(ended: int, words: str) -> None:
-        if not args.json:
-            print(f"trial {ended} of {count}: {words}", flush=True)
-
-    figures = search(sweep, args.out, Place(args.address, args.cores), show)
-    write_record(args.out / SEARCH_FILE, figures)
-    if not args.json:
-        best = figures["best"]
-        settings = " ".join(f"--set {name}={value}" for name, value in best["settings"].items())
-        print(f"best {figures['metric']}: {best['value']:.4g} after {best['steps']} steps, with {settings}")
-        print(f"all trials: {args.out / SEARCH_FILE}")
-    ok = not any(trial["error"] for trial in figures["trials"])
-    return {"schema": SEARCH_SCHEMA, "ok": ok, "figures": figures}
-
-
 def _announcement(sweep: Sweep, plan: Plan, cores: float, address: str | None) -> str:
     missing = len(plan.missing)
     where = f"at {address}" if address else f"on {cores:g} cores"
     text = f"{sweep.name}: {len(plan.runs)} runs, {len(plan.runs) - missing} finished, {missing} to do"
-    if sweep.search is not None:
-        most = sweep.search.trials * plan.runs[0].seconds / 3600.0
-        return f"{sweep.name}: a search of {sweep.search.trials} trials; at most {_hours(most)} of work {where}"
     if not missing:
         return text
     work = sum(run.seconds for run in plan.missing) / 3600.0

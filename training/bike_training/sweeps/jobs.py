@@ -7,7 +7,7 @@ import json
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Protocol, Self
@@ -169,11 +169,9 @@ class TrainJob:
 
     Attributes:
         settings: what it is.
-        watch: called after each step of all vehicles, by a search that may stop it.
     """
 
     settings: RunSettings
-    watch: Callable[[LearningProcess], None] | None = field(default=None, compare=False)
 
     cores: ClassVar[float] = 1.0
     memory_gb: ClassVar[float] = 1.5
@@ -217,8 +215,6 @@ class TrainJob:
         from bike_training.learning.run import run
 
         def watch(process: LearningProcess) -> None:
-            if self.watch is not None:
-                self.watch(process)
             steps = process.model.num_timesteps
             report(steps, self.settings.expected_steps(steps), process.words())
 

@@ -18,7 +18,7 @@ from typing import Any, Final
 
 from bike_sim.recording.in_use import Claim, claim_folder
 from bike_training.learning.run_settings import source_commit
-from bike_training.sweeps.jobs import Job, Report
+from bike_training.sweeps.jobs import Report
 from bike_training.sweeps.spec import RunSpec, Sweep
 
 RESULT_FILE: Final = "result.json"
@@ -189,7 +189,6 @@ def execute(
     run: RunSpec,
     folder: Path,
     report: Report | None = None,
-    job: Job | None = None,
     report_period: float = REPORT_PERIOD_S,
 ) -> dict[str, Any]:
     """Do a run, or go on with it.
@@ -198,7 +197,6 @@ def execute(
         run: its task and entries.
         folder: its folder; nothing else is written.
         report: called now and then with the work done, the whole work, and a text.
-        job: the run, where it is watched; else it is made of its entries.
         report_period: wall-clock time between two calls, s.
 
     Returns:
@@ -224,7 +222,7 @@ def execute(
             attempt = note_attempt(
                 folder, {"started_at": record["started_at"], "host": record["host"], "pid": os.getpid()}
             )
-            end = (job or run.job()).run(folder, _throttled(report, report_period))
+            end = run.job().run(folder, _throttled(report, report_period))
             ended: dict[str, Any] = {
                 "status": INTERRUPTED if end.interrupted else FINISHED,
                 "figures": end.figures,

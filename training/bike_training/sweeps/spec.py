@@ -8,118 +8,24 @@ import json
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final, Self
+from typing import Any, Final
 
 from bike_sim.documents import MAX_YAML_SIZE, DocumentError, parse_yaml, read_text, show
-from bike_training.sweeps.jobs import JOBS, Job, TrainJob
+from bike_training.sweeps.jobs import JOBS, Job
 
 MAX_RUNS: Final = 20_000
 """Runs of one sweep at most: what a schedule and a table on one machine are still quick with."""
 DIGEST_LENGTH: Final = 10
 LABEL_LENGTH: Final = 80
 
-_KEYS: Final = {"name", "task", "base", "grid", "runs", "cores", "memory_gb", "retries", "search"}
+_KEYS: Final = {"name", "task", "base", "grid", "runs", "cores", "memory_gb", "retries"}
 _SET: Final = "set"
 _UNSAFE: Final = re.compile(r"[^A-Za-z0-9._=,+-]+")
 
-RANGE_KINDS: Final = ("uniform", "loguniform", "randint", "choice")
-METRICS: Final = {"advance": "max", "mean_error_m": "min", "episode_steps": "max"}
-"""Metrics that can be searched for, with the direction of better values.
-
-``advance`` orders runs by how far they came: the part of the curriculum with the mean share of an episode that is
-ridden, and once the curriculum is finished the share of the steps that were left.
-"""
-_SEARCH_KEYS: Final = {"settings", "trials", "metric", "seed", "grace_steps", "reduction"}
-MAX_SETTINGS: Final = 12
-"""Settings of a search; it is meant for a handful."""
-
 Progress = Callable[[Sequence[Any]], Iterable[Any]]
 """Passes a sequence on while it shows how far it is."""
-
-
-@dataclass(frozen=True)
-class SearchSpace:
-    """A search.
-
-    Attributes:
-        settings: name of a preset's setting, with a kind of RANGE_KINDS and its limits or choices.
-        trials: runs in all.
-        metric: name in METRICS.
-        seed: of the sampler.
-        grace_steps: learning steps that every run may make.
-        reduction: one run of so many goes on at each rung (ASHA, Li et al. 2020).
-    """
-
-    settings: Mapping[str, tuple[str, tuple[Any, ...]]]
-    trials: int = 20
-    metric: str = "advance"
-    seed: int = 0
-    grace_steps: int = 20_000
-    reduction: int = 3
-
-    @classmethod
-    def from_document(cls, document: Any) -> Self:
-        """Read the entry ``search`` of a sweep.
-
-        Raises:
-            ValueError: naming what is wrong.
-        """
-        if not isinstance(document, dict) or not document.get("settings"):
-            raise ValueError(f"search must be a table with settings, got {show(document)}")
-        unknown = sorted(set(map(str, document)) - _SEARCH_KEYS)
-        if unknown:
-            raise ValueError(f"search has no entry {unknown[0]!r}; it has {', '.join(sorted(_SEARCH_KEYS))}")
-        table = document["settings"]
-        if not isinstance(table, dict) or len(table) > MAX_SETTINGS:
-            raise ValueError(f"search settings must be a table of at most {MAX_SETTINGS}, got {show(table)}")
-        for name, least in (("trials", 1), ("seed", 0), ("grace_steps", 1), ("reduction", 2)):
-            value = document.get(name, least)
-            if not isinstance(value, int) or isinstance(value, bool) or value < least:
-                raise ValueError(f"search {name} must be a whole number of at least {least}, got {show(value)}")
-        metric = document.get("metric", "advance")
-        if metric not in METRICS:
-            raise ValueError(f"search metric {show(metric)} is not one of {', '.join(METRICS)}")
-        settings = {str(name): _search_range(str(name), entry) for name, entry in table.items()}
-        return cls(settings, **{name: value for name, value in document.items() if name != "settings"})
-
-    def check(self, entries: Mapping[str, Any]) -> None:
-        """Check that the run that is searched takes both ends of every range.
-
-        Args:
-            entries: of the training whose settings are searched.
-
-        Raises:
-            ValueError: naming the setting.
-        """
-        for name, (kind, values) in self.settings.items():
-            if kind != "choice":
-                values = (values[0], values[1] - 1 if kind == "randint" else values[1])
-            for value in values:
-                TrainJob.from_entries(with_settings(entries, {name: value}))
-
-
-def with_settings(entries: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the entries of a training with settings of its preset changed."""
-    return {**entries, "set": {**entries.get("set", {}), **settings}}
-
-
-def _search_range(name: str, entry: Any) -> tuple[str, tuple[Any, ...]]:
-    if not isinstance(entry, dict) or len(entry) != 1 or next(iter(entry)) not in RANGE_KINDS:
-        raise ValueError(
-            f"search setting {name} must be one of {', '.join(RANGE_KINDS)} with its values, got {show(entry)}"
-        )
-    kind, values = next(iter(entry.items()))
-    if not isinstance(values, list) or not values:
-        raise ValueError(f"search setting {name}: {kind} must be a list of values, got {show(values)}")
-    if kind == "choice":
-        return kind, tuple(values)
-    numbers = [value for value in values if isinstance(value, int | float) and not isinstance(value, bool)]
-    low = numbers[0] if numbers else math.nan
-    if len(values) != 2 or len(numbers) != 2 or not low < numbers[1] or (kind == "loguniform" and not low > 0.0):
-        raise ValueError(f"search setting {name}: {kind} must be its lower and its upper end, got {show(values)}")
-    return kind, tuple(numbers)
 
 
 @dataclass(frozen=True)
@@ -183,14 +89,11 @@ class Sweep:
         name: for people.
         runs: all runs, each once.
         retries: how often a run is begun again, or goes on, after its worker or its machine was lost.
-        search: what is searched instead of ridden through, or None.
     """
 
     name: str
     runs: tuple[RunSpec, ...]
     retries: int = 3
-    search: SearchSpace | None = None
-    document: Mapping[str, Any] = field(default_factory=dict)
 
 
 def load_sweep(path: Path, progress: Progress = iter) -> Sweep:
@@ -238,12 +141,6 @@ def sweep_from_document(document: Any, name: str = "sweep", folder: Path = Path(
     if not isinstance(retries, int) or isinstance(retries, bool) or not 0 <= retries <= 1000:
         raise ValueError(f"retries must be a whole number from 0 to 1000, got {show(retries)}")
     found = [_absolute(entries, folder) for entries in _expand(document)]
-    search = None
-    if "search" in document:
-        search = SearchSpace.from_document(document["search"])
-        if len(found) != 1 or found[0][0] != "train":
-            raise ValueError("a search is about the settings of one training: leave grid and runs out, task train")
-        search.check(found[0][1])
     varied = _varied([_flat(entries) for _, entries in found])
     runs = []
     for place, (task, entries) in enumerate(progress(found)):
@@ -266,7 +163,7 @@ def sweep_from_document(document: Any, name: str = "sweep", folder: Path = Path(
     title = document.get("name", name)
     if not isinstance(title, str) or not title.strip() or len(title) > 200:
         raise ValueError(f"name must be text of at most 200 characters, got {show(title)}")
-    return Sweep(title, tuple(runs), retries, search, document)
+    return Sweep(title, tuple(runs), retries)
 
 
 def _expand(document: Mapping[str, Any]) -> list[tuple[str, dict[str, Any]]]:
