@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bike_sim.course.csv_line import CourseFileError, parse_csv
@@ -20,7 +20,6 @@ def _load(tmp_path, text: str):
     return load_track(path)
 
 
-@settings(max_examples=25)
 @given(
     count=st.integers(60, 400),
     radius=st.floats(40.0, 800.0),
@@ -139,17 +138,6 @@ def test_broken_lines_get_one_clear_error(tmp_path, shapes, change, right, left,
         _load(tmp_path, text)
     assert "circuit.csv" in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize("value", ["nan", "inf", "abc", ""])
-@pytest.mark.parametrize("column", [0, 3])
-def test_value_that_is_no_number_is_named_with_its_row(tmp_path, shapes, value, column):
-    lines = shapes.csv_text(shapes.ring_points()).splitlines()
-    cells = lines[17].split(",")
-    cells[column] = value
-    lines[17] = ",".join(cells)
-    with pytest.raises(CourseFileError, match="row 18"):
-        _load(tmp_path, "\n".join(lines))
 
 
 def test_roads_that_run_into_each_other_are_refused(shapes):

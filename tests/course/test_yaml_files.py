@@ -1,7 +1,6 @@
 """Courses from YAML: what a file may say, and one clear error for everything else."""
 
 import math
-import os
 import re
 from importlib import resources
 from pathlib import Path
@@ -13,7 +12,7 @@ from hypothesis import strategies as st
 
 from bike_sim.course.course import Course
 from bike_sim.course.csv_line import CourseFileError
-from bike_sim.course.files import load_course, load_track, shipped_courses
+from bike_sim.course.files import load_course, shipped_courses
 
 
 @pytest.fixture
@@ -184,20 +183,6 @@ def test_unknown_ending_is_refused(tmp_path):
     path.write_text("{}")
     with pytest.raises(CourseFileError, match=r"ending '.json' is not known"):
         load_course(path)
-
-
-def test_folder_is_not_a_file(tmp_path):
-    (tmp_path / "folder.yaml").mkdir()
-    with pytest.raises(CourseFileError, match="cannot be read: Is a directory"):
-        load_course(tmp_path / "folder.yaml")
-
-
-@pytest.mark.parametrize("load", [load_course, load_track])
-def test_a_pipe_is_not_waited_for(tmp_path, load):
-    path = tmp_path / "pipe.yaml"
-    os.mkfifo(path)
-    with pytest.raises(CourseFileError, match=r"pipe.yaml: is no file but a pipe"):
-        load(path)
 
 
 @given(st.binary(max_size=300) | st.text(max_size=300).map(lambda text: text.encode("utf-8", "surrogatepass")))

@@ -148,8 +148,15 @@ def test_a_command_that_learns_says_what_to_run() -> None:
     assert ended.stderr.rstrip().endswith("run: make setup-training")
 
 
-@pytest.mark.parametrize("words", [["ride"], ["ride", "--rider", "racer", "--nodes"], ["live"], ["live", "--attach"]])
-@pytest.mark.parametrize("package", ["rclpy", "bike_msgs"])
+@pytest.mark.parametrize(
+    ("package", "words"),
+    [
+        ("rclpy", ["ride"]),
+        ("bike_msgs", ["ride", "--rider", "racer", "--nodes"]),
+        ("bike_msgs", ["live"]),
+        ("rclpy", ["live", "--attach"]),
+    ],
+)
 def test_without_ros_one_line_says_what_works_and_how_to_get_it(words: list[str], package: str, tmp_path: Path) -> None:
     program = f"PACKAGES = {{{package!r}}}\n{RIDING}\nfrom bike_training.cli import main\nsys.exit(main(sys.argv[1:]))"
     ended = subprocess.run([sys.executable, "-c", program, *words], capture_output=True, text=True, cwd=tmp_path)

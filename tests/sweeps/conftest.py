@@ -26,7 +26,7 @@ TINY: dict[str, Any] = {
 
 def tiny(**changes: Any) -> dict[str, Any]:
     """Return the content of a sweep's file."""
-    base = {"vehicle": "whipple", "steps": 240, "checkpoint_every": 40, "set": dict(TINY)}
+    base = {"vehicle": "whipple", "steps": 120, "checkpoint_every": 40, "set": dict(TINY)}
     return {"task": "train", "base": base, **changes}
 
 
