@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from bike_sim.ros.isolation import PARENT_PERIOD, DomainLease
-from bike_training.commands.bench import load_part
 from bike_training.envs.node_process import NodeLost, NodeProcess, tell_all_to_end
 
 PATIENCE = 90.0
@@ -109,29 +108,3 @@ def test_a_node_outlives_the_thread_that_started_it_but_not_the_program(tmp_path
             starter.kill()
         until(lambda: not words.exists() or not words.read_bytes())
     assert recording.read_bytes().endswith(b"\x89MCAP0\r\n")
-
-
-class Silent:
-    """A node that says nothing."""
-
-    def __init__(self, *_: object) -> None:
-        pass
-
-    def __enter__(self) -> "Silent":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        pass
-
-    def check(self) -> None:
-        pass
-
-
-@pytest.mark.ros
-def test_a_bench_of_a_policy_that_answers_nothing_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("rclpy")
-    ros_speed = load_part("ros")
-    monkeypatch.setattr(ros_speed, "NodeProcess", Silent)
-    monkeypatch.setattr(ros_speed, "START_TIMEOUT_S", 0.2)
-    with pytest.raises(NodeLost, match=r"^the policy node reported no answers within 0.2 s$"):
-        ros_speed.actor_latency()

@@ -16,7 +16,7 @@ pytestmark = pytest.mark.ros
 SHORT: dict[str, dict[str, Any]] = {
     "physics": {"rounds": 1},
     "environment": {"scale": 0.02},
-    "ros": {"rounds": 3, "steps": 20, "duration": 0.5},
+    "ros": {"rounds": 3, "steps": 20},
     "recorder": {"rates": (500,), "duration": 0.5},
     "analysis": {"duration": 4.0, "excerpt": 2.0, "distance": 50.0},
     "live": {"rounds": 1},
