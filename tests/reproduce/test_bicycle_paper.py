@@ -8,9 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from bike_policy.contract.bundle import load_bundle
 from bike_policy.riders.rider import LearnedRider
+from bike_training.arguments import seeds_of
 from bike_training.cli import main
 from bike_training.learning.presets import load_preset
 from bike_training.reproduce.bicycle import (
@@ -218,6 +221,26 @@ def test_postures_and_circles() -> None:
     found = full_circles(2_000)
     assert found == full_circles(2_000)
     assert 0 < found.circles < 20
+
+
+@given(st.integers(1, 20), st.integers(0, 20), st.integers(0, 20))
+def test_seeds_are_a_number_of_them_or_a_range(count: int, first: int, more: int) -> None:
+    assert seeds_of("--seeds", str(count)) == tuple(range(count))
+    assert seeds_of("--seeds", f"{first}-{first + more}") == tuple(range(first, first + more + 1))
+    with pytest.raises(ValueError, match=rf"--seeds {first + more + 1}-{first} holds no seed"):
+        seeds_of("--seeds", f"{first + more + 1}-{first}")
+
+
+def test_a_sweep_has_the_runs_of_its_seeds() -> None:
+    runs = BicycleExperiment(settings=("prop", "alt2"), seeds=(2, 4)).sweep().runs
+    found = [(run.entries["preset"], run.entries["seed"]) for run in runs]
+    assert found == [("paper", 2), ("alt2", 2), ("paper", 4), ("alt2", 4)]
+
+
+@pytest.mark.parametrize("text", ["", "0", "-1", "2-", "1.5", "two", "1-2-3", "²"])
+def test_what_is_no_number_of_seeds_is_refused_by_name(text: str) -> None:
+    with pytest.raises(ValueError, match=r"^--seeds"):
+        seeds_of("--seeds", text)
 
 
 @pytest.mark.slow

@@ -16,7 +16,7 @@ from bike_training.curricula.spdl import TARGET_MEAN, TARGET_STD, Gaussian, dive
 from bike_training.learning.presets import load_preset
 from bike_training.reproduce.data import Run, Validation, read_data, write_data
 from bike_training.reproduce.figures import learning
-from bike_training.reproduce.paper import all_tables, merge
+from bike_training.reproduce.paper import all_tables
 from bike_training.reproduce.statement import verdict_table
 from bike_training.reproduce.superbike import SUPERBIKE, SuperbikeExperiment
 from bike_training.reproduce.superbike_results import (
@@ -168,30 +168,6 @@ def test_the_best_run_is_whole_first_and_quick_second() -> None:
     worse = [replace(row, whole=7) if (row.seed, row.actor) == (0, "best") else row for row in data.laps]
     assert best_run(replace(data, laps=tuple(worse)), "spdl") == 1
     assert best_run(Data(), "spdl") is None
-
-
-@pytest.mark.parametrize("best", [0, 1])
-def test_seeds_of_two_places_have_the_flying_lap_of_the_best_of_all(best: int) -> None:
-    data = paper_like()
-    quick = tuple(
-        replace(row, whole=8 if row.seed == best else 7) if (row.setting, row.actor) == ("spdl", "best") else row
-        for row in data.laps
-    )
-    names = ("runs", "validations", *SUPERBIKE.ridden)
-    places = {
-        str(seed): replace(
-            data,
-            **{n: tuple(row for row in getattr(replace(data, laps=quick), n) if row.seed == seed) for n in names},
-            moments=tuple(replace(row, seed=seed) for row in data.moments),
-        )
-        for seed in (1, 0)
-    }
-    both = merge(SUPERBIKE, places)
-    assert {row.seed for row in both.moments} == {best}
-    assert len(both.moments) == len(data.moments)
-    assert both.runs == tuple(run for run in data.runs if run.seed in (0, 1))
-    with pytest.raises(ValueError, match="1 and 2 both have seed 1 of spdl"):
-        merge(SUPERBIKE, {"1": places["1"], "2": places["1"]})
 
 
 def test_outside_is_to_the_right_of_a_corner_to_the_left() -> None:

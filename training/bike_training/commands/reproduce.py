@@ -13,8 +13,8 @@ import yaml
 from bike_sim.recording.in_use import claim_folder
 from bike_training.arguments import check_whole, make_folder, seeds_of
 from bike_training.reproduce.bicycle import BICYCLE
-from bike_training.reproduce.data import write_data
-from bike_training.reproduce.paper import Experiment, Paper, all_tables, collect, draw_all, read_all
+from bike_training.reproduce.data import read_data, write_data
+from bike_training.reproduce.paper import Experiment, Paper, all_tables, collect, draw_all
 from bike_training.reproduce.statement import NO, OPEN, YES, verdict_table
 from bike_training.reproduce.superbike import SUPERBIKE
 from bike_training.sweeps.display import Display
@@ -85,20 +85,14 @@ def _experiment(args: argparse.Namespace) -> Experiment:
 
 
 def run_drawing(args: argparse.Namespace) -> dict[str, Any]:
-    """Draw from tables; those of several folders are left together as well.
+    """Draw from tables.
 
     Raises:
-        ValueError: as of `read_all`.
-        FileNotFoundError: as of `read_all`.
+        ValueError: a table is another one.
+        FileNotFoundError: one is missing.
     """
-    together = args.out / DATA
-    if together.resolve() in [folder.resolve() for folder in args.data] and len(args.data) > 1:
-        raise ValueError(f"--out {args.out} would write over the tables of --data {together}; choose another folder")
-    data = read_all(PAPERS[args.paper], args.data)
+    data = read_data(args.data, PAPERS[args.paper].tables)
     make_folder("--out", args.out)
-    if len(args.data) > 1:
-        make_folder("--out", together)
-        write_data(together, data)
     return _outcome(args, data, ok=True)
 
 

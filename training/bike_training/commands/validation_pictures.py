@@ -99,6 +99,10 @@ def draw_superbikes(result: superbike.Validation, folder: Path) -> list[Path]:
         figure = Figure(figsize=(10.0, 5.5), layout="constrained")
         FigureCanvasAgg(figure)
         paint(result, figure)
+        for axes in figure.axes:
+            axes.grid(alpha=0.3)
+            if axes.get_legend_handles_labels()[0]:
+                axes.legend(fontsize="x-small")
         paths.append(folder / f"superbike_{name}.png")
         figure.savefig(paths[-1], dpi=110)
     return paths
@@ -128,9 +132,6 @@ def _draw_tyres(result: superbike.Validation, figure: Any) -> None:
     mu_x = mu_y * row["friction_ratio"]
     ellipse.plot(mu_x * np.cos(turn), mu_y * np.sin(turn), "k--", linewidth=0.8, label="ellipse")
     ellipse.set(xlabel="longitudinal by load", ylabel="lateral by load", title="combined slip", aspect="equal")
-    for axes in (side, along, ellipse):
-        axes.grid(alpha=0.3)
-        axes.legend(fontsize="x-small")
 
 
 def _draw_lean_steps(result: superbike.Validation, figure: Any) -> None:
@@ -151,9 +152,6 @@ def _draw_lean_steps(result: superbike.Validation, figure: Any) -> None:
         axes[2, column].set_xlabel("time, s")
     for row, label in enumerate(("lean, deg", "steering torque, N m", "front slip, normalised")):
         axes[row, 0].set_ylabel(label)
-    axes[0, 0].legend(fontsize="xx-small", ncols=2)
-    for panel in axes.ravel():
-        panel.grid(alpha=0.3)
 
 
 def _draw_turns(result: superbike.Validation, figure: Any) -> None:
@@ -167,8 +165,6 @@ def _draw_turns(result: superbike.Validation, figure: Any) -> None:
     turns = np.array(result.turns)
     axes.scatter(turns[:, 0], turns[:, 2], c=turns[:, 1], cmap="turbo", zorder=3, s=24, label="simulated, 10 to 90 m/s")
     axes.set(xlabel="lean, deg", ylabel="steady lateral acceleration, g", title=f"steady turns of '{vehicle.name}'")
-    axes.grid(alpha=0.3)
-    axes.legend()
 
 
 def _draw_modes(result: superbike.Validation, figure: Any) -> None:
@@ -184,9 +180,6 @@ def _draw_modes(result: superbike.Validation, figure: Any) -> None:
     real.axhline(0.0, color="0.5", linewidth=0.8)
     real.set(xlabel="speed, m/s", ylabel="real part, 1/s", title="hands off: weave —, wobble - -, capsize ···")
     frequency.set(xlabel="speed, m/s", ylabel="frequency, Hz", title="weave —, wobble - -", ylim=(0.0, None))
-    real.legend(fontsize="small")
-    for axes in (real, frequency):
-        axes.grid(alpha=0.3)
 
 
 def _draw_launch_and_stop(result: superbike.Validation, figure: Any) -> None:
@@ -205,9 +198,6 @@ def _draw_launch_and_stop(result: superbike.Validation, figure: Any) -> None:
     speeds.set(xlabel="time, s", ylabel="speed, m/s", title="full throttle from 10 m/s")
     drive.set(xlabel="speed, m/s", ylabel="acceleration, g", title="full throttle (dashed: envelope)")
     brake.set(xlabel="speed, m/s", ylabel="deceleration, g", title="full brake from 80 m/s", ylim=(0.0, None))
-    speeds.legend(fontsize="small")
-    for axes in (speeds, drive, brake):
-        axes.grid(alpha=0.3)
 
 
 def _draw_envelopes(result: superbike.Validation, figure: Any) -> None:
@@ -225,9 +215,6 @@ def _draw_envelopes(result: superbike.Validation, figure: Any) -> None:
             circle.plot(both / GRAVITY, long / GRAVITY, color=colour, linewidth=width)
     over_speed.set(xlabel="speed, m/s", ylabel="g", title="lateral —, drive - -, brake ···")
     circle.set(xlabel="lateral, g", ylabel="longitudinal, g", title="at 30 m/s (bold) and 70 m/s", aspect="equal")
-    over_speed.legend(fontsize="small")
-    for axes in (over_speed, circle):
-        axes.grid(alpha=0.3)
 
 
 def _draw_convergence(result: superbike.Validation, figure: Any) -> None:
@@ -237,8 +224,6 @@ def _draw_convergence(result: superbike.Validation, figure: Any) -> None:
     axes.loglog(1e3 * table[:, 0], table[:, 2], "s-", label="error of place after 5 s, m")
     axes.loglog(1e3 * table[:, 0], table[0, 1] * table[:, 0] / table[0, 0], "k:", label="first order")
     axes.set(xlabel="step, ms", ylabel="error", title="braking, turning in and driving out from 45 m/s")
-    axes.grid(alpha=0.3, which="both")
-    axes.legend()
 
 
 def draw_root_loci(found: Sequence[Mode], path: Path) -> Path:

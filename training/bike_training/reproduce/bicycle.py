@@ -377,32 +377,6 @@ def add_details(data: Tables, folders: Mapping[tuple[str, int], Path], experimen
     )
 
 
-def choose(data: Tables, places: Sequence[Tables]) -> Tables:
-    """Return the tables with what was looked at closely where the controllers 1 of all runs are.
-
-    What no run takes part in (classical riders, the shipped actor, Table 8, the step response, the random paths) is the
-    same everywhere, and is taken from the first place.
-
-    Args:
-        data: of all runs and rides.
-        places: tables of each place.
-    """
-    best = {name: controller_1(data, name) for name in CLOSELY}
-    own = {
-        name: place
-        for place in places
-        for name, seed in best.items()
-        if any((ride.setting, ride.seed) == (name, seed) for ride in place.rides)
-    }
-    tracks = [row for name in CLOSELY if name in own for row in own[name].tracks if row.rider == name]
-    shares = [row for row in own["prop"].impacts if row.policy == "prop"] if "prop" in own else []
-    return data.with_rows(
-        tracks=(*tracks, *(row for row in places[0].tracks if row.rider not in CLOSELY)),
-        ride=own["prop"].ride if "prop" in own else (),
-        impacts=(*shares, *(row for row in places[0].impacts if row.policy == SHIPPED)),
-    )
-
-
 BICYCLE: Final[Paper[BicycleExperiment]] = Paper(
     name="bicycle",
     experiment=BicycleExperiment(),
@@ -414,7 +388,6 @@ BICYCLE: Final[Paper[BicycleExperiment]] = Paper(
     rides=lambda experiment: 2 * len(experiment.speeds),
     ride=ride,
     add_details=add_details,
-    choose=choose,
     statements=STATEMENTS,
     figures=BICYCLE_FIGURES,
     written=TABLES,

@@ -13,7 +13,7 @@ from typing import Any, Generic, TypeVar
 import matplotlib as mpl
 
 from bike_training.progress import progress_bar
-from bike_training.reproduce.data import Run, Tables, Validation, read_data, read_rows, table_of, write_rows
+from bike_training.reproduce.data import Run, Tables, Validation, read_rows, table_of, write_rows
 from bike_training.reproduce.statement import Statement
 from bike_training.sweeps.runs import Plan, PlannedRun, read_record
 from bike_training.sweeps.spec import Sweep, sweep_from_document
@@ -82,8 +82,6 @@ class Paper(Generic[Kind]):
         rides: returns the number of rides of a run, for a progress bar.
         ride: rides what a run in a folder has learned; returns None where it has nothing to ride.
         add_details: adds what needs all runs: the folders of those that rode, by setting and seed.
-        choose: takes what `add_details` has added from the places that have the chosen ones of all runs; it is given
-            the tables of all runs, and those of each place.
         statements: of the paper.
         figures: functions that draw, by file.
         written: functions that write a table as Markdown, by heading.
@@ -100,7 +98,6 @@ class Paper(Generic[Kind]):
     rides: Callable[[Kind], int]
     ride: Callable[[Path, str, int, Kind, Advance], Rows | None]
     add_details: Callable[[Tables, Mapping[tuple[str, int], Path], Kind], Tables]
-    choose: Callable[[Tables, Sequence[Tables]], Tables]
     statements: Sequence[Statement]
     figures: Mapping[str, Callable[[Tables, Any], Any]]
     written: Mapping[str, Callable[[Tables], str]]
@@ -173,56 +170,6 @@ def _validations(paper: Paper[Kind], folder: Path, setting: str, seed: int) -> l
                 error = float(record[paper.error]) / paper.unit
                 rows.append(Validation(setting, seed, int(record["step"]), int(float(record["part"])), error))
     return rows
-
-
-def read_all(paper: Paper[Kind], folders: Sequence[Path]) -> Tables:
-    """Read the tables of folders and put them together.
-
-    Raises:
-        FileNotFoundError: as of `read_data`.
-        ValueError: as of `read_data` and `merge`, or a folder is named twice.
-    """
-    for place, folder in enumerate(folders):
-        if folder.resolve() in [other.resolve() for other in folders[:place]]:
-            raise ValueError(f"{folder} is named twice")
-    return merge(paper, {str(folder): read_data(folder, paper.tables) for folder in folders})
-
-
-def merge(paper: Paper[Kind], parts: Mapping[str, Tables]) -> Tables:
-    """Put tables together that hold different runs.
-
-    Args:
-        paper: that they belong to.
-        parts: at least one, by the name of its place.
-
-    Raises:
-        ValueError: a run is in two of them.
-    """
-    everywhere = tuple(parts.values())
-    if len(everywhere) == 1:
-        return everywhere[0]
-    _check_apart(parts)
-
-    def place(row: Any) -> tuple[int, int]:
-        """Return the order of rows: as of a single folder, one seed of all settings first."""
-        return row.seed, paper.experiment.settings.index(row.setting)
-
-    of_runs = {
-        name: tuple(sorted((row for part in everywhere for row in getattr(part, name)), key=place))
-        for name in ("runs", "validations", *paper.ridden)
-    }
-    return paper.choose(everywhere[0].with_rows(**of_runs), everywhere)
-
-
-def _check_apart(parts: Mapping[str, Tables]) -> None:
-    places: dict[tuple[str, int], str] = {}
-    for name, part in parts.items():
-        twice = [run for run in part.runs if places.setdefault((run.setting, run.seed), name) != name]
-        if twice:
-            run = twice[0]
-            others = f" ({len(twice) - 1} more)" if len(twice) > 1 else ""
-            where = f"{places[run.setting, run.seed]} and {name}"
-            raise ValueError(f"{where} both have seed {run.seed} of {run.setting}{others}; a run may be in one of them")
 
 
 def draw_all(paper: Paper[Any], data: Any, out: Path) -> list[Path]:

@@ -297,18 +297,6 @@ def add_details(data: Tables, folders: Mapping[tuple[str, int], Path], experimen
     return data.with_rows(moments=tuple(moments))
 
 
-def choose(data: Tables, places: Sequence[Tables]) -> Tables:
-    """Return the tables with the flying laps of the best of all runs.
-
-    Args:
-        data: of all runs and rides.
-        places: tables of each place.
-    """
-    best = [(kind, best_run(data, kind)) for kind in KINDS]
-    found = [row for run in best for place in places for row in place.moments if (row.setting, row.seed) == run]
-    return data.with_rows(moments=tuple(found))
-
-
 def flying_lap(bundle: Bundle, setting: str, seed: int) -> Sequence[Any]:
     """Ride an out-lap and a flying lap, and return the flying one, as far as it goes."""
     moments: list[Any] = []
@@ -341,7 +329,6 @@ SUPERBIKE: Final[Paper[SuperbikeExperiment]] = Paper(
     rides=lambda experiment: len(ACTORS) + len(experiment.machines),
     ride=ride,
     add_details=add_details,
-    choose=choose,
     statements=STATEMENTS,
     figures=SUPERBIKE_FIGURES,
     written=TABLES,
