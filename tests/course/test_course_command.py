@@ -10,7 +10,7 @@ from bike_training import cli
 @pytest.fixture
 def ring(tmp_path, shapes):
     path = tmp_path / "ring.csv"
-    path.write_text(shapes.csv_text(shapes.ring_points(240, 150.0, 0.2, 3), 4.0, 5.0))
+    path.write_text(shapes.csv_text(shapes.ring_points(160, 80.0, 0.2, 3), 4.0, 5.0))
     return path
 
 
@@ -21,7 +21,7 @@ def test_sound_file_passes_with_its_figures(ring, capsys):
     figures = result["figures"]
     assert result["schema"] == "bike.validate_course/1"
     assert result["ok"] is True
-    assert figures["length_m"] == pytest.approx(1040.0, rel=0.1)
+    assert figures["length_m"] == pytest.approx(555.0, rel=0.1)
     assert (figures["width_min_m"], figures["width_max_m"]) == pytest.approx((9.0, 9.0))
     assert figures["direction"] == "counter-clockwise"
     assert figures["ideal_lap_s"] < figures["median_lap_s"]

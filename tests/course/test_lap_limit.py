@@ -11,7 +11,6 @@ from bike_sim.course.elements import Line
 from bike_sim.course.files import load_track
 from bike_sim.planning.envelope import Envelope, ellipse_envelope, point_mass_envelope
 from bike_sim.planning.lap_limit import lap_limit
-from bike_sim.planning.minimum_time import with_fastest_line
 from bike_sim.schema import GRAVITY
 
 MACHINE = point_mass_envelope(1.4)
@@ -117,13 +116,6 @@ def test_time_distance_and_sectors_agree():
     middle = 0.5 * (lap.speed[1:] + lap.speed[:-1])
     assert np.sum(np.diff(lap.time) * middle) == pytest.approx(lap.s[-1])
     assert lap.speed_at(lap.s[-1] + lap.s[7]) == pytest.approx(lap.speed[7])
-
-
-# WorldSBK's best laps (2024 and 2025) and a machine that corners as theirs do. Cremona was lengthened by 66 m since.
-@pytest.mark.parametrize(("name", "record"), [("barcelona", 99.49), ("phillip_island", 87.92), ("cremona", 87.87)])
-def test_theoretical_lap_is_near_the_record(name, record):
-    track = with_fastest_line(load_track(name), MACHINE)
-    assert lap_limit(MACHINE, track.line(1.0)).lap_time == pytest.approx(record, rel=0.03)
 
 
 def test_bad_requests_are_refused(shapes):

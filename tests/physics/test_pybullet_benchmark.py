@@ -16,9 +16,12 @@ from bike_training.commands import validate as command
 VEHICLE = load_vehicle("whipple")
 
 
+measure = validation.validate
+
+
 @functools.cache
 def validated(kind: str, time_step: float) -> validation.Validation:
-    return validation.validate(VEHICLE, kind, time_step)
+    return measure(VEHICLE, kind, time_step)
 
 
 @pytest.mark.parametrize(("kind", "time_step"), [("pybullet", 0.001), ("pybullet", 0.005), ("whipple", 0.005)])
@@ -54,7 +57,10 @@ def test_nan_does_not_pass() -> None:
     assert not Check("x", "x", math.nan, 0.0, 1.0).passed
 
 
-def test_command_prints_writes_and_returns_the_figures(tmp_path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_prints_writes_and_returns_the_figures(
+    tmp_path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(validation, "validate", lambda vehicle, kind, time_step, *_: validated(kind, time_step))
     answer = command.run(cli.parse("validate", ["--time-step", "0.005", "--out", str(tmp_path / "new")]))
     assert answer["schema"] == "bike.validate/1"
     assert answer["ok"] is True

@@ -285,9 +285,16 @@ def test_kinds_of_events_are_those_of_the_message() -> None:
         assert getattr(messages.RideEvent, kind.name) == kind.value
 
 
+@pytest.fixture(scope="module")
+def bicycle() -> Simulator:
+    return Simulator(SimulatorConfig(engine="whipple"))
+
+
 @given(st.floats(-0.7, 0.7), st.floats(-0.7, 0.7), st.floats(-4.0, 4.0))
-def test_wheels_touch_the_ground_where_the_physics_says(roll: float, steer: float, yaw: float) -> None:
-    simulator = Simulator(SimulatorConfig(engine="whipple"))
+def test_wheels_touch_the_ground_where_the_physics_says(
+    bicycle: Simulator, roll: float, steer: float, yaw: float
+) -> None:
+    simulator = bicycle
     state = state_places.upright_state(4.0, simulator.vehicle.rF)
     state[[state_places.ROLL, state_places.STEER, state_places.YAW]] = roll, steer, yaw
     snapshot = simulator.reset(ResetRequest(course="line", initial_state=tuple(state)))
@@ -371,9 +378,11 @@ def test_robot_description_moves_as_the_vehicle_does(name: str, tmp_path: Path) 
 
 
 @given(st.floats(-0.7, 0.7), st.floats(-0.7, 0.7), st.floats(-3.1, 3.1), st.floats(-30.0, 30.0))
-def test_markers_of_the_wheels_turn_as_the_wheels_do(roll: float, steer: float, yaw: float, angle: float) -> None:
+def test_markers_of_the_wheels_turn_as_the_wheels_do(
+    bicycle: Simulator, roll: float, steer: float, yaw: float, angle: float
+) -> None:
     """A cylinder's axis is its z axis, so each marker is the wheel's rotation after a quarter turn about x."""
-    simulator = Simulator(SimulatorConfig(engine="whipple"))
+    simulator = bicycle
     state = state_places.upright_state(4.0, simulator.vehicle.rF)
     state[[state_places.ROLL, state_places.STEER, state_places.YAW]] = roll, steer, yaw
     state[[state_places.REAR_WHEEL, state_places.FRONT_WHEEL]] = angle, -angle

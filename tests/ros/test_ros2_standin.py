@@ -129,7 +129,8 @@ def test_signal_reaches_the_executable_itself(prefix: Path, number: signal.Signa
     assert process.returncode == -number
 
 
-def load_standin() -> ModuleType:
+@pytest.fixture(scope="module")
+def standin() -> ModuleType:
     spec = importlib.util.spec_from_file_location("ros2_standin", STANDIN)
     assert spec is not None
     assert spec.loader is not None
@@ -139,8 +140,7 @@ def load_standin() -> ModuleType:
 
 
 @given(arguments=st.lists(st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"))))
-def test_any_arguments_reach_the_executable_unchanged(arguments: list[str]) -> None:
-    standin = load_standin()
+def test_any_arguments_reach_the_executable_unchanged(standin: ModuleType, arguments: list[str]) -> None:
     with pytest.MonkeyPatch.context() as patch:
         commands: list[list[str]] = []
         patch.setattr(standin, "find_executable", lambda package, name: f"/lib/{package}/{name}")
