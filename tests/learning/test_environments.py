@@ -28,39 +28,13 @@ RANGES = LAST_PART.episodes(0)
 COMPILED = SimulatorConfig(engine="whipple", time_step=0.01)
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", ["prop", "alt2", "fine"])
 def test_gymnasium_contract(task):
     check_env(BikeEnv("local", task, RANGES, COMPILED))
 
 
 def test_gymnasium_contract_on_pybullet():
     check_env(BikeEnv("local", "prop"))
-
-
-def test_batch_rides_as_the_simulator_does():
-    """The compiled batch and the simulator on the same engine give the same numbers, bit for bit."""
-    task = TASKS["lean"]
-    requests = [
-        ResetRequest(seed=seed, speed_range=RANGES.speed, path_ranges=RANGES.paths, perturb=True, preview=task.preview)
-        for seed in range(5)
-    ]
-    batch = Batch(5, COMPILED, task.preview)
-    commands = np.random.default_rng(0).uniform(-0.2, 0.2, (30, 5, 2))
-    for index, request in enumerate(requests):
-        batch.reset(index, request)
-    history = [(batch.state.copy(), batch.look.copy(), batch.preview_y.copy())]
-    for row in commands:
-        batch.step(row)
-        history.append((batch.state.copy(), batch.look.copy(), batch.preview_y.copy()))
-    for index, request in enumerate(requests):
-        simulator = Simulator(COMPILED)
-        snapshot = simulator.reset(request)
-        for step, (states, looks, preview) in enumerate(history):
-            np.testing.assert_array_equal(snapshot.state, states[index])
-            np.testing.assert_array_equal(snapshot.look, looks[index])
-            np.testing.assert_array_equal(snapshot.preview_y, preview[index])
-            if step < len(commands):
-                snapshot = simulator.step(*commands[step, index])
 
 
 def test_episode_goes_on_once_after_its_full_length_and_then_begins_anew():

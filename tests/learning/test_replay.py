@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bike_analysis.read.columns import MessageSchema
@@ -101,7 +101,6 @@ def test_a_recorded_ride_comes_out_the_same(config, tmp_path):
     assert (replay.missing, replay.stopped, replay.apart, replay.config) == (0, "", (), config)
 
 
-@settings(max_examples=25, deadline=None)
 @given(data=st.data(), by=st.floats(1e-6, 0.1) | st.floats(-0.1, -1e-6))
 def test_a_changed_command_is_found_at_the_step_that_it_led_to(recorded, data, by):
     row = data.draw(st.integers(1, len(recorded.ride.states) - 1))
@@ -114,7 +113,6 @@ def test_a_changed_command_is_found_at_the_step_that_it_led_to(recorded, data, b
     assert replay.apart[-1].time == pytest.approx((len(steering) - 1) * 0.05)
 
 
-@settings(max_examples=25, deadline=None)
 @given(data=st.data(), name=st.sampled_from([name for name in EXACT if name not in (*COMMANDS, *FLAGS)]))
 def test_a_single_bit_of_a_state_is_found(recorded, data, name):
     row = data.draw(st.integers(0, len(recorded.ride.states) - 1))
@@ -268,7 +266,6 @@ def test_no_ros_is_needed(recording):
     assert "the same ride, bit for bit" in done.stdout
 
 
-@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(share=st.floats(0.0, 1.0))
 def test_a_torn_recording_is_ridden_as_far_as_it_goes(recording, tmp_path, capsys, share):
     whole = recording.read_bytes()
