@@ -88,7 +88,7 @@ EXPECTED = {
             "max_steps": 1500,
             "masked": False,
         },
-        {"curriculum": "spdl"},
+        {"curriculum": "spdl", "share": 10.0, "start_line": True},
         {"learner": "sb3", "environments": 10, "updates": 10, "batch_size": 512, "steps": 9_500_000},
     ),
 }

@@ -202,7 +202,7 @@ def test_stability_terms_by_hand(start):
     assert terms["lean_change"] == pytest.approx(-abs(1.1 - before.state[0, 3]))
     assert terms["steer_change"] == pytest.approx(-abs(0.05 - before.state[0, 4]))
     assert terms["rate_change"] == pytest.approx(-np.hypot(3.0 - before.state[0, 7], 4.0))
-    assert terms["max_lean"] == pytest.approx(-(1.1 - np.radians(58.0)) * time)
+    assert terms["max_lean"] == pytest.approx(-(1.1 - np.radians(54.0)) * time)
     assert terms["slip_ratio"] == pytest.approx(-1.1 * time)  # a ratio counts 1 at most
     assert terms["slip_angle"] == pytest.approx(-0.3 * time)
     assert terms["tyre_use"] == pytest.approx(-0.5 * time)
@@ -238,10 +238,48 @@ def test_the_history_penalty_counts_swings_only(a, b):
     penalty = float(history_penalty(np.array([[a, b]]))[0])
     assert 0.0 <= penalty <= 1.0
     assert penalty == float(history_penalty(np.array([[-a, -b]]))[0])
-    if a * b >= 0.0 or min(abs(a), abs(b)) <= 0.014:
+    if a * b >= 0.0 or min(abs(a), abs(b)) <= 0.0084:
         assert penalty == 0.0
     elif abs(a) + abs(b) > 0.1:
         assert penalty > 0.99
+
+
+@pytest.mark.parametrize("repeat", [1, 3])
+@pytest.mark.parametrize(
+    ("term", "column", "motion", "punished"),
+    [
+        ("lean_history", 3, lambda t: 0.5 + np.radians(10.0) * np.sin(2.0 * np.pi * 4.0 * t), True),  # weave
+        ("steer_history", 4, lambda t: np.radians(2.0) * np.sin(2.0 * np.pi * 9.0 * t), True),  # wobble
+        ("steer_history", 4, lambda t: np.radians(2.0) * np.sin(2.0 * np.pi * 4.0 * t), True),
+        ("lean_history", 3, lambda t: 0.9 * np.sin(np.pi * min(t / 1.6, 0.5)), False),  # into a corner
+        ("lean_history", 3, lambda t: 0.9 * np.cos(np.pi * min(t / 1.2, 1.0)), False),  # from one to the other side
+        ("steer_history", 4, lambda t: np.radians(3.0) * np.sin(np.pi * t), False),  # a turn of one second
+    ],
+)
+def test_weave_and_wobble_are_punished_and_a_clean_turn_in_is_not(start, term, column, motion, punished, repeat):
+    rides, row = rides_of(start), start[0]
+    row = copied(row)
+    time, total = 0.0, 0.0
+    while time < 1.5:
+
+        def move(row):
+            nonlocal time
+            time += PERIOD
+            row.state[:, column] = motion(time)
+
+        result, row = decide(rides, row, move, periods=repeat)
+        total += result.terms[term][0] if time > 0.2 else 0.0  # what the ride was like before does not count
+    assert -15.0 <= total <= 0.0  # a step of 0.1 s counts 1 at most
+    assert total < -2.0 if punished else total == 0.0
+
+
+def test_scraping_along_a_wall_costs_energy_in_each_period(start):
+    def scrape(row):
+        row.circuit[:, lk.WALL_ENERGY] += 10.0
+        row.signals[:, signal("speed")] = 30.0
+
+    result, _ = decide(rides_of(start), start[0], scrape)
+    assert result.terms["wall"][0] == pytest.approx(-3 * 0.5 * 30.0**2)
 
 
 @pytest.mark.parametrize("weights", [RACE_WEIGHTS, load_preset("race_paper").task.weights], ids=["race", "paper"])

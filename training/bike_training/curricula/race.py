@@ -124,6 +124,7 @@ class RaceEpisodes:
         ground: the circuits. failures: where rides failed lately.
         share: part of the planned speed that is asked. spread: half width of the interval that it is drawn from.
         failure_share: part of the starts that lead up to failures.
+        start_line: whether the other starts are at the start line, instead of anywhere.
     """
 
     ground: CircuitSet
@@ -131,6 +132,7 @@ class RaceEpisodes:
     share: float
     spread: float = 0.0
     failure_share: float = 0.0
+    start_line: bool = False
 
     def context(self, rng: np.random.Generator) -> RaceContext:
         """Draw what an episode asks."""
@@ -147,7 +149,7 @@ class RaceEpisodes:
         context = self.context(rng)
         lam = self.lam(context)
         length = ground.length(name)
-        progress = float(rng.uniform(0.0, length))
+        progress = float(rng.uniform(0.0, length)) * (not self.start_line)
         failed = self.failures.draw(name, rng) if rng.random() < self.failure_share else None
         if failed is not None:
             before = float(rng.uniform(*RUN_UP)) * ground.start(name, lam, failed % length, 1.0, row)
@@ -177,6 +179,7 @@ class RaceCurriculumSettings:
         share: part of the planned speed that is asked in the end.
         spread: half width of the interval that the share of an episode is drawn from.
         failure_share: part of the starts that lead up to where rides failed lately.
+        start_line: whether the other starts are at the start line, instead of anywhere.
         sampled: most circuits that a validation rides, drawn anew for each; comparisons ride the first ones.
         validate_every: least learning steps between two validations.
         select_every: learning steps between two comparisons of actors, once a validation was whole.
@@ -187,6 +190,7 @@ class RaceCurriculumSettings:
     share: float = 1.0
     spread: float = 0.0
     failure_share: float = 0.0
+    start_line: bool = False
     sampled: int = 12
     validate_every: int = 10_000
     select_every: int = 30_000
@@ -240,7 +244,10 @@ class RaceCurriculum:
 
     def episodes(self, step: int) -> RaceEpisodes:
         """Return where episodes begin; see `Curriculum`."""
-        return RaceEpisodes(self.ground, self.failures, self.share, self._common.spread, self._common.failure_share)
+        common = self._common
+        return RaceEpisodes(
+            self.ground, self.failures, self.share, common.spread, common.failure_share, common.start_line
+        )
 
     def may_validate(self, step: int) -> bool:
         """Return True: nothing changes but the starts."""

@@ -14,8 +14,8 @@ Verdict = tuple[str, bool | None]
 """Text of what was found, and whether the paper agrees; None where the runs do not say."""
 
 YES, NO, OPEN = "yes", "no", "open"
-MIN_RUNS: Final = 3
-"""Runs of a setting from which on intervals decide; the bootstrap interval of two values is only their range."""
+MIN_RUNS: Final = 5
+"""Runs of a setting from which on intervals decide; that of few values is hardly more than their range."""
 DRAWS: Final = 10_000
 """Samples of a bootstrap."""
 BOOTSTRAP_SEED: Final = 0

@@ -49,16 +49,29 @@ from bike_training.reproduce.superbike_results import (
 from bike_training.rollout.laps import ride_laps
 from bike_training.rollout.races import RaceResult, ride_races
 from bike_training.sweeps.jobs import TrainJob
+from bike_training.tasks.race import RACE_WEIGHTS
 
+NO_PLAN: Final = {
+    "task.observation": "paper_race",
+    "task.weights": {name: weight for name, weight in RACE_WEIGHTS.items() if name != "line"},
+    "curriculum.share": 10.0,
+    "curriculum.start_line": True,
+    "curriculum.failure_share": 0.0,
+    "learner.mirror": False,
+}
+"""No planned speed in reward or observation, no distance to a line in the reward, starts at the start line."""
 CURRICULA: Final[Mapping[str, Mapping[str, Any]]] = {
     "spdl": {"curriculum": "spdl", "curriculum.threshold": SPDL_THRESHOLD},
     "sac": {"curriculum": "target"},
     "schedule": {"curriculum": "schedule"},
     "spdl450": {"curriculum": "spdl", "curriculum.threshold": 450.0},
     "spdl600": {"curriculum": "spdl", "curriculum.threshold": 600.0},
+    "plain-spdl": {"curriculum": "spdl", "curriculum.threshold": SPDL_THRESHOLD} | NO_PLAN,
+    "plain-sac": {"curriculum": "target"} | NO_PLAN,
 }
 """Settings by the first part of a setting's name: all arms draw from SPDL's target in the end. The first two are the
-paper's. ``schedule`` moves to the target whatever the returns are: what self-pacing adds is the difference from it."""
+paper's. ``schedule`` moves to the target whatever the returns are: what self-pacing adds is the difference from it. The
+last two have the paper's observation, and its speed limit in place of a planned speed."""
 EARLY: Final = 1150 / 1900
 """The paper's early snapshot as a part of its run (Table I)."""
 PRESET: Final = "race_direct"

@@ -198,6 +198,72 @@ def _quickest_trained(data: Tables) -> Verdict:
     return text, None if len(others) < len(MACHINES) - 1 else min(others.values()) > 0.0
 
 
+def gains(data: Tables, circuit: str) -> dict[str, FloatArray]:
+    """Return how much quicker each machine's best lap is than the trained one's, s, by the actors that lap with both.
+
+    The actors are those of all SPDL runs on a circuit.
+    """
+    setting = setting_of("spdl", circuit)
+    best: dict[int, dict[str, float]] = {}
+    for row in data.transfers:
+        if row.setting == setting and row.whole:
+            best.setdefault(row.seed, {})[row.machine] = row.best
+    both = [laps for laps in best.values() if MACHINE in laps]
+    others = [machine for machine in MACHINES if machine != MACHINE]
+    return {name: np.array([laps[MACHINE] - laps[name] for laps in both if name in laps]) for name in others}
+
+
+def _transfers_best(data: Tables, machine: str, circuit: str) -> Verdict:
+    """Agree where a machine's loss to the trained one is less than that of every other."""
+    found = {name: values for name, values in gains(data, circuit).items() if len(values)}
+    some(found, "no actor that laps on two machines")
+    text = ", ".join(f"{name} {with_interval(values, '+.2f')} s" for name, values in found.items())
+    if len(found) < len(MACHINES) - 1 or min(map(len, found.values())) < MIN_RUNS:
+        return text, None
+    apart = [interval(found[machine], values, rule=operator.sub) for name, values in found.items() if name != machine]
+    if any(high < 0.0 for _, high in apart):
+        return text, False
+    return text, True if all(low > 0.0 for low, _ in apart) else None
+
+
+def _quicker_there(data: Tables, circuit: str, machines: Sequence[str]) -> Verdict:
+    """Agree where some machines lap a circuit faster than the trained one."""
+    found = {name: values for name, values in gains(data, circuit).items() if name in machines and len(values)}
+    some(found, "no actor that laps on two machines")
+    text = ", ".join(f"{name} {with_interval(values, '+.2f')} s" for name, values in found.items())
+    if len(found) < len(machines) or min(map(len, found.values())) < MIN_RUNS:
+        return text, None
+    each = [interval(values) for values in found.values()]
+    if any(high < 0.0 for _, high in each):
+        return text, False
+    return text, True if all(low > 0.0 for low, _ in each) else None
+
+
+def _three_laps(data: Tables) -> Verdict:
+    """Three consecutive laps; in which third of a lap the best runs differ is of one lap each, and decides nothing."""
+    means = [of_whole(rows_of(data, kind, "late"), "mean") for kind in KINDS]
+    if not all(map(len, means)):
+        raise NothingFound("no whole rides of both")
+    low, high = interval(*(3.0 * values for values in means), rule=operator.sub)
+    text = f"difference {3.0 * (means[0].mean() - means[1].mean()):+.2f} s, {low:+.2f} to {high:+.2f}"
+    thirds = [_times_at_thirds(data, kind) for kind in KINDS]
+    if all(len(times) == 3 for times in thirds):
+        apart = np.diff(np.subtract(*thirds), prepend=0.0)
+        text += f"; best laps by thirds of the lap: {', '.join(f'{value:+.2f}' for value in apart)} s"
+    if min(map(len, means)) < MIN_RUNS:
+        return text, None
+    return text, None if low <= 0.0 <= high else high < 0.0
+
+
+def _times_at_thirds(data: Tables, kind: str) -> FloatArray:
+    """Return when a flying lap of the best run has passed each third of the circuit, s after the start line."""
+    rows = [row for row in data.moments if row.setting == kind]
+    if len(rows) < 2 or rows[-1].progress - rows[0].progress < 0.9 * load_track(CIRCUITS[0]).length:
+        return np.array([])
+    along = np.array([row.progress - rows[0].progress for row in rows])
+    return np.interp(along[-1] * np.arange(1, 4) / 3.0, along, [row.time for row in rows])
+
+
 def overshoots(data: Tables, setting: str) -> dict[str, float]:
     """Return the distance of a lap to the outside of the ideal line in each corner, m; less than 0 where it cuts it."""
     track = load_track(CIRCUITS[0])
@@ -250,11 +316,14 @@ STATEMENTS: Final = statements_of(
     _moves,
     _no_lap,
     _no_walls,
+    _quicker_there,
     _quickest_trained,
     _runs_wide,
     _sac_elsewhere,
     _sooner,
+    _three_laps,
     _transfer,
+    _transfers_best,
 )
 """Statements that the experiments can answer."""
 
@@ -290,6 +359,32 @@ def _runs(data: Tables) -> str:
         rows.append((name, f"{len(done)} of {len(runs)}", steps, first, with_interval(cpu, ".0f")))
     head = ("setting", "runs finished", "decisions each", "first whole validation, decisions")
     return markdown((*head, "processor time a run / s"), rows)
+
+
+def _arms(data: Tables) -> str:
+    """Every curriculum in Barcelona beside the fixed schedule: differences of the means with their intervals."""
+    kinds = [name for name in dict.fromkeys(run.setting for run in data.runs) if circuit_of(name) == CIRCUITS[0]]
+    share = {}
+    for kind in kinds:
+        found = [
+            np.array([row.error < 1.0 for row in data.validations if (row.setting, row.seed) == (kind, run.seed)])
+            for run in data.runs
+            if run.setting == kind
+        ]
+        share[kind] = np.array([100.0 * whole.mean() for whole in found if len(whole)])
+    late = {kind: np.array([100.0 * row.whole / row.rides for row in rows_of(data, kind, "late")]) for kind in kinds}
+    rows = []
+    for kind in kinds:
+        cells = [kind, str(len(late[kind]))]
+        for values in (share, late):
+            cells.append(with_interval(values[kind], ".0f"))
+            other = values.get("schedule", np.array([]))
+            known = kind != "schedule" and min(len(values[kind]), len(other)) > 1
+            low, high = interval(values[kind], other, rule=operator.sub) if known else (0.0, 0.0)
+            cells.append(f"{low:+.0f} to {high:+.0f}" if known else "")
+        rows.append((*cells, with_interval(of_whole(rows_of(data, kind, "late"), "mean"), lap_text)))
+    head = ("curriculum", "runs", "whole validations / %", "less the schedule's", "rides whole, late / %")
+    return markdown((*head, "less the schedule's", "lap time, late"), rows)
 
 
 def _table_1(data: Tables) -> str:
@@ -337,6 +432,7 @@ def _table_3(data: Tables) -> str:
 
 TABLES: Final = {
     "Runs, means with 95 % bootstrap intervals": _runs,
+    "Curricula: Panigale, Barcelona": _arms,
     "Table I: Panigale, Barcelona": _table_1,
     "Table II: three circuits, an actor learned on each": _table_2,
     "Table III: best laps of the best SPDL run of each circuit, on machines that it did not learn on": _table_3,

@@ -30,11 +30,17 @@ from bike_sim.vehicles.superbike import Superbike
 from bike_training.settings import check_choice
 from bike_training.tasks.base import FloatArray, StepResult, check_positive_settings, check_weights
 
-HISTORY_LEAST: Final = 0.014
-HISTORY_SLOPE: Final = 182.883569
-HISTORY_OFFSET: Final = 0.034
+HISTORY_PERIOD: Final = 0.06
+"""Time over which a change of an angle is taken, s: about half a period of wobble (9 Hz), a quarter of one of weave."""
+PUBLISHED_PERIOD: Final = 0.1
+"""Time between two steps of the source of the history penalty, s."""
+_PERIODS: Final = HISTORY_PERIOD / PUBLISHED_PERIOD
+HISTORY_LEAST: Final = 0.014 * _PERIODS
+HISTORY_SLOPE: Final = 182.883569 / _PERIODS
+HISTORY_OFFSET: Final = 0.034 * _PERIODS
 """Constants c_d (rad), c_s (1/rad) and c_o (rad) of the history penalty (Vasco et al. 2024), made for a car's steering
-at 10 Hz; for lean, which turns ten times as far, c_d and c_o are ten times as large and c_s a tenth."""
+at 10 Hz, for the same rates over HISTORY_PERIOD; for lean, which turns ten times as far, c_d and c_o are ten times as
+large and c_s a tenth."""
 LEAN_FACTOR: Final = 10.0
 STALLED: Final = 3.0
 """Speed below which a machine counts as stalled, m/s."""
@@ -56,7 +62,7 @@ class RewardSignals:
         progress: distance along the followed line, m; negative where the machine heads the wrong way.
         time_gain: time gained on the planned lap, s.
         off_track: speed times time with a contact point outside, m.
-        energy: kinetic energy per mass in a collision with a wall, m^2/s^2.
+        energy: kinetic energy per mass in each control period with a wall touched, m^2/s^2 (Fuchs et al. 2021).
         line: distance to the line times time, m s.
         overspeed: speed beyond the one asked, times time, m.
         lean_excess: lean beyond the largest one, times time, rad s.
@@ -70,8 +76,8 @@ class RewardSignals:
         steering_change: change of the action's first column.
         throttle_change: change of its second column.
         effort: sum of the squares of the action.
-        steer_history: 0 to 1, see `history_penalty`.
-        lean_history: 0 to 1.
+        steer_history: `history_penalty` times time, in steps of the source, 0.1 s.
+        lean_history: the same of the lean.
         fell: 1 where the ride is over.
         failed: 1 where the episode fails for any reason.
     """
@@ -152,7 +158,7 @@ class RaceTask:
         weights: terms of the reward by name, with their weights; empty for RACE_WEIGHTS.
         repeat: control periods that a decision is held.
         max_steps: decisions of an episode.
-        largest_lean: of the term ``max_lean``, rad.
+        largest_lean: of the term ``max_lean``, rad; machines can lean farther.
         lean_scale: part of the virtual rider's largest lean that action 1 asks for.
         guided: whether actions are targets of a guide.
         offset: farthest from the followed line with a guide, m.
@@ -172,7 +178,7 @@ class RaceTask:
     weights: Mapping[str, float] = field(default_factory=dict)
     repeat: int = 3
     max_steps: int = MAX_STEPS
-    largest_lean: float = math.radians(58.0)
+    largest_lean: float = math.radians(54.0)
     lean_scale: float = 0.95
     guided: bool = False
     offset: float = 0.6
@@ -332,7 +338,9 @@ class RaceState:
         self._rate = np.ones(count)
         self._angles = np.zeros((count, 2))
         self._omega = np.zeros((count, 2))
-        self._changes = np.zeros((count, 2, 2))
+        lag = max(1, round(HISTORY_PERIOD / self._period))
+        self._past = np.zeros((count, 2 * lag + 1, 2))
+        self._walls = np.zeros(count)
         self._timers = np.zeros((count, 3))
         self._limits = (task.off_track_time, task.wrong_way_time, task.stalled_time)
         self._over = np.zeros(count, dtype=np.bool_)
@@ -346,7 +354,8 @@ class RaceState:
         self._progress[row] = rows.look[row, lk.PROGRESS]
         self._rate[row] = 1.0
         self._angles[row], self._omega[row] = rows.state[row, [STEER, ROLL]], _omega(rows)[row]
-        self._changes[row], self._timers[row] = 0.0, 0.0
+        self._past[row], self._timers[row] = self._angles[row], 0.0
+        self._walls[row] = rows.circuit[row, lk.WALL_ENERGY]
         self._over[row] = self._expired[row] = False
 
     def observe(self, rows: VehicleRows) -> NDArray[np.float32]:
@@ -400,8 +409,16 @@ class RaceState:
         signals.slip_angle += running * _both(telemetry, _REAR_SLIP_ANGLE, _FRONT_SLIP_ANGLE, math.pi) * dt
         signals.use += running * np.maximum(0.0, use - 1.0) * dt
         signals.motion += running * (np.abs(telemetry[:, _VERTICAL_VELOCITY]) + sideways) * dt
-        hit = running & rows.fallen & (telemetry[:, _FALL] == 0.0)
-        signals.energy += hit * 0.5 * telemetry[:, _SPEED] ** 2
+        hit = rows.fallen & (telemetry[:, _FALL] == 0.0)
+        touched = running & (hit | (rows.circuit[:, lk.WALL_ENERGY] > self._walls))
+        self._walls = rows.circuit[:, lk.WALL_ENERGY].copy()
+        signals.energy += touched * 0.5 * telemetry[:, _SPEED] ** 2
+        self._past = np.concatenate((rows.state[:, None, [STEER, ROLL]], self._past[:, :-1]), axis=1)
+        lag = self._past.shape[1] // 2
+        changes = self._past[:, :-1:lag] - self._past[:, lag::lag]
+        part = running * dt / PUBLISHED_PERIOD
+        signals.steer_history += part * history_penalty(changes[:, :, 0])
+        signals.lean_history += part * history_penalty(changes[:, :, 1] / LEAN_FACTOR)
         signals.fell += running & rows.fallen
         for timer, ticking in enumerate((both_off, wrong, speed < STALLED)):
             self._timers[:, timer] = np.where(ticking, self._timers[:, timer] + dt, 0.0)
@@ -415,9 +432,6 @@ class RaceState:
         change = angles - self._angles
         signals.steer_change, signals.lean_change = np.abs(change[:, 0]), np.abs(change[:, 1])
         signals.rate_change = np.sqrt(np.sum((omega - self._omega) ** 2, axis=1))
-        self._changes = np.stack((change, self._changes[:, 0]), axis=1)
-        signals.steer_history = history_penalty(self._changes[:, :, 0])
-        signals.lean_history = history_penalty(self._changes[:, :, 1] / LEAN_FACTOR)
         self._angles, self._omega = angles, omega
         failed = rows.fallen | self._expired
         signals.failed = failed.astype(np.float64)
@@ -440,7 +454,7 @@ class RaceState:
             getattr(self, f"_{name}")[...] = stored[name]
 
 
-_MEMORY: Final = ("progress", "rate", "angles", "omega", "changes", "timers", "over", "expired")
+_MEMORY: Final = ("progress", "rate", "angles", "omega", "past", "walls", "timers", "over", "expired")
 
 
 def off_track(rows: VehicleRows) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -456,7 +470,7 @@ def history_penalty(changes: FloatArray) -> FloatArray:
     It counts where the last two changes have opposite signs and both exceed HISTORY_LEAST.
 
     Args:
-        changes: the last one and the one before, rad, shape (n, 2).
+        changes: over the last HISTORY_PERIOD and the one before, rad, shape (n, 2).
     """
     size = np.abs(changes)
     swings = (changes[:, 0] * changes[:, 1] < 0.0) & np.all(size > HISTORY_LEAST, axis=1)
