@@ -245,7 +245,8 @@ def _three_laps(data: Tables) -> Verdict:
     if not all(map(len, means)):
         raise NothingFound("no whole rides of both")
     low, high = interval(*(3.0 * values for values in means), rule=operator.sub)
-    text = f"difference {3.0 * (means[0].mean() - means[1].mean()):+.2f} s, {low:+.2f} to {high:+.2f}"
+    text = f"difference {3.0 * (means[0].mean() - means[1].mean()):+.2f} s"
+    text += f", {low:+.2f} to {high:+.2f}" if np.isfinite(low) else f" ({', '.join(str(len(v)) for v in means)} runs)"
     thirds = [_times_at_thirds(data, kind) for kind in KINDS]
     if all(len(times) == 3 for times in thirds):
         apart = np.diff(np.subtract(*thirds), prepend=0.0)
