@@ -11,9 +11,8 @@ from bike_policy.contract.bundle import Actor, Bundle, load_bundle
 from bike_policy.contract.observation import COMPACT, GUIDED
 from bike_training.cli import main
 from bike_training.commands.evaluate import _pairs
-from bike_training.reproduce.superbike_results import bundle_tables
 from bike_training.rollout.laps import ride_laps
-from bike_training.rollout.races import SLOW, RaceResult, ride_races
+from bike_training.rollout.races import SLOW, ride_races
 from bike_training.tasks.race import RaceTask
 
 
@@ -119,27 +118,11 @@ def test_a_run_becomes_a_bundle_with_its_share_that_is_evaluated(
     assert exported.layout == replace(COMPACT, share=0.9)
     out = tmp_path / "races"
     words = ["evaluate", str(run / "policy"), "--starts", "2", "--out", str(out), "--json"]
-    words += ["--tables", "--vehicle", "panigale_v4r", "--course", "barcelona"]
+    words += ["--vehicle", "panigale_v4r", "--course", "barcelona"]
     assert main(words) == 1  # a beginner
     races = json.loads((out / "races.json").read_text())["races"]
     assert [race["whole"] for race in races] == [0]
     assert (out / "races.csv").read_text().startswith("vehicle,circuit,rides")
-    tables = (out / "tables.md").read_text()
-    assert "| lap time, mean | - | 1:30.75 | 1:31.32 |" in tables
-    assert "| cremona | not ridden | 1:28.22 |" in tables
-
-
-def test_the_papers_tables_hold_each_ride_at_its_place() -> None:
-    one = RaceResult("panigale_v4r", "barcelona", 4, 3, 2, 1, 1, 9, (101.0, 103.0), 0.0, 8.0, 0.25, (0.0, 0.0), 100.0)
-    other = replace(one, vehicle="r1", circuit="cremona", times=(95.5,))
-    first, second, third = bundle_tables("mine", [one, other]).split("Table ")[1:]
-    assert "4 rides of 3 flying laps, 2 whole" in first
-    for row in ("lap time, mean | 1:42.000 |", "line / m | 0.25 |", "a ride / s | 2.00 |", "falls | 1 |"):
-        assert row in first
-    assert "| barcelona | 1:42.000 | 1:32.85 | 0.25 | 2.99 | 2.00 | 1.74 | - |" in second
-    assert "| cremona | not ridden |" in second
-    assert "| panigale_v4r | 1:41.000 | 1:30.24 | not ridden | 1:27.80 |" in third
-    assert "| r1 | not ridden | 1:32.53 | 1:35.500 | 1:29.52 |" in third
 
 
 def test_machines_ride_each_circuit_or_take_circuits_in_turn() -> None:

@@ -32,7 +32,7 @@ from bike_training.commands.declarations import DEFAULT_SUPERBIKE, SUPERBIKE
 from bike_training.envs.clients import make_client
 from bike_training.progress import progress_bar
 from bike_training.rollout.evaluation import PAPER_MAX, PAPER_MEAN, SPEEDS, Ride, draw, evaluate
-from bike_training.rollout.races import RaceResult, delay_of, ride_races
+from bike_training.rollout.races import delay_of, ride_races
 from bike_training.rollout.rollout import TimedRider, ride_through
 from bike_training.rollout.stability import stability
 from bike_training.tasks.base import round_robin
@@ -257,9 +257,6 @@ def run_races(args: argparse.Namespace) -> dict[str, Any]:
         writer.writeheader()
         writer.writerows(found)
     undisturbed = [result for result in results if result.disturbances == "none"]
-    tables = _tables(name, undisturbed) if args.tables else ""
-    if tables:
-        (args.out / "tables.md").write_text(tables, encoding="utf-8")
     if not args.json:
         Console(width=120).print(_race_table(name, found))
         for ride in lost[:LISTED_LOST]:
@@ -268,7 +265,6 @@ def run_races(args: argparse.Namespace) -> dict[str, Any]:
             print(f"lost: {ride['vehicle']} on {ride['circuit']}{world}, start {ride['start']}: {ride['cause']}{where}")
         if len(lost) > LISTED_LOST:
             print(f"and {len(lost) - LISTED_LOST} more lost rides, listed in {args.out / 'races.json'}")
-        print(tables)
     # Disturbances are there to find out what a rider bears, so falls under them are no failure of the command.
     ok = all(result.whole == result.rides for result in undisturbed)
     return {"schema": "bike.evaluate_races/1", "ok": ok, "figures": figures}
@@ -290,20 +286,7 @@ def _check_disturbances(disturbances: Sequence[Disturbances], machine: Superbike
 
 def _asked(args: argparse.Namespace) -> tuple[list[str], list[str]]:
     """Return the machines and the circuits that are asked for."""
-    machines, circuits = [DEFAULT_SUPERBIKE], [CIRCUIT]
-    if args.tables:
-        from bike_training.reproduce.superbike_results import CIRCUITS, MACHINES  # late: it loads the presets
-
-        machines, circuits = list(MACHINES), list(CIRCUITS)
-    return (args.vehicle.split(",") if args.vehicle else machines), (
-        args.course.split(",") if args.course else circuits
-    )
-
-
-def _tables(name: str, results: Sequence[RaceResult]) -> str:
-    from bike_training.reproduce.superbike_results import bundle_tables  # late: it loads the presets
-
-    return bundle_tables(name, results)
+    return (args.vehicle or DEFAULT_SUPERBIKE).split(","), (args.course or CIRCUIT).split(",")
 
 
 def _pairs(machines: Sequence[str], circuits: Sequence[str], taking_turns: bool) -> list[tuple[str, str]]:

@@ -33,8 +33,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """
     if args.cores is not None:
         check_whole("--cores", args.cores, 1)
-    if args.retries is not None:
-        check_whole("--retries", args.retries, 0)
 
     if not args.json:
         print(f"{args.spec}: checking its runs", flush=True)
@@ -71,9 +69,8 @@ def _do(sweep: Sweep, plan: Plan, args: argparse.Namespace, cores: float) -> dic
     missing, interrupted = plan.missing, False
     if missing:
         place = Place(args.address, args.cores)
-        retries = sweep.retries if args.retries is None else args.retries
         with Display(len(plan.runs), len(missing), quiet=args.json) as display:
-            interrupted = do_runs(missing, args.out, place, retries, display)
+            interrupted = do_runs(missing, args.out, place, sweep.retries, display)
     plan = make_plan(sweep, args.out)
     results.write_tables(plan, args.out)
     outcome = _outcome(sweep, plan, args, cores, ok=all(run.finished for run in plan.runs))

@@ -22,7 +22,6 @@ from bike_training.reproduce.statement import (
     statements_of,
     with_interval,
 )
-from bike_training.rollout.races import RaceResult
 
 MACHINE: Final = "panigale_v4r"
 MACHINES: Final = (MACHINE, "zx10rr", "cbr1000rr_r", "r1", "m1000rr")
@@ -439,60 +438,3 @@ TABLES: Final = {
     "Table III: best laps of the best SPDL run of each circuit, on machines that it did not learn on": _table_3,
 }
 """All tables as Markdown, by their headings."""
-
-
-# --------------------------------------------------------------------------------------------- tables of one policy
-
-
-def bundle_tables(name: str, results: Sequence[RaceResult]) -> str:
-    """Return the three tables as Markdown, of the rides of one policy beside the published figures.
-
-    Table I is of the paper's machine on its first circuit, Table II of that machine on all, Table III of all machines.
-    Cells of pairs without rides say ``not ridden``.
-
-    Args:
-        name: of the policy.
-        results: a machine on a circuit each.
-    """
-    ridden = {(result.vehicle, result.circuit): result for result in results}
-
-    def figures(machine: str, circuit: str) -> tuple[str, ...]:
-        """Return lap time, distance, off-track time a ride, falls and collisions, as Table I has them."""
-        result = ridden.get((machine, circuit))
-        if result is None:
-            return ("not ridden",) * 5
-        mean = lap_text(float(np.mean(result.times))) if result.times else "-"
-        off = f"{result.outside / result.rides:.2f}"
-        return mean, f"{result.line:.2f}", off, str(result.falls), str(result.walls)
-
-    def best(machine: str, circuit: str) -> str:
-        result = ridden.get((machine, circuit))
-        return "not ridden" if result is None else lap_text(result.times[0]) if result.times else "-"
-
-    def interleaved(found: Sequence[Any], published: Sequence[Any]) -> list[Any]:
-        return [cell for pair in zip(found, published, strict=True) for cell in pair]
-
-    result = ridden.get((MACHINE, CIRCUITS[0]))
-    rides = "" if result is None else f", {result.rides} rides of {result.laps} flying laps, {result.whole} whole"
-    names = ("lap time, mean", "distance to the line / m", "off-track time a ride / s", "falls", "collisions")
-    found = figures(MACHINE, CIRCUITS[0])
-    first = list(zip(names, found, *(PUBLISHED["table_1"][f"{kind} late"] for kind in KINDS), strict=True))
-    second = [
-        (
-            circuit,
-            *interleaved(figures(MACHINE, circuit)[:3], PUBLISHED["table_2"][circuit][:3]),
-            PUBLISHED["table_2"][circuit][3],
-        )
-        for circuit in CIRCUITS
-    ]
-    third = [
-        (machine, *interleaved([best(machine, circuit) for circuit in CIRCUITS], PUBLISHED["table_3"][machine]))
-        for machine in MACHINES
-    ]
-    head = ("circuit", "lap time, mean", "paper", "distance / m", "paper", "off-track / s", "paper", "paper's SAC")
-    parts = (
-        (f"Table I: {MACHINE}, {CIRCUITS[0]}{rides}", ("", name, "paper, SPDL", "paper, SAC"), first),
-        (f"Table II: {MACHINE}, {name}", head, second),
-        (f"Table III: best laps, {name}", ("machine", *interleaved(CIRCUITS, ("paper",) * len(CIRCUITS))), third),
-    )
-    return "\n".join(f"{title}\n\n{markdown(columns, rows)}" for title, columns, rows in parts)
