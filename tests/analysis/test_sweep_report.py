@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from bike_analysis.sweeps.report import report_sweep
-from bike_analysis.sweeps.statistics import band, bootstrap, interquartile_mean, paired, profile
+from bike_analysis.sweeps.statistics import band, bootstrap, interquartile_mean, paired
 from bike_analysis.sweeps.tables import CURVE_COLUMNS, CURVES_TABLE, RUN_COLUMNS, RUNS_TABLE, write_table
 from bike_training.cli import main
 
@@ -51,18 +51,6 @@ def test_one_run_has_no_interval_and_none_is_refused() -> None:
     for values in ([], [1.0, np.nan]):
         with pytest.raises(ValueError, match="finite values"):
             bootstrap(values)
-
-
-@given(st.lists(FINITE, min_size=1, max_size=20))
-def test_a_profile_counts_runs(values: list[float]) -> None:
-    thresholds = np.linspace(min(values) - 1.0, max(values) + 1.0, 50)
-    share, low, high = profile(values, thresholds, higher_is_better=False)
-    assert (share[0], share[-1]) == (0.0, 1.0)
-    assert (np.diff(share) >= 0.0).all()
-    assert (low <= share).all()
-    assert (share <= high).all()
-    other = profile([-value for value in values], -thresholds, higher_is_better=True)[0]
-    np.testing.assert_array_equal(share, other)
 
 
 def test_pairs_are_compared_seed_by_seed() -> None:
@@ -117,12 +105,12 @@ def sweep(tmp_path: Path) -> Path:
 def test_the_report_shows_every_group_and_needs_nothing_from_outside(sweep: Path) -> None:
     report = report_sweep(sweep, sweep / "report")
     page = (sweep / "report" / "report.html").read_text()
-    assert page.count("<svg") == 2  # curves and profiles
+    assert page.count("<svg") == 1
     assert not re.search(r'(?:src|href)="(?!data:)[^#"]', page)
     assert "<script>alert" not in page
     assert "&lt;script&gt;alert(1)" in page
     assert "ValueError: &lt;b&gt;" in page
-    assert {Path(path).name for path in report["pictures"]} == {"curves.png", "profiles.png"}
+    assert {Path(path).name for path in report["pictures"]} == {"curves.png"}
     assert all(Path(path).read_bytes().startswith(b"\x89PNG") for path in report["pictures"])
 
 

@@ -31,22 +31,18 @@ from bike_analysis.page.document import (
 )
 from bike_analysis.page.view import SERIES_COLOURS
 from bike_analysis.read.container import shown
-from bike_analysis.sweeps.statistics import band, profile
+from bike_analysis.sweeps.statistics import band
 from bike_analysis.sweeps.tables import (
-    LARGER_IS_BETTER,
     comparisons,
     curves_of,
-    figure_names,
     finished,
     group_figures,
     read_tables,
-    values_of,
 )
 
 PAGE_NAME: Final = "report.html"
 DRAWN_QUANTITIES: Final = ("mean_error_m", "part", "episode_steps", "selection_rms_m")
 """Curves that pictures show where a sweep has them; else the first four it has."""
-DRAWN_FIGURES: Final = 4
 _MIN_POINTS: Final = 2
 PANEL_WIDTH: Final = 4.6
 """Width of a panel, inches."""
@@ -112,7 +108,7 @@ def report_sweep(folder: str | os.PathLike[str], out: str | os.PathLike[str] | N
 
 
 def _draw(runs: pd.DataFrame, curves: pd.DataFrame) -> list[Picture]:
-    """Draw curves and profiles, as far as there is something to draw."""
+    """Draw the curves, as far as there is something to draw."""
     pictures = []
     for axis in map(str, curves["axis"].unique()):
         part = curves[curves["axis"] == axis]
@@ -124,11 +120,6 @@ def _draw(runs: pd.DataFrame, curves: pd.DataFrame) -> list[Picture]:
         )
         caption = "Interquartile mean over runs with its 95 % bootstrap interval, as far as all have come; thin: runs."
         pictures.append(Picture(title, caption, f"{file}.png", _curves_figure(runs, part, quantities, axis)))
-    # A picture of figures in which runs do not differ shows nothing.
-    names = [name for name in figure_names(runs) if finished(runs)[f"figure_{name}"].nunique() > 1][:DRAWN_FIGURES]
-    if names:
-        caption = "Share of runs that are at least as good, with its 95 % bootstrap interval."
-        pictures.append(Picture("Performance profiles", caption, "profiles.png", _profiles_figure(runs, names)))
     return pictures
 
 
@@ -163,32 +154,6 @@ def _curves_figure(runs: pd.DataFrame, curves: pd.DataFrame, quantities: Sequenc
             if axis == STEP:
                 panel.xaxis.set_major_formatter(lambda x, _: f"{x:,.0f}")
             panel.margins(x=0.01)
-        _add_legend(figure, panels[0])
-    return figure
-
-
-def _profiles_figure(runs: pd.DataFrame, figures: Sequence[str]) -> Figure:
-    """Draw the share of runs that are at least as good as each value, with its interval."""
-    groups, done = drawn_groups(runs), finished(runs)
-    with mpl.rc_context(RC):
-        figure, panels = _panels(len(figures))
-        for panel, name in zip(panels, figures, strict=True):
-            every = values_of(done, name)
-            margin = 0.05 * (float(np.ptp(every)) or max(abs(float(every[0])), 1e-9))
-            thresholds = np.linspace(every.min() - margin, every.max() + margin, 400)
-            for hue_name, group in zip(SERIES_COLOURS, groups, strict=False):
-                members = done[done["group"] == group]
-                if not len(members):
-                    continue
-                values = np.full(len(members), np.nan)
-                known = values_of(members, name)
-                values[: len(known)] = known  # runs without the figure are worse than any threshold
-                share, low, high = profile(values, thresholds, name in LARGER_IS_BETTER)
-                hue = colour(hue_name)
-                panel.fill_between(thresholds, low, high, color=hue, alpha=0.18, lw=0, step="mid")
-                panel.step(thresholds, share, where="mid", color=hue, lw=1.6, label=shown(group))
-            sign = "≥" if name in LARGER_IS_BETTER else "≤"
-            panel.set(xlabel=label_of(name), ylabel=f"share of runs {sign}", ylim=(-0.02, 1.02))
         _add_legend(figure, panels[0])
     return figure
 

@@ -1,4 +1,4 @@
-"""Figures of repeated runs: interquartile means, bootstrap intervals, performance profiles, paired comparisons.
+"""Figures of repeated runs: interquartile means, bootstrap intervals, paired comparisons.
 
 Source: Agarwal, Schwarzer, Castro, Courville, Bellemare, Deep Reinforcement Learning at the Edge of the Statistical
 Precipice, NeurIPS 2021. All take plain arrays; draws come from a fixed seed, so the same runs give the same figures.
@@ -63,29 +63,6 @@ def bootstrap(
     drawn = statistic(sample[_draw(len(sample), seed)])
     low, high = np.quantile(drawn, [0.5 - LEVEL / 2, 0.5 + LEVEL / 2])
     return Interval(float(statistic(sample)), float(low), float(high))
-
-
-def profile(
-    values: Sequence[float] | Floats, thresholds: Floats, higher_is_better: bool
-) -> tuple[Floats, Floats, Floats]:
-    """Return the share of runs that are at least as good as each threshold, with its interval.
-
-    Args:
-        values: one value a run; not a number counts as worse than any threshold.
-        thresholds: shape (n,).
-        higher_is_better: whether large values are good.
-
-    Returns:
-        Share, lower and upper end, each of shape (n,).
-    """
-    sample = np.asarray(values, dtype=np.float64)
-    if not len(sample):
-        raise ValueError("a performance profile needs at least one run")
-    better = np.greater_equal if higher_is_better else np.less_equal
-    reached = better(sample[:, None], thresholds[None, :]).astype(np.float64)
-    drawn = reached[_draw(len(sample), SEED, 2000)].mean(axis=1)
-    low, high = np.quantile(drawn, [0.5 - LEVEL / 2, 0.5 + LEVEL / 2], axis=0)
-    return reached.mean(axis=0), low, high
 
 
 def paired(first: Floats, second: Floats) -> tuple[Interval, float]:

@@ -57,8 +57,6 @@ CURVE_COLUMNS: Final[Mapping[str, str]] = {
 
 MAX_COMPARED_GROUPS: Final = 12
 """Groups up to which every two are compared; of more, each is compared with the first."""
-LARGER_IS_BETTER: Final = ("part", "completed_count", "random_completed_count", "valid_laps", "laps")
-"""Figures of which more is better; of all others less is."""
 _EFFORT: Final = (
     "steps",
     "updates",
