@@ -1,4 +1,4 @@
-"""SHAP values of a policy on a recorded ride: sums, symmetry, and a statement that follows the signs."""
+"""SHAP values of a policy on a recorded ride: sums, symmetry, and signs that follow the policy."""
 
 import json
 from dataclasses import replace
@@ -14,8 +14,7 @@ from bike_sim.recording.definitions import MessageType
 from bike_sim.recording.recorder import RideRecorder, Split
 from bike_training.cli import main
 from bike_training.explain.drawing import labels
-from bike_training.explain.findings import correlation, state_findings
-from bike_training.explain.shap_values import explain, outputs_of
+from bike_training.explain.shap_values import correlation, explain, outputs_of
 
 SMALL = {"permutations": 4, "background": 20, "silent": True}
 COURSE = """format: bike.course/1
@@ -61,6 +60,11 @@ def mirrored(bundle):
     return replace(bundle, actor=Actor.from_tensors(tensors))
 
 
+def sign_of(explanation, place):
+    """The correlation of a feature with its SHAP values."""
+    return correlation(explanation.features[:, place], explanation.values[:, place])
+
+
 def observations_of(layout, rng, count=40):
     return rng.normal(0.0, 0.3, (count, layout.size)).astype("f4")
 
@@ -96,8 +100,8 @@ def test_the_mirrored_policy_on_the_mirrored_ride_has_the_opposite_values():
     other = explain(mirrored(bundle), observations * LEAN_LAYOUT.mirror_signs, **SMALL)
     np.testing.assert_allclose(other.values, -one.values, atol=1e-6)
     np.testing.assert_allclose(other.features, one.features * LEAN_LAYOUT.mirror_signs, rtol=1e-12)
-    for mine, its in zip(state_findings(one, 0.0).findings, state_findings(other, 0.0).findings, strict=True):
-        assert its.correlation == pytest.approx(mine.correlation, abs=1e-4)
+    for place in range(LEAN_LAYOUT.size):
+        assert sign_of(other, place) == pytest.approx(sign_of(one, place), abs=1e-4)
 
 
 def test_a_feature_without_a_weight_has_no_value():
@@ -110,24 +114,6 @@ def test_a_feature_without_a_weight_has_no_value():
         replace(bundle, actor=Actor.from_tensors(tensors)), observations_of(LEAN_LAYOUT, rng), **SMALL
     )
     assert np.abs(explanation.values[:, place]).max() < 1e-7
-    statement = state_findings(explanation, 0.0)
-    (finding,) = [finding for finding in statement.findings if finding.subject == "steer rate"]
-    assert finding.sign == 0
-
-
-# -------------------------------------------------------------------------------------------------------- the statement
-
-
-def test_a_feature_that_does_not_vary_shows_nothing():
-    rng = np.random.default_rng(5)
-    observations = observations_of(LEAN_LAYOUT, rng)
-    observations[:, LEAN_LAYOUT.names.index("roll")] = 0.2
-    observations[:, LEAN_LAYOUT.names.index("roll_rate")] = 0.0
-    statement = state_findings(explain(random_bundle(LEAN_LAYOUT, rng), observations, **SMALL), 0.0)
-    roll = next(finding for finding in statement.findings if finding.subject == "roll")
-    assert np.isnan(roll.correlation)
-    assert "does not vary" in roll.sentence
-    assert statement.steers_into_the_fall is None
 
 
 def test_correlation_is_that_of_the_textbook():
@@ -169,10 +155,8 @@ def test_observations_are_those_that_were_driven_on(seen):
     """The policy answers each of them as it did in the ride."""
     bundle = load_bundle("whipple")
     assert len(seen.observations) > 100
-    assert np.isfinite(seen.steering).all()
-    commands = np.clip(outputs_of(bundle, seen.observations) / seen.steering_limit, -1.0, 1.0)
-    np.testing.assert_allclose(commands, seen.steering, atol=1e-6)
-    assert np.ptp(seen.steering) > 0.1
+    assert seen.differ < 1e-6
+    assert np.ptp(outputs_of(bundle, seen.observations)) > 0.1
 
 
 @pytest.mark.ros
@@ -190,24 +174,17 @@ def test_a_recording_in_several_files_shows_the_same(recording, seen, tmp_path):
     assert len(find_files(tmp_path / "split")) > 3
     split = read_observations(tmp_path / "split", load_bundle("whipple"), "slalom")
     np.testing.assert_array_equal(split.observations, seen.observations)
-    np.testing.assert_array_equal(split.steering, seen.steering)
+    assert split.differ == seen.differ
 
 
 @pytest.mark.ros
-def test_the_statement_follows_the_signs_of_the_policy(seen):
+def test_signs_follow_the_policy(seen):
     bundle = load_bundle("whipple")
-    ahead = [name for name in bundle.layout.names if name.startswith("t_p")]
-
-    def statement(policy):
-        return state_findings(explain(policy, seen.observations[::3], **SMALL), 0.0)
-
-    shipped = statement(bundle)
-    assert shipped.steers_into_the_fall is True
-    assert shipped.counter_steers is True
-    fallen = statement(swapped(bundle, ["roll", "roll_rate"]))
-    assert fallen.steers_into_the_fall is False
-    assert "out of the fall" in fallen.findings[0].sentence
-    assert statement(swapped(bundle, ahead)).counter_steers is False
+    roll = bundle.layout.names.index("roll")
+    shipped = explain(bundle, seen.observations[::3], **SMALL)
+    assert sign_of(shipped, roll) < -0.9  # it steers into the fall
+    fallen = explain(swapped(bundle, ["roll"]), seen.observations[::3], **SMALL)
+    assert sign_of(fallen, roll) > 0.9
 
 
 @pytest.mark.slow
@@ -216,13 +193,14 @@ def test_command_explains_the_policy_that_the_recording_names(recording, tmp_pat
     assert main(["analyze", str(recording), "--explain", "--out", str(tmp_path), "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     figures = result["figures"]
-    assert result["schema"] == "bike.analyze_explanation/1"
+    assert result["schema"] == "bike.analyze_explanation/2"
     assert (figures["policy"], figures["section"], figures["course"]) == ("whipple", "slalom", "short slalom")
-    assert figures["answers_differ_rad"] < 1e-6
-    assert figures["additivity_error_rad"] < 1e-5
-    assert [entry["mean_abs_rad"] for entry in figures["features"]] == sorted(
-        (entry["mean_abs_rad"] for entry in figures["features"]), reverse=True
-    )
+    assert figures["commands_differ"] < 1e-6
+    assert figures["additivity_error"] < 1e-5
+    (action,) = figures["actions"]
+    sizes = [part["mean_abs"] for part in action["parts"]]
+    assert sizes == sorted(sizes, reverse=True)
+    assert {part["name"]: part["correlation"] for part in action["parts"]}["roll"] < -0.9
     assert json.loads((tmp_path / "explanation.json").read_text()) == figures
     assert (tmp_path / "explanation.png").stat().st_size > 20_000
 

@@ -9,7 +9,7 @@ import matplotlib as mpl
 import numpy as np
 import shap  # type: ignore[import-untyped]
 
-from bike_policy.contract.action import DRIVE, LEAN_REQUEST, LINE_OFFSET, PACE
+from bike_policy.contract.action import DRIVE, LEAN_REQUEST, LINE_OFFSET, PACE, STEERING_SET_VALUE
 from bike_policy.contract.observation import ObservationLayout
 from bike_training.explain.shap_values import Explanation
 
@@ -80,12 +80,13 @@ class Unit(NamedTuple):
 
 
 UNITS: Final = {
+    STEERING_SET_VALUE: Unit("steering set point", 180.0 / np.pi, "°"),
     LINE_OFFSET: Unit("distance from the line", 1.0, "m"),
     PACE: Unit("change of pace", 100.0, "%"),
     LEAN_REQUEST: Unit("steering", 100.0, "%"),
     DRIVE: Unit("throttle and brake", 100.0, "%"),
 }
-"""Of the meanings that races know."""
+"""Of the meanings of actions."""
 
 
 def draw_blocks(explanation: Explanation, title: str, path: Path) -> None:

@@ -22,9 +22,8 @@ from bike_sim.sim import look as lk
 from bike_sim.sim.request import Preview
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.bicycle import Vehicle
+from bike_training.explain.shap_values import outputs_of
 from bike_training.replay import RecordedCommands, RideSource, blocks_of, read_rides, ride_with
-
-FloatArray = NDArray[np.float64]
 
 WHOLE_RIDE: Final = "all"
 """Name of the section that is all of a ride."""
@@ -34,25 +33,22 @@ _PREVIEW_FIELDS: Final = ("preview_by_time", "preview_interval", "preview_y")
 
 @dataclass(frozen=True)
 class RecordedObservations:
-    """Observations of one section of a recorded ride, one a state that was to be answered.
+    """Observations of a policy on a part of a recorded ride, one a decision.
 
     Attributes:
         recording: the file.
         course: name of the course; empty where it was not recorded.
         section: name of the section, or WHOLE_RIDE.
-        speed: forward speed, m/s, shape (n,).
         observations: through the policy's layout, shape (n, size).
-        steering: recorded steering command that answered each state, in [-1, 1], shape (n,); NaN where none was.
-        steering_limit: set point of the steering angle for a command of 1, rad.
+        differ: largest difference of the policy's commands to the recorded ones, as a part of the largest command; NaN
+            where none were recorded.
     """
 
     recording: Path
     course: str
     section: str
-    speed: FloatArray
     observations: NDArray[np.float32]
-    steering: FloatArray
-    steering_limit: float
+    differ: float
 
 
 def policy_of(notes: dict[str, str], recording: Path) -> str:
@@ -93,15 +89,13 @@ def read_observations(path: Path, bundle: Bundle, section: str, number: int = 1)
     states = ride.states.take(rows)
     columns = _columns(path, f"{recording.namespace}/state", states.order)
     commands = dict(zip(ride.commands.step.tolist(), ride.commands.steering.tolist(), strict=True))
-    return RecordedObservations(
-        recording=recording.path,
-        course=ride.course.name if ride.course else "",
-        section=section,
-        speed=states.speed,
-        observations=_observe(bundle, columns),
-        steering=np.array([commands.get(step, np.nan) for step in states.step.tolist()]),
-        steering_limit=float(states.steering_limit[0]),
-    )
+    steering = np.array([commands.get(step, np.nan) for step in states.step.tolist()])
+    observations = _observe(bundle, columns)
+    answers = np.clip(outputs_of(bundle, observations) / float(states.steering_limit[0]), -1.0, 1.0)
+    known = np.isfinite(steering)
+    differ = float(np.abs(answers - steering)[known].max()) if known.any() else float("nan")
+    course = ride.course.name if ride.course else ""
+    return RecordedObservations(recording.path, course, section, observations, differ)
 
 
 def rows_of(ride: Ride, section: str, path: Path) -> NDArray[np.bool_]:
@@ -154,31 +148,11 @@ def _observe(bundle: Bundle, columns: dict[str, NDArray[Any]]) -> NDArray[np.flo
     return observations
 
 
-@dataclass(frozen=True)
-class RaceObservations:
-    """Observations of a racing policy on a part of a recorded ride, one a decision.
-
-    Attributes:
-        recording: the file.
-        course: name of the circuit.
-        section: name of the section, or `WHOLE_RIDE`.
-        observations: through the policy's layout, shape (n, size).
-        differ: largest difference of the policy's commands to the recorded ones in the decisions' first control
-            periods, as a part of the largest command; 0 where it drove.
-    """
-
-    recording: Path
-    course: str
-    section: str
-    observations: NDArray[np.float32]
-    differ: float
-
-
 class Onlooker:
     """A policy that sees a ride which other commands ride; implements `bike_policy.riders.rider.Rider`.
 
     Attributes:
-        steps: control steps at which it decided. seen: what it saw then. differ: see `RaceObservations`.
+        steps: control steps at which it decided. seen: what it saw then. differ: see `RecordedObservations`.
     """
 
     preview: Preview | None = None
@@ -213,7 +187,7 @@ def read_race(
     section: str | None = None,
     number: int = 1,
     tell: Callable[[int, int], None] | None = None,
-) -> RaceObservations:
+) -> RecordedObservations:
     """Ride a recorded ride again, and return what a racing policy sees of a section.
 
     Args:
@@ -242,13 +216,9 @@ def read_race(
     chosen = np.isin(riders[0].steps, _steps_of(source, section or WHOLE_RIDE, path))
     if np.sum(chosen) < 2:
         raise ValueError(f"{path}: a policy decides {np.sum(chosen)} times in section {section!r}, at least 2 needed")
-    return RaceObservations(
-        recording=path,
-        course=source.ride.course.name if source.ride.course else "",
-        section=section or WHOLE_RIDE,
-        observations=np.stack(riders[0].seen)[chosen],
-        differ=riders[0].differ,
-    )
+    course = source.ride.course.name if source.ride.course else ""
+    observations = np.stack(riders[0].seen)[chosen]
+    return RecordedObservations(path, course, section or WHOLE_RIDE, observations, riders[0].differ)
 
 
 def _steps_of(source: RideSource, section: str, path: Path) -> NDArray[np.int64]:

@@ -104,6 +104,13 @@ def outputs_of(bundle: Bundle, observations: NDArray[np.floating]) -> FloatArray
     return outputs if bundle.layout.races else outputs[:, 0]
 
 
+def correlation(a: FloatArray, b: FloatArray) -> float:
+    """Return Pearson's correlation of two columns, NaN where one of them is constant up to rounding."""
+    if any(np.std(column) <= 1e-6 * np.abs(column).max() for column in (a, b)):
+        return float("nan")
+    return float(np.corrcoef(a, b)[0, 1])
+
+
 def explain(
     bundle: Bundle,
     observations: NDArray[np.float32],
