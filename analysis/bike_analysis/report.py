@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
@@ -17,7 +17,7 @@ from bike_analysis.figures.circuit import Theory, circuit_figures, ridden_circui
 from bike_analysis.figures.compare import Comparison, CourseError
 from bike_analysis.figures.metrics import RideFigures
 from bike_analysis.figures.recorded import RecordedLap, RecordedRide, RideRecording, comparable, compare, open_ride
-from bike_analysis.figures.results import Analysis, RideEntry, comparison_figures, distance_by_speed, recording_figures
+from bike_analysis.figures.results import comparison_figures, distance_by_speed, finite, recording_figures, ride_entry
 from bike_analysis.page.document import RC
 from bike_analysis.page.plots import overview_figure
 from bike_analysis.page.ride_page import write_page
@@ -68,7 +68,7 @@ def analyze(
         video: Moving picture of the longest ride.
 
     Returns:
-        Figures ready for JSON, see `bike_analysis.figures.results.Analysis`. A recording that cannot be read becomes a
+        Figures ready for JSON, see docs/reference/analysis.md. A recording that cannot be read becomes a
         warning where others can.
 
     Raises:
@@ -85,28 +85,28 @@ def analyze(
     comparisons, incomparable = _comparisons(recordings, station_m)
     several = [c for c in comparisons if len(c.runs) > 1]
     rides = [ride for recording in recordings for ride in recording.rides]
-    analysis = Analysis(
-        recordings=tuple(recording_figures(recording) for recording in recordings),
-        rides=tuple(RideEntry(str(ride.recording.path), ride.figures) for ride in rides),
-        comparisons=tuple(comparison_figures(comparison) for comparison in several),
-        distance_by_speed=distance_by_speed(recordings),
-        truncated=any(recording.data.truncated for recording in recordings),
-        warnings=(*unread, *_warnings(recordings), *incomparable),
-    )
-    if csv is not None or parquet is not None:
-        table = aligned_table(comparisons)
-        analysis = replace(
-            analysis,
-            csv=None if csv is None else str(write_csv(table, csv)),
-            parquet=None if parquet is None else str(write_parquet(table, parquet)),
-        )
+    figures = {
+        "recordings": [recording_figures(recording) for recording in recordings],
+        "rides": [ride_entry(ride) for ride in rides],
+        "comparisons": [comparison_figures(comparison) for comparison in several],
+        "distance_by_speed": distance_by_speed(recordings),
+        "truncated": any(recording.data.truncated for recording in recordings),
+        "warnings": [*unread, *_warnings(recordings), *incomparable],
+    }
     if out_dir is not None:
         page, picture = write_report(recordings, several, Path(out_dir))
-        analysis = replace(analysis, page=str(page), picture=str(picture))
+        figures |= {"page": str(page), "picture": str(picture)}
+    if csv is not None or parquet is not None:
+        table = aligned_table(comparisons)
+        if csv is not None:
+            figures["csv"] = str(write_csv(table, csv))
+        if parquet is not None:
+            figures["parquet"] = str(write_parquet(table, parquet))
     if video is not None:
         longest = max(rides, key=lambda ride: ride.figures.distance_m)
-        analysis = replace(analysis, video=str(write_video(longest, video.path, video.begin_s, video.duration_s)))
-    return analysis.as_dict()
+        figures["video"] = str(write_video(longest, video.path, video.begin_s, video.duration_s))
+    plain: dict[str, Any] = finite(figures)
+    return plain
 
 
 def analyze_laps(
