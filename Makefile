@@ -40,7 +40,7 @@ lap: setup ## Three laps of Barcelona by a learned and by the classical rider th
 live: setup ## A ride in the browser: watch it, or ride yourself (V=panigale_v4r for a superbike)
 	@$(BIN)/bike live --vehicle $(or $(V),whipple)
 
-test: setup-all ## Run the tests, quick ones first; Chromium is installed for those of the report page
+test: setup-all ## Run the tests, long ones first; Chromium is installed for those of the report page
 	@tools/setup browser
 	$(BIN)/python -m pytest $(SIDE_BY_SIDE)
 

@@ -1,8 +1,9 @@
-"""What all tests share: quick ones run first, nothing is computed twice, no test fails because the machine is busy."""
+"""What all tests share: their order, and that nothing is computed twice or fails because the machine is busy."""
 
 import copy
 import os
 import pickle
+import shutil
 import signal
 import tempfile
 from collections.abc import Iterator
@@ -14,6 +15,7 @@ import hypothesis
 import pytest
 
 from bike_sim.planning import envelope, lap_limit
+from bike_sim.planning.line_cache import cache_folder
 from bike_sim.vehicles.files import load_superbike
 from bike_sim.vehicles.superbike import Superbike
 
@@ -67,6 +69,8 @@ def pytest_configure(config: pytest.Config) -> None:
     folder = tempfile.TemporaryDirectory(prefix="bike_tests_")
     config.add_cleanup(folder.cleanup)
     os.environ[SESSION_LINES] = str(Path(folder.name) / "lines")
+    if cache_folder().is_dir():
+        shutil.copytree(cache_folder(), os.environ[SESSION_LINES])
     os.environ["JAX_COMPILATION_CACHE_DIR"] = str(Path(folder.name) / "jax")
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
     os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
@@ -95,7 +99,7 @@ def panigale() -> Superbike:
 
 @pytest.fixture(scope="session")
 def own_lines() -> Iterator[Path]:
-    """Keeps computed lines out of the user's cache: those of a session are in a folder of its own."""
+    """Keeps computed lines out of the user's cache: a session has a folder of its own, which begins as a copy."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("BIKE_CACHE", os.environ[SESSION_LINES])
         yield Path(os.environ[SESSION_LINES])
