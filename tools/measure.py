@@ -47,6 +47,15 @@ def _more(entry: Mapping[str, Any], figures: Mapping[str, Any]) -> dict[str, Any
     return found | ({"slowest_s": max(entry["laps_s"], default=float("nan"))} if "laps_s" in entry else {})
 
 
+ROAD_TESTS: Final = {
+    "to_100_s": "0 to 100 km/h, s",
+    "quarter_mile_s": "quarter mile, s",
+    "quarter_mile_km_h": "speed there, km/h",
+    "top_km_h": "top speed, km/h",
+    "stop_100_m": "stop from 100 km/h, m",
+}
+
+
 def checks(answers: Sequence[Any]) -> Rows:
     """Return the checks of a validation, a column for each answer, and ranges of modes beside published ones."""
     found = [{check["name"]: check["measured"] for check in answer["checks"]} for answer in answers]
@@ -59,6 +68,9 @@ def checks(answers: Sequence[Any]) -> Rows:
     for mode in answers[0]["figures"].get("ranges", ()):
         low, high, *published = (_short(mode[key]) for key in ("low", "high", "published_low", "published_high"))
         rows.append([mode["title"], f"{low} to {high}", f"published: {published[0]} to {published[1]}"])
+    machines = answers[0]["figures"].get("performance", ())
+    for machine in machines if len(machines) > 1 else ():
+        rows += [[f"{machine['vehicle']}: {title}", _short(machine[key]), "-"] for key, title in ROAD_TESTS.items()]
     engines = [f"`{a.get('engine', 'measured')}` {1e3 * a['time_step_s']:g} ms" for a in answers]
     return [["figure", *(engines if len(answers) > 1 else ["measured"]), "published or allowed"], *rows]
 
@@ -150,6 +162,16 @@ LAPS: Final = {
     "followed line, s": "{limit_s:.2f}", "excess": "{excess:.1%}", "closest line, s": "{closest_limit_s:.2f}",
     "excess of closest": "{closest_excess:.1%}", "falls": "{falls}", "walls": "{walls}",
 }  # fmt: skip
+TORQUES: Final = {
+    "speed, m/s": "{speed_m_s:.0f}", "roll, °": "{roll_deg:.0f}", "measured, N m": "{torque_nm:.2f}",
+    "published, N m": "{published_nm:.2f}", "miss": "{miss:.0%}", "by the tyre's own moment": "{miss_by_twist:.0%}",
+}  # fmt: skip
+ENERGY: Final = {
+    "step, s": "{step_s:g}", "engine": "{engine_j:.0f}", "brakes": "{brakes_j:.0f}", "air": "{air_j:.0f}",
+    "along": "{tyres_longitudinal_j:.0f}", "across": "{tyres_lateral_j:.0f}", "rolling": "{tyres_rolling_j:.0f}",
+    "twisting": "{tyres_twisting_j:.0f}", "load": "{tyres_load_j:.0f}", "dampers": "{dampers_j:.0f}",
+    "springs": "{springs_j:.0f}", "rider": "{rider_j:.0f}", "stored": "{stored_j:.0f}", "rest": "{rest:.1e}",
+}  # fmt: skip
 STEPS: Final = ("", "--time-step 0.005", "--engine whipple", "--engine whipple --time-step 0.005")
 TABLES: Final[Mapping[str, Table]] = {
     "bicycle_validation": Table(checks, STEPS),
@@ -160,6 +182,8 @@ TABLES: Final[Mapping[str, Table]] = {
         riders, tuple(f"--course {path.relative_to(ROOT)}" for path in sorted(DATA.glob("paths/*")))
     ),
     "gsxr1000_validation": Table(checks),
+    "gsxr1000_torques": Table(columns("torques", **TORQUES)),
+    "gsxr1000_energy": Table(columns("energy", **ENERGY)),
     "measured_bicycles": Table(bicycles),
     "superbike_validation": Table(checks),
     "classical_laps": Table(columns("pairs", **LAPS)),

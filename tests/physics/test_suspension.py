@@ -14,7 +14,17 @@ from bike_sim.physics import state as st
 from bike_sim.physics.superbike import magic_formula
 from bike_sim.physics.superbike.bullet import BulletSuperbikeEngine
 from bike_sim.physics.superbike.engine import CompiledSuperbikeEngine
-from bike_sim.validation.published import FOLDER, check_published, measured_modes, nearest, straight_eigenvalues
+from bike_sim.validation.published import (
+    FOLDER,
+    check_published,
+    check_rides,
+    machine_of_table,
+    measured_modes,
+    nearest,
+    published,
+    straight_eigenvalues,
+)
+from bike_sim.validation.superbike import measure_performance, signal, steady_turns
 from bike_sim.vehicles.files import SHIPPED, load_superbike, load_vehicle, vehicle_from_document
 from bike_sim.vehicles.joints import UNIT_RANGE, UNIT_SAMPLES, Chain, Joints
 from bike_sim.vehicles.parameters import VehicleError
@@ -60,8 +70,28 @@ def test_linkage_is_the_published_one() -> None:
 def test_every_published_figure_is_met() -> None:
     """Statics, Sharp's eigenvalues at eight speeds, and those of a linear model with joints switched on and off."""
     checks = list(check_published(suzuki(), measured_modes(suzuki())))
-    assert len(checks) == 18
+    assert len(checks) == 22
     assert [check.title for check in checks if not check.passed] == []
+
+
+def test_rides_beside_published_ones() -> None:
+    """Torques of steady turns that are as published, lateral acceleration by lean, and road tests."""
+    vehicle = suzuki()
+    checks = {check.name: check for check in check_rides(vehicle, [], measure_performance(vehicle))}
+    assert all(checks[name].passed for name in ("lateral_suspended", "lateral_rigid", "to_100_s", "stop_100_m"))
+    # the published radius is that of the loaded wheel, and so short a gear ends sooner
+    assert 278.0 < checks["top_km_h"].measured < 285.0
+    longer = replace(vehicle.motor, final_ratio=vehicle.motor.final_ratio * 0.297 / 0.317)
+    assert 285.0 < measure_performance(replace(vehicle, motor=longer)).top_km_h < 295.0
+
+
+def test_torque_of_steady_turns() -> None:
+    """Slopes at 2 deg are those of a linear model of the same machine, and up to 14 m/s those of the published table."""
+    table = published()["gsxr1000"]["steady_torque"]
+    turns = list(steady_turns(machine_of_table(suzuki()), table["speed_m_s"][:2], table["roll_rad"][:2]))
+    torques = np.array([turn.telemetry[:, signal("steer_torque")].mean() for turn in turns]).reshape(2, 2)
+    np.testing.assert_allclose(torques[:, 0] / table["roll_rad"][0], table["linear_slope_nm_rad"][:2], rtol=0.04)
+    np.testing.assert_allclose(torques[0], np.array(table["torque_nm"])[:2, 0], rtol=0.06)
 
 
 def test_another_machine_is_not_sharps() -> None:

@@ -30,7 +30,7 @@ from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.validation import bicycle, energy, superbike
 from bike_sim.validation.parameters import SPEEDS, measured_bicycles
-from bike_sim.validation.published import Mode, check_published, measured_modes
+from bike_sim.validation.published import Mode, Torque, check_published, check_rides, measured_modes, steady_torques
 from bike_sim.validation.report import Check, Report, number_of
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.files import load_superbike, load_vehicle, vehicle_template
@@ -98,6 +98,7 @@ def run_superbikes(args: argparse.Namespace) -> dict[str, Any]:
     machines = [load_superbike(name) for name in names]
 
     modes: list[Mode] = []  # of a machine that gives way, beside published ones
+    torques: list[Torque] = []
     accounts: dict[str, dict[float, energy.Account]] = {}
 
     def measure(progress: Callable[[str], None]) -> superbike.Validation:
@@ -106,10 +107,16 @@ def run_superbikes(args: argparse.Namespace) -> dict[str, Any]:
             modes.extend(measured_modes(machines[0]))
             checks = list(check_published(machines[0], modes))
             result = superbike.Validation(args.time_step, checks, machines=tuple(machines))
+            progress("steady turns")
+            torques.extend(steady_torques(machines[0]))
+            performance = superbike.measure_performance(machines[0], args.time_step)
+            result.performance.append(performance)
+            result.checks.extend(check_rides(machines[0], torques, performance))
         else:
             result = superbike.validate(machines, args.time_step, progress)
             progress("theoretical laps")
             result.checks.extend(bound_checks(names))
+            result.performance.extend(superbike.measure_performance(each, args.time_step) for each in machines)
         progress("energy of a lap")
         result.checks.extend(lap_checks(names, accounts))
         return result
@@ -120,10 +127,12 @@ def run_superbikes(args: argparse.Namespace) -> dict[str, Any]:
         return (draw_root_loci(modes, folder / "root_loci.png"),) if modes else draw_superbikes(result, folder)
 
     def describe(result: superbike.Validation) -> dict[str, Any]:
-        return {"schema": SUPERBIKE_SCHEMA} | result.as_dict(_superbike_figures(result) | _energy_figures(accounts))
+        figures = _superbike_figures(result) | _energy_figures(accounts) | {"torques": _torque_figures(torques)}
+        return {"schema": SUPERBIKE_SCHEMA} | result.as_dict(figures)
 
     def tables(result: superbike.Validation) -> Group:
-        return Group(_range_table(result), _energy_table(accounts))
+        beside = _torque_table(torques) if torques else _range_table(result)
+        return Group(beside, _performance_table(result), _energy_table(accounts))
 
     check_positive("--time-step", args.time_step, "s", SUPERBIKE_PERIOD)
     engine = (
@@ -313,7 +322,14 @@ def _superbike_figures(result: superbike.Validation) -> dict[str, Any]:
         }
         for row in result.ranges
     ]
-    return {"convergence": convergence, "turns": turns, "machines": machines, "ranges": ranges}
+    performance = [vars(each) for each in result.performance]
+    return {
+        "convergence": convergence,
+        "turns": turns,
+        "machines": machines,
+        "ranges": ranges,
+        "performance": performance,
+    }
 
 
 def _mode_figures(point: bicycle.ModePoint) -> dict[str, float]:
@@ -366,6 +382,50 @@ def _range_table(result: superbike.Validation) -> Table:
         verdict = "within" if row.within else "[yellow]outside[/yellow]"
         published = f"{row.published_low:g} to {row.published_high:g}"
         table.add_row(row.title, f"{row.low:.2f} to {row.high:.2f}", published, verdict)
+    return table
+
+
+def _torque_figures(torques: Sequence[Torque]) -> list[dict[str, float | None]]:
+    """Return torques of steady turns beside published ones for JSON."""
+    return [
+        {
+            "speed_m_s": torque.speed,
+            "roll_deg": math.degrees(torque.roll),
+            "torque_nm": number_of(torque.measured),
+            "published_nm": torque.published,
+            "miss": number_of(torque.measured / torque.published - 1.0),
+            "miss_by_twist": number_of((torque.measured - torque.published) / torque.twist),
+        }
+        for torque in torques
+    ]
+
+
+def _torque_table(torques: Sequence[Torque]) -> Table:
+    """Return torques of steady turns beside published ones as a table for people, a row for each roll."""
+    table = Table(title="rider's torque in steady turns, N m: measured (published)", box=box.SIMPLE, pad_edge=False)
+    speeds = dict.fromkeys(torque.speed for torque in torques)
+    for heading in ("roll", *(f"{speed:.0f} m/s" for speed in speeds)):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for roll in dict.fromkeys(torque.roll for torque in torques):
+        row = [torque for torque in torques if torque.roll == roll]
+        table.add_row(f"{math.degrees(roll):.0f}°", *(f"{each.measured:.2f} ({each.published:.2f})" for each in row))
+    return table
+
+
+def _performance_table(result: superbike.Validation) -> Table:
+    """Return what road tests measure as a table for people."""
+    table = Table(title="as road tests measure", box=box.SIMPLE, pad_edge=False)
+    for heading in ("machine", "0 to 100 km/h", "quarter mile", "at", "top speed", "stop from 100 km/h"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for each in result.performance:
+        table.add_row(
+            each.vehicle,
+            f"{each.to_100_s:.2f} s",
+            f"{each.quarter_mile_s:.2f} s",
+            f"{each.quarter_mile_km_h:.0f} km/h",
+            f"{each.top_km_h:.0f} km/h",
+            f"{each.stop_100_m:.1f} m",
+        )
     return table
 
 

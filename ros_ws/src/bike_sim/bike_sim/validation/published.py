@@ -16,10 +16,12 @@ import yaml
 from numpy.typing import NDArray
 
 from bike_sim.physics import state as st
-from bike_sim.physics.superbike import modes
+from bike_sim.physics.engine import NO_FALL
+from bike_sim.physics.superbike import modes, tyres
 from bike_sim.physics.superbike.engine import CompiledSuperbikeEngine
 from bike_sim.validation.report import Check
-from bike_sim.vehicles.files import load_superbike
+from bike_sim.validation.superbike import Performance, lateral_error, signal, steady_turns
+from bike_sim.vehicles.files import SHIPPED, load_superbike, vehicle_from_document
 from bike_sim.vehicles.joints import Flexure
 from bike_sim.vehicles.superbike import Superbike
 
@@ -30,6 +32,13 @@ SHARP_STEP: Final = 2e-5
 """Integration step of the comparison with Sharp, s: at 0.5 ms it changes the damping of wobble by 0.3 1/s."""
 LINEAR_STEP: Final = 2e-4
 """The same of the comparison with the linear model, s."""
+_SMALL_ROLL: Final = 0.1
+"""Roll, rad, below which torque by roll is a slope."""
+_SLOW_TURN: Final = 28.0
+"""Speed, m/s, up to which it is compared."""
+_TURN_SPEEDS: Final = (14.0, 28.0, 42.0, 55.0)
+_TURN_LEANS: Final = (5.0, 20.0, 35.0, 45.0)
+"""Speeds, m/s, and leans, deg, at which lateral acceleration is compared with the closed form."""
 _STILL: Final = 400.0
 """Frequency of a rider who does not move on his seat, rad/s."""
 
@@ -51,6 +60,26 @@ class Mode:
     name: str
     measured: complex
     published: complex
+
+
+@dataclass(frozen=True)
+class Torque:
+    """The rider's torque in a steady turn to the right, positive to the left.
+
+    Attributes:
+        speed: m/s.
+        roll: rad.
+        measured: N m.
+        published: N m.
+        twist: of it what the front tyre's own moment about the normal asks for, N m; the torque is what other moments
+            leave of it.
+    """
+
+    speed: float
+    roll: float
+    measured: float
+    published: float
+    twist: float
 
 
 def published() -> dict[str, Any]:
@@ -75,9 +104,13 @@ def linear_modes(vehicle: Superbike) -> Iterator[Mode]:
     """Eigenvalues of a machine's variants beside those of a linear model; none where the figures lack the machine."""
     for variant in published().get(vehicle.name, {}).get("variants", ()):
         changed = variant_of(vehicle, variant)
+        at = {
+            speed: straight_eigenvalues(changed, float(speed), LINEAR_STEP)
+            for speed in dict.fromkeys([*variant["weave"], *variant["wobble"]])
+        }
         for name in ("weave", "wobble"):
             for speed, (real, hertz) in variant[name].items():
-                values = straight_eigenvalues(changed, float(speed), LINEAR_STEP)
+                values = at[speed]
                 wanted = complex(real, 2.0 * math.pi * hertz)
                 yield Mode(variant["name"], float(speed), name, nearest(values, wanted), wanted)
 
@@ -131,6 +164,66 @@ def nearest(values: NDArray[np.complex128], wanted: complex) -> complex:
     return complex(values[np.argmin(np.abs(values - wanted))])
 
 
+def machine_of_table(vehicle: Superbike) -> Superbike:
+    """Return a shipped machine with the changes of whoever published its table of steady torques."""
+    document = yaml.safe_load((SHIPPED / f"{vehicle.name}.yaml").read_text(encoding="utf-8"))
+    machine = vehicle_from_document(_merged(document, published()[vehicle.name]["steady_torque"]["changes"]), "table")
+    assert isinstance(machine, Superbike)
+    return machine
+
+
+def _merged(document: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """Return nested mappings with changes."""
+    inner = {
+        key: _merged(document[key], value) for key, value in changes.items() if isinstance(document.get(key), dict)
+    }
+    return document | changes | inner
+
+
+def steady_torques(vehicle: Superbike) -> list[Torque]:
+    """Return the rider's torques in steady turns beside published ones; none where the figures lack the machine."""
+    table = published().get(vehicle.name, {}).get("steady_torque")
+    if table is None:
+        return []
+    machine = machine_of_table(vehicle)
+    turns = steady_turns(machine, table["speed_m_s"], table["roll_rad"])
+    tyre, slips = machine.machine["front_tyre"], ("front_slip", "front_slip_angle", "front_camber", "front_load")
+    found = []
+    for j, speed in enumerate(table["speed_m_s"]):
+        for i, roll in enumerate(table["roll_rad"]):
+            turn = next(turns)
+            slip, angle, camber, load = (float(turn.telemetry[:, signal(name)].mean()) for name in slips)
+            moment = tyres.forces(slip, math.tan(angle), camber, load, 1.0, tyre)[2]
+            torque = float(turn.telemetry[:, signal("steer_torque")].mean()) if turn.fall == NO_FALL else math.nan
+            found.append(Torque(speed, roll, torque, table["torque_nm"][i][j], -moment * math.cos(machine.lam)))
+    return found
+
+
+def check_rides(vehicle: Superbike, torques: Sequence[Torque], performance: Performance) -> Iterator[Check]:
+    """Checks of rides of a machine that gives way: steady turns, and what road tests measure.
+
+    Args:
+        vehicle: the machine.
+        torques: its `steady_torques`.
+        performance: of it.
+    """
+    slopes = [torque for torque in torques if torque.roll < _SMALL_ROLL]
+    for torque in slopes:
+        title = f"steering torque of steady turns at 2 deg, {torque.speed:.0f} m/s, N m/rad"
+        slope, wanted = torque.measured / torque.roll, torque.published / torque.roll
+        high = 1.06 * wanted if torque.speed < _SLOW_TURN else math.inf
+        low = 0.94 * wanted if torque.speed < _SLOW_TURN else -math.inf
+        yield Check(f"torque_slope_{torque.speed:.0f}", title, slope, low, high, wanted)
+    rigid = replace(vehicle, joints=None)
+    for name, machine in (("suspended", vehicle), ("rigid", rigid)):
+        error = lateral_error(machine, _TURN_SPEEDS, np.radians(_TURN_LEANS).tolist())
+        title = f"lateral acceleration of steady turns by lean, {name}, share off the formula"
+        yield Check(f"lateral_{name}", title, error, 0.0, 0.01)
+    titles = {"to_100_s": "0 to 100 km/h, s", "top_km_h": "top speed, km/h", "stop_100_m": "stop from 100 km/h, m"}
+    for name, (low, high) in published().get(vehicle.name, {}).get("performance", {}).items():
+        yield Check(name, titles[name], getattr(performance, name), low, high)
+
+
 def measured_modes(vehicle: Superbike) -> list[Mode]:
     """Return the eigenvalues of Sharp's motorcycle, and of a machine's variants."""
     return [*sharp_modes(), *linear_modes(vehicle)]
@@ -144,10 +237,17 @@ def check_published(vehicle: Superbike, found: Sequence[Mode]) -> Iterator[Check
         found: its `measured_modes`.
     """
     constants = CompiledSuperbikeEngine(vehicle, LINEAR_STEP).constants["joints"]
-    for name, value in published().get(vehicle.name, {}).get("statics", {}).items():
-        measured = float(constants[name.removesuffix("_n")]["preload"][0])
-        title = f"force of the {'fork' if name == 'fork_n' else 'rear spring unit'} in the design pose, N"
-        yield Check(f"static_{name}", title, measured, 0.995 * value, 1.005 * value, value)
+    figures = published().get(vehicle.name, {})
+    yield from _static_checks("", constants, figures.get("statics", {}))
+    if table := figures.get("steady_torque"):
+        other = machine_of_table(vehicle)
+        springs = CompiledSuperbikeEngine(other, LINEAR_STEP).constants["joints"]
+        yield from _static_checks("machine of the TU Munich: ", springs, table["statics"])
+        front = other.mass * other.g * other.com_x / other.w
+        for name, load in (("rear_n", other.mass * other.g - front), ("front_n", front)):
+            wanted = table["loads"][name]
+            title = f"and load of its {name.removesuffix('_n')} tyre, N"
+            yield Check(f"load_{name}", title, load, 0.995 * wanted, 1.005 * wanted, wanted)
     linear = [mode for mode in found if mode.variant != SHARP]
     real, imaginary = _errors([mode for mode in found if mode.variant == SHARP])
     yield Check("sharp_real_1_s", "Sharp (1971), 8 speeds: real parts, largest error, 1/s", real, 0.0, 0.03)
@@ -158,6 +258,14 @@ def check_published(vehicle: Superbike, found: Sequence[Mode]) -> Iterator[Check
         share = max(abs(mode.measured.imag / mode.published.imag - 1.0) for mode in of_it)
         yield Check(f"{key}_real_1_s", f"linear model, {variant}: real parts, 1/s", _errors(of_it)[0], 0.0, 1.0)
         yield Check(f"{key}_frequency", f"linear model, {variant}: frequencies, share", share, 0.0, 0.03)
+
+
+def _static_checks(of: str, joints: NDArray[np.void], figures: dict[str, float]) -> Iterator[Check]:
+    """Checks of spring forces in the design pose against published ones."""
+    for name, value in figures.items():
+        measured = float(joints[name.removesuffix("_n")]["preload"][0])
+        title = f"{of}force of the {'fork' if name == 'fork_n' else 'rear spring unit'} in the design pose, N"
+        yield Check(f"{'table_' if of else ''}static_{name}", title, measured, 0.995 * value, 1.005 * value, value)
 
 
 def _errors(found: list[Mode]) -> tuple[float, float]:

@@ -62,6 +62,12 @@ _MEAN_ROWS: Final = 11  # control periods of a mean over 0.2 s
 CONVERGENCE_STEPS: Final = (0.004, 0.002, 0.001, 0.0005)
 _REFERENCE_STEP: Final = 0.000125
 _PERIOD: Final = 0.02  # s between two commands
+_KM_H_100: Final = 100.0 / 3.6
+_QUARTER_MILE: Final = 402.336  # m
+_STANDING: Final = 0.3  # m/s below which a machine stands
+_TURN_STEP: Final = 0.001
+_TURN_SETTLE: Final = 5.0
+_TURN_MEAN: Final = 2.0  # s: integration step of a steady turn, time until it is steady, time of its mean
 
 LIMITS: Final[dict[str, tuple[str, float, float]]] = {
     "kick_lean_deg": ("straight running, kick of 0.3 rad/s: largest lean, deg", 0.0, 3.0),
@@ -171,6 +177,27 @@ class Range:
         return self.published_low <= self.low and self.high <= self.published_high
 
 
+@dataclass(frozen=True)
+class Performance:
+    """What road tests measure.
+
+    Attributes:
+        vehicle: its name.
+        to_100_s: from standstill to 100 km/h.
+        quarter_mile_s: from standstill over 402.336 m.
+        quarter_mile_km_h: speed there.
+        top_km_h: largest speed in a minute at full throttle.
+        stop_100_m: distance of a full stop from 100 km/h.
+    """
+
+    vehicle: str
+    to_100_s: float
+    quarter_mile_s: float
+    quarter_mile_km_h: float
+    top_km_h: float
+    stop_100_m: float
+
+
 @dataclass
 class Validation(Report):
     """All that was measured.
@@ -184,6 +211,7 @@ class Validation(Report):
         ranges: frequencies beside published ones.
         turns: rows of lean (deg), speed (m/s), lateral acceleration measured and by formula (g).
         convergence: rows of step (s), largest error of lean (deg), error of position (m).
+        performance: of each machine.
     """
 
     machines: tuple[Superbike, ...] = field(kw_only=True)
@@ -194,6 +222,7 @@ class Validation(Report):
     ranges: list[Range] = field(default_factory=list)
     turns: list[tuple[float, float, float, float]] = field(default_factory=list)
     convergence: list[tuple[float, float, float]] = field(default_factory=list)
+    performance: list[Performance] = field(default_factory=list)
 
 
 def ride(engine: SuperbikeEngine, duration: float, command: Command, ground: Ground = LEVEL) -> ManoeuvreTrace:
@@ -554,6 +583,59 @@ def check_machines(result: Validation, vehicle: Superbike) -> Figures:
     yield "machines_lean_error_deg", worst_step
     yield "launch_time_error", drive_error
     yield "stop_time_error", brake_error
+
+
+def measure_performance(vehicle: Superbike, time_step: float = TIME_STEP) -> Performance:
+    """Return what road tests measure: full throttle for a minute, then full brakes, with all electronics; level road.
+
+    Args:
+        vehicle: the machine.
+        time_step: integration step, s.
+    """
+    engine = CompiledSuperbikeEngine(vehicle, time_step)
+    engine.reset(st.upright_state(0.0, vehicle.rF))
+    launch = ride(engine, 60.0, constant(vehicle, 0.0, 1.0))
+    distance = np.cumsum(launch.speed) * _PERIOD
+    quarter = float(np.interp(_QUARTER_MILE, distance, launch.time))
+    at_speed(engine, _KM_H_100)
+    first = float(engine.telemetry()[signal("speed")])
+    stop = ride(engine, 10.0, lambda now, telemetry: (0.0, -1.0 if telemetry[signal("speed")] > _STANDING else 0.0))
+    moving = np.minimum.accumulate(stop.speed > _STANDING)
+    fell = launch.fall != NO_FALL, stop.fall != NO_FALL
+    return Performance(
+        vehicle.name,
+        math.inf if fell[0] else float(np.interp(_KM_H_100, launch.speed, launch.time)),
+        math.inf if fell[0] else quarter,
+        3.6 * float(np.interp(quarter, launch.time, launch.speed)),
+        3.6 * float(launch.speed.max()),
+        math.inf if fell[1] else float(np.trapezoid([first, *stop.speed[moving]], dx=_PERIOD)),
+    )
+
+
+def steady_turns(vehicle: Superbike, speeds: Sequence[float], rolls: Sequence[float]) -> Iterator[ManoeuvreTrace]:
+    """Yield the last two seconds of steady turns to the right at speeds (m/s) and leans (rad), on the compiled engine.
+
+    Args:
+        vehicle: the machine.
+        speeds: m/s.
+        rolls: at each of them, rad.
+    """
+    engine = CompiledSuperbikeEngine(vehicle, _TURN_STEP)
+    for speed in speeds:
+        for roll in rolls:
+            lean = math.degrees(roll)
+            at_speed(engine, speed, lean, _TURN_SETTLE)
+            yield ride(engine, _TURN_MEAN, holding(vehicle, speed, _always(lean)))
+
+
+def lateral_error(vehicle: Superbike, speeds: Sequence[float], rolls: Sequence[float]) -> float:
+    """Return the largest share by which steady turns miss the closed form of their lateral acceleration."""
+    worst = 0.0
+    for turn in steady_turns(vehicle, speeds, rolls):
+        measured = -float(turn.telemetry[:, signal("acceleration_lat")].mean())
+        expected = statics.steady_lateral(vehicle, float(turn.lean.mean()), float(turn.speed.mean()))
+        worst = max(worst, abs(measured / expected - 1.0) if turn.fall == NO_FALL else math.inf)
+    return worst
 
 
 def _time_error(
