@@ -86,7 +86,7 @@ def test_rides_beside_published_ones() -> None:
 
 
 def test_torque_of_steady_turns() -> None:
-    """Slopes at 2 deg are those of a linear model of the same machine, and up to 14 m/s those of the published table."""
+    """Slopes at 2 deg are those of a linear model of the same machine, and at 14 m/s those of the published table."""
     table = published()["gsxr1000"]["steady_torque"]
     turns = list(steady_turns(machine_of_table(suzuki()), table["speed_m_s"][:2], table["roll_rad"][:2]))
     torques = np.array([turn.telemetry[:, signal("steer_torque")].mean() for turn in turns]).reshape(2, 2)
