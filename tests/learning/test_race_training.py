@@ -196,6 +196,15 @@ def test_spdl_leads_a_good_agent_to_the_ideal_line_and_survives_a_checkpoint(gro
     assert other.figures() == curriculum.figures()
 
 
+@pytest.mark.parametrize("settings", [RaceCurriculumSettings, TargetSettings])
+def test_episodes_begin_at_the_start_line_where_that_is_set(ground: CircuitSet, settings: type) -> None:
+    rng = np.random.default_rng(0)
+    for start_line in (True, False):
+        episodes = settings(start_line=start_line).make([load_vehicle("panigale_v4r")]).episodes(0)
+        starts = {episodes.draw(rng, RaceTask().preview).progress for _ in range(20)}
+        assert (starts == {0.0}) == start_line
+
+
 def test_both_arms_of_the_comparison_draw_the_same_episodes_at_the_target(ground: CircuitSet) -> None:
     """Requests are compared and not settings: starts, lines, speeds, shares; only the number of the update differs."""
     preview = RaceTask().preview

@@ -246,10 +246,10 @@ def _ridden_lap(rider: ClassicalRider, name: str, step: float) -> tuple[float, e
     assert machine.begun is not None
     assert machine.begun.followed is not None
     kinds = energy.PERIOD_KINDS
-    records = (
+    motion, memory, ground = (
         np.concatenate(rows).reshape(-1).view(kind) for rows, kind in zip(zip(*parts, strict=True), kinds, strict=True)
     )
-    periods = energy.Periods(*records, np.array(commands), machine.begun.followed.road.bumps)
+    periods = energy.Periods(motion, memory, ground, np.array(commands), machine.begun.followed.road.bumps)
     lap = math.inf if snapshot.fallen else machine.batch.log(0).laps[0].duration
     return lap, energy.account(machine.vehicle, periods, step, machine.config.substeps)
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import Enum
 from typing import Any, Final, NamedTuple
 
@@ -410,15 +410,9 @@ class SpdlCurriculum(RaceCurriculum):
         if step - self._updated >= self._settings.iteration:
             self._updated = step
             self._update(step)
-        return SpdlEpisodes(
-            self.ground,
-            self.failures,
-            self.share,
-            self._common.spread,
-            self._common.failure_share,
-            self.distribution,
-            len(self._history) - 1,
-        )
+        episodes = super().episodes(step)
+        common = {each.name: getattr(episodes, each.name) for each in fields(episodes)}
+        return SpdlEpisodes(**common, distribution=self.distribution, number=len(self._history) - 1)
 
     def _update(self, step: int) -> None:
         stage = Stage.WAITS
