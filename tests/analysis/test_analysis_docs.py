@@ -94,9 +94,9 @@ def test_telemetry_is_beside_its_state(with_telemetry: Path) -> None:
     assert np.isnan(table.rear_slip_angle_rad[3])
     assert set(table.front_load_n[known]) == {float(TELEMETRY.index("front_load"))}
     tyres = ride.figures.tyres
-    assert tyres.rear_slip_angle_max_deg == pytest.approx(np.degrees(0.1))
-    assert tyres.anti_wheelie_s == pytest.approx(5 * 0.02)
-    assert tyres.front_contact_lost_s == pytest.approx(5 * 0.02)
+    assert tyres["rear_slip_angle_max_deg"] == pytest.approx(np.degrees(0.1))
+    assert tyres["anti_wheelie_s"] == pytest.approx(5 * 0.02)
+    assert tyres["front_contact_lost_s"] == pytest.approx(5 * 0.02)
 
 
 def test_its_figures_are_those_of_the_json(folder: Path, tmp_path: Path, capsys) -> None:

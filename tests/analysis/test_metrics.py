@@ -63,13 +63,13 @@ def test_sections(ride_of, circle) -> None:
     offset = np.where(progress < half, 0.1, np.where(progress < lap, 0.4, 0.2))
     _, (figures,) = ride_of(circle(steps=345, offset=offset))
     first, second = figures.sections
-    assert (first.name, second.name) == ("first half", "second half")
-    assert first.samples + second.samples == 345
+    assert (first["name"], second["name"]) == ("first half", "second half")
+    assert first["samples"] + second["samples"] == 345
     again = int(np.sum(progress >= lap))
-    assert first.samples == int(np.sum(progress < half)) + again
-    assert first.mean_error_m == pytest.approx((0.1 * (first.samples - again) + 0.2 * again) / first.samples)
-    assert first.max_error_m == pytest.approx(0.2)
-    assert (second.mean_error_m, second.rms_error_m, second.max_error_m) == pytest.approx((0.4, 0.4, 0.4))
+    assert first["samples"] == int(np.sum(progress < half)) + again
+    assert first["mean_error_m"] == pytest.approx((0.1 * (first["samples"] - again) + 0.2 * again) / first["samples"])
+    assert first["max_error_m"] == pytest.approx(0.2)
+    assert (second["mean_error_m"], second["rms_error_m"], second["max_error_m"]) == pytest.approx((0.4, 0.4, 0.4))
 
 
 def test_fall_and_off_course(ride_of, circle) -> None:

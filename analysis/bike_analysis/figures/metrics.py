@@ -31,7 +31,6 @@ from bike_analysis.figures.laps import (
     time_outside,
 )
 from bike_analysis.figures.numbers import (
-    TyreFigures,
     best_sectors_together,
     command_ages,
     command_delay,
@@ -106,46 +105,6 @@ IDEAL_LINE: Final = "(ideal)"
 """End of the name of a followed line that is the circuit's ideal line."""
 
 _ENERGY: Final = re.compile(r"([0-9.]+) kJ")
-
-
-@dataclass(frozen=True)
-class SectionFigures:
-    """Distance to the path within one section of the course, over all laps.
-
-    Attributes:
-        name: The section's name.
-        start_m: Where it begins, as arc length.
-        samples: Table in it.
-        mean_error_m: Mean distance.
-        max_error_m: Maximum distance.
-        rms_error_m: Root of the mean squared distance.
-    """
-
-    name: str
-    start_m: float
-    samples: int
-    mean_error_m: float | None
-    max_error_m: float | None
-    rms_error_m: float | None
-
-
-@dataclass(frozen=True)
-class Collision:
-    """A wall that was met (event WALL).
-
-    Attributes:
-        time_s: Time since the reset.
-        progress_m: Where, as arc length.
-        speed_m_s: Speed.
-        energy_j: Energy of the whole motion, to the kilojoule; None if the event does not state it.
-        text: The event's sentence.
-    """
-
-    time_s: float
-    progress_m: float
-    speed_m_s: float
-    energy_j: float | None
-    text: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -248,12 +207,12 @@ class RideFigures(MotionFigures):
         command_delay_max_s: Largest age in simulated time.
         latency_median_s: Median wall-clock time of the policy's answers since its start, by the ride's last report.
         latency_p99_s: 99th percentile of the same.
-        collisions: Walls that were met.
+        collisions: Walls that were met (`collisions`).
         best_lap_s: The fastest complete lap, out-laps not counted where there are others; None without one.
         theoretical_lap_s: Sum of the best sectors over the same laps; None where sectors are not known.
-        tyres: What tyres and rider aids did; None where no telemetry was recorded.
+        tyres: What tyres and rider aids did (`tyre_figures`); None where no telemetry was recorded.
         complete_laps: Complete laps from start line to start line.
-        sections: The distance to the path by section of the course.
+        sections: The distance to the path by section of the course (`section_figures`).
     """
 
     ride: int
@@ -283,12 +242,12 @@ class RideFigures(MotionFigures):
     command_delay_max_s: float | None
     latency_median_s: float | None
     latency_p99_s: float | None
-    collisions: tuple[Collision, ...]
+    collisions: list[dict[str, Any]]
     best_lap_s: float | None
     theoretical_lap_s: float | None
-    tyres: TyreFigures | None
+    tyres: dict[str, float | None] | None
     complete_laps: tuple[LapFigures, ...]
-    sections: tuple[SectionFigures, ...]
+    sections: list[dict[str, Any]]
 
 
 def ride_figures(ride: Ride) -> RideFigures:
@@ -414,18 +373,19 @@ def lap_figures(ride: Ride, lap: CompleteLap, outside: Floats) -> LapFigures:
     )
 
 
-def collisions(ride: Ride) -> tuple[Collision, ...]:
-    """Collisions with walls, with the energy from the simulator's event text."""
+def collisions(ride: Ride) -> list[dict[str, Any]]:
+    """Collisions with walls: time since the reset, arc length, speed, and energy as the event's text states it."""
     found = []
     for event in ride.events:
         if event.kind == "wall":
             match = _ENERGY.search(event.text)
             energy = 1e3 * float(match[1]) if match else None
-            found.append(Collision(event.time_s, event.progress_m, event.value, energy, event.text))
-    return tuple(found)
+            entry = {"time_s": event.time_s, "progress_m": event.progress_m, "speed_m_s": event.value}
+            found.append(entry | {"energy_j": energy, "text": event.text})
+    return found
 
 
-def section_figures(ride: Ride) -> tuple[SectionFigures, ...]:
+def section_figures(ride: Ride) -> list[dict[str, Any]]:
     """Compute the distance to the path for each section of the course.
 
     Args:
@@ -437,13 +397,13 @@ def section_figures(ride: Ride) -> tuple[SectionFigures, ...]:
     course = ride.course
     section = ride.section_of()
     if course is None or not len(section):
-        return ()
+        return []
     error = np.abs(ride.states.lateral_error)
     figures = []
     for index, (name, start) in enumerate(zip(course.section_names, course.section_starts, strict=False)):
         inside = error[section == index]
-        figures.append(SectionFigures(name, float(start), len(inside), **error_figures(inside)))
-    return tuple(figures)
+        figures.append({"name": name, "start_m": float(start), "samples": len(inside), **error_figures(inside)})
+    return figures
 
 
 def latency_figures(latencies: tuple[Latency, ...]) -> tuple[float | None, float | None]:

@@ -161,57 +161,16 @@ def command_ages(ride: Ride) -> tuple[Floats, Floats]:
     return steps, seconds
 
 
-@dataclass(frozen=True)
-class TyreFigures:
-    """Slip, loads and aids over a ride. Largest values are on either side.
+def tyre_figures(ride: Ride) -> dict[str, float | None] | None:
+    """Compute slip, use of friction and loads of the tyres, the engine's power, and how long aids acted.
 
-    Attributes:
-        rear_slip_angle_rms_deg: Root mean square of the slip angle.
-        rear_slip_angle_max_deg: Largest slip angle.
-        rear_slip_max: Largest longitudinal slip, driving or braking.
-        rear_slip_use_max: Largest use of the friction; the force is largest at about 2.6.
-        front_slip_angle_rms_deg: As for the rear tyre.
-        front_slip_angle_max_deg: As for the rear tyre.
-        front_slip_max: As for the rear tyre.
-        front_slip_use_max: As for the rear tyre.
-        rear_load_min_n: Least vertical load.
-        front_load_min_n: Least vertical load.
-        engine_power_max_w: Largest power at the crank.
-        traction_control_s: Time during which traction control allowed less than requested.
-        anti_wheelie_s: The same for the anti-wheelie.
-        brake_control_s: The same for the brake control.
-        anti_stoppie_s: The same for the anti-stoppie.
-        rear_contact_lost_s: Time with the rear wheel in the air.
-        front_contact_lost_s: Time with the front wheel in the air.
-    """
-
-    rear_slip_angle_rms_deg: float | None
-    rear_slip_angle_max_deg: float | None
-    rear_slip_max: float | None
-    rear_slip_use_max: float | None
-    front_slip_angle_rms_deg: float | None
-    front_slip_angle_max_deg: float | None
-    front_slip_max: float | None
-    front_slip_use_max: float | None
-    rear_load_min_n: float | None
-    front_load_min_n: float | None
-    engine_power_max_w: float | None
-    traction_control_s: float | None
-    anti_wheelie_s: float | None
-    brake_control_s: float | None
-    anti_stoppie_s: float | None
-    rear_contact_lost_s: float | None
-    front_contact_lost_s: float | None
-
-
-def tyre_figures(ride: Ride) -> TyreFigures | None:
-    """Compute the figures of the tyres.
+    Largest values are on either side; the force of a tyre is largest at a use of about 2.6.
 
     Args:
         ride: A ride.
 
     Returns:
-        Its figures, or None where no telemetry of it was recorded.
+        Its figures by name, or None where no telemetry of it was recorded.
     """
     telemetry = ride.telemetry
     if telemetry is None or not len(telemetry.step):
@@ -229,7 +188,8 @@ def tyre_figures(ride: Ride) -> TyreFigures | None:
     for name in ("traction_control", "anti_wheelie", "brake_control", "anti_stoppie", *_LOST):
         steps = over(np.sum, telemetry.values.get(name, nothing))
         figures[f"{name}_s"] = None if steps is None or not np.isfinite(period) else steps * period
-    return TyreFigures(engine_power_max_w=over(np.max, telemetry.values.get("engine_power", nothing)), **figures)
+    figures["engine_power_max_w"] = over(np.max, telemetry.values.get("engine_power", nothing))
+    return figures
 
 
 PEAK_USE: Final = 1.5 * math.tan(math.pi / 3.0)

@@ -365,13 +365,13 @@ def _key_figures(f: RideFigures) -> list[tuple[str, str, str]]:
 def _section_table(f: RideFigures) -> str:
     if not f.sections:
         return ""
-    top = max((s.max_error_m or 0.0) for s in f.sections) or 1.0
+    top = max((s["max_error_m"] or 0.0) for s in f.sections) or 1.0
     rows = []
     for number, s in enumerate(f.sections, start=1):
-        share = 100.0 * (s.max_error_m or 0.0) / top
+        share = 100.0 * (s["max_error_m"] or 0.0) / top
         bar = f'<td class=bar><i style="width:{share:.1f}%"></i></td>'
-        cells = f"<td>{number}&ensp;{html_text(s.name)}</td>{_cell(s.start_m, 1)}{_cell(s.mean_error_m, 3)}"
-        rows.append(f"<tr>{cells}{_cell(s.rms_error_m, 3)}{_cell(s.max_error_m, 3)}{bar}</tr>")
+        cells = f"<td>{number}&ensp;{html_text(s['name'])}</td>{_cell(s['start_m'], 1)}{_cell(s['mean_error_m'], 3)}"
+        rows.append(f"<tr>{cells}{_cell(s['rms_error_m'], 3)}{_cell(s['max_error_m'], 3)}{bar}</tr>")
     head = "<th>section</th><th>from<br>m</th><th>mean<br>m</th><th>RMS<br>m</th><th>max<br>m</th><th class=bar></th>"
     return f"<h3>Distance to the path by section</h3>{table_html(head, rows)}"
 
