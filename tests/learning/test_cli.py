@@ -152,18 +152,9 @@ def test_bad_input_is_one_line_and_exit_code_2(words, message, tmp_path, capsys)
 
 def test_train_export_and_evaluate(tmp_path, capsys):
     run = str(tmp_path / "run")
-    sizes = [
-        "--set",
-        "learner.layers=16,16",
-        "--set",
-        "learner=sb3",
-        "--set",
-        "learner.environments=8",
-        "--set",
-        "learner.updates=1",
-    ]
-    code, result = run_json(capsys, "train", "whipple", "--out", run, "--steps", "2400", "--record-every", "0", *sizes)
-    assert (code, result["schema"], result["figures"]["steps"]) == (0, "bike.train/1", 2400)
+    words = ["train", "whipple", "--out", run, "--steps", "400", "--record-every", "0", *SMALL_WORDS]
+    code, result = run_json(capsys, *words)
+    assert (code, result["schema"], result["figures"]["steps"]) == (0, "bike.train/1", 400)
     (tmp_path / "list.json").write_text("[]")
     assert main(["export", run, "--which", "last", "--evaluation", str(tmp_path / "list.json")]) == 2
     assert "one JSON object" in capsys.readouterr().err
@@ -189,11 +180,12 @@ def test_train_export_and_evaluate(tmp_path, capsys):
 
 
 def test_evaluate_rides_a_line_with_a_known_law(policy, tmp_path, capsys):
-    words = ["evaluate", str(policy), "--course", "line", "--speeds", "4", "5", "--random-rides", "0"]
+    words = ["evaluate", str(policy), "--course", "line", "--speeds", "7", "--random-rides", "0"]
+    words += ["--time-step", "0.005"]
     code, result = run_json(capsys, *words, "--out", str(tmp_path / "out"))
     assert code == 0
     figures = result["figures"]
-    assert figures["completed_count"] == 2
+    assert figures["completed_count"] == 1
     # From the reference configuration on a line there is nothing to correct.
     assert figures["worst_max_m"] < 1e-6
 
