@@ -15,8 +15,9 @@ import pytest
 from bike_analysis import open_ride
 from bike_analysis.figures.metrics import LapFigures, RideFigures
 from bike_analysis.figures.results import SCHEMA
+from bike_analysis.page.ride_view import histograms, ride_view
 from bike_sim.recording.recorder import RideRecorder
-from bike_sim.schema import TELEMETRY
+from bike_sim.schema import SIGNALS, SUSPENSION, TELEMETRY
 from bike_training.cli import main
 
 PAGE = (Path(__file__).parents[2] / "docs" / "reference" / "analysis.md").read_text(encoding="utf-8")
@@ -54,8 +55,8 @@ def cells(heading: str) -> list[str]:
 
 @pytest.fixture(scope="module")
 def with_telemetry(messages, share, folder: Path) -> Path:
-    """A few states with telemetry; every number is its field's place in the message."""
-    for name in ("bike_msgs/msg/Telemetry", "bike_msgs/msg/BikeState"):
+    """A few states with telemetry and signals; every number is its field's place in the message."""
+    for name in ("bike_msgs/msg/Telemetry", "bike_msgs/msg/BikeState", "bike_msgs/msg/EpisodeStart"):
         messages.learn(name)
     path = folder / "telemetry.mcap"
     values = {name: float(k) for k, name in enumerate(TELEMETRY.names)}
@@ -63,9 +64,13 @@ def with_telemetry(messages, share, folder: Path) -> Path:
     with RideRecorder(path, share=share, metadata_file=False) as recorder:
         recorder.add_topic("/bike/state", "bike_msgs/msg/BikeState")
         recorder.add_topic("/bike/telemetry", "bike_msgs/msg/Telemetry")
+        recorder.add_topic("/bike/episode", "bike_msgs/msg/EpisodeStart")
+        episode = messages.make("bike_msgs/msg/EpisodeStart", signal_names=list(SIGNALS.columns))
+        recorder.write("/bike/episode", messages.cdr("bike_msgs/msg/EpisodeStart", episode), round(1e9))
         for step in range(20):
             both = {"header": messages.header(1.0 + 0.02 * step), "episode": 1, "step": step}
-            state = messages.make("bike_msgs/msg/BikeState", control_period=0.02, x=0.1 * step, speed=5.0, **both)
+            state = messages.make("bike_msgs/msg/BikeState", control_period=0.02, x=0.1 * step, speed=20.0, **both)
+            state.signals = np.arange(float(len(SIGNALS)))
             told = values | {name: step >= 15 for name in flags}
             told["rear_slip_angle"] = 0.01 * (step - 10)
             telemetry = messages.make("bike_msgs/msg/Telemetry", **both, **told)
@@ -84,6 +89,19 @@ def test_its_columns_are_those_of_the_table(with_telemetry: Path) -> None:
     documented = re.findall(r"`(\w+)`", " ".join(cells("Columns")))
     assert sorted(documented) == sorted(table.columns)
     assert len(documented) == len(set(documented))
+
+
+def test_suspension_is_read_from_the_signals_of_the_states(with_telemetry: Path) -> None:
+    """Columns of the table by the names of the episode, and on the page channels, panels and both histograms."""
+    ride = open_ride(with_telemetry).rides[0]
+    table = ride.table()
+    for name in SUSPENSION.columns:
+        assert set(table[name]) == {float(SIGNALS.columns.index(name))}
+    view = ride_view(ride.data, "ride", "ride")
+    assert {"travel", "damper", "pitch", "twist", "chain"} <= {panel.key for panel in view.panels}
+    columns = view.series[0].columns
+    assert columns["fork_speed"][0] == 1e3 * SIGNALS.index("fork_speed")
+    assert {"fork_speed-histogram", "shock_speed-histogram"} <= {found.key for found in histograms(view.series)}
 
 
 def test_telemetry_is_beside_its_state(with_telemetry: Path) -> None:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Mapping
 from dataclasses import replace
 from importlib import resources
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +17,7 @@ from bike_sim.physics import state as st
 from bike_sim.physics.superbike import magic_formula
 from bike_sim.physics.superbike.bullet import BulletSuperbikeEngine
 from bike_sim.physics.superbike.engine import CompiledSuperbikeEngine
+from bike_sim.physics.superbike.modes import measure_modes
 from bike_sim.validation.published import (
     FOLDER,
     check_published,
@@ -25,7 +29,14 @@ from bike_sim.validation.published import (
     straight_eigenvalues,
 )
 from bike_sim.validation.superbike import measure_performance, signal, steady_turns
-from bike_sim.vehicles.files import SHIPPED, load_superbike, load_vehicle, vehicle_from_document
+from bike_sim.vehicles.files import (
+    SHIPPED,
+    VARIANTS,
+    load_superbike,
+    load_vehicle,
+    shipped_variants,
+    vehicle_from_document,
+)
 from bike_sim.vehicles.joints import UNIT_RANGE, UNIT_SAMPLES, Chain, Joints
 from bike_sim.vehicles.parameters import VehicleError
 from bike_sim.vehicles.superbike import Superbike
@@ -174,6 +185,89 @@ def test_coefficients_are_complete() -> None:
         tyre = document["front_tyre"] | {"magic_formula": wrong}
         with pytest.raises(VehicleError, match=f"front_tyre.magic_formula: .*{named}"):
             vehicle_from_document(document | {"front_tyre": tyre}, "mine")
+
+
+@pytest.mark.parametrize("name", shipped_variants())
+def test_suspended_machines_are_the_rigid_ones_on_springs(name: str) -> None:
+    """Masses stay, each number has its source, it stands still, and hands off or on nothing grows at 20 and 60 m/s."""
+    vehicle, rigid = load_superbike(name), load_superbike(name.removesuffix("_suspended"))
+    assert vehicle.mass == pytest.approx(rigid.mass)
+    assert vehicle.centre_of_mass == pytest.approx(rigid.centre_of_mass, abs=1e-3)
+    assert vehicle.electronics.reference_mass == pytest.approx(vehicle.mass)
+    lines = (VARIANTS / f"{name}.yaml").read_text(encoding="utf-8").splitlines()
+    values = [line for line in lines if re.match(r"\s+\w+: ([-\d.\[]|{)", line)]
+    assert len(values) > 40
+    assert [line for line in values if not re.search(r"# .*\[(S\d|maker|estimate)", line)] == []
+    engine = CompiledSuperbikeEngine(vehicle, 0.002)
+    engine.reset(st.upright_state(0.0, vehicle.rF))
+    engine.advance(0.0, 0.0, 250)
+    assert np.abs(engine.motion["joints"][0, 3:]).max() < 1e-6
+    for speed in (20.0, 60.0):
+        for hands in (False, True):
+            modes = measure_modes(vehicle, speed, hands=hands)
+            assert max(modes.weave.real, modes.wobble.real) < 0.0
+
+
+def _tir(coefficients: Mapping[str, float]) -> str:
+    """Return the text of a file of a tyre's coefficients."""
+    names = {"Fz0": "FNOMIN", "rc": "CROWN_RADIUS"}
+    lines = [f"{names.get(name, name.upper())} = {value!r}  $ comment" for name, value in coefficients.items()]
+    return "\n".join(["[MODEL]", "FITTYP = 'MC'", "PHY1 = 0.01", *lines])
+
+
+def test_a_tir_file_gives_the_same_forces(tmp_path: Path) -> None:
+    """Coefficients in a file beside the vehicle's, which stands on a base, are those in the base itself."""
+    vehicle = suzuki()
+    coefficients = vehicle.front_tyre.magic_formula
+    assert coefficients is not None
+    (tmp_path / "front.tir").write_text(_tir(vars(coefficients)), encoding="utf-8")
+    path = tmp_path / "mine.yaml"
+    path.write_text("base: gsxr1000\nname: mine\nfront_tyre: {magic_formula: front.tir}\n", encoding="utf-8")
+    mine = load_superbike(path)
+    assert replace(mine, name=vehicle.name) == vehicle
+    for load, drift in ((600.0, 0.02), (1800.0, -0.05)):
+        one, other = (
+            magic_formula.forces(0.03, drift, 0.4, load, 1.0, each.machine["front_tyre"]["magic_formula"])
+            for each in (mine, vehicle)
+        )
+        assert one == other
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("PKY6 = ", "PKX6 = "), "front_tyre.magic_formula = 'front.tir' lacks PKY6$"),
+        (("PKY6 = ", "PKY6 = about "), "'front.tir', line 28: PKY6 = about 0.69677 is not a number$"),
+        (("PKY6 = ", "PKY7 = "), "'front.tir', line 29: PKY7 = -0.03077 is given twice$"),
+        ((" = ", " : "), "'front.tir' has no coefficient of a motorcycle tyre"),
+        (("[MODEL]", "\0"), "'front.tir' is a binary file"),
+    ],
+)
+def test_a_broken_tir_file_is_refused(change: tuple[str, str], message: str, tmp_path: Path) -> None:
+    """One line names the vehicle, the file, and what is wrong there."""
+    coefficients = suzuki().front_tyre.magic_formula
+    assert coefficients is not None
+    (tmp_path / "front.tir").write_text(_tir(vars(coefficients)).replace(*change), encoding="utf-8")
+    path = tmp_path / "mine.yaml"
+    path.write_text("base: gsxr1000\nname: mine\nfront_tyre: {magic_formula: front.tir}\n", encoding="utf-8")
+    with pytest.raises(VehicleError, match=f"vehicle '.*mine.yaml': .*{message}"):
+        load_superbike(path)
+
+
+def test_bases_that_cannot_be_are_refused(tmp_path: Path) -> None:
+    """A base that does not exist, that stands on itself, that is no name, and a tyre's file that is not there."""
+    path = tmp_path / "mine.yaml"
+    for text, error, message in (
+        ("base: tandem", FileNotFoundError, "no vehicle 'tandem'"),
+        ("base: other.yaml", FileNotFoundError, "does not exist"),
+        ("base: mine.yaml", VehicleError, "one base too many"),
+        ("base: [1]", VehicleError, r"base = a list is no name of a vehicle"),
+        ("front_tyre: {magic_formula: none.tir}", VehicleError, "'none.tir' does not exist beside the vehicle's file"),
+        ("front_tyre: {magic_formula: tyre.txt}", VehicleError, "'tyre.txt' is no name of a .tir file"),
+    ):
+        path.write_text(text, encoding="utf-8")
+        with pytest.raises(error, match=message):
+            load_superbike(path)
 
 
 @pytest.mark.parametrize(

@@ -108,8 +108,18 @@ def test_mirror(slip: float, drift: float, camber: float, load: float) -> None:
 def test_friction_ellipse_is_never_left(slip: float, drift: float, camber: float, load: float, grip: float) -> None:
     for tyre in (PLAIN_ROW, VEHICLE.machine["rear_tyre"], VEHICLE.machine["front_tyre"]):
         fx, fy, _, _ = tyres.forces(slip, drift, camber, load, grip, tyre)
-        mu = tyres.friction(camber, tyre) * grip * load
+        mu = tyres.friction(camber, load, tyre) * grip * load
         assert math.hypot(fx / (mu * tyre["friction_ratio"]), fy / mu) <= 1.0 + 1e-12
+
+
+@given(cambers, loads, loads)
+def test_friction_falls_with_load_where_the_file_says_so(camber: float, one: float, other: float) -> None:
+    """By the slope at the nominal load; without one it is the same at every load."""
+    falling = row(replace(PLAIN, friction_slope=0.1))
+    low, high = sorted((one, other))
+    assert tyres.friction(camber, low, falling) >= tyres.friction(camber, high, falling)
+    assert tyres.friction(camber, 2000.0, falling) == tyres.friction(camber, low, PLAIN_ROW)
+    assert tyres.friction(0.0, 2200.0, falling) == pytest.approx(1.5 * math.exp(-0.01))
 
 
 @given(slips, slips, cambers)

@@ -16,6 +16,7 @@ from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
 from bike_policy.riders.classical import ClassicalRider
 from bike_sim.course.course import Course
 from bike_sim.course.files import load_track
+from bike_sim.physics import state as start
 from bike_sim.physics.superbike import equilibrium as eq
 from bike_sim.physics.superbike import statics
 from bike_sim.physics.superbike.engine import CompiledSuperbikeEngine
@@ -103,6 +104,51 @@ def test_envelope_shrinks_where_it_must(name: str) -> None:
     rear, front = (replace(tyre, friction=0.5 * tyre.friction) for tyre in (dry.rear_tyre, dry.front_tyre))
     wet = envelope(replace(dry, rear_tyre=rear, front_tyre=front))
     assert np.all(wet.lateral_max < 0.6 * limits.lateral_max)
+
+
+def heavier(machine: Superbike, factor: float) -> Superbike:
+    """Return a machine with all masses and inertias times a factor: centre of mass and weight distribution stay."""
+    bodies = [f"m{body}" for body in "RBHF"] + [f"I{body}{axes}" for body in "RBHF" for axes in ("xx", "yy")]
+    bodies += [f"I{body}{axes}" for body in "BH" for axes in ("zz", "xz")]
+    parts = {
+        name: replace(part, **{key: factor * getattr(part, key) for key in ("mass", "Ixx", "Iyy", "Izz", "Ixz")})
+        for name, part in (("frame", machine.frame), ("rider", machine.rider))
+    }
+    return replace(machine, **parts, **{name: factor * getattr(machine, name) for name in bodies})
+
+
+def test_a_heavier_machine_is_slower(circuit: Path) -> None:
+    """Ten kilograms more cost time, where friction falls with load and the electronics' loads grow with the mass."""
+    tyres = {name: replace(getattr(DUCATI, name), friction_slope=0.2) for name in ("front_tyre", "rear_tyre")}
+    aids = replace(DUCATI.electronics, reference_mass=DUCATI.mass)
+    machine = replace(DUCATI, **tyres, electronics=aids)
+    line = load_track(circuit).centre
+    light, heavy = (
+        lap_limit(envelope(each), line).lap_time for each in (machine, heavier(machine, 1.0 + 10.0 / machine.mass))
+    )
+    assert 3e-4 * light < heavy - light < 0.01 * light
+
+
+@pytest.mark.parametrize("name", ["panigale_v4r", "r1"])
+def test_shifts_cost_speed_in_the_quarter_mile_and_in_the_envelope(name: str) -> None:
+    """Both engine and envelope lose 1 to 4 km/h in 5 s by shifts of 50 ms."""
+    rigid = load_superbike(name)
+    shifting = replace(rigid, motor=replace(rigid.motor, shift_time=0.05))
+    trapped = []
+    for machine in (rigid, shifting):
+        engine = CompiledSuperbikeEngine(machine, 0.002)
+        engine.reset(start.upright_state(20.0, machine.rF))
+        engine.advance(0.0, 1.0, 2500)
+        assert engine.fall == "none"
+        trapped.append(float(engine.telemetry()[signal("speed")]))
+    measured = trapped[0] - trapped[1]
+    speeds = np.linspace(20.0, 90.0, 800)
+    reached = []
+    for machine in (rigid, shifting):
+        time = np.concatenate(([0.0], np.cumsum(np.diff(speeds) / envelope(machine).drive(speeds)[1:])))
+        reached.append(float(np.interp(5.0, time, speeds)))
+    assert 0.2 < measured < 2.0
+    assert reached[0] - reached[1] == pytest.approx(measured, abs=0.3)
 
 
 @given(st.floats(1e-4, 0.08), st.floats(-0.01, 0.008))

@@ -42,6 +42,7 @@ from bike_analysis.figures.numbers import (
 )
 from bike_analysis.read.messages import STATE_QUANTITIES, Floats, Latency, Table
 from bike_analysis.read.rides import Ride
+from bike_sim.schema import SUSPENSION
 
 _CONSTANT: Final = ("control_period", "steering_limit", "course_length", "course_closed", "front_progress")
 STATE_COLUMNS: Final = {q.column: q.name for q in STATE_QUANTITIES if q.name not in _CONSTANT}
@@ -80,6 +81,7 @@ def motion_columns(ride: Ride, rows: slice) -> dict[str, Any]:
     columns["acceleration_m_s2"] = rate(states.speed, states.time_s)
     columns["lateral_acceleration_m_s2"] = states.speed * states.yaw_rate
     columns["outside_m"] = beyond_limits(states, ride.course)
+    columns |= {q.column: states.values[q.name] for q in SUSPENSION if q.name in states.values}
     return columns | telemetry_columns(ride, rows)
 
 

@@ -46,7 +46,7 @@ from bike_analysis.page.view import (
 from bike_analysis.read.messages import Floats, RecordedCourse
 from bike_analysis.read.rides import Ride
 from bike_sim.course.track import Corner
-from bike_sim.schema import BIKE_STATE, GRAVITY, TELEMETRY
+from bike_sim.schema import BIKE_STATE, GRAVITY, SUSPENSION, TELEMETRY
 
 FAST: Final = 15.0
 """Beyond this speed km/h are shown, m/s."""
@@ -68,8 +68,10 @@ _HISTOGRAMS: Final = (
     ("roll", "Lean by time", "lean to either side in °", tuple(range(0, 71, 5))),
     ("rear_grip", "Grip used by time, rear", "grip used in %", tuple(range(0, 121, 10))),
     ("front_grip", "Grip used by time, front", "grip used in %", tuple(range(0, 121, 10))),
+    ("shock_speed", "Damper speed by time, rear", "mm/s, bump positive", tuple(range(-200, 201, 25))),
+    ("fork_speed", "Damper speed by time, fork", "mm/s, bump positive", tuple(range(-200, 201, 25))),
 )
-"""Column, title, axis and edges of the bins."""
+"""Column, title, axis and edges of the bins; sizes count where these do not go below zero."""
 
 
 def _wheels(column: str) -> tuple[PanelLine, PanelLine]:
@@ -159,6 +161,22 @@ _OF_MOTORCYCLES: Final = (
         "the largest force is shown.",
         ends=(0.0, 100.0),
     ),
+    Panel(
+        "travel",
+        "Suspension travel",
+        (PanelLine("shock_travel", "rear", "blue"), PanelLine("fork_travel", "fork", "orange", dash=True)),
+        caption="Of the spring units from the standing machine's, positive pressed together.",
+    ),
+    Panel(
+        "damper",
+        "Damper speed",
+        (PanelLine("shock_speed", "rear", "blue"), PanelLine("fork_speed", "fork", "orange", dash=True)),
+        caption="Positive in bump, negative in rebound.",
+        folded=True,
+    ),
+    Panel("pitch", "Pitch", (PanelLine("pitch", "pitch", "green"),), caption="Positive nose down.", folded=True),
+    Panel("twist", "Twist of the steering head", (PanelLine("twist", "twist", "gold"),), folded=True),
+    Panel("chain", "Chain force", (PanelLine("chain", "chain", "violet"),), folded=True),
 )
 _ALONE: Final = ("steer", "balance", "command", "reached", "age")
 """Columns that mean nothing beside those of another ride."""
@@ -325,8 +343,9 @@ def ride_columns(
     }
     for name, channel in (CHANNELS | (FAST_CHANNELS if fast else {})).items():
         if channel.source in states.values:
-            columns[name] = factor(channel, BIKE_STATE[channel.source]) * states.values[channel.source]
-        elif channel.source and TELEMETRY[channel.source].column in telemetry:
+            schema = SUSPENSION if channel.source in SUSPENSION.names else BIKE_STATE
+            columns[name] = factor(channel, schema[channel.source]) * states.values[channel.source]
+        elif channel.source in TELEMETRY.names and TELEMETRY[channel.source].column in telemetry:
             quantity = TELEMETRY[channel.source]
             columns[name] = factor(channel, quantity) * telemetry[quantity.column]
     if np.any(np.nan_to_num(driven)):  # else a vehicle without a drive
@@ -334,6 +353,8 @@ def ride_columns(
     for wheel in ("rear", "front"):
         if f"{wheel}_slip_use" in telemetry:
             columns[f"{wheel}_grip"] = grip_used(telemetry[f"{wheel}_slip_use"])
+    if "fork_travel" not in columns:
+        columns.pop("pitch", None)
     if fast:
         columns["lateral"], columns["along"] = accelerations(ride, rows)
     if machine is not None:
@@ -378,12 +399,13 @@ def aid_bands(ride: Ride, rows: slice) -> tuple[Band, ...]:
 
 
 def histograms(series: Sequence[Series]) -> tuple[Histogram, ...]:
-    """Distribution of each lap's time over lean and over the used share of its tyres' grip."""
+    """Distribution of each lap's time over lean, the used share of its tyres' grip, and the dampers' speed."""
     found = []
     for key, title, label, edges in _HISTOGRAMS:
         known = {s.name: s.columns for s in series if key in s.columns}
         if known:
-            shares = {name: time_shares(np.abs(c[key]), c["time"], edges) for name, c in known.items()}
+            sizes = {name: c[key] if edges[0] < 0 else np.abs(c[key]) for name, c in known.items()}
+            shares = {name: time_shares(sizes[name], c["time"], edges) for name, c in known.items()}
             found.append(Histogram(f"{key}-histogram", title, label, tuple(map(float, edges)), shares))
     return tuple(found)
 

@@ -52,6 +52,8 @@ _FACTORS: Final = {
     ("1", "%"): 100.0,
     ("N", "kN"): 1e-3,
     ("m/s", "km/h"): 3.6,
+    ("m", "mm"): 1e3,
+    ("m/s", "mm/s"): 1e3,
 }
 """Factors from units of the schema to those that are shown."""
 
@@ -92,6 +94,13 @@ CHANNELS: Final = {
     **_wheels("drift", "Slip angle", "°", 1, "slip_angle", absolute=True),
     **_wheels("load", "Load", "kN", 2, "load"),
     **_wheels("grip", "Grip used", "%", 0, ""),
+    "pitch": Channel("Pitch", "°", 2, "pitch"),
+    "shock_travel": Channel("Travel, rear spring unit", "mm", 1, "shock_travel"),
+    "fork_travel": Channel("Travel, fork", "mm", 1, "fork_travel"),
+    "shock_speed": Channel("Damper speed, rear", "mm/s", 0, "shock_speed"),
+    "fork_speed": Channel("Damper speed, fork", "mm/s", 0, "fork_speed"),
+    "twist": Channel("Twist of the steering head", "°", 3, "head_twist", absolute=True),
+    "chain": Channel("Chain force", "kN", 2, "chain_force"),
     "age": Channel("Age of the command", "steps", 0),
     "delta": Channel("Variance", "s", 3),
     "speed_delta": Channel("Speed delta", "m/s", 2),

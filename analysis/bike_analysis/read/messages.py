@@ -16,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_sim.schema import BIKE_STATE, FLAG, LIMITS, TELEMETRY, Quantity
+from bike_sim.schema import BIKE_STATE, FLAG, LIMITS, SUSPENSION, TELEMETRY, Quantity
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -217,7 +217,8 @@ class Table:
     """Columns of equal length, one row per message, in the order of recording.
 
     A column of `values` is an attribute, too: ``states.roll``. Of states and commands there are all of `QUANTITIES`,
-    those that were not recorded NaN or False. Of telemetry there are the recorded ones.
+    those that were not recorded NaN or False. Of telemetry there are the recorded ones. States of a machine with
+    suspension also have those of `bike_sim.schema.SUSPENSION`.
 
     Attributes:
         order: Place of each message in the recording, counted over all topics.
@@ -270,6 +271,19 @@ def make_table(type_name: str, order: Integers, time_s: Floats, columns: dict[st
             numbers[~(np.abs(numbers) <= LARGEST)] = np.nan
         values[quantity.name] = numbers
     return Table(order, time_s, episode, step, values)
+
+
+def suspension_of(signals: Floats, names: Sequence[str]) -> dict[str, Floats]:
+    """Columns of what gives way, of those that ever did.
+
+    Args:
+        signals: Of each state, shape (states, signals).
+        names: Of the signals, as `EpisodeStart` has them; empty where it was not recorded.
+    """
+    if len(names) != signals.shape[1]:
+        return {}
+    places = {q.name: names.index(q.column) for q in SUSPENSION if q.column in names}
+    return {name: signals[:, place] for name, place in places.items() if np.any(signals[:, place])}
 
 
 def empty_table(type_name: str) -> Table:
@@ -393,6 +407,11 @@ def simulation_of(_: int, message: Any) -> Simulation:
     if not 0.0 <= time_step <= LARGEST:
         raise ValueError(f"a time step of {time_step:.3g} s")
     return Simulation(str(getattr(message, "engine", "")), time_step)
+
+
+def signal_names_of(_: int, message: Any) -> tuple[str, ...]:
+    """Names of the signals of an episode's states; none where it does not state them."""
+    return tuple(map(str, getattr(message, "signal_names", ())))
 
 
 def course_of(order: int, message: Any) -> RecordedCourse:

@@ -43,9 +43,12 @@ from bike_analysis.read.messages import (
     make_table,
     own_reports,
     reports_of,
+    signal_names_of,
     simulation_of,
     states_of_motion,
+    suspension_of,
 )
+from bike_sim.schema import SIGNALS
 
 LARGEST_DEFINITION: Final = 256 * 1024
 """Longer definitions of a type are not parsed, bytes. That of our states has six thousand."""
@@ -77,11 +80,14 @@ class _TopicReader:
         if not available & set(wanted):
             raise SchemaError(f"{schema.name} as recorded has none of the known fields; is it another version?")
         self.type_name, self.missing = schema.name, tuple(name for name in wanted if name not in available)
-        self.columns = ColumnReader(schema, [name for name in (*_STAMP, *wanted) if name in available])
-        self.vehicle = ""
+        self.vehicle, signals = "", ()
         if schema.name == STATE_TYPE:
             with suppress(SchemaError):
-                self.vehicle = str(getattr(schema.decode(first), "vehicle", ""))
+                state = schema.decode(first)
+                self.vehicle = str(getattr(state, "vehicle", ""))
+                # fewer are of a version without suspension
+                signals = ("signals",) if len(getattr(state, "signals", ())) >= len(SIGNALS) else ()
+        self.columns = ColumnReader(schema, [*(name for name in (*_STAMP, *wanted) if name in available), *signals])
         self._orders: list[Integers] = []
         self._log_times: list[Integers] = []
 
@@ -376,7 +382,11 @@ class _Reader:
         order, time_s, columns = reader.finish()
         if not len(order) and kind == STATE_TYPE:
             raise RecordingError(f"{self._path} holds no state that can be read: {reader.columns.damage}")
-        return make_table(kind, order, time_s, columns)
+        table = make_table(kind, order, time_s, columns)
+        if "signals" not in columns:
+            return table
+        names = next(self._converted(f"{topic.removesuffix('/state')}/episode", signal_names_of), ())
+        return table.with_columns(**suspension_of(columns["signals"], names))
 
     def _telemetry(self, topic: str) -> Table | None:
         reader = self._topics.pop(topic, None)

@@ -10,6 +10,7 @@ setup(
         NAME: [
             "py.typed",
             "config/vehicles/*.yaml",
+            "config/vehicles/variants/*",
             "config/courses/*.yaml",
             "config/disturbances/*.yaml",
             "config/courses/*.csv",

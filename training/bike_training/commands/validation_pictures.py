@@ -128,7 +128,7 @@ def _draw_tyres(result: superbike.Validation, figure: Any) -> None:
         forces = np.array([tyres.forces(s, math.tan(math.radians(angle)), 0.0, load, 1.0, row)[:2] for s in slips])
         ellipse.plot(forces[:, 0] / load, forces[:, 1] / load, label=f"side slip {angle:.0f}°")
     turn = np.linspace(0.0, 2.0 * math.pi, 200)
-    mu_y = tyres.friction(0.0, row)
+    mu_y = tyres.friction(0.0, load, row)
     mu_x = mu_y * row["friction_ratio"]
     ellipse.plot(mu_x * np.cos(turn), mu_y * np.sin(turn), "k--", linewidth=0.8, label="ellipse")
     ellipse.set(xlabel="longitudinal by load", ylabel="lateral by load", title="combined slip", aspect="equal")

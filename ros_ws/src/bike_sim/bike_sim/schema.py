@@ -142,6 +142,18 @@ LIMITS: Final = Schema(
 )
 """Relation to the limits of a circuit. In the mirror image the left margins take the place of the right ones."""
 
+SUSPENSION: Final = Schema(
+    (
+        Quantity("fork_travel", "m", 1, "of the fork from the standing machine's, positive pressed together"),
+        Quantity("fork_speed", "m/s", 1, "rate of `fork_travel`"),
+        Quantity("shock_travel", "m", 1, "of the rear spring unit, as of the fork"),
+        Quantity("shock_speed", "m/s", 1, "rate of `shock_travel`"),
+        Quantity("head_twist", "rad", -1, "of the steering head against the frame"),
+        Quantity("chain_force", "N", 1, "of the chain, positive driving"),
+    )
+)
+"""Signals of what gives way, zeros where it is rigid."""
+
 SIGNALS: Final = Schema(
     (
         Quantity("speed", "m/s", 1, "of the centre of mass of the machine without rider, fork and wheels, along yaw"),
@@ -187,6 +199,7 @@ SIGNALS: Final = Schema(
         Quantity("rider_integral", "Nm", -1, "integral part of the virtual rider's torque"),
         Quantity("drive_share", "1", 1, "part of the engine's torque after its lag"),
         Quantity("brake_share", "1", 1, "part of the brakes' force after their lag"),
+        *SUSPENSION,
     )
 )
 """Telemetry of a superbike at every step; ``EpisodeStart.signal_names`` are the columns."""

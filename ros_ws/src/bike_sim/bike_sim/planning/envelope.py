@@ -327,6 +327,12 @@ def envelope(vehicle: Superbike) -> Envelope:
     lateral, drive, brake, lean = _tables(
         speeds, engine, np.array(LOADS), np.array(ROLL_RATES), statics.spread(vehicle), inertia, machine
     )
+    drag = np.array([statics.rolling_drag(vehicle, float(speed)) for speed in speeds]) / inertia
+    if vehicle.motor.shift_time > 0.0:
+        # what a shift loses is spread over the speeds between it and its neighbours
+        lost = vehicle.motor.shift_time * (drive + drag[:, None, None])
+        span = _speeds_by_shift(vehicle, speeds)[:, None, None]
+        drive = np.where(drive > 0.0, drive * span / (span + lost), drive)
     places = np.array([eq.mass_place(at, machine) for at in np.linspace(0.0, 0.5 * math.pi, 91)])
     rider = vehicle.virtual_rider
     effort = np.array([max(steering_effort(float(speed), machine)[0], _LEAST_EFFORT) for speed in speeds])
@@ -338,12 +344,20 @@ def envelope(vehicle: Superbike) -> Envelope:
         drive,
         brake,
         lean,
-        drag=np.array([statics.rolling_drag(vehicle, float(speed)) for speed in speeds]) / inertia,
+        drag=drag,
         inside=places[:, 0],
         height=places[:, 1],
         sway=statics.sway_length(vehicle),
         lean_rate=LEAN_RATE_REACHED * np.minimum(rider.lean_rate, rider.gyro_share * rider.torque / effort),
     )
+
+
+def _speeds_by_shift(vehicle: Superbike, speeds: FloatArray) -> FloatArray:
+    """Return the span of speeds that belongs to the shift nearest to each speed, m/s."""
+    shifts = np.flatnonzero(np.diff(vehicle.wheel_gear)) * vehicle.wheel_torque_spacing * vehicle.rR
+    inner = 0.5 * (shifts[1:] + shifts[:-1])
+    bounds = np.concatenate(([0.0], inner, [speeds[-1]]))
+    return np.diff(bounds)[np.searchsorted(inner, speeds)]
 
 
 @njit(cache=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from importlib import resources
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,11 +20,17 @@ from bike_sim.documents import (
     show,
 )
 from bike_sim.vehicles.bicycle import BicycleFile, Vehicle, bicycle_from_document
+from bike_sim.vehicles.magic_formula import coefficients_of_tir
 from bike_sim.vehicles.parameters import VehicleError, explained
 from bike_sim.vehicles.superbike import Superbike, SuperbikeFile, superbike_from_document
 
 SHIPPED: Final = resources.files("bike_sim") / "config" / "vehicles"
 """Folder of the vehicles that come with the package."""
+VARIANTS: Final = SHIPPED / "variants"
+"""Folder of those that stand on another one by ``base``."""
+
+MAX_BASES: Final = 4
+"""Largest number of files that stand on each other by ``base``."""
 
 _HEAD: Final = """\
 # A vehicle. Change the numbers, save it as a .yaml file, and ride it: bike ride --vehicle mine.yaml
@@ -32,8 +39,17 @@ _HEAD: Final = """\
 
 
 def shipped_vehicles() -> tuple[str, ...]:
-    """Return the names of the vehicles that come with the package, sorted."""
-    return tuple(sorted(entry.name[: -len(".yaml")] for entry in SHIPPED.iterdir() if entry.name.endswith(".yaml")))
+    """Return the names of the vehicles that come with the package, sorted; `shipped_variants` are not among them."""
+    return _names_in(SHIPPED)
+
+
+def shipped_variants() -> tuple[str, ...]:
+    """Return the names of the vehicles that come with the package and stand on one of `shipped_vehicles`, sorted."""
+    return _names_in(VARIANTS)
+
+
+def _names_in(folder: Traversable) -> tuple[str, ...]:
+    return tuple(sorted(entry.name[: -len(".yaml")] for entry in folder.iterdir() if entry.name.endswith(".yaml")))
 
 
 def shipped_superbikes() -> tuple[str, ...]:
@@ -52,7 +68,7 @@ def load_vehicle(name_or_path: str | Path) -> Vehicle:
         FileNotFoundError: there is no such vehicle or file.
         VehicleError: the file is not YAML, lacks a key, has one too many, or describes an impossible vehicle.
     """
-    return vehicle_from_document(_document(name_or_path), shorten(str(name_or_path)))
+    return vehicle_from_document(vehicle_document(name_or_path), shorten(str(name_or_path)))
 
 
 def vehicle_template(name_or_path: str | Path) -> str:
@@ -65,20 +81,57 @@ def vehicle_template(name_or_path: str | Path) -> str:
         FileNotFoundError, VehicleError: as of `load_vehicle`.
     """
     load_vehicle(name_or_path)
-    document = _document(name_or_path) | {"sources": {"M1": "where a value comes from"}}
+    document = vehicle_document(name_or_path) | {"sources": {"M1": "where a value comes from"}}
     kind = SuperbikeFile if "type" in document else BicycleFile
     return "\n".join([_HEAD, *explained(kind, document | {"name": "mine", "description": "My vehicle"})])
 
 
-def _document(name_or_path: str | Path) -> Any:
-    """Return the content of a vehicle's file; see `load_vehicle`."""
+def vehicle_document(name_or_path: str | Path, bases: int = 0) -> Any:
+    """Return the content of a vehicle's file, put over that of its ``base``, if it names one; see `load_vehicle`.
+
+    A base is a shipped vehicle, or a file beside the one that names it. Sections are joined key by key.
+
+    Args:
+        name_or_path: of the vehicle.
+        bases: how many files name this one as their base.
+
+    Raises:
+        FileNotFoundError: there is no such vehicle or file.
+        VehicleError: a file is not YAML, or too many stand on each other.
+    """
+    document = _own_document(name_or_path)
+    base = document.pop("base", None) if isinstance(document, dict) else None
+    if base is None:
+        return document
+    text = shorten(str(name_or_path))
+    if not isinstance(base, str):
+        raise VehicleError(f"vehicle '{text}': base = {show(base)} is no name of a vehicle")
+    if bases >= MAX_BASES:
+        raise VehicleError(f"vehicle '{text}': base = {show(base)} is one base too many, at most {MAX_BASES}")
+    beside = Path(name_or_path).parent / base
+    below = vehicle_document(beside if base.endswith((".yaml", ".yml")) else base, bases + 1)
+    return _joined(below, document) if isinstance(below, dict) else below
+
+
+def _joined(below: dict[Any, Any], above: dict[Any, Any]) -> dict[Any, Any]:
+    """Return nested mappings put over others."""
+    joined = dict(below)
+    for key, value in above.items():
+        nested = isinstance(value, dict) and isinstance(below.get(key), dict)
+        joined[key] = _joined(below[key], value) if nested else value
+    return joined
+
+
+def _own_document(name_or_path: str | Path) -> Any:
+    """Return the content of a file alone, with the coefficients of the ``.tir`` files that its tyres name."""
     text = str(name_or_path)
     if isinstance(name_or_path, Path) or text.endswith((".yaml", ".yml")) or "/" in text:
         return _read(Path(name_or_path), text)
-    if text not in shipped_vehicles():
-        known = alternatives(text, shipped_vehicles())
+    folder = SHIPPED if text in shipped_vehicles() else VARIANTS
+    if folder is VARIANTS and text not in shipped_variants():
+        known = alternatives(text, (*shipped_vehicles(), *shipped_variants()))
         raise FileNotFoundError(f"no vehicle '{shorten(text)}'; {known}; a file of your own must end in .yaml")
-    with resources.as_file(SHIPPED / f"{text}.yaml") as path:
+    with resources.as_file(folder / f"{text}.yaml") as path:
         return _read(path, text)
 
 
@@ -98,11 +151,34 @@ def load_superbike(name_or_path: str | Path) -> Superbike:
 def _read(path: Path, origin: str) -> Any:
     origin = shorten(origin)
     try:
-        return parse_yaml(read_text(path, MAX_YAML_SIZE))
+        document = parse_yaml(read_text(path, MAX_YAML_SIZE))
     except FileNotFoundError:
         raise FileNotFoundError(f"vehicle file '{origin}' does not exist") from None
     except DocumentError as error:
         raise VehicleError(f"vehicle '{origin}' {error}") from None
+    for name in ("front_tyre", "rear_tyre"):
+        tyre = document.get(name) if isinstance(document, dict) else None
+        if isinstance(tyre, dict) and isinstance(tyre.get("magic_formula"), str):
+            where = f"vehicle '{origin}': {name}.magic_formula"
+            tyre["magic_formula"] = _tir(path.parent, tyre["magic_formula"], where)
+    return document
+
+
+def _tir(folder: Path, name: str, where: str) -> dict[str, float]:
+    """Return the coefficients of a ``.tir`` file in the folder of a vehicle's file.
+
+    Raises:
+        VehicleError: there is no such file, or it is broken.
+    """
+    where = f"{where} = {show(name)}"
+    if not name.lower().endswith(".tir"):
+        raise VehicleError(f"{where} is no name of a .tir file")
+    try:
+        return coefficients_of_tir(read_text(folder / name, MAX_YAML_SIZE), where)
+    except FileNotFoundError:
+        raise VehicleError(f"{where} does not exist beside the vehicle's file") from None
+    except DocumentError as error:
+        raise VehicleError(f"{where} {error}") from None
 
 
 def vehicle_from_document(document: Any, origin: str) -> Vehicle:

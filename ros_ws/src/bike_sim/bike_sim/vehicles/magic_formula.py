@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from typing import Final
 
-from bike_sim.vehicles.parameters import positive, signed
+from bike_sim.vehicles.parameters import VehicleError, positive, signed
 
 
 @dataclass(frozen=True)
@@ -75,3 +76,42 @@ class MagicFormula:
     def on(self) -> float:
         """1: the tyre follows this law; 0 in the record of one without coefficients."""
         return 1.0
+
+
+_TIR_NAMES: Final = {"Fz0": "FNOMIN", "rc": "CROWN_RADIUS"}
+
+
+def coefficients_of_tir(text: str, origin: str) -> dict[str, float]:
+    """Return the coefficients in the text of a ``.tir`` file, by the names of `MagicFormula`.
+
+    Lines are ``NAME = value``, after which ``$`` begins a comment; names are those of the fields in capitals, with
+    ``FNOMIN`` for the nominal load and ``CROWN_RADIUS``. Sections and other names are passed over, and so are the
+    shifts of an asymmetric tyre, which the law does not have. The relaxation length is by ``C0``, ``C1`` and ``C2``.
+
+    Args:
+        text: content of the file.
+        origin: of the file, for error messages.
+
+    Raises:
+        VehicleError: a coefficient is missing, given twice or no number.
+    """
+    wanted = {_TIR_NAMES.get(entry.name, entry.name).upper(): entry.name for entry in fields(MagicFormula)}
+    found: dict[str, float] = {}
+    for number, line in enumerate(text.splitlines(), start=1):
+        key, equals, value = line.partition("$")[0].partition("=")
+        name = wanted.get(key.strip().upper())
+        if name is None or not equals:
+            continue
+        where = f"{origin}, line {number}: {key.strip()} = {value.strip()[:40]}"
+        if name in found:
+            raise VehicleError(f"{where} is given twice")
+        try:
+            found[name] = float(value)
+        except ValueError:
+            raise VehicleError(f"{where} is not a number") from None
+    missing = [key for key, name in wanted.items() if name not in found]
+    if len(missing) == len(wanted):
+        raise VehicleError(f"{origin} has no coefficient of a motorcycle tyre; lines must be NAME = value")
+    if missing:
+        raise VehicleError(f"{origin} lacks {', '.join(missing)}")
+    return found

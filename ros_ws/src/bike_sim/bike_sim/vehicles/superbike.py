@@ -63,6 +63,9 @@ class Tyre:
     trail: float = field(metadata=number("m", "pneumatic trail of the side slip's force at small slip"))
     twist: float = field(metadata=number("m/rad", "twisting torque by load and camber, towards the wheel's lean"))
     rolling: float = field(metadata=number("", "rolling resistance coefficient"))
+    friction_slope: float = field(
+        default=0.0, metadata=number("", "friction falls as exp(-friction_slope (load / nominal_load - 1))")
+    )
     camber_lag: float = field(default=0.0, metadata=number("", "1: camber thrust lags like that of side slip, 0: none"))
     magic_formula: MagicFormula | None = None
 
@@ -129,6 +132,7 @@ class Motor:
     lag: float = field(metadata=positive("s", "time constant of the torque"))
     engine_brake: float = field(metadata=number("N", "force at the rear tyre with the throttle closed"))
     crank_momentum: float = field(metadata=signed("N m s", "spin at racing speed; negative when it turns backwards"))
+    shift_time: float = field(default=0.0, metadata=number("s", "without drive at every shift to a higher gear"))
 
     @property
     def torque_at_peak_power(self) -> float:
@@ -242,6 +246,9 @@ class Electronics:
     stoppie_load_lean: float = field(metadata=number("N", "kept besides"))
     stoppie_load_on: float = field(metadata=number("N", "rear load where the cut begins"))
     stoppie_load_off: float = field(metadata=number("N", "rear load where no brake is left"))
+    reference_mass: float = field(
+        default=0.0, metadata=number("kg", "mass with rider that the loads are meant for, which grow with it; 0: fixed")
+    )
 
 
 @dataclass(frozen=True)
@@ -439,6 +446,10 @@ class Superbike(Vehicle, Sections):
         """All numbers for compiled code: a record of `MACHINE`."""
         table = np.zeros(1, dtype=MACHINE)
         _fill(table[0], self)
+        aids = table[0]["electronics"]
+        if aids["reference_mass"] > 0.0:
+            for name in (name for name in aids.dtype.names if "_load" in name):
+                aids[name] *= self.mass / aids["reference_mass"]
         table.setflags(write=False)
         return table[0]
 

@@ -62,7 +62,7 @@ def constants_of(vehicle: Superbike, tree: Sequence[Body]) -> NDArray[np.void]:
     constants = np.zeros(1, dtype=CONSTANTS)
     record = constants[0]
     record["machine"] = vehicle.machine
-    record["wheel_torque"] = vehicle.wheel_torque
+    record["wheel_torque"], record["wheel_gear"] = vehicle.wheel_torque, vehicle.wheel_gear
     record["holding"] = holding_table(vehicle)
     for name, value in geometry.items():
         record["geometry"][name] = value

@@ -16,6 +16,7 @@ from bike_sim.physics.superbike.records import Attitude, Command
 from bike_sim.vehicles.superbike import Record
 
 _THROW_RATE: Final = 1.0  # rad/s of roll at which the electronics keep a wheel as loaded as lying flat
+_ROUNDS: Final = 3  # in which friction and the load that it brings to the wheel are found
 _LEANING: Final = math.sin(math.radians(45.0))  # sine of the lean from which the brake control is most careful
 # Part of a tyre's friction that a turn may take before brakes and engine braking are eased, and from which on they get
 # none. Near its limit a tyre has little side stiffness left, and what a brake takes of that makes weave grow.
@@ -97,16 +98,16 @@ def aid_limits(roll: float, roll_rate: float, squared_speed: float, machine: Rec
     if aids.brake_control > 0.0:
         # beyond half of what the lean leaves a front tyre gives up so much of its side stiffness that the machine hops
         share = aids.brake_share + (aids.brake_share_lean - aids.brake_share) * min(1.0, sin_lean / _LEANING)
-        share *= _left_by(turn, roll, front_tyre)
+        share *= _left_by(turn, roll, front, front_tyre)
         braking = _grip_limit(roll, turn, share, front, height, machine.w, front_tyre)
-        hold = _left_by(turn, roll, rear_tyre)
+        hold = _left_by(turn, roll, rear, rear_tyre)
     return AidLimits(traction, wheelie, braking, stoppie, hold)
 
 
 @njit(cache=True)
-def _left_by(turn: float, roll: float, tyre: Record) -> float:
+def _left_by(turn: float, roll: float, load: float, tyre: Record) -> float:
     """Return the part of its brake that a tyre is left in a turn, whose lateral force by load is given."""
-    return 1.0 - between(turn / tyres.friction(roll, tyre), _EASED_FROM, BRAKE_RELEASE_FULL)
+    return 1.0 - between(turn / tyres.friction(roll, load, tyre), _EASED_FROM, BRAKE_RELEASE_FULL)
 
 
 @njit(cache=True)
@@ -114,11 +115,16 @@ def _grip_limit(
     roll: float, turn: float, share: float, load: float, height: float, wheelbase: float, tyre: Record
 ) -> float:
     """Return the force that a share of the friction left by a turn allows, N; the force itself loads the wheel."""
-    mu = tyres.friction(roll, tyre)
-    left = share * mu * tyre.friction_ratio * math.sqrt(max(0.0, 1.0 - (turn / mu) ** 2))
-    # no more than all of the weight can come to the wheel
-    transfer = left * height / wheelbase
-    return left * load / (1.0 - transfer) if transfer < 1.0 else math.inf
+    reached = load
+    for _ in range(1 if tyre.friction_slope == 0.0 else _ROUNDS):
+        mu = tyres.friction(roll, reached, tyre)
+        left = share * mu * tyre.friction_ratio * math.sqrt(max(0.0, 1.0 - (turn / mu) ** 2))
+        # no more than all of the weight can come to the wheel
+        transfer = left * height / wheelbase
+        if transfer >= 1.0:
+            return math.inf
+        reached = load / (1.0 - transfer)
+    return left * load / (1.0 - transfer)
 
 
 @njit(cache=True)
@@ -153,6 +159,7 @@ def aid_cuts(
     return AidCuts(traction, wheelie, front, rear, stoppie)
 
 
+_HYSTERESIS: Final = 1.2  # between the wheel speeds of a shift up and of that back; slip falls by as much as 10 %
 _REQUEST_MIN: Final = 0.01  # part of full throttle or full brake below which an aid has nothing to hold back
 
 
@@ -210,6 +217,31 @@ def _lookup(table: Record, position: float) -> float:
 
 
 @njit(cache=True)
+def _shifting(position: float, dt: float, memory: Record, constants: Record) -> bool:
+    """Return whether the gearbox is between two gears, and advance the gear in the memory.
+
+    It shifts up where another gear begins to pull better, without drive for the motor's `shift_time`, and down at once,
+    at an engine speed that is lower by `_HYSTERESIS`.
+
+    Args:
+        position: of the wheel's speed in the tables of torque and gear.
+        dt: time step, s.
+        memory: advanced.
+        constants: of the machine.
+    """
+    last = constants.wheel_gear.size - 1
+    gear = constants.wheel_gear[min(max(int(position), 0), last)]
+    if memory.gear == 0.0:
+        memory.gear = gear  # a ride begins in gear
+    elif gear > memory.gear:
+        memory.gear, memory.shift = gear, constants.machine.motor.shift_time
+    else:
+        memory.gear = min(memory.gear, constants.wheel_gear[min(max(int(position * _HYSTERESIS), 0), last)])
+    memory.shift = max(memory.shift - dt, 0.0)
+    return memory.shift > 0.0
+
+
+@njit(cache=True)
 def _brake_torque(limit: float, spin: float, inertia: float, tyre_torque: float, dt: float) -> float:
     """Return the torque of a brake that can hold up to `limit`, N m: it stops a wheel but never turns it back."""
     return min(max(-(inertia * spin / dt + tyre_torque), -limit), limit)
@@ -251,6 +283,8 @@ def drive_and_brake(
     )
 
     available = drive * _lookup(constants.wheel_torque, rear.spin / constants.geometry.torque_spacing)
+    if motor.shift_time > 0.0 and _shifting(rear.spin / constants.geometry.torque_spacing, dt, memory, constants):
+        available = 0.0
     drive_torque = cuts.traction * cuts.wheelie * min(available, min(limits.wheelie, limits.traction) * rear.radius)
     released = cuts.rear * limits.rear
     rear_brake = (1.0 - brakes.front_share) * brake * released * brakes.force * machine.rR

@@ -187,7 +187,7 @@ def wheels(turn: Turn, thrust: float, m: Record) -> Wheels:
 @njit(cache=True)
 def left_along(load: float, side: float, lean: float, tyre: Record) -> float:
     """Return the force along the road that a tyre's lateral force leaves it, N; below 0 it cannot hold even that."""
-    most = tyres.friction(lean, tyre) * load
+    most = tyres.friction(lean, load, tyre) * load
     if load <= 0.0 or abs(side) > most:
         return -1.0
     return tyre.friction_ratio * most * math.sqrt(1.0 - (side / most) ** 2)
@@ -196,7 +196,7 @@ def left_along(load: float, side: float, lean: float, tyre: Record) -> float:
 @njit(cache=True)
 def _used(load: float, side: float, along: float, lean: float, tyre: Record) -> float:
     """Return the part of its friction that a tyre uses; see `tan_slip_angle_of`."""
-    use = math.hypot(side, along / tyre.friction_ratio) / (tyres.friction(lean, tyre) * load)
+    use = math.hypot(side, along / tyre.friction_ratio) / (tyres.friction(lean, load, tyre) * load)
     return min(max(use, 1e-9), 1.0)
 
 
@@ -223,7 +223,7 @@ def tan_slip_angle_of(load: float, side: float, along: float, lean: float, tyre:
         lean: rad.
         tyre: its parameters.
     """
-    mu = tyres.friction(lean, tyre)
+    mu = tyres.friction(lean, load, tyre)
     use = _used(load, side, along, lean, tyre)
     slip = _slip_at(use, tyre) * side / (mu * load) / use
     return (slip * mu - tyre.camber * lean) / tyres.cornering_coefficient(load, tyre)
@@ -317,7 +317,7 @@ def most_drive(turn: Turn, engine: float, roll_rate: float, m: Record) -> float:
 @njit(cache=True)
 def _along_at(slip: float, load: float, side: float, lean: float, tyre: Record) -> float:
     """Return the force along the road of a tyre that slips (normalised) and gives a lateral force, N, at least 0."""
-    most = tyres.friction(lean, tyre) * load
+    most = tyres.friction(lean, load, tyre) * load
     combined = most * math.sin(tyre.shape * math.atan(slip / tyre.shape))
     return tyre.friction_ratio * math.sqrt(max(combined * combined - side * side, 0.0))
 

@@ -31,7 +31,13 @@ from bike_sim.physics.superbike.contact import (
 from bike_sim.physics.superbike.drive import DriveOutput, WheelState, drive_and_brake, write_drive_telemetry
 from bike_sim.physics.superbike.records import Attitude, Command, Motion
 from bike_sim.physics.superbike.rider import RiderInputs, damper_and_stop, feel_load, slide_force, steering_torque
-from bike_sim.physics.superbike.suspension import chain_load, moment_about, rear_unit_load, strut_force
+from bike_sim.physics.superbike.suspension import (
+    chain_load,
+    moment_about,
+    rear_unit_load,
+    strut_force,
+    write_suspension,
+)
 from bike_sim.schema import SIGNALS
 from bike_sim.vehicles.superbike import Record
 
@@ -317,6 +323,8 @@ def loads_at(
         size = math.sqrt(dot(wind, wind))
         telemetry.drag_n = 0.5 * machine.air.density * machine.air.drag_area * size * size
         write_telemetry(motion, axes, acting.attitude, (rear, front), force, memory, telemetry, machine)
+        if joints.any:
+            write_suspension(motion, driven.drive, telemetry, joints)
     return Loads(
         force, torque, rear_joint, steer_joint, front_joint, acting.rider_force, swing, travel, head, bend,
         int(memory.fall),

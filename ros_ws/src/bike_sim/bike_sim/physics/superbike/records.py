@@ -22,9 +22,10 @@ MEMORY_NAMES: Final = (
     "rear_slip", "rear_tan_slip_angle", "front_slip", "front_tan_slip_angle", "lean_aim", "lean_aim_rate",
     "lean_eased", "lean_reference", "integral",
     "intent", "arms", "accustomed_steer", "torso_rate", "torso_turn", "drive", "brake", "measured_roll_rate",
-    "front_load", "slide_side", "slide_age", "fall",
+    "front_load", "slide_side", "slide_age", "fall", "gear", "shift",
 )  # fmt: skip
-"""Memory of the forces from step to step; `fall` is an index of `forces.FALL_NAMES`."""
+"""Memory of the forces from step to step; `fall` is an index of `forces.FALL_NAMES`, `gear` counts from 1 (0: none
+yet), and `shift` is the time until the gearbox has shifted, s."""
 
 MEMORY: Final = np.dtype([(name, np.float64) for name in MEMORY_NAMES])
 
@@ -76,6 +77,7 @@ CONSTANTS: Final = np.dtype(
         ("geometry", GEOMETRY),
         ("joints", JOINTS),
         ("wheel_torque", np.float64, (TORQUE_SAMPLES,)),
+        ("wheel_gear", np.float64, (TORQUE_SAMPLES,)),
         ("holding", np.float64, (2, HOLDING_SAMPLES)),
     ]
 )

@@ -51,6 +51,26 @@ def rear_unit_load(motion: Motion, joints: Record) -> float:
 
 
 @njit(cache=True)
+def write_suspension(motion: Motion, torque: float, telemetry: Record, joints: Record) -> None:
+    """Write the telemetry of what gives way.
+
+    Args:
+        motion: of the joints.
+        torque: of the engine on the rear wheel, N m.
+        telemetry: written.
+        joints: a record of `records.JOINTS`.
+    """
+    telemetry.fork_travel_m, telemetry.fork_speed_m_s = motion.travel, motion.travel_rate
+    telemetry.head_twist_rad = motion.head
+    if joints.swing >= 0:
+        length, ratio = unit_at(motion.swing, joints)
+        telemetry.shock_travel_m = joints.unit_length[(UNIT_SAMPLES - 1) // 2] - length
+        telemetry.shock_speed_m_s = -ratio * motion.swing_rate
+    if joints.rear_sprocket > 0.0:
+        telemetry.chain_force_n = torque / joints.rear_sprocket
+
+
+@njit(cache=True)
 def chain_load(torque: float, axes: Axes, joints: Record) -> float:
     """Return the chain's moment about the swing arm's pivot, N m: its pull along the run that is tight.
 

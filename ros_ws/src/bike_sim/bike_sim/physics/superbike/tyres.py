@@ -10,7 +10,8 @@ Steady state follows the similarity method with the Magic Formula of
 reduced to what matters at large camber. Slips are normalised by friction, so that one curve serves all directions:
 
     s_x = C_k kappa / mu_x,   s_y = (k(Fz) alpha - d3 gamma) / mu_y,   s = |(s_x, s_y)|,
-    (Fx, Fy) = Fz sin(C atan(s / C)) (mu_x s_x, mu_y s_y) / s,   mu = mu_0 / (1 + d7 gamma^2).
+    (Fx, Fy) = Fz sin(C atan(s / C)) (mu_x s_x, mu_y s_y) / s,
+    mu = mu_0 exp(-q (Fz / Fz0 - 1)) / (1 + d7 gamma^2).
 
 The forces cannot leave the friction ellipse, and camber thrust and side slip share what there is.
 
@@ -42,9 +43,12 @@ def cornering_coefficient(load: float, t: Record) -> float:
 
 
 @njit(cache=True)
-def friction(camber: float, t: Record) -> float:
-    """Return the largest lateral force by load at a camber, rad."""
-    return t.friction / (1.0 + t.camber_fade * camber * camber)
+def friction(camber: float, load: float, t: Record) -> float:
+    """Return the largest lateral force by load at a camber (rad) and load, N."""
+    mu = t.friction / (1.0 + t.camber_fade * camber * camber)
+    if t.friction_slope == 0.0:
+        return mu
+    return mu * math.exp(-t.friction_slope * (load / t.nominal_load - 1.0))
 
 
 @njit(cache=True)
@@ -71,7 +75,7 @@ def forces(
         return 0.0, 0.0, 0.0, 0.0
     if t.magic_formula.on != 0.0:
         return magic_formula.forces(slip, tan_slip_angle, camber, load, grip, t.magic_formula)
-    mu_y = friction(camber, t) * grip
+    mu_y = friction(camber, load, t) * grip
     mu_x = mu_y * t.friction_ratio
     sx = t.slip_stiffness * slip / mu_x
     # Both the side slip and the lean push to the right, where they are positive
