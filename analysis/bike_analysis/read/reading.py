@@ -80,7 +80,8 @@ class _TopicReader:
         if not available & set(wanted):
             raise SchemaError(f"{schema.name} as recorded has none of the known fields; is it another version?")
         self.type_name, self.missing = schema.name, tuple(name for name in wanted if name not in available)
-        self.vehicle, signals = "", ()
+        self.vehicle = ""
+        signals: tuple[str, ...] = ()
         if schema.name == STATE_TYPE:
             with suppress(SchemaError):
                 state = schema.decode(first)
