@@ -192,7 +192,7 @@ def test_line_is_recovered_where_no_course_was_recorded(ride_of, circle) -> None
     ride.states["heading_error"] = np.zeros(100)
     (read,), (figures,) = ride_of(ride, topics=["/bike/state", "/bike/command"])
     assert figures.course is None
-    assert figures.sections == ()
+    assert figures.sections == []
     x, y = read.reference_line()
     np.testing.assert_allclose(np.hypot(x, y - 10.0), 10.0, atol=1e-12)
 

@@ -38,6 +38,7 @@ SUBJECTS = {
         dc.SUPERBIKE: ["--vehicle", "superbikes"],
         dc.CIRCUIT: ["--course", "barcelona"],
         dc.TEMPLATE: ["--template"],
+        dc.PARAMETERS: ["--parameters", "Browser.txt"],
     },
     "bench": {dc.WORK: []},
     "export": {dc.RUN: ["run"], dc.REFINED: ["refined"]},
@@ -48,7 +49,17 @@ SUBJECTS = {
 }
 """Words that make each command be about each of its subjects."""
 
-SELECTING = {"--all", "--nodes", "--resume", "--replay", "--explain", "--attach", "--course", "--data", "--template"}
+SELECTING = {
+    "--all",
+    "--nodes",
+    "--resume",
+    "--replay",
+    "--explain",
+    "--attach",
+    "--course",
+    "--data",
+    "--template",
+} | {"--parameters"}
 """Options that choose the subject of their command, so that none of another subject can be given beside them."""
 
 
