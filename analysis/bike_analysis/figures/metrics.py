@@ -382,7 +382,7 @@ def collisions(ride: Ride) -> list[dict[str, Any]]:
         if event.kind == "wall":
             match = _ENERGY.search(event.text)
             energy = 1e3 * float(match[1]) if match else None
-            entry = {"time_s": event.time_s, "progress_m": event.progress_m, "speed_m_s": event.value}
+            entry: dict[str, Any] = {"time_s": event.time_s, "progress_m": event.progress_m, "speed_m_s": event.value}
             found.append(entry | {"energy_j": energy, "text": event.text})
     return found
 
