@@ -14,6 +14,7 @@ import pytest
 import yaml
 
 from bike_sim.physics import state as st
+from bike_sim.physics.ground import BUMP_SAMPLES, LEVEL, Ground, flat_ground
 from bike_sim.physics.superbike import magic_formula
 from bike_sim.physics.superbike.bullet import BulletSuperbikeEngine
 from bike_sim.physics.superbike.engine import CompiledSuperbikeEngine
@@ -119,17 +120,32 @@ def test_another_machine_is_not_sharps() -> None:
         assert abs(nearest(straight_eigenvalues(other, speed, 1e-4, 0.0), wanted) - wanted) > 0.3
 
 
-def test_both_engines_ride_alike() -> None:
+def hills() -> Ground:
+    """Return a road that climbs, bends over a crest and leans, with bumps of 2 mm, in a gusty cross-wind."""
+    ground = flat_ground()
+    for wheel in ("rear", "front"):
+        for name, value in (("grade", 0.03), ("bank", 0.05), ("crest", -2e-4), ("bumps", 0.002)):
+            ground.record[wheel][name] = value
+    ground.record["wind_x"], ground.record["wind_y"] = 3.0, -8.0
+    steps = np.arange(BUMP_SAMPLES) * (2.0 * math.pi / BUMP_SAMPLES)
+    profile = np.sin(137 * steps) + 0.5 * np.sin(419 * steps + 1.0) + 0.3 * np.sin(811 * steps + 2.0)
+    return Ground(ground.record, profile[None])
+
+
+@pytest.mark.parametrize("ground", [LEVEL, hills()], ids=["level", "hills, bumps and wind"])
+def test_both_engines_ride_alike(ground: Ground) -> None:
     """Ten seconds of turning, driving and braking: the same place within 1e-9 m."""
     vehicle = suzuki()
     engines = [kind(vehicle, 0.002) for kind in (CompiledSuperbikeEngine, BulletSuperbikeEngine)]
     for engine in engines:
-        engine.reset(st.upright_state(30.0, vehicle.rF))
+        engine.reset(st.upright_state(30.0, vehicle.rF), ground)
         for k in range(500):
-            engine.advance(0.25 * math.sin(k / 40), 0.2 + 0.4 * math.cos(k / 30), 10)
+            engine.advance(0.25 * math.sin(k / 40), 0.2 + 0.4 * math.cos(k / 30), 10, ground)
         assert engine.fall == "none"
     states = [engine.state() for engine in engines]
     np.testing.assert_allclose(states[0], states[1], rtol=0.0, atol=1e-9)
+    travel = float(engines[0].motion["joints"][0, engines[0].constants["joints"]["travel"][0]])
+    assert (abs(travel) > 1e-4) or ground is LEVEL
 
 
 def test_a_mirrored_ride_is_the_same_ride() -> None:
