@@ -33,6 +33,7 @@ SPEED: Final = 5.0
 ROUNDS: Final = 5
 
 SUPERBIKE: Final = "panigale_v4r"
+SUSPENDED: Final = "gsxr1000"
 CIRCUIT: Final = "barcelona"
 
 
@@ -136,22 +137,23 @@ def superbike_reset(resets: int = 50) -> float:
     return best
 
 
-def superbike_batch_speed(count: int = 32, steps: int = 100) -> float:
+def superbike_batch_speed(count: int = 32, steps: int = 100, vehicle: str = SUPERBIKE) -> float:
     """Return control steps per second of all superbikes of a compiled batch together, the best of some rounds.
 
-    They begin all around the circuit and keep near its line by asking for the lean of its curvature.
+    They begin all around the circuit and keep near its median by asking for the lean of its curvature.
 
     Args:
         count: number of superbikes.
         steps: steps of a round.
+        vehicle: name of the superbike.
     """
-    config = replace(superbike_config(SUPERBIKE), engine="compiled")
+    config = replace(superbike_config(vehicle), engine="compiled")
     batch = Batch(count, config)
     places = np.linspace(0.0, 4500.0, count)
     best = 0.0
     for _ in range(ROUNDS):
         for row, progress in enumerate(places):
-            batch.reset(row, ResetRequest(course=CIRCUIT, progress=float(progress), speed_share=0.6))
+            batch.reset(row, ResetRequest(course=CIRCUIT, progress=float(progress), speed_share=0.6, line=0.0))
         spent = 0.0
         for _ in range(steps):
             speed, error, turned, bend = batch.look[:, [lk.SPEED, lk.LATERAL_ERROR, lk.HEADING_ERROR, lk.CURVATURE]].T
@@ -183,4 +185,5 @@ def measure(scale: float = 1.0) -> dict[str, Any]:
         "superbike_step_us": superbike_speed(steps(2000)),
         "superbike_reset_us": superbike_reset(steps(50)),
         "superbike_batch_of_32_steps_per_s": superbike_batch_speed(32, steps(100)),
+        "suspended_batch_of_32_steps_per_s": superbike_batch_speed(32, steps(100), SUSPENDED),
     }
