@@ -16,7 +16,6 @@ from bike_policy.contract.bundle import Actor, Bundle, load_bundle
 from bike_policy.contract.observation import LEAN_LAYOUT
 from bike_sim.sim.simulator import Simulator
 from bike_training.cli import COMMANDS, main
-from bike_training.commands import train
 from bike_training.envs.node_process import NodeLost
 from bike_training.learning.presets import load_preset, preset_names
 from bike_training.learning.run_settings import RunSettings
@@ -249,7 +248,7 @@ def test_simulators_are_as_many_as_asked_for(monkeypatch):
         asked.append(settings.preset)
         raise ValueError("nothing is learned here")
 
-    monkeypatch.setattr(train.learning, "run", refuse)
+    monkeypatch.setattr("bike_training.learning.run.run", refuse)
 
     def chosen(*words):
         assert main(["train", "whipple", "--out", "x", *words]) == 2

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from bike_training.commands.declarations import SUPERBIKE
-from bike_training.learning import run as learning
-from bike_training.learning.gradients import Comparison, GradientLearning, learn_by_gradients
 from bike_training.learning.presets import GradientSettings, load_preset
-from bike_training.learning.process import LearningProcess
 from bike_training.learning.run_settings import (
     ENGINES,
     GRADIENT_POLICY,
@@ -19,6 +16,12 @@ from bike_training.learning.run_settings import (
     with_simulator,
 )
 from bike_training.progress import progress_bar
+
+if TYPE_CHECKING:
+    from bike_training.learning.gradients import Comparison, GradientLearning
+    from bike_training.learning.process import LearningProcess
+
+# PyTorch and JAX are loaded late, after bad settings are refused: they take seconds.
 
 DEFAULT_PRESET: Final = "fast"
 SUPERBIKE_PRESETS: Final = {"fast": "race", "paper": "race_paper"}
@@ -29,6 +32,8 @@ RECORD_EVERY: Final = 10
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Learn and return the outcome; not ok when interrupted."""
     settings = _with_simulator(_resumed_settings(args) if args.resume else _new_settings(args), args)
+    from bike_training.learning import run as learning
+
     if not (settings.superbike or settings.until_finished or args.json):
         print(
             f"learns for {settings.preset.sac.steps:,} steps; --until-finished ends with the curriculum, after minutes"
@@ -60,7 +65,9 @@ def _new_settings(args: argparse.Namespace) -> RunSettings:
 
 def _resumed_settings(args: argparse.Namespace) -> RunSettings:
     """Return the settings of a resumed run, with those that may change."""
-    settings = learning.stored_settings(args.out)
+    from bike_training.learning.run import stored_settings
+
+    settings = stored_settings(args.out)
     if args.vehicle not in (None, settings.vehicle):
         raise ValueError(f"{args.out} holds a run of vehicle {settings.vehicle!r}, not of {args.vehicle!r}")
     return _with_choices(settings, args)
@@ -116,6 +123,8 @@ def run_refinement(args: argparse.Namespace) -> dict[str, Any]:
     learner = settings.preset.learner
     if not isinstance(learner, GradientSettings):
         raise ValueError(f"preset {settings.preset.name!r} does not learn by gradients")
+    from bike_training.learning.gradients import learn_by_gradients
+
     with progress_bar("learning", "segment", learner.segments) as bar:
 
         def report(process: GradientLearning, found: Comparison | None) -> None:
