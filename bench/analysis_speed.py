@@ -128,9 +128,11 @@ def record_lap(distance: float | None = None) -> Lap:
 
         ride_recorded(
             lease.domain_id,
-            {"path": str(path), "notes": ["policy=classical", f"vehicle={VEHICLE}"]},
-            simulator,
-            {"policy": "classical"},
+            {
+                "record": {"path": str(path), "notes": ["policy=classical", f"vehicle={VEHICLE}"]},
+                "sim_node": simulator,
+                "drive": {"policy": "classical"},
+            },
             title=f"{VEHICLE}, {CIRCUIT}",
             way=2.0 * length,
             longest=HOUR,

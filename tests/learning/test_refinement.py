@@ -37,6 +37,7 @@ from bike_training.learning.linear_rides import (
     LinearRides,
     ObservationJacobian,
     Segment,
+    Variety,
     motion_slopes,
     push_sideways,
 )
@@ -139,7 +140,7 @@ def test_layouts_that_show_the_map_are_refused() -> None:
 
 def ridden(weights: Weights, actor: MirrorSymmetricActor) -> Segment:
     """Return a segment of rides some of which are ridden late."""
-    rides = LinearRides(6, TASK, REFINEMENT, COMPILED, seed=4, delay=2)
+    rides = LinearRides(6, TASK, REFINEMENT, COMPILED, seed=4, variety=Variety(delay=2))
     segment = rides.ride(actor.folded(weights), 16, push=0.0)
     rides.close()
     return Segment(*(jnp.asarray(part) for part in segment))
@@ -265,7 +266,7 @@ def test_what_cannot_be_refined_is_refused(
 
 
 def test_steep_rides_begin_anew_with_every_segment() -> None:
-    rides = LinearRides(4, TASK, REFINEMENT, COMPILED, seed=4, starts=STEEP, starting=2)
+    rides = LinearRides(4, TASK, REFINEMENT, COMPILED, seed=4, variety=Variety(starts=STEEP, starting=2))
     actor = MirrorSymmetricActor(FINE_LAYOUT)
     still = actor.folded(actor.draw((8,), seed=1))
     for _ in range(2):

@@ -258,9 +258,11 @@ def test_a_full_disk_ends_the_recording_and_not_the_ride(ros: Any, policy: str, 
 def ride_a_little(domain: int, recording: Path, **record: Any) -> None:
     ride_recorded(
         domain,
-        {"path": str(recording), **record},
-        {"course": "circle", "engine": "whipple", "time_step": 0.01, "mode": "lockstep"},
-        {"policy": DEFAULT_POLICY},
+        {
+            "record": {"path": str(recording), **record},
+            "sim_node": {"course": "circle", "engine": "whipple", "time_step": 0.01, "mode": "lockstep"},
+            "drive": {"policy": DEFAULT_POLICY},
+        },
         title="circle",
         way=10.0,
         longest=2.0,

@@ -95,9 +95,8 @@ def _ride(args: argparse.Namespace, domain: int, recording: Path, length: float,
     drive = {"policy": args.rider, **disturbed}
     if args.vehicle.endswith((".yaml", ".yml")):
         drive["vehicle"] = args.vehicle
-    return ride_recorded(
-        domain, record, simulator | disturbed, drive, title=title, way=length, longest=longest, needed=needed
-    )
+    parameters = {"record": record, "sim_node": simulator | disturbed, "drive": drive}
+    return ride_recorded(domain, parameters, title=title, way=length, longest=longest, needed=needed)
 
 
 LAP_SCHEMA: Final = "bike.ride_laps/1"

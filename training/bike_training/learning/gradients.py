@@ -47,7 +47,7 @@ from bike_sim.sim.batch import Batch
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_training.curricula.parts import REFINEMENT, SPEED_RANGES, PartsCurriculum, RideRanges
-from bike_training.learning.linear_rides import DEVIATIONS, SENSORS, LinearRides, Segment, push_sideways
+from bike_training.learning.linear_rides import DEVIATIONS, SENSORS, LinearRides, Segment, Variety, push_sideways
 from bike_training.learning.presets import GradientSettings
 from bike_training.learning.run_settings import GRADIENT_POLICY, GRADIENT_TABLE, RunSettings, source_commit
 from bike_training.learning.validation import ride_side_by_side
@@ -387,11 +387,13 @@ class GradientLearning:
             replace(RIDES, also=(*RIDES.also, SLOW)) if settings.impulse else RIDES,
             self._config,
             run.seed,
-            settings.delay,
-            settings.noise,
-            settings.impulse,
-            STEEP,
-            round(settings.steep * settings.bicycles),
+            Variety(
+                settings.delay,
+                settings.noise,
+                settings.impulse,
+                STEEP,
+                round(settings.steep * settings.bicycles),
+            ),
         )
         largest = self._rides.batch.vehicle.max_steer
         self._actor = MirrorSymmetricActor(task.layout, task.action.columns[0].factor(largest))

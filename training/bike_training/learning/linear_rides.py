@@ -182,6 +182,27 @@ def push_sideways(batch: Batch, row: int, impulse: float) -> None:
     batch.state[row, [st.ROLL_RATE, st.STEER_RATE, st.FRONT_WHEEL_RATE]] += change
 
 
+class Variety(NamedTuple):
+    """Differences between rides.
+
+    Attributes:
+        delay: largest, control periods: half of the rides have none, the others one of 1 to this.
+        noise: largest, in parts of SENSORS: half of the rides have none, the others up to this.
+        impulse: largest sideways push on half of the rides, N s, about every four seconds.
+        starts: where the rides are drawn from that begin anew with every segment, without a push or a delay.
+        starting: number of them, the first of all.
+    """
+
+    delay: int = 0
+    noise: float = 0.0
+    impulse: float = 0.0
+    starts: Episodes | None = None
+    starting: int = 0
+
+
+ALIKE: Final = Variety()
+
+
 class LinearRides:
     """Bicycles that ride segment after segment, and begin anew where a ride has failed or was long enough.
 
@@ -196,11 +217,7 @@ class LinearRides:
         episodes: Episodes,
         config: SimulatorConfig,
         seed: int,
-        delay: int = 0,
-        noise: float = 0.0,
-        impulse: float = 0.0,
-        starts: Episodes | None = None,
-        starting: int = 0,
+        variety: Variety = ALIKE,
     ) -> None:
         """Begin a number of rides.
 
@@ -210,20 +227,16 @@ class LinearRides:
             episodes: where rides are drawn from.
             config: of the compiled engine.
             seed: of all draws.
-            delay: largest, control periods: half of the rides have none, the others one of 1 to this.
-            noise: largest, in parts of SENSORS: half of the rides have none, the others up to this.
-            impulse: largest sideways push on half of the rides, N s, about every four seconds.
-            starts: where the rides are drawn from that begin anew with every segment, without a push or a delay.
-            starting: number of them, the first of all.
+            variety: of the rides.
         """
         self.batch = Batch(count, config, task.preview)
         self.task = task
         self._episodes, self._sight = episodes, ObservationJacobian(task.layout)
-        self._starts, self._starting = starts, starting
+        self._starts, self._starting = variety.starts, variety.starting
         self._rng = np.random.default_rng(seed)
-        self._delay, self._largest_noise, self._impulse = delay, noise, impulse
+        self._delay, self._largest_noise, self._impulse = variety.delay, variety.noise, variety.impulse
         self._late, self._noise = np.zeros(count, dtype=np.int32), np.zeros(count)
-        self._sent = np.zeros((delay + 1, count))
+        self._sent = np.zeros((variety.delay + 1, count))
         for row in range(count):
             self._begin(row)
         # They end one after the other.

@@ -56,9 +56,7 @@ def has_ended(state: BikeState) -> bool:
 
 def ride_recorded(
     domain: int,
-    record: Mapping[str, Any],
-    simulator: Mapping[str, Any],
-    drive: Mapping[str, Any],
+    parameters: Mapping[str, Mapping[str, Any]],
     *,
     title: str,
     way: float,
@@ -70,9 +68,7 @@ def ride_recorded(
 
     Args:
         domain: ROS domain of the nodes.
-        record: parameters of the recorder.
-        simulator: parameters of the simulator.
-        drive: parameters of the policy.
+        parameters: of the nodes ``record``, ``sim_node`` and ``drive``, by their names.
         title: of the progress bar.
         way: distance travelled, m.
         longest: longest ride, s of simulated time.
@@ -86,10 +82,11 @@ def ride_recorded(
         NodeLost: a node ended, no state came for long, or the recorder could not finish its file.
     """
     print(f"{title}: starting recorder, simulator and policy", file=sys.stderr, flush=True)
-    with NodeProcess("bike_sim.ros.record", record, domain) as recorder:
-        with NodeProcess("bike_sim.ros.sim_node", simulator, domain) as sim, RideMonitor(domain) as monitor:
+    with NodeProcess("bike_sim.ros.record", parameters["record"], domain) as recorder:
+        simulator = NodeProcess("bike_sim.ros.sim_node", parameters["sim_node"], domain)
+        with simulator as sim, RideMonitor(domain) as monitor:
             monitor.pause(True, START_TIMEOUT, [sim, recorder])
-            with NodeProcess("bike_policy.drive", drive, domain) as policy:
+            with NodeProcess("bike_policy.drive", parameters["drive"], domain) as policy:
                 # The simulator holds the first command until both it and the state are in the recording.
                 monitor.wait_for_recorder(START_TIMEOUT, [sim, recorder, policy], needed)
                 begun = time.monotonic()
@@ -263,9 +260,7 @@ def ride_through_nodes(
         end = (laps + 1) * length + BEYOND
         return ride_recorded(
             lease.domain_id,
-            record,
-            simulator,
-            pilot,
+            {"record": record, "sim_node": simulator, "drive": pilot},
             title=f"{vehicle}, {circuit}",
             way=end,
             longest=LONGEST_LAP * limit * (laps + 1),

@@ -99,10 +99,8 @@ def account(vehicle: Superbike, periods: Periods, time_step: float, substeps: in
     start = motion[:1].copy()
     rides = Rides(np.zeros(10), motion[:1].copy(), periods.memory[:1].copy(), np.zeros(1, dtype=TELEMETRY))
     scratch = periods.memory[:1].copy()
-    _add_up(
-        rides, scratch, Model(engine.constants, tree, work), motion, periods.memory, periods.ground, periods.commands,
-        periods.bumps, time_step, substeps, ledger,
-    )  # fmt: skip
+    models = Model(engine.constants, tree, work)
+    _add_up(rides, scratch, models, periods._replace(motion=motion), time_step, substeps, ledger)
     stored = energy(rides.motion[0], engine.tree, vehicle.g) - energy(start[0], engine.tree, vehicle.g)
     return Account({name: float(ledger[name][0]) for name in ENTRIES}, stored)
 
@@ -141,14 +139,14 @@ def energy(motion: Record, tree: Sequence[Body], gravity: float) -> float:
 
 @njit(cache=True)
 def _add_up(
-    rides: Rides, scratch: Record, models: Model, starts: Record, memories: Record, grounds: Record, commands: Array,
-    bumps: Array, time_step: float, substeps: int, ledger: Record,
-) -> None:  # fmt: skip
+    rides: Rides, scratch: Record, models: Model, periods: Periods, time_step: float, substeps: int, ledger: Record
+) -> None:
     """Ride all periods step by step and add up the work of each."""
     model = Model(models.constants[0], models.tree[0], models.work[0])
     ride = Rides(rides.state, rides.motion[0], rides.memory[0], rides.telemetry[0])
+    commands, grounds, bumps = periods.commands, periods.ground, periods.bumps
     for k in range(len(commands)):
-        rides.motion[0], rides.memory[0] = starts[k], memories[k]
+        rides.motion[0], rides.memory[0] = periods.motion[k], periods.memory[k]
         command = discretise_command((commands[k, 0], commands[k, 1], time_step), model.constants)
         for _ in range(substeps):
             now = to_motion(ride.motion, model.constants.joints)
