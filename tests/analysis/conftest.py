@@ -147,8 +147,9 @@ class EpisodeWriter:
 
     def write(self, path: Path, rides: Iterable[SyntheticRide], topics: Iterable[str] = TYPES, **options: Any) -> Path:
         # Small chunks, so that a short ride has several of them.
-        options = {"share": SHARE, "flush_period_s": 1e9, "chunk_bytes": 64 * 1024, **options}
+        options = {"share": SHARE, "chunk_bytes": 64 * 1024, **options}
         with RideRecorder(path, **options) as recorder:
+            recorder.flush_period_s = 1e9
             for topic in topics:
                 recorder.add_topic(topic, TYPES[topic], LATCHED if topic == "/bike/course" else Qos())
             for ride in rides:

@@ -395,7 +395,8 @@ from pathlib import Path
 from bike_sim.recording.definitions import MessageType
 from bike_sim.recording.recorder import RideRecorder
 kind = MessageType("some_msgs/msg/Blob", "float64 x\\n")
-recorder = RideRecorder({file!r}, flush_period_s=0.05)
+recorder = RideRecorder({file!r})
+recorder.flush_period_s = 0.05
 recorder.add_topic("/blob", kind)
 for number in range(1000):
     recorder.write("/blob", number.to_bytes(4, "little") + os.urandom(100), number)

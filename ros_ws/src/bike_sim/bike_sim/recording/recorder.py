@@ -85,7 +85,10 @@ class RideRecorder(AbstractContextManager["RideRecorder"]):
     Attributes:
         path: The MCAP file being written, or the last one.
         message_count: Messages written so far, without those repeated at the head of a file.
+        flush_period_s: Largest age of an open chunk, s of wall-clock time, checked at each message and `flush`.
     """
+
+    flush_period_s: float = FLUSH_PERIOD_S
 
     def __init__(
         self,
@@ -94,7 +97,6 @@ class RideRecorder(AbstractContextManager["RideRecorder"]):
         share: ShareResolver = ament_share,
         compression: str = "zstd",
         chunk_bytes: int = CHUNK_BYTES,
-        flush_period_s: float = FLUSH_PERIOD_S,
         split: Split | None = None,
         notes: Mapping[str, str] | None = None,
         overwrite: bool = False,
@@ -108,7 +110,6 @@ class RideRecorder(AbstractContextManager["RideRecorder"]):
             share: Where message packages are, for the schemas of `add_topic`.
             compression: Of chunks: ``zstd``, ``lz4`` or ``none``.
             chunk_bytes: Uncompressed size at which a chunk is closed, bytes.
-            flush_period_s: Largest age of an open chunk, s of wall-clock time, checked at each message and `flush`.
             split: When to continue in the next file; only for a directory. None: never.
             notes: Anything worth keeping about the ride (vehicle, policy, seed ...), text to text.
             overwrite: Replace an existing recording of this name.
@@ -122,8 +123,8 @@ class RideRecorder(AbstractContextManager["RideRecorder"]):
         """
         if compression not in COMPRESSIONS:
             raise ValueError(f"compression must be one of {', '.join(COMPRESSIONS)}, not {compression!r}")
-        if chunk_bytes <= 0 or flush_period_s <= 0.0:
-            raise ValueError(f"chunk_bytes and flush_period_s must be positive, got {chunk_bytes} and {flush_period_s}")
+        if chunk_bytes <= 0:
+            raise ValueError(f"chunk_bytes must be positive, got {chunk_bytes}")
         target = Path(path)
         if not target.name:
             raise ValueError(f"{os.fspath(path)!r} is no name for a recording")
@@ -136,7 +137,6 @@ class RideRecorder(AbstractContextManager["RideRecorder"]):
         self._share = share
         self._compression = compression
         self._chunk_bytes = chunk_bytes
-        self._flush_period_s = flush_period_s
         self._notes = dict(notes or {})
         self._metadata_file = metadata_file
         self._topics: dict[str, _Topic] = {}
@@ -364,7 +364,7 @@ class RideRecorder(AbstractContextManager["RideRecorder"]):
             self._begun_at = log_time
         file.add_message(topic.channel, topic.count, log_time, published, data)
         topic.count += 1
-        if file.has_open_chunk and now - self._chunk_begun >= self._flush_period_s:
+        if file.has_open_chunk and now - self._chunk_begun >= self.flush_period_s:
             file.flush()
         if not file.has_open_chunk:
             self._note_lag()
