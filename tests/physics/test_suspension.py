@@ -210,7 +210,8 @@ def test_suspended_machines_are_the_rigid_ones_on_springs(name: str) -> None:
     assert vehicle.mass == pytest.approx(rigid.mass)
     assert vehicle.centre_of_mass == pytest.approx(rigid.centre_of_mass, abs=1e-3)
     assert vehicle.electronics.reference_mass == pytest.approx(vehicle.mass)
-    lines = (VARIANTS / f"{name}.yaml").read_text(encoding="utf-8").splitlines()
+    files = VARIANTS / f"{name}.yaml", VARIANTS / "parts" / "suspended.yaml"
+    lines = [line for file in files for line in file.read_text(encoding="utf-8").splitlines()]
     values = [line for line in lines if re.match(r"\s+\w+: ([-\d.\[]|{)", line)]
     assert len(values) > 40
     assert [line for line in values if not re.search(r"# .*\[(S\d|maker|estimate)", line)] == []
@@ -278,6 +279,8 @@ def test_bases_that_cannot_be_are_refused(tmp_path: Path) -> None:
         ("base: other.yaml", FileNotFoundError, "does not exist"),
         ("base: mine.yaml", VehicleError, "one base too many"),
         ("base: [1]", VehicleError, r"base = a list is no name of a vehicle"),
+        ("base: []", VehicleError, r"base = a list is no name of a vehicle"),
+        ("base: [r1, tandem]", FileNotFoundError, "no vehicle 'tandem'"),
         ("front_tyre: {magic_formula: none.tir}", VehicleError, "'none.tir' does not exist beside the vehicle's file"),
         ("front_tyre: {magic_formula: tyre.txt}", VehicleError, "'tyre.txt' is no name of a .tir file"),
     ):

@@ -10,7 +10,8 @@ setup(
         NAME: [
             "py.typed",
             "config/vehicles/*.yaml",
-            "config/vehicles/variants/*",
+            "config/vehicles/variants/*.yaml",
+            "config/vehicles/variants/parts/*",
             "config/courses/*.yaml",
             "config/disturbances/*.yaml",
             "config/courses/*.csv",

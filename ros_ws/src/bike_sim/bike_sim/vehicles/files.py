@@ -89,7 +89,8 @@ def vehicle_template(name_or_path: str | Path) -> str:
 def vehicle_document(name_or_path: str | Path, bases: int = 0) -> Any:
     """Return the content of a vehicle's file, put over that of its ``base``, if it names one; see `load_vehicle`.
 
-    A base is a shipped vehicle, or a file beside the one that names it. Sections are joined key by key.
+    A base is a shipped vehicle, or a file beside the one that names it; of several, each is put over those before it.
+    Sections are joined key by key.
 
     Args:
         name_or_path: of the vehicle.
@@ -99,18 +100,22 @@ def vehicle_document(name_or_path: str | Path, bases: int = 0) -> Any:
         FileNotFoundError: there is no such vehicle or file.
         VehicleError: a file is not YAML, or too many stand on each other.
     """
-    document = _own_document(name_or_path)
+    document, folder = _own_document(name_or_path)
     base = document.pop("base", None) if isinstance(document, dict) else None
     if base is None:
         return document
     text = shorten(str(name_or_path))
-    if not isinstance(base, str):
+    names = base if isinstance(base, list) else [base]
+    if not names or not all(isinstance(name, str) for name in names):
         raise VehicleError(f"vehicle '{text}': base = {show(base)} is no name of a vehicle")
     if bases >= MAX_BASES:
         raise VehicleError(f"vehicle '{text}': base = {show(base)} is one base too many, at most {MAX_BASES}")
-    beside = Path(name_or_path).parent / base
-    below = vehicle_document(beside if base.endswith((".yaml", ".yml")) else base, bases + 1)
-    return _joined(below, document) if isinstance(below, dict) else below
+    for name in reversed(names):
+        below = vehicle_document(folder / name if name.endswith((".yaml", ".yml")) else name, bases + 1)
+        if not isinstance(below, dict):
+            return below
+        document = _joined(below, document)
+    return document
 
 
 def _joined(below: dict[Any, Any], above: dict[Any, Any]) -> dict[Any, Any]:
@@ -122,17 +127,18 @@ def _joined(below: dict[Any, Any], above: dict[Any, Any]) -> dict[Any, Any]:
     return joined
 
 
-def _own_document(name_or_path: str | Path) -> Any:
-    """Return the content of a file alone, with the coefficients of the ``.tir`` files that its tyres name."""
+def _own_document(name_or_path: str | Path) -> tuple[Any, Path]:
+    """Return the content of a file alone, with the coefficients of its ``.tir`` files, and the file's folder."""
     text = str(name_or_path)
     if isinstance(name_or_path, Path) or text.endswith((".yaml", ".yml")) or "/" in text:
-        return _read(Path(name_or_path), text)
+        path = Path(name_or_path)
+        return _read(path, text), path.parent
     folder = SHIPPED if text in shipped_vehicles() else VARIANTS
     if folder is VARIANTS and text not in shipped_variants():
         known = alternatives(text, (*shipped_vehicles(), *shipped_variants()))
         raise FileNotFoundError(f"no vehicle '{shorten(text)}'; {known}; a file of your own must end in .yaml")
     with resources.as_file(folder / f"{text}.yaml") as path:
-        return _read(path, text)
+        return _read(path, text), path.parent
 
 
 def load_superbike(name_or_path: str | Path) -> Superbike:
