@@ -214,28 +214,33 @@ def gains(data: Tables, circuit: str) -> dict[str, FloatArray]:
 
 def _transfers_best(data: Tables, machine: str, circuit: str) -> Verdict:
     """Agree where a machine's loss to the trained one is less than that of every other."""
-    found = {name: values for name, values in gains(data, circuit).items() if len(values)}
-    some(found, "no actor that laps on two machines")
-    text = ", ".join(f"{name} {with_interval(values, '+.2f')} s" for name, values in found.items())
-    if len(found) < len(MACHINES) - 1 or min(map(len, found.values())) < MIN_RUNS:
-        return text, None
-    apart = [interval(found[machine], values, rule=operator.sub) for name, values in found.items() if name != machine]
-    if any(high < 0.0 for _, high in apart):
-        return text, False
-    return text, True if all(low > 0.0 for low, _ in apart) else None
+    found = gains(data, circuit)
+    others = [name for name in found if name != machine]
+    return _all_above(found, lambda: [interval(found[machine], found[name], rule=operator.sub) for name in others])
 
 
 def _quicker_there(data: Tables, circuit: str, machines: Sequence[str]) -> Verdict:
     """Agree where some machines lap a circuit faster than the trained one."""
-    found = {name: values for name, values in gains(data, circuit).items() if name in machines and len(values)}
-    some(found, "no actor that laps on two machines")
-    text = ", ".join(f"{name} {with_interval(values, '+.2f')} s" for name, values in found.items())
-    if len(found) < len(machines) or min(map(len, found.values())) < MIN_RUNS:
+    found = {name: values for name, values in gains(data, circuit).items() if name in machines}
+    return _all_above(found, lambda: [interval(values) for values in found.values()])
+
+
+def _all_above(found: Mapping[str, FloatArray], intervals: Callable[[], list[tuple[float, float]]]) -> Verdict:
+    """Agree where all intervals lie above 0, deny where one lies below it.
+
+    Args:
+        found: gains of machines, s, one a run.
+        intervals: of them, asked for where each has enough runs.
+    """
+    lapped = {name: values for name, values in found.items() if len(values)}
+    some(lapped, "no actor that laps on two machines")
+    text = ", ".join(f"{name} {with_interval(values, '+.2f')} s" for name, values in lapped.items())
+    if min(map(len, found.values())) < MIN_RUNS:
         return text, None
-    each = [interval(values) for values in found.values()]
-    if any(high < 0.0 for _, high in each):
+    ends = intervals()
+    if any(high < 0.0 for _, high in ends):
         return text, False
-    return text, True if all(low > 0.0 for low, _ in each) else None
+    return text, True if all(low > 0.0 for low, _ in ends) else None
 
 
 def _three_laps(data: Tables) -> Verdict:

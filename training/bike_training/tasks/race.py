@@ -338,6 +338,7 @@ class RaceState:
         self._rate = np.ones(count)
         self._angles = np.zeros((count, 2))
         self._omega = np.zeros((count, 2))
+        self._punishes_swings = not task.weights.keys().isdisjoint(("steer_history", "lean_history"))
         lag = max(1, round(HISTORY_PERIOD / self._period))
         self._past = np.zeros((count, 2 * lag + 1, 2))
         self._walls = np.zeros(count)
@@ -413,17 +414,21 @@ class RaceState:
         touched = running & (hit | (rows.circuit[:, lk.WALL_ENERGY] > self._walls))
         self._walls = rows.circuit[:, lk.WALL_ENERGY].copy()
         signals.energy += touched * 0.5 * telemetry[:, _SPEED] ** 2
-        self._past = np.concatenate((rows.state[:, None, [STEER, ROLL]], self._past[:, :-1]), axis=1)
-        lag = self._past.shape[1] // 2
-        changes = self._past[:, :-1:lag] - self._past[:, lag::lag]
-        part = running * dt / PUBLISHED_PERIOD
-        signals.steer_history += part * history_penalty(changes[:, :, 0])
-        signals.lean_history += part * history_penalty(changes[:, :, 1] / LEAN_FACTOR)
+        if self._punishes_swings:
+            self._count_swings(rows, running * dt / PUBLISHED_PERIOD)
         signals.fell += running & rows.fallen
         for timer, ticking in enumerate((both_off, wrong, speed < STALLED)):
             self._timers[:, timer] = np.where(ticking, self._timers[:, timer] + dt, 0.0)
             self._expired |= self._timers[:, timer] > self._limits[timer] + 1e-9
         self._over |= rows.fallen
+
+    def _count_swings(self, rows: VehicleRows, part: NDArray[np.floating]) -> None:
+        """Add a control period to both histories: `part` of a step of their source, shape (n,)."""
+        self._past = np.concatenate((rows.state[:, None, [STEER, ROLL]], self._past[:, :-1]), axis=1)
+        lag = self._past.shape[1] // 2
+        changes = self._past[:, :-1:lag] - self._past[:, lag::lag]
+        self._signals.steer_history += part * history_penalty(changes[:, :, 0])
+        self._signals.lean_history += part * history_penalty(changes[:, :, 1] / LEAN_FACTOR)
 
     def evaluate(self, rows: VehicleRows) -> StepResult:
         """Return the outcome of the decision; see `TaskState`."""
