@@ -213,10 +213,10 @@ def test_laps_through_the_nodes_note_who_rode(monkeypatch: pytest.MonkeyPatch, t
     pytest.importorskip("rclpy")
     from bike_training.nodes import node_rides
 
-    told = {}
-    monkeypatch.setattr(node_rides, "ride_recorded", lambda domain, record, *rest, **named: told.update(record))
+    parameters: dict[str, dict[str, object]] = {}
+    monkeypatch.setattr(node_rides, "ride_recorded", lambda domain, nodes, **named: parameters.update(nodes))
     node_rides.ride_through_nodes("r1", "monza", 5000.0, 1, tmp_path / "lap.mcap", 100.0)
-    assert told["notes"] == ["policy=classical", "circuit=monza"]
+    assert parameters["record"]["notes"] == ["policy=classical", "circuit=monza"]
 
 
 def test_off_track_time_and_validity(ride_of, circle) -> None:
