@@ -367,17 +367,6 @@ def hilly(machine: SuperbikeEngine, side: float, seconds: float) -> tuple[np.nda
     return ride(machine, ground(bumps, wind=(-4.0, side * 5.0)), 40.0, seconds, side * 0.35, 0.15, lay=lay)
 
 
-def test_both_engines_ride_the_same_hills() -> None:
-    rides = []
-    for kind in ("compiled", "pybullet"):
-        made: Any = make_engine(kind, DUCATI, STEP)  # type: ignore[arg-type]
-        rides.append(hilly(made, 1.0, 10.0))
-        assert made.fall == "none"
-        made.close()
-    assert np.abs(rides[0][0] - rides[1][0])[:, [st.X, st.Y]].max() < 1e-9
-    assert np.abs(rides[0][0][:, st.ROLL]).max() > 0.3
-
-
 def test_a_mirrored_road_is_ridden_mirrored(engine: SuperbikeEngine) -> None:
     left, right = (hilly(engine, side, 5.0) for side in (1.0, -1.0))
     assert left[0] == pytest.approx(right[0] * st.MIRROR_SIGNS, abs=1e-8)

@@ -35,14 +35,14 @@ def a_motion(tree: tuple[Body, ...]) -> np.ndarray:
     quaternion = np.array([0.2, -0.1, 0.4, 0.9])
     motion["position"], motion["orientation"] = (3.0, -2.0, 0.6), quaternion / np.linalg.norm(quaternion)
     motion["velocity"], motion["omega"] = (31.0, 4.0, 0.3), (0.2, -0.1, 0.6)
-    motion["joints"][0, :4], motion["rates"][0, :4] = (40.0, 0.05, -33.0, 0.1), (90.0, 0.3, 95.0, -0.2)
-    motion["joints"][0, 4:], motion["rates"][0, 4:] = 0.02, -0.1
+    motion["joints"], motion["rates"] = (40.0, 0.05, -0.03, 0.02), (90.0, 0.3, 0.2, -0.1)
     return motion
 
 
 def test_both_move_a_tree_with_further_joints_alike() -> None:
-    tree = (*superbike_tree(VEHICLE), TWISTING, SPRUNG)
-    wrenches = np.random.default_rng(5).normal(0.0, [3000.0] * 3 + [500.0] * 3 + [300.0, 20.0, 300.0, 400.0], (50, 10))
+    """A wheel, a fork, a head that twists and a case on a spring: as many bodies as a rigid machine has."""
+    tree = (*superbike_tree(VEHICLE)[:3], TWISTING, SPRUNG)
+    wrenches = np.random.default_rng(5).normal(0.0, [3000.0] * 3 + [500.0] * 3 + [300.0, 20.0, 30.0, 400.0], (50, 10))
     ends = a_motion(tree), a_motion(tree)
     record, work, world = (
         articulated.tree_record(tree, GRAVITY), articulated.workspace(len(tree)), BulletTree(tree, GRAVITY, STEP)
@@ -63,25 +63,16 @@ def test_a_sprung_body_swings_at_its_frequency() -> None:
     """Against a base of a thousand times its mass: root of stiffness by mass, decay by half the damping by mass."""
     origin, inertia = np.zeros(3), np.diag([1e4, 2e4, 3e4])
     heavy = Body("base", 1000.0 * MASS, origin, inertia, Joint.FREE, -1, origin, np.array([0.0, 1.0, 0.0]))
-    tree = (heavy, SPRUNG)
-    motion = np.zeros(1, dtype=articulated.motion_record(2))
-    motion["orientation"][0, 3], motion["joints"] = 1.0, 0.01
-    record, work, nothing = articulated.tree_record(tree, 0.0), articulated.workspace(2), (0.0, 0.0, 0.0)
+    tree = (heavy, *superbike_tree(VEHICLE)[1:4], SPRUNG)
+    motion = np.zeros(1, dtype=articulated.motion_record(len(tree)))
+    motion["orientation"][0, 3], motion["joints"][0, 3] = 1.0, 0.01
+    record, work, nothing = articulated.tree_record(tree, 0.0), articulated.workspace(len(tree)), (0.0, 0.0, 0.0)
     decay = 0.5 * DAMPER / MASS
     period = 2.0 * np.pi / np.sqrt(SPRING / MASS - decay**2)
     for _ in range(round(period / 1e-5)):
-        articulated.accelerate(motion[0], nothing, nothing, (0.0,), record[0], work[0])
+        articulated.accelerate(motion[0], nothing, nothing, (0.0, 0.0, 0.0, 0.0), record[0], work[0])
         articulated.integrate(motion[0], work[0], 1e-5)
-    assert motion["joints"][0, 0] == pytest.approx(0.01 * np.exp(-decay * period), rel=5e-3)
-
-
-def test_placing_reads_back_what_bullet_holds() -> None:
-    tree = superbike_tree(VEHICLE)
-    motion, world = a_motion(tree), BulletTree(tree, GRAVITY, STEP)
-    world.place(motion)
-    world.close()
-    for name in motion.dtype.names:
-        np.testing.assert_allclose(motion[name], a_motion(tree)[name], rtol=1e-15)
+    assert motion["joints"][0, 3] == pytest.approx(0.01 * np.exp(-decay * period), rel=5e-3)
 
 
 def test_a_closed_engine_refuses_to_go_on() -> None:

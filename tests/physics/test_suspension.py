@@ -14,7 +14,7 @@ import pytest
 import yaml
 
 from bike_sim.physics import state as st
-from bike_sim.physics.ground import BUMP_SAMPLES, LEVEL, Ground, flat_ground
+from bike_sim.physics.ground import BUMP_SAMPLES, Ground, flat_ground
 from bike_sim.physics.superbike import magic_formula
 from bike_sim.physics.superbike.bullet import BulletSuperbikeEngine
 from bike_sim.physics.superbike.engine import CompiledSuperbikeEngine
@@ -132,20 +132,19 @@ def hills() -> Ground:
     return Ground(ground.record, profile[None])
 
 
-@pytest.mark.parametrize("ground", [LEVEL, hills()], ids=["level", "hills, bumps and wind"])
-def test_both_engines_ride_alike(ground: Ground) -> None:
-    """Ten seconds of turning, driving and braking: the same place within 1e-9 m."""
-    vehicle = suzuki()
+def test_both_engines_ride_alike() -> None:
+    """Five seconds of turning, driving and braking over hills and bumps in wind: the same place within 1e-9 m."""
+    vehicle, ground = suzuki(), hills()
     engines = [kind(vehicle, 0.002) for kind in (CompiledSuperbikeEngine, BulletSuperbikeEngine)]
     for engine in engines:
         engine.reset(st.upright_state(30.0, vehicle.rF), ground)
-        for k in range(500):
+        for k in range(250):
             engine.advance(0.25 * math.sin(k / 40), 0.2 + 0.4 * math.cos(k / 30), 10, ground)
         assert engine.fall == "none"
     states = [engine.state() for engine in engines]
     np.testing.assert_allclose(states[0], states[1], rtol=0.0, atol=1e-9)
     travel = float(engines[0].motion["joints"][0, engines[0].constants["joints"]["travel"][0]])
-    assert (abs(travel) > 1e-4) or ground is LEVEL
+    assert abs(travel) > 1e-4
 
 
 def test_a_mirrored_ride_is_the_same_ride() -> None:

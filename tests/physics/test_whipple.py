@@ -208,28 +208,6 @@ def test_steering_step_response(target_deg: float) -> None:
     assert response[-1] == pytest.approx(1.0, abs=0.02)
 
 
-def test_steps_can_be_taken_one_by_one_or_together() -> None:
-    together = ride(wobbling(), 0.5, 0.005, VEHICLE, 0.1)
-    single = wobbling()
-    for _ in range(100):
-        assert whipple.advance(single, 0.1, 0.005, 1, VEHICLE.parameters)
-    np.testing.assert_allclose(single, together, rtol=1e-11, atol=1e-12)
-
-
-def test_engine_is_the_compiled_function_behind_the_interface() -> None:
-    engine = WhippleEngine(VEHICLE, 0.005)
-    start = wobbling()
-    engine.reset(start)
-    np.testing.assert_array_equal(engine.state(), start)
-    engine.hold(0.1, 20)
-    np.testing.assert_array_equal(engine.state(), ride(wobbling(), 0.1, 0.005, VEHICLE, 0.1))
-    engine.state()[:] = 7.0  # a copy
-    start[:] = 7.0  # kept apart as well
-    engine.hold(0.1, 0)
-    np.testing.assert_array_equal(engine.state(), ride(wobbling(), 0.1, 0.005, VEHICLE, 0.1))
-    engine.close()
-
-
 def test_a_fallen_bicycle_stays_where_it_lies() -> None:
     engine = WhippleEngine(FREE, 0.005)
     state = st.upright_state(0.0, VEHICLE.rF)
@@ -245,28 +223,6 @@ def test_a_fallen_bicycle_stays_where_it_lies() -> None:
     np.testing.assert_array_equal(engine.state(), lying)
     engine.reset(state)
     assert engine.fall == "none"
-
-
-@pytest.mark.parametrize("time_step", [0.0, -0.005, math.nan, math.inf])
-def test_engine_refuses_a_bad_step(time_step: float) -> None:
-    with pytest.raises(ValueError, match="time step"):
-        WhippleEngine(VEHICLE, time_step)
-
-
-def test_engine_refuses_bad_states_and_commands() -> None:
-    engine = WhippleEngine(VEHICLE, 0.005)
-    with pytest.raises(ValueError, match="10 finite"):
-        engine.reset(np.zeros(9))
-    with pytest.raises(ValueError, match="10 finite"):
-        engine.reset(np.full(st.STATE_SIZE, np.nan))
-    on_its_side = np.zeros(st.STATE_SIZE)
-    on_its_side[st.ROLL] = 1.4
-    with pytest.raises(ValueError, match="cannot stand"):
-        engine.reset(on_its_side)
-    with pytest.raises(ValueError, match="steer_set"):
-        engine.hold(math.nan, 1)
-    with pytest.raises(ValueError, match="steps"):
-        engine.hold(0.0, -1)
 
 
 def test_written_equations_are_those_of_the_derivation() -> None:
