@@ -50,6 +50,23 @@ def over_a_crest(height: float, turn: float = 1.0) -> Course:
     return replace(level, y=turn * level.y, heading=turn * level.heading, curvature=turn * level.curvature, height=hill)
 
 
+def wavy() -> Course:
+    """A closed line of 1.9 km with bends both ways."""
+    angle = np.linspace(0.0, 2.0 * math.pi, 8001)
+    radius = 260.0 + 60.0 * np.cos(3.0 * angle) + 20.0 * np.sin(5.0 * angle)
+    x, y = radius * np.cos(angle), radius * np.sin(angle)
+    s = np.concatenate(([0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))))
+    even = np.linspace(0.0, s[-1], 3801)
+    x, y = np.interp(even, s, x), np.interp(even, s, y)
+    at = np.interp(even, s, angle)
+    r = 260.0 + 60.0 * np.cos(3.0 * at) + 20.0 * np.sin(5.0 * at)
+    d = -180.0 * np.sin(3.0 * at) + 100.0 * np.cos(5.0 * at)
+    dd = -540.0 * np.cos(3.0 * at) - 500.0 * np.sin(5.0 * at)
+    curvature = (r**2 + 2.0 * d**2 - r * dd) / (r**2 + d**2) ** 1.5
+    heading = at + np.arctan2(r, d)
+    return Course("wavy", even, x, y, heading, curvature, True, 6.0)
+
+
 class LineController:
     """The classical law on one line, state by state."""
 

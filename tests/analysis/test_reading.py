@@ -77,12 +77,6 @@ def test_other_topics_are_read(recorded: Path) -> None:
     np.testing.assert_allclose(recording.states.time_s[:3], [1.0, 1.05, 1.10], rtol=0, atol=1e-9)
 
 
-def test_directory_and_file_read_the_same(writer, circle, tmp_path: Path) -> None:
-    path = writer.write(tmp_path / "bag", [circle(steps=10)])
-    whole, part = read_recording(tmp_path / "bag"), read_recording(path)
-    np.testing.assert_array_equal(whole.states.x, part.states.x)
-
-
 @pytest.fixture
 def split(writer, circle, tmp_path: Path) -> Path:
     """A recording in three files, a second of riding each."""

@@ -17,7 +17,6 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
-from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import get_types_from_msg
@@ -78,21 +77,6 @@ def test_installed_packages_are_found_through_the_ament_index(tmp_path: Path, mo
     described = message_type("some_msgs/msg/A")
     assert described.definition == "float64 x # m\n"
     assert described.type_hash == "RIHS01_00"
-
-
-@pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
-def test_other_readers_see_what_was_written(compression: str, writer, circle, tmp_path: Path) -> None:
-    ride = circle(steps=150)
-    path = writer.write(tmp_path / "ride.mcap", [ride], compression=compression, chunk_bytes=8000)
-    seen = read_with_rosbags(path)
-    states = [(t, m) for topic, t, m in seen if topic == "/bike/state"]
-    assert [m.x for _, m in states] == ride.states["x"].tolist()
-    assert [t for t, _ in states] == [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for _, m in states]
-    with path.open("rb") as file:
-        reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        by_mcap_ros2 = [decoded for *_, decoded in reader.iter_decoded_messages(topics=["/bike/state"])]
-    assert [m.lateral_error for m in by_mcap_ros2] == ride.states["lateral_error"].tolist()
-    assert list(by_mcap_ros2[3].preview_x) == [0.0, 1.0, 2.0, 3.0, 4.0]
 
 
 def test_directory_is_a_rosbag2_recording(writer, circle, share, tmp_path: Path) -> None:

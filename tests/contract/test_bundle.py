@@ -123,16 +123,6 @@ def test_command_stays_in_range_and_mirrors(action, max_steer):
         assert command * 1.2 == pytest.approx(action * max_steer)
 
 
-def test_many_actions_become_the_commands_that_each_of_them_would():
-    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (1000, 1)).astype("f4")
-    for max_steer in (0.3, math.radians(70.0), 2.0):
-        scale = ActionLayout.steering(max_steer)
-        single = [scale.to_command(action, math.radians(70.0), 5.0) for action in actions]
-        np.testing.assert_array_equal(scale.to_commands(actions, math.radians(70.0), np.full(1000, 5.0)), single)
-    full = ActionLayout.steering(math.radians(70.0)).to_commands(actions, math.radians(70.0), np.full(1000, 5.0))
-    np.testing.assert_array_equal(full, np.hstack([actions, np.zeros((1000, 1))]))
-
-
 @pytest.mark.parametrize("name", shipped_policies())
 def test_shipped_policies_load(name):
     bundle = load_bundle(name)
@@ -175,19 +165,10 @@ def test_files_that_are_no_regular_ones_are_refused_at_once(bundle, tmp_path, mo
     check_refused(tmp_path, message)
 
 
-ALIASES_THAT_MULTIPLY = "a0: &a0 [1]\n" + "".join(
-    f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 8)}]\n" for i in range(1, 9)
-)
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         ("format: 1\nformat: 1", "key 'format' is given twice"),
-        ("a: &a [*a]", "contains itself"),
-        (ALIASES_THAT_MULTIPLY, "more than 100000 values"),
-        ("[" * 200_000, "nested too deeply"),
-        ("format: " + "9" * 5000, "card.yaml is not valid YAML: Exceeds the limit"),
         ("format: 2024-13-45", "month must be in 1..12"),
         ("format: [" + "1," * 1000 + "]", "policy format a list"),
         ("format: " + "x" * 9000, "policy format 'xxx"),

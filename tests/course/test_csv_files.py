@@ -195,28 +195,3 @@ def test_closed_line_that_repeats_its_first_point_cannot_be_called_open(load):
     load("\n".join([*ROWS, ROWS[0]]), "ring.csv")
     with pytest.raises(CourseFileError, match="called open, but its last point repeats its first"):
         load("csv: ring.csv\nclosed: false", "ring.yaml")
-
-
-@given(st.binary(max_size=300))
-def test_any_bytes_give_a_course_or_one_error(tmp_path_factory, data):
-    path = tmp_path_factory.getbasetemp() / "junk.csv"
-    path.write_bytes(data)
-    with pytest.raises(CourseFileError):
-        load_course(path)
-
-
-@given(st.data())
-def test_damaged_file_gives_a_course_or_one_error(tmp_path_factory, data):
-    text = bytearray(("# x_m,y_m,w_tr_right_m,w_tr_left_m\n" + "\n".join(circle_rows(12))).encode())
-    for _ in range(data.draw(st.integers(1, 4))):
-        place = data.draw(st.integers(0, len(text) - 1))
-        damage = bytes([data.draw(st.sampled_from(b",;.-e9\n# \x00\xff"))])
-        text[place : place + data.draw(st.integers(0, 3))] = damage
-    path = tmp_path_factory.getbasetemp() / "damaged.csv"
-    path.write_bytes(bytes(text))
-    course, message = None, ""
-    try:
-        course = load_course(path)
-    except CourseFileError as error:
-        message = str(error)
-    assert ("damaged.csv" in message) == (course is None)

@@ -52,22 +52,6 @@ def test_top_speed_is_where_power_meets_drag(shapes):
     assert lap.speed == pytest.approx(top, rel=0.01)
 
 
-def test_refinement_converges(shapes):
-    line = load_track("cremona").centre
-    times = [lap_limit(MACHINE, line, step).lap_time for step in (4.0, 2.0, 1.0, 0.5)]
-    changes = np.abs(np.diff(times))
-    assert np.all(changes[1:] < 0.7 * changes[:-1])
-    assert changes[-1] < 0.02
-
-
-def test_mirrored_circuit_has_the_same_lap():
-    track = load_track("phillip_island")
-    track = track.with_ideal(2.0 * np.sin(track.centre.s / 100.0 * (200.0 * math.pi / track.length)))
-    for lam in (0.0, 1.0):
-        times = [lap_limit(MACHINE, t.line(lam)).lap_time for t in (track, track.mirrored())]
-        assert times[0] == pytest.approx(times[1], abs=1e-6)
-
-
 def test_profile_does_not_depend_on_where_the_line_is_drawn():
     line = load_track("cremona").centre
     rows = np.roll(np.arange(len(line.s) - 1), -12345)

@@ -48,25 +48,6 @@ def test_points_are_one_step_of_arc_length_apart(ask, seed, s, step):
         assert np.hypot(*np.diff(fine, axis=0).T).sum() == pytest.approx(step, abs=2e-4)
 
 
-@given(st.floats(-math.pi, math.pi), st.floats(-10.0, 10.0), st.floats(-10.0, 10.0))
-def test_preview_does_not_depend_on_where_course_and_vehicle_are(ask, turn, x0, y0):
-    here = load_course("benchmark")
-    there = Course("moved", here.s, *_moved(here, x0, y0, turn), here.curvature, closed=True)
-    one = ask.preview(here, 30.0, 1.0, 0.2, 90.0, 0.8, 8)
-    x, y = _turned(30.0, 1.0, turn)
-    other = ask.preview(there, x + x0, y + y0, 0.2 + turn, 90.0, 0.8, 8)
-    np.testing.assert_allclose(other, one, atol=1e-9)
-
-
-def _turned(x, y, turn):
-    return math.cos(turn) * x - math.sin(turn) * y, math.sin(turn) * x + math.cos(turn) * y
-
-
-def _moved(course, x0, y0, turn):
-    x, y = _turned(course.x, course.y, turn)
-    return x + x0, y + y0, course.heading + turn
-
-
 @given(st.floats(0.0, 10.0))
 def test_preview_runs_over_the_joint_of_a_closed_course(ask, before):
     course = load_course("benchmark")

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from bike_policy.riders.lqr import LqrRider, LqrSettings, design, lateral_model
+from bike_policy.riders.lqr import LqrSettings, design, lateral_model
 from bike_policy.riders.rider import make_rider
 from bike_sim.course.files import load_course
 from bike_sim.sim.config import SimulatorConfig
@@ -64,24 +62,6 @@ def test_a_steady_turn_is_ridden_without_an_offset(bicycle: Vehicle) -> None:
         assert abs(x[0]) < 2e-3  # m
 
 
-def test_mirrored_snapshots_get_mirrored_answers(bicycle: Vehicle) -> None:
-    answers = []
-    for sign in (1.0, -1.0):
-        simulator = Simulator(COMPILED)
-        first = simulator.reset(ResetRequest(course="line", speed_range=(4.0, 4.0)))
-        state, look = first.state.copy(), first.look.copy()
-        state[[3, 4, 7, 8]] = sign * np.array([0.05, -0.02, 0.1, -0.3])
-        look[[6, 7]] = sign * np.array([0.2, -0.05])
-        rider = LqrRider()
-        assert simulator.course is not None
-        rider.begin(simulator.vehicle, simulator.course, PERIOD, simulator.preview)
-        answers.append(rider.command(replace(first, state=state, look=look)))
-        simulator.close()
-    assert answers[0] is not None
-    assert answers[1] is not None
-    assert answers[0][0] == -answers[1][0] != 0.0
-
-
 @pytest.mark.parametrize("speed", [2.0, 7.0])
 def test_rides_the_benchmark_path(speed: float) -> None:
     simulator = Simulator(COMPILED)
@@ -90,8 +70,3 @@ def test_rides_the_benchmark_path(speed: float) -> None:
     simulator.close()
     assert ride.completed
     assert ride.figures()["mean_m"] < 0.05
-
-
-def test_superbikes_are_refused() -> None:
-    with pytest.raises(ValueError, match="'r1' is a superbike"):
-        LqrRider().begin(load_vehicle("r1"), load_course("circle"), 0.02, None)  # type: ignore[arg-type]

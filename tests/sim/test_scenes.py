@@ -125,24 +125,3 @@ def test_a_bicycle_sees_limits_and_place_of_its_circuit(courses: dict[str, str])
         assert len(snapshot.preview_y) == 11
         assert snapshot.look[lk.PREVIEW_SPACING] == pytest.approx(0.2 * snapshot.speed, rel=0.01)
     simulator.close()
-
-
-def test_a_bicycle_meets_the_wall_and_stays_there(courses: dict[str, str]) -> None:
-    simulator = Simulator(BICYCLE)
-    snapshot = simulator.reset(ResetRequest(course=courses["circuit file"], speed_range=(6.0, 6.0), progress=190.0))
-    events = []
-    while not snapshot.fallen:
-        snapshot = simulator.step(-float(0.4 * snapshot.state[st.ROLL] + 0.1 * snapshot.state[st.ROLL_RATE]))
-        events += snapshot.events
-        assert snapshot.time < 60.0
-    assert [event.kind for event in events][-2:] == [EventKind.OFF_COURSE, EventKind.WALL]
-    assert snapshot.fall == "wall"
-    assert snapshot.circuit is not None
-    hit = snapshot.circuit.wall
-    assert hit is not None
-    assert hit.energy == pytest.approx(0.5 * simulator.vehicle.mass * hit.speed**2)
-    after = simulator.step(0.5)
-    assert after.speed == after.look[lk.YAW_RATE] == 0.0
-    assert np.array_equal(after.state[:3], snapshot.state[:3])
-    assert after.events == ()
-    simulator.close()

@@ -1,4 +1,4 @@
-"""Every vehicle, every kind of course and every client, in pairs: it rides sensibly, or is refused with a reason."""
+"""Every vehicle and every kind of course, in pairs: it rides sensibly. Through ROS it is the same ride (tests/ros)."""
 
 from __future__ import annotations
 
@@ -13,27 +13,22 @@ from bike_sim.physics import state as st
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig, superbike_config
 from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import NO_FALL, Snapshot
 from bike_sim.vehicles.files import load_vehicle, shipped_vehicles
 from bike_sim.vehicles.superbike import Superbike
-from bike_training.envs.clients import CLIENT_KINDS, Client, make_client
 
 WIDE = PathRanges(150.0, 200.0, 150.0, 200.0, 2.0, 4.0)
 """Random paths that a superbike can ride at the speed at which it begins."""
 CIRCUITS = ("circuit", "circuit file")
 KINDS = ("path", "closed path", "random path", *CIRCUITS, "CSV of a circuit", "CSV of a path")
 ALL_KINDS = ("whipple", "panigale_v4r")
-"""A bicycle and a superbike, which ride courses of every kind, and two kinds through ROS; the others ride paths."""
-TABLE = [("local", vehicle) for vehicle in shipped_vehicles()] + [("ros", vehicle) for vehicle in ALL_KINDS]
-
-
-def kinds_of(client: str, vehicle: str) -> tuple[str, ...]:
-    if client == "ros":
-        return ("random path", "circuit file")
-    return KINDS if vehicle in ALL_KINDS else ("path", "closed path")
-
-
-PAIRS = [(client, kind) for client in TABLE for kind in kinds_of(*client)]
+"""A bicycle and a superbike, which ride courses of every kind; the others ride paths."""
+PAIRS = [
+    (vehicle, kind)
+    for vehicle in shipped_vehicles()
+    for kind in (KINDS if vehicle in ALL_KINDS else ("path", "closed path"))
+]
 STEPS = 40
 
 
@@ -44,27 +39,20 @@ def config_of(vehicle: str) -> SimulatorConfig:
 
 
 @pytest.fixture(scope="module")
-def client(request: pytest.FixtureRequest) -> Iterator[Client]:
-    kind, vehicle = request.param
-    if kind == "ros":
-        pytest.importorskip("rclpy")
-    client = make_client(kind, config_of(vehicle))
+def client(request: pytest.FixtureRequest) -> Iterator[Simulator]:
+    client = Simulator(config_of(request.param))
     yield client
     client.close()
 
 
-def test_the_table_has_all_clients() -> None:
-    assert {kind for kind, _ in TABLE} == set(CLIENT_KINDS)
-
-
-def request_for(client: Client, course: str) -> ResetRequest:
+def request_for(client: Simulator, course: str) -> ResetRequest:
     machine = isinstance(client.vehicle, Superbike)
     speed = 8.0 if machine and course == "circle" else 20.0 if machine else 4.0
     paths = {"path_ranges": WIDE} if machine else {}
     return ResetRequest(seed=1, course=course, speed_range=(speed, speed), **paths)
 
 
-def ride(client: Client, request: ResetRequest, throttle: float) -> list[Snapshot]:
+def ride(client: Simulator, request: ResetRequest, throttle: float) -> list[Snapshot]:
     """Ride along the course by a plain law of steering: against the errors, and a bicycle into its fall."""
     seen = [client.reset(request)]
     machine = isinstance(client.vehicle, Superbike)
@@ -82,7 +70,7 @@ def ride(client: Client, request: ResetRequest, throttle: float) -> list[Snapsho
 
 
 @pytest.mark.parametrize(("client", "kind"), PAIRS, indirect=["client"])
-def test_it_rides_sensibly_or_is_refused_with_a_reason(client: Client, courses: dict[str, str], kind: str) -> None:
+def test_it_rides_sensibly(client: Simulator, courses: dict[str, str], kind: str) -> None:
     request = request_for(client, courses[kind])
     machine = isinstance(client.vehicle, Superbike)
     driven, braked = ride(client, request, 1.0), ride(client, request, -0.3)
@@ -107,11 +95,3 @@ def test_it_rides_sensibly_or_is_refused_with_a_reason(client: Client, courses: 
     else:  # it has no drive
         assert np.array_equal(driven[-1].state, braked[-1].state)
         assert driven[-1].speed == pytest.approx(speed, rel=0.02)
-
-
-@pytest.mark.parametrize("client", [("local", vehicle) for vehicle in ALL_KINDS], indirect=True, ids="-".join)
-def test_a_lap_needs_a_circuit_and_a_path_no_place(client: Client, courses: dict[str, str]) -> None:
-    for kind in ("path", "random path"):
-        for changes in ({"line": 0.0}, {"progress": 5.0}):
-            with pytest.raises(ValueError, match="are for circuits"):
-                client.reset(ResetRequest(course=courses[kind], **changes))  # type: ignore[arg-type]

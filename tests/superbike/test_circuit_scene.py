@@ -20,11 +20,9 @@ from bike_sim.sim.config import SimulatorConfig, superbike_config
 from bike_sim.sim.events import EventKind
 from bike_sim.sim.followed_line import FollowedLine, start_speed
 from bike_sim.sim.ground import GRASS_GRIP, GRAVEL_GRIP
-from bike_sim.sim.plant import Plant
 from bike_sim.sim.request import HORIZON, ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import Snapshot
-from bike_sim.sim.superbike_plant import SuperbikePlant
 from tests.circuits import OVAL
 
 COMPILED = replace(superbike_config("panigale_v4r"), engine="compiled")
@@ -57,18 +55,6 @@ def until_the_end(machine: Simulator, snapshot: Snapshot, steering: float, throt
     while not seen[-1].fallen and len(seen) < 1000:
         seen.append(machine.step(steering, throttle))
     return seen
-
-
-def test_starts_where_asked_on_the_line_leaning_into_the_bend(machine: Simulator, circuit: Path) -> None:
-    for progress in (0.0, 300.0, 900.0):
-        snapshot = machine.reset(request(circuit, progress=progress))
-        assert snapshot.circuit.place[lk.CENTRE_PROGRESS] == pytest.approx(progress, abs=2.0)
-        assert abs(snapshot.look[lk.LATERAL_ERROR]) < 1e-6
-        bend = snapshot.look[lk.CURVATURE]
-        # Left is positive for bends, right for roll; the lean is a little more than that of a point mass on thin tyres.
-        lean = math.atan(abs(bend) * 30.0**2 / 9.81)
-        assert snapshot.state[st.ROLL] * bend <= 0.0
-        assert abs(snapshot.state[st.ROLL]) == pytest.approx(lean, rel=0.15, abs=0.01)
 
 
 def test_too_fast_a_start_is_refused(machine: Simulator, circuit: Path) -> None:
@@ -141,14 +127,6 @@ def test_falls_have_names(machine: Simulator, circuit: Path, speed: float, fall:
     assert fall.replace("_", " ") in events[-1].text
 
 
-def test_same_commands_same_snapshots(machine: Simulator, circuit: Path) -> None:
-    def states() -> np.ndarray:
-        machine.reset(request(circuit, seed=7, perturb=True))
-        return np.array([machine.step(0.3 * math.sin(k / 20), 0.2).state for k in range(150)])
-
-    assert np.array_equal(states(), states())
-
-
 def test_timing_from_recorded_points_is_that_of_the_ride(machine: Simulator, circuit: Path) -> None:
     seen = until_the_end(machine, machine.reset(request(circuit)), 0.0, 0.3)
     track = machine.track
@@ -179,15 +157,6 @@ def test_lines_are_kept_by_what_they_depend_on(machine: Simulator, circuit: Path
     kept.write_bytes(b"torn")
     again = track_with_line(circuit, machine.plant.envelope)
     assert np.array_equal(again.ideal, track.ideal)  # type: ignore[arg-type]
-
-
-def test_vehicle_decides_what_moves() -> None:
-    for config, plant in ((SimulatorConfig(), Plant), (superbike_config("r1"), SuperbikePlant)):
-        simulator = Simulator(config)
-        assert type(simulator.plant) is plant
-        simulator.close()
-    with pytest.raises(ValueError, match=r"whipple.*superbike"):
-        Simulator(SimulatorConfig(vehicle="r1", engine="whipple"))
 
 
 def test_places_that_cannot_be_are_refused_with_their_value(machine: Simulator, circuit: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, REFERENCE, RiderSettings, plan_lap
 from bike_sim.vehicles.files import load_superbike
-from tests.superbike.test_theory import wavy
+from tests.circuits import wavy
 
 PINNED = {
     ("panigale_v4r", 0.0): (46.55155836270564, 39.145504068165884, 33.980978312635266, 44.81852876196894),

@@ -14,7 +14,6 @@ from scipy.spatial import cKDTree
 
 from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
 from bike_policy.riders.classical import ClassicalRider
-from bike_sim.course.course import Course
 from bike_sim.course.files import load_track
 from bike_sim.physics import state as start
 from bike_sim.physics.superbike import equilibrium as eq
@@ -28,6 +27,7 @@ from bike_sim.validation.superbike import at_speed, holding, ride
 from bike_sim.vehicles.files import load_superbike
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.rollout.laps import ride_laps
+from tests.circuits import wavy
 
 signal = SIGNALS.index
 
@@ -41,14 +41,6 @@ LIMITS = envelope(DUCATI)
 def turn_of(machine: Superbike, lean: float, speed: float) -> eq.Turn:
     lateral = statics.steady_lateral(machine, lean, speed)
     return eq.Turn(speed, lean, lateral, machine.g, statics.inertial_mass(machine))
-
-
-def circle(radius: float, name: str = "circle") -> Course:
-    count = round(2.0 * math.pi * radius)
-    s = np.linspace(0.0, 2.0 * math.pi * radius, count + 1)
-    angle = s / radius
-    x, y = radius * np.sin(angle), radius - radius * np.cos(angle)
-    return Course(name, s, x, y, angle, np.full(count + 1, 1.0 / radius), True, 10.0)
 
 
 # ------------------------------------------------------------------------------------------------------- equilibrium
@@ -226,23 +218,6 @@ def test_refinement_converges_and_mirrors() -> None:
     laps = [lap_limit(LIMITS, line, step).lap_time for step in (2.0, 1.0, 0.5)]
     assert laps[1] == pytest.approx(laps[2], rel=1e-3)
     assert lap_limit(LIMITS, mirrored).lap_time == pytest.approx(laps[1], rel=1e-6)
-
-
-def wavy() -> Course:
-    """A closed line of 1.9 km with bends both ways."""
-    angle = np.linspace(0.0, 2.0 * math.pi, 8001)
-    radius = 260.0 + 60.0 * np.cos(3.0 * angle) + 20.0 * np.sin(5.0 * angle)
-    x, y = radius * np.cos(angle), radius * np.sin(angle)
-    s = np.concatenate(([0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))))
-    even = np.linspace(0.0, s[-1], 3801)
-    x, y = np.interp(even, s, x), np.interp(even, s, y)
-    at = np.interp(even, s, angle)
-    r = 260.0 + 60.0 * np.cos(3.0 * at) + 20.0 * np.sin(5.0 * at)
-    d = -180.0 * np.sin(3.0 * at) + 100.0 * np.cos(5.0 * at)
-    dd = -540.0 * np.cos(3.0 * at) - 500.0 * np.sin(5.0 * at)
-    curvature = (r**2 + 2.0 * d**2 - r * dd) / (r**2 + d**2) ** 1.5
-    heading = at + np.arctan2(r, d)
-    return Course("wavy", even, x, y, heading, curvature, True, 6.0)
 
 
 def test_every_effect_costs_what_it_should() -> None:
