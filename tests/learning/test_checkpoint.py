@@ -12,28 +12,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bike_sim.sim.batch import COMPILED_ENGINE
-from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_training.cli import main
-from bike_training.curricula.parts import REFINEMENT, PartsCurriculum
-from bike_training.envs.vec_env import BatchVecEnv
 from bike_training.learning.checkpoint import (
     Checkpoint,
-    learner_state,
     read_plain,
-    restore_learner,
     with_tensors,
     write_tree,
 )
-from bike_training.learning.learner import build_model
 from bike_training.learning.presets import load_preset
 from bike_training.learning.process import LearningProcess
 from bike_training.learning.run import run, stored_settings
 from bike_training.learning.run_settings import RunSettings
-from bike_training.tasks.path import TASKS
 
-COMPILED = SimulatorConfig(engine=COMPILED_ENGINE, time_step=0.01)
 FILES = ["state.json", "tensors.safetensors", "replay.npz"]
 PRESET = load_preset("fast").changed(
     {
@@ -175,55 +166,9 @@ def test_a_tree_comes_back_as_it_was(tmp_path):
         write_tree({"object": object()}, plain, tensors)
 
 
-def through_files(tree: dict, folder: Path) -> dict:
-    plain, tensors = folder / "t.json", folder / "t.safetensors"
-    write_tree(tree, plain, tensors)
-    return with_tensors(read_plain(plain), tensors)
-
-
 def test_a_request_comes_back_as_it_was():
     request = ResetRequest(
         seed=2**62, speed_range=(1 / 3, 5.0), initial_state=np.linspace(0.1, 1.0, 10), context=(0.1, 2.0), perturb=True
     )
     again = ResetRequest.from_card(json.loads(json.dumps(request.to_card())))
     assert again == replace(request, initial_state=request.initial_state.tolist())
-
-
-def test_an_environment_goes_on_bit_for_bit(tmp_path):
-    """Also through the draws of new rides, from intervals that are drawn from too."""
-    task = replace(TASKS["lean"], max_steps=9)
-    env, other = (BatchVecEnv(3, task, REFINEMENT, COMPILED, seed) for seed in (1, 2))
-    env.seed(4)
-    env.reset()
-    rng = np.random.default_rng(1)
-    actions = rng.uniform(-1.0, 1.0, (60, 3, 1)).astype(np.float32)
-    for action in actions[:25]:
-        env.step(action)
-    other.restore(through_files(env.state_dict(), tmp_path))
-    for action in actions[25:]:
-        for mine, copied in zip(env.step(action)[:3], other.step(action)[:3], strict=True):
-            np.testing.assert_array_equal(mine, copied)
-
-
-def test_a_learner_goes_on_bit_for_bit(tmp_path):
-    """A new learner that takes the state over is the old one in every number, and draws the same from then on."""
-
-    def made(seed: int):
-        env = BatchVecEnv(2, TASKS["lean"], PartsCurriculum().episodes(0), COMPILED, seed)
-        return build_model(PRESET.sac, TASKS["lean"], env, seed)
-
-    first = made(1)
-    first.learn(60, log_interval=None)
-    stored = through_files(learner_state(first), tmp_path)
-    expected = [np.random.random(), first.action_space.sample().tolist()]
-    second = made(2)
-    restore_learner(second, stored)
-    again = learner_state(second)
-    assert [np.random.random(), second.action_space.sample().tolist()] == expected
-    assert set(again["networks"]) == set(stored["networks"])
-    assert len(again["networks"]) > 20
-    for name, array in stored["networks"].items():
-        assert again["networks"][name].dtype == array.dtype
-        np.testing.assert_array_equal(again["networks"][name], array)
-    assert again["counters"] == stored["counters"]
-    assert again["counters"]["num_timesteps"] == 60

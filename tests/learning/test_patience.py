@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import subprocess
 import sys
 import time
@@ -11,7 +10,6 @@ from collections.abc import Iterator
 import pytest
 
 from bike_training.envs.node_process import InactivityTimeout, NodeProcess
-from bike_training.progress import progress_bar
 
 
 @pytest.fixture
@@ -71,33 +69,3 @@ def test_a_pause_of_ones_own_is_no_silence_of_others(monkeypatch: pytest.MonkeyP
     patience = InactivityTimeout(3.0, [])
     now = 3600.0  # suspended with Ctrl-Z for an hour
     assert not patience.is_out()
-
-
-class Terminal(io.StringIO):
-    def isatty(self) -> bool:
-        return True
-
-
-def ride_with(stream: io.StringIO, monkeypatch: pytest.MonkeyPatch, **options: bool) -> str:
-    monkeypatch.setattr(sys, "stderr", stream)
-    with progress_bar("circle", "m", 100, **options) as bar:
-        for place in range(0, 101, 10):
-            bar.set_postfix_str("4.00 m/s", refresh=False)
-            bar.update(place - bar.n)
-            if stream.isatty():
-                bar.refresh()
-    return stream.getvalue()
-
-
-def test_a_terminal_shows_one_speed(monkeypatch: pytest.MonkeyPatch) -> None:
-    last = ride_with(Terminal(), monkeypatch).strip().splitlines()[-1].split("\r")[-1]
-    assert "100/100 m" in last
-    assert last.count("/s") == 1
-    assert "4.00 m/s" in last
-
-
-def test_a_log_shows_a_line_at_once_and_nothing_where_quiet(monkeypatch: pytest.MonkeyPatch) -> None:
-    first = ride_with(io.StringIO(), monkeypatch).strip().replace("\r", "\n").splitlines()
-    assert 1 <= len(first) <= 2
-    assert "circle" in first[0]
-    assert ride_with(Terminal(), monkeypatch, quiet=True) == ""

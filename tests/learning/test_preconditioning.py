@@ -59,7 +59,6 @@ def test_what_is_hidden_is_named_by_numbers_or_blocks() -> None:
 @pytest.mark.parametrize(
     "settings",
     [
-        {"precondition": "true"},
         {"critic_only": "roll,steer"},
         {"precondition": "true", "critic_only": "roll", "unseen": "steer"},
     ],

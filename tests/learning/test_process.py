@@ -35,41 +35,16 @@ TINY = {
     "learner.buffer_size": 5000,
 }
 COMPILED = SimulatorConfig(engine=COMPILED_ENGINE, time_step=0.01)
-STEPS = 480
 CHECKPOINT_FILES = ["state.json", "tensors.safetensors", "replay.npz"]
 
 
-def learner_settings(learner: str) -> RunSettings:
-    preset = load_preset("fast").changed({"learner": learner, "curriculum.validate_every": 160, **TINY})
+def learner_settings() -> RunSettings:
+    preset = load_preset("fast").changed({"learner": "sb3", "curriculum.validate_every": 160, **TINY})
     return RunSettings(preset, seed=3, checkpoint_every=10_000)
 
 
 def weights(process: LearningProcess) -> np.ndarray:
     return np.concatenate([part.ravel() for parts in actor_tensors(process.model) for part in parts])
-
-
-@pytest.mark.slow
-def test_resume_goes_on_as_if_not_stopped(tmp_path):
-    """With the compiled learner, bit for bit; `test_run` does so with the other one."""
-    settings = learner_settings("sbx")
-    whole = LearningProcess(settings, tmp_path / "whole", STEPS)
-    whole.run()
-
-    def stop(process: LearningProcess) -> None:
-        if process.model.num_timesteps >= STEPS // 2:
-            raise KeyboardInterrupt
-
-    first = LearningProcess(settings, tmp_path / "parts", STEPS)
-    with pytest.raises(KeyboardInterrupt):
-        first.run(stop)
-    assert first.model.num_timesteps == STEPS // 2
-    second = LearningProcess(settings, tmp_path / "parts", STEPS, resume=True)
-    second.run()
-    assert second.model.num_timesteps == whole.model.num_timesteps == STEPS
-    assert second.model._n_updates == whole.model._n_updates > 0
-    np.testing.assert_array_equal(weights(second), weights(whole))
-    for mine, other in zip(second.progress.averaged.weights, whole.progress.averaged.weights, strict=True):
-        np.testing.assert_array_equal(mine, other)
 
 
 def open_files(folder: Path) -> list[str]:
@@ -108,7 +83,7 @@ def test_learning_learns(tmp_path):
 
 
 def test_a_folder_with_a_run_is_not_overwritten(tmp_path):
-    settings = learner_settings("sb3")
+    settings = learner_settings()
     LearningProcess(settings, tmp_path, 8).run()
     with pytest.raises(ValueError, match="already holds a run"):
         LearningProcess(settings, tmp_path, 8)
@@ -126,7 +101,7 @@ def test_a_run_that_was_killed_before_its_first_checkpoint_begins_anew(tmp_path)
 
 def test_a_run_goes_on_with_another_simulator(tmp_path):
     """First on the compiled engine with many bicycles, then on PyBullet with two."""
-    settings = learner_settings("sb3")
+    settings = learner_settings()
     first = LearningProcess(settings, tmp_path, 160)
     first.run()
     preset = settings.preset.changed({"learner.environments": 2, "learner.updates": 1})
@@ -143,7 +118,7 @@ def test_a_run_goes_on_with_another_simulator(tmp_path):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_stops_with_a_whole_checkpoint(number, tmp_path):
-    process = LearningProcess(learner_settings("sb3"), tmp_path, 100_000)
+    process = LearningProcess(learner_settings(), tmp_path, 100_000)
 
     def ask(p: LearningProcess) -> None:
         if p.model.num_timesteps == 400:
@@ -151,7 +126,7 @@ def test_a_signal_stops_with_a_whole_checkpoint(number, tmp_path):
 
     with pytest.raises(KeyboardInterrupt):
         process.run(ask)
-    resumed = LearningProcess(learner_settings("sb3"), tmp_path, 440, resume=True)
+    resumed = LearningProcess(learner_settings(), tmp_path, 440, resume=True)
     assert resumed.model.num_timesteps == 400
     np.testing.assert_array_equal(weights(resumed), weights(process))
     resumed.close()
@@ -159,11 +134,11 @@ def test_a_signal_stops_with_a_whole_checkpoint(number, tmp_path):
 
 def test_nothing_to_resume(tmp_path):
     with pytest.raises(FileNotFoundError, match="no checkpoint"):
-        LearningProcess(learner_settings("sb3"), tmp_path, 8, resume=True)
+        LearningProcess(learner_settings(), tmp_path, 8, resume=True)
 
 
 def tiny_process(folder: Path, **changes) -> LearningProcess:
-    settings = replace(learner_settings("sb3"), **changes)
+    settings = replace(learner_settings(), **changes)
     return LearningProcess(
         replace(settings, preset=settings.preset.changed({"learner.environments": 2, "learner.updates": 1})),
         folder,

@@ -81,7 +81,7 @@ def test_throttle_is_learned_in_seconds(tmp_path: Path, ground: CircuitSet) -> N
 @pytest.mark.parametrize(
     ("preset", "changes", "vehicle"),
     [
-        (RACE_DIRECT, {"curriculum": "spdl", "curriculum.iteration": "80"}, VEHICLE),
+        (RACE_DIRECT, {"curriculum": "spdl", "curriculum.iteration": "40"}, VEHICLE),
         (RACE, {"task.observation": "conditioned"}, f"{VEHICLE},r1"),
     ],
     ids=["spdl", "guided machines"],
@@ -89,12 +89,12 @@ def test_throttle_is_learned_in_seconds(tmp_path: Path, ground: CircuitSet) -> N
 def test_a_resumed_run_is_the_uninterrupted_one(
     tmp_path: Path, preset: Preset, changes: dict[str, str], vehicle: str
 ) -> None:
-    preset = preset.changed({**SMALL, "task.max_steps": "12", **changes})
-    constant = {"learner.learning_starts": 60, "learner.final_learning_rate": preset.sac.learning_rate}
+    preset = preset.changed({**SMALL, "task.max_steps": "6", **changes})
+    constant = {"learner.learning_starts": 30, "learner.final_learning_rate": preset.sac.learning_rate}
     preset = preset.changed(constant)  # the same for any length
-    whole = final_actor(preset, tmp_path / "whole", 240, vehicle)
-    final_actor(preset, tmp_path / "parts", 120, vehicle)
-    resumed = final_actor(preset, tmp_path / "parts", 240, vehicle, resume=True)
+    whole = final_actor(preset, tmp_path / "whole", 120, vehicle)
+    final_actor(preset, tmp_path / "parts", 60, vehicle)
+    resumed = final_actor(preset, tmp_path / "parts", 120, vehicle, resume=True)
     for name, tensor in whole.tensors().items():
         np.testing.assert_array_equal(resumed.tensors()[name], tensor)
     stored = load_file(tmp_path / "whole" / "checkpoint" / "tensors.safetensors")
@@ -172,24 +172,36 @@ def test_the_share_of_the_speed_rises_while_episodes_stay_whole(ground: CircuitS
     assert other.state_dict()["share"] == curriculum.share
 
 
-def test_spdl_leads_a_good_agent_to_the_ideal_line_and_survives_a_checkpoint(ground: CircuitSet) -> None:
-    rng = np.random.default_rng(0)
-    preview = RaceTask().preview
-    curriculum = SpdlCurriculum(ground, SpdlSettings(threshold=1.0, kl=1.0, iteration=10))
-    first = [RaceContext.of(curriculum.episodes(0).draw(rng, preview)) for _ in range(100)]
-    step = 0
-    while curriculum.steps == [] or curriculum.steps[-1].kl > 0.1:
+PACED = SpdlSettings(spread=0.1, failure_share=0.5, threshold=1.0, kl=1.0, iteration=10)
+
+
+@pytest.fixture(scope="module")
+def paced(ground: CircuitSet) -> tuple[SpdlCurriculum, int]:
+    """Return the curriculum of an agent that is always good, close to the target, and its step."""
+    curriculum, rng, preview, step = SpdlCurriculum(ground, PACED), np.random.default_rng(0), RaceTask().preview, 0
+    while not curriculum.steps or curriculum.steps[-1].kl > 1e-3:
         step += 10
         assert step < 3000
         episodes = curriculum.episodes(step)
         for _ in range(30):
             curriculum.ended(ended(episodes.draw(rng, preview), total=2.0))
-    last = [RaceContext.of(curriculum.episodes(step).draw(rng, preview)) for _ in range(100)]
+    return curriculum, step
+
+
+def test_spdl_leads_a_good_agent_to_the_ideal_line_and_survives_a_checkpoint(
+    ground: CircuitSet, paced: tuple[SpdlCurriculum, int]
+) -> None:
+    curriculum, step = paced
+    begin, other = SpdlCurriculum(ground, PACED), SpdlCurriculum(ground, PACED)
+    rng, preview = np.random.default_rng(0), RaceTask().preview
+    first, last = (
+        [RaceContext.of(each.episodes(at).draw(rng, preview)) for _ in range(100)]
+        for each, at in ((begin, 0), (curriculum, step))
+    )
     for name, sign in (("d_median", 1.0), ("d_ideal", -1.0), ("v_max", 1.0)):
         begun, now = (np.mean([getattr(context, name) for context in drawn]) for drawn in (first, last))
         assert sign * now > sign * begun
     assert [entry.kl for entry in curriculum.steps] == sorted((entry.kl for entry in curriculum.steps), reverse=True)
-    other = SpdlCurriculum(ground, SpdlSettings(threshold=1.0, kl=1.0, iteration=10))
     other.restore(curriculum.state_dict())
     draws = [each.episodes(step).draw(np.random.default_rng(5), preview) for each in (curriculum, other)]
     assert draws[0] == draws[1]
@@ -205,26 +217,22 @@ def test_episodes_begin_at_the_start_line_where_that_is_set(ground: CircuitSet, 
         assert (starts == {0.0}) == start_line
 
 
-def test_both_arms_of_the_comparison_draw_the_same_episodes_at_the_target(ground: CircuitSet) -> None:
+def test_both_arms_of_the_comparison_draw_the_same_episodes_at_the_target(
+    ground: CircuitSet, paced: tuple[SpdlCurriculum, int]
+) -> None:
     """Requests are compared and not settings: starts, lines, speeds, shares; only the number of the update differs."""
-    preview = RaceTask().preview
-    paced = SpdlCurriculum(ground, SpdlSettings(spread=0.1, failure_share=0.5, threshold=1.0, kl=1.0, iteration=10))
-    alone = SpdlCurriculum(ground, TargetSettings(spread=0.1, failure_share=0.5))
-    rng = np.random.default_rng(0)
-    step = 0
-    while not paced.steps or paced.steps[-1].kl > 1e-9:
-        step += 10
-        assert step < 3000
-        episodes = paced.episodes(step)
-        for _ in range(30):
-            paced.ended(ended(episodes.draw(rng, preview), total=2.0))
-        if paced.steps[-1].kl < 1e-3:
-            paced.distribution = paced.target  # the last bits of the way
-            paced._history.append(paced.distribution)
-            break
-    paced.failures = alone.failures
+    reached, alone = (
+        SpdlCurriculum(ground, PACED),
+        SpdlCurriculum(ground, TargetSettings(spread=0.1, failure_share=0.5)),
+    )
+    reached.restore(paced[0].state_dict())
+    reached.distribution = reached.target  # the last bits of the way
+    reached._history.append(reached.distribution)
+    reached.failures = alone.failures
     for seed in range(200):
-        drawn = [each.episodes(step).draw(np.random.default_rng(seed), preview) for each in (paced, alone)]
+        drawn = [
+            each.episodes(paced[1]).draw(np.random.default_rng(seed), RaceTask().preview) for each in (reached, alone)
+        ]
         contexts = [RaceContext.of(request) for request in drawn]
         assert contexts[0].share == contexts[1].share != 1.0
         assert replace(drawn[0], context=()) == replace(drawn[1], context=())

@@ -39,25 +39,21 @@ def test_rides_that_leave_the_track_are_not_whole() -> None:
     assert 60.0 < figures["theory_s"] < 110.0
 
 
-def test_an_actor_that_answers_nothing_rides_as_its_guide() -> None:
-    task = RaceTask(observation="guided", guided=True)
-    actor = Actor([np.zeros((2, GUIDED.size), dtype=np.float32)], [np.zeros(2, dtype=np.float32)])
-    policy = Bundle("nothing", actor, task.layout, task.action, "panigale_v4r", 0.02)
-    result = ride_races(policy, "panigale_v4r", "barcelona", starts=2)
-    assert (result.whole, result.falls, result.finished, result.off_track, result.outside) == (2, 0, 2, 0.0, 0.0)
-    classical = ride_races(None, "panigale_v4r", "barcelona", starts=1)
-    assert result.times[0] == pytest.approx(classical.times[0], rel=0.02)
-    assert result.lost == ()
-
-
-def test_the_classical_rider_rides_circuits_from_starts_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_actor_that_answers_nothing_rides_as_its_guide_and_as_the_classical_rider(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     words = ["evaluate", "classical", "--vehicle", "panigale_v4r", "--starts", "1", "--out", str(tmp_path)]
     assert main(words) == 0
     (race,) = json.loads((tmp_path / "races.json").read_text())["races"]
     assert (race["rides"], race["whole"], race["falls"]) == (1, 1, 0)
     assert "classical" in capsys.readouterr().out
-    with pytest.raises(ValueError, match="benchmark"):
-        ride_races(None, "panigale_v4r", "benchmark", 1)
+    task = RaceTask(observation="guided", guided=True)
+    actor = Actor([np.zeros((2, GUIDED.size), dtype=np.float32)], [np.zeros(2, dtype=np.float32)])
+    policy = Bundle("nothing", actor, task.layout, task.action, "panigale_v4r", 0.02)
+    result = ride_races(policy, "panigale_v4r", "barcelona", starts=1)
+    assert (result.whole, result.falls, result.finished, result.off_track, result.outside) == (1, 0, 1, 0.0, 0.0)
+    assert result.times[0] == pytest.approx(race["best_s"], rel=0.02)
+    assert result.lost == ()
 
 
 def test_rides_are_disturbed_and_lost_ones_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -83,9 +79,11 @@ def test_disturbances_that_no_superbike_has_are_refused_before_the_first_ride(na
     assert not out.exists()
 
 
-def test_a_bicycle_policy_is_refused() -> None:
+def test_bicycle_policies_and_paths_are_refused() -> None:
     with pytest.raises(ValueError, match="follows paths; it cannot race"):
         ride_races(load_bundle("whipple"), "panigale_v4r", "barcelona", 1)
+    with pytest.raises(ValueError, match="benchmark"):
+        ride_races(None, "panigale_v4r", "benchmark", 1)
 
 
 def test_a_run_becomes_a_bundle_with_its_share_that_is_evaluated(

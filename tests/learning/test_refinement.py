@@ -248,23 +248,6 @@ def test_the_command_writes_the_same_policy_again(tmp_path: Path) -> None:
     later.close()
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["--set", "speed=3"], "no setting 'speed'"),
-        (["--set", "task=alt1"], "have no slopes"),
-        (["--set", "learner.tail=500"], "tail=500 must be 0 to"),
-        (["--set", "curriculum.refine=true"], "takes no curriculum"),
-        (["--from", "nobody"], "nobody"),
-    ],
-)
-def test_what_cannot_be_refined_is_refused(
-    words: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert cli.main(["train", "--preset", "exact", "--out", str(tmp_path / "out"), *words]) == 2
-    assert message in capsys.readouterr().err
-
-
 def test_steep_rides_begin_anew_with_every_segment() -> None:
     rides = LinearRides(4, TASK, REFINEMENT, COMPILED, seed=4, variety=Variety(starts=STEEP, starting=2))
     actor = MirrorSymmetricActor(FINE_LAYOUT)

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 from safetensors.numpy import load_file
 
 from bike_training.learning.presets import load_preset
@@ -32,18 +33,20 @@ def without_clock(summary: dict) -> dict:
     return {name: value for name, value in summary.items() if name != "seconds"}
 
 
-def test_a_run_that_was_stopped_and_resumed_is_the_whole_run_bit_for_bit(tmp_path):
+@pytest.mark.parametrize("learner", ["sb3", pytest.param("sbx", marks=pytest.mark.slow)])
+def test_a_run_that_was_stopped_and_resumed_is_the_whole_run_bit_for_bit(learner, tmp_path):
     """Its networks, optimisers, random generators, rides, replay buffer and summary."""
-    whole = run(SETTINGS, tmp_path / "whole")
+    settings = replace(SETTINGS, preset=PRESET.changed({"learner": learner}))
+    whole = run(settings, tmp_path / "whole")
 
     def stop(process) -> None:
         if process.model.num_timesteps == 100:
             signal.raise_signal(signal.SIGINT)
 
-    stopped = run(SETTINGS, tmp_path / "parts", stop)
+    stopped = run(settings, tmp_path / "parts", stop)
     assert (stopped["interrupted"], stopped["steps"]) == (True, 100)
-    assert stored_settings(tmp_path / "parts") == SETTINGS
-    resumed = run(SETTINGS, tmp_path / "parts", resume=True)
+    assert stored_settings(tmp_path / "parts") == settings
+    resumed = run(settings, tmp_path / "parts", resume=True)
     assert without_clock(resumed) == without_clock(whole)
     assert (resumed["interrupted"], resumed["steps"], resumed["updates"]) == (False, 240, 110)
     folders = [tmp_path / name / "checkpoint" for name in ("whole", "parts")]
