@@ -139,7 +139,7 @@ class RoadSurface:
         bank: rise per m to the left at the samples of the centre line; None where it is level across.
         bumps: density of the heights at 0.1 cycles per m, m3, see :mod:`bike_sim.course.road`; 0 is smooth.
         seed: of the bumps.
-        wet: patches with less grip; where they overlap the last counts.
+        wet: patches with less grip; where they overlap their factors multiply.
         run_off: parts that are not like the rest, which is grass, and grass and gravel where it is wide.
         wind: over all of it.
         walls: behind it.
@@ -178,7 +178,7 @@ class RoadSurface:
         """Return the factor on friction at places of a lap, m: 1 where it is dry."""
         found = np.ones(len(s))
         for patch in self.wet:
-            found[between(s, patch.begin, patch.end)] = patch.grip
+            found[between(s, patch.begin, patch.end)] *= patch.grip
         return found
 
     def mirrored(self) -> RoadSurface:

@@ -249,7 +249,7 @@ def _shared_speed(request: ResetRequest, plant: Plant, followed: FollowedLine, s
 
 
 def _begin_on_circuit(request: ResetRequest, plant: Plant, courses: Courses) -> Beginning:
-    followed = courses.line(plant, request.course, request.line)
+    followed = courses.line(plant, request.course, request.line).changed(plant.road)
     s = followed.place(request.progress)
     if request.initial_state is not None:
         state = np.array(request.initial_state, dtype=np.float64)

@@ -2,8 +2,8 @@
 
 A file says what disturbs; a ride draws how. The draws depend on the file's seed and on the first state of the ride, so
 the same ride is disturbed in the same way wherever it is ridden. Forces, drive and parameters act on the vehicle
-(`bike_sim.sim.plant`), sensors and delays lie between it and its rider (`bike_policy.riders.disturbed`). Of superbikes
-only parameters and delays differ: wind, bumps and wet patches belong to their circuits.
+(`bike_sim.sim.plant`), sensors and delays lie between it and its rider (`bike_policy.riders.disturbed`). A superbike has
+no wind and no pushes of its own, but the road under it may differ from the circuit that its rider knows.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import json
 import math
 import zlib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -20,6 +20,8 @@ from typing import Any, Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from bike_sim.course.road import RoadSurface, WetPatch
+from bike_sim.course.road import Wind as CircuitWind
 from bike_sim.documents import MAX_YAML_SIZE, DocumentError, alternatives, check_text, parse_yaml, read_text, show
 from bike_sim.vehicles.bicycle import Vehicle
 
@@ -75,6 +77,63 @@ class Impulses:
 
 
 @dataclass(frozen=True)
+class RoadChanges:
+    """Differences of a circuit's road from the one that riders and their plans know.
+
+    Attributes:
+        grip: factor on friction, everywhere.
+        patches: further factors, each as beginning and end of a part of the lap along the centre line, m, and factor;
+            the end is less than the beginning where it lies over the start line.
+        bumps_m3: density of the heights at 0.1 cycles per m where that is rougher than known, m3; 16e-6 is class A.
+        wind_m_s: mean speed of the wind in place of the known one, m/s; 0 leaves that.
+        wind_towards_deg: where it blows to, from the map's x axis to the left, deg.
+        wind_gusts: standard deviation over the mean.
+        seed: of the gusts.
+    """
+
+    grip: float = 1.0
+    patches: tuple[tuple[float, float, float], ...] = ()
+    bumps_m3: float = 0.0
+    wind_m_s: float = 0.0
+    wind_towards_deg: float = 0.0
+    wind_gusts: float = 0.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Refuse what no road has.
+
+        Raises:
+            ValueError: naming the value.
+        """
+        for value in (self.grip, *(patch[2] for patch in self.patches)):
+            if not 0.0 < value <= 2.0:
+                raise ValueError(f"disturbances: road: grip must be above 0 and at most 2, got {value!r}")
+        for patch in self.patches:
+            if not (0.0 <= patch[0] < math.inf and 0.0 <= patch[1] < math.inf):
+                raise ValueError(f"disturbances: road: a patch must lie on the lap, got {patch!r}")
+        self.surface(RoadSurface()).check(0)
+
+    def surface(self, known: RoadSurface) -> RoadSurface:
+        """Return the surface that is ridden in place of a known one.
+
+        Args:
+            known: of the circuit.
+        """
+        wet = tuple(WetPatch(*patch) for patch in ((0.0, math.inf, self.grip), *self.patches))
+        wind = CircuitWind(self.wind_m_s, math.radians(self.wind_towards_deg), self.wind_gusts, self.seed)
+        return replace(
+            known,
+            wet=(*known.wet, *wet),
+            bumps=max(known.bumps, self.bumps_m3),
+            wind=wind if self.wind_m_s > 0.0 else known.wind,
+        )
+
+
+NO_CHANGES: Final = RoadChanges()
+"""The known road."""
+
+
+@dataclass(frozen=True)
 class Disturbances:
     """Everything that disturbs a ride; the defaults disturb nothing.
 
@@ -90,6 +149,7 @@ class Disturbances:
         drive_torque_nm: largest torque of the steering drive, Nm.
         vehicle: factors of the vehicle's parameters by name, those of a superbike's sections as ``section.name``; the
             rider knows the parameters without them.
+        road: what differs of a circuit's road from the known one.
     """
 
     name: str = "none"
@@ -102,6 +162,7 @@ class Disturbances:
     command_delay_s: float = 0.0
     drive_torque_nm: float = math.inf
     vehicle: Mapping[str, float] = field(default_factory=dict)
+    road: RoadChanges = NO_CHANGES
 
     def __post_init__(self) -> None:
         """Check every value.
@@ -149,7 +210,7 @@ class Disturbances:
     @property
     def acts_on_vehicle(self) -> bool:
         """Whether anything acts on the vehicle itself."""
-        return self.pushes or math.isfinite(self.drive_torque_nm) or bool(self.vehicle)
+        return self.pushes or math.isfinite(self.drive_torque_nm) or bool(self.vehicle) or self.road != NO_CHANGES
 
     @property
     def acts_on_sensors(self) -> bool:
@@ -252,6 +313,8 @@ def read_disturbances(text: str, name: str) -> Disturbances:
     for key, kind in (("wind", Wind), ("impulses", Impulses)):
         if key in values:
             values[key] = kind(**_numbers(values[key], f"disturbances: {key}", [spec.name for spec in fields(kind)]))
+    if "road" in values:
+        values["road"] = _road(values["road"])
     for key in ("noise", "bias", "vehicle"):
         if key in values:
             values[key] = _numbers(values[key], f"disturbances: {key}")
@@ -263,6 +326,24 @@ def read_disturbances(text: str, name: str) -> Disturbances:
     if not isinstance(values.get("seed", 0), int) or not isinstance(values["name"], str):
         raise DocumentError("disturbances: seed must be a whole number and name a text")
     return Disturbances(**values)
+
+
+def _road(table: Any) -> RoadChanges:
+    """Return changes of a road.
+
+    Raises:
+        ValueError: an entry that is not known, or a value that is none.
+    """
+    patches = table.get("patches", []) if isinstance(table, dict) else []
+    if not isinstance(patches, list) or not all(isinstance(patch, list) and len(patch) == 3 for patch in patches):
+        raise DocumentError(f"disturbances: road: patches must be lists of from_m, to_m and grip, got {show(patches)}")
+    places = [_numbers(dict(zip(("from_m", "to_m", "grip"), patch, strict=True)), "disturbances: road: patch")
+              for patch in patches]
+    known = [spec.name for spec in fields(RoadChanges)]
+    plain = {key: value for key, value in table.items() if key != "patches"} if isinstance(table, dict) else table
+    numbers: dict[str, Any] = _numbers(plain, "disturbances: road", known)
+    numbers["seed"] = int(numbers.get("seed", 0))
+    return RoadChanges(**numbers, patches=tuple(tuple(place.values()) for place in places))
 
 
 def _numbers(table: Any, what: str, known: list[str] | None = None) -> dict[str, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from functools import cached_property
 from typing import Final
 
@@ -13,6 +14,7 @@ from bike_sim.course.track import Track
 from bike_sim.planning.envelope import Envelope
 from bike_sim.planning.lap_limit import LapLimit, lap_limit
 from bike_sim.sim import look as lk
+from bike_sim.sim.disturbances import NO_CHANGES, RoadChanges
 from bike_sim.sim.ground import Road, road_of
 from bike_sim.sim.observation import address_of, surroundings_of
 
@@ -48,11 +50,26 @@ class FollowedLine:
         limits = track.width_left, track.width_right, track.elevation, track.bank
         self.stations: FloatArray = lk.stations(self.line.table, self.line.spacing, self.to_centre, centre, limits)
         self._limit: LapLimit | None = None
+        self._changes, self._changed = NO_CHANGES, {NO_CHANGES: self}
+
+    def changed(self, changes: RoadChanges) -> FollowedLine:
+        """Return the same line on a road that differs from the known one; `track` stays the known circuit.
+
+        Args:
+            changes: of the road.
+        """
+        if changes not in self._changed:
+            found = copy(self)
+            for name in ("road", "surroundings"):
+                found.__dict__.pop(name, None)
+            found._changes = changes
+            self._changed[changes] = found
+        return self._changed[changes]
 
     @cached_property
     def road(self) -> Road:
-        """The circuit as compiled code reads it."""
-        return road_of(self.track)
+        """The road that is ridden as compiled code reads it."""
+        return road_of(self.track, self._changes.surface(self.track.surface))
 
     @cached_property
     def surroundings(self) -> NDArray[np.void]:

@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from bike_sim.course.road import CLASSES, GRASS_STRIP, REFERENCE, RunOffKind, Wind, bump_profile, run_off_kinds
+from bike_sim.course.road import CLASSES, GRASS_STRIP, REFERENCE, RoadSurface, RunOffKind, Wind, bump_profile, run_off_kinds
 from bike_sim.course.track import Track, slope_of
 from bike_sim.physics.ground import BUMP_SAMPLES, BUMP_SPACING
 from bike_sim.schema import Quantity, Schema
@@ -105,9 +105,14 @@ class Road(NamedTuple):
     gusts: FloatArray
 
 
-def road_of(track: Track) -> Road:
-    """Return a circuit's road."""
-    centre, surface = track.centre, track.surface
+def road_of(track: Track, surface: RoadSurface | None = None) -> Road:
+    """Return a circuit's road.
+
+    Args:
+        track: the circuit.
+        surface: that is ridden in place of the circuit's, banked in the same way; None for the circuit's.
+    """
+    centre, surface = track.centre, surface or track.surface
     columns = [
         centre.heading, centre.curvature, track.elevation, track.grade, track.crest, track.bank,
         slope_of(track.bank, centre.spacing), surface.grip(centre.s), track.width_left, track.width_right,

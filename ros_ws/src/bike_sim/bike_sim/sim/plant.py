@@ -15,7 +15,7 @@ from bike_sim.physics.engine import Engine
 from bike_sim.physics.engines import make_bicycle_engine, make_superbike_engine
 from bike_sim.physics.ground import Ground
 from bike_sim.sim.config import SimulatorConfig
-from bike_sim.sim.disturbances import Disturbances
+from bike_sim.sim.disturbances import NO_CHANGES, Disturbances, RoadChanges
 from bike_sim.sim.events import ENDS
 from bike_sim.sim.request import Preview, Start, draw_start
 from bike_sim.sim.snapshot import NO_SIGNALS
@@ -41,11 +41,13 @@ class Plant:
         rolling: whether it rolls without slip, so that its motion follows from the minimal state.
         preview: fixed preview of this kind of vehicle; None where a request chooses it.
         signal_names: names of the telemetry; empty where there is none.
+        road: what differs of circuits' roads from the known ones.
     """
 
     rolling = True
     preview: Preview | None = None
     signal_names: tuple[str, ...] = ()
+    road: RoadChanges = NO_CHANGES
 
     def __init__(self, vehicle: Vehicle, engine: Engine) -> None:
         """Take a vehicle and its engine."""
@@ -139,8 +141,10 @@ class DisturbedPlant(Plant):
         """Take a bicycle and start the engine of what is ridden in its place.
 
         Raises:
-            ValueError: a parameter that cannot be wrong.
+            ValueError: a parameter that cannot be wrong, or changes of a road, which only superbikes feel.
         """
+        if disturbances.road != NO_CHANGES:
+            raise ValueError(f"disturbances {disturbances.name!r} change a road, and {vehicle.name!r} is a bicycle")
         self._ridden = make_bicycle_engine(config.engine, disturbances.wrong(vehicle), config.time_step)
         super().__init__(vehicle, self._ridden)
         self._disturbances = disturbances
@@ -210,7 +214,7 @@ def ridden_superbike(vehicle: Superbike, disturbances: Disturbances) -> Superbik
     if disturbances.pushes or math.isfinite(disturbances.drive_torque_nm):
         raise ValueError(
             f"disturbances {disturbances.name!r} push a bicycle or its steering drive, and {vehicle.name!r} is a "
-            "superbike: its wind is the circuit's"
+            "superbike: its wind is the road's"
         )
     return disturbances.wrong(vehicle)
 
@@ -237,7 +241,9 @@ def make_plant(
         # Late: a bicycle is spared tyres and lap theory, which take a good part of a node's start.
         from bike_sim.sim.superbike_plant import SuperbikePlant
 
-        return SuperbikePlant(vehicle, make_superbike_engine(config.engine, ridden, config.time_step))
+        plant = SuperbikePlant(vehicle, make_superbike_engine(config.engine, ridden, config.time_step))
+        plant.road = NO_CHANGES if disturbances is None else disturbances.road
+        return plant
     if disturbances is not None:
         return DisturbedPlant(vehicle, config, disturbances)
     return Plant(vehicle, make_bicycle_engine(config.engine, vehicle, config.time_step))
