@@ -12,7 +12,8 @@ import pytest
 from bike_policy.riders.classical import ClassicalRider
 from bike_policy.riders.disturbed import DisturbedRider, measured
 from bike_policy.riders.lqr import LqrRider
-from bike_sim.course.files import load_course
+from bike_sim.course.files import load_course, load_track
+from bike_sim.course.road import WetPatch
 from bike_sim.physics import state as st
 from bike_sim.physics.bicycle.whipple import energy, mass_matrix
 from bike_sim.physics.engines import make_engine
@@ -20,13 +21,17 @@ from bike_sim.sim import look as lk
 from bike_sim.sim.batch import Batch
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.disturbances import (
+    NO_CHANGES,
     Disturbances,
     Impulses,
+    RoadChanges,
     Wind,
     load_disturbances,
     read_disturbances,
     shipped_disturbances,
 )
+from bike_sim.sim.followed_line import FollowedLine
+from bike_sim.sim.ground import GRIP
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.vehicles.files import load_superbike, load_vehicle, shipped_superbikes
@@ -206,10 +211,11 @@ def test_wrong_parameters_are_ridden_but_not_told() -> None:
             Simulator(COMPILED, Disturbances(vehicle={name: 1.1}))
 
 
+OF_ROADS = [name for name in shipped_disturbances() if load_disturbances(name).road != NO_CHANGES]
 OF_SUPERBIKES = [name for name in shipped_disturbances() if "." in "".join(load_disturbances(name).vehicle)]
 
 
-@pytest.mark.parametrize("name", sorted(set(shipped_disturbances()) - set(OF_SUPERBIKES)))
+@pytest.mark.parametrize("name", sorted(set(shipped_disturbances()) - {*OF_SUPERBIKES, *OF_ROADS}))
 def test_shipped_files_disturb(name: str) -> None:
     known = load_disturbances(name)
     assert known.name == name
@@ -231,6 +237,14 @@ def test_shipped_files_disturb(name: str) -> None:
         ("format: bike.disturbances/1\nnoise: {roll: -1}", "noise of roll must be finite and not negative"),
         ("format: bike.disturbances/1\ndrive_torque_nm: 0", "drive_torque_nm must be positive"),
         ("format: bike.disturbances/1\nbias: {roll: much}", "must be a number"),
+        ("format: bike.disturbances/1\nbias: {roll: true}", "must be a number"),
+        ("format: bike.disturbances/1\nroad: 0.9", "road must be a table"),
+        ("format: bike.disturbances/1\nroad: {grip: 0}", "grip must be above 0 and at most 2, got 0.0"),
+        ("format: bike.disturbances/1\nroad: {friction: 0.9}", "road has no entry 'friction'"),
+        ("format: bike.disturbances/1\nroad: {patches: [[10, 20]]}", "patches must be lists of from_m, to_m and grip"),
+        ("format: bike.disturbances/1\nroad: {patches: [[-10, 20, 0.9]]}", "a patch must lie on the lap"),
+        ("format: bike.disturbances/1\nroad: {bumps_m3: 2}", "bumps must have a density of 0 to 1 m3"),
+        ("format: bike.disturbances/1\nroad: {wind_m_s: 90}", "wind must have a speed of 0 to 60 m/s"),
     ],
 )
 def test_bad_files_are_named(text: str, message: str, tmp_path: Path) -> None:
@@ -267,7 +281,8 @@ def test_a_superbike_is_ridden_as_it_is_and_known_as_it_was(engine: str, courses
     config = SimulatorConfig("r1", engine, 0.002, 0.02)
     request = ResetRequest(course=courses["circuit file"], speed_range=(40.0, 40.0), progress=10.0)
     slippery = load_disturbances("grip_085")
-    known = [Disturbances(), slippery, load_disturbances("heavy_machine"), slippery]
+    road = Disturbances(road=RoadChanges(0.8, bumps_m3=16e-6, wind_m_s=20.0, wind_gusts=0.2))
+    known = [Disturbances(), slippery, load_disturbances("heavy_machine"), slippery, road]
     batch = Batch(len(known), config, disturbances=known)
     alone = [Simulator(config, each) for each in known]
     assert all(vehicle == batch.vehicle for vehicle in batch.vehicles)
@@ -279,12 +294,44 @@ def test_a_superbike_is_ridden_as_it_is_and_known_as_it_was(engine: str, courses
         for row, simulator in enumerate(alone):
             np.testing.assert_array_equal(batch.state[row], simulator.step(0.0, -1.0).state)
     np.testing.assert_array_equal(batch.state[1], batch.state[3])
-    assert len({tuple(state) for state in batch.state}) == 3
+    assert len({tuple(state) for state in batch.state}) == 4
     with pytest.raises(ValueError, match="needs as many disturbances"):
         Batch(2, config, disturbances=[slippery])
     batch.close()
     for simulator in alone:
         simulator.close()
+
+
+def test_a_road_differs_from_the_circuit_that_is_known(courses: dict[str, str]) -> None:
+    """Factors on grip multiply by place, bumps count where they are rougher, line and circuit stay the known ones."""
+    changes = RoadChanges(0.9, ((20.0, 40.0, 0.5), (90.0, 10.0, 0.8)), 1e-6, 5.0, 90.0)
+    track = load_track(courses["circuit file"])
+    wet = replace(track.surface, wet=(WetPatch(0.0, 30.0, 0.5),), bumps=16e-6)
+    surface = changes.surface(wet)
+    s = np.array([5.0, 15.0, 25.0, 35.0, 60.0, 95.0])
+    np.testing.assert_allclose(surface.grip(s), [0.9 * 0.5 * 0.8, 0.45, 0.9 * 0.25, 0.45, 0.9, 0.72], rtol=1e-12)
+    assert surface.bumps == 16e-6
+    assert surface.wind.towards == pytest.approx(math.pi / 2.0)
+    assert NO_CHANGES.surface(wet).wind == wet.wind
+    known = FollowedLine(track, 0.0)
+    ridden = known.changed(changes)
+    assert known.changed(NO_CHANGES) is known
+    assert known.changed(replace(changes)) is ridden
+    assert (ridden.track, ridden.line, ridden.stations) == (known.track, known.line, known.stations)
+    np.testing.assert_array_equal(known.road.table[:, GRIP], 1.0)
+    np.testing.assert_array_equal(ridden.road.table[:, GRIP], changes.surface(track.surface).grip(track.centre.s))
+    read = read_disturbances(Disturbances(road=changes).to_text(), "again")
+    assert read.road == changes
+
+
+def test_changes_of_a_road_need_a_superbike_on_a_circuit() -> None:
+    slippery = load_disturbances("road_090")
+    with pytest.raises(ValueError, match="'whipple' is a bicycle"):
+        Simulator(COMPILED, slippery)
+    simulator = Simulator(SimulatorConfig("r1", "compiled", 0.002, 0.02), slippery)
+    with pytest.raises(ValueError, match="course 'line' is a path"):
+        simulator.reset(ResetRequest(course="line", speed_range=(20.0, 20.0)))
+    simulator.close()
 
 
 @pytest.mark.parametrize("vehicle", shipped_superbikes())

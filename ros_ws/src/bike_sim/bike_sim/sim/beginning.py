@@ -15,6 +15,7 @@ from bike_sim.course.files import kind_of, load_course
 from bike_sim.course.random_courses import random_course
 from bike_sim.physics import state as st
 from bike_sim.physics.ground import NO_BUMPS
+from bike_sim.sim.disturbances import NO_CHANGES
 from bike_sim.sim.observation import address_of, surroundings_of
 from bike_sim.sim.plant import Plant
 from bike_sim.sim.request import IDEAL, RANDOM_COURSE, ResetRequest, Start, random_length
@@ -193,6 +194,8 @@ def begin(request: ResetRequest, plant: Plant, courses: Courses) -> Beginning:
     """
     if courses.is_circuit(plant, request.course):
         return _begin_on_circuit(request, plant, courses)
+    if plant.road != NO_CHANGES:
+        raise ValueError(f"the disturbances change the road of a circuit, and course {request.course!r} is a path")
     _check_for_path(request)
     if request.course == RANDOM_COURSE:
         rng = np.random.default_rng(request.seed)

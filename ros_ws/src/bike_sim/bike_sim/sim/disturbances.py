@@ -2,8 +2,8 @@
 
 A file says what disturbs; a ride draws how. The draws depend on the file's seed and on the first state of the ride, so
 the same ride is disturbed in the same way wherever it is ridden. Forces, drive and parameters act on the vehicle
-(`bike_sim.sim.plant`), sensors and delays lie between it and its rider (`bike_policy.riders.disturbed`). A superbike has
-no wind and no pushes of its own, but the road under it may differ from the circuit that its rider knows.
+(`bike_sim.sim.plant`), sensors and delays lie between it and its rider (`bike_policy.riders.disturbed`). A superbike
+has no wind and no pushes of its own, but the road under it may differ from the circuit that its rider knows.
 """
 
 from __future__ import annotations
@@ -337,8 +337,10 @@ def _road(table: Any) -> RoadChanges:
     patches = table.get("patches", []) if isinstance(table, dict) else []
     if not isinstance(patches, list) or not all(isinstance(patch, list) and len(patch) == 3 for patch in patches):
         raise DocumentError(f"disturbances: road: patches must be lists of from_m, to_m and grip, got {show(patches)}")
-    places = [_numbers(dict(zip(("from_m", "to_m", "grip"), patch, strict=True)), "disturbances: road: patch")
-              for patch in patches]
+    places = [
+        _numbers(dict(zip(("from_m", "to_m", "grip"), patch, strict=True)), "disturbances: road: patch")
+        for patch in patches
+    ]
     known = [spec.name for spec in fields(RoadChanges)]
     plain = {key: value for key, value in table.items() if key != "patches"} if isinstance(table, dict) else table
     numbers: dict[str, Any] = _numbers(plain, "disturbances: road", known)
@@ -354,9 +356,12 @@ def _numbers(table: Any, what: str, known: list[str] | None = None) -> dict[str,
     """
     if not isinstance(table, dict):
         raise DocumentError(f"{what} must be a table of numbers, got {show(table)}")
+    numbers = {}
     for key, value in table.items():
         if known is not None and key not in known:
             raise DocumentError(f"{what} has no entry {show(key)}; it has {', '.join(known)}")
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise DocumentError(f"{what}: entry {show(key)} must be a number, got {show(value)}")
-    return {str(key): float(value) for key, value in table.items()}
+        try:  # YAML 1.1 reads 1e-6 as a text
+            numbers[str(key)] = float("" if isinstance(value, bool) else value)
+        except (TypeError, ValueError):
+            raise DocumentError(f"{what}: entry {show(key)} must be a number, got {show(value)}") from None
+    return numbers

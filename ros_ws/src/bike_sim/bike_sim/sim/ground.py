@@ -15,7 +15,16 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from bike_sim.course.road import CLASSES, GRASS_STRIP, REFERENCE, RoadSurface, RunOffKind, Wind, bump_profile, run_off_kinds
+from bike_sim.course.road import (
+    CLASSES,
+    GRASS_STRIP,
+    REFERENCE,
+    RoadSurface,
+    RunOffKind,
+    Wind,
+    bump_profile,
+    run_off_kinds,
+)
 from bike_sim.course.track import Track, slope_of
 from bike_sim.physics.ground import BUMP_SAMPLES, BUMP_SPACING
 from bike_sim.schema import Quantity, Schema
