@@ -337,15 +337,13 @@ def _road(table: Any) -> RoadChanges:
     patches = table.get("patches", []) if isinstance(table, dict) else []
     if not isinstance(patches, list) or not all(isinstance(patch, list) and len(patch) == 3 for patch in patches):
         raise DocumentError(f"disturbances: road: patches must be lists of from_m, to_m and grip, got {show(patches)}")
-    places = [
-        _numbers(dict(zip(("from_m", "to_m", "grip"), patch, strict=True)), "disturbances: road: patch")
-        for patch in patches
-    ]
+    keys = ("from_m", "to_m", "grip")
+    named = [_numbers(dict(zip(keys, patch, strict=True)), "disturbances: road: patch") for patch in patches]
     known = [spec.name for spec in fields(RoadChanges)]
     plain = {key: value for key, value in table.items() if key != "patches"} if isinstance(table, dict) else table
     numbers: dict[str, Any] = _numbers(plain, "disturbances: road", known)
     numbers["seed"] = int(numbers.get("seed", 0))
-    return RoadChanges(**numbers, patches=tuple(tuple(place.values()) for place in places))
+    return RoadChanges(**numbers, patches=tuple((each["from_m"], each["to_m"], each["grip"]) for each in named))
 
 
 def _numbers(table: Any, what: str, known: list[str] | None = None) -> dict[str, float]:
