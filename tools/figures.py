@@ -154,7 +154,7 @@ def headline(name: str) -> str:
 
     found = PAPERS["bicycle"]
     statement = next(each for each in found.statements if each.source == "Table 6")
-    of_paper = statement.find(read_data(DATA / "bicycle_paper", found.tables)).text
+    of_paper = statement.find(read_data(found.file, DATA / "bicycle_paper")).text
     riders = {row["figure"]: row for row in read_records("bicycle_riders")}
     modes = {row["figure"]: row["`pybullet` 1 ms"] for row in read_records("bicycle_validation")}
     engines = {row["figure"]: float(row["value"].replace(",", "")) for row in read_records("speed")}
@@ -196,7 +196,7 @@ def paper(name: str) -> str:
 
     folder, _, title = name.partition(" ")
     found = PAPERS[folder.split("_")[0]]
-    data = read_data(DATA / folder, found.tables)
+    data = read_data(found.file, DATA / folder)
     if title == "statements":
         return verdict_table(found.statements, data) + origin(DATA / folder)
     written = {re.split("[:,]", heading)[0]: write for heading, write in found.written.items()}

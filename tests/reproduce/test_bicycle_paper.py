@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -23,26 +22,13 @@ from bike_training.reproduce.bicycle import (
     impacts,
     ride_course,
 )
-from bike_training.reproduce.bicycle_results import (
-    STATEMENTS,
-    Chance,
-    Data,
-    Direction,
-    Impact,
-    Instant,
-    Rides,
-    SteeringStep,
-    Track,
-    controller_1,
-    mean_distance,
-    weights,
-)
-from bike_training.reproduce.data import Run, Validation, read_data, write_data
+from bike_training.reproduce.bicycle_results import PAPER, STATEMENTS, controller_1, mean_distance, weights
+from bike_training.reproduce.data import Tables, read_data, table, tables, write_data
 from bike_training.reproduce.statement import verdict_table
 from bike_training.rollout.evaluation import SPEEDS
 
 
-def paper_like() -> Data:
+def paper_like() -> Tables:
     """Tables in which all comes out as in the paper."""
     needed = {"prop": 1.5e6, "alt1": 1.52e6, "alt2": 2.7e6, "alt3": 1.49e6, "alt4": 1.51e6, "alt5": 3.5e6}
     runs, validations, rides = [], [], []
@@ -50,76 +36,80 @@ def paper_like() -> Data:
         for seed in range(5):
             done = name != "alt5" or seed < 2
             end = int(steps * (0.9 + 0.05 * seed))
-            runs.append(Run(name, seed, "finished", end if done else 4_000_000, end if done else -1, 100.0))
+            runs.append((name, seed, "finished", end if done else 4_000_000, end if done else -1, 100.0))
             for part in range(1, 5):
                 step = int(end * ((1 / 16, 1 / 2, 3 / 4, 1)[part - 1] if name == "alt2" else part / 4))
-                validations.append(Validation(name, seed, step, part, 0.05))
+                validations.append((name, seed, step, part, 0.05))
             if done:
                 for speed in SPEEDS:
                     for course in ("benchmark", "random"):
                         mean, largest = 0.05 + 0.01 * abs(speed - 4.25), 0.05 * speed + 0.01 * seed
-                        rides.append(Rides(name, seed, course, speed, True, mean, largest))
+                        rides.append((name, seed, course, speed, True, mean, largest))
     tracks = [
-        Track(rider, 0.05 * k, 0.2 * k, 0.0, 0.2 * k + 1.0, 0.0, error, error, True)
+        (rider, 0.05 * k, 0.2 * k, 0.0, 0.2 * k + 1.0, 0.0, error, error, True)
         for rider, error in (("alt3", 1.5), ("stanley", 6.0), ("lqr", 0.5))
         for k in range(3)
     ]
-    return Data(tuple(runs), tuple(validations), tuple(rides), tuple(tracks), *_close_look())
+    return tables(PAPER, runs=runs, validations=validations, rides=rides, tracks=tracks, **_close_look())
 
 
-def _close_look() -> tuple[tuple[object, ...], ...]:
+def _close_look() -> dict[str, list[tuple[object, ...]]]:
     """Tables of a ride that counter-steers and leans by the curvature, and of an actor led by roll and t_P3."""
     ride = []
     for k in range(400):
         bend = 0.1 if 15.0 <= 0.5 * k < 78.0 else 0.0
         steer = -0.02 if 12.0 < 0.5 * k < 15.0 else bend
         lean = -0.01 if 14.0 < 0.5 * k <= 15.0 and not bend else -2.0 * bend
-        ride.append(Instant(0.5 * k, 0.5 * k, 0.0, 0.5 * k + 1.0, 0.0, lean, steer, bend))
+        ride.append((0.5 * k, 0.5 * k, 0.0, 0.5 * k + 1.0, 0.0, lean, steer, bend))
     pull = {"roll": -9.0, "t_p3": -5.0, "t_p2": -3.0, "roll_rate": -2.0, "t_p4": -1.0, "steer": 0.1}
     pull |= {"yaw_cos": 0.01, "yaw_sin": 0.01, "front_wheel_rate": 0.01}
     dots = [
-        Impact("prop", n, name, math.sin(n + place), slope * math.sin(n + place))
+        ("prop", n, name, math.sin(n + place), slope * math.sin(n + place))
         for n in range(20)
         for place, (name, slope) in enumerate(pull.items())
     ]
-    step = [SteeringStep(0.01 * k, min(7.0 * k, 75.8), min(7.0 * k, 75.9)) for k in range(15)]
-    return (
-        tuple(ride),
-        tuple(dots),
-        (Direction(0.0, 60.0, 58.8, 58.8, 58.8, 58.79),),
-        tuple(step),
-        (Chance(10_000, 120.0, 22),),
-    )
+    step = [(0.01 * k, min(7.0 * k, 75.8), min(7.0 * k, 75.9)) for k in range(15)]
+    return {
+        "ride": ride,
+        "impacts": dots,
+        "directions": [(0.0, 60.0, 58.8, 58.8, 58.8, 58.79)],
+        "steering": step,
+        "chances": [(10_000, 120.0, 22)],
+    }
 
 
-def verdicts(data: Data) -> list[str]:
+def verdicts(data: Tables) -> list[str]:
     return [statement.find(data).agrees for statement in STATEMENTS]
+
+
+def unended(data: Tables, setting: str, seeds: range = range(5), **values: int) -> Tables:
+    """The tables with some runs that have not ended the curriculum, or with other values."""
+    runs = data["runs"].copy()
+    chosen = (runs["setting"] == setting) & runs["seed"].isin(seeds)
+    for name, value in {"finished_at": -1, **values}.items():
+        runs.loc[chosen, name] = value
+    return data | {"runs": runs}
 
 
 def test_what_is_as_in_the_paper_agrees_and_what_is_not_does_not() -> None:
     data = paper_like()
     assert set(verdicts(data)) == {"yes"}
-    fell = replace(data, rides=tuple(replace(ride, completed=False, mean=2.0, largest=4.0) for ride in data.rides))
     late = {"prop": 3_900_000, "alt2": 100_000, "alt5": 100_000}
-    slow = tuple(replace(run, finished_at=late.get(run.setting, 200_000)) for run in data.runs)
-    parts = tuple(row for row in data.validations if row.setting != "alt2" or row.part != 2)
-    early = tuple(Validation("alt2", seed, 1_001 + seed, 2, 0.1) for seed in range(5))
-    first = tuple(replace(row, step=1_000) if (row.setting, row.part) == ("alt2", 1) else row for row in parts)
-    apart = tuple(replace(track, completed=track.rider != "alt3") for track in data.tracks)
-    other = Data(
-        slow,
-        first + early,
-        fell.rides,
-        apart,
-        ride=tuple(replace(row, roll=-row.roll, steer=abs(row.steer)) for row in data.ride),
-        impacts=tuple(
-            replace(row, shap=50.0 * abs(row.shap) if row.feature.startswith(("yaw", "front")) else -0.01 * row.shap)
-            for row in data.impacts
-        ),
-        directions=tuple(replace(row, pybullet=0.0) for row in data.directions),
-        steering=tuple(replace(row, whipple=1.2 * row.whipple) for row in data.steering),
-        chances=(Chance(10_000, 120.0, 60),),
-    )
+    other = {name: rows.copy() for name, rows in data.items()}
+    other["runs"]["finished_at"] = [late.get(name, 200_000) for name in data["runs"]["setting"]]
+    steps = other["validations"]
+    in_part = [(steps["setting"] == "alt2") & (steps["part"] == part) for part in (1, 2)]
+    steps.loc[in_part[0], "step"] = 1_000
+    steps.loc[in_part[1], "step"] = 1_001 + steps["seed"]
+    other["rides"] = other["rides"].assign(completed=False, mean=2.0, largest=4.0)
+    other["tracks"]["completed"] = other["tracks"]["rider"] != "alt3"
+    other["ride"]["roll"] *= -1.0
+    other["ride"]["steer"] = other["ride"]["steer"].abs()
+    heavy = other["impacts"]["feature"].str.startswith(("yaw", "front"))
+    other["impacts"]["shap"] = (50.0 * data["impacts"]["shap"].abs()).where(heavy, -0.01 * data["impacts"]["shap"])
+    other["directions"]["pybullet"] = 0.0
+    other["steering"]["whipple"] *= 1.2
+    other["chances"]["circles"] = 60
     found = dict(zip((statement.paper for statement in STATEMENTS), verdicts(other), strict=True))
     # No controller came to an end, so there is no T(v) to speak of; for runs that do not end see below.
     assert {paper for paper, verdict in found.items() if verdict != "no"} == {
@@ -132,11 +122,8 @@ def test_what_is_as_in_the_paper_agrees_and_what_is_not_does_not() -> None:
 @pytest.mark.parametrize(("steps", "verdict"), [(2_000_000, "open"), (4_000_000, "no")])
 def test_runs_that_were_cut_off_say_nothing(steps: int, verdict: str) -> None:
     data = paper_like()
-    runs = tuple(
-        replace(run, finished_at=-1, steps=steps) if (run.setting, run.seed) == ("alt4", 0) else run
-        for run in data.runs
-    )
-    found = {statement.paper: statement.find(replace(data, runs=runs)) for statement in STATEMENTS}
+    cut = unended(data, "alt4", range(1), steps=steps)
+    found = {statement.paper: statement.find(cut) for statement in STATEMENTS}
     assert found["all runs of prop. and alt(1-4) end the curriculum"].agrees == verdict
     assert found["the exponential reward, alt(4), makes no difference in learning"].agrees == "open"
     assert found["two of five runs of alt(5) end the curriculum"].agrees == "yes"
@@ -144,31 +131,33 @@ def test_runs_that_were_cut_off_say_nothing(steps: int, verdict: str) -> None:
 
 def test_prop_that_was_cut_off_is_no_measure_of_others() -> None:
     data = paper_like()
-    cut = tuple(replace(run, finished_at=-1) if (run.setting, run.seed) == ("prop", 4) else run for run in data.runs)
-    found = {statement.paper: statement.find(replace(data, runs=cut)) for statement in STATEMENTS}
+    cut = unended(data, "prop", range(4, 5))
+    found = {statement.paper: statement.find(cut) for statement in STATEMENTS}
     needs = found["alt(2) needs more steps than prop. (over 2.5 against under 2 million)"]
     assert (needs.text, needs.agrees) == ("5 of 5 runs end, of prop. 4 of 5", "open")
 
 
 def test_no_finished_run_is_not_a_few() -> None:
     data = paper_like()
-    cut = tuple(replace(run, finished_at=-1) if run.setting == "alt5" else run for run in data.runs)
-    found = {statement.paper: statement.find(replace(data, runs=cut)) for statement in STATEMENTS}
+    cut = unended(data, "alt5")
+    found = {statement.paper: statement.find(cut) for statement in STATEMENTS}
     assert found["two of five runs of alt(5) end the curriculum"] == ("0 of 5", "open")
     assert found["alt(5) needs more steps than prop. (over 2.5 against under 2 million)"].agrees == "yes"
 
 
 def test_nothing_is_said_of_what_was_not_done() -> None:
-    assert set(verdicts(Data())) <= {"open"}
-    assert verdict_table(STATEMENTS, Data()).count("\n") == len(STATEMENTS) + 2
+    nothing = tables(PAPER)
+    assert set(verdicts(nothing)) <= {"open"}
+    assert verdict_table(STATEMENTS, nothing).count("\n") == len(STATEMENTS) + 2
 
 
 def test_controller_1_has_the_smallest_largest_distance_and_rides_all() -> None:
     data = paper_like()
     assert controller_1(data, "prop") == 0
-    fell = tuple(replace(ride, completed=ride.seed != 0 or ride.speed != 3.0) for ride in data.rides)
-    assert controller_1(replace(data, rides=fell), "prop") == 1
-    assert mean_distance(replace(data, rides=fell), "prop", "benchmark")[3.0] == (pytest.approx(0.0625), False)
+    rides = data["rides"]
+    fell = data | {"rides": rides.assign(completed=(rides["seed"] != 0) | (rides["speed"] != 3.0))}
+    assert controller_1(fell, "prop") == 1
+    assert tuple(mean_distance(fell, "prop", "benchmark").loc[3.0]) == (pytest.approx(0.0625), False)
 
 
 def test_all_settings_are_those_of_the_paper_but_for_the_learner() -> None:
@@ -185,11 +174,11 @@ def test_all_settings_are_those_of_the_paper_but_for_the_learner() -> None:
 def test_tables_come_back_and_are_drawn_without_learning(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     data, folder = paper_like(), tmp_path / "data"
     folder.mkdir()
-    write_data(folder, data)
-    back = read_data(folder, Data)
-    assert (back.runs, back.validations, back.tracks[0].rider) == (data.runs, data.validations, "alt3")
-    assert (back.directions, back.chances, back.impacts[3].feature) == (data.directions, data.chances, "roll_rate")
-    assert [ride.completed for ride in back.rides] == [ride.completed for ride in data.rides]
+    write_data(PAPER, folder, data)
+    back = read_data(PAPER, folder)
+    assert all(back[name].equals(data[name]) for name in ("runs", "validations", "directions", "chances"))
+    assert (back["tracks"]["rider"].iloc[0], back["impacts"]["feature"].iloc[3]) == ("alt3", "roll_rate")
+    assert list(back["rides"]["completed"]) == list(data["rides"]["completed"])
     assert main(["reproduce", "bicycle", "--out", str(tmp_path / "drawn"), "--data", str(folder), "--json"]) == 0
     figures = json.loads(capsys.readouterr().out)["figures"]
     assert figures["statements"] == {"yes": len(STATEMENTS), "no": 0, "open": 0}
@@ -206,8 +195,9 @@ def test_shares_of_the_shipped_actor_sum_to_its_set_points() -> None:
     ride = ride_course(LearnedRider(bundle), "benchmark", 4.0, 35.0)
     found = impacts("whipple", bundle, ride, 6, 1)
     assert len(found) == 6 * bundle.layout.size
-    assert next(iter(weights(tuple(found), "whipple")))
-    sums = [sum(row.shap for row in found if row.observation == n) for n in range(6)]
+    shares = table(PAPER, "impacts", found)
+    assert weights(shares, "whipple").index[0]
+    sums = list(shares.groupby("observation")["shap"].sum())
     assert max(sums) - min(sums) > math.radians(1.0)  # a slalom: set points to both sides of their mean
     assert sum(sums) == pytest.approx(0.0, abs=1e-6)  # the background is the observations themselves
     assert impacts("whipple", bundle, ride[:100], 6, 1) == []
@@ -216,11 +206,11 @@ def test_shares_of_the_shipped_actor_sum_to_its_set_points() -> None:
 def test_postures_and_circles() -> None:
     rows = front_directions()
     assert len(rows) == 9
-    for row in rows:
-        assert [row.formula, row.whipple, row.pybullet] == pytest.approx([row.published] * 3, abs=0.01)
-    found = full_circles(2_000)
-    assert found == full_circles(2_000)
-    assert 0 < found.circles < 20
+    for _, _, published, *found in rows:
+        assert found == pytest.approx([published] * 3, abs=0.01)
+    circles = full_circles(2_000)
+    assert circles == full_circles(2_000)
+    assert 0 < circles < 20
 
 
 @given(st.integers(1, 20), st.integers(0, 20), st.integers(0, 20))
@@ -250,6 +240,6 @@ def test_the_whole_way_and_again(
     words = ["reproduce", "bicycle", "--out", str(tmp_path), "--quick", "--cores", "1", "--json"]
     figures = whole_way(words)
     assert (figures["runs"], figures["runs_finished"], figures["rides"]) == (1, 1, 4)
-    data = read_data(tmp_path / "data", Data)
-    assert {track.rider for track in data.tracks} == {"prop", "stanley", "lqr"}
+    data = read_data(PAPER, tmp_path / "data")
+    assert set(data["tracks"]["rider"]) == {"prop", "stanley", "lqr"}
     again_does_nothing(words, tmp_path, data)

@@ -14,7 +14,7 @@ from bike_sim.course.files import load_track
 from bike_training.cli import main
 from bike_training.curricula.spdl import TARGET_MEAN, TARGET_STD, Gaussian, divergence
 from bike_training.learning.presets import load_preset
-from bike_training.reproduce.data import Run, Validation, read_data, write_data
+from bike_training.reproduce.data import Tables, read_data, table, tables, write_data
 from bike_training.reproduce.figures import learning
 from bike_training.reproduce.paper import all_tables
 from bike_training.reproduce.statement import verdict_table
@@ -23,13 +23,8 @@ from bike_training.reproduce.superbike_results import (
     CIRCUITS,
     KINDS,
     MACHINES,
+    PAPER,
     STATEMENTS,
-    Context,
-    Data,
-    Episodes,
-    Laps,
-    Moment,
-    Transfer,
     best_run,
     circuit_of,
     overshoots,
@@ -45,7 +40,7 @@ FOUND = {
 """Falls, lap time, distance to the line and time off the track of Table I."""
 
 
-def laps(setting: str, seed: int, actor: str) -> Laps:
+def laps(setting: str, seed: int, actor: str) -> tuple[object, ...]:
     """Rides as in the paper, a little different for each seed."""
     kind = setting.partition("_")[0]
     falls, mean, line, outside = FOUND.get((kind, actor), FOUND[kind, "late"])
@@ -55,10 +50,10 @@ def laps(setting: str, seed: int, actor: str) -> Laps:
     whole = 8 - falls
     time, line, outside = (round(value + more, 4) for value in (mean, line, outside))
     time = time if whole else -1.0
-    return Laps(setting, seed, actor, 1000, 8, whole, falls, 0, 3 * whole, time, time, line, outside)
+    return (setting, seed, actor, 1000, 8, whole, falls, 0, 3 * whole, time, time, line, outside)
 
 
-def paper_like() -> Data:
+def paper_like() -> Tables:
     """Tables in which all comes out as in the paper."""
     experiment = SuperbikeExperiment()
     runs, rides, transfers, contexts = [], [], [], []
@@ -66,35 +61,36 @@ def paper_like() -> Data:
         if setting.partition("_")[0] not in KINDS:
             continue
         soon = 100_000 if setting.startswith("spdl") else 200_000
-        runs.append(Run(setting, seed, "finished", 300_000, soon + 1_000 * seed, 300.0))
+        runs.append((setting, seed, "finished", 300_000, soon + 1_000 * seed, 300.0))
         rides += [laps(setting, seed, actor) for actor in ("early", "late", "best")]
         for place, machine in enumerate(MACHINES):
             fell = (setting, machine) == ("spdl_phillip_island", "m1000rr")
             circuit = setting.partition("_")[2] or "barcelona"
             quicker = circuit == "phillip_island" and machine in ("cbr1000rr_r", "r1")
             time = -1.0 if fell else 90.0 + (-1.0 if quicker else 1.0) * place
-            transfers.append(Transfer(setting, seed, circuit, machine, 4, 0 if fell else 4, time, time))
+            transfers.append((setting, seed, circuit, machine, 4, 0 if fell else 4, time, time))
         if setting.startswith("spdl"):
             contexts += [context(setting, seed, number) for number in (1, 2, 3)]
-    return Data(
-        runs=tuple(runs),
-        validations=(Validation("spdl", 0, 10_000, 1, 1.0), Validation("spdl", 0, 20_000, 1, 0.1)),
-        laps=tuple(rides),
-        transfers=tuple(transfers),
-        contexts=tuple(contexts),
-        episodes=tuple(Episodes("spdl", 0, step, 200.0, 0.01 * step) for step in (1_000, 2_000)),
-        moments=tuple(lap_that_runs_wide()),
+    return tables(
+        PAPER,
+        runs=runs,
+        validations=[("spdl", 0, 10_000, 1, 1.0), ("spdl", 0, 20_000, 1, 0.1)],
+        laps=rides,
+        transfers=transfers,
+        contexts=contexts,
+        episodes=[("spdl", 0, step, 200.0, 0.01 * step) for step in (1_000, 2_000)],
+        moments=lap_that_runs_wide(),
     )
 
 
-def context(setting: str, seed: int, number: int) -> Context:
+def context(setting: str, seed: int, number: int) -> tuple[object, ...]:
     kl = 600.0 / 10.0**number
     share = round(0.3 * number, 2)
     figures = (share, round(1.0 - share, 2), 25.0 + 65.0 * share, 0.1, 0.1, 6.0, 0.2, kl, 310.0)
-    return Context(setting, seed, number, 5_000 * number, "towards the target", *figures)
+    return (setting, seed, number, 5_000 * number, "towards the target", *figures)
 
 
-def lap_that_runs_wide(error: float = 3.0) -> list[Moment]:
+def lap_that_runs_wide(error: float = 3.0) -> list[tuple[object, ...]]:
     """A lap on the median of Barcelona, so far outside of the ideal line in each corner to the left."""
     track = load_track("barcelona")
     left = [corner for corner in track.corners if corner.angle > 0.0]
@@ -103,11 +99,11 @@ def lap_that_runs_wide(error: float = 3.0) -> list[Moment]:
         progress = track.length * k / 800
         inside = any(corner.begin <= progress <= corner.end for corner in left)
         x, y, _ = map(float, track.points(np.array([progress]))[0])
-        rows.append(Moment("spdl", 0, 0.1 * k, progress, x, y, 50.0, -error if inside else 0.0))
+        rows.append(("spdl", 0, 0.1 * k, progress, x, y, 50.0, -error if inside else 0.0))
     return rows
 
 
-def verdicts(data: Data) -> dict[str, str]:
+def verdicts(data: Tables) -> dict[str, str]:
     return {f"{each.source}: {each.paper}": each.find(data).agrees for each in STATEMENTS}
 
 
@@ -120,20 +116,17 @@ def test_what_is_as_in_the_paper_agrees_and_what_is_not_does_not() -> None:
         kind, _, circuit = setting.partition("_")
         return f"{other[kind]}_{circuit}" if circuit else other[kind]
 
-    changed = replace(
-        data,
-        runs=tuple(replace(run, setting=swapped(run.setting)) for run in data.runs),
-        laps=tuple(
-            replace(
-                row, setting=swapped(row.setting), walls=1, whole=row.whole - 1 if row.actor == "late" else row.whole
-            )
-            for row in data.laps
-            if row.whole or row.actor == "early"
+    runs, rides, transfers, contexts = (data[name] for name in ("runs", "laps", "transfers", "contexts"))
+    rides = rides[(rides["whole"] > 0) | (rides["actor"] == "early")]
+    changed = data | {
+        "runs": runs.assign(setting=runs["setting"].map(swapped)),
+        "laps": rides.assign(
+            setting=rides["setting"].map(swapped), walls=1, whole=rides["whole"] - (rides["actor"] == "late")
         ),
-        transfers=tuple(replace(row, whole=0) if row.machine in ("r1", "zx10rr") else row for row in data.transfers),
-        moments=tuple(lap_that_runs_wide(0.5)),
-        contexts=tuple(replace(row, kl=600.0 + row.iteration) for row in data.contexts),
-    )
+        "transfers": transfers.assign(whole=transfers["whole"].mask(transfers["machine"].isin(["r1", "zx10rr"]), 0)),
+        "moments": table(PAPER, "moments", lap_that_runs_wide(0.5)),
+        "contexts": contexts.assign(kl=600.0 + contexts["iteration"]),
+    }
     found = verdicts(changed)
     # The other machines that are left are slower all the same, and what is missing of two denies nothing.
     assert {paper.partition(": ")[2] for paper, verdict in found.items() if verdict != "no"} == {
@@ -141,22 +134,22 @@ def test_what_is_as_in_the_paper_agrees_and_what_is_not_does_not() -> None:
         "the Kawasaki transfers best, 0.87 s slower in Barcelona",
         "Honda and Yamaha lap Phillip Island faster than the trained machine",
     }
-    quick = tuple(replace(row, best=80.0) if row.machine == "r1" else row for row in data.transfers)
-    assert "no" in {each.find(replace(data, transfers=quick)).agrees for each in STATEMENTS}
+    quick = data | {"transfers": transfers.assign(best=transfers["best"].mask(transfers["machine"] == "r1", 80.0))}
+    assert "no" in verdicts(quick).values()
 
 
 def test_a_flying_lap_is_behind_the_start_line() -> None:
     """Its progress goes on from the lap before."""
     data, length = paper_like(), load_track("barcelona").length
-    later = replace(data, moments=tuple(replace(row, progress=row.progress + length) for row in data.moments))
+    later = data | {"moments": data["moments"].assign(progress=lambda rows: rows["progress"] + length)}
     assert overshoots(later, "spdl") == overshoots(data, "spdl")
     assert max(overshoots(data, "spdl").values()) == 3.0
 
 
 def test_nothing_is_said_of_what_was_not_done() -> None:
-    assert set(verdicts(Data()).values()) == {"open"}
+    assert set(verdicts(tables(PAPER)).values()) == {"open"}
     few = paper_like()
-    few = replace(few, laps=tuple(row for row in few.laps if row.seed < 2), runs=few.runs[:12])
+    few |= {"laps": few["laps"][few["laps"]["seed"] < 2], "runs": few["runs"][:12]}
     found = verdicts(few)
     assert found["Sect. VI-B: SPDL converges faster than SAC"] == "open"
     assert found["Table I, late: SPDL laps faster, 1:30.75 against 1:31.32"] == "open"
@@ -165,16 +158,16 @@ def test_nothing_is_said_of_what_was_not_done() -> None:
 
 def test_a_run_without_a_whole_validation_counts_as_late() -> None:
     data = paper_like()
-    runs = tuple(replace(run, finished_at=-1) if run.setting == "spdl" else run for run in data.runs)
-    assert verdicts(replace(data, runs=runs))["Sect. VI-B: SPDL converges faster than SAC"] == "no"
+    data["runs"].loc[data["runs"]["setting"] == "spdl", "finished_at"] = -1
+    assert verdicts(data)["Sect. VI-B: SPDL converges faster than SAC"] == "no"
 
 
 def test_the_best_run_is_whole_first_and_quick_second() -> None:
     data = paper_like()
     assert best_run(data, "spdl") == 0
-    worse = [replace(row, whole=7) if (row.seed, row.actor) == (0, "best") else row for row in data.laps]
-    assert best_run(replace(data, laps=tuple(worse)), "spdl") == 1
-    assert best_run(Data(), "spdl") is None
+    data["laps"].loc[(data["laps"]["seed"] == 0) & (data["laps"]["actor"] == "best"), "whole"] = 7
+    assert best_run(data, "spdl") == 1
+    assert best_run(tables(PAPER), "spdl") is None
 
 
 def test_outside_is_to_the_right_of_a_corner_to_the_left() -> None:
@@ -203,9 +196,9 @@ def test_both_settings_differ_in_their_curriculum_alone() -> None:
 def test_tables_come_back_and_are_drawn_without_learning(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     data, folder = paper_like(), tmp_path / "data"
     folder.mkdir()
-    write_data(folder, data)
-    back = read_data(folder, Data)
-    assert (back.runs, back.laps, back.contexts) == (data.runs, data.laps, data.contexts)
+    write_data(PAPER, folder, data)
+    back = read_data(PAPER, folder)
+    assert all(back[name].equals(data[name]) for name in ("runs", "laps", "contexts"))
     assert main(["reproduce", "superbike", "--out", str(tmp_path / "drawn"), "--data", str(folder), "--json"]) == 0
     figures = json.loads(capsys.readouterr().out)["figures"]
     assert figures["statements"] == {"yes": len(STATEMENTS), "no": 0, "open": 0}
@@ -221,16 +214,15 @@ def test_tables_come_back_and_are_drawn_without_learning(tmp_path: Path, capsys:
 def test_learning_is_drawn_for_each_circuit_that_was_learned_on() -> None:
     from matplotlib import pyplot as plt
 
-    whole = paper_like()
-    episodes = tuple(Episodes("sac_cremona", 1, step, 200.0, 0.01 * step) for step in (1_000, 2_000))
-    whole = replace(whole, episodes=episodes)
-    cremona = replace(whole, runs=tuple(run for run in whole.runs if circuit_of(run.setting) == "cremona"))
-    for data, circuits in ((whole, list(CIRCUITS)), (cremona, ["cremona"]), (Data(), ["barcelona"])):
+    episodes = [("sac_cremona", 1, step, 200.0, 0.01 * step) for step in (1_000, 2_000)]
+    whole, nothing = paper_like() | {"episodes": table(PAPER, "episodes", episodes)}, tables(PAPER)
+    cremona = whole | {"runs": whole["runs"][whole["runs"]["setting"].map(circuit_of) == "cremona"]}
+    for data, circuits in ((whole, list(CIRCUITS)), (cremona, ["cremona"]), (nothing, ["barcelona"])):
         figure = learning(data, plt)
         top = {axes.get_title(): axes for axes in figure.axes if axes.get_title()}
         assert list(top) == circuits
         lines = [(circuit, list(line.get_xdata())) for circuit, axes in top.items() for line in axes.lines]
-        assert (("cremona", [1_000, 2_000]) in lines) == (data != Data())
+        assert (("cremona", [1_000, 2_000]) in lines) == (data is not nothing)
         assert sum(steps == [1_000, 2_000] for _, steps in lines) <= 1
         plt.close(figure)
 
@@ -247,14 +239,14 @@ def test_the_whole_way_and_again(
     words = ["reproduce", "superbike", "--out", str(tmp_path), "--quick", "--cores", "1", "--json"]
     figures = whole_way(words)
     assert (figures["runs"], figures["runs_finished"], figures["rides"]) == (2, 2, 12)
-    data = read_data(tmp_path / "data", Data)
-    assert {(row.setting, row.actor) for row in data.laps} == {
+    data = read_data(PAPER, tmp_path / "data")
+    assert set(data["laps"][["setting", "actor"]].itertuples(index=False, name=None)) == {
         (setting, actor) for setting in ("spdl", "sac") for actor in ("early", "late", "best")
     }
-    assert {row.step for row in data.laps if row.actor == "early"} == {244}
-    assert {row.machine for row in data.transfers} == {"panigale_v4r", "r1"}
-    last = max(data.contexts, key=lambda row: row.iteration)
-    assert {row.setting for row in data.contexts} == {"spdl"}
+    assert set(data["laps"][data["laps"]["actor"] == "early"]["step"]) == {244}
+    assert set(data["transfers"]["machine"]) == {"panigale_v4r", "r1"}
+    last = data["contexts"].loc[data["contexts"]["iteration"].idxmax()]
+    assert set(data["contexts"]["setting"]) == {"spdl"}
     assert last.stage == "towards the target"
     # What is written is the divergence of the distribution that is written.
     mean = [last.d_median, last.d_ideal, (last.v_max - 25.0) / 65.0]

@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         plan = make_plan(sweep, args.out)
         data = collect(paper, plan, experiment, quiet=args.json)
         make_folder("--out", args.out / DATA)
-        write_data(args.out / DATA, data)
+        write_data(paper.file, args.out / DATA, data)
         return _outcome(args, data, ok=not interrupted and all(each.finished for each in plan.runs))
 
 
@@ -91,7 +91,7 @@ def run_drawing(args: argparse.Namespace) -> dict[str, Any]:
         ValueError: a table is another one.
         FileNotFoundError: one is missing.
     """
-    data = read_data(args.data, PAPERS[args.paper].tables)
+    data = read_data(PAPERS[args.paper].file, args.data)
     make_folder("--out", args.out)
     return _outcome(args, data, ok=True)
 
@@ -118,9 +118,9 @@ def _outcome(args: argparse.Namespace, data: Any, ok: bool) -> dict[str, Any]:
         if not ok:
             print("the same command does what is missing")
     figures = {
-        "runs": len(data.runs),
-        "runs_finished": sum(run.status == "finished" for run in data.runs),
-        "curricula_finished": sum(run.finished_at >= 0 for run in data.runs),
+        "runs": len(data["runs"]),
+        "runs_finished": int((data["runs"]["status"] == "finished").sum()),
+        "curricula_finished": int((data["runs"]["finished_at"] >= 0).sum()),
         **paper.counts(data),
         "statements": {verdict: verdicts.count(verdict) for verdict in (YES, NO, OPEN)},
         "files": [str(path) for path in drawn],

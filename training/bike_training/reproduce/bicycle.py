@@ -32,20 +32,8 @@ from bike_sim.validation import bicycle as validation
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.learning.presets import load_preset
 from bike_training.learning.progress import stored_actor
-from bike_training.reproduce.bicycle_results import (
-    STATEMENTS,
-    TABLES,
-    Chance,
-    Data,
-    Direction,
-    Impact,
-    Instant,
-    Rides,
-    SteeringStep,
-    Track,
-    controller_1,
-)
-from bike_training.reproduce.data import Tables
+from bike_training.reproduce.bicycle_results import PAPER, STATEMENTS, TABLES, controller_1
+from bike_training.reproduce.data import Tables, table
 from bike_training.reproduce.figures import BICYCLE_FIGURES
 from bike_training.reproduce.paper import Advance, Experiment, Paper, Rows
 from bike_training.rollout.evaluation import SPEEDS, evaluate
@@ -213,7 +201,7 @@ def ride(folder: Path, setting: str, seed: int, experiment: BicycleExperiment, a
     finally:
         client.close()
     rows = [
-        Rides(setting, seed, course, ride["speed_m_s"], ride["completed"], ride["mean_m"], ride["max_m"])
+        (setting, seed, course, ride["speed_m_s"], ride["completed"], ride["mean_m"], ride["max_m"])
         for course, key in (("benchmark", "rides"), ("random", "random"))
         for ride in figures[key]
     ]
@@ -255,22 +243,24 @@ def ride_junction(riders: Sequence[tuple[str, Rider]]) -> list[Any]:
         ridden = ride_course(rider, JUNCTION, JUNCTION_SPEED)
         for snapshot in ridden:
             state, look = snapshot.state, snapshot.look
-            place = (state[st.X], state[st.Y], look[lk.FRONT_X], look[lk.FRONT_Y])
-            errors = (look[lk.LATERAL_ERROR], look[lk.FRONT_LATERAL_ERROR])
-            time, x, y, front_x, front_y, rear, front = map(float, (snapshot.time, *place, *errors))
-            rows.append(Track(name, time, x, y, front_x, front_y, rear, front, ridden[-1].finished))
+            errors = look[[lk.LATERAL_ERROR, lk.FRONT_LATERAL_ERROR]]
+            places = *state[[st.X, st.Y]], *look[[lk.FRONT_X, lk.FRONT_Y]]
+            rows.append((name, snapshot.time, *places, *errors, ridden[-1].finished))
     return rows
 
 
 def instants(ride: Sequence[Snapshot]) -> list[Any]:
     """Return every second instant of a ride."""
-    rows = []
-    for snapshot in ride[::_INSTANT_EVERY]:
-        state, look = snapshot.state, snapshot.look
-        places = (look[lk.PROGRESS], state[st.X], state[st.Y], look[lk.FRONT_X], look[lk.FRONT_Y])
-        angles = (state[st.ROLL], state[st.STEER], look[lk.CURVATURE])
-        rows.append(Instant(*map(float, (*places, *angles))))
-    return rows
+    return [
+        (
+            each.look[lk.PROGRESS],
+            *each.state[[st.X, st.Y]],
+            *each.look[[lk.FRONT_X, lk.FRONT_Y]],
+            *each.state[[st.ROLL, st.STEER]],
+            each.look[lk.CURVATURE],
+        )
+        for each in ride[::_INSTANT_EVERY]
+    ]
 
 
 def impacts(policy: str, bundle: Bundle, ride: Sequence[Snapshot], observations: int, permutations: int) -> list[Any]:
@@ -295,7 +285,7 @@ def impacts(policy: str, bundle: Bundle, ride: Sequence[Snapshot], observations:
     chosen = np.unique(np.linspace(0, len(seen) - 1, min(observations, len(seen))).round().astype(int))
     found = explain(bundle, np.array(seen)[chosen], permutations=permutations, background=len(chosen), silent=True)
     return [
-        Impact(policy, number, name, float(found.features[number, place]), float(found.values[number, place]))
+        (policy, number, name, found.features[number, place], found.values[number, place])
         for number in range(len(chosen))
         for place, name in enumerate(layout.names)
     ]
@@ -311,7 +301,7 @@ def front_directions() -> list[Any]:
         formula = kinematics.front_direction(*posture, vehicle.parameters)
         rolled = {kind: validation.front_direction(engine, *posture) for kind, engine in engines.items()}
         found = (math.degrees(each) for each in (formula, rolled["whipple"], rolled["pybullet"]))
-        rows.append(Direction(roll, steer, published, *found))
+        rows.append((roll, steer, published, *found))
     for engine in engines.values():
         engine.close()
     return rows
@@ -329,13 +319,11 @@ def steering_step() -> list[Any]:
             engine.close()
 
     whipple, pybullet = (response(make_bicycle_engine(kind, vehicle, 0.001)) for kind in ("whipple", "pybullet"))
-    return [SteeringStep(0.0, 0.0, 0.0)] + [
-        SteeringStep(1e-3 * (k + 1), float(whipple[k]), float(pybullet[k]))
-        for k in range(_STEP_EVERY - 1, len(whipple), _STEP_EVERY)
-    ]
+    later = range(_STEP_EVERY - 1, len(whipple), _STEP_EVERY)
+    return [(0.0, 0.0, 0.0), *((1e-3 * (k + 1), whipple[k], pybullet[k]) for k in later)]
 
 
-def full_circles(paths: int) -> Any:
+def full_circles(paths: int) -> int:
     """Draw paths of the last part of the curriculum and count those with a full circle."""
     rng = np.random.default_rng(0)
 
@@ -345,7 +333,7 @@ def full_circles(paths: int) -> Any:
         return max(same, default=0) >= IN_A_ROW
 
     drawn = (random_elements(rng, CURRICULUM_PATHS[-1], PATH_LENGTH) for _ in range(paths))
-    return Chance(paths, PATH_LENGTH, sum(has_circle(elements) for elements in drawn))
+    return sum(has_circle(elements) for elements in drawn)
 
 
 def add_details(data: Tables, folders: Mapping[tuple[str, int], Path], experiment: BicycleExperiment) -> Tables:
@@ -360,28 +348,29 @@ def add_details(data: Tables, folders: Mapping[tuple[str, int], Path], experimen
     found = {name: controller(folders[name, seed], name, experiment.which) for name, seed in chosen if seed is not None}
     best = {name: bundle for name, bundle in found.items() if bundle is not None}
     riders = [(name, LearnedRider(bundle)) for name, bundle in best.items()]
-    ridden_by_prop: tuple[Any, ...] = ()
+    ride: list[Any] = []
     shares: list[Any] = []
     for name, bundle in {**({"prop": best["prop"]} if "prop" in best else {}), SHIPPED: load_bundle(SHIPPED)}.items():
         ridden = ride_course(LearnedRider(bundle), COURSE, SPEED, experiment.longest)
         if name == "prop":
-            ridden_by_prop = tuple(instants(ridden))
+            ride = instants(ridden)
         shares += impacts(name, bundle, ridden, experiment.explained, experiment.permutations)
-    return data.with_rows(
-        tracks=tuple(ride_junction([*riders, *((name, make_rider(name)) for name in ("stanley", "lqr"))])),
-        ride=ridden_by_prop,
-        impacts=tuple(shares),
-        directions=tuple(front_directions()),
-        steering=tuple(steering_step()),
-        chances=(full_circles(experiment.paths),),
-    )
+    rows = {
+        "tracks": ride_junction([*riders, *((name, make_rider(name)) for name in ("stanley", "lqr"))]),
+        "ride": ride,
+        "impacts": shares,
+        "directions": front_directions(),
+        "steering": steering_step(),
+        "chances": [(experiment.paths, PATH_LENGTH, full_circles(experiment.paths))],
+    }
+    return data | {name: table(PAPER, name, each) for name, each in rows.items()}
 
 
 BICYCLE: Final[Paper[BicycleExperiment]] = Paper(
     name="bicycle",
+    file=PAPER,
     experiment=BicycleExperiment(),
     quick=QUICK,
-    tables=Data,
     error="mean_error_m",
     unit=DISTANCE_THRESHOLD,
     ridden=("rides",),
@@ -391,5 +380,5 @@ BICYCLE: Final[Paper[BicycleExperiment]] = Paper(
     statements=STATEMENTS,
     figures=BICYCLE_FIGURES,
     written=TABLES,
-    counts=lambda data: {"rides": len(data.rides), "rides_completed": sum(ride.completed for ride in data.rides)},
+    counts=lambda data: {"rides": len(data["rides"]), "rides_completed": int(data["rides"]["completed"].sum())},
 )

@@ -2,170 +2,127 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, fields, make_dataclass, replace
 from importlib import resources
 from pathlib import Path
-from typing import Any, Final, TypeVar, get_type_hints
+from typing import Any, Final
 
+import pandas as pd
 import yaml
 
-_FILE, _KIND = "file", "kind"
-_COLUMNS: Final[Mapping[str, type]] = {"str": str, "int": int, "float": float, "bool": bool}
+Tables = dict[str, pd.DataFrame]
+"""The tables of a paper by their names in its file."""
+PaperFile = Mapping[str, Any]
+"""Content of a paper's file: tables of its experiments, statements, and published figures."""
+
+_OF_RUN: Final = {"setting": "str", "seed": "int"}
+"""Columns of a table about learning runs, which come first."""
+_COMMON: Final[Mapping[str, Any]] = {
+    "runs": {
+        "file": "runs.csv",
+        "of_run": True,
+        "columns": {
+            "status": ["str", "as in a sweep."],
+            "steps": ["int", "learning steps made."],
+            "finished_at": ["int", "learning step at which the curriculum ended; -1 where it has not."],
+            "cpu_seconds": ["float", "processor time of its last attempt, s; -1 where it has not ended."],
+        },
+    },
+    "validations": {
+        "file": "validations.csv",
+        "of_run": True,
+        "columns": {
+            "step": ["int", "learning step."],
+            "part": ["int", "of the curriculum."],
+            "error": ["float", "mean of its errors, as the paper defines them."],
+        },
+    },
+}
+"""Tables that every paper has."""
 
 
-def read_paper(name: str) -> dict[str, Any]:
+def read_paper(name: str) -> PaperFile:
     """Return what is known of a paper: tables of its experiments, statements, and published figures."""
     file = resources.files("bike_training") / "reproduce" / f"{name}.yaml"
-    found: dict[str, Any] = yaml.load(file.read_text(encoding="utf-8"), getattr(yaml, "CSafeLoader", yaml.SafeLoader))
-    return found
+    found = yaml.load(file.read_text(encoding="utf-8"), getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    return {**found, "tables": _COMMON | found["tables"]}
 
 
-def table(file: str, kind: type[Any]) -> Any:
-    """Return an attribute of `Tables`: the rows of a file, of one kind."""
-    return field(default=(), metadata={_FILE: file, _KIND: kind})
-
-
-@dataclass(frozen=True)
-class RunRow:
-    """A row about a learning run.
-
-    Attributes:
-        setting: name of its setting.
-        seed: of the run.
-    """
-
-    setting: str
-    seed: int
-
-
-@dataclass(frozen=True)
-class Run(RunRow):
-    """A learning run.
-
-    Attributes:
-        status: as in a sweep.
-        steps: learning steps made.
-        finished_at: learning step at which the curriculum ended; -1 where it has not.
-        cpu_seconds: processor time of its last attempt, s; -1 where it has not ended.
-    """
-
-    status: str
-    steps: int
-    finished_at: int
-    cpu_seconds: float
-
-
-@dataclass(frozen=True)
-class Validation(RunRow):
-    """A validation of a run.
-
-    Attributes:
-        step: learning step.
-        part: of the curriculum.
-        error: mean of its errors, as the paper defines them.
-    """
-
-    step: int
-    part: int
-    error: float
-
-
-@dataclass(frozen=True)
-class Tables:
-    """The tables of every paper; `tables_of` adds those of one."""
-
-    runs: tuple[Run, ...] = table("runs.csv", Run)
-    validations: tuple[Validation, ...] = table("validations.csv", Validation)
-
-    def with_rows(self, **tables: tuple[Any, ...]) -> Tables:
-        """Return the tables with others in the place of some, by their names."""
-        return replace(self, **tables)
-
-    def __getattr__(self, name: str) -> Any:
-        """Refuse a table that the paper does not have.
-
-        Raises:
-            AttributeError: always.
-        """
-        raise AttributeError(f"no table {name!r}")
-
-
-def tables_of(paper: Mapping[str, Any]) -> type[Tables]:
-    """Return the kind of the tables of a paper, whose rows are records.
+def table(paper: PaperFile, name: str, rows: Iterable[Any] = ()) -> pd.DataFrame:
+    """Return a table of a paper.
 
     Args:
         paper: from `read_paper`.
+        name: of the table.
+        rows: values in the order of its columns.
     """
-    found = []
-    for name, entry in paper["tables"].items():
-        columns = [(column, _COLUMNS[kind]) for column, (kind, _) in entry["columns"].items()]
-        kind = make_dataclass(entry["row"], columns, bases=(RunRow,) if entry.get("of_run") else (), frozen=True)
-        found.append((name, tuple[kind, ...], table(entry["file"], kind)))  # type: ignore[valid-type]
-    return make_dataclass("Data", found, bases=(Tables,), frozen=True)
+    kinds = _kinds(paper, name)
+    return pd.DataFrame(list(rows), columns=list(kinds)).astype(kinds)
 
 
-def row_kinds(tables: type[Tables]) -> tuple[Any, ...]:
-    """Return the kinds of the rows of a paper's own tables, in their order."""
-    return tuple(spec.metadata[_KIND] for spec in fields(tables)[len(fields(Tables)) :])
+def tables(paper: PaperFile, **rows: Iterable[Any]) -> Tables:
+    """Return all tables of a paper with some rows, by the names of the tables; the others are empty."""
+    return {name: table(paper, name, rows.get(name, ())) for name in paper["tables"]}
 
 
-Row = TypeVar("Row")
+def _kinds(paper: PaperFile, name: str) -> dict[str, str]:
+    entry = paper["tables"][name]
+    own = {column: kind for column, (kind, _) in entry["columns"].items()}
+    return {**_OF_RUN, **own} if entry.get("of_run") else own
 
 
-def table_of(tables: type[Tables], name: str) -> tuple[str, type[Any]]:
-    """Return the file of a table, and the kind of its rows."""
-    metadata = next(spec for spec in fields(tables) if spec.name == name).metadata
-    return metadata[_FILE], metadata[_KIND]
+def select(frame: pd.DataFrame, **values: Any) -> pd.DataFrame:
+    """Return the rows whose columns have given values; a list or tuple names several."""
+    for name, value in values.items():
+        frame = frame[frame[name].isin(value if isinstance(value, list | tuple) else [value])]
+    return frame
 
 
-def write_rows(path: Path, kind: type[Row], rows: Iterable[Row]) -> None:
+def file_of(paper: PaperFile, name: str, folder: Path) -> Path:
+    """Return the file of a table in a folder."""
+    return folder / str(paper["tables"][name]["file"])
+
+
+def write_table(paper: PaperFile, name: str, folder: Path, rows: pd.DataFrame) -> None:
     """Write a table, and replace an old one only when it is whole."""
-    names = list(get_type_hints(kind))
+    path = file_of(paper, name, folder)
     part = path.with_suffix(".part")
-    with part.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(names)
-        for row in rows:
-            values = (getattr(row, name) for name in names)
-            writer.writerow([f"{value:.6g}" if isinstance(value, float) else value for value in values])
+    rows.to_csv(part, index=False, float_format="%.6g", na_rep="nan", lineterminator="\r\n")
     part.replace(path)
 
 
-def read_rows(path: Path, kind: type[Row]) -> tuple[Row, ...]:
+def read_table(paper: PaperFile, name: str, folder: Path) -> pd.DataFrame:
     """Read a table.
 
     Raises:
         FileNotFoundError: there is none.
         ValueError: it is another table, or has a value that means nothing.
     """
-    kinds = get_type_hints(kind)
-
-    def value_of(text: str, kind: type) -> Any:
-        if kind is bool and text not in ("True", "False"):
-            raise ValueError(f"{path}: {text!r} is neither True nor False")
-        return text == "True" if kind is bool else kind(text)
-
-    with path.open(newline="", encoding="utf-8") as file:
-        reader = csv.DictReader(file)
-        if list(reader.fieldnames or ()) != list(kinds):
-            raise ValueError(f"{path} must have the columns {', '.join(kinds)}")
-        return tuple(kind(**{name: value_of(record[name], kinds[name]) for name in kinds}) for record in reader)
+    kinds, path = _kinds(paper, name), file_of(paper, name, folder)
+    if list(pd.read_csv(path, nrows=0).columns) != list(kinds):
+        raise ValueError(f"{path} must have the columns {', '.join(kinds)}")
+    try:
+        return pd.read_csv(path, dtype=kinds, keep_default_na=False, na_values="nan")  # type: ignore[arg-type]
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
 
 
-def write_data(folder: Path, data: Tables) -> None:
+def write_data(paper: PaperFile, folder: Path, data: Tables) -> None:
     """Write all tables into a folder."""
-    for spec in fields(data):
-        write_rows(folder / spec.metadata[_FILE], spec.metadata[_KIND], getattr(data, spec.name))
+    for name, rows in data.items():
+        write_table(paper, name, folder, rows)
 
 
-def read_data(folder: Path, kind: type[Tables]) -> Tables:
+def read_data(paper: PaperFile, folder: Path) -> Tables:
     """Read all tables of a folder.
 
     Raises:
         FileNotFoundError: one is missing.
         ValueError: one is of another kind.
     """
-    found = {spec.name: read_rows(folder / spec.metadata[_FILE], spec.metadata[_KIND]) for spec in fields(kind)}
-    return kind(**found)
+    return {name: read_table(paper, name, folder) for name in paper["tables"]}
+
+
+def last_steps(runs: pd.DataFrame) -> Any:
+    """Return the learning step at which each run ended its curriculum, or its last one where it has not."""
+    return runs["finished_at"].where(runs["finished_at"] >= 0, runs["steps"]).to_numpy(float)

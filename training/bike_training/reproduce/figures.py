@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from operator import itemgetter
 from typing import Any, Final
 
 import numpy as np
+import pandas as pd
 
 from bike_sim.course.course import Course
 from bike_sim.course.files import load_course, load_track
@@ -16,7 +15,7 @@ from bike_sim.planning.line_cache import track_with_line
 from bike_sim.vehicles.files import load_superbike
 from bike_training.explain.drawing import SYMBOLS
 from bike_training.reproduce.bicycle_results import controller_1, finished_at, mean_distance, weights
-from bike_training.reproduce.data import Tables
+from bike_training.reproduce.data import Tables, select
 from bike_training.reproduce.statement import interval
 from bike_training.reproduce.superbike_results import (
     CIRCUITS,
@@ -24,7 +23,6 @@ from bike_training.reproduce.superbike_results import (
     MACHINE,
     circuit_of,
     overshoots,
-    path_of,
     setting_of,
 )
 
@@ -41,27 +39,25 @@ _LEARNING: Final = ("prop", "alt1", "alt2", "alt5")
 
 
 def _settings(data: Tables) -> list[str]:
-    known = {run.setting for run in data.runs}
+    known = set(data["runs"]["setting"])
     return [name for name in _SETTINGS if name in known]
 
 
 def _steps(data: Tables, plt: Any) -> Any:
     """Fig. 8: learning steps until the curriculum is ended, dots for runs, bars for means with 95 % intervals."""
     figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
-    names = _settings(data)
+    names, labels = _settings(data), []
     for place, name in enumerate(names):
-        done = finished_at(data, name)
+        done, runs = finished_at(data, name), select(data["runs"], setting=name)
         if len(done):
             low, high = interval(done)
             axes.bar(place, done.mean(), color=_COLOURS[name], alpha=0.4)
             axes.plot([place, place], [low, high], color="k", lw=1)
             axes.plot(np.full(len(done), place), done, "o", color=_COLOURS[name])
-        open_runs = [run.steps for run in data.runs if run.setting == name and run.finished_at < 0]
+        open_runs = runs[runs["finished_at"] < 0]["steps"]
         axes.plot(np.full(len(open_runs), place), open_runs, "x", color=_COLOURS[name])
-    marked = [
-        f"{name}{'*' if any(r.setting == name and r.finished_at < 0 for r in data.runs) else ''}" for name in names
-    ]
-    axes.set_xticks(range(len(names)), marked)
+        labels.append(f"{name}*" if len(open_runs) else name)
+    axes.set_xticks(range(len(names)), labels)
     axes.set(
         ylabel="learning steps", title="Fig. 8: steps to the end of the curriculum (*, x: not ended)", ylim=(0, None)
     )
@@ -73,16 +69,15 @@ def _learning(data: Tables, plt: Any) -> Any:
     figure, (top, bottom) = plt.subplots(2, 1, figsize=(7, 7), sharex=True, layout="constrained")
     for name in [name for name in _settings(data) if name in _LEARNING]:
         curves = []
-        for seed in sorted({run.seed for run in data.runs if run.setting == name}):
-            rows = sorted(
-                (row for row in data.validations if (row.setting, row.seed) == (name, seed)), key=lambda row: row.step
-            )
-            if not rows:
+        rows_of_seed = dict(iter(select(data["validations"], setting=name).sort_values("step").groupby("seed")))
+        for _, seed, end in (
+            select(data["runs"], setting=name)[["seed", "finished_at"]].sort_values("seed").itertuples()
+        ):
+            if seed not in rows_of_seed:
                 continue
-            steps = np.array([row.step for row in rows], float)
-            curves.append((steps, _averaged([row.error for row in rows])))
-            ends = [run.finished_at for run in data.runs if (run.setting, run.seed) == (name, seed)]
-            parts = [*((row.step, row.part) for row in rows), *((end, 5) for end in ends if end >= 0)]
+            rows = rows_of_seed[seed]
+            curves.append((rows["step"].to_numpy(float), _averaged(rows["error"])))
+            parts = [*zip(rows["step"], rows["part"], strict=True), *([(end, 5)] if end >= 0 else [])]
             bottom.step(*zip(*parts, strict=True), where="post", color=_COLOURS[name], lw=1)
         if curves:
             grid = np.linspace(min(c[0][0] for c in curves), max(c[0][-1] for c in curves), 200)
@@ -98,7 +93,7 @@ def _learning(data: Tables, plt: Any) -> Any:
     return figure
 
 
-def _averaged(values: Sequence[float]) -> Any:
+def _averaged(values: Any) -> Any:
     """Return the mean of the last validations at each one."""
     sums = np.cumsum(np.concatenate([[0.0], values]))
     last = np.arange(1, len(sums))
@@ -112,22 +107,19 @@ def _distances(data: Tables, plt: Any) -> Any:
     for axes, course, kind in ((top, "random", "paths"), (middle, "benchmark", "path")):
         for name in _settings(data):
             points = mean_distance(data, name, course)
-            if not points:
+            if points.empty:
                 continue
-            axes.plot(list(points), [mean for mean, _ in points.values()], ":", color=_COLOURS[name], lw=1)
-            for speed, (mean, whole) in points.items():
+            axes.plot(points.index, points["mean"], ":", color=_COLOURS[name], lw=1)
+            for speed, mean, whole in points.itertuples():
                 axes.plot(speed, mean, "o", color=_COLOURS[name], alpha=1.0 if whole else 0.3, ms=4)
             axes.plot([], [], "o", color=_COLOURS[name], label=name)
         axes.set(ylabel="T(v) / m", title=f"Fig. 10: {course} {kind} (pale: a controller fails)", ylim=(0, None))
         if axes.has_data():
             axes.legend()
     for name in ("prop", "alt3"):
-        seed = controller_1(data, name)
-        rides = [r for r in data.rides if (r.setting, r.seed, r.course) == (name, seed, "benchmark")]
-        speeds = [ride.speed for ride in rides]
-        if rides:
-            bottom.plot(speeds, [ride.mean for ride in rides], "o-", color=_COLOURS[name], ms=3, label=f"{name}: mean")
-            bottom.plot(speeds, [r.largest for r in rides], "s--", color=_COLOURS[name], ms=3, label=f"{name}: maximum")
+        rides = select(data["rides"], setting=name, seed=controller_1(data, name), course="benchmark")
+        for column, style, label in (("mean", "o-", "mean"), ("largest", "s--", "maximum")) if len(rides) else ():
+            bottom.plot(rides["speed"], rides[column], style, color=_COLOURS[name], ms=3, label=f"{name}: {label}")
     if bottom.has_data():
         bottom.legend()
     bottom.set(xlabel="v / (m/s)", ylabel="distance / m", title="controller 1 on the benchmark path", ylim=(0, None))
@@ -139,11 +131,10 @@ def _junction(data: Tables, plt: Any) -> Any:
     figure, axes = plt.subplots(figsize=(7, 6), layout="constrained")
     course = load_course("junction")
     axes.plot(course.x, course.y, color="0.6", lw=4, label="path")
-    for place, name in enumerate(dict.fromkeys(row.rider for row in data.tracks)):
-        rows = [row for row in data.tracks if row.rider == name]
-        colour = _COLOURS.get(name, f"C{6 + place}")
-        axes.plot([row.front_x for row in rows], [row.front_y for row in rows], color=colour, label=name)
-        axes.plot([row.x for row in rows], [row.y for row in rows], ":", color=colour, lw=1)
+    for place, (name, rows) in enumerate(data["tracks"].groupby("rider", sort=False)):
+        colour = _COLOURS.get(str(name), f"C{6 + place}")
+        axes.plot(rows["front_x"], rows["front_y"], color=colour, label=name)
+        axes.plot(rows["x"], rows["y"], ":", color=colour, lw=1)
     axes.set(xlabel="x / m", ylabel="y / m", title="Fig. 11: junction at 4 m/s (dotted: rear contact)")
     axes.set(aspect="equal", xlim=(-4.0, 20.0), ylim=(-12.0, 5.0))
     axes.legend(loc="lower right")
@@ -171,16 +162,15 @@ def _roll_and_steer(data: Tables, plt: Any) -> Any:
     """Fig. 12: roll, steer and the negated curvature over the first 200 m, and the start of the full circle."""
     figure, (whole, close) = plt.subplots(1, 2, figsize=(11, 4), layout="constrained", width_ratios=(5, 2))
     course = load_course("benchmark")
-    rows = [row for row in data.ride if row.progress <= _LENGTH]
+    rows = data["ride"][data["ride"]["progress"] <= _LENGTH]
     begin = dict(course.sections)["full circle"]
-    for axes, shown in ((whole, rows), (close, [row for row in rows if begin - 5.0 <= row.progress <= begin + 7.0])):
-        along = [row.progress for row in shown]
+    for axes, shown in ((whole, rows), (close, rows[rows["progress"].between(begin - 5.0, begin + 7.0)])):
         axes.axhline(0.0, color="0.8", lw=0.8)
-        axes.plot(along, np.degrees([row.roll for row in shown]), color="C0", label="roll φ / °")
-        axes.plot(along, np.degrees([row.steer for row in shown]), color="C1", label="steer δ / °")
+        axes.plot(shown["progress"], np.degrees(shown["roll"]), color="C0", label="roll φ / °")
+        axes.plot(shown["progress"], np.degrees(shown["steer"]), color="C1", label="steer δ / °")
         axes.set_xlabel("along the path / m")
     turn = whole.twinx()
-    turn.plot([row.progress for row in rows], [-row.curvature for row in rows], "k:", lw=1, label="-κ / (1/m)")
+    turn.plot(rows["progress"], -rows["curvature"], "k:", lw=1, label="-κ / (1/m)")
     turn.set_ylabel("-κ / (1/m)")
     handles, names = (
         a + b for a, b in zip(whole.get_legend_handles_labels(), turn.get_legend_handles_labels(), strict=True)
@@ -198,15 +188,13 @@ def _frames(data: Tables, plt: Any) -> Any:
     course = load_course("benchmark")
     track = axes["T"]
     track.plot(course.x, course.y, color="0.75", lw=3, label="path")
-    track.plot([row.x for row in data.ride], [row.y for row in data.ride], color="C0", lw=1, label="rear contact P")
-    sections = dict(course.sections)
-    for name, section, into in _FRAMES:
-        if not data.ride:
-            break
-        row = min(data.ride, key=lambda row: abs(row.progress - sections[section] - into))
+    ride, sections = data["ride"], dict(course.sections)
+    track.plot(ride["x"], ride["y"], color="C0", lw=1, label="rear contact P")
+    for name, section, into in _FRAMES if len(ride) else ():
+        row = ride.iloc[(ride["progress"] - sections[section] - into).abs().argmin()]
         track.annotate(f"({name})", (row.x, row.y), xytext=(6, 6), textcoords="offset points")
         track.plot(row.x, row.y, "k.", ms=6)
-        _frame(axes[name], course, data, row)
+        _frame(axes[name], course, ride, row)
         axes[name].set_title(
             f"({name}) φ {np.degrees(row.roll):+.1f}°, δ {np.degrees(row.steer):+.1f}°", fontsize="small"
         )
@@ -215,10 +203,10 @@ def _frames(data: Tables, plt: Any) -> Any:
     return figure
 
 
-def _frame(axes: Any, course: Course, data: Tables, row: Any) -> None:
+def _frame(axes: Any, course: Course, ride: pd.DataFrame, row: Any) -> None:
     """Draw a bicycle from above: its wheelbase, the path, its track so far, and the preview points."""
     axes.plot(course.x, course.y, color="0.75", lw=3)
-    axes.plot([each.x for each in data.ride], [each.y for each in data.ride], color="C0", lw=1)
+    axes.plot(ride["x"], ride["y"], color="C0", lw=1)
     ahead = [row.progress + k * _PREVIEW for k in range(5)]
     axes.plot(np.interp(ahead, course.s, course.x), np.interp(ahead, course.s, course.y), "o", color="C3", ms=4)
     axes.plot([row.x, row.front_x], [row.y, row.front_y], "k-o", lw=3, ms=4)
@@ -229,31 +217,30 @@ def _frame(axes: Any, course: Course, data: Tables, row: Any) -> None:
 
 def _impact(data: Tables, plt: Any) -> Any:
     """Fig. 14: SHAP values of each observation, of controller 1 of prop. and of other actors."""
-    policies = list(dict.fromkeys(row.policy for row in data.impacts)) or ["prop"]
+    policies = list(data["impacts"]["policy"].unique()) or ["prop"]
     count = len(policies)
     figure, row_of_axes = plt.subplots(1, count, figsize=(6 * count, 4.5), layout="constrained", squeeze=False)
     dots = None
     for axes, policy in zip(row_of_axes[0], policies, strict=True):
-        means = weights(data.impacts, policy)
-        total = sum(means.values()) or 1.0
-        names = list(means)[:_SHOWN]
+        means = weights(data["impacts"], policy)
+        total = means.sum() or 1.0
+        names = list(means.index[:_SHOWN])
         for place, name in enumerate(names):
-            dots = _swarm(axes, place, [row for row in data.impacts if (row.policy, row.feature) == (policy, name)])
+            dots = _swarm(axes, place, select(data["impacts"], policy=policy, feature=name))
         labels = [f"{SYMBOLS.get(name, name)}\n{means[name] / total:.0%}" for name in names]
         axes.axvline(0.0, color="0.8", lw=0.8, zorder=0)
         axes.set_yticks(range(len(names)), labels, fontsize="small")
         axes.invert_yaxis()
-        others = sum(list(means.values())[_SHOWN:]) / total
+        others = means[_SHOWN:].sum() / total
         axes.set(xlabel="SHAP value / °", title=f"Fig. 14: {policy}, {len(means) - len(names)} others {others:.0%}")
     if dots is not None:
         figure.colorbar(dots, ax=row_of_axes[0][-1], label="value of the feature, low to high", ticks=[])
     return figure
 
 
-def _swarm(axes: Any, place: int, rows: list[Any]) -> Any:
+def _swarm(axes: Any, place: int, rows: pd.DataFrame) -> Any:
     """Draw one dot an observation; those of like values spread around their row."""
-    shares = np.degrees([row.shap for row in rows])
-    values = np.array([row.value for row in rows])
+    shares, values = np.degrees(rows["shap"].to_numpy()), rows["value"].to_numpy()
     spread = np.ptp(values)
     colours = (values - values.min()) / spread if spread else np.full(len(values), 0.5)
     height = np.random.default_rng(place).uniform(-0.25, 0.25, len(rows))
@@ -263,9 +250,9 @@ def _swarm(axes: Any, place: int, rows: list[Any]) -> Any:
 def _step_response(data: Tables, plt: Any) -> Any:
     """Fig. 16: step response of the steering angle, and the largest value that is allowed."""
     figure, axes = plt.subplots(figsize=(6, 3.5), layout="constrained")
-    time = [row.time for row in data.steering]
-    axes.plot(time, [row.whipple for row in data.steering], label="compiled bicycle")
-    axes.plot(time, [row.pybullet for row in data.steering], "--", label="PyBullet")
+    response = data["steering"]
+    axes.plot(response["time"], response["whipple"], label="compiled bicycle")
+    axes.plot(response["time"], response["pybullet"], "--", label="PyBullet")
     axes.axhline(70.0, color="k", lw=0.8, label="set point")
     axes.axhline(77.0, color="k", ls=":", lw=1, label="largest allowed")
     axes.set(xlabel="t / s", ylabel="δ / °", title="Fig. 16: steering step from standstill", ylim=(0, None))
@@ -301,14 +288,14 @@ def _limits(axes: Any, track: Track, progress: Any) -> None:
         axes.plot(*track.points(progress, offset)[:, :2].T, color="0.7", lw=1)
 
 
-def _coloured(axes: Any, moments: Sequence[Any], shared: tuple[float, float]) -> Any:
+def _coloured(axes: Any, moments: pd.DataFrame, shared: tuple[float, float]) -> Any:
     """Draw a ride coloured by its speed."""
     from matplotlib.collections import LineCollection
 
-    points = np.array([(row.x, row.y) for row in moments])
+    points = moments[["x", "y"]].to_numpy()
     parts = np.stack([points[:-1], points[1:]], axis=1)
     line = LineCollection(list(parts), cmap="turbo", linewidths=2.5)
-    line.set_array(np.array([row.speed for row in moments[:-1]]))
+    line.set_array(moments["speed"].to_numpy()[:-1])
     line.set_clim(*shared)
     axes.add_collection(line)
     axes.set(aspect="equal")
@@ -316,21 +303,20 @@ def _coloured(axes: Any, moments: Sequence[Any], shared: tuple[float, float]) ->
     return line
 
 
-def _rode(data: Tables) -> dict[str, list[Any]]:
-    found: dict[str, list[Any]] = {}
-    for row in data.moments:
-        found.setdefault(row.setting, []).append(row)
-    return {name: rows for name, rows in found.items() if len(rows) > 1}
+def _flying_laps(data: Tables) -> dict[str, pd.DataFrame]:
+    """Return the flying laps by setting."""
+    laps = data["moments"].groupby("setting", sort=False)
+    return {str(name): rows for name, rows in laps if len(rows) > 1}
 
 
-def _speed_range(rode: dict[str, list[Any]]) -> tuple[float, float]:
-    speeds = [row.speed for rows in rode.values() for row in rows]
-    return min(speeds), max(speeds)
+def _speed_range(laps: dict[str, pd.DataFrame]) -> tuple[float, float]:
+    speeds = pd.concat([rows["speed"] for rows in laps.values()])
+    return speeds.min(), speeds.max()
 
 
 def _lap(data: Tables, plt: Any) -> Any:
     """Fig. 3: a flying lap of the best run of each setting, coloured by speed."""
-    rode, track = _rode(data), load_track(CIRCUITS[0])
+    rode, track = _flying_laps(data), load_track(CIRCUITS[0])
     names = list(rode) or ["spdl"]
     figure, axes = plt.subplots(1, len(names), figsize=(6 * len(names), 5), layout="constrained", squeeze=False)
     line = None
@@ -338,7 +324,8 @@ def _lap(data: Tables, plt: Any) -> Any:
         _limits(each, track, np.linspace(0.0, track.length, 2000, endpoint=False))
         if name in rode:
             line = _coloured(each, rode[name], _speed_range(rode))
-            each.set_title(f"Fig. 3: {name.upper()}, seed {rode[name][0].seed}, to {rode[name][-1].time:.1f} s")
+            seed, time = (rode[name][column].iloc[-1] for column in ("seed", "time"))
+            each.set_title(f"Fig. 3: {name.upper()}, seed {seed}, to {time:.1f} s")
         each.set(xlabel="x / m", ylabel="y / m", aspect="equal")
     if line is not None:
         figure.colorbar(line, ax=axes[0][-1], label="speed / (m/s)")
@@ -356,7 +343,7 @@ def _widest(data: Tables, track: Track) -> Corner:
 def _overshoot(data: Tables, plt: Any) -> Any:
     """Fig. 4: the corner in which SPDL runs widest, with limits and ideal line, and the distance to it."""
     machine = load_superbike(MACHINE)
-    rode, track = _rode(data), track_with_line(CIRCUITS[0], envelope(machine))
+    rode, track = _flying_laps(data), track_with_line(CIRCUITS[0], envelope(machine))
     corner = _widest(data, track)
     begin, end = corner.begin - _AROUND, corner.end + _AROUND
     figure, (map_axes, error_axes) = plt.subplots(1, 2, figsize=(12, 5), layout="constrained")
@@ -366,19 +353,15 @@ def _overshoot(data: Tables, plt: Any) -> Any:
     map_axes.plot(*track.points(along, track.at(track.ideal, along))[:, :2].T, "k--", lw=1, label="ideal line")
     sign = 1.0 if corner.angle > 0.0 else -1.0
     for name, rows in rode.items():
-        placed = [(row, begin + (row.progress - begin) % track.length) for row in rows]
-        placed = sorted(((row, at) for row, at in placed if at <= end), key=itemgetter(1))
-        shown, at = [row for row, _ in placed], [at for _, at in placed]
+        shown = rows.assign(at=begin + (rows["progress"] - begin) % track.length).sort_values("at", kind="stable")
+        shown = shown[shown["at"] <= end]
         if len(shown) < 2:
             continue
         if name == "spdl":
             figure.colorbar(_coloured(map_axes, shown, _speed_range(rode)), ax=map_axes, label="speed / (m/s)")
         else:
-            map_axes.plot(
-                [row.x for row in shown], [row.y for row in shown], ":", color="k", lw=1.5, label=name.upper()
-            )
-        distance = [-sign * row.error for row in shown]
-        error_axes.plot(at, distance, color=_COLOURS[name], label=name.upper())
+            map_axes.plot(shown["x"], shown["y"], ":", color="k", lw=1.5, label=name.upper())
+        error_axes.plot(shown["at"], -sign * shown["error"], color=_COLOURS[name], label=name.upper())
     error_axes.axvspan(corner.begin, corner.end, color="0.92", zorder=0)
     error_axes.axhline(0.0, color="0.6", lw=0.8)
     error_axes.set(xlabel="along the circuit / m", ylabel="outside of the ideal line / m", title="inside below 0")
@@ -391,7 +374,7 @@ def _overshoot(data: Tables, plt: Any) -> Any:
 
 def _circuits(data: Tables) -> list[str]:
     """Circuits that were learned on, in the paper's order; the first one where there is none."""
-    learned_on = {circuit_of(run.setting) for run in data.runs}
+    learned_on = set(map(circuit_of, data["runs"]["setting"]))
     return [circuit for circuit in CIRCUITS if circuit in learned_on] or [CIRCUITS[0]]
 
 
@@ -418,13 +401,13 @@ def _learned(data: Tables, circuit: str, top: Any, bottom: Any) -> None:
     for kind in KINDS:
         colour, name = _COLOURS[kind], setting_of(kind, circuit)
         top.plot([], [], color=colour, label=kind.upper())
-        for seed in sorted({run.seed for run in data.runs if run.setting == name}):
-            rows = [row for row in data.episodes if (row.setting, row.seed) == (name, seed)]
-            top.plot([row.step for row in rows], [row.total for row in rows], color=colour, lw=1, alpha=0.7)
-            found = [row for row in data.validations if (row.setting, row.seed) == (name, seed)]
-            steps, errors = [row.step for row in found], [row.error for row in found]
-            bottom.plot(steps, errors, ".-", color=colour, lw=1, ms=4, alpha=0.7)
-    early = [row.step for row in data.laps if row.actor == "early" and circuit_of(row.setting) == circuit]
+        runs, episodes, found = (select(data[each], setting=name) for each in ("runs", "episodes", "validations"))
+        for seed in sorted(runs["seed"].unique()):
+            rows, errors = select(episodes, seed=seed), select(found, seed=seed)
+            top.plot(rows["step"], rows["total"], color=colour, lw=1, alpha=0.7)
+            bottom.plot(errors["step"], errors["error"], ".-", color=colour, lw=1, ms=4, alpha=0.7)
+    laps = select(data["laps"], actor="early")
+    early = list(laps[laps["setting"].map(circuit_of) == circuit]["step"])
     for axes in (top, bottom) if early else ():
         axes.axvline(early[0], color="0.7", ls=":", lw=1)
 
@@ -434,15 +417,14 @@ def _distribution(data: Tables, plt: Any) -> Any:
     circuit = _circuits(data)[0]
     figure, axes = plt.subplots(2, 2, figsize=(11, 8), layout="constrained")
     figure.suptitle(circuit)
-    paths = path_of(data, setting_of("spdl", circuit))
+    rows = select(data["contexts"], setting=setting_of("spdl", circuit)).sort_values("iteration", kind="stable")
+    paths: dict[Any, pd.DataFrame] = dict(iter(rows.groupby("seed", sort=False)))
     for seed, path in paths.items():
-        steps = [row.step for row in path]
-        colour = f"C{seed}"
-        axes[0, 0].plot(steps, [row.kl for row in path], color=colour, label=f"seed {seed}")
-        axes[0, 1].plot(steps, [row.value for row in path], color=colour)
-        axes[1, 0].plot(steps, [row.v_max for row in path], color=colour)
-        twin = [25.0 + 65.0 * row.d_median for row in path]
-        axes[1, 0].plot(steps, twin, ":", color=colour)
+        colour, steps = f"C{seed}", path["step"]
+        axes[0, 0].plot(steps, path["kl"], color=colour, label=f"seed {seed}")
+        axes[0, 1].plot(steps, path["value"], color=colour)
+        axes[1, 0].plot(steps, path["v_max"], color=colour)
+        axes[1, 0].plot(steps, 25.0 + 65.0 * path["d_median"], ":", color=colour)
     axes[0, 0].set(ylabel="divergence from the target / nat", title="Divergence")
     axes[0, 1].axhline(SPDL_THRESHOLD, color="k", ls=":", lw=1)
     axes[0, 1].set(ylabel="expected return", title="Value that SPDL sees (dotted: threshold)")
@@ -457,12 +439,12 @@ def _distribution(data: Tables, plt: Any) -> Any:
     return figure
 
 
-def _ellipses(axes: Any, path: Sequence[Any]) -> None:
+def _ellipses(axes: Any, path: pd.DataFrame) -> None:
     """Draw the distribution of speed limit and d_median of some updates, the last one darkest."""
     chosen = np.unique(np.linspace(0, len(path) - 1, _ELLIPSES).round().astype(int))
     angle = np.linspace(0.0, 2.0 * np.pi, 80)
-    for number in chosen:
-        row = path[number]
+    row: Any
+    for number, row in zip(chosen, path.iloc[chosen].itertuples(), strict=True):
         shade = 0.25 + 0.75 * number / max(1, len(path) - 1)
         # Cholesky factor of the covariance of (v_max, d_median).
         across = row.correlation * np.cos(angle) + np.sqrt(max(0.0, 1.0 - row.correlation**2)) * np.sin(angle)

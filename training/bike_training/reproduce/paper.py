@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 import matplotlib as mpl
+import pandas as pd
 
 from bike_training.progress import progress_bar
-from bike_training.reproduce.data import Run, Tables, Validation, read_rows, table_of, write_rows
+from bike_training.reproduce.data import PaperFile, Tables, file_of, read_table, table, tables, write_table
 from bike_training.reproduce.statement import Statement
 from bike_training.sweeps.runs import Plan, PlannedRun, read_record
 from bike_training.sweeps.spec import Sweep, sweep_from_document
@@ -73,9 +74,9 @@ class Paper(Generic[Kind]):
 
     Attributes:
         name: for the command line.
+        file: its tables and published values.
         experiment: the default one.
         quick: an experiment that tries the whole way in seconds, and learns nothing.
-        tables: kinds of rows that it leaves.
         error: column of ``validations.csv`` of a run that holds the error of a validation.
         unit: of that error.
         ridden: tables that the rides of a run fill; kept in its folder.
@@ -89,9 +90,9 @@ class Paper(Generic[Kind]):
     """
 
     name: str
+    file: PaperFile
     experiment: Kind
     quick: Kind
-    tables: type[Tables]
     error: str
     unit: float
     ridden: tuple[str, ...]
@@ -113,9 +114,9 @@ def collect(paper: Paper[Kind], plan: Plan, experiment: Kind, quiet: bool) -> Ta
         experiment: its settings.
         quiet: show no progress.
     """
-    runs: list[Run] = []
-    validations: list[Validation] = []
-    ridden: dict[str, list[Any]] = {name: [] for name in paper.ridden}
+    runs: list[Any] = []
+    validations: list[Any] = []
+    ridden: list[Tables] = []
     folders: dict[tuple[str, int], Path] = {}
     each = paper.rides(experiment)
     with progress_bar("riding", "ride", each * len(plan.runs), quiet=quiet) as bar:
@@ -126,12 +127,10 @@ def collect(paper: Paper[Kind], plan: Plan, experiment: Kind, quiet: bool) -> Ta
             before = bar.n
             if _ride(paper, planned.folder, setting, seed, experiment, bar.update):
                 folders[setting, seed] = planned.folder
-                for name in paper.ridden:
-                    file, kind = table_of(paper.tables, name)
-                    ridden[name] += read_rows(planned.folder / file, kind)
+                ridden.append({name: read_table(paper.file, name, planned.folder) for name in paper.ridden})
             bar.update(before + each - bar.n)
-    data = paper.tables(tuple(runs), tuple(validations))
-    data = data.with_rows(**{name: tuple(rows) for name, rows in ridden.items()})
+    data = tables(paper.file, runs=runs, validations=validations)
+    data |= {name: pd.concat([of[name] for of in ridden], ignore_index=True) for name in paper.ridden if ridden}
     return paper.add_details(data, folders, experiment)
 
 
@@ -139,36 +138,34 @@ def _ride(
     paper: Paper[Kind], folder: Path, setting: str, seed: int, experiment: Kind, update: Callable[[], Any]
 ) -> bool:
     """Ride what a run has learned unless its tables are there already; return whether they are now."""
-    tables = {name: table_of(paper.tables, name) for name in paper.ridden}
     with suppress(FileNotFoundError):
         learned = (folder / "run.json").stat().st_mtime
-        if all((folder / file).stat().st_mtime >= learned for file, _ in tables.values()):
+        if all(file_of(paper.file, name, folder).stat().st_mtime >= learned for name in paper.ridden):
             return True
     found = paper.ride(folder, setting, seed, experiment, update)
     if found is None:
         return False
-    for name, (file, kind) in tables.items():
-        write_rows(folder / file, kind, found[name])
+    for name in paper.ridden:
+        write_table(paper.file, name, folder, table(paper.file, name, found[name]))
     return True
 
 
-def _run_row(planned: PlannedRun, setting: str, seed: int, rows: list[Validation]) -> Run:
+def _run_row(planned: PlannedRun, setting: str, seed: int, validations: list[Any]) -> tuple[Any, ...]:
     """Return how a run stands; the steps of one that was interrupted are those of its last validation at least."""
     summary = read_record(planned.folder / "run.json") or {}
     result = read_record(planned.folder / "result.json") or {}
     finished = summary.get("finished_at_step")
-    steps = int(summary.get("steps", rows[-1].step if rows else 0))
-    cpu = float(result.get("cpu_seconds", -1.0))
-    return Run(setting, seed, planned.status, steps, -1 if finished is None else int(finished), cpu)
+    steps = summary.get("steps", validations[-1][2] if validations else 0)
+    return setting, seed, planned.status, steps, -1 if finished is None else finished, result.get("cpu_seconds", -1.0)
 
 
-def _validations(paper: Paper[Kind], folder: Path, setting: str, seed: int) -> list[Validation]:
+def _validations(paper: Paper[Kind], folder: Path, setting: str, seed: int) -> list[Any]:
     rows = []
     with suppress(FileNotFoundError), (folder / "validations.csv").open(newline="", encoding="utf-8") as file:
         for record in csv.DictReader(file):
             with suppress(KeyError, TypeError, ValueError):  # a line that a kill has cut short
                 error = float(record[paper.error]) / paper.unit
-                rows.append(Validation(setting, seed, int(record["step"]), int(float(record["part"])), error))
+                rows.append((setting, seed, int(record["step"]), int(float(record["part"])), error))
     return rows
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import operator
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
@@ -57,16 +58,15 @@ class Statement:
         return Found(text, OPEN if agrees is None else YES if agrees else NO)
 
 
-def statements_of(paper: Mapping[str, Any], *rules: Callable[..., Verdict]) -> tuple[Statement, ...]:
+def statements_of(paper: Mapping[str, Any], rules: Mapping[str, Any]) -> tuple[Statement, ...]:
     """Return the statements of a paper, in their order.
 
     Args:
         paper: from `read_paper`.
-        rules: that statements name, without a first underscore.
+        rules: functions by name, with a first underscore that statements leave out.
     """
-    named = {rule.__name__.removeprefix("_"): rule for rule in rules}
     return tuple(
-        Statement(row["source"], row["paper"], named[row["rule"]], tuple(row.get("arguments", ())))
+        Statement(row["source"], row["paper"], rules[f"_{row['rule']}"], tuple(row.get("arguments", ())))
         for row in paper["statements"]
     )
 
@@ -95,6 +95,26 @@ def interval(*samples: FloatArray, rule: Callable[..., Any] = lambda mean: mean)
     draws = [rng.choice(values, (DRAWS, len(values))).mean(axis=1) for values in samples]
     low, high = np.percentile(rule(*draws), [2.5, 97.5])
     return float(low), float(high)
+
+
+def compare(
+    pair: Iterable[FloatArray], rule: Callable[..., Any] = operator.sub, neutral: float = 0.0
+) -> tuple[float, float, bool | None]:
+    """Compare the means of two settings.
+
+    Args:
+        pair: values of the first and of the second, one a run.
+        rule: takes both means.
+        neutral: its value where the means are equal.
+
+    Returns:
+        The 95 % interval of what the rule makes of the means, and whether it lies below its neutral value; None where
+        that is inside, or a setting has too few runs.
+    """
+    first, second = pair
+    low, high = interval(first, second, rule=rule)
+    decided = min(len(first), len(second)) >= MIN_RUNS and not low <= neutral <= high
+    return low, high, high < neutral if decided else None
 
 
 def with_interval(values: FloatArray, form: str | Callable[[float], str]) -> str:

@@ -24,7 +24,7 @@ from bike_sim.vehicles.files import load_vehicle
 from bike_training.curricula.spdl import FASTEST, SLOWEST, Gaussian
 from bike_training.learning.presets import Preset
 from bike_training.learning.run_settings import RunSettings
-from bike_training.reproduce.data import Tables
+from bike_training.reproduce.data import Tables, table
 from bike_training.reproduce.figures import SPDL_THRESHOLD, SUPERBIKE_FIGURES
 from bike_training.reproduce.paper import Advance, Experiment, Paper, Rows
 from bike_training.reproduce.superbike_results import (
@@ -33,14 +33,9 @@ from bike_training.reproduce.superbike_results import (
     KINDS,
     MACHINE,
     MACHINES,
+    PAPER,
     STATEMENTS,
     TABLES,
-    Context,
-    Data,
-    Episodes,
-    Laps,
-    Moment,
-    Transfer,
     best_run,
     circuit_of,
     kind_of,
@@ -192,14 +187,14 @@ def ride(folder: Path, setting: str, seed: int, experiment: SuperbikeExperiment,
         result = ride_races(bundle, MACHINE, circuit, experiment.starts, experiment.laps)
         mean, best = _mean_and_best(result)
         counts = result.rides, result.whole, result.falls, result.walls, result.finished
-        laps.append(Laps(setting, seed, name, step, *counts, mean, best, result.line, result.outside / result.rides))
+        laps.append((setting, seed, name, step, *counts, mean, best, result.line, result.outside / result.rides))
         advance()
     transfers: list[Any] = []
     for machine in experiment.machines if "best" in actors else ():
         result = ride_races(actors["best"][1], machine, circuit, experiment.transfer_starts, 1)
         median = float(np.median(result.times)) if result.times else NONE
         _, best = _mean_and_best(result)
-        transfers.append(Transfer(setting, seed, circuit, machine, result.rides, result.whole, best, median))
+        transfers.append((setting, seed, circuit, machine, result.rides, result.whole, best, median))
         advance()
     return {
         "laps": laps,
@@ -273,10 +268,9 @@ def contexts(folder: Path, setting: str, seed: int) -> list[Any]:
             covariance = factor @ factor.T
             correlation = covariance[0, 2] / np.sqrt(covariance[0, 0] * covariance[2, 2])
             span = FASTEST - SLOWEST
-            means = float(mean[0]), float(mean[1]), SLOWEST + span * float(mean[2])
-            stds = float(std[0]), float(std[1]), span * float(std[2])
-            figures = (*means, *stds, float(correlation), float(kl), float(value))
-            rows.append(Context(setting, seed, int(number), int(step), str(stage), *figures))
+            means = *mean[:2], SLOWEST + span * mean[2]
+            figures = (*means, *std[:2], span * std[2], correlation, kl, value)
+            rows.append((setting, seed, number, step, stage, *figures))
     return rows
 
 
@@ -286,7 +280,7 @@ def _episodes(folder: Path, setting: str, seed: int) -> list[Any]:
         if name in ("episode_steps", "episode_return"):
             found.setdefault(int(step), {})[name] = value
     rows = [
-        Episodes(setting, seed, step, values["episode_steps"], values["episode_return"])
+        (setting, seed, step, values["episode_steps"], values["episode_return"])
         for step, values in sorted(found.items())
         if len(values) == 2
     ]
@@ -307,7 +301,7 @@ def add_details(data: Tables, folders: Mapping[tuple[str, int], Path], experimen
         actors = None if seed is None else deployed(folders[kind, seed], experiment)
         if seed is not None and actors is not None:
             moments += flying_lap(actors["best"][1], kind, seed)
-    return data.with_rows(moments=tuple(moments))
+    return data | {"moments": table(PAPER, "moments", moments)}
 
 
 def flying_lap(bundle: Bundle, setting: str, seed: int) -> Sequence[Any]:
@@ -324,7 +318,7 @@ def flying_lap(bundle: Bundle, setting: str, seed: int) -> Sequence[Any]:
         assert snapshot.circuit is not None, "it rides a circuit"
         progress = snapshot.circuit.place[lk.CENTRE_PROGRESS]
         values = (progress, state[st.X], state[st.Y], look[lk.SPEED], look[lk.LATERAL_ERROR])
-        moments.append(Moment(setting, seed, float(snapshot.time - begun[1]), *map(float, values)))
+        moments.append((setting, seed, snapshot.time - begun[1], *values))
 
     rider = RacingRider(bundle)
     ride_laps(MACHINE, circuit_of(setting), 1, rider=rider, engine=SUPERBIKE_ENGINE, tell=tell)
@@ -333,9 +327,9 @@ def flying_lap(bundle: Bundle, setting: str, seed: int) -> Sequence[Any]:
 
 SUPERBIKE: Final[Paper[SuperbikeExperiment]] = Paper(
     name="superbike",
+    file=PAPER,
     experiment=SuperbikeExperiment(),
     quick=QUICK,
-    tables=Data,
     error="mean_excess",
     unit=1.0,
     ridden=("laps", "transfers", "contexts", "episodes"),
@@ -346,7 +340,7 @@ SUPERBIKE: Final[Paper[SuperbikeExperiment]] = Paper(
     figures=SUPERBIKE_FIGURES,
     written=TABLES,
     counts=lambda data: {
-        "rides": sum(row.rides for row in data.laps),
-        "rides_completed": sum(row.whole for row in data.laps),
+        "rides": int(data["laps"]["rides"].sum()),
+        "rides_completed": int(data["laps"]["whole"].sum()),
     },
 )

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
+import pandas as pd
 
 from bike_analysis.figures.numbers import lap_text
 from bike_sim.course.files import load_track
-from bike_training.reproduce.data import Run, Tables, read_paper, row_kinds, tables_of
+from bike_training.reproduce.data import Tables, last_steps, read_paper, select
 from bike_training.reproduce.statement import (
     MIN_RUNS,
     FloatArray,
     NothingFound,
     Verdict,
+    compare,
     interval,
     markdown,
     some,
@@ -48,9 +50,8 @@ def setting_of(kind: str, circuit: str) -> str:
 
 
 PAPER: Final = read_paper("superbike")
-Data: Final = tables_of(PAPER)
-"""All tables; the error of a validation is its rides' mean excess over the planned lap, 1 of one not whole."""
-Laps, Transfer, Context, Episodes, Moment = row_kinds(Data)
+"""Its tables and statements; the error of a validation is its rides' mean excess over the planned lap, 1 of one not
+whole."""
 
 
 # -------------------------------------------------------------------------------------------------------- verdicts
@@ -62,36 +63,36 @@ CONVERGED: Final = 1.0
 NO_RUN: Final = "no run"
 
 
-def rows_of(data: Tables, setting: str, actor: str) -> list[Any]:
+def rows_of(data: Tables, setting: str, actor: str) -> pd.DataFrame:
     """Return the rides of an actor of all runs of a setting."""
-    return [row for row in data.laps if (row.setting, row.actor) == (setting, actor)]
+    return select(data["laps"], setting=setting, actor=actor)
 
 
-def of_whole(rows: list[Any], name: str) -> FloatArray:
+def of_whole(rows: pd.DataFrame, name: str) -> FloatArray:
     """Return a figure of each run that has laps of whole rides."""
-    return np.array([getattr(row, name) for row in rows if row.whole], float)
+    return rows[rows["whole"] > 0][name].to_numpy(float)
 
 
-def _endings(rows: list[Any]) -> str:
+def _endings(rows: pd.DataFrame) -> str:
     """Return the endings of the rides of some actors as text."""
-    rides, whole = sum(row.rides for row in rows), sum(row.whole for row in rows)
-    ends = ", ".join(f"{sum(getattr(row, name) for row in rows)} {name}" for name in ("falls", "walls"))
-    return f"{whole} of {rides} rides whole, {ends} ({len(rows)} run{'s' if len(rows) != 1 else ''})"
+    ends = rows[["rides", "whole", "falls", "walls"]].sum()
+    text = f"{ends['whole']} of {ends['rides']} rides whole, {ends['falls']} falls, {ends['walls']} walls"
+    return f"{text} ({len(rows)} run{'s' if len(rows) != 1 else ''})"
 
 
-def _all_whole(data: Tables, kind: str, actor: str, circuits: tuple[str, ...] = CIRCUITS[:1]) -> Verdict:
+def _all_whole(data: Tables, kind: str, actor: str, circuits: Sequence[str] = CIRCUITS[:1]) -> Verdict:
     """Agree where every ride of every run is whole; one that is not denies it."""
     each = {circuit: rows_of(data, setting_of(kind, circuit), actor) for circuit in circuits}
-    some([row for rows in each.values() for row in rows], NO_RUN)
+    rides = some(pd.concat(each.values()), NO_RUN)
     texts = [_endings(rows) if len(each) == 1 else f"{circuit}: {_endings(rows)}" for circuit, rows in each.items()]
-    if any(row.whole < row.rides for rows in each.values() for row in rows):
+    if (rides["whole"] < rides["rides"]).any():
         return "; ".join(texts), False
-    return "; ".join(texts), True if all(len(rows) >= MIN_RUNS for rows in each.values()) else None
+    return "; ".join(texts), True if min(map(len, each.values())) >= MIN_RUNS else None
 
 
 def _no_lap(data: Tables) -> Verdict:
     rows = some(rows_of(data, "sac", "early"), NO_RUN)
-    laps = sum(row.laps for row in rows)
+    laps = rows["laps"].sum()
     text = f"{laps} flying laps finished; {_endings(rows)}"
     return text, False if laps else True if len(rows) >= MIN_RUNS else None
 
@@ -101,15 +102,13 @@ def _less(data: Tables, name: str, actor: str, unit: str, first: str = "spdl") -
 
     Args:
         data: the tables.
-        name: figure of `Laps`; a lap time is that of the runs that have whole rides.
+        name: figure of ``laps``; a lap time is that of the runs that have whole rides.
         actor: of both curricula.
         unit: of the figure.
         first: curriculum that has less in the paper.
     """
-    found = {}
-    for kind in (first, *(kind for kind in KINDS if kind != first)):
-        rows = rows_of(data, kind, actor)
-        found[kind] = of_whole(rows, name) if name == "mean" else np.array([getattr(row, name) for row in rows])
+    each = {kind: rows_of(data, kind, actor) for kind in (first, *(kind for kind in KINDS if kind != first))}
+    found = {kind: of_whole(rows, name) if name == "mean" else rows[name].to_numpy() for kind, rows in each.items()}
     missing = [kind for kind, values in found.items() if not len(values)]
     if missing:
         raise NothingFound(f"no run of {' and '.join(missing)} to compare")
@@ -117,43 +116,38 @@ def _less(data: Tables, name: str, actor: str, unit: str, first: str = "spdl") -
     text = ", ".join(f"{kind} {form(float(values.mean()))}" for kind, values in found.items())
     if min(map(len, found.values())) < MIN_RUNS:
         return f"{text} {unit} ({', '.join(str(len(v)) for v in found.values())} runs)", None
-    low, high = interval(*found.values(), rule=operator.sub)
-    return f"{text} {unit}; difference {low:+.2f} to {high:+.2f}", None if low <= 0.0 <= high else high < 0.0
+    low, high, less = compare(found.values())
+    return f"{text} {unit}; difference {low:+.2f} to {high:+.2f}", less
 
 
 def _sooner(data: Tables) -> Verdict:
     """A run without a whole validation counts as one that had its first with its last step."""
-    runs = {kind: [run for run in data.runs if run.setting == kind and run.steps] for kind in KINDS}
-    if not all(runs.values()):
+    each = {kind: select(data["runs"], setting=kind) for kind in KINDS}
+    first = {kind: last_steps(runs[runs["steps"] > 0]) for kind, runs in each.items()}
+    whole = {kind: (runs["finished_at"] >= 0).sum() for kind, runs in each.items()}
+    if not all(map(len, first.values())):
         raise NothingFound(NO_RUN)
-
-    def first_whole(run: Run) -> int:
-        return run.finished_at if run.finished_at >= 0 else run.steps
-
-    first = {kind: np.array([first_whole(run) for run in each], float) for kind, each in runs.items()}
     text = "first whole validation: " + ", ".join(
-        f"{kind} {values.mean():,.0f} decisions ({sum(run.finished_at >= 0 for run in runs[kind])} of {len(values)} "
-        "runs had one)"
+        f"{kind} {values.mean():,.0f} decisions ({whole[kind]} of {len(values)} runs had one)"
         for kind, values in first.items()
     )
     if min(map(len, first.values())) < MIN_RUNS:
         return text, None
-    low, high = interval(*first.values(), rule=operator.truediv)
-    return f"{text}; ratio {low:.2f} to {high:.2f}", None if low <= 1.0 <= high else high < 1.0
+    low, high, less = compare(first.values(), operator.truediv, 1.0)
+    return f"{text}; ratio {low:.2f} to {high:.2f}", less
 
 
 def _no_walls(data: Tables) -> Verdict:
-    rows = some([row for row in data.laps if row.actor != "best"], NO_RUN)
-    walls, rides = sum(row.walls for row in rows), sum(row.rides for row in rows)
-    return f"{walls} of {rides} rides ended at a wall", not walls
+    rows = some(data["laps"][data["laps"]["actor"] != "best"], NO_RUN)
+    return f"{rows['walls'].sum()} of {rows['rides'].sum()} rides ended at a wall", not rows["walls"].any()
 
 
 def _sac_elsewhere(data: Tables) -> Verdict:
     """Table II: SAC alone has a lap on Cremona, and none on Phillip Island."""
     each = {circuit: rows_of(data, setting_of("sac", circuit), "early") for circuit in CIRCUITS[1:]}
-    if not all(each.values()):
+    if not all(map(len, each.values())):
         raise NothingFound("no run of both")
-    laps = {circuit: sum(row.laps for row in rows) for circuit, rows in each.items()}
+    laps = {circuit: rows["laps"].sum() for circuit, rows in each.items()}
     text = ", ".join(f"{circuit}: {count} flying laps of {len(each[circuit])} runs" for circuit, count in laps.items())
     if laps[CIRCUITS[2]]:
         return text, False
@@ -162,24 +156,23 @@ def _sac_elsewhere(data: Tables) -> Verdict:
 
 def best_run(data: Tables, setting: str, actor: str = "best") -> int | None:
     """Return the seed of the run whose actor rode most rides whole, and of these the quickest; None without one."""
-    rows = [row for row in rows_of(data, setting, actor) if row.whole]
-    return min(rows, key=lambda row: (-row.whole / row.rides, row.mean)).seed if rows else None
+    rows = rows_of(data, setting, actor)
+    rows = rows[rows["whole"] > 0].assign(share=lambda found: -found["whole"] / found["rides"])
+    return None if rows.empty else int(rows.sort_values(["share", "mean"])["seed"].iloc[0])
 
 
-def transfers_of(data: Tables, circuit: str) -> dict[str, Any]:
+def transfers_of(data: Tables, circuit: str) -> pd.DataFrame:
     """Return Table III on a circuit by machine: the rides of the best SPDL run there."""
     setting = setting_of("spdl", circuit)
-    seed = best_run(data, setting)
-    return {row.machine: row for row in data.transfers if (row.setting, row.seed) == (setting, seed)}
+    return select(data["transfers"], setting=setting, seed=best_run(data, setting)).set_index("machine")
 
 
 def _transfer(data: Tables) -> Verdict:
     each = {circuit: transfers_of(data, circuit) for circuit in CIRCUITS}
-    missing = [circuit for circuit, rows in each.items() if not rows]
-    pairs = [row for rows in each.values() for row in rows.values()]
-    lapped = sum(row.whole > 0 for row in pairs)
-    rides = f"{sum(row.whole for row in pairs)} of {sum(row.rides for row in pairs)} rides whole"
-    text = f"{lapped} of {len(pairs)} lapped, {rides}"
+    missing = [circuit for circuit, rows in each.items() if rows.empty]
+    pairs = pd.concat(each.values())
+    lapped = int((pairs["whole"] > 0).sum())
+    text = f"{lapped} of {len(pairs)} lapped, {pairs['whole'].sum()} of {pairs['rides'].sum()} rides whole"
     if missing:
         return f"{text}; no actor that laps {' and '.join(missing)}", None
     return text, lapped >= len(CIRCUITS) * len(MACHINES) - 1
@@ -187,14 +180,14 @@ def _transfer(data: Tables) -> Verdict:
 
 def _quickest_trained(data: Tables) -> Verdict:
     rows = transfers_of(data, CIRCUITS[0])
-    if MACHINE not in rows or not rows[MACHINE].whole:
+    best = rows[rows["whole"] > 0]["best"]
+    if MACHINE not in best:
         raise NothingFound("no actor that laps")
-    own = rows[MACHINE].best
-    others = {name: row.best - own for name, row in rows.items() if name != MACHINE and row.whole}
+    others = best.drop(MACHINE) - best[MACHINE]
     text = ", ".join(f"{name} {more:+.2f} s" for name, more in others.items()) or "no other machine laps"
-    if any(more < 0.0 for more in others.values()):
+    if (others < 0.0).any():
         return text, False
-    return text, None if len(others) < len(MACHINES) - 1 else min(others.values()) > 0.0
+    return text, None if len(others) < len(MACHINES) - 1 else others.min() > 0.0
 
 
 def gains(data: Tables, circuit: str) -> dict[str, FloatArray]:
@@ -202,14 +195,9 @@ def gains(data: Tables, circuit: str) -> dict[str, FloatArray]:
 
     The actors are those of all SPDL runs on a circuit.
     """
-    setting = setting_of("spdl", circuit)
-    best: dict[int, dict[str, float]] = {}
-    for row in data.transfers:
-        if row.setting == setting and row.whole:
-            best.setdefault(row.seed, {})[row.machine] = row.best
-    both = [laps for laps in best.values() if MACHINE in laps]
-    others = [machine for machine in MACHINES if machine != MACHINE]
-    return {name: np.array([laps[MACHINE] - laps[name] for laps in both if name in laps]) for name in others}
+    rows = select(data["transfers"], setting=setting_of("spdl", circuit))
+    best = rows[rows["whole"] > 0].pivot(index="seed", columns="machine", values="best").reindex(columns=list(MACHINES))
+    return {name: (best[MACHINE] - best[name]).dropna().to_numpy() for name in MACHINES if name != MACHINE}
 
 
 def _transfers_best(data: Tables, machine: str, circuit: str) -> Verdict:
@@ -230,7 +218,7 @@ def _all_above(found: Mapping[str, FloatArray], intervals: Callable[[], list[tup
 
     Args:
         found: gains of machines, s, one a run.
-        intervals: of them, asked for where each has enough runs.
+        intervals: of them, called where each has enough runs.
     """
     lapped = {name: values for name, values in found.items() if len(values)}
     some(lapped, "no actor that laps on two machines")
@@ -248,38 +236,33 @@ def _three_laps(data: Tables) -> Verdict:
     means = [of_whole(rows_of(data, kind, "late"), "mean") for kind in KINDS]
     if not all(map(len, means)):
         raise NothingFound("no whole rides of both")
-    low, high = interval(*(3.0 * values for values in means), rule=operator.sub)
+    low, high, less = compare(3.0 * values for values in means)
     text = f"difference {3.0 * (means[0].mean() - means[1].mean()):+.2f} s"
     text += f", {low:+.2f} to {high:+.2f}" if np.isfinite(low) else f" ({', '.join(str(len(v)) for v in means)} runs)"
     thirds = [_times_at_thirds(data, kind) for kind in KINDS]
     if all(len(times) == 3 for times in thirds):
         apart = np.diff(np.subtract(*thirds), prepend=0.0)
         text += f"; best laps by thirds of the lap: {', '.join(f'{value:+.2f}' for value in apart)} s"
-    if min(map(len, means)) < MIN_RUNS:
-        return text, None
-    return text, None if low <= 0.0 <= high else high < 0.0
+    return text, less
 
 
 def _times_at_thirds(data: Tables, kind: str) -> FloatArray:
     """Return when a flying lap of the best run has passed each third of the circuit, s after the start line."""
-    rows = [row for row in data.moments if row.setting == kind]
-    if len(rows) < 2 or rows[-1].progress - rows[0].progress < 0.9 * load_track(CIRCUITS[0]).length:
+    rows = select(data["moments"], setting=kind)
+    along = rows["progress"].to_numpy() - rows["progress"].min()
+    if len(rows) < 2 or along[-1] < 0.9 * load_track(CIRCUITS[0]).length:
         return np.array([])
-    along = np.array([row.progress - rows[0].progress for row in rows])
-    return np.interp(along[-1] * np.arange(1, 4) / 3.0, along, [row.time for row in rows])
+    return np.interp(along[-1] * np.arange(1, 4) / 3.0, along, rows["time"])
 
 
 def overshoots(data: Tables, setting: str) -> dict[str, float]:
     """Return the distance of a lap to the outside of the ideal line in each corner, m; less than 0 where it cuts it."""
-    track = load_track(CIRCUITS[0])
-    rows = [row for row in data.moments if row.setting == setting]
+    track, rows = load_track(CIRCUITS[0]), select(data["moments"], setting=setting)
     found = {}
     for corner in track.corners:
-        sign = 1.0 if corner.angle > 0.0 else -1.0
-        size = corner.end - corner.begin
-        inside = [-sign * row.error for row in rows if (row.progress - corner.begin) % track.length <= size]
-        if inside:
-            found[corner.name] = max(inside)
+        inside = rows[(rows["progress"] - corner.begin) % track.length <= corner.end - corner.begin]
+        if not inside.empty:
+            found[corner.name] = float(((-1.0 if corner.angle > 0.0 else 1.0) * inside["error"]).max())
     return found
 
 
@@ -291,45 +274,17 @@ def _runs_wide(data: Tables) -> Verdict:
     return f"{text}{found[widest]:.2f} m", bool(wide)
 
 
-def path_of(data: Tables, setting: str) -> dict[int, list[Any]]:
-    """Return the distributions of each run of a setting, in the order of updates."""
-    found: dict[int, list[Any]] = {}
-    for row in sorted(data.contexts, key=lambda row: row.iteration):
-        if row.setting == setting:
-            found.setdefault(row.seed, []).append(row)
-    return found
-
-
 def _moves(data: Tables) -> Verdict:
     """Agree where the distribution of every run has moved towards the target; the text counts those at the target."""
-    paths = some(path_of(data, "spdl"), NO_RUN)
-    ends = [path[-1] for path in paths.values()]
-    there = sum(end.kl < CONVERGED for end in ends)
-    nearer = sum(path[-1].kl < path[0].kl for path in paths.values())
-    low, high = min(end.kl for end in ends), max(end.kl for end in ends)
-    speed = np.mean([end.v_max for end in ends])
-    text = (
-        f"nearer in {nearer} of {len(ends)} runs, there in {there}: divergence at the end {low:.3g} to {high:.3g} nat"
-    )
-    return f"{text}, mean speed limit {speed:.0f} m/s", nearer == len(ends)
+    rows = some(select(data["contexts"], setting="spdl"), NO_RUN).sort_values("iteration").groupby("seed")
+    kl, speed = rows["kl"].last(), rows["v_max"].last().mean()
+    nearer, there = int((kl < rows["kl"].first()).sum()), int((kl < CONVERGED).sum())
+    text = f"nearer in {nearer} of {len(kl)} runs, there in {there}: divergence at the end "
+    text += f"{kl.min():.3g} to {kl.max():.3g} nat, mean speed limit {speed:.0f} m/s"
+    return text, nearer == len(kl)
 
 
-STATEMENTS: Final = statements_of(
-    PAPER,
-    _all_whole,
-    _less,
-    _moves,
-    _no_lap,
-    _no_walls,
-    _quicker_there,
-    _quickest_trained,
-    _runs_wide,
-    _sac_elsewhere,
-    _sooner,
-    _three_laps,
-    _transfer,
-    _transfers_best,
-)
+STATEMENTS: Final = statements_of(PAPER, globals())
 """Statements that the experiments can answer."""
 
 # --------------------------------------------------------------------------------------------------------- tables
@@ -337,29 +292,28 @@ STATEMENTS: Final = statements_of(
 PUBLISHED: Final[Mapping[str, Mapping[str, Sequence[str]]]] = PAPER["published"]
 
 
-_ROWS_1: Final[dict[str, Callable[[list[Any]], str]]] = {
-    "rides whole": lambda rows: f"{sum(row.whole for row in rows)} of {sum(row.rides for row in rows)}",
+_ROWS_1: Final[dict[str, Callable[[pd.DataFrame], str]]] = {
+    "rides whole": lambda rows: f"{rows['whole'].sum()} of {rows['rides'].sum()}",
     "lap time, mean": lambda rows: with_interval(of_whole(rows, "mean"), lap_text),
     "lap time, best": lambda rows: lap_text(min(best)) if len(best := of_whole(rows, "best")) else "-",
-    "distance to ideal / m": lambda rows: with_interval(np.array([row.line for row in rows]), ".2f"),
-    "off-track time a ride / s": lambda rows: with_interval(np.array([row.outside for row in rows]), ".2f"),
-    "falls": lambda rows: f"{sum(row.falls for row in rows)}",
-    "collisions": lambda rows: f"{sum(row.walls for row in rows)}",
+    "distance to ideal / m": lambda rows: with_interval(rows["line"].to_numpy(), ".2f"),
+    "off-track time a ride / s": lambda rows: with_interval(rows["outside"].to_numpy(), ".2f"),
+    "falls": lambda rows: f"{rows['falls'].sum()}",
+    "collisions": lambda rows: f"{rows['walls'].sum()}",
 }
 
 
-def _cell(rows: list[Any], name: str) -> str:
-    return _ROWS_1[name](rows) if rows else "-"
+def _cell(rows: pd.DataFrame, name: str) -> str:
+    return _ROWS_1[name](rows) if len(rows) else "-"
 
 
 def _runs(data: Tables) -> str:
     rows = []
-    for name in dict.fromkeys(run.setting for run in data.runs):
-        runs = [run for run in data.runs if run.setting == name]
-        whole = np.array([run.finished_at for run in runs if run.finished_at >= 0], float)
-        done = [run for run in runs if run.status == "finished"]
-        cpu = np.array([run.cpu_seconds for run in done if run.cpu_seconds >= 0.0], float)
-        steps = ", ".join(f"{steps:,}" for steps in sorted({run.steps for run in done})) or "-"
+    for name, runs in data["runs"].groupby("setting", sort=False):
+        whole = runs[runs["finished_at"] >= 0]["finished_at"].to_numpy(float)
+        done = select(runs, status="finished")
+        cpu = done[done["cpu_seconds"] >= 0.0]["cpu_seconds"].to_numpy()
+        steps = ", ".join(f"{steps:,}" for steps in sorted(done["steps"].unique())) or "-"
         first = f"{len(whole)} of {len(runs)}: {with_interval(whole, ',.0f')}"
         rows.append((name, f"{len(done)} of {len(runs)}", steps, first, with_interval(cpu, ".0f")))
     head = ("setting", "runs finished", "decisions each", "first whole validation, decisions")
@@ -368,16 +322,11 @@ def _runs(data: Tables) -> str:
 
 def _arms(data: Tables) -> str:
     """Every curriculum in Barcelona beside the fixed schedule: differences of the means with their intervals."""
-    kinds = [name for name in dict.fromkeys(run.setting for run in data.runs) if circuit_of(name) == CIRCUITS[0]]
-    share = {}
-    for kind in kinds:
-        found = [
-            np.array([row.error < 1.0 for row in data.validations if (row.setting, row.seed) == (kind, run.seed)])
-            for run in data.runs
-            if run.setting == kind
-        ]
-        share[kind] = np.array([100.0 * whole.mean() for whole in found if len(whole)])
-    late = {kind: np.array([100.0 * row.whole / row.rides for row in rows_of(data, kind, "late")]) for kind in kinds}
+    kinds = [name for name in data["runs"]["setting"].unique() if circuit_of(name) == CIRCUITS[0]]
+    whole = data["validations"].assign(whole=lambda found: found["error"] < 1.0)
+    share = {kind: 100.0 * select(whole, setting=kind).groupby("seed")["whole"].mean().to_numpy() for kind in kinds}
+    rides = {kind: rows_of(data, kind, "late") for kind in kinds}
+    late = {kind: (100.0 * of["whole"] / of["rides"]).to_numpy() for kind, of in rides.items()}
     rows = []
     for kind in kinds:
         cells = [kind, str(len(late[kind]))]
@@ -387,7 +336,7 @@ def _arms(data: Tables) -> str:
             known = kind != "schedule" and min(len(values[kind]), len(other)) > 1
             low, high = interval(values[kind], other, rule=operator.sub) if known else (0.0, 0.0)
             cells.append(f"{low:+.0f} to {high:+.0f}" if known else "")
-        rows.append((*cells, with_interval(of_whole(rows_of(data, kind, "late"), "mean"), lap_text)))
+        rows.append((*cells, with_interval(of_whole(rides[kind], "mean"), lap_text)))
     head = ("curriculum", "runs", "whole validations / %", "less the schedule's", "rides whole, late / %")
     return markdown((*head, "less the schedule's", "lap time, late"), rows)
 
@@ -395,7 +344,7 @@ def _arms(data: Tables) -> str:
 def _table_1(data: Tables) -> str:
     columns = [(kind, actor) for actor in ACTORS for kind in KINDS]
     each = [rows_of(data, kind, actor) for kind, actor in columns]
-    steps = [sorted({row.step for row in rows}) for rows in each]
+    steps = [sorted(rows["step"].unique()) for rows in each]
     cells = [f"{of[0]:,}" + (f" to {of[-1]:,}" if len(of) > 1 else "") if of else "-" for of in steps]
     lines: list[Sequence[str]] = [("decisions", *cells)]
     lines += [(name, *(_cell(rows, name) for rows in each)) for name in _ROWS_1]
@@ -413,7 +362,7 @@ def _table_2(data: Tables) -> str:
         lines.append((circuit, "*paper, early*", "", lap, line, off, "", sac))
         for actor in ACTORS:
             ours, others = (rows_of(data, setting_of(kind, circuit), actor) for kind in KINDS)
-            if ours or others:
+            if len(ours) or len(others):
                 cells = [_cell(ours, name) for name in names] + [_cell(others, name) for name in names[:2]]
                 lines.append(("", actor, *cells))
     head = ("circuit", "actor", "SPDL whole", "lap", "distance / m", "off-track / s", "SAC whole", "lap")
@@ -424,14 +373,15 @@ def _table_3(data: Tables) -> str:
     found = {circuit: transfers_of(data, circuit) for circuit in CIRCUITS}
     lines: list[Sequence[str]] = []
 
-    def cell(row: Any | None) -> str:
-        if row is None:
+    def cell(rows: pd.DataFrame, machine: str) -> str:
+        if machine not in rows.index:
             return "not ridden"
-        return f"{lap_text(row.best) if row.whole else '-'} ({row.whole} of {row.rides})"
+        best, whole, rides = (rows[name][machine] for name in ("best", "whole", "rides"))
+        return f"{lap_text(best) if whole else '-'} ({whole} of {rides})"
 
     for machine in MACHINES:
         lines.append((machine, "paper", *PUBLISHED["table_3"][machine]))
-        lines.append(("", "found", *(cell(found[circuit].get(machine)) for circuit in CIRCUITS)))
+        lines.append(("", "found", *(cell(found[circuit], machine) for circuit in CIRCUITS)))
     return markdown(("machine", "", *CIRCUITS), lines)
 
 
