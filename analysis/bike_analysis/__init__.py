@@ -13,7 +13,7 @@ imports only those before it. `report` is what ``bike analyze`` writes.
 """
 
 from bike_analysis.figures.compare import Comparison
-from bike_analysis.figures.metrics import RideFigures, ride_figures
+from bike_analysis.figures.metrics import Figures, ride_figures
 from bike_analysis.figures.recorded import RecordedLap, RecordedRide, RideRecording, compare, open_ride
 from bike_analysis.read.container import RecordingError
 from bike_analysis.read.reading import Recording, read_recording
@@ -21,12 +21,12 @@ from bike_analysis.read.rides import Ride, find_rides
 
 __all__ = [
     "Comparison",
+    "Figures",
     "RecordedLap",
     "RecordedRide",
     "Recording",
     "RecordingError",
     "Ride",
-    "RideFigures",
     "RideRecording",
     "compare",
     "find_rides",

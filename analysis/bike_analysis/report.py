@@ -15,7 +15,7 @@ import pandas as pd
 
 from bike_analysis.figures.circuit import Theory, circuit_figures, ridden_circuit
 from bike_analysis.figures.compare import Comparison, CourseError
-from bike_analysis.figures.metrics import RideFigures
+from bike_analysis.figures.metrics import Figures
 from bike_analysis.figures.recorded import RecordedLap, RecordedRide, RideRecording, comparable, compare, open_ride
 from bike_analysis.figures.results import comparison_figures, distance_by_speed, finite, recording_figures, ride_entry
 from bike_analysis.page.document import RC
@@ -232,7 +232,7 @@ def write_report(
     return page, picture
 
 
-def _headline(f: RideFigures) -> str:
+def _headline(f: Figures) -> str:
     parts = [shown(f.course or "ride", LONGEST_HEADLINE_NAME)]
     if f.speed_mean_m_s is not None:
         parts.append(f"{f.speed_mean_m_s:.2f} m/s")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -78,7 +77,7 @@ def test_equal_rides_have_equal_figures(writer, open_ride_of, tmp_path: Path, ra
     for behind in (1, 2, 6):
         path = writer.write(tmp_path / f"{behind}.mcap", [open_ride_of(radius, speed, behind)])
         recording = open_ride(path)
-        figures = asdict(recording.rides[0].figures)
+        figures = recording.rides[0].figures
         found.append({name: value for name, value in figures.items() if name not in OF_THE_RECORDING})
         assert len(recording.rides[0].table()) == figures["steps"], "tables keep every recorded state"
     assert found[0] == found[1] == found[2]

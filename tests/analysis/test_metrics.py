@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bike_analysis import find_rides, read_recording, ride_figures
-from bike_analysis.figures.metrics import RideFigures, latency_figures
+from bike_analysis.figures.metrics import Figures, latency_figures
 from bike_analysis.figures.numbers import command_delay, rate
 from bike_analysis.read.messages import Latency
 from bike_analysis.read.rides import Ride
@@ -22,7 +22,7 @@ from bike_analysis.read.rides import Ride
 def ride_of(writer, tmp_path: Path):
     """Write synthetic rides, read them back and give the rides and their figures."""
 
-    def make(*rides, **options) -> tuple[list[Ride], list[RideFigures]]:
+    def make(*rides, **options) -> tuple[list[Ride], list[Figures]]:
         found = find_rides(read_recording(writer.write(tmp_path / "ride.mcap", rides, overwrite=True, **options)))
         return list(found), [ride_figures(ride) for ride in found]
 
@@ -199,7 +199,7 @@ def test_line_is_recovered_where_no_course_was_recorded(ride_of, circle) -> None
 
 def test_figures_are_plain_json(ride_of, circle) -> None:
     _, (figures,) = ride_of(circle(steps=30), topics=["/bike/state"])
-    text = json.dumps(asdict(figures), allow_nan=False)
+    text = json.dumps(figures, allow_nan=False)
     assert json.loads(text)["mean_error_m"] == pytest.approx(0.3)
 
 

@@ -13,7 +13,6 @@ without a suffix are counts, flags, fractions in [-1, 1] or names. What was not 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, fields
 from typing import Any, Final
 
 import numpy as np
@@ -109,150 +108,33 @@ IDEAL_LINE: Final = "(ideal)"
 _ENERGY: Final = re.compile(r"([0-9.]+) kJ")
 
 
-@dataclass(frozen=True, kw_only=True)
-class MotionFigures:
-    """Figures of a ride or of one of its laps.
+class Figures(dict[str, Any]):
+    """Figures of a ride or of one of its laps by name, each an attribute too.
 
-    Attributes:
-        off_track_s: Time with both contact points outside the limits; None where the limits were not recorded.
-        mean_error_m: Mean distance of the rear contact to the path.
-        max_error_m: Maximum distance.
-        rms_error_m: Root of the mean squared distance.
-        ideal_distance_mean_m: Mean distance to the ideal line, over time; None unless that is the followed line.
-        ideal_distance_max_m: Largest distance to it.
-        speed_min_m_s: Lowest speed.
-        speed_mean_m_s: Mean speed.
-        speed_max_m_s: Highest speed.
-        roll_min_deg: Farthest lean to the left (negative).
-        roll_max_deg: Farthest lean to the right.
-        roll_rate_rms_deg_s: Root mean square of the roll rate.
-        steer_rate_rms_deg_s: Root mean square of the steer rate: the steering activity.
-        acceleration_max_m_s2: Largest change of the speed, by central differences over two steps.
-        braking_max_m_s2: Largest change of the speed downwards, positive.
-        lateral_acceleration_max_m_s2: Largest speed times yaw rate on either side.
-        falls: Falls in this ride.
-        lost_steps: Steps missing between the first and the last.
+    The page of the analysis describes them all (docs/reference/analysis.md). Names end in their units; what cannot be
+    computed is None.
     """
 
-    off_track_s: float | None
-    mean_error_m: float | None
-    max_error_m: float | None
-    rms_error_m: float | None
-    ideal_distance_mean_m: float | None
-    ideal_distance_max_m: float | None
-    speed_min_m_s: float | None
-    speed_mean_m_s: float | None
-    speed_max_m_s: float | None
-    roll_min_deg: float | None
-    roll_max_deg: float | None
-    roll_rate_rms_deg_s: float | None
-    steer_rate_rms_deg_s: float | None
-    acceleration_max_m_s2: float | None
-    braking_max_m_s2: float | None
-    lateral_acceleration_max_m_s2: float | None
-    falls: int
-    lost_steps: int
+    def __getattr__(self, name: str) -> Any:
+        """Return a figure.
+
+        Raises:
+            AttributeError: There is none of that name.
+        """
+        try:
+            return self[name]
+        except KeyError:
+            raise AttributeError(f"no figure {name!r}; there are {', '.join(self)}") from None
 
 
-@dataclass(frozen=True, kw_only=True)
-class LapFigures(MotionFigures):
-    """Figures of one complete lap.
-
-    Attributes:
-        lap: Number in the ride, from 1.
-        lap_s: Lap time.
-        sectors_s: Times of the sectors, in order; empty where the course has none.
-        valid: Whether at least one contact point was inside the limits all the time; None where they are not known.
-        from_events: Whether the times are those of the recorded events; else they were found from the states.
-        begin_s: When the lap began, since the ride's first state.
-        out_lap: Whether it began with the ride itself, as from a rolling start, and not by riding over the line.
-    """
-
-    lap: int
-    lap_s: float
-    sectors_s: list[float]
-    valid: bool | None
-    from_events: bool
-    begin_s: float
-    out_lap: bool
+LAP_MOTION: Final = (
+    *("speed_min_m_s", "speed_mean_m_s", "speed_max_m_s", "roll_min_deg", "roll_max_deg", "roll_rate_rms_deg_s"),
+    *("steer_rate_rms_deg_s", "acceleration_max_m_s2", "braking_max_m_s2", "lateral_acceleration_max_m_s2"),
+)
+"""Figures of the motion that laps have."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class RideFigures(MotionFigures):
-    """Figures of one ride.
-
-    Attributes:
-        ride: Number in the recording, from 1.
-        episode: The simulator's number.
-        course: Name of the course, or None where it was not recorded.
-        ended_by: ``finished``, ``fell``, ``off_course`` or ``stopped``.
-        completed: Whether the end of the course, or a full lap of a closed one, was reached without fault.
-        off_course: Times that it left the course.
-        duration_s: Simulated time from the first to the last state, or to the finish of an open course.
-        distance_m: Distance travelled by the rear contact point up to there.
-        laps: Full laps of a closed course.
-        max_error_at_m: Progress at which the maximum was met.
-        steer_min_deg: Farthest steer to the right (negative).
-        steer_max_deg: Farthest steer to the left.
-        steer_torque_rms_nm: Root mean square of the steering drive's torque.
-        roll_rate_max_deg_s: Largest roll rate on either side.
-        steer_rate_max_deg_s: Largest steer rate on either side.
-        command_change_mean: Mean absolute change of the steering command from step to step, of [-1, 1].
-        throttle_change_mean: The same of throttle and brake.
-        steps: Recorded steps.
-        lost_commands: Steps between the first and the last command for which none was recorded; None without commands.
-        repeated_states: Table recorded more than once.
-        unanswered_states: Table without a command, the last state not counted; None if commands were not recorded.
-        command_delay_mean_steps: Mean age of the applied command, see `command_delay`.
-        command_delay_max_steps: Largest age.
-        command_delay_mean_s: Mean age in simulated time.
-        command_delay_max_s: Largest age in simulated time.
-        latency_median_s: Median wall-clock time of the policy's answers since its start, by the ride's last report.
-        latency_p99_s: 99th percentile of the same.
-        collisions: Walls that were met (`collisions`).
-        best_lap_s: The fastest complete lap, out-laps not counted where there are others; None without one.
-        theoretical_lap_s: Sum of the best sectors over the same laps; None where sectors are not known.
-        tyres: What tyres and rider aids did (`tyre_figures`); None where no telemetry was recorded.
-        complete_laps: Complete laps from start line to start line.
-        sections: The distance to the path by section of the course (`section_figures`).
-    """
-
-    ride: int
-    episode: int
-    course: str | None
-    ended_by: str
-    completed: bool
-    off_course: int
-    duration_s: float
-    distance_m: float
-    laps: int | None
-    max_error_at_m: float | None
-    steer_min_deg: float | None
-    steer_max_deg: float | None
-    steer_torque_rms_nm: float | None
-    roll_rate_max_deg_s: float | None
-    steer_rate_max_deg_s: float | None
-    command_change_mean: float | None
-    throttle_change_mean: float | None
-    steps: int
-    lost_commands: int | None
-    repeated_states: int
-    unanswered_states: int | None
-    command_delay_mean_steps: float | None
-    command_delay_max_steps: int | None
-    command_delay_mean_s: float | None
-    command_delay_max_s: float | None
-    latency_median_s: float | None
-    latency_p99_s: float | None
-    collisions: list[dict[str, Any]]
-    best_lap_s: float | None
-    theoretical_lap_s: float | None
-    tyres: dict[str, float | None] | None
-    complete_laps: tuple[LapFigures, ...]
-    sections: list[dict[str, Any]]
-
-
-def ride_figures(ride: Ride) -> RideFigures:
+def ride_figures(ride: Ride) -> Figures:
     """Compute the figures of a ride.
 
     Args:
@@ -272,7 +154,7 @@ def ride_figures(ride: Ride) -> RideFigures:
     length, progress = course_length(ride), states.progress[np.isfinite(states.progress)]
     worst = float(states.progress[int(np.nanargmax(error))]) if np.isfinite(error).any() else np.nan
     left = sum(e.kind == "off_course" and (ride is whole or e.step < states.step[-1]) for e in ride.events)
-    return RideFigures(
+    return Figures(
         ride=ride.index,
         episode=ride.episode,
         course=ride.course.name if ride.course else None,
@@ -309,7 +191,7 @@ def ride_figures(ride: Ride) -> RideFigures:
 
 
 def motion_figures(states: Table) -> dict[str, Any]:
-    """Speed, lean, steering and accelerations over some states, by name as in `RideFigures`."""
+    """Speed, lean, steering and accelerations over some states, by name."""
     roll, steer = np.degrees(states.roll), np.degrees(states.steer)
     roll_rate, steer_rate = np.degrees(states.roll_rate), np.degrees(states.steer_rate)
     change = rate(states.speed, states.time_s)
@@ -344,7 +226,7 @@ def ideal_figures(ride: Ride, rows: slice) -> dict[str, Any]:
     return {"ideal_distance_mean_m": mean, "ideal_distance_max_m": over(np.max, distance)}
 
 
-def lap_figures(ride: Ride, lap: CompleteLap, outside: Floats) -> LapFigures:
+def lap_figures(ride: Ride, lap: CompleteLap, outside: Floats) -> Figures:
     """Compute the figures of a lap.
 
     Args:
@@ -356,9 +238,8 @@ def lap_figures(ride: Ride, lap: CompleteLap, outside: Floats) -> LapFigures:
         Its figures.
     """
     states = ride.states.take(lap.rows)
-    off_track = time_outside(ride.time, outside, lap.begin_s, lap.end_s)
-    wanted = {f.name for f in fields(LapFigures)}
-    return LapFigures(
+    off_track, motion = time_outside(ride.time, outside, lap.begin_s, lap.end_s), motion_figures(states)
+    return Figures(
         lap=lap.number,
         lap_s=lap.duration_s,
         sectors_s=list(lap.sectors_s),
@@ -369,7 +250,7 @@ def lap_figures(ride: Ride, lap: CompleteLap, outside: Floats) -> LapFigures:
         off_track_s=off_track,
         **error_figures(np.abs(states.lateral_error)),
         **ideal_figures(ride, lap.rows),
-        **{name: value for name, value in motion_figures(states).items() if name in wanted},
+        **{name: motion[name] for name in LAP_MOTION},
         falls=int(states.fallen.any()),
         lost_steps=_lost_steps(states) if len(states) else 0,
     )
@@ -423,7 +304,7 @@ def latency_figures(latencies: tuple[Latency, ...]) -> tuple[float | None, float
 
 
 def error_figures(error: Floats) -> dict[str, Any]:
-    """Mean, maximum and root mean square of distances, by name as in `MotionFigures`."""
+    """Mean, maximum and root mean square of distances, by name."""
     return {
         "mean_error_m": over(np.mean, error),
         "max_error_m": over(np.max, error),

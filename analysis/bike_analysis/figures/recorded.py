@@ -16,7 +16,7 @@ import pandas as pd
 
 from bike_analysis.figures.compare import Comparison, Run, compare_runs
 from bike_analysis.figures.laps import CompleteLap, counted_laps, evaluated_ride, find_laps
-from bike_analysis.figures.metrics import RideFigures, ride_figures, ride_table
+from bike_analysis.figures.metrics import Figures, ride_figures, ride_table
 from bike_analysis.read.messages import RecordedCourse, RecordedEvent
 from bike_analysis.read.reading import Recording, read_recording
 from bike_analysis.read.rides import Ride, find_rides
@@ -64,7 +64,7 @@ class RecordedRide:
         return evaluated_ride(self.data)
 
     @cached_property
-    def figures(self) -> RideFigures:
+    def figures(self) -> Figures:
         """Figures of the whole ride and of its laps."""
         return ride_figures(self.data)
 

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from bike_analysis.figures.compare import Comparison
-from bike_analysis.figures.metrics import RideFigures, latency_figures
+from bike_analysis.figures.metrics import Figures, latency_figures
 from bike_analysis.figures.recorded import RecordedRide, RideRecording
 
 SCHEMA: Final = "bike.analyze/2"
@@ -50,7 +50,7 @@ def recording_figures(recording: RideRecording) -> dict[str, Any]:
 
 def ride_entry(ride: RecordedRide) -> dict[str, Any]:
     """Describe a ride: its recording and its figures."""
-    return {"recording": str(ride.recording.path), **asdict(ride.figures)}
+    return {"recording": str(ride.recording.path), **ride.figures}
 
 
 def comparison_figures(comparison: Comparison) -> dict[str, Any]:
@@ -92,7 +92,7 @@ def distance_by_speed(recordings: Sequence[RideRecording]) -> list[dict[str, Any
     Returns:
         One entry per course and speed, sorted.
     """
-    groups: dict[tuple[str, int], list[tuple[str, RideFigures]]] = {}
+    groups: dict[tuple[str, int], list[tuple[str, Figures]]] = {}
     for recording in recordings:
         for ride in recording.rides:
             f = ride.figures
@@ -105,7 +105,7 @@ def distance_by_speed(recordings: Sequence[RideRecording]) -> list[dict[str, Any
     return [_speed_figures(course, SPEED_STEP * step, found) for (course, step), found in sorted(groups.items())]
 
 
-def _speed_figures(course: str, speed: float, found: Sequence[tuple[str, RideFigures]]) -> dict[str, Any]:
+def _speed_figures(course: str, speed: float, found: Sequence[tuple[str, Figures]]) -> dict[str, Any]:
     by_controller: dict[str, list[float]] = {}
     for controller, f in found:
         by_controller.setdefault(controller, []).append(f.mean_error_m or 0.0)

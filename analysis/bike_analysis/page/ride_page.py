@@ -13,7 +13,7 @@ import numpy as np
 
 from bike_analysis.figures.circuit import Circuit, CornerFigures, corner_figures, course_corners
 from bike_analysis.figures.compare import Comparison, counted_runs
-from bike_analysis.figures.metrics import RideFigures
+from bike_analysis.figures.metrics import Figures
 from bike_analysis.figures.numbers import lap_text
 from bike_analysis.figures.recorded import RecordedRide, RideRecording, folder_prefixes
 from bike_analysis.page.document import (
@@ -252,7 +252,7 @@ def _below(recordings: Sequence[tuple[RideRecording, str]]) -> str:
     return "".join(f'<p class="soft">{line}</p>' for line in lines) + more
 
 
-def _chosen(figures: Sequence[RideFigures]) -> list[int]:
+def _chosen(figures: Sequence[Figures]) -> list[int]:
     """Indices of the rides to draw: all if they are few, else the failed ones and those with the largest errors."""
     if len(figures) <= DRAWN_RIDES:
         return list(range(len(figures)))
@@ -322,7 +322,7 @@ def _ride(ride: RecordedRide, name: str, view: View) -> str:
     return "\n".join(parts)
 
 
-def _outcome(ride: Ride, figures: RideFigures) -> str:
+def _outcome(ride: Ride, figures: Figures) -> str:
     words = {
         "finished": "Reached the end of the course.",
         "fell": "The vehicle fell.",
@@ -335,7 +335,7 @@ def _outcome(ride: Ride, figures: RideFigures) -> str:
     return f'<p class="{figures.ended_by}">{html_text(text)}</p>'
 
 
-def _key_figures(f: RideFigures) -> list[tuple[str, str, str]]:
+def _key_figures(f: Figures) -> list[tuple[str, str, str]]:
     """The tiles; those of motorcycles, whose speed is in km/h, have the best lap and the limits instead of errors."""
     lean = [abs(v) for v in (f.roll_min_deg, f.roll_max_deg) if v is not None]
     if f.complete_laps and (f.speed_max_m_s or 0.0) > FAST:
@@ -362,7 +362,7 @@ def _key_figures(f: RideFigures) -> list[tuple[str, str, str]]:
     ]
 
 
-def _section_table(f: RideFigures) -> str:
+def _section_table(f: Figures) -> str:
     if not f.sections:
         return ""
     top = max((s["max_error_m"] or 0.0) for s in f.sections) or 1.0
@@ -376,7 +376,7 @@ def _section_table(f: RideFigures) -> str:
     return f"<h3>Distance to the path by section</h3>{table_html(head, rows)}"
 
 
-def _figure_table(f: RideFigures) -> str:
+def _figure_table(f: Figures) -> str:
     entries: Iterable[tuple[str, str]] = [
         ("duration", f"{f.duration_s:.2f} s"),
         ("distance travelled", f"{f.distance_m:.2f} m"),
