@@ -71,7 +71,7 @@ def test_throttle_is_learned_in_seconds(tmp_path: Path, ground: CircuitSet) -> N
     preset = RACE_DIRECT.changed({**SMALL, **task, **changes})
     task = replace(preset.task, validation_duration=2.0)
     request = ResetRequest(course="barcelona", speed_range=(30.0, 30.0), progress=300.0)
-    process = LearningProcess(settings(preset), tmp_path / "run", 2400)
+    process = LearningProcess(settings(preset), tmp_path / "run", 1600)
     before = ride_side_by_side(process.actor(), task, process.settings.simulator(), [request])[0][-1]
     process.run()
     after = ride_side_by_side(process.actor(), task, process.settings.simulator(), [request])[0][-1]

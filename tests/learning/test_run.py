@@ -23,7 +23,7 @@ PRESET = load_preset("fast").changed(
         "learner.learning_starts": 20,
         "learner.environments": 2,
         "learner.updates": 1,
-        "learner.steps": 240,
+        "learner.steps": 120,
     }
 )
 SETTINGS = RunSettings(PRESET, seed=5)
@@ -40,15 +40,15 @@ def test_a_run_that_was_stopped_and_resumed_is_the_whole_run_bit_for_bit(learner
     whole = run(settings, tmp_path / "whole")
 
     def stop(process) -> None:
-        if process.model.num_timesteps == 100:
+        if process.model.num_timesteps == 60:
             signal.raise_signal(signal.SIGINT)
 
     stopped = run(settings, tmp_path / "parts", stop)
-    assert (stopped["interrupted"], stopped["steps"]) == (True, 100)
+    assert (stopped["interrupted"], stopped["steps"]) == (True, 60)
     assert stored_settings(tmp_path / "parts") == settings
     resumed = run(settings, tmp_path / "parts", resume=True)
     assert without_clock(resumed) == without_clock(whole)
-    assert (resumed["interrupted"], resumed["steps"], resumed["updates"]) == (False, 240, 110)
+    assert (resumed["interrupted"], resumed["steps"], resumed["updates"]) == (False, 120, 50)
     folders = [tmp_path / name / "checkpoint" for name in ("whole", "parts")]
     tensors = [load_file(folder / "tensors.safetensors") for folder in folders]
     replays = [dict(np.load(folder / "replay.npz")) for folder in folders]
