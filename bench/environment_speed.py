@@ -14,6 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from bike_policy.riders.classical import ClassicalRider
+from bike_sim.course.files import load_track
 from bike_sim.course.random_courses import CURRICULUM_PATHS
 from bike_sim.physics.state import ROLL, ROLL_RATE
 from bike_sim.schema import GRAVITY
@@ -149,7 +150,7 @@ def superbike_batch_speed(count: int = 32, steps: int = 100, vehicle: str = SUPE
     """
     config = replace(superbike_config(vehicle), engine="compiled")
     batch = Batch(count, config)
-    places = np.linspace(0.0, 4500.0, count)
+    places = np.linspace(0.0, 0.966 * load_track(CIRCUIT).length, count)
     best = 0.0
     for _ in range(ROUNDS):
         for row, progress in enumerate(places):

@@ -16,7 +16,7 @@ pytestmark = pytest.mark.ros
 SHORT: dict[str, dict[str, Any]] = {
     "physics": {"rounds": 1},
     "environment": {"scale": 0.02},
-    "ros": {"rounds": 3, "steps": 20},
+    "ros": {"rounds": 3, "steps": 10},
     "recorder": {"rates": (500,), "duration": 0.5},
     "analysis": {"duration": 4.0, "excerpt": 2.0, "distance": 50.0},
     "live": {"rounds": 1},
@@ -28,11 +28,13 @@ def test_each_part_measures(part: str, compiled: None, circuit: Path, monkeypatc
     module, sizes = load_part(part), SHORT[part]
     if part == "physics":
         pytest.importorskip("exudyn")
+        monkeypatch.setattr(module, "EXUDYN_SETTINGS", module.EXUDYN_SETTINGS[:1])
     if part == "live":
         sizes = sizes | {"with_page": shutil.which("chromium") is not None}
         monkeypatch.setattr(module, "FIRST_REPORTS", 5)
+        monkeypatch.setattr(module, "REPORTS", 4)
     monkeypatch.setattr(module, "ROUNDS", 1, raising=False)
-    if part == "analysis":
+    if part in ("analysis", "environment"):
         monkeypatch.setattr(module, "CIRCUIT", str(circuit))
     figures = module.measure(**sizes)
     numbers = {name: value for name, value in figures.items() if isinstance(value, float)}

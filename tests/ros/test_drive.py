@@ -23,7 +23,7 @@ from bike_sim.sim.simulator import Simulator
 
 pytestmark = pytest.mark.ros
 
-STEPS = 150
+STEPS = 80
 
 
 @pytest.mark.slow
@@ -31,11 +31,11 @@ def test_a_ride_with_both_nodes_killed_and_restarted(ros, policy) -> None:
     simulator = ros.simulator(course="circle")
     driver = ros.start("bike_policy.drive", policy=policy)
     probe = ros.probe()
-    probe.until(lambda: probe.states[-1].step > 50)
+    probe.until(lambda: probe.states[-1].step > 25)
     driver.end(signal.SIGKILL)
     left_at = probe.still().step
     driver = ros.start("bike_policy.drive", policy=policy)
-    probe.until(lambda: probe.states[-1].step > left_at + 50)
+    probe.until(lambda: probe.states[-1].step > left_at + 25)
     steps = [s.step for s in probe.states]
     assert steps == sorted(steps)
     assert {s.episode for s in probe.states} == {1}
@@ -47,7 +47,7 @@ def test_a_ride_with_both_nodes_killed_and_restarted(ros, policy) -> None:
     ros.simulator(course="circle")
     probe.until(lambda: "driving episode 1 from step 0" in driver.words)
     # These probe may find the new simulator later than the driver does, and miss its first states.
-    probe.until(lambda: len(probe.states) > before and probe.states[-1].step > 50)
+    probe.until(lambda: len(probe.states) > before and probe.states[-1].step > 25)
     assert driver.process.poll() is None
     assert driver.end(signal.SIGTERM)[0] == 0
 

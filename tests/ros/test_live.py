@@ -81,7 +81,7 @@ def test_wishes_beyond_the_bounds_are_clipped() -> None:
     assert checked_request({"type": "pace", "factor": 1e9}) == {"type": "pace", "factor": PACES[1]}
 
 
-@pytest.mark.parametrize("wish", [0.4, -0.4, 0.0])
+@pytest.mark.parametrize("wish", [0.4, -0.4])
 def test_a_wish_is_a_lean_that_the_loop_balances(wish: float) -> None:
     """The lean is that of the steady turn (`bike_sim.physics.bicycle.steady_turn`); to the left is a negative roll."""
     with closing(Simulator(SimulatorConfig(engine="whipple"))) as simulator:
@@ -102,10 +102,10 @@ def test_a_wish_is_a_lean_that_the_loop_balances(wish: float) -> None:
         assert rider.command(snapshot) == (wish, 0.0)
 
 
-@pytest.mark.parametrize("speed", [3.0, 4.0, 6.0])
+@pytest.mark.parametrize("speed", [3.0, 6.0])
 def test_no_wishes_throw_off_who_is_balanced(speed: float) -> None:
     with closing(Simulator(SimulatorConfig(engine="whipple"))) as simulator:
-        for held in (4, 12, 30, 60):
+        for held in (4, 30):
             snapshot = simulator.reset(ResetRequest(course="line", speed_range=(speed, speed)))
             rider = ManualRider()
             rider.begin(simulator.vehicle, simulator.course, 0.05, simulator.preview)
@@ -389,7 +389,7 @@ def test_a_lap_is_ridden_by_keys_and_lies_beside_another(browser: webdriver.Chro
         assert ride.status()["status"]["hands"]
         ride.ask({"type": "rider", "hands": False, "balance": True})
         ride.ask({"type": "pace", "factor": 10.0})
-        ridden_until(lambda: len(laps()) >= 3, told)
+        ridden_until(lambda: len(laps()) >= 2, told)
         rate = browser.execute_script(page + "rate")
         print(f"{rate:.0f} frames a second")
         errors = [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
@@ -405,7 +405,7 @@ def test_a_lap_is_ridden_by_keys_and_lies_beside_another(browser: webdriver.Chro
     assert told == ["a command every 50 ms", "engine pybullet", "steps of 1 ms"]
     assert recorded_settings(recording.data) == told
     last = recording.rides[-1]
-    assert len(last.laps) >= 3
+    assert len(last.laps) >= 2
     by_hand, by_computer = last.laps[0], last.laps[-1]
     both = compare([by_hand, by_computer])
     assert {run.lap.number for run in both.runs} == {by_hand.number, by_computer.number}

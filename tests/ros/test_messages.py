@@ -68,12 +68,6 @@ def episode_of(simulator: Simulator) -> messages.Episode:
     return messages.Episode.of(simulator.vehicle, simulator.course, simulator.request.preview, 0.05)
 
 
-def test_snapshots_survive_bit_for_bit(ridden: tuple[Simulator, list[Snapshot]]) -> None:
-    simulator, rides = ridden
-    for snapshot in rides:
-        assert_carried(snapshot, episode_of(simulator))
-
-
 @given(st.integers(0, 2**32 - 1), st.integers(0, 2**32 - 1), st.floats(), st.floats(), st.integers(0, 2**50))
 def test_commands_survive_bit_for_bit(episode: int, step: int, steering: float, throttle: float, stamp: int) -> None:
     command = Command(episode, step, steering, throttle)

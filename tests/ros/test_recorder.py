@@ -83,7 +83,9 @@ def test_settings_that_cannot_be_end_the_node_with_one_line(ros: Any, tmp_path: 
         "give a directory": {"path": str(tmp_path / "a.mcap"), "max_bag_size": 1000},
         "'no good' is no name of a topic": {"topics": ["no good"]},
         "directory /dev/null cannot be made: File exists": {"path": "/dev/null/ride.mcap"},
+        "exists already": {"path": str(tmp_path / "old.mcap")},
     }
+    (tmp_path / "old.mcap").write_text("precious")
     for words, parameters in wrong.items():
         program = ros.start("bike_sim.ros.record", **parameters)
         assert program.wait() == 2
@@ -91,6 +93,7 @@ def test_settings_that_cannot_be_end_the_node_with_one_line(ros: Any, tmp_path: 
         assert len(lines) == 1, lines
         assert lines[0].startswith("record: ")
         assert words in lines[0]
+    assert (tmp_path / "old.mcap").read_text() == "precious"
 
 
 def test_the_recorder_starts_without_the_simulator() -> None:
@@ -368,7 +371,7 @@ def test_lost_messages_are_counted(ros: Any, sender: Any, tmp_path: Path) -> Non
 BIKES = 10
 RATE = 8_000.0
 """Messages a second: what ten bicycles and their policies publish at 100 Hz, eight each a control period."""
-SENT_FOR = 4.0
+SENT_FOR = 2.0
 
 
 @pytest.mark.slow

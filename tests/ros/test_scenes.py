@@ -90,30 +90,3 @@ def test_a_bicycle_behind_ros_rides_a_circuit(stadium: str) -> None:
     assert theirs.circuit is not None
     assert EventKind.SECTOR in {event.kind for event in events} or theirs.progress > 1028.3
     local.close()
-
-
-def test_line_and_place_are_asked_for_through_the_service_or_refused(stadium: str) -> None:
-    config = SimulatorConfig(engine="whipple", time_step=0.005)
-    local = Simulator(config)
-    local.reset(FIRST)
-
-    def asked(**changes: float) -> ResetRequest:
-        return ResetRequest(course=stadium, speed_range=(4.0, 4.0), **changes)  # type: ignore[arg-type]
-
-    with RosClient(config) as client:
-        places = set()
-        for line in (0.0, 0.4, 1.0):
-            for progress in (0.0, 250.0, 1000.0):
-                theirs = client.reset(asked(line=line, progress=progress))
-                assert_same(theirs, local.reset(asked(line=line, progress=progress)))
-                assert theirs.progress == pytest.approx(progress, abs=0.5)
-                places.add((theirs.state[st.X], theirs.state[st.Y]))
-        assert len(places) == 9
-        assert local.track is not None
-        for progress in (local.track.length, 5000.0):
-            with pytest.raises(ValueError, match=f"progress {progress!r} m lies beyond circuit 'stadium'"):
-                client.reset(asked(progress=progress))
-        with pytest.raises(ValueError, match="are for circuits"):
-            client.reset(ResetRequest(course="line", progress=5.0))
-        assert_same(client.step(0.1), local.step(0.1))  # the episode before goes on
-    local.close()

@@ -22,7 +22,7 @@ PATIENCE = 120.0
 
 MARK = "BIKE_TEST_MARK"
 
-SMALL = ("layers=8,8", "environments=2", "updates=1", "batch_size=16", "learning_starts=50")
+SMALL = ("layers=8,8", "environments=2", "updates=1", "batch_size=16", "learning_starts=20")
 
 
 def train(out: Path, steps: int, *more: str) -> list[str]:
@@ -67,12 +67,12 @@ def mark(monkeypatch: pytest.MonkeyPatch) -> str:
 def test_a_short_run_and_its_resume(tmp_path: Path, mark: str, capsys: pytest.CaptureFixture[str]) -> None:
     run = tmp_path / "run"
     learned = []
-    for words in (train(run, 200), train(run, 300, "--resume")):
+    for words in (train(run, 80), train(run, 120, "--resume")):
         assert main(words) == 0
         assert nodes(mark) == []
         learned.append(json.loads(capsys.readouterr().out)["figures"])
     first, second = learned
-    assert (first["steps"], second["steps"]) == (200, 300)
+    assert (first["steps"], second["steps"]) == (80, 120)
     assert 0 < first["updates"] < second["updates"]
     (ros,) = first["stages"]
     assert [ros] == second["stages"]

@@ -9,7 +9,7 @@ from visualization_msgs.msg import MarkerArray
 
 pytestmark = pytest.mark.ros
 
-STEPS = 40
+STEPS = 25
 
 
 @pytest.mark.slow
