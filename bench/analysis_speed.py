@@ -134,7 +134,7 @@ def record_lap(distance: float | None = None) -> Lap:
                 "drive": {"policy": "classical"},
             },
             title=f"{VEHICLE}, {CIRCUIT}",
-            way=2.0 * length,
+            distance=2.0 * length,
             longest=HOUR,
             is_over=is_over,
         )

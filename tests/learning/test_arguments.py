@@ -203,7 +203,7 @@ def test_no_error_is_longer_than_a_few_lines(words, tmp_path, monkeypatch, capsy
     file.write_text("task: " + 100_000 * "ab" + "\n")
     assert cli.main([word.format(file=file) for word in words]) == 2
     error = capsys.readouterr().err
-    assert len(error) <= cli.LONGEST_ERROR + 30
+    assert len(error) <= cli.MAX_ERROR + 30
     assert error.count("\n") == 1
 
 

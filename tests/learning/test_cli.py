@@ -83,8 +83,8 @@ def test_progress_is_one_speed_in_a_terminal_and_few_lines_in_a_log(capfd, monke
     assert "100/100 m" in last
     assert "4.00 m/s" in last
     assert last.count("/s") == 1
-    with status(Console(), "measuring") as tell:
-        tell("weave")
+    with status(Console(), "measuring") as report:
+        report("weave")
         assert capfd.readouterr().err == "measuring: weave\n"
 
 

@@ -164,14 +164,14 @@ class StateProbe(Witness):
         values = {"episode": state.episode, "step": state.step, "steering": steering, **changes}
         self.commands.publish(encode_command(Command(**values)))
 
-    def judged(self, verdict: str, state: BikeState, steering: float = 0.0, **changes: Any) -> None:
+    def sent(self, outcome: str, state: BikeState, steering: float = 0.0, **changes: Any) -> None:
         """Send a command and wait until the simulator has counted it: its queue holds one, a further takes its place.
 
-        Commands with this verdict must all have been sent by this method, or by `answer`.
+        Commands with this outcome must all have been sent by this method, or by `answer`.
         """
         self.command(state, steering, **changes)
-        self._sent[verdict] += 1
-        self.until_equal(lambda: self.count("sim_node", f"commands_{verdict}"), self._sent[verdict])
+        self._sent[outcome] += 1
+        self.until_equal(lambda: self.count("sim_node", f"commands_{outcome}"), self._sent[outcome])
 
     def answer(self, state: BikeState, steering: float = 0.0, **changes: Any) -> BikeState:
         """Answer a state and return the next one."""

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bike_sim.ros.command_gate import Command, CommandGate, Verdict
+from bike_sim.ros.command_gate import Command, CommandGate, Outcome
 
 NUMBERS = st.floats(allow_nan=True, allow_infinity=True)
 COMMANDS = st.builds(Command, st.integers(0, 4), st.integers(0, 6), NUMBERS, NUMBERS)
@@ -18,37 +18,37 @@ COMMANDS = st.builds(Command, st.integers(0, 4), st.integers(0, 6), NUMBERS, NUM
 def test_only_finite_commands_within_range_reach_the_physics(lockstep: bool, commands: list[Command]) -> None:
     gate = CommandGate(lockstep)
     for command in commands:
-        verdict, passed = gate.judge(command, episode=2, step=3, oldest=1)
-        if verdict is Verdict.TAKEN:
+        outcome, passed = gate.check(command, episode=2, step=3, oldest=1)
+        if outcome is Outcome.TAKEN:
             assert -1.0 <= passed.steering <= 1.0
             assert -1.0 <= passed.throttle <= 1.0
             assert passed.steering == min(max(command.steering, -1.0), 1.0)
             assert (command.episode, command.step) == (2, 3) if lockstep else command.episode in (0, 2)
         if not (math.isfinite(command.steering) and math.isfinite(command.throttle)):
-            assert verdict is Verdict.REFUSED
+            assert outcome is Outcome.REFUSED
     counts = gate.counts
     assert counts.taken + counts.repeated + counts.stale + counts.refused == len(commands)
     assert counts.clipped <= counts.taken
 
 
 @pytest.mark.parametrize(
-    ("episode", "step", "verdict"),
+    ("episode", "step", "outcome"),
     [
-        (2, 3, Verdict.TAKEN),
-        (2, 2, Verdict.REPEATED),
-        (2, 1, Verdict.STALE),
-        (2, 4, Verdict.STALE),
-        (1, 3, Verdict.STALE),
-        (3, 0, Verdict.STALE),
-        (0, 3, Verdict.STALE),
+        (2, 3, Outcome.TAKEN),
+        (2, 2, Outcome.REPEATED),
+        (2, 1, Outcome.STALE),
+        (2, 4, Outcome.STALE),
+        (1, 3, Outcome.STALE),
+        (3, 0, Outcome.STALE),
+        (0, 3, Outcome.STALE),
     ],
 )
-def test_lockstep_takes_the_answer_to_the_last_state_only(episode: int, step: int, verdict: Verdict) -> None:
-    assert CommandGate(lockstep=True).judge(Command(episode, step, 0.1), 2, 3)[0] is verdict
+def test_lockstep_takes_the_answer_to_the_last_state_only(episode: int, step: int, outcome: Outcome) -> None:
+    assert CommandGate(lockstep=True).check(Command(episode, step, 0.1), 2, 3)[0] is outcome
 
 
 def test_free_mode_takes_recent_and_unaddressed_commands() -> None:
     gate = CommandGate(lockstep=False)
-    verdicts = [gate.judge(Command(2, step, 0.1), 2, 10, oldest=6)[0] for step in (5, 6, 10, 11)]
-    assert verdicts == [Verdict.STALE, Verdict.TAKEN, Verdict.TAKEN, Verdict.STALE]
-    assert gate.judge(Command(0, 0, 0.1), 2, 10, oldest=6)[0] is Verdict.TAKEN
+    outcomes = [gate.check(Command(2, step, 0.1), 2, 10, oldest=6)[0] for step in (5, 6, 10, 11)]
+    assert outcomes == [Outcome.STALE, Outcome.TAKEN, Outcome.TAKEN, Outcome.STALE]
+    assert gate.check(Command(0, 0, 0.1), 2, 10, oldest=6)[0] is Outcome.TAKEN

@@ -46,10 +46,10 @@ def test_silence_sets_steering_straight_and_a_command_ends_it(ros) -> None:
     assert {applied[step] for step in range(1, 6)} == {0.02}
     assert {applied[step] for step in range(7, 12)} == {0.0}
     # A command of the far past is stale, one that names no episode is not, however late it comes.
-    probe.judged("stale", probe.states[-1], 0.03, step=1)
+    probe.sent("stale", probe.states[-1], 0.03, step=1)
     probe.command(probe.states[-1], 0.04, episode=0, step=0)
     probe.until(lambda: probe.states[-1].steering_command == 0.04)
-    probe.judged("stale", probe.states[-1], 0.03, step=1)
+    probe.sent("stale", probe.states[-1], 0.03, step=1)
     probe.command(probe.states[-1], 0.05, episode=0, step=0)
     probe.until(lambda: probe.states[-1].steering_command == 0.05)
     assert 0.03 not in {s.steering_command for s in probe.states}

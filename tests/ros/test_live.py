@@ -42,7 +42,7 @@ from bike_sim.sim.simulator import Simulator
 from bike_training.envs.node_process import NodeLost, NodeProcess
 from bike_training.nodes import live_watch
 from bike_training.nodes.live_ride import PACES, STATE_NAMES, LiveRide, LiveSettings, checked_request, state_names
-from bike_training.nodes.live_server import LONGEST_REQUEST, LiveServer
+from bike_training.nodes.live_server import MAX_REQUEST, LiveServer
 from bike_training.nodes.live_watch import LiveWatch
 
 CIRCLE = """\
@@ -169,7 +169,7 @@ def test_only_the_pages_own_origin_may_talk(served: Any) -> None:
         assert json.loads(page.recv()) == {"state": [1.0]}
         WebDriverWait(None, 5).until(lambda _: asked)
         assert asked == [{"type": "pace", "factor": 2.0}]
-        page.send("x" * (LONGEST_REQUEST + 1))
+        page.send("x" * (MAX_REQUEST + 1))
         with pytest.raises(Exception, match="1009"):
             page.recv(timeout=5)
 
@@ -320,7 +320,7 @@ RIDE_BY_KEYS = """
 """Rides around a circle of 8 m as a person would: presses an arrow until the lean leads back to the line."""
 
 
-LONGEST_RIDE = 90.0
+MAX_RIDE = 90.0
 """Simulated time in which a test's laps must be ridden, s; a lap takes 13."""
 SILENCE = 30.0
 """Wall-clock time without a new state after which a ride has stopped, s."""
@@ -334,7 +334,7 @@ def ridden_until(done: Callable[[], Any], told: list[dict[str, Any]], each: Call
         now = states()[-1][0]
         if now != last:
             last, heard_at = now, time.monotonic()
-        assert now - begun < LONGEST_RIDE, f"not within {LONGEST_RIDE} s of the ride"
+        assert now - begun < MAX_RIDE, f"not within {MAX_RIDE} s of the ride"
         assert time.monotonic() - heard_at < SILENCE, f"the ride stopped: {[m for m in told if 'event' in m][-3:]}"
         each()
         time.sleep(0.2)
@@ -349,12 +349,12 @@ def test_a_lap_is_ridden_by_keys_and_lies_beside_another(browser: webdriver.Chro
     servers: list[LiveServer] = []
     path = tmp_path / "live.mcap"
 
-    def tell(message: dict[str, Any]) -> None:
+    def report(message: dict[str, Any]) -> None:
         told.append(message)
         for server in servers:
             server.publish(message)
 
-    ride = LiveRide(LiveSettings(SimulatorConfig(), request, make_rider("lqr"), path), tell)
+    ride = LiveRide(LiveSettings(SimulatorConfig(), request, make_rider("lqr"), path), report)
     laps = lambda: [message["lap"] for message in told if "lap" in message]  # noqa: E731
     try:
         ride.start()
@@ -443,7 +443,7 @@ def test_a_simulator_that_runs_is_watched_paused_and_restarted(
     told: list[dict[str, Any]] = []
     servers: list[LiveServer] = []
 
-    def tell(message: dict[str, Any]) -> None:
+    def report(message: dict[str, Any]) -> None:
         told.append(message)
         for server in servers:
             server.publish(message)
@@ -454,7 +454,7 @@ def test_a_simulator_that_runs_is_watched_paused_and_restarted(
         return render_live_page(view, None, STATE_NAMES, False, origin, words)
 
     times = lambda: [message["state"][0] for message in told if "state" in message]  # noqa: E731
-    watch = LiveWatch(ridden_by_others, "bike", tell)
+    watch = LiveWatch(ridden_by_others, "bike", report)
     try:
         watch.start()
         assert watch.course is not None

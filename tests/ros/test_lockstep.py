@@ -68,7 +68,7 @@ def test_a_repeated_command_gets_the_same_state_again(lockstep) -> None:
     first = begin(lockstep)
     second = lockstep.answer(first, 0.05)
     count = len(lockstep.states)
-    lockstep.judged("repeated", first, 0.9)
+    lockstep.sent("repeated", first, 0.9)
     lockstep.until(lambda: len(lockstep.states) > count)
     assert lockstep.states[-1] == second
     third = lockstep.answer(second, 0.05)
@@ -80,7 +80,7 @@ def test_stale_and_foreign_commands_do_nothing(lockstep) -> None:
     second = lockstep.answer(first)
     third = lockstep.answer(second)
     for changes in ({"step": 0}, {"step": 3}, {"episode": third.episode - 1}, {"episode": third.episode + 1}):
-        lockstep.judged("stale", third, 0.5, **changes)
+        lockstep.sent("stale", third, 0.5, **changes)
     assert lockstep.states[-1] == third
     assert lockstep.answer(third).steering_command == 0.0
 
@@ -88,8 +88,8 @@ def test_stale_and_foreign_commands_do_nothing(lockstep) -> None:
 def test_commands_that_cannot_be_never_reach_the_physics_and_are_reported(lockstep) -> None:
     state = begin(lockstep)
     for value in (math.nan, math.inf, -math.inf):
-        lockstep.judged("refused", state, value)
-        lockstep.judged("refused", state, 0.0, throttle=value)
+        lockstep.sent("refused", state, value)
+        lockstep.sent("refused", state, 0.0, throttle=value)
     assert lockstep.states[-1] == state
     clipped = lockstep.answer(state, 3.0)
     assert clipped.steering_command == 1.0
@@ -153,7 +153,7 @@ def test_a_seed_is_drawn_where_none_is_given(lockstep) -> None:
 def test_a_pause_keeps_the_command_for_later(lockstep) -> None:
     state = begin(lockstep)
     assert lockstep.pause(True).success
-    lockstep.judged("taken", state, 0.25)
+    lockstep.sent("taken", state, 0.25)
     assert lockstep.still() == state
     lockstep.pause(False)
     lockstep.until(lambda: lockstep.states[-1].step == 1)
@@ -210,6 +210,6 @@ def test_a_fall_is_told_and_ends_the_episode(lockstep) -> None:
     lockstep.until(lambda: events and events[-1].kind == RideEvent.FALL)
     assert events[-1].value == state.roll
     assert [e.kind for e in events if e.episode == state.episode] == [RideEvent.RESET, RideEvent.FALL]
-    lockstep.judged("taken", state)
+    lockstep.sent("taken", state)
     assert lockstep.still() == state
     assert not begin(lockstep).fallen

@@ -267,7 +267,7 @@ def ride_a_little(domain: int, recording: Path, **record: Any) -> None:
             "drive": {"policy": DEFAULT_POLICY},
         },
         title="circle",
-        way=10.0,
+        distance=10.0,
         longest=2.0,
     )
 

@@ -25,7 +25,7 @@ from bike_training.interruption import SHELL_BASE, interrupt, leave_at_once, sig
 
 LOADS_LONG: Final = 1.5
 """Time after which a line tells that a command is being loaded, s."""
-LONGEST_ERROR: Final = 300
+MAX_ERROR: Final = 300
 """Characters of an error's line."""
 
 
@@ -79,7 +79,7 @@ def _run(words: Sequence[str], alone: bool = False) -> int:
             interrupted = isinstance(error, KeyboardInterrupt) and SHELL_BASE + signal.SIGINT
             # Nodes that a signal ended may be missed before the interruption comes.
             code = interrupted_code() or interrupted or 2
-            message = shorten(str(error), LONGEST_ERROR) if code == 2 else "interrupted"
+            message = shorten(str(error), MAX_ERROR) if code == 2 else "interrupted"
             print(f"{prefix}: {message}", file=sys.stderr)
             return code
         if args.json:

@@ -83,7 +83,7 @@ def leave_at_once(number: int, frame: FrameType | None) -> NoReturn:
 
 
 def interrupt(number: int, frame: FrameType | None) -> None:
-    """Tell the nodes to end and raise KeyboardInterrupt, as soon as something can catch it.
+    """Request the nodes to end and raise KeyboardInterrupt, as soon as something can catch it.
 
     Raises:
         KeyboardInterrupt: always, but later where it would be lost or taken for another error.

@@ -35,7 +35,7 @@ SWEEP_PACKAGES: Final = frozenset({"ray"})
 """The same of those that a sweep needs besides."""
 
 ROS_PACKAGES: Final = re.compile(r"(rclpy|rosidl\w*|ament_index_python|builtin_interfaces|\w+_(msgs|interfaces))$")
-"""What comes with ROS 2, or is built in its workspace."""
+"""Modules that come with ROS 2, or are built in its workspace."""
 DISTRIBUTION: Final = "two-wheeler-lab"
 """Name of the wheel. No index has it, so that no advice may leave an installer to look for it there."""
 

@@ -39,13 +39,13 @@ def status(console: Console, text: str) -> Iterator[Callable[[str], None]]:
     """
     with console.status(text) as shown:
 
-        def tell(part: str) -> None:
+        def report(part: str) -> None:
             if console.is_terminal:
                 shown.update(f"{text}: {part}")
             elif not console.quiet:
                 print(f"{text}: {part}", file=sys.stderr, flush=True)
 
-        yield tell
+        yield report
 
 
 def progress_bar(title: str, unit: str, total: int | None = None, *, quiet: bool = False, leave: bool = True) -> Any:

@@ -51,7 +51,7 @@ _LINE_START: Final = ("speed_share", "start_offset", "start_heading")
 
 @dataclass(frozen=True)
 class Start:
-    """How a ride began (``bike_msgs/EpisodeStart``).
+    """Beginning of a ride (``bike_msgs/EpisodeStart``).
 
     Attributes:
         config: the simulator.
@@ -271,12 +271,14 @@ APART_AT: Final = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0)
 
 @dataclass(frozen=True)
 class Difference:
-    """Where two rides first differ.
+    """First difference of two rides.
 
     Attributes:
-        step: control step of the state. time: s since the reset.
+        step: control step of the state.
+        time: s since the reset.
         field: first field of the state that differs, as it is called in BikeState, ``observation`` or ``reward``.
-        recorded: its value in the recording. ridden: its value now.
+        recorded: its value in the recording.
+        ridden: its value now.
     """
 
     step: int
@@ -288,12 +290,13 @@ class Difference:
 
 @dataclass(frozen=True)
 class Apart:
-    """How far two rides are apart at a time.
+    """Distance of two rides at a time.
 
     Attributes:
         time: s since the reset.
         position: distance between the rear contact points, m.
-        roll: difference of the roll angles, rad. steer: of the steering angles, rad.
+        roll: difference of the roll angles, rad.
+        steer: of the steering angles, rad.
     """
 
     time: float
@@ -338,7 +341,7 @@ def ride_again(
     recorded: RideSource,
     engine: str | None = None,
     time_step: float | None = None,
-    tell: Callable[[int, int], None] | None = None,
+    report: Callable[[int, int], None] | None = None,
 ) -> Replay:
     """Replay a recorded ride and compare.
 
@@ -346,7 +349,7 @@ def ride_again(
         recorded: the ride.
         engine: another engine than the recorded one.
         time_step: another integration step, s.
-        tell: called with steps ridden and steps in all, to show progress.
+        report: called with steps ridden and steps in all, to show progress.
 
     Raises:
         ValueError: the recording does not say how the ride began, its vehicle is another one now, or engine and step do
@@ -361,8 +364,8 @@ def ride_again(
     try:
         for snapshot in rollout(simulator, RecordedCommands(steering, throttle), start.request):
             ridden.note(snapshot)
-            if tell is not None:
-                tell(snapshot.step, len(steering))
+            if report is not None:
+                report(snapshot.step, len(steering))
             if snapshot.fallen and snapshot.step < len(steering):
                 stopped = f"it falls after {snapshot.time:.2f} s now, where the recorded ride goes on"
     finally:
@@ -371,14 +374,14 @@ def ride_again(
 
 
 def ride_with(
-    recorded: RideSource, rider: Callable[[RecordedCommands], Rider], tell: Callable[[int, int], None] | None = None
+    recorded: RideSource, rider: Callable[[RecordedCommands], Rider], report: Callable[[int, int], None] | None = None
 ) -> None:
     """Ride a recorded ride again, with a rider that looks on.
 
     Args:
         recorded: the ride.
         rider: makes the rider of the recorded commands.
-        tell: called with steps ridden and steps in all, to show progress.
+        report: called with steps ridden and steps in all, to show progress.
 
     Raises:
         ValueError: the ride cannot be ridden again to its end. FileNotFoundError: its vehicle or course is not here.
@@ -390,8 +393,8 @@ def ride_with(
     simulator = Simulator(start.config, recorded.disturbances)
     try:
         for snapshot in rollout(simulator, rider(RecordedCommands(steering, throttle)), start.request):
-            if tell is not None:
-                tell(snapshot.step, len(steering))
+            if report is not None:
+                report(snapshot.step, len(steering))
     finally:
         simulator.close()
 

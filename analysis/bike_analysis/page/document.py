@@ -30,7 +30,7 @@ from matplotlib.colors import ListedColormap, to_hex
 from numpy.typing import NDArray
 
 from bike_analysis.figures.numbers import lap_text
-from bike_analysis.read.container import LONGEST_NAME, LONGEST_SENTENCE, shown
+from bike_analysis.read.container import MAX_NAME, MAX_SENTENCE, shown
 from bike_analysis.read.messages import Simulation
 from bike_analysis.read.reading import Recording
 
@@ -158,7 +158,7 @@ _BY_NUMBER: Final = {ord(c): f"\\u{ord(c):04x}" for c in "<>&\u2028\u2029"}
 """Characters by which a name could end the script element, or a line of it; JSON knows them by their numbers, too."""
 
 
-def html_text(text: str, longest: int = LONGEST_NAME) -> str:
+def html_text(text: str, longest: int = MAX_NAME) -> str:
     """Text out of a recording as HTML, also within an attribute; see `shown`."""
     return escape(shown(text, longest), quote=True)
 
@@ -354,7 +354,7 @@ def long_notes(notes: Mapping[str, str], file: str = "") -> str:
         file: its name, where the page has several.
     """
     listed = "".join(
-        f"<dt>{html_text(name)}</dt><dd>{html_text(value, LONGEST_SENTENCE)}</dd>"
+        f"<dt>{html_text(name)}</dt><dd>{html_text(value, MAX_SENTENCE)}</dd>"
         for name, value in notes.items()
         if len(value) > SHORT
     )

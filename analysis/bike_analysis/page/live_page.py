@@ -27,7 +27,7 @@ from bike_analysis.page.ride_view import (
     run_columns,
 )
 from bike_analysis.page.view import FAST_CHANNELS, MapLine, Series, View, series_colour, view_html
-from bike_analysis.read.container import LONGEST_SENTENCE
+from bike_analysis.read.container import MAX_SENTENCE
 from bike_sim.course.course import Course
 
 _LEAN: Final = replace(LEAN, lines=LEAN.lines[1:], caption="Lean is positive to the right, steer to the left.")
@@ -144,7 +144,7 @@ def render_live_page(
     spec = {"names": list(names), "scales": scales, "powered": powered, "watched": not steers, "ghostLaps": laps}
     parts = [_controls(rider, powered), view_html(view, _pads(powered) if steers else ())]
     facts = [f"rider of the computer: {rider}", "recorded as it is ridden"] if rider is not None else []
-    below = html_text(" · ".join([*facts, *words, f"page by {program_version()}"]), LONGEST_SENTENCE)
+    below = html_text(" · ".join([*facts, *words, f"page by {program_version()}"]), MAX_SENTENCE)
     keys = (*_STEER_KEYS, *_KEYS, *_OTHER_HANDS) if steers else _KEYS
     return page_shell(title, f'<p class="soft">{below}</p>', parts, [view], connect=host, live=spec, keys=keys)
 

@@ -31,7 +31,7 @@ from bike_analysis.page.document import (
 )
 from bike_analysis.page.ride_view import FAST, comparison_view, ride_view
 from bike_analysis.page.view import View, view_html
-from bike_analysis.read.container import LONGEST_SENTENCE
+from bike_analysis.read.container import MAX_SENTENCE
 from bike_analysis.read.messages import Floats
 from bike_analysis.read.rides import Ride
 
@@ -245,7 +245,7 @@ def _corner_table(found: Sequence[CornerFigures], title: str, is_open: bool) -> 
 
 def _below(recordings: Sequence[tuple[RideRecording, str]]) -> str:
     """Text below the title: a line for each recording; who made the page ends that of a single one."""
-    lines = [html_text(" · ".join(_words(recording, file)), LONGEST_SENTENCE) for recording, file in recordings]
+    lines = [html_text(" · ".join(_words(recording, file)), MAX_SENTENCE) for recording, file in recordings]
     made = html_text(f"page by {program_version()}")
     lines = [f"{lines[0]} · {made}"] if len(lines) == 1 else [*lines, made]
     more = "".join(long_notes(recording.data.notes, file) for recording, file in recordings)
@@ -278,7 +278,7 @@ def _warnings(recording: RideRecording, file: str) -> str:
     if not recording.warnings:
         return ""
     name = f"{file}: " if file else ""
-    lines = "".join(f"<p>{html_text(name + w[:1].upper() + w[1:], LONGEST_SENTENCE)}.</p>" for w in recording.warnings)
+    lines = "".join(f"<p>{html_text(name + w[:1].upper() + w[1:], MAX_SENTENCE)}.</p>" for w in recording.warnings)
     return f'<div class="warning" role="status">{lines}</div>'
 
 

@@ -101,7 +101,7 @@ def _frame(ride: Ride, vehicle: str, motion: Floats, time_s: float) -> Image.Ima
 
 
 class Pose(NamedTuple):
-    """What a frame shows of a vehicle.
+    """A vehicle as a frame shows it.
 
     Attributes:
         x: Rear contact point, m.

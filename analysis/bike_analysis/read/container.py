@@ -40,15 +40,15 @@ from numpy.typing import NDArray
 
 from bike_sim.documents import escape
 
-LONGEST_NAME: Final = 200
+MAX_NAME: Final = 200
 """Characters of a name that are shown."""
-LONGEST_SENTENCE: Final = 1000
+MAX_SENTENCE: Final = 1000
 """Characters of a sentence that are shown on a page; it may hold a few names."""
-LONGEST_FAULT: Final = 400
+MAX_FAULT: Final = 400
 """Characters of a fault that are shown in a line of a terminal."""
 
 
-def shown(text: str, longest: int = LONGEST_NAME) -> str:
+def shown(text: str, longest: int = MAX_NAME) -> str:
     r"""Make text out of a recording fit for a terminal, a page or a picture.
 
     Args:
@@ -144,7 +144,7 @@ class RecordingError(ValueError):
     """The file is not a recording of a ride, or nothing of it can be read; one plain line, which may quote the file."""
 
     def __init__(self, fault: str) -> None:
-        super().__init__(shown(fault, LONGEST_FAULT))
+        super().__init__(shown(fault, MAX_FAULT))
 
 
 class RawMessage(NamedTuple):

@@ -293,7 +293,7 @@ def empty_table(type_name: str) -> Table:
 
 EVENT_KINDS: Final = ("reset", "fall", "off_course", "wall", "lap", "finish", "sector", "back_on_course")
 """Names of ``RideEvent.kind``, by number."""
-LONGEST_COURSE: Final = 1e7
+MAX_COURSE: Final = 1e7
 """m."""
 DECODED_BY_MESSAGE: Final = (
     *("bike_msgs/msg/EpisodeStart", "bike_msgs/msg/Course", "bike_msgs/msg/RideEvent"),
@@ -428,7 +428,7 @@ def course_of(order: int, message: Any) -> RecordedCourse:
         section_names=tuple(map(str, message.section_names)),
         **arrays,
     )
-    if not 0.0 < course.length <= LONGEST_COURSE:
+    if not 0.0 < course.length <= MAX_COURSE:
         raise ValueError(f"a course of {course.length:.3g} m")
     if not len(course.s) == len(course.x) == len(course.y):
         raise ValueError("columns of unequal length")

@@ -11,14 +11,14 @@ from typing import Any, Final
 
 from bike_analysis.figures.numbers import lap_text, significant
 from bike_analysis.figures.results import SCHEMA
-from bike_analysis.read.container import LONGEST_FAULT, shown
+from bike_analysis.read.container import MAX_FAULT, shown
 from bike_analysis.report import Video, analyze
 from bike_analysis.sweeps.report import interval_text, label_of, report_sweep
 
 SWEEP_SCHEMA: Final = "bike.analyze_sweep/1"
 MOST_SECTORS: Final = 6
 """Sectors whose times fit beside a lap. A path has a section for each of its elements, told in lines of their own."""
-LONGEST_LINE: Final = 10_000
+MAX_LINE: Final = 10_000
 """Characters of a printed line; a table of many sectors is wide."""
 
 
@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             video=None if args.video is None else Video(args.video, args.begin, args.duration),
         )
     for warning in figures["warnings"]:
-        print(f"warning: {shown(warning, LONGEST_FAULT)}", file=sys.stderr)
+        print(f"warning: {shown(warning, MAX_FAULT)}", file=sys.stderr)
     if not args.json:
         print(text_of(figures))
     return {"schema": SCHEMA, "ok": len(figures["recordings"]) == len(args.objects), "figures": figures}
@@ -63,7 +63,7 @@ def run_sweep(args: argparse.Namespace) -> dict[str, Any]:
     sweep = args.objects[0]
     figures = report_sweep(sweep, args.out or sweep / "report")
     if not args.json:
-        print("\n".join(shown(line, LONGEST_LINE) for line in _sweep(figures)))
+        print("\n".join(shown(line, MAX_LINE) for line in _sweep(figures)))
     finished = figures["finished"] == figures["runs"]
     return {"schema": SWEEP_SCHEMA, "ok": finished, "figures": figures}
 
@@ -95,7 +95,7 @@ def text_of(figures: dict[str, Any]) -> str:
         if recording["dropped_messages"]:
             lines.append(f"{name}the recorder dropped {recording['dropped_messages']} messages")
     lines += [f"{name}: {figures[name]}" for name in ("page", "picture", "csv", "parquet", "video") if name in figures]
-    return "\n".join(shown(line, LONGEST_LINE) for line in lines)
+    return "\n".join(shown(line, MAX_LINE) for line in lines)
 
 
 def _ride_table(rides: Sequence[dict[str, Any]], several: bool) -> list[str]:

@@ -239,11 +239,11 @@ def run_races(args: argparse.Namespace) -> dict[str, Any]:
         title = f"{name}, {machine}, {circuit}" + (f", {known.name}" if known.name != "none" else "")
         with progress_bar(title, "s", quiet=args.json) as bar:
 
-            def tell(done: int, total: int, bar: Any = bar) -> None:
+            def report(done: int, total: int, bar: Any = bar) -> None:
                 bar.total = total
                 bar.update(done - bar.n)
 
-            results.append(ride_races(bundle, machine, circuit, args.starts, args.laps, args.share, tell, known))
+            results.append(ride_races(bundle, machine, circuit, args.starts, args.laps, args.share, report, known))
     found = [result.figures() for result in results]
     lost = [
         {"vehicle": each.vehicle, "circuit": each.circuit, "disturbances": each.disturbances, **asdict(ride)}

@@ -44,10 +44,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         if bundle.layout.races:
             riding = progress.add_task("riding again")
 
-            def tell(step: int, steps: int) -> None:
+            def report(step: int, steps: int) -> None:
                 progress.update(riding, completed=step, total=steps)
 
-            seen = read_race(path, bundle, args.section, args.ride, tell)
+            seen = read_race(path, bundle, args.section, args.ride, report)
         else:
             seen = read_observations(path, bundle, args.section or SECTION, args.ride)
     explanation = explain(bundle, seen.observations, silent=args.json)

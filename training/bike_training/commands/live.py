@@ -95,7 +95,7 @@ def _live(args: argparse.Namespace, recording: Path) -> dict[str, Any]:
     request = ResetRequest(course=course, preview=rider.preview or Preview(), **begin)
 
     tally = _Tally()
-    ride = LiveRide(LiveSettings(config, request, rider, recording), tally.tell)
+    ride = LiveRide(LiveSettings(config, request, rider, recording), tally.report)
 
     def serve() -> LiveServer:
         assert ride.course is not None
@@ -132,7 +132,7 @@ def _watch(args: argparse.Namespace) -> dict[str, Any]:
 
     domain = args.domain if args.domain is not None else int(os.environ.get(DOMAIN_VARIABLE) or 0)
     tally = _Tally()
-    watch = LiveWatch(domain, args.namespace or NAMESPACE, tally.tell)
+    watch = LiveWatch(domain, args.namespace or NAMESPACE, tally.report)
 
     def page(origin: str) -> str:
         assert watch.course is not None
@@ -155,7 +155,7 @@ class _Tally:
         self.server: LiveServer | None = None
         self.page: Callable[[str], str] | None = None
 
-    def tell(self, message: dict[str, Any]) -> None:
+    def report(self, message: dict[str, Any]) -> None:
         """Take a message, in the ride's thread."""
         self.states += "state" in message
         if self.server is None:

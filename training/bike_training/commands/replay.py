@@ -41,11 +41,11 @@ def _ride(recorded: RideSource, args: argparse.Namespace) -> dict[str, Any]:
     began = time.monotonic()
     with progress_bar(f"ride {recorded.ride.index}", "step", quiet=args.json, leave=False) as bar:
 
-        def tell(step: int, steps: int) -> None:
+        def report(step: int, steps: int) -> None:
             bar.total = steps
             bar.update(step - bar.n)
 
-        replay = ride_again(recorded, args.engine, args.time_step, tell)
+        replay = ride_again(recorded, args.engine, args.time_step, report)
     if not args.json:
         print("\n".join(text_of(recorded, replay)))
     return figures_of(recorded, replay) | {"wall_s": round(time.monotonic() - began, 2)}

@@ -96,7 +96,7 @@ def _ride(args: argparse.Namespace, domain: int, recording: Path, length: float,
     if args.vehicle.endswith((".yaml", ".yml")):
         drive["vehicle"] = args.vehicle
     parameters = {"record": record, "sim_node": simulator | disturbed, "drive": drive}
-    return ride_recorded(domain, parameters, title=title, way=length, longest=longest, needed=needed)
+    return ride_recorded(domain, parameters, title=title, distance=length, longest=longest, needed=needed)
 
 
 LAP_SCHEMA: Final = "bike.ride_laps/1"
@@ -211,14 +211,14 @@ def _lap_figures(vehicle: str, circuit: str, args: argparse.Namespace) -> dict[s
     check_superbike_engine(args.engine, load_vehicle(vehicle))
     with progress_bar(f"{vehicle}, {circuit}", "m", quiet=args.json, leave=False) as bar:
 
-        def tell(snapshot: Snapshot, length: float) -> None:
+        def report(snapshot: Snapshot, length: float) -> None:
             if snapshot.step % 50:
                 return
             bar.total = round(length * (laps + 1))
             bar.set_postfix_str(f"{snapshot.speed:.0f} m/s, {math.degrees(snapshot.state[3]):+.0f}°", refresh=False)
             bar.update(round(snapshot.progress) - bar.n)
 
-        ride = ride_laps(vehicle, circuit, laps, rider=rider, engine=args.engine, tell=tell)
+        ride = ride_laps(vehicle, circuit, laps, rider=rider, engine=args.engine, report=report)
     return pair_figures(ride, laps) | {"wall_s": round(time.monotonic() - began, 1)}
 
 

@@ -12,12 +12,14 @@ from bike_sim.vehicles.bicycle import Vehicle
 
 
 class EndedEpisode(NamedTuple):
-    """How an episode of learning went.
+    """Result of an episode of learning.
 
     Attributes:
         request: how it began, with its context.
-        total: sum of its rewards. steps: its length, decisions.
-        failed: whether it was terminated. progress: where it ended, arc length of the followed line, m.
+        total: sum of its rewards.
+        steps: its length, decisions.
+        failed: whether it was terminated.
+        progress: where it ended, arc length of the followed line, m.
     """
 
     request: ResetRequest
@@ -28,7 +30,7 @@ class EndedEpisode(NamedTuple):
 
 
 class Episodes(Protocol):
-    """Where new episodes are drawn from."""
+    """Distribution of new episodes."""
 
     def draw(self, rng: np.random.Generator, preview: Preview, row: int = 0) -> ResetRequest:
         """Draw how an episode begins, its curriculum context included.

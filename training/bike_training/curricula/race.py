@@ -1,4 +1,4 @@
-"""Where races begin and what they ask for: starts along circuits, more often where rides fail.
+"""Episodes of races: starts along circuits, more often where rides fail.
 
 Two curricula: `RaceCurriculum` asks the same of every episode; `SpeedCurriculum` a share of the planned speed that
 rises while episodes stay whole. The self-paced one is in `spdl.py`.
@@ -118,11 +118,13 @@ class Failures:
 
 @dataclass(frozen=True)
 class RaceEpisodes:
-    """Where races begin; implements `bike_training.curricula.base.Episodes`.
+    """Episodes of races; implements `bike_training.curricula.base.Episodes`.
 
     Attributes:
-        ground: the circuits. failures: where rides failed lately.
-        share: part of the planned speed that is asked. spread: half width of the interval that it is drawn from.
+        ground: the circuits.
+        failures: where rides failed lately.
+        share: part of the planned speed that is asked.
+        spread: half width of the interval that it is drawn from.
         failure_share: part of the starts that lead up to failures.
         start_line: whether the other starts are at the start line, instead of anywhere.
     """

@@ -94,7 +94,7 @@ FARTHEST: Final = 5.0
 
 
 class Stage(Enum):
-    """What an update did."""
+    """Result of an update."""
 
     HARDER = "towards the target"
     EASIER = "towards contexts of higher value"
@@ -105,8 +105,10 @@ class Update(NamedTuple):
     """Outcome of an update.
 
     Attributes:
-        distribution: from now on. stage: what was done.
-        value: expected value under it, estimated from the contexts. before: the same under the one before.
+        distribution: from now on.
+        stage: what was done.
+        value: expected value under it, estimated from the contexts.
+        before: the same under the one before.
     """
 
     distribution: Gaussian

@@ -15,7 +15,7 @@ CLIENT_KINDS: Final = ("local", "ros")
 
 
 class Client(Protocol):
-    """What environments and rollouts need of a simulator. :class:`~bike_sim.sim.simulator.Simulator` is one itself.
+    """A simulator as environments and rollouts use it. :class:`~bike_sim.sim.simulator.Simulator` is one itself.
 
     Attributes:
         config: vehicle, engine and steps.

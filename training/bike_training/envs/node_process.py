@@ -20,7 +20,7 @@ from typing import IO, Any, Final, Protocol
 
 from bike_sim.ros.isolation import DOMAIN_VARIABLE, end_with_this_process, prepare_discovery
 
-LONGEST_LOOK: Final = 1.0
+MAX_LOOK: Final = 1.0
 """Longest time between two looks that counts as silence, s: beyond it, this process itself was held up."""
 
 
@@ -54,7 +54,7 @@ class InactivityTimeout:
         """Check the processes, and return whether the silence is too long. To be called about ten times a second."""
         now = time.monotonic()
         if not any(worker.is_working() for worker in self._workers):
-            self._silence += min(now - self._looked, LONGEST_LOOK)
+            self._silence += min(now - self._looked, MAX_LOOK)
         self._looked = now
         return self._silence > self._limit
 
@@ -73,9 +73,9 @@ _running: Final[weakref.WeakSet[NodeProcess]] = weakref.WeakSet()
 
 
 def tell_all_to_end() -> None:
-    """Tell all nodes of this program to end, without waiting: one after the other they would take too long."""
+    """Request all nodes of this program to end, without waiting: one after the other they would take too long."""
     for node in list(_running):
-        node.tell_to_end()
+        node.request_end()
 
 
 class NodeProcess(AbstractContextManager["NodeProcess"]):
@@ -120,8 +120,8 @@ class NodeProcess(AbstractContextManager["NodeProcess"]):
         """End the node."""
         self.close()
 
-    def tell_to_end(self) -> None:
-        """Tell the node to end, without waiting for it; one that has ended takes no notice."""
+    def request_end(self) -> None:
+        """Request the node to end, without waiting for it; one that has ended takes no notice."""
         self.process.terminate()
 
     def check(self) -> None:
@@ -164,7 +164,7 @@ class NodeProcess(AbstractContextManager["NodeProcess"]):
 
     def _end(self, timeout: float = STOP_TIMEOUT) -> None:
         if self.process.poll() is None:
-            self.tell_to_end()
+            self.request_end()
             try:
                 self.process.wait(timeout)
             except subprocess.TimeoutExpired:

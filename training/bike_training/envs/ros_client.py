@@ -46,7 +46,7 @@ HEARD: Final = 1000
 
 @dataclass(frozen=True)
 class RosClientConfig:
-    """How a simulator is reached.
+    """Access to a simulator.
 
     Attributes:
         join: False starts a new simulator node, True uses one that runs.

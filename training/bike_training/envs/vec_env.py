@@ -53,7 +53,8 @@ class BatchVecEnv(VecEnv):
     ride continues into the next one; after two full episodes in a row it starts again (Weyrer et al. 2026, Sect. 4.1).
 
     Attributes:
-        task: to be learned. batch: of vehicles.
+        task: to be learned.
+        batch: of vehicles.
         watch: is notified of the rides of the first vehicle; None for no watcher.
     """
 

@@ -1,1 +1,1 @@
-"""Why a policy steers as it does."""
+"""Explanations of a policy's actions."""

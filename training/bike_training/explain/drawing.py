@@ -72,7 +72,7 @@ def draw(explanation: Explanation, title: str, path: Path) -> None:
 
 
 class Unit(NamedTuple):
-    """How an action is shown: its name for people, a factor, and the unit after it."""
+    """Display of an action: its name for people, a factor, and the unit after it."""
 
     name: str
     factor: float

@@ -1,4 +1,4 @@
-"""What a policy saw on a recorded ride, without ROS: on a path from its states, in a race by riding it again."""
+"""Observations of a policy on a recorded ride, without ROS: on a path from its states, in a race by riding it again."""
 
 from __future__ import annotations
 
@@ -152,7 +152,9 @@ class Onlooker:
     """A policy that sees a ride which other commands ride; implements `bike_policy.riders.rider.Rider`.
 
     Attributes:
-        steps: control steps at which it decided. seen: what it saw then. differ: see `RecordedObservations`.
+        steps: control steps at which it decided.
+        seen: what it saw then.
+        differ: see `RecordedObservations`.
     """
 
     preview: Preview | None = None
@@ -186,7 +188,7 @@ def read_race(
     bundle: Bundle,
     section: str | None = None,
     number: int = 1,
-    tell: Callable[[int, int], None] | None = None,
+    report: Callable[[int, int], None] | None = None,
 ) -> RecordedObservations:
     """Ride a recorded ride again, and return what a racing policy sees of a section.
 
@@ -195,7 +197,7 @@ def read_race(
         bundle: policy that races.
         section: name of a section of the circuit; None for the whole ride.
         number: which ride of the recording, from 1.
-        tell: called with steps ridden and steps in all, to show progress.
+        report: called with steps ridden and steps in all, to show progress.
 
     Raises:
         FileNotFoundError: there is no such recording, or its vehicle or circuit is not here.
@@ -212,7 +214,7 @@ def read_race(
         riders.append(Onlooker(bundle, commands))
         return riders[0]
 
-    ride_with(source, onlooker, tell)
+    ride_with(source, onlooker, report)
     chosen = np.isin(riders[0].steps, _steps_of(source, section or WHOLE_RIDE, path))
     if np.sum(chosen) < 2:
         raise ValueError(f"{path}: a policy decides {np.sum(chosen)} times in section {section!r}, at least 2 needed")

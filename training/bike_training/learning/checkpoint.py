@@ -102,12 +102,12 @@ _COUNTERS: Final = (
     "_n_updates",
     "_current_progress_remaining",
 )
-"""What Stable-Baselines3 counts while it learns."""
+"""Counters of Stable-Baselines3."""
 
 _TRAIN_STATES: Final = ("policy.actor_state", "policy.qf_state", "ent_coef_state")
 _TRAIN_PARTS: Final = ("step", "params", "target_params", "opt_state")
 _KEYS: Final = ("key", "policy.key", "policy.noise_key")
-"""Where sbx keeps networks with their optimisers, and its random keys."""
+"""Attributes in which sbx keeps networks with their optimisers, and its random keys."""
 
 
 def learner_state(model: OffPolicyAlgorithm) -> dict[str, Any]:
@@ -273,7 +273,7 @@ _FRESH, _OLD = f"{CHECKPOINT}.new", f"{CHECKPOINT}.old"
 _STATE, _TENSORS, _REPLAY = "state.json", "tensors.safetensors", "replay.npz"
 """The state is written last: where it is, the checkpoint is whole."""
 _PICKLED: Final = "state.pkl"
-"""What checkpoints of earlier versions have in its place."""
+"""Name of its counterpart in checkpoints of earlier versions."""
 _ARRAYS: Final = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 
 
@@ -308,7 +308,7 @@ def find_checkpoint(folder: Path) -> Path | None:
 
 
 def holds_run(folder: Path) -> bool:
-    """Tell whether a folder holds a run that can go on, or what is left of one that did."""
+    """Return whether a folder holds a run that can go on, or what is left of one that did."""
     pickled = (folder / CHECKPOINT / _PICKLED).exists()
     return pickled or find_checkpoint(folder) is not None or (folder / "run.json").exists()
 

@@ -54,7 +54,7 @@ TOPICS: Final = {
 
 @dataclass(frozen=True)
 class Standing:
-    """Where learning stands.
+    """Progress of learning at an episode.
 
     Attributes:
         step: learning steps made so far.

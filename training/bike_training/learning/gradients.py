@@ -186,7 +186,11 @@ class Ridden(NamedTuple):
     """Quantities that a ride costs by, shape (periods, bicycles) each.
 
     Attributes:
-        error: lateral error, m. steer_rate: rad/s. roll, steer: rad. change: of the answer since the one before.
+        error: lateral error, m.
+        steer_rate: rad/s.
+        roll: rad.
+        steer: rad.
+        change: of the answer since the one before.
     """
 
     error: jax.Array
@@ -246,10 +250,10 @@ _DEVIATION: Final = np.array([0.03, 0.01, 0.01, 0.01, 0.1, 0.1], dtype=np.float3
 _SMALLEST: Final = 0.03
 """Part of them that the smallest are drawn with: the loop is to be calm about a steady ride as well."""
 _OFTEN: Final = 1.0 / 40.0
-"""How often they are, a control period."""
+"""Probability of one in a control period."""
 STRAIGHT: Final = RideRanges((1.8, 7.3), PathRanges(200.0, 1000.0, 20.0, 22.0, 0.01, 0.5))
 RIDES: Final = replace(REFINEMENT, also=(*REFINEMENT.also, STRAIGHT))
-"""What is ridden: a third of the rides hardly bend, for on bent ones a bicycle is seldom upright for long."""
+"""Paths of learning: a third of the rides hardly bend, for on bent ones a bicycle is seldom upright for long."""
 SLOW: Final = RideRanges((1.8, 2.6), REFINEMENT.paths)
 """Ridden as often as each of the others where rides are pushed: a push is worst where a bicycle is slow."""
 STABLE: Final = 0.99
@@ -266,12 +270,16 @@ class Comparison(NamedTuple):
     """Figures of an actor on the rides that runs of training compare actors on, and of its closed loop.
 
     Attributes:
-        ridden: of 105 rides. mean_m: of their mean distances, m. worst_mean_m: largest of them. worst_max_m: largest
+        ridden: of 105 rides.
+        mean_m: of their mean distances, m.
+        worst_mean_m: largest of them.
+        worst_max_m: largest
             distance. spectral_radius: largest of 2 to 7 m/s, upright and in a turn; infinite where one is missing.
         swing_deg: set point left swinging on a straight.
         pushed: of 105 rides with a push of PUSHED N s every five seconds, where actors are compared under pushes.
         pushed_mean_m: of their mean distances, m.
-        steep: of 105 rides from STEEP, where actors are compared on them. steep_mean_m: of their mean distances, m.
+        steep: of 105 rides from STEEP, where actors are compared on them.
+        steep_mean_m: of their mean distances, m.
     """
 
     ridden: int

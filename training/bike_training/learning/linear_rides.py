@@ -29,7 +29,7 @@ FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
 
 DEVIATIONS: Final = ("lateral", "heading", "roll", "steer", "roll_rate", "steer_rate")
-"""What a ride may deviate in: m to the left, rad, rad/s; signs of the state."""
+"""Deviations of a ride: m to the left, rad, rad/s; signs of the state."""
 LATERAL, HEADING = 0, 1
 FREE: Final = (st.ROLL, st.STEER, st.ROLL_RATE, st.STEER_RATE)
 """Coordinates of the other deviations."""
@@ -52,8 +52,12 @@ class Segment(NamedTuple):
         seen: observations before each period, without noise, shape (..., k).
         sight: their derivatives by the deviations of the same instant, shape (..., k, 6).
         commands: set points of the steering angle that acted, in parts of the largest.
-        late: control periods by which answers act late. noise: of sensors, in parts of SENSORS.
-        error: lateral error after each period, m. steer_rate: after it, rad/s. roll, steer: after it, rad.
+        late: control periods by which answers act late.
+        noise: of sensors, in parts of SENSORS.
+        error: lateral error after each period, m.
+        steer_rate: after it, rad/s.
+        roll: after it, rad.
+        steer: after it, rad.
         motion: deviations after it by those before it and by the command, shape (..., 6, 7).
         across: cosine of the heading error after it: what a lateral deviation adds to the error.
         whole: 1 until the ride has failed, then 0.
@@ -120,9 +124,9 @@ def motion_slopes(batch: Batch, commands: FloatArray) -> FloatArray:
     slopes[:, LATERAL, 2:] = (cos * moved[..., st.Y] - sin * moved[..., st.X]).T
     for row, place in enumerate((st.YAW, *FREE), start=1):
         slopes[:, row, 2:] = moved[..., place].T
-    way = after[:, [st.X, st.Y]] - batch.state[:, [st.X, st.Y]]
+    moved = after[:, [st.X, st.Y]] - batch.state[:, [st.X, st.Y]]
     slopes[:, LATERAL, LATERAL] = np.cos(after[:, st.YAW] - batch.state[:, st.YAW])
-    slopes[:, LATERAL, HEADING] = cos * way[:, 0] + sin * way[:, 1]
+    slopes[:, LATERAL, HEADING] = cos * moved[:, 0] + sin * moved[:, 1]
     slopes[:, HEADING, HEADING] = 1.0
     return slopes
 
@@ -207,7 +211,8 @@ class LinearRides:
     """Bicycles that ride segment after segment, and begin anew where a ride has failed or was long enough.
 
     Attributes:
-        batch: of bicycles. task: what they ride.
+        batch: of bicycles.
+        task: what they ride.
     """
 
     def __init__(

@@ -191,7 +191,7 @@ KINDS: Final[Mapping[str, Mapping[str, type[Any]]]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Preset:
-    """What a run learns, in which order and how.
+    """Task, order and method of a run.
 
     Attributes:
         name: name of the preset.

@@ -122,7 +122,7 @@ class LearningCallback(BaseCallback):
         return self.process.progress.may_validate(self.num_timesteps, every)
 
     def validation_is_due(self) -> bool:
-        """Tell whether an episode has asked for a validation; asking forgets it."""
+        """Return whether an episode has asked for a validation; asking forgets it."""
         progress = self.process.progress
         due, progress.validation_due = progress.validation_due, False
         return due and self._may_validate()
@@ -171,8 +171,13 @@ class LearningProcess:
     """Runs a preset until its steps are done, it is stopped, or its curriculum is finished.
 
     Attributes:
-        settings: what it is. out: its folder. steps: learning steps in all. task: what is learned.
-        env: where. model: the learner. progress: how far it has come.
+        settings: what it is.
+        out: its folder.
+        steps: learning steps in all.
+        task: what is learned.
+        env: where.
+        model: the learner.
+        progress: how far it has come.
     """
 
     def __init__(self, settings: RunSettings, out: Path, steps: int, resume: bool = False) -> None:

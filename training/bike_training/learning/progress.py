@@ -1,4 +1,4 @@
-"""How far a learning run has come, and the tables, logs and summary that it writes."""
+"""Progress of a learning run, and the tables, logs and summary that it writes."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ _ACTORS: Final = ("latest_success", "best")
 
 @dataclass
 class Progress:
-    """What a run remembers beside learner and environment.
+    """State of a run beside learner and environment.
 
     Attributes:
         curriculum: where it stands.
@@ -136,7 +136,7 @@ class Progress:
     stages: list[dict[str, Any]] = field(default_factory=list)
 
     def may_validate(self, step: int, every: int) -> bool:
-        """Tell whether an episode that reaches its full length at a learning step asks for a validation.
+        """Return whether an episode that reaches its full length at a learning step asks for a validation.
 
         One that does so during the wait or while the intervals grow asks for none later (Weyrer et al. 2026, Sects.
         4.2, 4.3).

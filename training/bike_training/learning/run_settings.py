@@ -1,4 +1,4 @@
-"""What a learning run is: its preset, where it rides, its seed and what it writes."""
+"""Settings of a learning run: its preset, simulators, seed and output."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def machines_of(vehicle: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class RunSettings:
-    """What a run is, beside its preset.
+    """Settings of a run, beside its preset.
 
     Attributes:
         preset: settings of the learner, the task and the curriculum.

@@ -138,11 +138,12 @@ def _ride(actor: Actor, task: Task, simulator: Client, request: ResetRequest) ->
 
 
 class Validation(NamedTuple):
-    """What came of a validation.
+    """Result of a validation.
 
     Attributes:
         part: part of the curriculum that it was ridden in.
-        mean_error: of its rides, m. max_error: largest error of a ride, m.
+        mean_error: of its rides, m.
+        max_error: largest error of a ride, m.
         succeeded: whether every ride passed.
     """
 
@@ -220,7 +221,7 @@ ACTORS: Final = "actors"
 
 
 def comparison_is_due(progress: Progress, step: int, every: int) -> bool:
-    """Tell whether actors are to be compared at a learning step.
+    """Return whether actors are to be compared at a learning step.
 
     Args:
         progress: of the run.

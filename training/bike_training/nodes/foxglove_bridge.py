@@ -32,15 +32,15 @@ from bike_training.nodes.live_server import HOST
 
 PERIOD: Final = 0.01
 """Wall-clock time between two visits to the subscriptions, s."""
-MOST_AT_ONCE: Final = 1000
+MAX_AT_ONCE: Final = 1000
 """Messages of a topic in one visit."""
 SETTLED: Final = 0.6
 """Wall-clock time without a new topic after which a ride's topics are taken to be known, s."""
-LONGEST_SEARCH: Final = 10.0
+MAX_SEARCH: Final = 10.0
 """Wall-clock time for that, s; what appears later makes the server start again."""
 
 
-LONGEST_PAUSE: Final = 2.0
+MAX_PAUSE: Final = 2.0
 """Wall-clock time that the port may stay taken when the server starts again, s."""
 
 
@@ -70,7 +70,7 @@ class FoxgloveBridge(ServerListener):
     port = 0
 
     def __init__(self, domain_id: int, port: int, namespace: str = node_tools.NAMESPACE) -> None:
-        """Join a ROS domain, find the ride's topics (a second; at most `LONGEST_SEARCH`), and listen.
+        """Join a ROS domain, find the ride's topics (a second; at most `MAX_SEARCH`), and listen.
 
         Args:
             domain_id: of the ride.
@@ -96,7 +96,7 @@ class FoxgloveBridge(ServerListener):
 
     @property
     def address(self) -> str:
-        """What the app connects to."""
+        """Address that the app connects to."""
         return f"ws://{HOST}:{self.port}"
 
     def close(self) -> None:
@@ -131,7 +131,7 @@ class FoxgloveBridge(ServerListener):
         """Wait until the ride's topics are known; return them."""
         begun = changed = time.monotonic()
         found: list[_Found] = []
-        while (now := time.monotonic()) < begun + LONGEST_SEARCH and not (found and now > changed + SETTLED):
+        while (now := time.monotonic()) < begun + MAX_SEARCH and not (found and now > changed + SETTLED):
             seen = self._new_topics()
             if len(seen) != len(found):
                 found, changed = seen, now
@@ -170,7 +170,7 @@ class FoxgloveBridge(ServerListener):
 
     def _serve_again(self) -> None:
         """Listen at the same port, which a server that was stopped gives up in its own time."""
-        end = time.monotonic() + LONGEST_PAUSE
+        end = time.monotonic() + MAX_PAUSE
         while True:
             try:
                 self._serve(self.port)
@@ -206,7 +206,7 @@ class FoxgloveBridge(ServerListener):
     def _pass_on(self) -> None:
         batch: list[tuple[int, _Topic, bytes]] = []
         for topic in self._topics.values():
-            topic.subscription.take(batch, topic, MOST_AT_ONCE)
+            topic.subscription.take(batch, topic, MAX_AT_ONCE)
         batch.sort(key=itemgetter(0))
         for sent, topic, data in batch:
             if topic.latched:

@@ -31,11 +31,11 @@ from bike_training.nodes.node_rides import START_TIMEOUT, RideMonitor
 STATE_NAMES: Final = (
     *("time", "distance", "x", "y", "yaw", "roll", "steer", "speed", "error", "command", "throttle", "brake"),
 )
-"""What is told of each state, in order: s, m, rad and m/s; commands in [-1, 1]."""
+"""Values sent of each state, in order: s, m, rad and m/s; commands in [-1, 1]."""
 WHEELS: Final = {
     **{"rear_slip": "rear_slip", "front_slip": "front_slip", "rear_load": "rear_load_n", "front_load": "front_load_n"}
 }
-"""What is told after these of a superbike, with the names of its signals: slip, and loads in N."""
+"""Further values of a superbike, with the names of its signals: slip, and loads in N."""
 PACES: Final = (0.1, 10.0)
 """Slowest and fastest ride, times the clock."""
 
@@ -120,13 +120,13 @@ class LiveThread(ABC):
     domain_id = 0
     settings: tuple[float, Simulation | None] = (0.0, None)
 
-    def __init__(self, tell: Callable[[dict[str, Any]], None]) -> None:
+    def __init__(self, report: Callable[[dict[str, Any]], None]) -> None:
         """Prepare.
 
         Args:
-            tell: called from the ride's thread with each message for the page; the last one is ``{"ended": True}``.
+            report: called from the ride's thread with each message for the page; the last one is ``{"ended": True}``.
         """
-        self._tell = tell
+        self._report = report
         self._requests: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
         self._ended = threading.Event()
         self._begun = threading.Event()
@@ -174,7 +174,7 @@ class LiveThread(ABC):
             self._failure = error
         finally:
             self._begun.set()
-            self._tell({"ended": True})
+            self._report({"ended": True})
 
     def _asked(self) -> Iterator[dict[str, Any]]:
         """Take the requests that wait."""
@@ -194,7 +194,7 @@ IDLE: Final = 0.02
 
 @dataclass(frozen=True)
 class LiveSettings:
-    """What is ridden.
+    """Settings of a live ride.
 
     Attributes:
         config: of the simulator.
@@ -214,14 +214,14 @@ class LiveRide(LiveThread):
 
     thread_name = "live ride"
 
-    def __init__(self, settings: LiveSettings, tell: Callable[[dict[str, Any]], None]) -> None:
+    def __init__(self, settings: LiveSettings, report: Callable[[dict[str, Any]], None]) -> None:
         """Prepare a ride.
 
         Args:
             settings: what is ridden.
-            tell: called from the ride's thread with each message for the page.
+            report: called from the ride's thread with each message for the page.
         """
-        super().__init__(tell)
+        super().__init__(report)
         config = settings.config
         self.settings = (config.control_period, Simulation(config.engine, config.time_step))
         self._settings = settings
@@ -263,7 +263,7 @@ class LiveRide(LiveThread):
         self._places = places_of(SuperbikePlant.signal_names if isinstance(client.vehicle, Superbike) else ())
         for rider in (self._settings.rider, self._hands):
             self._prepare(client, rider)
-        self._tell({"reset": True})
+        self._report({"reset": True})
         self._show()
 
     def _prepare(self, client: RosClient, rider: Rider) -> None:
@@ -315,11 +315,11 @@ class LiveRide(LiveThread):
             elif kind == "rider":
                 self._by_hand, self._hands.balances = request["hands"], request["balance"]
             reset = reset or kind == "reset"
-            self._tell(self.status())
+            self._report(self.status())
         return reset
 
     def status(self) -> dict[str, Any]:
-        """How the ride goes on, for the page."""
+        """Progress of the ride for the page."""
         return {
             "status": {
                 "paused": self._paused,
@@ -341,6 +341,6 @@ class LiveRide(LiveThread):
         now = time.monotonic()
         if now - self._told_at >= FRAME or snapshot.events or not snapshot.step:
             self._told_at = now
-            self._tell({"state": state_values(snapshot, self._places), "sent": round(1e3 * time.time(), 2)})
+            self._report({"state": state_values(snapshot, self._places), "sent": round(1e3 * time.time(), 2)})
         for event in snapshot.events:
-            self._tell(event_message(event.kind, event.text, event.value))
+            self._report(event_message(event.kind, event.text, event.value))

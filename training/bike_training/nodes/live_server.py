@@ -24,7 +24,7 @@ from websockets.http11 import Request, Response
 from bike_training.nodes.live_ride import checked_request
 
 HOST: Final = "127.0.0.1"
-LONGEST_REQUEST: Final = 1000
+MAX_REQUEST: Final = 1000
 """Largest message of a page, bytes."""
 QUEUED: Final = 120
 """Messages that wait for a slow page; then the oldest states are dropped, and events, laps and status are kept."""
@@ -140,7 +140,7 @@ class LiveServer:
 
     async def _serve(self) -> None:
         self._stopped = asyncio.Event()
-        settings: dict[str, Any] = {"process_request": self._answer, "max_size": LONGEST_REQUEST, "max_queue": 16}
+        settings: dict[str, Any] = {"process_request": self._answer, "max_size": MAX_REQUEST, "max_queue": 16}
         try:
             server = await serve(self._talk, HOST, self._wanted_port, compression=None, **settings)
         except OSError as error:

@@ -54,16 +54,16 @@ class LiveWatch(LiveThread):
     machine = ""
     powered = False
 
-    def __init__(self, domain_id: int, namespace: str, tell: Callable[[dict[str, Any]], None]) -> None:
+    def __init__(self, domain_id: int, namespace: str, report: Callable[[dict[str, Any]], None]) -> None:
         """Prepare to watch.
 
         Args:
             domain_id: ROS domain of the simulator.
             namespace: of its topics.
-            tell: called from the watcher's thread with each message for the page. ``{"course": True}`` says that the
+            report: called from the watcher's thread with each message for the page. ``{"course": True}`` says that the
                 page was made for another course than that of the states that follow.
         """
-        super().__init__(tell)
+        super().__init__(report)
         self.domain_id = domain_id
         self.namespace = f"/{namespace.strip('/')}"
         self._start: EpisodeStart | None = None
@@ -82,7 +82,7 @@ class LiveWatch(LiveThread):
             super().ask(request)
 
     def status(self) -> dict[str, Any]:
-        """What of the ride is known, for the page."""
+        """Description of the ride for the page."""
         return {"status": {"paused": self._paused, "pace": 1.0, "hands": False, "balance": True}}
 
     # ------------------------------------------------------------------------------------------------ in its own thread
@@ -157,7 +157,7 @@ class LiveWatch(LiveThread):
             self._latest, self._heard_at = (taken[-1][0], taken[-1][2]), time.monotonic()
 
     def _pass_on(self, node: Node) -> None:
-        """Tell about the newest state and all events; a lockstep that waits repeats a state, which is told once."""
+        """Send the newest state and all events; a lockstep that waits repeats a state, which is sent once."""
         now = time.monotonic()
         self._look_for(node, now)
         if self._latest is not None and self._ready():
@@ -168,7 +168,7 @@ class LiveWatch(LiveThread):
                 if self._start is not None and snapshot.episode == self._start.episode:
                     self._show(snapshot, sent)
         for event in self._events:
-            self._tell(event_message(event.kind, event.text, event.value))
+            self._report(event_message(event.kind, event.text, event.value))
         self._events.clear()
 
     def _show(self, snapshot: Snapshot, sent: int) -> None:
@@ -176,12 +176,12 @@ class LiveWatch(LiveThread):
             known = self.course
             self._enter()
             if self._shown is not None and not _same_line(known, self.course):
-                self._tell({"course": True})
-            self._tell({"reset": True})
+                self._report({"course": True})
+            self._report({"reset": True})
         self._keep_pace(snapshot.time, 1e-9 * sent)
         if (snapshot.episode, snapshot.step) != self._shown:
             self._shown = (snapshot.episode, snapshot.step)
-            self._tell({"state": state_values(snapshot, self._places), "sent": round(1e-6 * sent, 2)})
+            self._report({"state": state_values(snapshot, self._places), "sent": round(1e-6 * sent, 2)})
 
     def _keep_pace(self, time: float, sent: float) -> None:
         """Visit the states less often while the simulator is ahead of the clock."""
@@ -193,11 +193,11 @@ class LiveWatch(LiveThread):
     def _look_for(self, node: Node, now: float) -> None:
         gone = now - self._heard_at > GONE_AFTER and not node.count_publishers(f"{self.namespace}/state")
         if gone and not self._gone:
-            self._tell({"event": "the simulator is gone"})
+            self._report({"event": "the simulator is gone"})
             self._shown = self._start = self._course_message = None
             self._paused = False
         if self._gone and not gone:
-            self._tell({"event": "the simulator is back"})
+            self._report({"event": "the simulator is back"})
         self._gone = gone
 
     def _obey(self) -> None:
@@ -210,12 +210,12 @@ class LiveWatch(LiveThread):
 
     def _on_paused(self, on: bool) -> None:
         self._paused = on
-        self._tell(self.status())
+        self._report(self.status())
 
     def _on_reset(self, future: Any) -> None:
         response = future.result()
         if response is not None and not response.success:
-            self._tell({"event": f"restart refused: {response.message}"})
+            self._report({"event": f"restart refused: {response.message}"})
 
     def _on_episode(self, message: EpisodeStart) -> None:
         self._start = message

@@ -28,7 +28,7 @@ from bike_sim.sim.request import Preview, ResetRequest
 from bike_training.envs.node_process import InactivityTimeout, NodeLost, NodeProcess
 from bike_training.envs.ros_client import RosClient
 from bike_training.progress import progress_bar
-from bike_training.rollout.laps import LONGEST_LAP
+from bike_training.rollout.laps import MAX_LAP_RATIO
 from bike_training.rollout.rollout import RideResult, is_completed, is_over
 
 SILENCE: Final = 15.0
@@ -59,7 +59,7 @@ def ride_recorded(
     parameters: Mapping[str, Mapping[str, Any]],
     *,
     title: str,
-    way: float,
+    distance: float,
     longest: float,
     is_over: Callable[[BikeState], bool] = has_ended,
     needed: Sequence[str] = NEEDED_TOPICS,
@@ -70,7 +70,7 @@ def ride_recorded(
         domain: ROS domain of the nodes.
         parameters: of the nodes ``record``, ``sim_node`` and ``drive``, by their names.
         title: of the progress bar.
-        way: distance travelled, m.
+        distance: distance travelled, m.
         longest: longest ride, s of simulated time.
         is_over: whether a state ends the ride.
         needed: topics that must be in the recording before the ride continues.
@@ -91,7 +91,7 @@ def ride_recorded(
                 monitor.wait_for_recorder(START_TIMEOUT, [sim, recorder, policy], needed)
                 begun = time.monotonic()
                 monitor.pause(False, START_TIMEOUT, [sim, recorder, policy])
-                with progress_bar(title, "m", round(way)) as bar:
+                with progress_bar(title, "m", round(distance)) as bar:
                     monitor.watch(bar, longest, [sim, recorder, policy], is_over)
                 wall = time.monotonic() - begun
         recorder.finish()
@@ -262,8 +262,8 @@ def ride_through_nodes(
             lease.domain_id,
             {"record": record, "sim_node": simulator, "drive": pilot},
             title=f"{vehicle}, {circuit}",
-            way=end,
-            longest=LONGEST_LAP * limit * (laps + 1),
+            distance=end,
+            longest=MAX_LAP_RATIO * limit * (laps + 1),
             is_over=lambda state: bool(state.fallen or state.progress >= end),
         )
 

@@ -309,7 +309,7 @@ def flying_lap(bundle: Bundle, setting: str, seed: int) -> Sequence[Any]:
     moments: list[Any] = []
     begun = [NONE]
 
-    def tell(snapshot: Snapshot, length: float) -> None:
+    def report(snapshot: Snapshot, length: float) -> None:
         if any(event.kind is EventKind.LAP for event in snapshot.events):
             begun.append(snapshot.time)
         if len(begun) != 2 or snapshot.step % MOMENT_EVERY:
@@ -321,7 +321,7 @@ def flying_lap(bundle: Bundle, setting: str, seed: int) -> Sequence[Any]:
         moments.append((setting, seed, snapshot.time - begun[1], *values))
 
     rider = RacingRider(bundle)
-    ride_laps(MACHINE, circuit_of(setting), 1, rider=rider, engine=SUPERBIKE_ENGINE, tell=tell)
+    ride_laps(MACHINE, circuit_of(setting), 1, rider=rider, engine=SUPERBIKE_ENGINE, report=report)
     return moments
 
 

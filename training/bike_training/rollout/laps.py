@@ -35,9 +35,9 @@ from bike_training.rollout.rollout import rollout
 FloatArray = NDArray[np.float64]
 
 ALLOWED_EXCESS: Final = 0.06
-"""How much longer than the theoretical lap of the closest line a flying lap may be, as a part of it."""
+"""Largest excess of a flying lap over the theoretical lap of the closest line, as a part of it."""
 
-LONGEST_LAP = 3.0
+MAX_LAP_RATIO = 3.0
 """Times the theoretical lap, after which a lap counts as never finished."""
 
 
@@ -46,16 +46,21 @@ class LapRide:
     """Laps of one machine on one circuit. The first lap, from a rolling start, is not a flying lap.
 
     Attributes:
-        vehicle: its name. circuit: its name.
-        limit: the theoretical lap on the followed line. closest: that time on the closest line, s.
+        vehicle: name of the vehicle.
+        circuit: name of the circuit.
+        limit: the theoretical lap on the followed line.
+        closest: theoretical lap on the closest line, s.
         rider: who rode.
         plan: the classical rider's own speed profile; None of others.
-        out_lap: the first lap, or None if it was not finished. laps: the flying laps that were finished.
+        out_lap: the first lap, or None if it was not finished.
+        laps: the flying laps that were finished.
         end: ``"finished"``, a fall's name, ``"wall"`` or ``"slow"``.
         largest_error: largest distance to the followed line on flying laps, m.
-        largest_lean: rad. highest_speed: m/s; both on flying laps.
+        largest_lean: rad.
+        highest_speed: m/s; both on flying laps.
         off_track: time with both contact points outside the limits on flying laps, s.
-        track: the circuit. envelope: the machine's limits.
+        track: the circuit.
+        envelope: the machine's limits.
         traces: of each flying lap that was finished, rows of progress and offset along the centre line (m) and of
             speed (m/s).
     """
@@ -79,7 +84,7 @@ class LapRide:
 
     @cached_property
     def passings(self) -> tuple[Passing, ...]:
-        """Where flying laps were faster than the theoretical laps of their own paths for a moment; 0.3 s for a lap."""
+        """Sections in which flying laps were faster than the theoretical laps of their own paths; 0.3 s for a lap."""
         if not self.traces:
             return ()
         theoretical = [speeds_of_own_path(self.track, self.envelope, along, aside) for along, aside, _ in self.traces]
@@ -93,7 +98,7 @@ class LapRide:
 
     @property
     def excess(self) -> float | None:
-        """How much longer the slowest flying lap is than the theoretical one on the followed line, as a part of it."""
+        """Excess of the slowest flying lap over the theoretical one on the followed line, as a part of it."""
         return self._over(self.limit.lap_time)
 
     @property
@@ -112,7 +117,7 @@ def ride_laps(
     *,
     rider: Rider | None = None,
     engine: str = SUPERBIKE_ENGINES[0],
-    tell: Callable[[Snapshot, float], None] | None = None,
+    report: Callable[[Snapshot, float], None] | None = None,
 ) -> LapRide:
     """Ride an out-lap and flying laps.
 
@@ -122,7 +127,7 @@ def ride_laps(
         laps: number of flying laps.
         rider: who rides; None for the classical rider.
         engine: that integrates the machine.
-        tell: called every control step with the snapshot and the length of a lap, m.
+        report: called every control step with the snapshot and the length of a lap, m.
 
     Raises:
         ValueError: a broken file, or fewer than one lap. FileNotFoundError: an unknown vehicle or circuit.
@@ -141,8 +146,8 @@ def ride_laps(
         for snapshot in rollout(machine, rider, request):
             followed = _followed_line(machine)
             limit = followed.limit(limits)
-            if tell is not None and snapshot.step:
-                tell(snapshot, followed.track.length)
+            if report is not None and snapshot.step:
+                report(snapshot, followed.track.length)
             begun = sum(event.kind is EventKind.LAP for event in snapshot.events)
             finished += begun
             if begun:
@@ -157,7 +162,7 @@ def ride_laps(
                 end = snapshot.fall
             elif finished > laps:
                 end = "finished"
-            elif snapshot.time > LONGEST_LAP * limit.lap_time * (laps + 1):
+            elif snapshot.time > MAX_LAP_RATIO * limit.lap_time * (laps + 1):
                 end = "slow"
             if end:
                 break

@@ -34,7 +34,7 @@ OFF_TRACK, SLOW = "off track", "slow"
 """Causes of lost rides beside falls and walls."""
 TELL_EVERY: Final = 50
 """Control steps between calls with the progress."""
-Tell = Callable[[int, int], None]
+Report = Callable[[int, int], None]
 """Takes what is done and all that is to be done."""
 TIME: Final = 1.4
 """Longest time of a lap, as a part of the theoretical one."""
@@ -60,12 +60,19 @@ class RaceResult:
     """Rides of one machine on one circuit.
 
     Attributes:
-        vehicle: its name. circuit: its name. rides: number of starts. laps: that each of them was to finish.
+        vehicle: name of the vehicle.
+        circuit: name of the circuit.
+        rides: number of starts.
+        laps: laps that each of them was to finish.
         whole: rides that finished them with never both contact points outside the limits.
-        falls: rides that ended with a fall. walls: with a wall.
-        finished: flying laps that were finished, of all rides. times: of those of whole rides, s, sorted.
-        off_track: time with both contact points outside over all flying laps, s. outside: over all of the rides, s.
-        line: mean distance to the followed line, m. activity: mean change of steering and of throttle from one
+        falls: rides that ended with a fall.
+        walls: rides that ended at a wall.
+        finished: flying laps that were finished, of all rides.
+        times: of those of whole rides, s, sorted.
+        off_track: time with both contact points outside over all flying laps, s.
+        outside: the same over all of the rides, s.
+        line: mean distance to the followed line, m.
+        activity: mean change of steering and of throttle from one
             control period to the next.
         theory: theoretical lap of the closest line, s.
         lost: rides that were not whole.
@@ -119,7 +126,7 @@ def ride_races(
     starts: int = 100,
     laps: int = 1,
     share: float | None = None,
-    tell: Tell = lambda done, total: None,
+    report: Report = lambda done, total: None,
     disturbances: Disturbances | None = None,
 ) -> RaceResult:
     """Ride from starts all around a circuit.
@@ -131,7 +138,7 @@ def ride_races(
         starts: number of rides; they begin evenly around the circuit, at different speeds.
         laps: flying laps that each of them is to finish.
         share: part of the planned speed that is asked; None for the policy's own.
-        tell: called at times with the simulated time so far and the expected one, s.
+        report: called at times with the simulated time so far and the expected one, s.
         disturbances: of the machine, which the rider knows without them, and delays; a ride is late by the sum of
             both delays.
 
@@ -160,7 +167,7 @@ def ride_races(
     before, places = np.zeros((starts, 2)), np.full(starts, np.nan)
     for step in range(round(TIME * theory * (laps + 1) / config.control_period)):
         if step % TELL_EVERY == 0:
-            tell(round(step * config.control_period), round(theory * (laps + 1)))
+            report(round(step * config.control_period), round(theory * (laps + 1)))
         sent.append(rider.commands(batch, step))
         commands = sent.popleft()
         riding = ~batch.fallen & (_finished(batch) < laps)

@@ -66,8 +66,12 @@ class RideResult:
         completed: it reached its end without falling or leaving the course.
         progress: arc length, m, shape (steps + 1,).
         error: signed distance of the rear contact to the course, m.
-        roll: rad. steer: rad. steer_rate: rad/s. command: steering command applied in the step to the state, [-1, 1].
-        x: rear contact, m. y: rear contact, m.
+        roll: rad.
+        steer: rad.
+        steer_rate: rad/s.
+        command: steering command applied in the step to the state, [-1, 1].
+        x: rear contact, m.
+        y: rear contact, m.
         lost_states: states of the ride that are missing here.
     """
 

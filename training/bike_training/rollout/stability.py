@@ -53,7 +53,7 @@ _SIZE: Final = 2 + len(_LATERAL)
 
 
 class Swing(NamedTuple):
-    """What is left of a push at the end of a ride along a straight.
+    """Remainder of a push at the end of a ride along a straight.
 
     Attributes:
         steering: standard deviation of the set point of the steering angle, rad.

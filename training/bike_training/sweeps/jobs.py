@@ -448,7 +448,7 @@ class LapJob(RidingJob):
             self.laps,
             rider=make_rider(self.rider),
             engine=self.engine,
-            tell=lambda snapshot, length: (
+            report=lambda snapshot, length: (
                 report(snapshot.progress, length * (self.laps + 1), "") if snapshot.step % 50 == 0 else None
             ),
         )

@@ -142,7 +142,7 @@ class Task(Protocol):
 
     @property
     def error_name(self) -> str:
-        """What the error of a ride is, with its unit."""
+        """Definition of a ride's error, with its unit."""
         ...
 
     @property

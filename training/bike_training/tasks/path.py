@@ -154,7 +154,7 @@ class PathTask:
 
     @property
     def action(self) -> ActionLayout:
-        """What an action means."""
+        """Meaning of an action."""
         return ActionLayout.steering(self.max_steer)
 
     @property
@@ -172,7 +172,7 @@ class PathTask:
 
     @property
     def error_name(self) -> str:
-        """What the error of a ride is, with its unit."""
+        """Definition of a ride's error, with its unit."""
         return "error_m"
 
     def selection_error(self, track: FloatArray, whole: NDArray[np.bool_]) -> float:

@@ -246,7 +246,7 @@ class RaceTask:
 
     @property
     def error_name(self) -> str:
-        """What the error of a ride is: its time over that of the planned lap, as a part of it."""
+        """Definition of a ride's error: its time over that of the planned lap, as a part of it."""
         return "excess"
 
     @property

@@ -55,7 +55,7 @@ REANSWER_AFTER: Final = 0.2
 SETTLING_TIME: Final = 0.5
 """Wall-clock time after the start in which nothing is answered, s: a recorder needs a moment to find the commands, and
 would miss the first ones. The simulator repeats its state meanwhile."""
-LONGEST_SETTLING: Final = 3.0
+MAX_SETTLING: Final = 3.0
 """The same where a listener is known that the commands do not reach, as one with another QoS, s."""
 
 REPORT_PERIOD: Final = 1.0
@@ -186,7 +186,7 @@ class Drive(rclpy.node.Node):
             return False
         age = now - self._started_at
         missing = self._commands.get_subscription_count() < self.count_subscribers("command")
-        return age < SETTLING_TIME or (missing and age < LONGEST_SETTLING)
+        return age < SETTLING_TIME or (missing and age < MAX_SETTLING)
 
     def _is_stale(self, message: StateMessage, now: float) -> bool:
         """Whether a state is older than one that has come.

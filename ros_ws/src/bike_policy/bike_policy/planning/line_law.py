@@ -1,4 +1,4 @@
-"""The classical rider's law, compiled: from what is seen of machines side by side to their commands.
+"""The classical rider's law, compiled: from what is observed of machines side by side to their commands.
 
 `bike_policy.riders.classical` says what the law is and why. One compiled function answers for every row, so a single
 rider, a guide of a learner's thirty-two machines, and a replay of any of them get the same numbers bit for bit.
@@ -34,7 +34,7 @@ from bike_sim.vehicles.superbike import Superbike
 
 FloatArray = NDArray[np.float64]
 
-LONGEST_GAP: Final = 0.3
+MAX_GAP: Final = 0.3
 """Time without states after which the last one is not used for the lateral error's rate, s."""
 
 INPUTS: Final = Schema(
@@ -93,10 +93,10 @@ def seen_of(state: FloatArray, look: FloatArray) -> FloatArray:
         state: their minimal states.
         look: their looks.
     """
-    seen = np.empty((len(state), SEEN))
-    seen[:, _LOOK_INPUTS] = look[:, _LOOK_COLUMNS]
-    seen[:, _STATE_INPUTS] = state[:, _STATE_COLUMNS]
-    return seen
+    observed = np.empty((len(state), SEEN))
+    observed[:, _LOOK_INPUTS] = look[:, _LOOK_COLUMNS]
+    observed[:, _STATE_INPUTS] = state[:, _STATE_COLUMNS]
+    return observed
 
 
 _LOOK_INPUTS: Final = [place for place, name in enumerate(INPUTS.names) if name in LOOK.names]
@@ -184,21 +184,21 @@ class LineLaw:
         self._lines.begin(row, plan, plan.spacing)
         self.memory[row] = 0.0
 
-    def commands(self, seen: FloatArray, targets: FloatArray | None = None) -> FloatArray:
+    def commands(self, observed: FloatArray, targets: FloatArray | None = None) -> FloatArray:
         """Return steering and throttle in [-1, 1], shape (n, 2); the same ones again for a repeated state.
 
         Args:
-            seen: of each ride, columns SPEED to ROLL_RATE, shape (n, SEEN).
+            observed: of each ride, columns SPEED to ROLL_RATE, shape (n, SEEN).
             targets: distance from the line to ride at, m, and change of the planned speed as a part of it, shape
                 (n, 2); None for the line as planned.
         """
-        targets = np.zeros((len(seen), 2)) if targets is None else targets
-        _answer(seen, targets, self.memory, self._law, self._tables, self._plans)
+        targets = np.zeros((len(observed), 2)) if targets is None else targets
+        _answer(observed, targets, self.memory, self._law, self._tables, self._plans)
         return self.memory[:, STEERING:OFFSET].copy()
 
-    def rolled(self, row: int, seen: FloatArray) -> float:
+    def rolled(self, row: int, observed: FloatArray) -> float:
         """Return the speed of a ride's contacts, m/s; see `_rolled`."""
-        return float(_rolled(seen, self._law, self._plans, row))
+        return float(_rolled(observed, self._law, self._plans, row))
 
     @property
     def _plans(self) -> Plans:
@@ -213,51 +213,53 @@ Plans = tuple[FloatArray, NDArray[np.int64], NDArray[np.int64], FloatArray]
 
 
 @njit(cache=True)
-def _answer(seen: FloatArray, targets: FloatArray, memory: FloatArray, law: _Law, tables: Tables, plans: Plans) -> None:
+def _answer(
+    observed: FloatArray, targets: FloatArray, memory: FloatArray, law: _Law, tables: Tables, plans: Plans
+) -> None:
     """Write the answer of each ride into the memory, beside what it was the answer to."""
-    for row in range(len(seen)):
+    for row in range(len(observed)):
         same = memory[row, KNOWN] > 0.0
         for column in range(SEEN):
-            same = same and memory[row, column] == seen[row, column]
+            same = same and memory[row, column] == observed[row, column]
         if same:
             continue
-        _approach(seen[row], memory[row], targets[row], law, plans, row)
-        turning = _turning_row(seen[row, SPEED], tables)
-        _catch_up(seen[row], memory[row], law, plans, row)
-        steering = _steer(seen[row], memory[row], law, tables[2], turning, plans, row)
-        room = (law.largest_lean - abs(steering) * law.max_lean) / LEAN_ROOM
-        throttle = _throttle(seen[row], memory[row], min(max(room, 0.0), 1.0), law, tables, plans, row)
-        memory[row, :SEEN] = seen[row]
+        _approach(observed[row], memory[row], targets[row], law, plans, row)
+        turning = _turning_row(observed[row, SPEED], tables)
+        _catch_up(observed[row], memory[row], law, plans, row)
+        steering = _steer(observed[row], memory[row], law, tables[2], turning, plans, row)
+        margin = (law.largest_lean - abs(steering) * law.max_lean) / LEAN_ROOM
+        throttle = _throttle(observed[row], memory[row], min(max(margin, 0.0), 1.0), law, tables, plans, row)
+        memory[row, :SEEN] = observed[row]
         memory[row, KNOWN], memory[row, STEERING], memory[row, THROTTLE] = 1.0, steering, throttle
 
 
 @njit(cache=True)
-def _approach(seen: FloatArray, memory: FloatArray, target: FloatArray, law: _Law, plans: Plans, row: int) -> None:
+def _approach(observed: FloatArray, memory: FloatArray, target: FloatArray, law: _Law, plans: Plans, row: int) -> None:
     """Move towards the targets: critically damped to the line, with one lag to the speed."""
-    pace = min(target[1], _at(plans, row, P_FASTER, seen[PROGRESS]))
+    pace = min(target[1], _at(plans, row, P_FASTER, observed[PROGRESS]))
     memory[PACE] += (1.0 - math.exp(-law.period / TARGET_TIME)) * (pace - memory[PACE])
     rate = 1.0 / TARGET_TIME
-    aim = _within_limits(seen, target[0], plans, row)
+    aim = _within_limits(observed, target[0], plans, row)
     memory[OFFSET_RATE] += law.period * rate * (rate * (aim - memory[OFFSET]) - 2.0 * memory[OFFSET_RATE])
     memory[OFFSET] += law.period * memory[OFFSET_RATE]
 
 
 @njit(cache=True)
-def _within_limits(seen: FloatArray, offset: float, plans: Plans, row: int) -> float:
+def _within_limits(observed: FloatArray, offset: float, plans: Plans, row: int) -> float:
     """Return a distance from the line that stays clear of the limits for a while, m."""
     column = P_LEFT if offset > 0.0 else P_RIGHT
     size = abs(offset)
     for look in range(LOOKS + 1):
-        way = seen[SPEED] * CLEARING * look / LOOKS
-        size = min(size, _at(plans, row, column, seen[PROGRESS] + way))
+        distance = observed[SPEED] * CLEARING * look / LOOKS
+        size = min(size, _at(plans, row, column, observed[PROGRESS] + distance))
     return math.copysign(size, offset)
 
 
 @njit(cache=True)
-def _catch_up(seen: FloatArray, memory: FloatArray, law: _Law, plans: Plans, row: int) -> None:
+def _catch_up(observed: FloatArray, memory: FloatArray, law: _Law, plans: Plans, row: int) -> None:
     """Remember how much speed is missing, and how fast the machine catches up."""
-    missing = (1.0 + memory[PACE]) * _at(plans, row, P_SPEED, seen[PROGRESS]) - _rolled(seen, law, plans, row)
-    elapsed = _elapsed(seen, memory, law)
+    missing = (1.0 + memory[PACE]) * _at(plans, row, P_SPEED, observed[PROGRESS]) - _rolled(observed, law, plans, row)
+    elapsed = _elapsed(observed, memory, law)
     if elapsed == 0.0:
         memory[CLOSING] = 0.0
     else:
@@ -267,16 +269,16 @@ def _catch_up(seen: FloatArray, memory: FloatArray, law: _Law, plans: Plans, row
 
 
 @njit(cache=True)
-def _elapsed(seen: FloatArray, memory: FloatArray, law: _Law) -> float:
+def _elapsed(observed: FloatArray, memory: FloatArray, law: _Law) -> float:
     """Return the time since the state before, s; 0 where there is none, or one too old to compare with.
 
     States in between may have been lost: the distance shows how many periods ago the previous one was.
     """
-    way = seen[PROGRESS] - memory[PROGRESS]
-    longest = max(LONGEST_GAP, 4.0 * law.period)
-    if memory[KNOWN] == 0.0 or abs(way) > longest * seen[SPEED] + 1.0:
+    distance = observed[PROGRESS] - memory[PROGRESS]
+    longest = max(MAX_GAP, 4.0 * law.period)
+    if memory[KNOWN] == 0.0 or abs(distance) > longest * observed[SPEED] + 1.0:
         return 0.0
-    return float(law.period * max(1.0, np.rint(way / (max(1.0, seen[SPEED]) * law.period))))
+    return float(law.period * max(1.0, np.rint(distance / (max(1.0, observed[SPEED]) * law.period))))
 
 
 @njit(cache=True)
@@ -326,32 +328,32 @@ def _turning_row(speed: float, tables: Tables) -> FloatArray:
 
 
 @njit(cache=True)
-def _wanted(seen: FloatArray, memory: FloatArray, plans: Plans, row: int, ahead: float) -> float:
+def _wanted(observed: FloatArray, memory: FloatArray, plans: Plans, row: int, ahead: float) -> float:
     """Return the lateral acceleration that the line requires after a time, m/s^2."""
-    here = _at(plans, row, P_SPEED, seen[PROGRESS])
-    s = seen[PROGRESS] + seen[SPEED] * ahead
+    here = _at(plans, row, P_SPEED, observed[PROGRESS])
+    s = observed[PROGRESS] + observed[SPEED] * ahead
     planned = (1.0 + memory[PACE]) * (_at(plans, row, P_SPEED, s) - here)
-    speed = max(1.0, seen[SPEED] + planned + _caught(memory, ahead))
+    speed = max(1.0, observed[SPEED] + planned + _caught(memory, ahead))
     return _bend(memory, plans, row, s) * speed**2
 
 
 @njit(cache=True)
-def _load(seen: FloatArray, law: _Law, plans: Plans, row: int, ahead: float) -> float:
+def _load(observed: FloatArray, law: _Law, plans: Plans, row: int, ahead: float) -> float:
     """Return the load after a time by that on level ground: less over a crest, more in a dip."""
-    s = seen[PROGRESS] + seen[SPEED] * ahead
-    return max(0.3, 1.0 + _at(plans, row, P_CREST, s) * seen[SPEED] ** 2 / law.gravity)
+    s = observed[PROGRESS] + observed[SPEED] * ahead
+    return max(0.3, 1.0 + _at(plans, row, P_CREST, s) * observed[SPEED] ** 2 / law.gravity)
 
 
 @njit(cache=True)
-def _error_rate(seen: FloatArray, memory: FloatArray, law: _Law) -> float:
+def _error_rate(observed: FloatArray, memory: FloatArray, law: _Law) -> float:
     """Return the rate of the lateral error, m/s: measured, or of the heading at the first step.
 
     The heading alone is a poor measure: it knows nothing of the side slip.
     """
-    elapsed = _elapsed(seen, memory, law)
+    elapsed = _elapsed(observed, memory, law)
     if elapsed == 0.0:
-        return seen[SPEED] * math.sin(seen[HEADING_ERROR])
-    measured = (seen[LATERAL_ERROR] - memory[LATERAL_ERROR]) / elapsed
+        return observed[SPEED] * math.sin(observed[HEADING_ERROR])
+    measured = (observed[LATERAL_ERROR] - memory[LATERAL_ERROR]) / elapsed
     if elapsed <= law.usual_period:
         return measured
     predicted = memory[RATE] + elapsed * memory[EXCESS]
@@ -360,7 +362,7 @@ def _error_rate(seen: FloatArray, memory: FloatArray, law: _Law) -> float:
 
 @njit(cache=True)
 def _turning(
-    seen: FloatArray,
+    observed: FloatArray,
     memory: FloatArray,
     law: _Law,
     leans: FloatArray,
@@ -370,61 +372,61 @@ def _turning(
     ahead: float,
 ) -> float:
     """Return the lateral acceleration in excess of the line's after a time at the present roll rate, m/s^2."""
-    roll = seen[ROLL] + ahead * seen[ROLL_RATE]
-    steady = _load(seen, law, plans, row, ahead) * _between(abs(roll), leans, turning)
-    return -math.copysign(steady, roll) - _wanted(seen, memory, plans, row, ahead)
+    roll = observed[ROLL] + ahead * observed[ROLL_RATE]
+    steady = _load(observed, law, plans, row, ahead) * _between(abs(roll), leans, turning)
+    return -math.copysign(steady, roll) - _wanted(observed, memory, plans, row, ahead)
 
 
 @njit(cache=True)
 def _steer(
-    seen: FloatArray, memory: FloatArray, law: _Law, leans: FloatArray, turning: FloatArray, plans: Plans, row: int
+    observed: FloatArray, memory: FloatArray, law: _Law, leans: FloatArray, turning: FloatArray, plans: Plans, row: int
 ) -> float:
     """Return the steering: the lean that the line will require, and feedback of what is expected by then."""
     w, h, middle, late = law.frequency, law.stencil, law.preview, law.arms
-    before = _wanted(seen, memory, plans, row, middle - h)
-    now = _wanted(seen, memory, plans, row, middle)
-    after = _wanted(seen, memory, plans, row, middle + h)
+    before = _wanted(observed, memory, plans, row, middle - h)
+    now = _wanted(observed, memory, plans, row, middle)
+    after = _wanted(observed, memory, plans, row, middle + h)
     ahead = now + (after - before) / (h * w) + (after - 2.0 * now + before) / (h * w) ** 2
-    excess = _turning(seen, memory, law, leans, turning, plans, row, 0.0)
-    then = _turning(seen, memory, law, leans, turning, plans, row, late)
-    memory[RATE], memory[EXCESS] = _error_rate(seen, memory, law), excess
+    excess = _turning(observed, memory, law, leans, turning, plans, row, 0.0)
+    then = _turning(observed, memory, law, leans, turning, plans, row, late)
+    memory[RATE], memory[EXCESS] = _error_rate(observed, memory, law), excess
     # lateral error and its rate when the arms will have answered
-    error = seen[LATERAL_ERROR] + late * memory[RATE] + late**2 * (excess / 3.0 + then / 6.0)
+    error = observed[LATERAL_ERROR] + late * memory[RATE] + late**2 * (excess / 3.0 + then / 6.0)
     error -= memory[OFFSET] + late * memory[OFFSET_RATE]
     rate = memory[RATE] + 0.5 * late * (excess + then) - memory[OFFSET_RATE]
     error = min(max(error, -law.trust), law.trust)
     rate = min(max(rate, -3.0 * law.trust), 3.0 * law.trust)
     p = law.bandwidth * w
     back = -(p**4 * error + 4.0 * p**3 * rate) / w**2 - (6.0 * p**2 / w**2 - 1.0) * then
-    lateral = (ahead + back) / _load(seen, law, plans, row, middle)
+    lateral = (ahead + back) / _load(observed, law, plans, row, middle)
     lean = min(_between(abs(lateral), turning, leans), law.largest_lean)
     return min(max(math.copysign(lean, lateral) / law.max_lean, -1.0), 1.0)
 
 
 @njit(cache=True)
-def _rolled(seen: FloatArray, law: _Law, plans: Plans, row: int) -> float:
+def _rolled(observed: FloatArray, law: _Law, plans: Plans, row: int) -> float:
     """Return the speed of the contacts, m/s: the frame leans inwards and is slower on a tight line."""
-    inside = -law.above * math.sin(seen[ROLL])
-    return seen[SPEED] / max(0.5, 1.0 - _at(plans, row, P_CURVATURE, seen[PROGRESS]) * inside)
+    inside = -law.above * math.sin(observed[ROLL])
+    return observed[SPEED] / max(0.5, 1.0 - _at(plans, row, P_CURVATURE, observed[PROGRESS]) * inside)
 
 
 @njit(cache=True)
 def _throttle(
-    seen: FloatArray, memory: FloatArray, room: float, law: _Law, tables: Tables, plans: Plans, row: int
+    observed: FloatArray, memory: FloatArray, margin: float, law: _Law, tables: Tables, plans: Plans, row: int
 ) -> float:
     """Return throttle or brake: the force of the plan's acceleration, and of the error of speed.
 
-    Of the speed that is missing it asks for a part `room`: a machine that leans as far as it may would run wide.
+    Of the speed that is missing it asks for a part `margin`: a machine that leans as far as it may would run wide.
     """
-    s = seen[PROGRESS] + seen[SPEED] * law.speed_preview
+    s = observed[PROGRESS] + observed[SPEED] * law.speed_preview
     pace = 1.0 + memory[PACE]
     missing = memory[MISSING]
-    missing *= room if missing > 0.0 else 1.0
+    missing *= margin if missing > 0.0 else 1.0
     acceleration = pace**2 * _at(plans, row, P_LONGITUDINAL, s) + law.speed_gain * missing
     hill = law.weight * _at(plans, row, P_GRADE, s)
-    force = law.mass * acceleration + law.drag * seen[SPEED] ** 2 + law.rolling + hill
+    force = law.mass * acceleration + law.drag * observed[SPEED] ** 2 + law.rolling + hill
     if force >= 0.0:
-        most = _between(seen[SPEED], tables[1], tables[3])
+        most = _between(observed[SPEED], tables[1], tables[3])
         # A closed throttle drags by the engine's brake, which fades as the throttle opens.
         return min(1.0, (force + law.engine_brake) / max(most + law.engine_brake, 1.0))
     return -min(1.0, max(0.0, (-force - law.engine_brake) / law.brake_force))

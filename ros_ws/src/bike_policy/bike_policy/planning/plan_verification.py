@@ -54,7 +54,7 @@ START_SHARE: Final = 0.7
 """Speed of a start as a part of the planned one."""
 LAPS: Final = 1.25
 """Laps that are ridden: the first corners are met at the start's speed, and again at full speed."""
-LONGEST: Final = 3.0
+MAX_TIME_RATIO: Final = 3.0
 """Time of a ride after which it is given up, by that of the planned laps."""
 SLOWER: Final = 0.98
 """By this the speed is lowered at once before a place where a ride ended."""
@@ -75,7 +75,7 @@ FAR: Final = 40.0
 
 MARGIN_RIDES: Final = 8
 """Rides of a policy's verification; all but one begin in different places."""
-LONGEST_AHEAD: Final = 6
+MAX_AHEAD: Final = 6
 """Times the usual time before the end of a ride that less is granted for at most; after that it is less everywhere."""
 
 _CIRCUIT: Final = "verification"
@@ -183,7 +183,7 @@ def verified_margin(
     """
 
     def grant_less(room: FloatArray, tried: LinePlan, end: FloatArray, number: int) -> None:
-        for longer in range(1, LONGEST_AHEAD + 1):
+        for longer in range(1, MAX_AHEAD + 1):
             near = points_before(plan.profile, end, longer)
             if room[near].any():
                 room[near] = np.where(room[near] > 0.5 * pace, 0.5 * pace, 0.0)
@@ -345,7 +345,7 @@ class Rollouts(NamedTuple):
         goal = batch.look[:, lk.PROGRESS] + LAPS * length
         riding = np.ones(batch.count, dtype=bool)
         ends: list[tuple[float, float]] = []
-        for step in range(round(LONGEST * LAPS * profile.lap_time / self.period)):
+        for step in range(round(MAX_TIME_RATIO * LAPS * profile.lap_time / self.period)):
             batch.step(np.where(riding[:, None], rider.commands(batch, step), 0.0))
             lost = riding & (batch.fallen | batch.off_course)
             ends += [(progress % length, speed) for progress, speed in batch.look[lost][:, [lk.PROGRESS, lk.SPEED]]]

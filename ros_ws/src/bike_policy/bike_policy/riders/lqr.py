@@ -290,8 +290,8 @@ class LqrRider(BicycleRider):
 
     def ahead(self, snapshot: Snapshot, count: int) -> FloatArray:
         """Return the curvature of the line in the middle of each of the next control periods, 1/m."""
-        way = snapshot.speed * self._period * (np.arange(count) + 0.5)
-        return self._curvature(snapshot.look[lk.PROGRESS] + way)
+        distance = snapshot.speed * self._period * (np.arange(count) + 0.5)
+        return self._curvature(snapshot.look[lk.PROGRESS] + distance)
 
     def _answer(self, snapshot: Snapshot, turn: float) -> tuple[float, float]:
         """Return and remember the answer with a set value of the model."""

@@ -34,7 +34,7 @@ FloatArray = NDArray[np.float64]
 
 MEASURED: Final = ("left", "yaw", "roll", "steer", "roll_rate", "steer_rate")
 """Measured quantities: m to the left of the bicycle, rad, rad/s."""
-LONGEST_DELAY: Final = 4
+MAX_DELAY: Final = 4
 """Control periods; later commands are not told apart from a bicycle that is another one."""
 
 _FREE: Final = (st.ROLL, st.STEER, st.ROLL_RATE, st.STEER_RATE)
@@ -103,10 +103,10 @@ class Observer:
         """
         self._vehicle, self._period = vehicle, period
         self._substeps = max(math.ceil(period / 0.01 - 1e-9), 1)
-        self._sent: deque[float] = deque([0.0] * (LONGEST_DELAY + 1), maxlen=LONGEST_DELAY + 1)
+        self._sent: deque[float] = deque([0.0] * (MAX_DELAY + 1), maxlen=MAX_DELAY + 1)
         self.delay = 0
         self.noise = np.zeros(_SIZE)
-        self._against = np.zeros(LONGEST_DELAY + 1)
+        self._against = np.zeros(MAX_DELAY + 1)
         self._last: st.StateVector | None = None
         self.state = np.zeros(st.STATE_SIZE)
 
@@ -195,7 +195,7 @@ class Observer:
         unsure = self._spread[places, places] if self.noisy else 0.0
         deviation = np.sqrt(_DRIVE**2 + self.noise[places] ** 2 + unsure)
         known: dict[float, float] = {}
-        for late in range(LONGEST_DELAY + 1):
+        for late in range(MAX_DELAY + 1):
             steer_set = self._sent[-1 - late]
             if steer_set not in known:
                 state = self.state.copy()
@@ -247,9 +247,9 @@ class Observer:
         """Return how deviations before a control period change those after it, shape (7, 7)."""
         moves = np.eye(_SIZE + 1)
         sin, cos = math.sin(after[st.YAW]), math.cos(after[st.YAW])
-        way = after[[st.X, st.Y]] - before[[st.X, st.Y]]
+        moved = after[[st.X, st.Y]] - before[[st.X, st.Y]]
         moves[0, 0] = math.cos(after[st.YAW] - before[st.YAW])
-        moves[0, 1] = cos * way[0] + sin * way[1]
+        moves[0, 1] = cos * moved[0] + sin * moved[1]
         for column, place in enumerate(_FREE, start=2):
             varied = before.copy()
             varied[place] += _STEP

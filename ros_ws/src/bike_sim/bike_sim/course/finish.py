@@ -107,13 +107,13 @@ def find_finish(length: float, progress: ArrayLike) -> FinishCut | None:
         The cut, or None where the finish is not crossed between two samples: it was not reached, or the first known
         sample lies behind it already.
     """
-    way = np.asarray(progress, dtype=np.float64)
-    behind = np.flatnonzero(way >= length)
-    if not len(behind) or behind[0] == 0 or not way[behind[0] - 1] < length:
+    arc_length = np.asarray(progress, dtype=np.float64)
+    behind = np.flatnonzero(arc_length >= length)
+    if not len(behind) or behind[0] == 0 or not arc_length[behind[0] - 1] < length:
         return None
     row = int(behind[0])
-    before = way[row - 1]
-    return FinishCut(row, float((length - before) / (way[row] - before)))
+    before = arc_length[row - 1]
+    return FinishCut(row, float((length - before) / (arc_length[row] - before)))
 
 
 def up_to_finish(
@@ -140,8 +140,8 @@ def up_to_finish(
     given = tuple(np.asarray(column, dtype=np.float64) for column in (progress, lateral_error, x, y, *columns))
     if finish is None:
         return given
-    way, lateral = finish.extend(*given[:4])
-    cut = find_finish(finish.length, way)
+    arc_length, lateral = finish.extend(*given[:4])
+    cut = find_finish(finish.length, arc_length)
     if cut is None:
         return given
-    return tuple(cut.interpolate(column) for column in (way, lateral, *given[2:]))
+    return tuple(cut.interpolate(column) for column in (arc_length, lateral, *given[2:]))

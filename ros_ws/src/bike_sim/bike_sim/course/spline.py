@@ -85,7 +85,7 @@ def smooth_line(points: FloatArray, closed: bool, spacing: float) -> SmoothLine:
     return SmoothLine(s, x, y, np.unwrap(np.arctan2(dy, dx)), curvature, u)
 
 
-LONGEST_WAVE = 40.0
+MAX_WAVE = 40.0
 """Shorter wavelengths along the road are treated as noise, m, as far as the tolerance allows."""
 
 TOLERANCE = 0.15
@@ -123,7 +123,7 @@ def smooth_closed(points: FloatArray, tolerance: float) -> tuple[FloatArray, Flo
     normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1) / np.linalg.norm(tangent, axis=1)[:, None]
     waves = np.fft.rfft(given, axis=0)
     frequency = np.fft.rfftfreq(count, chord[-1] / count)
-    cut = min(LONGEST_WAVE, 0.25 * float(chord[-1]))
+    cut = min(MAX_WAVE, 0.25 * float(chord[-1]))
     shortest = 2.0 * float(chord[-1]) / count
     while cut > shortest:
         smooth = np.fft.irfft(waves / (1.0 + (frequency * cut) ** 6)[:, None], count, axis=0)

@@ -88,7 +88,7 @@ LATCHED: Final = Qos(depth=1, durability="transient_local")
 
 @dataclass(frozen=True)
 class FileSummary:
-    """What one file holds.
+    """Contents of one file.
 
     Attributes:
         name: Name of the file in its directory.

@@ -10,8 +10,8 @@ ANY_EPISODE = 0
 """Episode number of a command that answers no particular state; episodes count from 1."""
 
 
-class Verdict(Enum):
-    """What becomes of a command."""
+class Outcome(Enum):
+    """Outcome of a command."""
 
     TAKEN = "taken"
     REPEATED = "repeated"
@@ -26,7 +26,8 @@ class Command:
     Attributes:
         episode: episode of the state that it answers, or ANY_EPISODE.
         step: step of that state.
-        steering: [-1, 1], positive to the left. throttle: [-1, 1], negative brakes.
+        steering: [-1, 1], positive to the left.
+        throttle: [-1, 1], negative brakes.
     """
 
     episode: int
@@ -40,8 +41,11 @@ class CommandCounts:
     """Commands since the node began.
 
     Attributes:
-        taken: reached the physics. repeated: answered an already answered state again.
-        stale: answered another episode or an older state. refused: NaN or infinite. clipped: taken, but out of range.
+        taken: reached the physics.
+        repeated: answered an already answered state again.
+        stale: answered another episode or an older state.
+        refused: NaN or infinite.
+        clipped: taken, but out of range.
     """
 
     taken: int = 0
@@ -59,7 +63,7 @@ class CommandGate:
     """Judges commands and counts them.
 
     Attributes:
-        counts: commands so far, by verdict.
+        counts: commands so far, by outcome.
     """
 
     def __init__(self, lockstep: bool) -> None:
@@ -71,7 +75,7 @@ class CommandGate:
         self._lockstep = lockstep
         self.counts = CommandCounts()
 
-    def judge(self, command: Command, episode: int, step: int, oldest: int = 0) -> tuple[Verdict, Command]:
+    def check(self, command: Command, episode: int, step: int, oldest: int = 0) -> tuple[Outcome, Command]:
         """Judge a command against the state that waits for an answer.
 
         Args:
@@ -81,32 +85,32 @@ class CommandGate:
             oldest: oldest step that a command may answer where there is no lockstep.
 
         Returns:
-            The verdict, and the command clipped to [-1, 1].
+            The outcome, and the command clipped to [-1, 1].
         """
-        verdict = self._verdict(command, episode, step, oldest)
-        count = verdict.value
+        outcome = self._outcome(command, episode, step, oldest)
+        count = outcome.value
         setattr(self.counts, count, getattr(self.counts, count) + 1)
-        if verdict is not Verdict.TAKEN:
-            return verdict, command
+        if outcome is not Outcome.TAKEN:
+            return outcome, command
         steering, throttle = _clip(command.steering), _clip(command.throttle)
         if (steering, throttle) != (command.steering, command.throttle):
             self.counts.clipped += 1
             command = Command(command.episode, command.step, steering, throttle)
-        return verdict, command
+        return outcome, command
 
-    def _verdict(self, command: Command, episode: int, step: int, oldest: int) -> Verdict:
+    def _outcome(self, command: Command, episode: int, step: int, oldest: int) -> Outcome:
         if not (math.isfinite(command.steering) and math.isfinite(command.throttle)):
-            return Verdict.REFUSED
+            return Outcome.REFUSED
         if self._lockstep:
             if (command.episode, command.step) == (episode, step):
-                return Verdict.TAKEN
+                return Outcome.TAKEN
             if (command.episode, command.step) == (episode, step - 1):
-                return Verdict.REPEATED
-            return Verdict.STALE
+                return Outcome.REPEATED
+            return Outcome.STALE
         if command.episode == ANY_EPISODE:
-            return Verdict.TAKEN
+            return Outcome.TAKEN
         fits = command.episode == episode and oldest <= command.step <= step
-        return Verdict.TAKEN if fits else Verdict.STALE
+        return Outcome.TAKEN if fits else Outcome.STALE
 
 
 def _clip(value: float) -> float:

@@ -51,7 +51,7 @@ STATE_TYPE: Final = "bike_msgs/msg/BikeState"
 COMMAND_TYPE: Final = "bike_msgs/msg/BikeCommand"
 
 _OWN: Final = -1.0
-"""What line and progress of a reset say to keep the simulator's own."""
+"""Line and progress of a reset that keep the simulator's own."""
 
 _RANGE_FIELDS: Final = (
     "radius_min",

@@ -1,4 +1,4 @@
-"""What all nodes share: how they start and end, their parameters, and their diagnostics."""
+"""Start, end, parameters and diagnostics of all nodes."""
 
 from __future__ import annotations
 
@@ -62,10 +62,10 @@ def is_hidden(topic: str) -> bool:
 BAD_INPUT_EXIT: Final = 2
 """Exit code after an invalid parameter, file or partner."""
 
-LONGEST_ARRIVAL: Final = 0.3
+MAX_ARRIVAL: Final = 0.3
 """Wall-clock time that the last messages of a node get to arrive, s. One whose listener was killed never does."""
 
-LONGEST_FAREWELL: Final = 4.0
+MAX_FAREWELL: Final = 4.0
 """Wall-clock time after a signal at which a process that is still busy is ended, s.
 
 A busy machine holds up for more than a second what ends well; after 5 s `ros2 launch` sends a harder signal."""
@@ -88,7 +88,7 @@ def run_node(
     make_node: Callable[[], Node],
     arguments: Sequence[str] | None = None,
     linger: float = 0.0,
-    farewell: float = LONGEST_FAREWELL,
+    farewell: float = MAX_FAREWELL,
 ) -> int:
     """Run a node until SIGINT or SIGTERM, until the program is gone that started it for itself, or until it raises.
 
@@ -144,7 +144,7 @@ def run_node(
 
 def _let_arrive(node: Node) -> None:
     """Wait until the subscribers have the last messages, which would be lost with the node."""
-    end = time.monotonic() + LONGEST_ARRIVAL
+    end = time.monotonic() + MAX_ARRIVAL
     for publisher in node.publishers:
         publisher.wait_for_all_acked(Duration(seconds=max(end - time.monotonic(), 0.0)))
 

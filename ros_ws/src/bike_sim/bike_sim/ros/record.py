@@ -56,21 +56,21 @@ SPECS: Final = (
 SHARED_TOPICS: Final = ("/clock", "/diagnostics", "/tf", "/tf_static")
 POLL_PERIOD: Final = 0.01
 """Wall-clock time between two visits to the subscriptions, s."""
-MOST_AT_ONCE: Final = 10_000
+MAX_AT_ONCE: Final = 10_000
 """Messages of all topics together in one visit, so that a signal and the diagnostics get their turn."""
 LOOK_PERIOD: Final = 0.2
 """Wall-clock time between two looks for new topics and publishers, s."""
 REPORT_PERIOD: Final = 1.0
 MISSING_AFTER: Final = 3.0
 """Wall-clock time after which chosen topics that nobody has are named, s."""
-LONGEST_FINISH: Final = 20.0
+MAX_FINISH: Final = 20.0
 """Wall-clock time after a signal that the file gets to be finished, s: a busy machine or a slow disk may need it."""
 
 LINGER: Final = 0.3
 """Wall-clock time after a signal in which messages that were sent before it are still written, s."""
 DRAIN_TIMEOUT_S: Final = 0.3
 """Wall-clock time after that for what still waits in the middleware, s."""
-LONGEST_LEAD: Final = 60 * NANOSECONDS
+MAX_LEAD: Final = 60 * NANOSECONDS
 """A stamp that is farther than this ahead of the latest time is of another clock, ns. So is, while no time is known, a
 stamp that is less than this from the wall clock's time of publication."""
 CLOCK_SOURCE_TYPES: Final = ("rosgraph_msgs/msg/Clock", "bike_msgs/msg/BikeState")
@@ -283,7 +283,7 @@ class Record(rclpy.node.Node):
             CannotGoOn: the disk refuses it.
         """
         batch: list[tuple[int, _Topic, bytes]] = []
-        most = MOST_AT_ONCE // max(len(self._topics), 1) + 1
+        most = MAX_AT_ONCE // max(len(self._topics), 1) + 1
         oldest = None
         for topic in self._topics.values():
             received = topic.subscription.take(batch, topic, most)
@@ -333,8 +333,8 @@ class Record(rclpy.node.Node):
     def _is_of_another_clock(self, stamp: int, sent: int) -> bool:
         """Whether a stamp is far ahead of the time; while no time is known, whether it is the wall clock's."""
         if self._time:
-            return stamp > self._time + LONGEST_LEAD
-        wall = abs(stamp - sent) < LONGEST_LEAD
+            return stamp > self._time + MAX_LEAD
+        wall = abs(stamp - sent) < MAX_LEAD
         if wall and not self._warned_of_wall_clock:
             self._warned_of_wall_clock = True
             self.get_logger().warning(
@@ -408,7 +408,7 @@ def _stamp(data: bytes) -> int:
 
 def main() -> NoReturn:
     """Run the node until a signal; the exit code is 2 if the file cannot be written."""
-    node_tools.leave(node_tools.run_node("record", Record, linger=LINGER, farewell=LONGEST_FINISH))
+    node_tools.leave(node_tools.run_node("record", Record, linger=LINGER, farewell=MAX_FINISH))
 
 
 if __name__ == "__main__":

@@ -36,7 +36,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from bike_sim.course.course import Course
 from bike_sim.physics.engines import ENGINE_KINDS
 from bike_sim.ros import node_tools, standard_messages
-from bike_sim.ros.command_gate import Command, CommandCounts, CommandGate, Verdict
+from bike_sim.ros.command_gate import Command, CommandCounts, CommandGate, Outcome
 from bike_sim.ros.messages import (
     Episode,
     course_points_to_message,
@@ -83,7 +83,7 @@ LOCKSTEP: Final = "lockstep"
 FREE: Final = "free"
 NEVER, FALL, END = "never", "fall", "end"
 
-LONGEST_STEP: Final = 3600.0
+MAX_STEP: Final = 3600.0
 """Longest wall-clock time that free mode may take for a control period, s."""
 
 _CONFIG = SimulatorConfig()
@@ -205,7 +205,7 @@ class NodeSettings:
             control_period=values["control_period"] or load_vehicle(values["vehicle"]).control_period,
             history=values["history"],
         )
-        slowest = simulator.control_period / LONGEST_STEP
+        slowest = simulator.control_period / MAX_STEP
         if 0.0 < values["real_time_factor"] < slowest:
             raise ValueError(
                 f"parameter real_time_factor must be 0 or at least {slowest:.3g}, a control period an hour, "
@@ -433,10 +433,10 @@ class SimNode(rclpy.node.Node):
             self._gate.counts.refused += 1
             self.get_logger().error(f"a command cannot be read: {error}", once=True)
             return
-        verdict, command = self._gate.judge(command, snapshot.episode, snapshot.step, oldest)
-        if verdict is Verdict.REPEATED:
+        outcome, command = self._gate.check(command, snapshot.episode, snapshot.step, oldest)
+        if outcome is Outcome.REPEATED:
             self._publish_state()
-        elif verdict is Verdict.TAKEN and not snapshot.fallen:
+        elif outcome is Outcome.TAKEN and not snapshot.fallen:
             self._take(command)
 
     def _take(self, command: Command) -> None:

@@ -38,7 +38,7 @@ SUPERBIKE_ENGINE: Final = "compiled"
 """The engine that steps all superbikes of a batch in one compiled loop."""
 
 _KEPT: Final = ("state", "signals", "fall", "ground", "ride", "views", "preview", "steps", "end")
-"""What a checkpoint holds of the rows; the rest follows from the requests."""
+"""Fields of the rows in a checkpoint; the rest follows from the requests."""
 _PREPARED: Final = ("around", "road_facts", "ride", "ground")
 """Records of a row that a reset makes anew."""
 _LEVEL: Final = flat_ground()

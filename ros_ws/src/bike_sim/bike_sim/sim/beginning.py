@@ -61,7 +61,7 @@ class Beginning:
 
 
 class PathSurroundings(NamedTuple):
-    """What rows read of a path, as in `Beginning`."""
+    """A path's arrays as rows read them, as in `Beginning`."""
 
     course: Course
     surroundings: NDArray[np.void]

@@ -1,4 +1,4 @@
-"""What stays the same over all episodes of a simulator."""
+"""Settings of a simulator that are the same in all episodes."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ VehicleT = TypeVar("VehicleT", bound=Vehicle)
 FORMAT: Final = "bike.disturbances/1"
 
 CHANNELS: Final = ("roll", "steer", "roll_rate", "steer_rate", "lateral", "heading", "speed")
-"""What sensors measure: rad, rad/s, m, rad, m/s; signs of the state."""
+"""Measured quantities: rad, rad/s, m, rad, m/s; signs of the state."""
 
 SHIPPED: Final = resources.files("bike_sim") / "config" / "disturbances"
 """Folder of the files that come with the package."""

@@ -28,7 +28,7 @@ DIVERGED: Final = "diverged"
 """The integration gave values that are not finite."""
 
 ENDS: Final = (*FALL_NAMES, WALL, DIVERGED)
-"""How rides end, by code; 0 while they go on."""
+"""Ends of rides, by code; 0 while they go on."""
 
 CAUSE, SPEED, ANGLE, ENERGY = acc.NUMBER, acc.BEGAN, acc.OFF_TRACK, acc.DISTANCE
 """Columns of rows of falls and walls: code of the end or 0, speed (m/s), and of a wall the angle to it (rad) and the

@@ -73,7 +73,7 @@ class FollowedLine:
 
     @cached_property
     def surroundings(self) -> NDArray[np.void]:
-        """What rows read of it, but for the form of the preview, a record of `observation.SURROUNDINGS`, shape (1,)."""
+        """Its arrays as rows read them, without the form of the preview: `observation.SURROUNDINGS`, shape (1,)."""
         track, line, road = self.track, self.line, self.road
         arrays = {
             "line": line.table, "ahead": self.stations, "table": track.table, "marks": track.marks,

@@ -58,7 +58,7 @@ SURROUNDINGS: Final = np.dtype(
     ]
     + [(name, np.float64) for name in ("interval", "limit", "spacing", "length", "line_spacing", "line_length")]
 )  # fmt: skip
-"""What stays the same over a ride: kind of the course (`timing_account.CIRCUIT`, CLOSED_PATH or OPEN_PATH), form of the
+"""Constants of a ride: kind of the course (`timing_account.CIRCUIT`, CLOSED_PATH or OPEN_PATH), form of the
 preview, whether there is an ideal line; addresses and sizes of `Course.table`, `FollowedLine.stations`, `Track.table`,
 `Track.marks` or those of the path, and the parts of a `ground.Road`; distance beyond which a path is left, samples and
 length of centre line and followed line, m. Rows on the same course have the same addresses."""
@@ -90,7 +90,7 @@ RIDE: Final = np.dtype(
 
 
 class BatchState(NamedTuple):
-    """What rides, one row each.
+    """State of the vehicles, one row each.
 
     Attributes:
         state: minimal states, shape (n, 10).
@@ -173,7 +173,7 @@ class Around(NamedTuple):
 
 
 class OnCircuit(NamedTuple):
-    """What a circuit adds.
+    """Further arguments on a circuit.
 
     Attributes:
         table: `Track.table`.
@@ -187,7 +187,7 @@ class OnCircuit(NamedTuple):
 
 
 class Observed(NamedTuple):
-    """What an observation writes.
+    """Output of an observation.
 
     Attributes:
         ground: under the wheels in the next control period, a record of `physics.ground.GROUND`, shape (1,).

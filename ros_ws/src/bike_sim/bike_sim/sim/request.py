@@ -1,4 +1,4 @@
-"""How an episode begins: the request, and the draws of its start.
+"""Beginning of an episode: the request, and the draws of its start.
 
 All draws of an episode come from one seed in one order, so a seed means the same ride wherever it is used.
 """

@@ -57,7 +57,7 @@ class Simulator:
 
     @property
     def begun(self) -> Beginning | None:
-        """How the present episode began, with its course, or None before the first."""
+        """Beginning of the present episode, with its course, or None before the first."""
         return self.batch.begun(0)
 
     @property

@@ -61,10 +61,13 @@ class Snapshot:
         state: the ten minimal coordinates.
         look: derived quantities in the order of :mod:`bike_sim.sim.look`; on a circuit relative to the followed line.
         signals: telemetry in the order of the plant's `signal_names`; empty for bicycles.
-        steering: applied steering command in [-1, 1]. throttle: the same for throttle and brake.
+        steering: applied steering command in [-1, 1].
+        throttle: the same for throttle and brake.
         steer_torque: torque of the steering drive or the rider, Nm, positive to the left.
-        preview_x: points of the followed line ahead, m, base_footprint. preview_y: m, base_footprint.
-        roll_history: rad, oldest first. steer_history: rad, oldest first.
+        preview_x: points of the followed line ahead, m, base_footprint.
+        preview_y: m, base_footprint.
+        roll_history: rad, oldest first.
+        steer_history: rad, oldest first.
         fallen: the ride is over: fallen, stopped by a wall, or diverged.
         off_course: distance beyond the course's limit; on a circuit both contact points beyond the limits.
         finished: the end of an open course is reached, or a closed course was ridden once from where the ride began.

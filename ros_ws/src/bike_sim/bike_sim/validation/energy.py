@@ -36,7 +36,7 @@ ENTRIES: Final = (
     "engine", "brakes", "air", "tyres_longitudinal", "tyres_lateral", "tyres_rolling", "tyres_twisting", "tyres_load",
     "dampers", "springs", "rider",
 )  # fmt: skip
-"""What does work. The tyres' load presses them and climbs bumps; engine braking counts as brakes."""
+"""Sources of work. The tyres' load presses them and climbs bumps; engine braking counts as brakes."""
 
 LEDGER: Final = np.dtype([(name, np.float64) for name in ENTRIES])
 ALLOWED: Final = 0.001
@@ -77,7 +77,7 @@ class Account:
 
     @property
     def rest(self) -> float:
-        """What is left over, as a part of the engine's work."""
+        """Residual, as a part of the engine's work."""
         return (sum(self.work.values()) - self.stored) / self.work["engine"]
 
 

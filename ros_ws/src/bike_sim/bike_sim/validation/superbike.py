@@ -179,7 +179,7 @@ class Range:
 
 @dataclass(frozen=True)
 class Performance:
-    """What road tests measure.
+    """Quantities that road tests measure.
 
     Attributes:
         vehicle: its name.

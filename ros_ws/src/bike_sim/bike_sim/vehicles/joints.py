@@ -1,4 +1,4 @@
-"""What gives way in a superbike: suspension, frame and rider, as sections of its file. Each may be left out.
+"""Compliant parts of a superbike: suspension, frame and rider, as sections of its file. Each may be left out.
 
 A joint rests at 0 in the design pose, in which the machine stands on its wheels: spring forces there follow from the
 masses. A part belongs to the body of the rigid machine that carries it in the file (the swing arm to the frame, the

@@ -71,7 +71,7 @@ class Tyre:
 
     @property
     def sag(self) -> float:
-        """How far the standing machine presses it in beyond the radius of its file, m: nothing."""
+        """Compression by the standing machine beyond the radius of its file, m: none."""
         return 0.0
 
     @property

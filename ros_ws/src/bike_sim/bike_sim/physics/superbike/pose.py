@@ -57,7 +57,7 @@ _PIECE_INERTIA: Final = 1e-4  # kg m2
 
 NO_POSE: Final = 1
 NO_ROLLING: Final = 2
-"""Why there is no start: no configuration with both wheels on the ground, no rolling motion."""
+"""Faults of a start: no configuration with both wheels on the ground, no rolling motion."""
 
 _X: Final = (1.0, 0.0, 0.0)
 _Y: Final = (0.0, 1.0, 0.0)

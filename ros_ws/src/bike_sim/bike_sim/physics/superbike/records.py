@@ -44,7 +44,7 @@ is from the frame's axes to the principal ones, the tilt the steering axis'; sta
 standing machine, m, and the spacing is that of the table of wheel torque, rad/s."""
 
 FURTHER_JOINTS: Final = ("swing", "travel", "head", "bend", "torso")
-"""What may give way, in the order of its bodies: see `bike_sim.vehicles.joints`."""
+"""Joints that a vehicle's file may give, in the order of their bodies: see `bike_sim.vehicles.joints`."""
 
 STRUT: Final = np.dtype(
     [(name, np.float64) for name in ("preload", "stiffness", "bump", "rebound", "compression", "extension", "stop")]
