@@ -28,7 +28,7 @@ from bike_sim.course.track import Track
 PAGE_NAME: Final = "ride.html"
 LAP_PAGE_NAME: Final = "lap.html"
 PICTURE_NAME: Final = "ride.png"
-LONGEST_HEADLINE_NAME: Final = 60
+MAX_HEADLINE_NAME: Final = 60
 """Characters of the course's name that fit above the picture."""
 DRAWN_RUNS: Final = 8
 """Rides or laps that are drawn side by side: the fastest ones. Figures and tables have all of them."""
@@ -233,7 +233,7 @@ def write_report(
 
 
 def _headline(f: Figures) -> str:
-    parts = [shown(f.course or "ride", LONGEST_HEADLINE_NAME)]
+    parts = [shown(f.course or "ride", MAX_HEADLINE_NAME)]
     if f.speed_mean_m_s is not None:
         parts.append(f"{f.speed_mean_m_s:.2f} m/s")
     if f.mean_error_m is not None and f.max_error_m is not None:
