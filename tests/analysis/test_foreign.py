@@ -285,19 +285,6 @@ def flipped(content: bytes, flips: list[tuple[float, int]], path: Path) -> Path:
 FLIPS = st.tuples(st.floats(0, 1, exclude_max=True), st.integers(1, 255))
 
 
-@given(data=st.data())
-def test_torn_anywhere(recorded: bytes, tmp_path: Path, capsys, data: st.DataObject) -> None:
-    torn = tmp_path / "torn.mcap"
-    torn.write_bytes(recorded[: data.draw(st.integers(0, len(recorded)))])
-    check_answer(*analyze_quietly(torn, capsys))
-
-
-@given(flips=st.lists(FLIPS, min_size=1, max_size=30))
-@example(flips=[(0.0, 1)])
-def test_damaged_anywhere(recorded: bytes, tmp_path: Path, capsys, flips: list[tuple[float, int]]) -> None:
-    check_answer(*analyze_quietly(flipped(recorded, flips, tmp_path / "damaged.mcap"), capsys))
-
-
 @pytest.fixture(scope="module")
 def unchecked(recorded: bytes) -> bytes:
     """The same recording without compression and checksums, so that damage reaches the messages themselves."""

@@ -234,12 +234,9 @@ def test_what_is_no_number_of_seeds_is_refused_by_name(text: str) -> None:
 
 
 @pytest.mark.slow
-def test_the_whole_way_and_again(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], whole_way, again_does_nothing
-) -> None:
-    words = ["reproduce", "bicycle", "--out", str(tmp_path), "--quick", "--cores", "1", "--json"]
-    figures = whole_way(words)
+def test_the_whole_way(tmp_path: Path, whole_way) -> None:
+    """That nothing is ridden again is tested with the superbike's."""
+    figures = whole_way(["reproduce", "bicycle", "--out", str(tmp_path), "--quick", "--cores", "1", "--json"])
     assert (figures["runs"], figures["runs_finished"], figures["rides"]) == (1, 1, 4)
     data = read_data(PAPER, tmp_path / "data")
     assert set(data["tracks"]["rider"]) == {"prop", "stanley", "lqr"}
-    again_does_nothing(words, tmp_path, data)

@@ -75,25 +75,16 @@ def test_prefix_is_split_by_shell_rules_and_comes_first(prefix: Path) -> None:
     assert output == f"two words {path} last"
 
 
-def test_unknown_package(prefix: Path) -> None:
-    assert ros2(prefix, "run", "nowhere", "show") == (1, "", "Package 'nowhere' not found")
-
-
-def test_unknown_executable(prefix: Path) -> None:
-    add(prefix, "show")
-    assert ros2(prefix, "run", "demo", "sho") == (1, "", "No executable found")
-
-
-def test_files_that_do_not_count(prefix: Path) -> None:
-    add(prefix, "show", mode=0o644)
+def test_what_counts_as_an_executable(prefix: Path) -> None:
+    """Files below the package's folder that may be run, hidden folders and Python modules left out."""
+    add(prefix, "plain", mode=0o644)
     add(prefix, ".hidden/show")
     add(prefix, "show.py")
-    assert ros2(prefix, "run", "demo", "show") == (1, "", "No executable found")
-
-
-def test_executable_in_a_subfolder(prefix: Path) -> None:
-    add(prefix, "below/further/show")
-    assert ros2(prefix, "run", "demo", "show", "here")[:2] == (0, "here\n")
+    add(prefix, "below/further/deep")
+    assert ros2(prefix, "run", "nowhere", "show") == (1, "", "Package 'nowhere' not found")
+    for name in ("plain", "show", "dee"):
+        assert ros2(prefix, "run", "demo", name) == (1, "", "No executable found")
+    assert ros2(prefix, "run", "demo", "deep", "here")[:2] == (0, "here\n")
 
 
 def test_several_executables_are_listed_in_order(prefix: Path) -> None:
