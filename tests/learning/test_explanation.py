@@ -1,5 +1,6 @@
 """SHAP values of a policy on a recorded ride: sums, symmetry, and signs that follow the policy."""
 
+import functools
 import json
 from dataclasses import replace
 
@@ -189,7 +190,9 @@ def test_signs_follow_the_policy(seen):
 
 @pytest.mark.slow
 @pytest.mark.ros
-def test_command_explains_the_policy_that_the_recording_names(recording, tmp_path, capsys):
+def test_command_explains_the_policy_that_the_recording_names(recording, tmp_path, capsys, monkeypatch):
+    few = functools.partial(explain, permutations=4, background=20)
+    monkeypatch.setattr("bike_training.commands.explain.explain", few)
     assert main(["analyze", str(recording), "--explain", "--out", str(tmp_path), "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     figures = result["figures"]

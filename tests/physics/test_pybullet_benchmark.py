@@ -88,6 +88,7 @@ def test_a_superbike_of_its_own_file_is_measured(monkeypatch: pytest.MonkeyPatch
     (tmp_path / "mine.yaml").write_text(content.replace("name: r1", "name: mine"), encoding="utf-8")
     monkeypatch.setattr(superbike, "PARTS", [("mirror symmetry", superbike.check_mirror)])
     monkeypatch.setattr(command, "bound_checks", lambda names: iter(()))
+    monkeypatch.setattr(command, "lap_checks", lambda names, accounts: iter(()))
     measured, validate = [], superbike.validate
 
     def watched(machines, *rest):
