@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from bike_analysis.sweeps.report import report_sweep
+from bike_analysis.sweeps.report import label_of, report_sweep
 from bike_analysis.sweeps.statistics import band, bootstrap, interquartile_mean, paired
 from bike_analysis.sweeps.tables import CURVE_COLUMNS, CURVES_TABLE, RUN_COLUMNS, RUNS_TABLE, write_table
 from bike_training.cli import main
@@ -112,6 +112,16 @@ def test_the_report_shows_every_group_and_needs_nothing_from_outside(sweep: Path
     assert "ValueError: &lt;b&gt;" in page
     assert {Path(path).name for path in report["pictures"]} == {"curves.png"}
     assert all(Path(path).read_bytes().startswith(b"\x89PNG") for path in report["pictures"])
+
+
+def test_units_of_columns_are_their_own() -> None:
+    names = ("steer_rate_rms_deg_s", "speed_m_s", "mean_error_m", "finished_at_step")
+    assert [label_of(name) for name in names] == [
+        "steer rate rms, °/s",
+        "speed, m/s",
+        "mean error, m",
+        "finished at step",
+    ]
 
 
 def test_figures_are_those_of_the_table_and_the_same_each_time(sweep: Path) -> None:

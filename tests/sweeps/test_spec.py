@@ -38,7 +38,9 @@ def test_listed_runs_stand_over_the_base_and_may_be_of_several_tasks() -> None:
             {"task": "lap", "vehicle": "r1", "laps": 1},
         ],
     }
-    assert [run.task for run in sweep_from_document(document).runs] == ["train", "evaluate", "lap"]
+    runs = sweep_from_document(document).runs
+    assert [run.task for run in runs] == ["train", "evaluate", "lap"]
+    assert not any("None" in run.group for run in runs), "entries that a run does not have"
 
 
 def test_a_run_is_known_by_what_it_is_and_not_by_its_sweep() -> None:

@@ -52,6 +52,8 @@ DRAWN_GROUPS: Final = 6
 """Groups that are drawn, one in each colour; the tables have all."""
 LOG_QUANTITIES: Final = ("mean_error_m", "max_error_m", "selection_rms_m")
 """Quantities with a logarithmic axis: they fall by orders of magnitude."""
+UNITS: Final = {"_m_s2": "m/s²", "_m_s": "m/s", "_deg_s": "°/s", "_nm": "N m", "_m": "m", "_s": "s", "_deg": "°"}
+"""Units of columns by the ending of their names, the longer first."""
 _DIMENSION: Final = re.compile(rb'(<svg[^>]*?) width="[^"]*" height="[^"]*"|(<svg[^>]*?) height="[^"]*" width="[^"]*"')
 
 
@@ -143,7 +145,8 @@ def _curves_figure(runs: pd.DataFrame, curves: pd.DataFrame, quantities: Sequenc
                 known = curves_of(curves, quantity, group, members)
                 hue = colour(name)
                 for x, value in known:
-                    panel.step(x, value, where="post", color=hue, lw=0.5, alpha=0.35)
+                    style = "steps-post" if axis == STEP else "default"  # a speed is no time for which a value holds
+                    panel.plot(x, value, drawstyle=style, color=hue, lw=0.5, alpha=0.35)
                 mean = band(known)
                 if mean is not None:
                     panel.fill_between(mean.x, mean.low, mean.high, color=hue, alpha=0.18, lw=0)
@@ -164,13 +167,13 @@ def drawn_groups(runs: pd.DataFrame) -> list[str]:
 
 
 def label_of(name: str) -> str:
-    """Return a column's name for people: ``mean_error_m`` as ``mean error in m``."""
-    stem, _, unit = name.rpartition("_")
-    units = {"m": "m", "s": "s", "deg": "°"}
-    named = {"speed_m_s": "speed in m/s", STEP: "learning step"}
-    if name in named:
-        return named[name]
-    return f"{stem.replace('_', ' ')} in {units[unit]}" if stem and unit in units else name.replace("_", " ")
+    """Return a column's name for people: ``mean_error_m`` as ``mean error, m``."""
+    if name == STEP:
+        return "learning step"
+    for ending, unit in UNITS.items():
+        if name.endswith(ending) and name != ending:
+            return f"{name.removesuffix(ending).replace('_', ' ')}, {unit}"
+    return name.replace("_", " ")
 
 
 def _scale_by_decades(panel: Axes) -> None:
@@ -237,8 +240,8 @@ def _picture(picture: Picture) -> str:
         picture.figure.savefig(target, format="svg", transparent=True, metadata={"Date": None})
     text = _DIMENSION.sub(rb"\1\2", target.getvalue(), count=1).decode()
     svg = colour_variables(text[text.index("<svg") :])
-    caption = f"<figcaption>{escape(picture.caption)}</figcaption>"
-    return f'<section><h2>{escape(picture.title)}</h2><figure class="card">{svg}{caption}</figure></section>'
+    figure = f"<div class=scroll>{svg}</div><figcaption>{escape(picture.caption)}</figcaption>"
+    return f'<section><h2>{escape(picture.title)}</h2><figure class="card">{figure}</figure></section>'
 
 
 def interval_text(low: float | None, high: float | None) -> str:
@@ -291,7 +294,7 @@ _COMPARISON_COLUMNS: Final[tuple[Column, ...]] = (
 )
 _RUN_COLUMNS: Final[tuple[Column, ...]] = (
     *((name, _plain(name)) for name in ("run", "status", "attempts")),
-    ("last attempt s", _plain("seconds")),
+    ("last attempt, s", _plain("seconds")),
     ("machine", _plain("host")),
     ("commit", _plain("commit")),
 )

@@ -149,7 +149,7 @@ def sweep_from_document(document: Any, name: str = "sweep", folder: Path = Path(
         run = RunSpec(
             task,
             entries,
-            {key: flat.get(key) for key in varied},
+            {key: flat[key] for key in varied if key in flat},
             _amount(document, "cores", kind.cores),
             _amount(document, "memory_gb", kind.memory_gb),
         )
