@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 from dataclasses import replace
@@ -90,6 +91,7 @@ def context(setting: str, seed: int, number: int) -> tuple[object, ...]:
     return (setting, seed, number, 5_000 * number, "towards the target", *figures)
 
 
+@functools.cache
 def lap_that_runs_wide(error: float = 3.0) -> list[tuple[object, ...]]:
     """A lap on the median of Barcelona, so far outside of the ideal line in each corner to the left."""
     track = load_track("barcelona")
