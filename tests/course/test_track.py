@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from bike_sim.course.files import load_course, load_track, shipped_tracks, track_records
+from bike_sim.course.files import load_track, shipped_tracks, track_records
 from bike_sim.course.layout import Piece, close_layout, curvature_profile, trace_layout
 from bike_sim.course.track import Track, find_corners
 
@@ -101,12 +101,6 @@ def test_walls_stand_behind_the_limits_and_off_the_road(shipped):
         points = shipped.points(s, wall[::50])[:, :2]
         nearest = np.min(np.linalg.norm(points[:, None] - road[None], axis=2), axis=1)
         assert nearest.min() > shipped.width_left.min()
-
-
-def test_circuit_is_a_course_by_name(shipped):
-    course = load_course(shipped.name)
-    assert course.closed
-    assert np.array_equal(course.x, shipped.centre.x)
 
 
 def test_points_are_where_offset_and_height_say(shipped):

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from bike_sim.course.csv_line import CourseFileError, parse_csv
 from bike_sim.course.files import load_track
 from bike_sim.course.reading import track_from_points
-from bike_sim.course.road import check_limits
 from bike_sim.course.spline import smooth_closed, smooth_line
 
 
@@ -156,19 +155,6 @@ def test_circuit_needs_widths(tmp_path, shapes):
     text = "\n".join(f"{x},{y}" for x, y in points)
     with pytest.raises(CourseFileError, match="has no widths"):
         _load(tmp_path, text)
-
-
-def test_files_that_are_not_there_are_named(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"nowhere\.csv"):
-        load_track(tmp_path / "nowhere.csv")
-    with pytest.raises(FileNotFoundError, match="barcelona, cremona, phillip_island"):
-        load_track("monza")
-    with pytest.raises(CourseFileError, match="ending"):
-        load_track(tmp_path / "circuit.txt")
-
-
-def test_limits_of_a_sound_circuit_pass(shapes):
-    check_limits(shapes.oval().centre)
 
 
 _YAML = """

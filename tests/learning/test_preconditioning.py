@@ -56,6 +56,7 @@ def test_what_is_hidden_is_named_by_numbers_or_blocks() -> None:
         shown(layout, ",".join(layout.terms))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "settings",
     [

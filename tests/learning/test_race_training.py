@@ -63,6 +63,7 @@ def final_actor(preset: Preset, out: Path, steps: int, vehicle: str = VEHICLE, r
     return process.actor()
 
 
+@pytest.mark.slow
 def test_throttle_is_learned_in_seconds(tmp_path: Path, ground: CircuitSet) -> None:
     """Rewarded for the way alone, the actor opens the throttle: it is much faster on the straight than at first."""
     changes = {"learning_rate": 3e-3, "final_learning_rate": 3e-3, "learning_starts": 200, "averaging": 0.0}
@@ -78,6 +79,7 @@ def test_throttle_is_learned_in_seconds(tmp_path: Path, ground: CircuitSet) -> N
     assert after[0] < before[0] - 0.08
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("preset", "changes", "vehicle"),
     [

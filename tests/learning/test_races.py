@@ -39,6 +39,7 @@ def test_rides_that_leave_the_track_are_not_whole() -> None:
     assert 60.0 < figures["theory_s"] < 110.0
 
 
+@pytest.mark.slow
 def test_an_actor_that_answers_nothing_rides_as_its_guide_and_as_the_classical_rider(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

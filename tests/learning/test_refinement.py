@@ -213,6 +213,7 @@ def test_an_actor_is_better_by_rides_then_by_stability_then_by_distance() -> Non
     assert not calm._replace(spectral_radius=0.8, mean_m=0.021).better_than(calm)
 
 
+@pytest.mark.slow
 def test_it_learns_to_stay_upright_from_nothing() -> None:
     """Within seconds; how exactly it rides in the end stands in docs/reference/results.md."""
     settings = replace(SMALL, bicycles=12, periods=60, tail=20, updates=12, segments=20)

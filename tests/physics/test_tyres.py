@@ -171,12 +171,6 @@ def test_normal_load_pushes_only() -> None:
     assert tyres.normal_load(-0.01, 2.0, PLAIN_ROW) == 0.0
 
 
-def test_less_grip_less_force() -> None:
-    upright = [abs(tyres.forces(0.0, 0.5, 0.0, 2000.0, grip, PLAIN_ROW)[1]) for grip in (0.3, 0.6, 1.0)]
-    assert upright == sorted(upright)
-    assert upright[0] <= 0.3 * 1.5 * 2000.0
-
-
 def test_a_flatter_curve_keeps_its_slope() -> None:
     sharp = row(replace(PLAIN, shape=1.8))
     slopes = [tyres.forces(0.0, 1e-6, 0.0, 2000.0, 1.0, tyre)[1] for tyre in (PLAIN_ROW, sharp)]

@@ -184,7 +184,7 @@ def test_a_machine_that_leans_as_far_as_it_may_does_not_catch_up(panigale: Super
 def test_few_slow_starts_throw_the_guide_down() -> None:
     """Starts at half to nine tenths of the theoretical speed, where a machine that only speeds up runs wide."""
     config = replace(superbike_config("panigale_v4r"), engine=SUPERBIKE_ENGINE)
-    count = 128
+    count = 64
     batch = Batch(count, config)
     guide = RaceGuide(batch.vehicle, config.control_period, count)
     ground = CircuitSet(batch.vehicle, ["barcelona"])

@@ -14,6 +14,7 @@ DIRECT = "spdl_barcelona"
 """The one that gives lean and throttle itself, as published; it learned in Barcelona."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "vehicle"), [("racer", "r1"), ("generalist", "zx10rr")])
 def test_it_laps_from_all_around_faster_than_the_classical_rider(name: str, vehicle: str) -> None:
     result = ride_races(load_bundle(name), vehicle, "phillip_island", starts=4)
@@ -23,6 +24,7 @@ def test_it_laps_from_all_around_faster_than_the_classical_rider(name: str, vehi
     assert result.times[0] < ride_races(None, vehicle, "phillip_island", starts=1).times[0]
 
 
+@pytest.mark.slow
 def test_without_a_guide_it_laps_whole_from_all_around() -> None:
     bundle = load_bundle(DIRECT)
     assert not bundle.action.guided

@@ -23,6 +23,7 @@ SHORT: dict[str, dict[str, Any]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", PARTS)
 def test_each_part_measures(part: str, compiled: None, circuit: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     module, sizes = load_part(part), SHORT[part]

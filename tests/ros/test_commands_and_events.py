@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -29,22 +28,6 @@ def test_only_finite_commands_within_range_reach_the_physics(lockstep: bool, com
     counts = gate.counts
     assert counts.taken + counts.repeated + counts.stale + counts.refused == len(commands)
     assert counts.clipped <= counts.taken
-
-
-@pytest.mark.parametrize(
-    ("episode", "step", "outcome"),
-    [
-        (2, 3, Outcome.TAKEN),
-        (2, 2, Outcome.REPEATED),
-        (2, 1, Outcome.STALE),
-        (2, 4, Outcome.STALE),
-        (1, 3, Outcome.STALE),
-        (3, 0, Outcome.STALE),
-        (0, 3, Outcome.STALE),
-    ],
-)
-def test_lockstep_takes_the_answer_to_the_last_state_only(episode: int, step: int, outcome: Outcome) -> None:
-    assert CommandGate(lockstep=True).check(Command(episode, step, 0.1), 2, 3)[0] is outcome
 
 
 def test_free_mode_takes_recent_and_unaddressed_commands() -> None:

@@ -22,7 +22,7 @@ BICYCLES = SimulatorConfig(engine="whipple", time_step=0.01)
 CONFIG = replace(superbike_config("panigale_v4r"), engine="compiled")
 MACHINES = ("panigale_v4r", "r1")
 PREVIEW = Preview(True, 0.4, 5)
-QUICK = settings(max_examples=12)
+QUICK = settings(max_examples=8)
 
 CIRCUITS = ("circuit file", "CSV of a circuit")
 STARTS = some.fixed_dictionaries(

@@ -161,6 +161,7 @@ def test_front_does_not_shake_at_full_drive_whatever_the_control_period(period: 
     assert np.std(rates[-round(2.0 / period) :]) < 4.0  # rad/s; fed, this weave grows to 10
 
 
+@pytest.mark.slow
 def test_laps_a_circuit_it_has_never_seen(circuit: Path) -> None:
     ride = ride_laps("panigale_v4r", circuit, laps=2, engine="compiled")
     assert ride.end == "finished"
@@ -180,6 +181,7 @@ def level_lap(tmp_path_factory: pytest.TempPathFactory) -> float:
     return ride.laps[0].duration
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degrees", [-8, 4])
 def test_laps_banked_curves(tmp_path: Path, degrees: int, level_lap: float) -> None:
     """Planned as on a level road, curves whose outside is the lower side by 4 degrees threw every machine down."""
