@@ -211,8 +211,8 @@ def command(name: str) -> str:
     parser = declared.parser(name)
     formatter = HelpFormatter(parser.prog)
     rows = [[_written(action), _help(formatter, action)] for action in parser._actions if action.dest != "help"]
-    told = fill(f"{parser.description} Duration: {declared.duration}.", 120, break_on_hyphens=False)
-    text = f"{told}\n\n{markdown(('option', 'meaning'), rows)}"
+    intro = fill(f"{parser.description} Duration: {declared.duration}.", 120, break_on_hyphens=False)
+    text = f"{intro}\n\n{markdown(('option', 'meaning'), rows)}"
     return f"{text}\n```text\n{dedent(declared.examples).strip()}\n```\n"
 
 

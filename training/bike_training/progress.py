@@ -52,7 +52,7 @@ def progress_bar(title: str, unit: str, total: int | None = None, *, quiet: bool
     """Return a tqdm bar. Where there is no terminal it is a line at once and one every ten seconds.
 
     Args:
-        title: what is done.
+        title: activity, for the bar.
         unit: of the total.
         total: when it is done; None while it is not known.
         quiet: whether nothing is shown.

@@ -170,7 +170,7 @@ def _recorded(ride: Ride, recording: Recording, raw: _Raw) -> RideSource:
 
 
 def _disturbances(raw: _Raw, first: int) -> Disturbances | None:
-    """Return the disturbances of the simulator that a ride was recorded from: those told nearest to its begin."""
+    """Return the disturbances of the simulator that a ride was recorded from: those published nearest to its begin."""
     if not raw.disturbed:
         return None
     message = min(raw.disturbed, key=lambda pair: abs(pair[0] - first))[1]
@@ -206,7 +206,7 @@ class _Raw:
         columns: fields of EXACT of all states.
         starts: messages of how episodes began, each with its index.
         learned: steps of learning, each with its index.
-        disturbed: what simulators told of their disturbances, each with its index.
+        disturbed: disturbances that simulators published, each with its index.
     """
 
     def __init__(self, files: tuple[Path, ...], namespace: str) -> None:

@@ -51,7 +51,7 @@ def bootstrap(
 
     Args:
         values: one value a run, finite.
-        statistic: what is estimated.
+        statistic: estimated quantity.
         seed: of the draws.
 
     Raises:

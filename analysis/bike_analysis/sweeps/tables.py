@@ -130,7 +130,7 @@ def finished(runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def figure_names(runs: pd.DataFrame) -> list[str]:
-    """Return the figures that tell how good runs are, in the order of the table."""
+    """Return the figures of merit of runs, in the order of the table."""
 
     def is_result(column: str) -> bool:
         values = runs[column]

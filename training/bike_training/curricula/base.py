@@ -15,7 +15,7 @@ class EndedEpisode(NamedTuple):
     """Result of an episode of learning.
 
     Attributes:
-        request: how it began, with its context.
+        request: of the episode, with its context.
         total: sum of its rewards.
         steps: its length, decisions.
         failed: whether it was terminated.
@@ -95,7 +95,7 @@ class Curriculum(Protocol):
         ...
 
     def figures(self) -> dict[str, float]:
-        """Return what the logs tell of it beside its part, by name."""
+        """Return its figures for the logs beside its part, by name."""
         ...
 
     def state_dict(self) -> dict[str, Any]:

@@ -123,7 +123,7 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         Args:
             client: a client, or ``local`` or ``ros`` to make one.
             task: a task or its name, see `task_of`.
-            episodes: where new episodes are drawn from; those of `episodes_of` by default.
+            episodes: distribution of new episodes; those of `episodes_of` by default.
             config: of the client's simulator if it makes its own; that of `config_of` by default.
             row: its number among environments side by side, for `episodes`.
             vehicle: name or file, where neither a client nor a configuration is given.

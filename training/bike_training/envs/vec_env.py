@@ -74,7 +74,7 @@ class BatchVecEnv(VecEnv):
         Args:
             count: number of vehicles.
             task: to be learned.
-            episodes: where new episodes are drawn from; :meth:`set_episodes` changes it.
+            episodes: distribution of new episodes; :meth:`set_episodes` changes it.
             config: vehicle, engine and steps.
             seed: seed of all rides.
             machines: names or files that the rows take in turn, where there are several; none for the config's.

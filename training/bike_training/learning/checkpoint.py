@@ -65,7 +65,7 @@ def with_tensors(plain: dict[str, Any], tensors: Path) -> dict[str, Any]:
     """Return a tree with its arrays.
 
     Args:
-        plain: what :func:`read_plain` returned.
+        plain: result of :func:`read_plain`.
         tensors: its safetensors file.
 
     Raises:
@@ -129,7 +129,7 @@ def restore_learner(model: OffPolicyAlgorithm, stored: dict[str, Any]) -> None:
 
     Args:
         model: the learner; its networks must have the stored shapes.
-        stored: what :func:`learner_state` returned.
+        stored: result of :func:`learner_state`.
 
     Raises:
         ValueError: networks of other names or shapes.

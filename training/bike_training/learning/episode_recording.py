@@ -102,11 +102,11 @@ class EpisodeWriter:
 
         Args:
             path: recording, ``.mcap``.
-            task: what is learned.
-            simulator: where it is ridden.
-            request: how the ride begins.
+            task: task to learn.
+            simulator: that it is ridden in.
+            request: of the ride.
             full_episode: steps after which an episode of learning is truncated.
-            rider: who rides, for the notes.
+            rider: the rider, for the notes.
 
         Raises:
             OSError: the disk refuses the recording; it is closed then. `step` and `close` raise it too.
@@ -159,9 +159,9 @@ class EpisodeWriter:
         """Hold an action for one decision; write down its commands, the step of learning, and what comes of it.
 
         Args:
-            observation: what the policy saw.
-            action: what it answered, in [-1, 1].
-            standing: where learning stood.
+            observation: of the policy.
+            action: of the policy, in [-1, 1].
+            standing: progress of learning then.
             deterministic: whether the action is the mean of the policy.
         """
         before, stamp = self.snapshot, self._stamp_of(self.snapshot)
@@ -260,9 +260,9 @@ def record_ride(
         path: recording, ``.mcap``.
         actor: policy.
         task: what it sees and answers.
-        simulator: where it rides.
-        request: how the ride begins.
-        standing: where learning stands.
+        simulator: client of the ride.
+        request: of the ride.
+        standing: progress of learning.
     """
     steps = round(task.validation_duration / simulator.config.control_period)
     with _warning_of_disk(path):
@@ -288,7 +288,7 @@ class TrainingRecorder:
 
         Args:
             env: environments of the training.
-            task: what is learned.
+            task: task to learn.
             config: simulator that rides as they do.
             standing: tells where learning stands.
         """

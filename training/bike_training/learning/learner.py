@@ -66,7 +66,7 @@ def build_model(algorithm: SacSettings, task: Task, env: VecEnv, seed: int) -> O
 
     Args:
         algorithm: its settings.
-        task: what is learned.
+        task: task to learn.
         env: vector environment.
         seed: seed of networks and samples.
 

@@ -229,7 +229,7 @@ class LinearRides:
         Args:
             count: number of bicycles.
             task: with an observation that :class:`ObservationJacobian` knows.
-            episodes: where rides are drawn from.
+            episodes: distribution of rides.
             config: of the compiled engine.
             seed: of all draws.
             variety: of the rides.
@@ -262,7 +262,7 @@ class LinearRides:
         """Ride on for a number of control periods.
 
         Args:
-            actor: who rides.
+            actor: the rider.
             periods: control periods.
             push: how strongly rides are pushed, about once in two seconds: standard deviation of the roll and steer
                 rates that a push leaves, rad/s.

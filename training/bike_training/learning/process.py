@@ -171,10 +171,10 @@ class LearningProcess:
     """Runs a preset until its steps are done, it is stopped, or its curriculum is finished.
 
     Attributes:
-        settings: what it is.
+        settings: of the run.
         out: its folder.
         steps: learning steps in all.
-        task: what is learned.
+        task: task to learn.
         env: where.
         model: the learner.
         progress: how far it has come.
@@ -184,7 +184,7 @@ class LearningProcess:
         """Prepare a run.
 
         Args:
-            settings: what it is.
+            settings: of the run.
             out: its folder.
             steps: learning steps in all, earlier sessions included.
             resume: go on from the checkpoint in ``out``.
@@ -374,8 +374,8 @@ class LearningProcess:
         """Record a validation ride into ``episodes/``, and the next ride that the learner begins.
 
         Args:
-            actor: who rode.
-            request: how the ride began.
+            actor: the rider.
+            request: of the ride.
             step: learning step of the validation.
             part: part of the curriculum that it was ridden in.
         """

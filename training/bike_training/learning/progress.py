@@ -108,7 +108,7 @@ class Progress:
         validations: number of validations.
         latest_success: most recent actor that passed all rides of a validation in the highest part so far.
         success_step: learning step at which it did.
-        recent_error_m: mean error of the last validation, in what the task tells (m for a path).
+        recent_error_m: mean error of the last validation, in the unit of the task (m for a path).
         best: actor with the least selection error since the curriculum was finished.
         best_error_m: its selection error, m.
         best_step: learning step at which it was found.
@@ -180,7 +180,7 @@ def stored_actor(stored: Mapping[str, Any], name: str) -> Actor | None:
     """Return an actor of a stored progress, or None if there was none yet.
 
     Args:
-        stored: what :meth:`Progress.state_dict` returned.
+        stored: result of :meth:`Progress.state_dict`.
         name: ``best``, ``latest_success``, or ``averaged`` for the one that would be deployed without a comparison.
     """
     if name == "averaged":
@@ -195,7 +195,7 @@ def chosen_actor(stored: Mapping[str, Any], which: str, steps: int) -> tuple[Act
     """Return an actor of a stored progress, which one it is, and the learning step that it is of.
 
     Args:
-        stored: what :meth:`Progress.state_dict` returned.
+        stored: result of :meth:`Progress.state_dict`.
         which: ``best`` of those that were compared (``success`` where none was), ``success`` for the most recent one
             that passed a validation, or ``last``.
         steps: learning steps so far.

@@ -26,7 +26,7 @@ def run(
     """Learn until the run has ended or is stopped.
 
     Args:
-        settings: what the run is; its result depends on them alone.
+        settings: of the run; its result depends on them alone.
         out: its folder.
         report: called after each step of all vehicles, to show progress.
         resume: go on from the checkpoint in ``out``.

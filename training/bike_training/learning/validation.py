@@ -60,7 +60,7 @@ class SideBySide:
         """Return the errors, shape (control periods, rides), and which rides did not fail.
 
         Args:
-            actor: who rides.
+            actor: the rider.
             requests: a ride each.
             disturb: called before each control period with the batch, the period's number and which rides go on.
         """
@@ -198,7 +198,7 @@ def take_in(progress: Progress, actor: Actor, step: int, errors: Sequence[float]
 
     Args:
         progress: of the run.
-        actor: who rode.
+        actor: the rider.
         step: learning step.
         errors: of the rides, as parts of the largest error.
         largest_error: m.
@@ -269,7 +269,7 @@ def compare(
         progress: of the run; it remembers the best.
         step: learning step.
         task: what is ridden.
-        config: where it is ridden.
+        config: of its simulator.
         machines: that the rides take in turn, where there are several.
 
     Returns:

@@ -41,7 +41,7 @@ PACES: Final = (0.1, 10.0)
 
 
 def state_names(powered: bool) -> tuple[str, ...]:
-    """Return the names of what is told of a state, in order; of vehicles with signals it is more."""
+    """Return the names of the values sent of a state, in order; more of vehicles with signals."""
     return (*STATE_NAMES, *WHEELS) if powered else STATE_NAMES
 
 
@@ -51,7 +51,7 @@ def places_of(signals: Sequence[str]) -> list[int]:
 
 
 def state_values(snapshot: Snapshot, places: Sequence[int]) -> list[float]:
-    """Return what is told of a state, in the order of `state_names`, with the signals at some places."""
+    """Return the values sent of a state, in the order of `state_names`, with the signals at some places."""
     state, look = snapshot.state, snapshot.look
     values = (
         snapshot.time,
@@ -68,7 +68,7 @@ def state_values(snapshot: Snapshot, places: Sequence[int]) -> list[float]:
 
 
 def event_message(kind: EventKind | int, text: str, value: float) -> dict[str, Any]:
-    """Return what is told of an event; a lap's has its time, s."""
+    """Return the message of an event; that of a lap has its time, s."""
     return {"event": text, **({"lap": value} if kind == EventKind.LAP else {})}
 
 
@@ -183,11 +183,11 @@ class LiveThread(ABC):
 
 
 HELD: Final = 0.5
-"""Wall-clock time for which a wish holds, s: who is cut off rides straight on with closed throttle."""
+"""Wall-clock time for which a manual command holds, s: who is cut off rides straight on with closed throttle."""
 BEHIND: Final = 0.25
 """Delay beyond which the ride does not try to catch up with the clock, s."""
 FRAME: Final = 1.0 / 75.0
-"""Least wall-clock time between two states that are told, s: no screen shows more, and a fast ride is not held up."""
+"""Least wall-clock time between two states that are sent, s: no screen shows more, and a fast ride is not held up."""
 IDLE: Final = 0.02
 """Time between two looks at the requests while nothing moves, s."""
 

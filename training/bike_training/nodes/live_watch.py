@@ -29,7 +29,7 @@ from bike_training.envs.node_process import NodeLost
 from bike_training.nodes.live_ride import LiveThread, event_message, places_of, state_values
 
 PERIOD: Final = 1.0 / 30.0
-"""Wall-clock time between two visits to the states, s; each tells at most one."""
+"""Wall-clock time between two visits to the states, s; each sends at most one."""
 RACING_PERIOD: Final = 1.0 / 24.0
 """Likewise while the simulator is ahead of the clock: its page must not take the processors from it."""
 RACING: Final = 1.5
@@ -74,7 +74,7 @@ class LiveWatch(LiveThread):
         self._paused = self._gone = False
         self._heard_at = 0.0
         self._period = PERIOD
-        self._pace_from: tuple[float, float] | None = None  # simulated and wall-clock time of the state told before, s
+        self._pace_from: tuple[float, float] | None = None  # simulated and wall-clock time of the state sent before, s
 
     def ask(self, request: dict[str, Any]) -> None:
         """Put in a request, checked by `checked_request`; one that a watcher cannot pass on does nothing."""

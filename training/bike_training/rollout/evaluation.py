@@ -41,7 +41,7 @@ def evaluate(
     """Ride all speeds and return the figures.
 
     Args:
-        ride: how to ride.
+        ride: settings of a ride.
         course_name: the fixed course.
         speeds: m/s.
         random_rides: rides on random paths at each speed.
@@ -91,7 +91,7 @@ def draw(figures: dict[str, Any], name: str, path: Path) -> None:
     """Draw distances over speed as in Fig. 10, and the error of each section of the course.
 
     Args:
-        figures: what :func:`evaluate` returned.
+        figures: result of :func:`evaluate`.
         name: of the rider, for the title.
         path: PNG file.
     """

@@ -50,7 +50,7 @@ class LapRide:
         circuit: name of the circuit.
         limit: the theoretical lap on the followed line.
         closest: theoretical lap on the closest line, s.
-        rider: who rode.
+        rider: the rider.
         plan: the classical rider's own speed profile; None of others.
         out_lap: the first lap, or None if it was not finished.
         laps: the flying laps that were finished.
@@ -125,7 +125,7 @@ def ride_laps(
         vehicle: name or file of a superbike.
         circuit: name or file of a circuit.
         laps: number of flying laps.
-        rider: who rides; None for the classical rider.
+        rider: the rider; None for the classical rider.
         engine: that integrates the machine.
         report: called every control step with the snapshot and the length of a lap, m.
 

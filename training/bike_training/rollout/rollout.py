@@ -33,7 +33,7 @@ def rollout(client: Client, rider: Rider, request: ResetRequest) -> Iterator[Sna
     Args:
         client: simulator.
         rider: answers each snapshot with a command.
-        request: how the episode begins.
+        request: of the episode.
 
     Yields:
         Each snapshot, from the one of the reset on. It ends after a fall and where the rider has no answer.
@@ -134,7 +134,7 @@ def ride_through(client: Client, rider: Rider, request: ResetRequest, longest: f
     Args:
         client: simulator.
         rider: whose preview replaces that of the request if it needs one.
-        request: how the ride begins.
+        request: of the ride.
         longest: longest ride, s; an open ride that lasts so long is completed, a closed one is not.
     """
     if rider.preview is not None:

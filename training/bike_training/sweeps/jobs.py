@@ -168,7 +168,7 @@ class TrainJob:
     """A training; the same as `bike train` with these settings, bit for bit.
 
     Attributes:
-        settings: what it is.
+        settings: of the run.
     """
 
     settings: RunSettings

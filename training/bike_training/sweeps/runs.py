@@ -87,7 +87,7 @@ class PlannedRun:
         run: its entries and needs.
         folder: its folder.
         status: finished, failed, interrupted or missing.
-        error: why it failed, or empty.
+        error: cause of failure, or empty.
         seconds: how long it took if it has finished, else how long it is expected to take from its beginning, s.
     """
 

@@ -53,7 +53,7 @@ class TaskState(Protocol):
         Args:
             row: of the vehicle.
             rows: of all vehicles, after its reset.
-            request: how it began.
+            request: of the episode.
             course: the followed line.
         """
         ...
