@@ -110,7 +110,7 @@ def test_a_changed_command_is_found_at_the_step_that_it_led_to(recorded, data, b
     assert not replay.same
     assert replay.difference is not None
     assert replay.difference.step == row
-    assert replay.apart[-1].time == pytest.approx((len(steering) - 1) * 0.05)
+    assert replay.apart[-1].time_s == pytest.approx((len(steering) - 1) * 0.05)
 
 
 @given(data=st.data(), name=st.sampled_from([name for name in EXACT if name not in (*COMMANDS, *FLAGS)]))
@@ -183,7 +183,7 @@ def test_another_engine_parts_from_the_recorded_ride(recorded):
     replay = ride_again(recorded, engine="pybullet", time_step=0.001)
     assert not replay.same
     assert replay.config == replace(COMPILED, engine="pybullet", time_step=0.001)
-    apart = [apart.position for apart in replay.apart if apart.time <= 2.0]
+    apart = [apart.position_m for apart in replay.apart if apart.time_s <= 2.0]
     assert apart == sorted(apart)
     assert 0.0 < apart[0] < 1e-3  # half a second
 

@@ -1,16 +1,17 @@
-"""Progress of what takes long: a bar at a terminal, lines in a log."""
+"""What commands show: bars of progress at a terminal, lines of it in a log, and tables."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 from tqdm import tqdm
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.table import Table
 
 LOG_EVERY: Final = 10.0
 """Wall-clock time between lines of progress in a log, s: they must not fill it."""
@@ -63,3 +64,24 @@ def progress_bar(title: str, unit: str, total: int | None = None, *, quiet: bool
     if not sys.stderr.isatty():
         options = {"bar_format": f"{{desc}}: {done}", "file": _Lines(), "mininterval": LOG_EVERY}
     return tqdm(desc=title, total=total, unit=unit, smoothing=0.05, disable=quiet, **options)
+
+
+def text_table(title: str, headings: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1) -> Table:
+    """Return a table for people.
+
+    Args:
+        title: above it.
+        headings: of the columns.
+        rows: their cells.
+        left: number of columns of text, which come first; the others stand on the right.
+    """
+    from rich import box  # late: most of what shows progress needs no table
+    from rich.table import Table
+
+    table = Table(title=title, box=box.SIMPLE, pad_edge=False)
+    for place, heading in enumerate(headings):
+        justify: Literal["left", "right"] = "left" if place < left else "right"
+        table.add_column(heading, justify=justify, no_wrap=place >= left, overflow="fold")
+    for row in rows:
+        table.add_row(*row)
+    return table

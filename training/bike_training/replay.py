@@ -8,10 +8,11 @@ commands came. With another engine or time step the rides diverge, and the compa
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -269,40 +270,38 @@ APART_AT: Final = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0)
 """Times at which the difference of diverging rides is reported, s; the end is added."""
 
 
-@dataclass(frozen=True)
-class Difference:
+class Difference(NamedTuple):
     """First difference of two rides.
 
     Attributes:
         step: control step of the state.
-        time: s since the reset.
+        time_s: since the reset.
         field: first field of the state that differs, as it is called in BikeState, ``observation`` or ``reward``.
         recorded: its value in the recording.
-        ridden: its value now.
+        ridden: its value in the replay.
     """
 
     step: int
-    time: float
+    time_s: float
     field: str
     recorded: float
     ridden: float
 
 
-@dataclass(frozen=True)
-class Apart:
+class Apart(NamedTuple):
     """Distance of two rides at a time.
 
     Attributes:
-        time: s since the reset.
-        position: distance between the rear contact points, m.
-        roll: difference of the roll angles, rad.
-        steer: of the steering angles, rad.
+        time_s: since the reset.
+        position_m: distance between the rear contact points.
+        roll_deg: difference of the roll angles.
+        steer_deg: difference of the steering angles.
     """
 
-    time: float
-    position: float
-    roll: float
-    steer: float
+    time_s: float
+    position_m: float
+    roll_deg: float
+    steer_deg: float
 
 
 @dataclass(frozen=True)
@@ -569,5 +568,6 @@ def _apart(before: Columns, after: Columns, time: NDArray[np.float64]) -> tuple[
     found = []
     for row in [*moments, len(time) - 1]:
         by = {name: float(after[name][row] - before[name][row]) for name in ("x", "y", "roll", "steer")}
-        found.append(Apart(float(time[row]), float(np.hypot(by["x"], by["y"])), by["roll"], by["steer"]))
+        angles = math.degrees(by["roll"]), math.degrees(by["steer"])
+        found.append(Apart(float(time[row]), float(np.hypot(by["x"], by["y"])), *angles))
     return tuple(found)

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from rich.console import Console
-from rich.table import Table
 
 from bike_sim.documents import alternatives, show
+from bike_training.progress import text_table
 
 PARTS: Final = {
     "physics": "bench.physics_speed",
@@ -57,16 +57,13 @@ def load_part(part: str) -> Any:
 
 
 def _print(figures: dict[str, Any]) -> None:
-    table = Table(show_header=False)
+    rows = []
     for name, value in figures.items():
-        if isinstance(value, list):
-            for entry in value:
-                label = f"{entry['name']}, {1e3 * entry['time_step_s']:g} ms"
-                table.add_row(
-                    label,
-                    f"{entry['control_steps_per_s']:,.0f}/s, weave {entry['weave_speed_error_percent']:+.3f} %, "
-                    f"capsize {entry['capsize_speed_error_percent']:+.3f} %",
-                )
-        else:
-            table.add_row(name, f"{value:,.4g}" if isinstance(value, float) else str(value))
+        for entry in value if isinstance(value, list) else ():
+            errors = (f"{mode} {entry[f'{mode}_speed_error_percent']:+.3f} %" for mode in ("weave", "capsize"))
+            speed = f"{entry['control_steps_per_s']:,.0f}/s"
+            rows.append((f"{entry['name']}, {1e3 * entry['time_step_s']:g} ms", ", ".join((speed, *errors))))
+        if not isinstance(value, list):
+            rows.append((name, f"{value:,.4g}" if isinstance(value, float) else str(value)))
+    table = text_table("speed", ("figure", "value"), rows, left=2)
     Console().print(table)

@@ -12,7 +12,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
-from rich import box
 from rich.console import Console
 from rich.table import Table
 
@@ -30,7 +29,7 @@ from bike_sim.vehicles.superbike import Superbike
 from bike_training.arguments import check_positive, check_whole, make_folder
 from bike_training.commands.declarations import DEFAULT_SUPERBIKE, SUPERBIKE
 from bike_training.envs.clients import make_client
-from bike_training.progress import progress_bar
+from bike_training.progress import progress_bar, text_table
 from bike_training.rollout.evaluation import PAPER_MAX, PAPER_MEAN, SPEEDS, Ride, draw, evaluate
 from bike_training.rollout.races import delay_of, ride_races
 from bike_training.rollout.rollout import TimedRider, ride_through
@@ -154,24 +153,22 @@ COMPARED: Final[Mapping[str, str]] = {
 
 def _print_comparison(found: Sequence[Mapping[str, Any]]) -> None:
     """Print riders side by side."""
-    first = found[0]
-    table = Table(title=f"{first['course']} at {first['rides_count']} speeds and random paths, {first['engine']}")
-    table.add_column("figure")
-    for each in found:
-        table.add_column(each["policy"], justify="right")
+    first, rows = found[0], []
     for key, heading in COMPARED.items():
         cells = [each.get(key) for each in found]
         if any(cell is not None for cell in cells):
-            table.add_row(heading, *("-" if cell is None else f"{cell:.4g}" for cell in cells))
+            rows.append((heading, *("-" if cell is None else f"{cell:.4g}" for cell in cells)))
     for place, known in enumerate(first["disturbed"]):
-        table.add_row(f"{known['disturbances']}: {_DISTURBED}", *(_told(each["disturbed"][place]) for each in found))
+        rows.append((f"{known['disturbances']}: {_DISTURBED}", *(_in_short(of["disturbed"][place]) for of in found)))
+    title = f"{first['course']} at {first['rides_count']} speeds and random paths, {first['engine']}"
+    table = text_table(title, ("figure", *(each["policy"] for each in found)), rows)
     Console(width=max(100, Console().width)).print(table)
 
 
 _DISTURBED: Final = "rides completed; mean of the mean distances, largest distance, m"
 
 
-def _told(figures: Mapping[str, Any]) -> str:
+def _in_short(figures: Mapping[str, Any]) -> str:
     """Return the figures of disturbed rides in short."""
     return (
         f"{figures['completed_count']} of {figures['rides_count']}; "
@@ -180,27 +177,24 @@ def _told(figures: Mapping[str, Any]) -> str:
 
 
 def _print(figures: dict[str, Any], name: str, out: Path) -> None:
-    table = Table(title=f"{name}: {figures['course']} and random paths, {figures['engine']}")
-    for heading in ("speed m/s", "ridden", "mean m", "max m", "max roll °", "worst section", "random mean m", "max m"):
-        table.add_column(heading, justify="right")
-    randoms = figures["random"]
+    head = ("speed m/s", "ridden", "mean m", "max m", "max roll °", "worst section", "random mean m", "max m")
+    randoms, rows = figures["random"], []
     for place, ride in enumerate(figures["rides"]):
         worst = max(ride.get("sections", []), key=lambda part: part["max_m"], default={"section": ""})
         chance = randoms[place] if place < len(randoms) else None
-        table.add_row(
+        cells = (
             f"{ride['speed_m_s']:.2f}",
             "yes" if ride["completed"] else "NO",
-            f"{ride['mean_m']:.3f}",
-            f"{ride['max_m']:.3f}",
-            f"{ride['max_roll_deg']:.1f}",
-            worst["section"],
+            *(f"{ride['mean_m']:.3f}", f"{ride['max_m']:.3f}", f"{ride['max_roll_deg']:.1f}", worst["section"]),
             f"{chance['mean_m']:.3f}" if chance else "",
             f"{chance['max_m']:.3f}" + ("" if chance["completed"] else " NO") if chance else "",
         )
+        rows.append(cells)
+    table = text_table(f"{name}: {figures['course']} and random paths, {figures['engine']}", head, rows, left=0)
     console = Console(width=max(100, Console().width))
     console.print(table)
     for known in figures["disturbed"]:
-        console.print(f"{known['disturbances']}: {_told(known)} ({_DISTURBED})")
+        console.print(f"{known['disturbances']}: {_in_short(known)} ({_DISTURBED})")
     radius, swing = figures["worst_spectral_radius_upright"], figures["worst_swing_deg"]
     stable = "no steady ride" if radius is None else f"spectral radius {radius:.3f}"
     swinging = "-" if swing is None else f"{swing:.2g}"
@@ -297,27 +291,12 @@ def _pairs(machines: Sequence[str], circuits: Sequence[str], taking_turns: bool)
 
 
 def _race_table(name: str, found: list[dict[str, Any]]) -> Table:
-    table = Table(box=box.SIMPLE, title=f"Races of {name}")
     disturbed = any(race["disturbances"] != "none" for race in found)
-    named = ("machine", "circuit", "disturbances") if disturbed else ("machine", "circuit")
-    for column in named:
-        table.add_column(column, overflow="fold")
-    for column in (
-        "whole",
-        "falls",
-        "best",
-        "median",
-        "theory",
-        "over it",
-        "off line",
-        "off track",
-    ):
-        table.add_column(column, justify="right")
-    for race in found:
-        table.add_row(
-            race["vehicle"],
-            race["circuit"],
-            *([race["disturbances"]] if disturbed else []),
+    named = {"machine": "vehicle", "circuit": "circuit"} | ({"disturbances": "disturbances"} if disturbed else {})
+    head = (*named, "whole", "falls", "best", "median", "theory", "over it", "off line", "off track")
+    rows = [
+        (
+            *(race[key] for key in named.values()),
             f"{race['whole']} of {race['rides']}",
             f"{race['falls'] + race['walls']}",
             "-" if race["best_s"] is None else lap_text(race["best_s"]),
@@ -327,4 +306,6 @@ def _race_table(name: str, found: list[dict[str, Any]]) -> Table:
             f"{race['line_distance_m']:.2f} m",
             f"{race['off_track_s']:.1f} s",
         )
-    return table
+        for race in found
+    ]
+    return text_table(f"Races of {name}", head, rows, left=len(named))

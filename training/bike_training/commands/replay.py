@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 import time
-from dataclasses import asdict
 from typing import Any, Final
 
 from bike_training.progress import progress_bar
@@ -65,26 +63,11 @@ def figures_of(recorded: RideSource, replay: Replay) -> dict[str, Any]:
         "recorded_states": replay.recorded_states,
         "missing_states": replay.missing,
         "stopped": replay.stopped or None,
-        "first_difference": None if replay.difference is None else _with_units(asdict(replay.difference)),
-        "apart": [
-            {
-                "time_s": apart.time,
-                "position_m": apart.position,
-                "roll_deg": math.degrees(apart.roll),
-                "steer_deg": math.degrees(apart.steer),
-            }
-            for apart in replay.apart
-        ],
+        "first_difference": replay.difference and replay.difference._asdict(),
+        "apart": [apart._asdict() for apart in replay.apart],
         "learning_steps": replay.learned,
-        "first_learning_difference": None
-        if replay.learned_difference is None
-        else _with_units(asdict(replay.learned_difference)),
+        "first_learning_difference": replay.learned_difference and replay.learned_difference._asdict(),
     }
-
-
-def _with_units(difference: dict[str, Any]) -> dict[str, Any]:
-    """Name the time with its unit; a value has that of its field."""
-    return {"time_s" if name == "time" else name: value for name, value in difference.items()}
 
 
 def text_of(recorded: RideSource, replay: Replay) -> list[str]:
@@ -105,8 +88,7 @@ def text_of(recorded: RideSource, replay: Replay) -> list[str]:
         lines.append("  how far they are apart, now less recorded:")
         lines.append("   time s  apart m     roll °    steer °")
     for apart in replay.apart:
-        roll, steer = math.degrees(apart.roll), math.degrees(apart.steer)
-        lines.append(f"  {apart.time:7.2f}  {apart.position:8.3g}  {roll:+9.3g}  {steer:+9.3g}")
+        lines.append(f"  {apart.time_s:7.2f}  {apart.position_m:8.3g}  {apart.roll_deg:+9.3g}  {apart.steer_deg:+9.3g}")
     if replay.learned_difference is not None:
         lines.append(f"  what was learned from is not of this ride: {_where(replay.learned_difference)}")
     elif replay.learned:
@@ -122,7 +104,7 @@ def _verdict(replay: Replay) -> str:
 
 def _where(place: Difference) -> str:
     values = f"{place.field} is {place.recorded!r} in the recording, {place.ridden!r} now"
-    return f"step {place.step} ({place.time:.2f} s), {values}"
+    return f"step {place.step} ({place.time_s:.2f} s), {values}"
 
 
 def _physics(engine: str, time_step: float) -> str:

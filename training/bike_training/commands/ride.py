@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from rich import box
 from rich.console import Console
 from rich.table import Table
 
@@ -33,7 +32,7 @@ from bike_sim.vehicles.superbike import Superbike
 from bike_training.arguments import check_positive, check_whole, recording_folder
 from bike_training.commands.analyze import text_of
 from bike_training.commands.declarations import LARGEST_DOMAIN
-from bike_training.progress import progress_bar
+from bike_training.progress import progress_bar, text_table
 from bike_training.rollout.laps import ALLOWED_EXCESS, pair_figures, ride_laps
 from bike_training.rollout.rollout import time_for
 
@@ -223,17 +222,15 @@ def _lap_figures(vehicle: str, circuit: str, args: argparse.Namespace) -> dict[s
 
 
 def _table(found: list[dict[str, Any]]) -> Table:
-    table = Table(box=box.SIMPLE, title=f"Flying laps, rider: {found[0]['rider']}")
-    columns = (
-        "machine", "circuit", "best lap", "theoretical", "slowest over it", "closest", "over it", "laps", "valid",
-        "off line", "end",
-    )  # fmt: skip
-    for name in columns:
-        table.add_column(name, justify="left" if name in ("machine", "circuit", "end") else "right")
-    for pair in found:
-        table.add_row(
+    head = (
+        *("machine", "circuit", "end", "best lap", "theoretical", "slowest over it", "closest", "over it", "laps"),
+        *("valid", "off line"),
+    )
+    rows = [
+        (
             pair["vehicle"],
             pair["course"],
+            pair["end"] if pair["ok"] else f"[red]{pair['end']}[/red]",
             "-" if pair["lap_s"] is None else lap_text(pair["lap_s"]),
             lap_text(pair["limit_s"]),
             _percent(pair["excess"]),
@@ -242,9 +239,10 @@ def _table(found: list[dict[str, Any]]) -> Table:
             f"{pair['laps']}",
             f"{pair['valid_laps']}",
             f"{pair['line_error_max_m']:.2f} m",
-            pair["end"] if pair["ok"] else f"[red]{pair['end']}[/red]",
         )
-    return table
+        for pair in found
+    ]
+    return text_table(f"Flying laps, rider: {found[0]['rider']}", head, rows, left=3)
 
 
 def _percent(part: float | None) -> str:

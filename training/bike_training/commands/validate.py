@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 import numpy as np
-from rich import box
 from rich.console import Console, Group
 from rich.table import Table
 
 from bike_analysis.figures.numbers import lap_text
+from bike_analysis.figures.results import finite
 from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
 from bike_policy.riders.classical import ClassicalRider
 from bike_sim.course.course import Course
@@ -31,13 +31,13 @@ from bike_sim.sim.simulator import Simulator
 from bike_sim.validation import bicycle, energy, superbike
 from bike_sim.validation.parameters import SPEEDS, measured_bicycles
 from bike_sim.validation.published import Mode, Torque, check_published, check_rides, measured_modes, steady_torques
-from bike_sim.validation.report import Check, Report, number_of
+from bike_sim.validation.report import Check, Report
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.files import load_superbike, load_vehicle, vehicle_template
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.arguments import check_positive, make_folder
 from bike_training.commands.declarations import ALL_SUPERBIKES
-from bike_training.progress import status
+from bike_training.progress import status, text_table
 from bike_training.rollout.laps import ride_laps
 from bike_training.rollout.rollout import rollout
 
@@ -166,7 +166,7 @@ def _report(
     with status(console, "measuring") as progress:
         result = measure(progress)
     console.print(table(result), _check_table(title, result))
-    answer = describe(result)
+    answer = finite(describe(result))
     if args.out is not None:
         written = [args.out / f"{answer['schema'].split('/')[0].removeprefix('bike.')}.json", *draw(result, args.out)]
         written[0].write_text(json.dumps(answer, indent=2) + "\n", encoding="utf-8")
@@ -269,28 +269,18 @@ def _energy_figures(accounts: Mapping[str, Mapping[float, energy.Account]]) -> d
 
 def _energy_table(accounts: Mapping[str, Mapping[float, energy.Account]]) -> Table:
     """Return what did work on each lap, kJ, as a table for people."""
-    table = Table(title="energy of a lap of the median of Barcelona, kJ", box=box.SIMPLE, pad_edge=False)
-    table.add_column("work of")
     laps = [(name, step, found[step]) for name, found in accounts.items() for step in ACCOUNT_STEPS]
-    for name, step, _ in laps:
-        table.add_column(f"{name}\n{1e3 * step:g} ms", justify="right", no_wrap=True)
-    for entry in energy.ENTRIES:
-        table.add_row(entry.replace("_", ", "), *(f"{1e-3 * one.work[entry]:.1f}" for _, _, one in laps))
-    table.add_row("stored", *(f"{1e-3 * one.stored:.1f}" for _, _, one in laps))
-    table.add_row("rest by engine", *(f"{one.rest:.1e}" for _, _, one in laps))
-    return table
+    head = ("work of", *(f"{name}\n{1e3 * step:g} ms" for name, step, _ in laps))
+    rows = [(name.replace("_", ", "), *(f"{1e-3 * one.work[name]:.1f}" for *_, one in laps)) for name in energy.ENTRIES]
+    rows.append(("stored", *(f"{1e-3 * one.stored:.1f}" for *_, one in laps)))
+    rows.append(("rest by engine", *(f"{one.rest:.1e}" for *_, one in laps)))
+    return text_table("energy of a lap of the median of Barcelona, kJ", head, rows)
 
 
 def _superbike_figures(result: superbike.Validation) -> dict[str, Any]:
     """Return the figures beside the checks for JSON."""
-    convergence = [
-        {"step_s": step, "lean_error_deg": number_of(lean), "position_error_m": number_of(place)}
-        for step, lean, place in result.convergence
-    ]
-    turns = [
-        {"lean_deg": lean, "speed_m_s": speed, "lateral_g": lateral, "formula_lateral_g": formula}
-        for lean, speed, lateral, formula in result.turns
-    ]
+    convergence = ("step_s", "lean_error_deg", "position_error_m")
+    turns = ("lean_deg", "speed_m_s", "lateral_g", "formula_lateral_g")
     machines = [
         {
             "vehicle": name,
@@ -299,36 +289,23 @@ def _superbike_figures(result: superbike.Validation) -> dict[str, Any]:
             "modes": [
                 {
                     "speed_m_s": point.speed,
-                    "weave_real_1_s": number_of(point.weave.real),
-                    "weave_hz": number_of(point.weave.imag / (2.0 * math.pi)),
-                    "wobble_real_1_s": number_of(point.wobble.real),
-                    "wobble_hz": number_of(point.wobble.imag / (2.0 * math.pi)),
-                    "capsize_1_s": number_of(point.capsize),
+                    "weave_real_1_s": point.weave.real,
+                    "weave_hz": point.weave.imag / (2.0 * math.pi),
+                    "wobble_real_1_s": point.wobble.real,
+                    "wobble_hz": point.wobble.imag / (2.0 * math.pi),
+                    "capsize_1_s": point.capsize,
                 }
                 for point in result.modes[name]
             ],
         }
         for name, launch in result.launches.items()
     ]
-    ranges = [
-        {
-            "name": row.name,
-            "title": row.title,
-            "low": number_of(row.low),
-            "high": number_of(row.high),
-            "published_low": row.published_low,
-            "published_high": row.published_high,
-            "within": bool(row.within),
-        }
-        for row in result.ranges
-    ]
-    performance = [vars(each) for each in result.performance]
     return {
-        "convergence": convergence,
-        "turns": turns,
+        "convergence": [dict(zip(convergence, row, strict=True)) for row in result.convergence],
+        "turns": [dict(zip(turns, row, strict=True)) for row in result.turns],
         "machines": machines,
-        "ranges": ranges,
-        "performance": performance,
+        "ranges": [vars(row) | {"within": bool(row.within)} for row in result.ranges],
+        "performance": [vars(each) for each in result.performance],
     }
 
 
@@ -344,45 +321,39 @@ def _mode_figures(point: bicycle.ModePoint) -> dict[str, float]:
 
 def _check_table(title: str, result: Report) -> Table:
     """Return the checks as a table for people."""
-    table = Table(title=title, box=box.SIMPLE, pad_edge=False)
-    table.add_column("figure")
-    for heading in ("measured", "reference", "allowed", ""):
-        table.add_column(heading, justify="right", no_wrap=True)
+    rows = []
     for check in result.checks:
         digits = ".4g" if abs(check.measured) >= 1e-3 or not check.measured else ".1e"
-        table.add_row(
-            check.title,
-            format(float(check.measured), digits),
-            f"{check.reference:.4g}" if check.reference else "",
-            f"≤ {check.high:.4g}" if check.low in (0.0, -math.inf) else f"{check.low:.4g} to {check.high:.4g}",
-            "[green]pass[/green]" if check.passed else "[bold red]FAIL[/bold red]",
-        )
-    return table
+        limits = f"≤ {check.high:.4g}" if check.low in (0.0, -math.inf) else f"{check.low:.4g} to {check.high:.4g}"
+        reference = f"{check.reference:.4g}" if check.reference else ""
+        verdict = "[green]pass[/green]" if check.passed else "[bold red]FAIL[/bold red]"
+        rows.append((check.title, format(float(check.measured), digits), reference, limits, verdict))
+    return text_table(title, ("figure", "measured", "reference", "allowed", ""), rows)
 
 
 def _mode_table(result: bicycle.Validation) -> Table:
     """Return a bicycle's modes over speed as a table for people."""
-    table = Table(title="modes over speed", box=box.SIMPLE)
-    for heading in ("speed, m/s", "weave, 1/s", "published", "capsize, 1/s", "published"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    rows = []
     for point in result.points:
         both = (point.measured, point.published)
         weaves = [f"{modes.weave.real:.3f} ± {modes.weave.imag:.3f}i" for modes in both]
-        table.add_row(f"{point.speed:g}", *weaves, *(f"{modes.capsize:.4f}" for modes in both))
-    return table
+        rows.append((f"{point.speed:g}", *weaves, *(f"{modes.capsize:.4f}" for modes in both)))
+    head = ("speed, m/s", "weave, 1/s", "published", "capsize, 1/s", "published")
+    return text_table("modes over speed", head, rows, left=0)
 
 
 def _range_table(result: superbike.Validation) -> Table:
     """Return frequencies beside published ones as a table for people."""
-    table = Table(title="beside published ranges", box=box.SIMPLE, pad_edge=False)
-    table.add_column("figure")
-    for heading in ("measured", "published", ""):
-        table.add_column(heading, justify="right", no_wrap=True)
-    for row in result.ranges:
-        verdict = "within" if row.within else "[yellow]outside[/yellow]"
-        published = f"{row.published_low:g} to {row.published_high:g}"
-        table.add_row(row.title, f"{row.low:.2f} to {row.high:.2f}", published, verdict)
-    return table
+    rows = [
+        (
+            row.title,
+            f"{row.low:.2f} to {row.high:.2f}",
+            f"{row.published_low:g} to {row.published_high:g}",
+            "within" if row.within else "[yellow]outside[/yellow]",
+        )
+        for row in result.ranges
+    ]
+    return text_table("beside published ranges", ("figure", "measured", "published", ""), rows)
 
 
 def _torque_figures(torques: Sequence[Torque]) -> list[dict[str, float | None]]:
@@ -391,10 +362,10 @@ def _torque_figures(torques: Sequence[Torque]) -> list[dict[str, float | None]]:
         {
             "speed_m_s": torque.speed,
             "roll_deg": math.degrees(torque.roll),
-            "torque_nm": number_of(torque.measured),
+            "torque_nm": torque.measured,
             "published_nm": torque.published,
-            "miss": number_of(torque.measured / torque.published - 1.0),
-            "miss_by_twist": number_of((torque.measured - torque.published) / torque.twist),
+            "miss": torque.measured / torque.published - 1.0,
+            "miss_by_twist": (torque.measured - torque.published) / torque.twist,
         }
         for torque in torques
     ]
@@ -402,23 +373,18 @@ def _torque_figures(torques: Sequence[Torque]) -> list[dict[str, float | None]]:
 
 def _torque_table(torques: Sequence[Torque]) -> Table:
     """Return torques of steady turns beside published ones as a table for people, a row for each roll."""
-    table = Table(title="rider's torque in steady turns, N m: measured (published)", box=box.SIMPLE, pad_edge=False)
-    speeds = dict.fromkeys(torque.speed for torque in torques)
-    for heading in ("roll", *(f"{speed:.0f} m/s" for speed in speeds)):
-        table.add_column(heading, justify="right", no_wrap=True)
+    speeds, rows = dict.fromkeys(torque.speed for torque in torques), []
     for roll in dict.fromkeys(torque.roll for torque in torques):
         row = [torque for torque in torques if torque.roll == roll]
-        table.add_row(f"{math.degrees(roll):.0f}°", *(f"{each.measured:.2f} ({each.published:.2f})" for each in row))
-    return table
+        rows.append((f"{math.degrees(roll):.0f}°", *(f"{each.measured:.2f} ({each.published:.2f})" for each in row)))
+    title = "rider's torque in steady turns, N m: measured (published)"
+    return text_table(title, ("roll", *(f"{speed:.0f} m/s" for speed in speeds)), rows, left=0)
 
 
 def _performance_table(result: superbike.Validation) -> Table:
     """Return what road tests measure as a table for people."""
-    table = Table(title="as road tests measure", box=box.SIMPLE, pad_edge=False)
-    for heading in ("machine", "0 to 100 km/h", "quarter mile", "at", "top speed", "stop from 100 km/h"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    for each in result.performance:
-        table.add_row(
+    rows = [
+        (
             each.vehicle,
             f"{each.to_100_s:.2f} s",
             f"{each.quarter_mile_s:.2f} s",
@@ -426,7 +392,10 @@ def _performance_table(result: superbike.Validation) -> Table:
             f"{each.top_km_h:.0f} km/h",
             f"{each.stop_100_m:.1f} m",
         )
-    return table
+        for each in result.performance
+    ]
+    head = ("machine", "0 to 100 km/h", "quarter mile", "at", "top speed", "stop from 100 km/h")
+    return text_table("as road tests measure", head, rows)
 
 
 def run_template(args: argparse.Namespace) -> dict[str, Any]:
@@ -461,8 +430,8 @@ def run_parameters(args: argparse.Namespace) -> dict[str, Any]:
     figures = [
         {
             "bicycle": one.name,
-            "stable_from_m_s": number_of(one.stable[0]),
-            "stable_to_m_s": number_of(one.stable[1]),
+            "stable_from_m_s": one.stable[0],
+            "stable_to_m_s": one.stable[1],
             "eigenvalues": [
                 {"speed_m_s": speed, "real_1_s": row.real.tolist(), "imaginary_1_s": row.imag.tolist()}
                 for speed, row in zip(SPEEDS, one.formula, strict=True)
@@ -472,13 +441,10 @@ def run_parameters(args: argparse.Namespace) -> dict[str, Any]:
         for one in found
     ]
     result = Report(0.0, checks)
-    ranges = Table(title="balances itself", box=box.SIMPLE)
-    for heading in ("bicycle", "from, m/s", "to, m/s"):
-        ranges.add_column(heading, no_wrap=True)
-    for one in found:
-        ranges.add_row(one.name, *(f"{speed:.4f}" for speed in one.stable))
+    rows = [(one.name, *(f"{speed:.4f}" for speed in one.stable)) for one in found]
+    ranges = text_table("balances itself", ("bicycle", "from, m/s", "to, m/s"), rows)
     console.print(ranges, _check_table("measured bicycles", result))
-    return {"schema": PARAMETERS_SCHEMA} | result.as_dict({"bicycles": figures})
+    return finite({"schema": PARAMETERS_SCHEMA} | result.as_dict({"bicycles": figures}))
 
 
 CIRCUIT_SCHEMA: Final = "bike.validate_course/1"
@@ -534,7 +500,6 @@ def _circuit_figures(track: Track, ideal: LapLimit, median: LapLimit) -> dict[st
 
 
 def _circuit_table(track: Track, figures: dict[str, Any]) -> Table:
-    table = Table(box=box.SIMPLE, title=f"{track.name}: a sound circuit", show_header=False)
     directions = [corner["direction"] for corner in figures["corners"]]
     rows = {
         "length": f"{figures['length_m']:.1f} m, {figures['direction']}",
@@ -545,9 +510,7 @@ def _circuit_table(track: Track, figures: dict[str, Any]) -> Table:
         f"theoretical lap ({figures['machine']})": f"{figures['ideal_lap_s']:.2f} s on the ideal line, "
         f"{figures['median_lap_s']:.2f} s on the median",
     }
-    for name, value in rows.items():
-        table.add_row(name, value)
-    return table
+    return text_table(f"{track.name}: a sound circuit", ("", ""), rows.items())
 
 
 def _draw_circuit(track: Track, ideal: LapLimit, path: Path) -> None:

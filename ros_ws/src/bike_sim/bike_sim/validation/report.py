@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Self
@@ -34,8 +33,8 @@ class Check:
         return bool(self.low <= self.measured <= self.high)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the check for JSON; values that are not finite are None."""
-        numbers = {name: number_of(getattr(self, name)) for name in ("measured", "reference", "low", "high")}
+        """Return the check as plain values."""
+        numbers = {name: getattr(self, name) for name in ("measured", "reference", "low", "high")}
         return {"name": self.name, "title": self.title, **numbers, "ok": self.passed}
 
 
@@ -71,20 +70,15 @@ class Report:
         return self
 
     def as_dict(self, figures: dict[str, Any]) -> dict[str, Any]:
-        """Return the report for JSON.
+        """Return the report as plain values.
 
         Args:
             figures: others than those of the checks.
         """
-        measured = {check.name: number_of(check.measured) for check in self.checks}
+        measured = {check.name: check.measured for check in self.checks}
         return {
             "ok": self.passed,
             "time_step_s": self.time_step,
             "figures": measured | figures,
             "checks": [check.as_dict() for check in self.checks],
         }
-
-
-def number_of(value: float | None) -> float | None:
-    """Return a number that JSON knows, None where it is not finite."""
-    return float(value) if value is not None and math.isfinite(value) else None
