@@ -18,7 +18,7 @@ from bike_training.reproduce.paper import Experiment, Paper, all_tables, collect
 from bike_training.reproduce.statement import NO, OPEN, YES, verdict_table
 from bike_training.reproduce.superbike import SUPERBIKE
 from bike_training.sweeps.display import Display
-from bike_training.sweeps.driver import Place, do_runs
+from bike_training.sweeps.driver import do_runs
 from bike_training.sweeps.jobs import TrainJob
 from bike_training.sweeps.runs import Plan, make_plan, schedule, slots_of
 
@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         interrupted = False
         if plan.missing:
             with Display(len(plan.runs), len(plan.missing), quiet=args.json) as display:
-                interrupted = do_runs(plan.missing, args.out, Place(cores=args.cores), sweep.retries, display)
+                interrupted = do_runs(plan.missing, args.out, (None, args.cores), sweep.retries, display)
         plan = make_plan(sweep, args.out)
         data = collect(paper, plan, experiment, quiet=args.json)
         make_folder("--out", args.out / DATA)

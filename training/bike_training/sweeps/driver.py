@@ -6,7 +6,6 @@ import signal
 import time
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -33,17 +32,7 @@ SHUTDOWN_TIMEOUT_S: Final = 60.0
 """Longest wait for interrupted runs to write their checkpoints, s."""
 
 
-@dataclass(frozen=True)
-class Place:
-    """Machines that do the runs.
-
-    Attributes:
-        address: of a Ray cluster; None starts Ray on this machine.
-        cores: of this machine, without an address; None for all.
-    """
-
-    address: str | None = None
-    cores: int | None = None
+Place = tuple[str | None, int | None]
 
 
 def do_runs(runs: Sequence[PlannedRun], out: Path, place: Place, retries: int, display: Display) -> bool:
@@ -52,7 +41,8 @@ def do_runs(runs: Sequence[PlannedRun], out: Path, place: Place, retries: int, d
     Args:
         runs: what is to be done.
         out: folder of the sweep.
-        place: where.
+        place: address of a Ray cluster, None starts Ray on this machine; and cores of this machine that it may use
+            without an address, None for all.
         retries: how often one is begun again when its worker or its machine is lost.
         display: shows progress and ends.
 
@@ -62,7 +52,7 @@ def do_runs(runs: Sequence[PlannedRun], out: Path, place: Place, retries: int, d
     Raises:
         ConnectionError: no cluster at the address.
     """
-    with ray_cluster(out, place.address, place.cores) as ray:
+    with ray_cluster(out, *place) as ray:
         from ray.util.queue import Queue
 
         reports = Queue(actor_options={"num_cpus": 0, "max_restarts": -1})

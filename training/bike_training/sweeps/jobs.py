@@ -1,4 +1,11 @@
-"""Kinds of runs of a sweep: trainings, evaluations and laps. A new kind is a class as below and an entry in JOBS."""
+"""Kinds of runs of a sweep: trainings, evaluations and laps. A new kind is a class as below and an entry in JOBS.
+
+Its class attributes are the processor cores and the main memory (GB) that a run needs, and the axis of its curves with
+its unit. ``from_entries`` checks the entries of a run, on which its result depends alone; ``estimate`` returns the
+processor time that it takes, s, from measured costs; ``run`` does it in a folder, or goes on with what is there, and
+returns plain figures and whether a signal interrupted it; ``curve`` returns rows of quantity, place on the axis, and
+value.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +17,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Final, Protocol, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
 
 from bike_policy.contract.bundle import DEFAULT_POLICY
 from bike_policy.riders.classical import CLASSICAL
@@ -56,19 +63,6 @@ def check_circuit(name: str) -> None:
         course_files.load_track(name)
 
 
-@dataclass(frozen=True)
-class JobEnd:
-    """End of a run.
-
-    Attributes:
-        figures: plain values, names ending in units.
-        interrupted: whether a signal ended it before its end; it can go on.
-    """
-
-    figures: dict[str, Any]
-    interrupted: bool = False
-
-
 def check_kinds(task: str, entries: Mapping[str, Any], kinds: Mapping[str, tuple[type, ...]]) -> None:
     """Check names and kinds of the entries of a run.
 
@@ -87,43 +81,6 @@ def check_kinds(task: str, entries: Mapping[str, Any], kinds: Mapping[str, tuple
         if not isinstance(value, wanted) or (isinstance(value, bool) and bool not in wanted):
             named = " or ".join(kind.__name__ for kind in wanted)
             raise ValueError(f"{name} must be {named}, got {show(value)}")
-
-
-class Job(Protocol):
-    """A run that has been checked. Its result depends on its entries alone.
-
-    Attributes:
-        cores: processor cores that one needs.
-        memory_gb: main memory that one needs, GB.
-        axis: what its curves are drawn over, with its unit.
-    """
-
-    cores: ClassVar[float]
-    memory_gb: ClassVar[float]
-    axis: ClassVar[str]
-
-    @classmethod
-    def from_entries(cls, entries: Mapping[str, Any]) -> Self:
-        """Check entries.
-
-        Raises:
-            ValueError: one is unknown, missing or means nothing.
-            FileNotFoundError: no such vehicle, course or rider.
-        """
-        ...
-
-    def estimate(self) -> float:
-        """Return the processor time that it will take, s, from measured costs (docs/notes/scaling.md)."""
-        ...
-
-    def run(self, folder: Path, report: Report) -> JobEnd:
-        """Do it, or go on with what is in its folder."""
-        ...
-
-    @staticmethod
-    def curve(folder: Path) -> list[tuple[str, float, float]]:
-        """Return its curves as rows of quantity, place on the axis, and value."""
-        ...
 
 
 _TRAIN_KINDS: Final[Mapping[str, tuple[type, ...]]] = {
@@ -209,7 +166,7 @@ class TrainJob:
         update = UPDATE_SECONDS[learner.learner] * learner.updates / learner.environments
         return LEARNING_START_SECONDS + steps * (STEP_SECONDS[self.settings.client] + update)
 
-    def run(self, folder: Path, report: Report) -> JobEnd:
+    def run(self, folder: Path, report: Report) -> tuple[dict[str, Any], bool]:
         """Learn, or go on from the checkpoint in the folder."""
         from bike_training.learning.checkpoint import find_checkpoint
         from bike_training.learning.run import run
@@ -219,7 +176,7 @@ class TrainJob:
             report(steps, self.settings.expected_steps(steps), process.words())
 
         summary = run(self.settings, folder, watch, resume=find_checkpoint(folder) is not None)
-        return JobEnd({name: summary[name] for name in _KEPT if name in summary}, summary["interrupted"])
+        return {name: summary[name] for name in _KEPT if name in summary}, summary["interrupted"]
 
     @staticmethod
     def curve(folder: Path) -> list[tuple[str, float, float]]:
@@ -298,11 +255,11 @@ class RidingJob(ABC):
     def points(figures: Mapping[str, Any]) -> list[tuple[str, float, float]]:
         """Return the curves that figures hold."""
 
-    def run(self, folder: Path, report: Report) -> JobEnd:
+    def run(self, folder: Path, report: Report) -> tuple[dict[str, Any], bool]:
         """Ride, and keep the figures."""
         figures = self.ride(report)
         (folder / FIGURES_FILE).write_text(json.dumps(figures), encoding="utf-8")
-        return JobEnd({name: value for name, value in figures.items() if not isinstance(value, list | dict)})
+        return {name: value for name, value in figures.items() if not isinstance(value, list | dict)}, False
 
     @classmethod
     def curve(cls, folder: Path) -> list[tuple[str, float, float]]:
@@ -460,5 +417,10 @@ class LapJob(RidingJob):
         return [("lap_s", float(lap), float(time)) for lap, time in enumerate(figures["laps_s"], start=2)]
 
 
-JOBS: Final[dict[str, type[Job]]] = {"train": TrainJob, "evaluate": EvaluateJob, "lap": LapJob}
+Job = TrainJob | EvaluateJob | LapJob
+JOBS: Final[dict[str, type[TrainJob] | type[EvaluateJob] | type[LapJob]]] = {
+    "train": TrainJob,
+    "evaluate": EvaluateJob,
+    "lap": LapJob,
+}
 """Every kind of run by the name of its task."""

@@ -222,10 +222,10 @@ def execute(
             attempt = note_attempt(
                 folder, {"started_at": record["started_at"], "host": record["host"], "pid": os.getpid()}
             )
-            end = run.job().run(folder, _throttled(report, report_period))
+            figures, interrupted = run.job().run(folder, _throttled(report, report_period))
             ended: dict[str, Any] = {
-                "status": INTERRUPTED if end.interrupted else FINISHED,
-                "figures": end.figures,
+                "status": INTERRUPTED if interrupted else FINISHED,
+                "figures": figures,
                 "attempts": attempt,
                 "seconds": round(time.perf_counter() - clock, 2),
                 "cpu_seconds": round(time.process_time() - processor, 2),
@@ -233,7 +233,7 @@ def execute(
                 "ended_at": datetime.now(UTC).isoformat(timespec="seconds"),
             }
             record |= ended
-            if not end.interrupted:
+            if not interrupted:
                 write_record(folder / RESULT_FILE, record)
             return record
     except KeyboardInterrupt:
