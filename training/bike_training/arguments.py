@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 import difflib
 import itertools
+import json
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -161,6 +162,27 @@ def make_folder(option: str, path: Path) -> None:
         path.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError) as error:
         raise FileExistsError(f"{option} {path} cannot be a folder: a file is in the way") from error
+
+
+def read_json(path: Path, needed: Iterable[str] = ()) -> dict[str, Any]:
+    """Read a JSON object.
+
+    Args:
+        path: the file.
+        needed: entries that it must have.
+
+    Raises:
+        OSError: there is no such file.
+        ValueError: it holds something else.
+    """
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise ValueError(f"{path} cannot be read as JSON ({error}); it is damaged or another file") from error
+    if not isinstance(found, dict) or not set(needed) <= set(found):
+        wanted = f" with {', '.join(sorted(needed))}" if needed else ""
+        raise ValueError(f"{path} must hold one JSON object{wanted}; it is another file than asked for")
+    return found
 
 
 @contextmanager

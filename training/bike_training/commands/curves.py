@@ -3,44 +3,37 @@
 from __future__ import annotations
 
 import argparse
-import csv
-import json
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
-from numpy.typing import NDArray
+import pandas as pd
 
+from bike_training.arguments import read_json
 from bike_training.curricula.parts import PARTS
 from bike_training.tasks.path import VALIDATION_THRESHOLD
 
 PICTURE: Final = "learning_curves.png"
 
 
-@dataclass(frozen=True)
-class Curve:
+class Curve(NamedTuple):
     """Validations of one run.
 
     Attributes:
         name: folder of the run.
         summary: contents of its run.json.
-        steps: learning step of each validation.
-        seconds: learning time until it, s.
-        part: part of the curriculum after it; 5 once the last is passed.
-        error: mean error of its rides: distance, m, or in races the excess over the planned time, as a part of it.
+        table: a row for each validation: learning ``steps``, ``seconds`` of learning until it, ``part`` of the
+            curriculum after it (5 once the last is passed), and ``error``, the mean of its rides: distance, m, or in
+            races the excess over the planned time, as a part of it.
         of_races: whether it is of races.
     """
 
     name: str
     summary: dict[str, Any]
-    steps: NDArray[np.float64]
-    seconds: NDArray[np.float64]
-    part: NDArray[np.float64]
-    error: NDArray[np.float64]
-    of_races: bool = False
+    table: pd.DataFrame
+    of_races: bool
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -59,7 +52,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             "finished_after_s": curve.summary["finished_after_s"],
             "steps": curve.summary["steps"],
             "seconds": curve.summary["seconds"],
-            "last_errors_median" if curve.of_races else "last_errors_median_m": float(np.median(curve.error[-10:])),
+            "last_errors_median" if curve.of_races else "last_errors_median_m": float(
+                curve.table["error"].tail(10).median()
+            ),
         }
         for curve in curves
     ]
@@ -85,36 +80,25 @@ def read_curve(folder: Path) -> Curve:
         FileNotFoundError: the folder holds no run.
         ValueError: it has not been validated yet, or is damaged.
     """
-    with (folder / "validations.csv").open(encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    if not rows:
-        raise ValueError(f"{folder} has no validation yet")
-
-    def column(name: str) -> NDArray[np.float64]:
-        try:
-            return np.array([float(row[name]) for row in rows])
-        except (KeyError, TypeError, ValueError) as error:
-            raise ValueError(
-                f"{folder / 'validations.csv'}: a row has no number for {name}; was it cut off?"
-            ) from error
-
-    summary = _read_summary(folder / "run.json")
-    ridden_in = column("part")
-    part = ridden_in + column("passed") * (ridden_in <= PARTS)
-    races = "mean_excess" in rows[0]
-    error = column("mean_excess" if races else "mean_error_m")
-    return Curve(folder.name, summary, column("step"), column("seconds"), part, error, races)
-
-
-def _read_summary(path: Path) -> dict[str, Any]:
-    needed = {"seed", "finished_at_step", "finished_after_s", "steps", "seconds"}
+    path = folder / "validations.csv"
     try:
-        summary = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise ValueError(f"{path} cannot be read as JSON ({error}); it is damaged or another file") from error
-    if not isinstance(summary, dict) or not needed <= set(summary):
-        raise ValueError(f"{path} must hold {', '.join(sorted(needed))}; it is not the summary of a run")
-    return summary
+        found = pd.read_csv(path)
+    except pd.errors.EmptyDataError:
+        found = pd.DataFrame()
+    except pd.errors.ParserError as error:
+        raise ValueError(f"{path} is no table of validations ({str(error).strip()})") from None
+    if found.empty:
+        raise ValueError(f"{folder} has no validation yet")
+    races = "mean_excess" in found
+    names = {"step": "steps", "seconds": "seconds", "part": "part", "passed": "passed"}
+    names["mean_excess" if races else "mean_error_m"] = "error"
+    table = found.reindex(columns=list(names)).apply(pd.to_numeric, errors="coerce")
+    for name in table.columns[table.isna().any()][:1]:
+        raise ValueError(f"{path}: a row has no number for {name}; was it cut off?")
+    table = table.rename(columns=names)
+    table["part"] += table["passed"] * (table["part"] <= PARTS)
+    needed = ("seed", "finished_at_step", "finished_after_s", "steps", "seconds")
+    return Curve(folder.name, read_json(folder / "run.json", needed), table, races)
 
 
 def draw(curves: Sequence[Curve], path: Path) -> None:
@@ -128,9 +112,9 @@ def draw(curves: Sequence[Curve], path: Path) -> None:
     for column, (quantity, label) in enumerate((("steps", "learning steps"), ("seconds", "learning time / s"))):
         top, bottom = axes[:, column]
         for curve in curves:
-            x = getattr(curve, quantity)
-            (line,) = top.plot(x, curve.error, lw=1, label=curve.name)
-            bottom.step(x, curve.part, where="post", lw=1.5, color=line.get_color())
+            x = curve.table[quantity]
+            (line,) = top.plot(x, curve.table["error"], lw=1, label=curve.name)
+            bottom.step(x, curve.table["part"], where="post", lw=1.5, color=line.get_color())
         races = all(curve.of_races for curve in curves)
         if not races:
             top.axhline(VALIDATION_THRESHOLD, color="0.5", ls=":", lw=1)

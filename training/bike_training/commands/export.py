@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +12,7 @@ from typing import Any
 from bike_policy.contract.action import STEERING_SET_VALUE, ActionLayout
 from bike_policy.contract.bundle import Bundle, load_bundle
 from bike_sim.vehicles.files import load_vehicle
+from bike_training.arguments import read_json
 from bike_training.curricula.parts import SPEED_RANGES
 from bike_training.learning.checkpoint import Checkpoint
 from bike_training.learning.presets import Preset
@@ -24,7 +23,7 @@ from bike_training.learning.run_settings import GRADIENT_POLICY, machines_of
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Write the bundle."""
     checkpoint = Checkpoint(args.run)
-    summary = _read_table(args.run / "run.json", ("vehicle", "preset", "steps"))
+    summary = read_json(args.run / "run.json", ("vehicle", "preset", "steps"))
     with checkpoint.reading():
         preset = Preset.from_plain(summary["preset"])
         wanted = args.which or ("success" if preset.published else "best")
@@ -129,7 +128,7 @@ def _held(action: ActionLayout, text: str | None) -> ActionLayout:
 def _results(path: Path | None) -> dict[str, Any]:
     if path is None:
         return {}
-    figures = _read_table(path)
+    figures = read_json(path)
     if "races" in figures:
         return {
             f"{race['circuit']}_{race['vehicle']}_{name}": value
@@ -138,19 +137,3 @@ def _results(path: Path | None) -> dict[str, Any]:
             if name not in ("circuit", "vehicle")
         }
     return {key: value for key, value in figures.items() if not isinstance(value, list)}
-
-
-def _read_table(path: Path, needed: Sequence[str] = ()) -> dict[str, Any]:
-    """Read a JSON object.
-
-    Raises:
-        OSError: there is no such file. ValueError: it holds something else.
-    """
-    try:
-        table = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise ValueError(f"{path} cannot be read as JSON ({error}); it is damaged or another file") from error
-    if not isinstance(table, dict) or not set(needed) <= set(table):
-        wanted = f" with {', '.join(needed)}" if needed else ""
-        raise ValueError(f"{path} must hold one JSON object{wanted}; it is another file than asked for")
-    return table
