@@ -33,6 +33,7 @@ SHUTDOWN_TIMEOUT_S: Final = 60.0
 
 
 Place = tuple[str | None, int | None]
+"""Address of a Ray cluster, and processor cores of this machine."""
 
 
 def do_runs(runs: Sequence[PlannedRun], out: Path, place: Place, retries: int, display: Display) -> bool:
