@@ -1,8 +1,7 @@
 """A gamepad as a rider: ``sensor_msgs/Joy`` on ``/joy`` becomes commands, as ROS's own joystick drivers publish it.
 
-Each state is answered as `bike_policy.drive` answers it, with the wish of the last message in place of a policy. The
-simulator should run in free mode, so that time passes at the clock's pace.
-"""
+Each state is answered as `bike_policy.drive` answers it, with the manual command of the last message in place of a
+policy. The simulator should run in free mode, so that time passes at the clock's pace."""
 
 from __future__ import annotations
 
@@ -25,7 +24,7 @@ SPECS: Final = (
     ParameterSpec("throttle_axis", 5, "Axis of the throttle's trigger, 1 released and -1 pulled; -1 for none."),
     ParameterSpec("brake_axis", 2, "Axis of the brake's trigger, 1 released and -1 pulled; -1 for none."),
     ParameterSpec("dead_zone", 0.05, "Part of the lean's axis about its middle that counts as nothing."),
-    ParameterSpec("balance", True, "Whether a bicycle's wish is a lean; else it is the steering angle's set point."),
+    ParameterSpec("balance", True, "Whether a bicycle's command is a lean; else it is the steering angle's set point."),
     ParameterSpec("timeout_s", 0.5, "Wall-clock time for which a message holds, s; then straight on, throttle closed."),
 )
 """Defaults are those of `joy_node` with an Xbox pad: left stick, right trigger, left trigger."""

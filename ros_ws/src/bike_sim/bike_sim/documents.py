@@ -201,7 +201,7 @@ def check_name(value: Any, what: str) -> str:
     """Return a name as it is.
 
     Args:
-        value: what a file or a caller gives.
+        value: of a file or a caller.
         what: what it is the name of, for the message.
 
     Raises:

@@ -32,7 +32,7 @@ class Quantity(NamedTuple):
         name: in messages and in code.
         unit: SI, `1` for numbers without a unit, or `FLAG`.
         mirror: sign in the left/right mirror image of a ride about the map's x axis.
-        meaning: what it is.
+        meaning: description.
         signal: of a field of ``bike_msgs/Telemetry``, the signal that it carries; empty where it is computed from some.
     """
 

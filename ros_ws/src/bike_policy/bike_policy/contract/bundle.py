@@ -172,7 +172,7 @@ class Bundle:
         action: layout of its action.
         vehicle: name of the vehicle it was trained on.
         control_period: s.
-        training: how it was trained: commit, seed, steps, preset and so on.
+        training: record of it: commit, seed, steps, preset and so on.
         results: measured results with units in the names.
     """
 

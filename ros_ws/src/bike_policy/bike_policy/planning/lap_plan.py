@@ -169,7 +169,7 @@ def plan_lap(vehicle: Superbike, line: Course, settings: RiderSettings, cap: Flo
     Args:
         vehicle: the machine.
         line: closed line to follow.
-        settings: how to ride.
+        settings: of the ride.
         cap: largest speed that is wanted at each point of the profile but the last, m/s; None for any.
 
     Raises:
@@ -227,7 +227,7 @@ def plan_line(vehicle: Superbike, line: Course, settings: RiderSettings, cap: Fl
     Args:
         vehicle: the machine.
         line: the line.
-        settings: how to ride.
+        settings: of the ride.
         cap: largest speed that is wanted, see `lap_plan.plan_lap`.
 
     Raises:

@@ -144,7 +144,7 @@ class LineLaw:
         Args:
             vehicle: the machine.
             period: control period, s.
-            settings: how to ride.
+            settings: of the ride.
             count: number of rides.
         """
         self.leans = SteadyLeans(vehicle)

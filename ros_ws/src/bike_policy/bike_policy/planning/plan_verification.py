@@ -113,7 +113,7 @@ class PlanFollower:
         Args:
             vehicle: the machine.
             period: control period, s.
-            settings: how to ride.
+            settings: of the ride.
             plan: plans a lap of a line.
             paces: change of the planned speed of each ride, as a part of it.
         """
@@ -135,7 +135,7 @@ def verified_plan(vehicle: Superbike, line: Course, settings: RiderSettings, per
     Args:
         vehicle: the machine.
         line: closed line to follow.
-        settings: how to ride.
+        settings: of the ride.
         period: control period, s.
 
     Returns:
@@ -252,7 +252,7 @@ class Correction(NamedTuple):
         plan: makes a plan of them.
         correct: changes them for the end of a ride, given as values, plan, end and number of the round.
         rider: rides a plan.
-        rides: how many rides there are.
+        rides: number of rides.
         starts: places of a lap at which they begin, over and over; the last one begins as rides do by default.
     """
 

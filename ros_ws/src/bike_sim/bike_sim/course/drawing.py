@@ -63,8 +63,8 @@ def draw_map(axes: Axes, course: Course, parts: Sequence[Part], labels: bool = T
     """Draw a course from above: its limits (or how far a ride may leave it), its parts, start and direction.
 
     Args:
-        axes: where to draw; equal scales are set, in m.
-        course: what to draw; the centre line of a circuit.
+        axes: to draw in; equal scales are set, in m.
+        course: to draw; the centre line of a circuit.
         parts: of it.
         labels: write the names of the parts that are not straight.
     """

@@ -69,7 +69,7 @@ class RunOffPart:
         begin: progress along the centre line, m.
         end: m; less than the beginning where it lies over the start line.
         side: one of SIDES.
-        kind: what it is.
+        kind: its type.
     """
 
     begin: float

@@ -145,7 +145,7 @@ def feed(account: Record, lines: Lines, place: Place, rows: FloatArray) -> int:
     Args:
         account: an `ACCOUNT`, advanced.
         lines: of the course.
-        place: where the vehicle is.
+        place: of the vehicle.
         rows: out, shape (at least `rows_for`, ROW_SIZE).
     """
     if lines.measured:

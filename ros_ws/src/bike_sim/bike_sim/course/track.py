@@ -55,7 +55,7 @@ class Corner:
     Attributes:
         name: usually its number.
         begin: progress where it begins, m.
-        apex: where it bends most, m.
+        apex: arc length of its largest curvature, m.
         end: m, beyond the length of the circuit if the corner lies on the line.
         angle: turned angle, rad, positive to the left.
         radius: least radius of the centre line, m.
@@ -86,7 +86,7 @@ class Track:
         corners: in the order of riding.
         ideal: offset of the ideal line, m, or None until it is computed (see
             :mod:`bike_sim.course.racing_line`).
-        description: where it comes from, for people.
+        description: origin, for people.
         surface: banking, bumps, wet patches, run-off, walls and wind.
     """
 
@@ -266,7 +266,7 @@ class Track:
 
         Args:
             heading: of the line, rad.
-            progress: where it is on the centre line, m.
+            progress: arc length on the centre line, m.
             offset: from there, m.
         """
         turned = heading - self.at(self.centre.heading, progress)

@@ -527,7 +527,7 @@ def event_to_message(event: Event, snapshot: Snapshot, stamp: int) -> RideEvent:
     """Return the message of an event.
 
     Args:
-        event: what happened.
+        event: of the ride.
         snapshot: the snapshot that reported it.
         stamp: simulated time of the snapshot, ns.
     """

@@ -161,7 +161,7 @@ class NodeSettings:
     """Checked parameters of the simulator node.
 
     Attributes:
-        simulator: what stays the same over all episodes.
+        simulator: settings of all episodes.
         episode: request of the node's own episodes, without the speed.
         speed: forward speed at their start, m/s; 0 for the vehicle's own.
         seed: seed of the first of them, or negative.
@@ -305,8 +305,8 @@ class SimNode(rclpy.node.Node):
         self._event_topic = open_topic(RideEvent, "events", node_tools.EVENT_QOS)
         self._diagnostics = node_tools.Diagnostics(self)
         if self._settings.disturbances is not None:
-            told = open_topic(String, "disturbances", latched)
-            told.publish(String(data=self._settings.disturbances.to_text()))
+            topic = open_topic(String, "disturbances", latched)
+            topic.publish(String(data=self._settings.disturbances.to_text()))
         # Topics that are only made where someone listens: they cost more than the state itself.
         self._extras: list[tuple[Publisher, Callable[[Snapshot], Any]]] = []
 
@@ -584,7 +584,7 @@ def oldest_step(step: int, timeout: float, control_period: float) -> int:
 
     Args:
         step: the present one.
-        timeout: how old it may be, s; 0 for as old as the episode.
+        timeout: largest age, s; 0 for as old as the episode.
         control_period: s.
     """
     if timeout == 0.0:

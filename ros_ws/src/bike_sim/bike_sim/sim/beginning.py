@@ -187,7 +187,7 @@ def begin(request: ResetRequest, plant: Plant, courses: Courses) -> Beginning:
     Args:
         request: of the episode.
         plant: the vehicle.
-        courses: where courses come from.
+        courses: source of courses.
 
     Raises:
         ValueError: a course that cannot be read, or an invalid start. FileNotFoundError: no such course.

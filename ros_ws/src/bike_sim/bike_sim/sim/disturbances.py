@@ -298,7 +298,7 @@ def read_disturbances(text: str, name: str) -> Disturbances:
 
     Args:
         text: of the file.
-        name: where the text gives none.
+        name: name if the text gives none.
 
     Raises:
         ValueError: it is not YAML, has a key too many, or a value that means nothing.

@@ -234,7 +234,7 @@ def lay_ground(
     rear_x: float, rear_y: float, front_x: float, front_y: float, place: FloatArray, time: float, road: Road,
     grounds: Record,
 ) -> tuple[float, float, int]:  # fmt: skip
-    """Write the ground under both wheels for the next control period, and tell where they are.
+    """Write the ground under both wheels for the next control period, and return where they are.
 
     Args:
         rear_x: of the rear contact point in the map, m.

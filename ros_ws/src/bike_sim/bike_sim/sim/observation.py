@@ -109,7 +109,7 @@ class BatchState(NamedTuple):
         steps: control steps since the reset; -1 before the first.
         end: code of the end of the ride, see `ENDS`.
         events: rows of what happened in the last step, shape (n, most, timing_account.ROW_SIZE).
-        event_count: how many of them count.
+        event_count: number of them that count.
     """
 
     state: FloatArray

@@ -1,4 +1,4 @@
-"""One vehicle in control steps: a batch of one row, told as snapshots. Node, training and evaluation use it."""
+"""One vehicle in control steps: a batch of one row, read as snapshots. Node, training and evaluation use it."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Account of the energy of a ride: the work of everything that acts on a superbike, and what of it is left over.
 
-A ride is told as `Periods`: where the machine was at the start of each control period, and what it was given. The
+A ride is described by `Periods`: where the machine was at the start of each control period, and what it was given. The
 account rides each period anew with the engine's own code and adds up, in each integration step, force times the mean of
 the velocities before and after it. Their sum is the change of kinetic and potential energy, but for what the step
 itself adds or takes: the rest.

@@ -459,7 +459,7 @@ def shake_of(recorded: ManoeuvreTrace, begin: float = 0.5) -> float:
 
 
 def shaking(lateral: FloatArray) -> FloatArray:
-    """Return what a mean over 0.2 s leaves of a lateral acceleration that is told each control period of 0.02 s.
+    """Return what a mean over 0.2 s leaves of a lateral acceleration that is given each control period of 0.02 s.
 
     It is as many values shorter as the mean is long, less one, and empty where the ride is no longer than the mean.
     """

@@ -201,7 +201,7 @@ def bicycle_from_document(document: Any, origin: str) -> Vehicle:
     """Build a bicycle from the parsed content of its vehicle file.
 
     Args:
-        document: what the YAML parser returned.
+        document: result of the YAML parser.
         origin: name or path for error messages.
 
     Raises:

@@ -94,7 +94,7 @@ def vehicle_document(name_or_path: str | Path, bases: int = 0) -> Any:
 
     Args:
         name_or_path: of the vehicle.
-        bases: how many files name this one as their base.
+        bases: number of files that name this one as their base.
 
     Raises:
         FileNotFoundError: there is no such vehicle or file.
@@ -193,7 +193,7 @@ def vehicle_from_document(document: Any, origin: str) -> Vehicle:
     A file with ``type: superbike`` gives a `bike_sim.vehicles.superbike.Superbike`, one without type a bicycle.
 
     Args:
-        document: what the YAML parser returned.
+        document: result of the YAML parser.
         origin: name or path for error messages.
 
     Raises:

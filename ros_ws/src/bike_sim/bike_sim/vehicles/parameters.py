@@ -29,7 +29,7 @@ def number(unit: str, meaning: str, low: float = 0.0, strict: bool = False) -> d
 
     Args:
         unit: of the value; empty where it has none.
-        meaning: what it is.
+        meaning: description.
         low: smallest value.
         strict: whether the value must be larger than that.
     """
@@ -56,7 +56,7 @@ def read_record(kind: type[_Record], document: Any, origin: str, path: str = "")
 
     Args:
         kind: the dataclass; metadata may name another ``key`` than the field's name.
-        document: what the YAML parser returned for it.
+        document: result of the YAML parser for it.
         origin: name or path of the file, for error messages.
         path: of the mapping in the file, empty at its top.
 

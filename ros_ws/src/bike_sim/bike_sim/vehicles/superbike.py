@@ -303,7 +303,7 @@ class Superbike(Vehicle, Sections):
 
     Attributes:
         frame: rear frame without rider.
-        joints: what gives way; None is a rigid machine.
+        joints: compliant joints; None is a rigid machine.
     """
 
     frame: Frame
@@ -543,7 +543,7 @@ def superbike_from_document(document: Any, origin: str) -> Superbike:
     """Build a superbike from the parsed content of a vehicle file of ``type: superbike``.
 
     Args:
-        document: what the YAML parser returned.
+        document: result of the YAML parser.
         origin: name or path for error messages.
 
     Raises:

@@ -388,8 +388,8 @@ def tyre_force(
     Args:
         slip: longitudinal transient slip before the step.
         tan_slip_angle: lateral transient slip before the step.
-        contact: where the wheel stands.
-        wheel: how it moves.
+        contact: of the wheel.
+        wheel: its motion.
         grip: factor on friction.
         dt: time step, s.
         tyre: its parameters.

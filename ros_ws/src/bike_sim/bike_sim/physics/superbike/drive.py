@@ -169,7 +169,7 @@ class WheelState(NamedTuple):
     Attributes:
         spin: about its axle, rad/s.
         radius: rolling radius, m.
-        tyre: what the tyre does.
+        tyre: its state.
     """
 
     spin: float
