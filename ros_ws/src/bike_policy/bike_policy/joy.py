@@ -1,7 +1,8 @@
 """A gamepad as a rider: ``sensor_msgs/Joy`` on ``/joy`` becomes commands, as ROS's own joystick drivers publish it.
 
 Each state is answered as `bike_policy.drive` answers it, with the manual command of the last message in place of a
-policy. The simulator should run in free mode, so that time passes at the clock's pace."""
+policy. The simulator should run in free mode, so that time passes at the clock's pace.
+"""
 
 from __future__ import annotations
 
