@@ -11,11 +11,11 @@ from typing import Any, Final
 import numpy as np
 
 from bike_policy.contract.bundle import Bundle
-from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, LinePlan
-from bike_policy.planning.plan_verification import BatchRider, PlanFollower, verified_plan
+from bike_policy.planning.grip import AdaptiveFollower
+from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
+from bike_policy.planning.plan_verification import BatchRider
 from bike_policy.riders.disturbed import check_sensors
 from bike_policy.riders.racing import PolicyBatch
-from bike_sim.course.course import Course
 from bike_sim.course.lap_timing import Lap
 from bike_sim.planning.line_cache import closest_lap
 from bike_sim.sim import look as lk
@@ -232,11 +232,7 @@ def _rider(bundle: Bundle | None, batch: Batch, share: float | None) -> BatchRid
         layout = bundle.layout if share is None else replace(bundle.layout, share=share)
         return PolicyBatch(replace(bundle, layout=layout), machine, period, batch.count)
     assert isinstance(machine, Superbike), "laps are ridden on superbikes"
-
-    def plan(line: Course) -> LinePlan:
-        return verified_plan(machine, line, CLASSICAL_SETTINGS, period)
-
-    return PlanFollower(machine, period, CLASSICAL_SETTINGS, plan, [0.0] * batch.count)
+    return AdaptiveFollower(machine, period, CLASSICAL_SETTINGS, batch.count)
 
 
 def _lost(start: int, fall: str, arc_length: float, length: float) -> LostRide:

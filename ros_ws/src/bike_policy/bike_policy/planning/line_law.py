@@ -184,16 +184,33 @@ class LineLaw:
         self._lines.begin(row, plan, plan.spacing)
         self.memory[row] = 0.0
 
-    def commands(self, observed: FloatArray, targets: FloatArray | None = None) -> FloatArray:
+    def change(self, row: int, plan: LinePlan, observed: FloatArray) -> None:
+        """Go on with another plan of the same line; the difference of speed is made up for as that of a target.
+
+        Args:
+            row: of the ride.
+            plan: from now on.
+            observed: of the ride, shape (SEEN,).
+        """
+        before = _at(self._plans, row, P_SPEED, observed[PROGRESS])
+        self._lines.begin(row, plan, plan.spacing)
+        after = _at(self._plans, row, P_SPEED, observed[PROGRESS])
+        self.memory[row, PACE] = (1.0 + self.memory[row, PACE]) * before / max(after, 1.0) - 1.0
+
+    def commands(
+        self, observed: FloatArray, targets: FloatArray | None = None, leans: FloatArray | None = None
+    ) -> FloatArray:
         """Return steering and throttle in [-1, 1], shape (n, 2); the same ones again for a repeated state.
 
         Args:
             observed: of each ride, columns SPEED to ROLL_RATE, shape (n, SEEN).
             targets: distance from the line to ride at, m, and change of the planned speed as a part of it, shape
                 (n, 2); None for the line as planned.
+            leans: largest lean that each may request, rad, shape (n,); None for that of the settings.
         """
         targets = np.zeros((len(observed), 2)) if targets is None else targets
-        _answer(observed, targets, self.memory, self._law, self._tables, self._plans)
+        leans = np.full(len(observed), self._law.largest_lean) if leans is None else leans
+        _answer(observed, targets, leans, self.memory, self._law, self._tables, self._plans)
         return self.memory[:, STEERING:OFFSET].copy()
 
     def rolled(self, row: int, observed: FloatArray) -> float:
@@ -214,8 +231,9 @@ Plans = tuple[FloatArray, NDArray[np.int64], NDArray[np.int64], FloatArray]
 
 @njit(cache=True)
 def _answer(
-    observed: FloatArray, targets: FloatArray, memory: FloatArray, law: _Law, tables: Tables, plans: Plans
-) -> None:
+    observed: FloatArray, targets: FloatArray, leans: FloatArray, memory: FloatArray, law: _Law, tables: Tables,
+    plans: Plans,
+) -> None:  # fmt: skip
     """Write the answer of each ride into the memory, beside what it was the answer to."""
     for row in range(len(observed)):
         same = memory[row, KNOWN] > 0.0
@@ -226,8 +244,8 @@ def _answer(
         _approach(observed[row], memory[row], targets[row], law, plans, row)
         turning = _turning_row(observed[row, SPEED], tables)
         _catch_up(observed[row], memory[row], law, plans, row)
-        steering = _steer(observed[row], memory[row], law, tables[2], turning, plans, row)
-        margin = (law.largest_lean - abs(steering) * law.max_lean) / LEAN_ROOM
+        steering = _steer(observed[row], memory[row], law, tables[2], turning, plans, row, leans[row])
+        margin = (leans[row] - abs(steering) * law.max_lean) / LEAN_ROOM
         throttle = _throttle(observed[row], memory[row], min(max(margin, 0.0), 1.0), law, tables, plans, row)
         memory[row, :SEEN] = observed[row]
         memory[row, KNOWN], memory[row, STEERING], memory[row, THROTTLE] = 1.0, steering, throttle
@@ -379,8 +397,9 @@ def _turning(
 
 @njit(cache=True)
 def _steer(
-    observed: FloatArray, memory: FloatArray, law: _Law, leans: FloatArray, turning: FloatArray, plans: Plans, row: int
-) -> float:
+    observed: FloatArray, memory: FloatArray, law: _Law, leans: FloatArray, turning: FloatArray, plans: Plans, row: int,
+    largest: float,
+) -> float:  # fmt: skip
     """Return the steering: the lean that the line will require, and feedback of what is expected by then."""
     w, h, middle, late = law.frequency, law.stencil, law.preview, law.arms
     before = _wanted(observed, memory, plans, row, middle - h)
@@ -399,7 +418,7 @@ def _steer(
     p = law.bandwidth * w
     back = -(p**4 * error + 4.0 * p**3 * rate) / w**2 - (6.0 * p**2 / w**2 - 1.0) * then
     lateral = (ahead + back) / _load(observed, law, plans, row, middle)
-    lean = min(_between(abs(lateral), turning, leans), law.largest_lean)
+    lean = min(_between(abs(lateral), turning, leans), largest)
     return min(max(math.copysign(lean, lateral) / law.max_lean, -1.0), 1.0)
 
 

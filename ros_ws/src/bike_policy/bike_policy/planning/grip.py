@@ -1,0 +1,256 @@
+"""The grip of the road, inferred from what the tyres of a known machine do, and a rider whose plan follows it.
+
+A tyre that slips more than its law says for the force that it gives stands on less grip; an extended Kalman filter
+finds how much. At little slip the force hardly depends on the grip, so little is learned there; near the limit a tenth
+of a second is enough. The grip may change with the distance ridden.
+
+The rider changes between plans of the same line: the verified one of the known road, and slower ones for less grip.
+Where the lap before had less grip, it is ridden more slowly from a little ahead on.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from bike_policy.contract.observation import VehicleRows
+from bike_policy.planning.lap_plan import LinePlan, PlannedLines, RiderSettings, plan_line
+from bike_policy.planning.line_law import PROGRESS, SPEED, LineLaw, seen_of
+from bike_policy.planning.plan_verification import verified_plan
+from bike_sim.course.course import Course
+from bike_sim.physics.superbike import tyres
+from bike_sim.planning.envelope import envelope
+from bike_sim.schema import SIGNALS
+from bike_sim.vehicles.superbike import Record, Superbike
+
+FloatArray = NDArray[np.float64]
+
+WANDERING: Final = 0.02**2
+"""Variance by which the grip may change in 100 m."""
+FORCE_ERROR: Final = 0.01
+"""Standard deviation of the force that the tyre law predicts, by the weight."""
+LEAST_FORCE: Final = 0.3
+"""Force by weight below which nothing is inferred."""
+FIRST_ERROR: Final = 0.1
+"""Standard deviation of the grip at the beginning of a ride."""
+LEAST_GRIP: Final = 0.5
+MOST_GRIP: Final = 1.2
+"""Bounds of the inferred grip."""
+RESERVE: Final = 0.02
+"""Grip that plans for less than the known one keep in reserve: they have not been ridden to verify them."""
+HELD: Final = 0.95
+"""Part of the lateral acceleration that the grip allows which a rider leans for where there is less than known."""
+_STEP: Final = 1e-3
+
+SOLVED: Final = (1.0, 0.9, 0.8, 0.7)
+"""Grips for which plans are solved, falling; others lie linearly between them."""
+LEVEL: Final = 0.01
+"""Difference of two plans in grip."""
+BIN: Final = 25.0
+"""Length of the parts of a lap of which the grip is remembered, m."""
+AHEAD: Final = 4
+"""Parts ahead whose grip in the lap before counts."""
+
+_NAMES: Final = (
+    "rear_force_long", "rear_force_lat", "rear_slip", "rear_slip_angle", "rear_camber", "rear_load",
+    "front_force_long", "front_force_lat", "front_slip", "front_slip_angle", "front_camber", "front_load",
+)  # fmt: skip
+_COLUMNS: Final = np.array([SIGNALS.index(name) for name in _NAMES])
+
+
+class GripObserver:
+    """Inferred grip of the road under machines side by side.
+
+    Attributes:
+        grip: factor on the friction of the known tyres, shape (n,).
+        variance: of its error, shape (n,).
+    """
+
+    def __init__(self, vehicle: Superbike, period: float, count: int = 1) -> None:
+        """Prepare for a number of machines.
+
+        Args:
+            vehicle: the machine as its rider knows it.
+            period: control period, s.
+            count: number of machines.
+        """
+        self._tyres = vehicle.machine["rear_tyre"], vehicle.machine["front_tyre"]
+        self._weight, self._period = vehicle.mass * vehicle.g, period
+        self.grip, self.variance = np.ones(count), np.full(count, FIRST_ERROR**2)
+
+    def begin(self, row: int) -> None:
+        """Begin the ride of a machine on a road as good as known."""
+        self.grip[row], self.variance[row] = 1.0, FIRST_ERROR**2
+
+    def update(self, signals: FloatArray, speed: FloatArray) -> None:
+        """Take in what the machines do at a control period.
+
+        Args:
+            signals: columns of `schema.SIGNALS`, shape (n, signals).
+            speed: of the machines, m/s, shape (n,).
+        """
+        wander = WANDERING * np.abs(speed) * self._period / 100.0
+        np.minimum(self.variance + wander, FIRST_ERROR**2, out=self.variance)
+        _update(signals[:, _COLUMNS], self.grip, self.variance, self._weight, *self._tyres)
+
+
+class GripPlans:
+    """Plans of a closed line for roads of different grip."""
+
+    def __init__(self, vehicle: Superbike, line: Course, settings: RiderSettings, period: float) -> None:
+        """Plan for the known road and verify it.
+
+        Args:
+            vehicle: the machine.
+            line: closed line to follow.
+            settings: how to ride.
+            period: control period, s.
+
+        Raises:
+            ValueError: the line is open.
+        """
+        self._vehicle, self._line, self._settings = vehicle, line, settings
+        self._plans = {1.0: verified_plan(vehicle, line, settings, period)}
+        self.parts = max(1, round(line.length / BIN))
+
+    def solve(self) -> None:
+        """Plan for all grips at once, so that a rider in real time need not wait for it, a matter of seconds."""
+        for grip in SOLVED:
+            self._solved(grip)
+
+    def on(self, grip: float) -> LinePlan:
+        """Return the plan for a grip that is a multiple of LEVEL, or the nearest to it that there is."""
+        grip = min(max(round(grip, 2), SOLVED[-1]), 1.0)
+        if grip not in self._plans:
+            above = min(known for known in SOLVED if known > grip)
+            below = max(known for known in SOLVED if known <= grip)
+            high, low = self._solved(above), self._solved(below)
+            if grip != below:
+                part = (grip - below) / (above - below)
+                self._plans[grip] = low._replace(table=low.table + part * (high.table - low.table))
+        return self._plans[grip]
+
+    def _solved(self, grip: float) -> LinePlan:
+        """Return the plan for tyres of so much less friction, nowhere faster than on the known road."""
+        if grip not in self._plans:
+            names = ("front_tyre.friction", "rear_tyre.friction")
+            slower = self._vehicle.scaled(dict.fromkeys(names, grip))
+            known = self._plans[1.0]
+            self._plans[grip] = plan_line(slower, self._line, self._settings, known.profile.speed[:-1])
+        return self._plans[grip]
+
+
+class AdaptiveFollower:
+    """The classical law on plans that follow the inferred grip; implements `plan_verification.BatchRider`.
+
+    Attributes:
+        observer: of the grip.
+    """
+
+    def __init__(self, vehicle: Superbike, period: float, settings: RiderSettings, count: int = 1) -> None:
+        """Prepare for a number of rides.
+
+        Args:
+            vehicle: the machine.
+            period: control period, s.
+            settings: how to ride.
+            count: number of rides.
+        """
+        self.observer = GripObserver(vehicle, period, count)
+        self._law = LineLaw(vehicle, period, settings, count)
+        self._settings, self._limits = settings, envelope(vehicle)
+        self._planned = PlannedLines(lambda line: GripPlans(vehicle, line, settings, period))
+        self._plans: dict[int, GripPlans] = {}
+        self._level, self._part = np.ones(count), np.full(count, -1)
+        self._parts = np.ones(count, dtype=np.int64)
+        self._lap: FloatArray = np.full((count, 1), np.inf)
+
+    def plans(self, line: Course) -> GripPlans:
+        """Return the plans of a line.
+
+        Raises:
+            ValueError: the line is open.
+        """
+        return self._planned.of(line)
+
+    def begin(self, row: int, rows: VehicleRows, line: Course) -> None:
+        """Begin a ride; see `BatchRider`."""
+        self.restart(row, line)
+
+    def restart(self, row: int, line: Course) -> None:
+        """Begin a ride of a line, knowing nothing of its grip.
+
+        Raises:
+            ValueError: the line is open.
+        """
+        plans = self._plans[row] = self._planned.of(line)
+        self._law.begin(row, plans.on(1.0))
+        self.observer.begin(row)
+        if plans.parts > self._lap.shape[1]:
+            more = np.full((len(self._lap), plans.parts - self._lap.shape[1]), np.inf)
+            self._lap = np.concatenate((self._lap, more), axis=1)
+        self._lap[row], self._level[row], self._part[row], self._parts[row] = np.inf, 1.0, -1, plans.parts
+
+    def commands(self, rows: VehicleRows, step: int = 0) -> FloatArray:
+        """Return steering and throttle in [-1, 1], shape (n, 2); see `BatchRider`."""
+        seen = np.nan_to_num(seen_of(rows.state, rows.look))
+        self.observer.update(np.nan_to_num(rows.signals), seen[:, SPEED])
+        expected = self._expected(seen[:, PROGRESS])
+        expected = np.where(expected < 1.0 - 0.5 * LEVEL, expected - RESERVE, expected)
+        level = np.clip(np.round(expected / LEVEL) * LEVEL, SOLVED[-1], 1.0)
+        for row in np.flatnonzero(level != self._level):
+            self._law.change(row, self._plans[row].on(float(level[row])), seen[row])
+        self._level = level
+        return self._law.commands(seen, leans=self._leans(seen[:, SPEED]))
+
+    def _leans(self, speed: FloatArray) -> FloatArray:
+        """Return the largest lean that each machine may request, rad: the one that the grip holds."""
+        grip, leans = self.observer.grip, np.full(len(speed), self._settings.largest_lean)
+        for row in np.flatnonzero(grip < 1.0 - 0.5 * LEVEL):
+            most = HELD * grip[row] * float(np.interp(speed[row], self._limits.speeds, self._limits.lateral_max))
+            table = self._law.leans
+            leans[row] = min(leans[row], float(np.interp(most, table.row(float(speed[row])), table.leans)))
+        return leans
+
+    def _expected(self, progress: FloatArray) -> FloatArray:
+        """Return the grip here and shortly ahead, shape (n,), and remember it for the next lap."""
+        grip, every = self.observer.grip, np.arange(len(progress))
+        part = (progress / BIN).astype(np.int64) % self._parts
+        entered = part != self._part
+        self._lap[every, part] = np.where(entered, grip, np.minimum(grip, self._lap[every, part]))
+        self._part = part
+        ahead = (part[:, None] + np.arange(1, AHEAD + 1)) % self._parts[:, None]
+        return np.minimum(grip, self._lap[every[:, None], ahead].min(axis=1))
+
+
+@njit(cache=True)
+def _update(
+    seen: FloatArray, grip: FloatArray, variance: FloatArray, weight: float, rear: Record, front: Record
+) -> None:
+    for row in range(len(seen)):
+        rear_seen, front_seen = seen[row, :6], seen[row, 6:]
+        along, across = rear_seen[0] + front_seen[0], rear_seen[1] + front_seen[1]
+        force = math.hypot(along, across)
+        if not force > LEAST_FORCE * weight:
+            continue
+        cos, sin = along / force, across / force
+        here = _force(grip[row], rear_seen, cos, sin, rear) + _force(grip[row], front_seen, cos, sin, front)
+        more = _force(grip[row] + _STEP, rear_seen, cos, sin, rear)
+        more += _force(grip[row] + _STEP, front_seen, cos, sin, front)
+        slope = (more - here) / (_STEP * weight)
+        gain = variance[row] * slope / (slope * slope * variance[row] + FORCE_ERROR * FORCE_ERROR)
+        inferred = grip[row] + gain * (force - here) / weight
+        if math.isfinite(inferred):
+            grip[row] = min(max(inferred, LEAST_GRIP), MOST_GRIP)
+            variance[row] *= 1.0 - gain * slope
+
+
+@njit(cache=True)
+def _force(grip: float, seen: FloatArray, cos: float, sin: float, tyre: Record) -> float:
+    """Return the force of a tyre in a direction, N, on a grip."""
+    along, across, _, _ = tyres.forces(seen[2], math.tan(seen[3]), seen[4], seen[5], grip, tyre)
+    return along * cos + across * sin
