@@ -16,6 +16,7 @@ from bike_policy.riders.racing import RaceGuide
 from bike_sim.course.course import Course
 from bike_sim.course.files import load_course
 from bike_sim.physics import state as ps
+from bike_sim.schema import SIGNALS
 from bike_sim.sim import look as lk
 from bike_sim.sim.batch import SUPERBIKE_ENGINE, Batch
 from bike_sim.sim.config import superbike_config
@@ -80,7 +81,7 @@ def test_the_mirrored_ride_gets_the_mirrored_answer(pair: tuple[LineController, 
 
 def test_a_guide_answers_again_the_same_and_goes_on_from_its_memory(panigale: Superbike) -> None:
     class Rows:
-        state, look = np.zeros((2, 10)), np.zeros((2, 12))
+        state, look, signals = np.zeros((2, 10)), np.zeros((2, 12)), np.zeros((2, len(SIGNALS)))
 
     def ride(guide: RaceGuide, steps: range) -> list[np.ndarray]:
         answers = []
@@ -100,7 +101,7 @@ def test_a_guide_answers_again_the_same_and_goes_on_from_its_memory(panigale: Su
         for row in range(2):
             guide.begin(row, line)
     ride(first, range(5))
-    second.law.memory[...] = first.law.memory
+    second.restore(first.state_dict())
     np.testing.assert_array_equal(ride(whole, range(10))[5:], ride(second, range(5, 10)))
 
 

@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from bike_policy.contract.bundle import Bundle
-from bike_policy.planning.grip import AdaptiveFollower
+from bike_policy.planning.grip import AdaptiveLaw
 from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
 from bike_policy.planning.plan_verification import BatchRider
 from bike_policy.riders.disturbed import check_sensors
@@ -232,7 +232,7 @@ def _rider(bundle: Bundle | None, batch: Batch, share: float | None) -> BatchRid
         layout = bundle.layout if share is None else replace(bundle.layout, share=share)
         return PolicyBatch(replace(bundle, layout=layout), machine, period, batch.count)
     assert isinstance(machine, Superbike), "laps are ridden on superbikes"
-    return AdaptiveFollower(machine, period, CLASSICAL_SETTINGS, batch.count)
+    return AdaptiveLaw(machine, period, CLASSICAL_SETTINGS, batch.count)
 
 
 def _lost(start: int, fall: str, arc_length: float, length: float) -> LostRide:

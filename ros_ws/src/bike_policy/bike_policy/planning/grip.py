@@ -11,6 +11,7 @@ Where the lap before had less grip, it is ridden more slowly from a little ahead
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
@@ -18,8 +19,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from bike_policy.contract.observation import VehicleRows
-from bike_policy.planning.lap_plan import LinePlan, PlannedLines, RiderSettings, plan_line
-from bike_policy.planning.line_law import PROGRESS, SPEED, LineLaw, seen_of
+from bike_policy.planning.lap_plan import P_FASTER, LinePlan, PlannedLines, Planner, RiderSettings, plan_line
+from bike_policy.planning.line_law import KNOWN, PROGRESS, SEEN, SPEED, LineLaw, seen_of
 from bike_policy.planning.plan_verification import verified_plan
 from bike_sim.course.course import Course
 from bike_sim.physics.superbike import tyres
@@ -55,6 +56,7 @@ BIN: Final = 25.0
 AHEAD: Final = 4
 """Parts ahead whose grip in the lap before counts."""
 
+_STORED: Final = ("law", "grip", "variance", "level", "part", "lap")
 _NAMES: Final = (
     "rear_force_long", "rear_force_lat", "rear_slip", "rear_slip_angle", "rear_camber", "rear_load",
     "front_force_long", "front_force_lat", "front_slip", "front_slip_angle", "front_camber", "front_load",
@@ -86,35 +88,33 @@ class GripObserver:
         """Begin the ride of a machine on a road as good as known."""
         self.grip[row], self.variance[row] = 1.0, FIRST_ERROR**2
 
-    def update(self, signals: FloatArray, speed: FloatArray) -> None:
+    def update(self, signals: FloatArray, speed: FloatArray, fresh: NDArray[np.bool_]) -> None:
         """Take in what the machines do at a control period.
 
         Args:
             signals: columns of `schema.SIGNALS`, shape (n, signals).
             speed: of the machines, m/s, shape (n,).
+            fresh: which of them have moved since the last time, shape (n,).
         """
-        wander = WANDERING * np.abs(speed) * self._period / 100.0
+        wander = np.where(fresh, WANDERING * np.abs(speed) * self._period / 100.0, 0.0)
         np.minimum(self.variance + wander, FIRST_ERROR**2, out=self.variance)
-        _update(signals[:, _COLUMNS], self.grip, self.variance, self._weight, *self._tyres)
+        _update(signals[:, _COLUMNS], fresh, self.grip, self.variance, self._weight, *self._tyres)
 
 
 class GripPlans:
     """Plans of a closed line for roads of different grip."""
 
-    def __init__(self, vehicle: Superbike, line: Course, settings: RiderSettings, period: float) -> None:
-        """Plan for the known road and verify it.
+    def __init__(self, vehicle: Superbike, line: Course, settings: RiderSettings, known: LinePlan) -> None:
+        """Take the plan for the known road.
 
         Args:
             vehicle: the machine.
             line: closed line to follow.
             settings: how to ride.
-            period: control period, s.
-
-        Raises:
-            ValueError: the line is open.
+            known: verified plan for the known road.
         """
         self._vehicle, self._line, self._settings = vehicle, line, settings
-        self._plans = {1.0: verified_plan(vehicle, line, settings, period)}
+        self._plans = {1.0: known}
         self.parts = max(1, round(line.length / BIN))
 
     def solve(self) -> None:
@@ -140,18 +140,22 @@ class GripPlans:
             names = ("front_tyre.friction", "rear_tyre.friction")
             slower = self._vehicle.scaled(dict.fromkeys(names, grip))
             known = self._plans[1.0]
-            self._plans[grip] = plan_line(slower, self._line, self._settings, known.profile.speed[:-1])
+            plan = plan_line(slower, self._line, self._settings, known.profile.speed[:-1])
+            self._plans[grip] = plan.with_room_above(known.table[:-1, P_FASTER])
         return self._plans[grip]
 
 
-class AdaptiveFollower:
+class AdaptiveLaw:
     """The classical law on plans that follow the inferred grip; implements `plan_verification.BatchRider`.
 
     Attributes:
+        law: that it rides by.
         observer: of the grip.
     """
 
-    def __init__(self, vehicle: Superbike, period: float, settings: RiderSettings, count: int = 1) -> None:
+    def __init__(
+        self, vehicle: Superbike, period: float, settings: RiderSettings, count: int = 1, plan: Planner | None = None
+    ) -> None:
         """Prepare for a number of rides.
 
         Args:
@@ -159,11 +163,13 @@ class AdaptiveFollower:
             period: control period, s.
             settings: how to ride.
             count: number of rides.
+            plan: plans a lap of a line on the known road; None for a verified plan.
         """
+        plan = plan or (lambda line: verified_plan(vehicle, line, settings, period))
         self.observer = GripObserver(vehicle, period, count)
-        self._law = LineLaw(vehicle, period, settings, count)
+        self.law = LineLaw(vehicle, period, settings, count)
         self._settings, self._limits = settings, envelope(vehicle)
-        self._planned = PlannedLines(lambda line: GripPlans(vehicle, line, settings, period))
+        self._planned = PlannedLines(lambda line: GripPlans(vehicle, line, settings, plan(line)))
         self._plans: dict[int, GripPlans] = {}
         self._level, self._part = np.ones(count), np.full(count, -1)
         self._parts = np.ones(count, dtype=np.int64)
@@ -188,38 +194,59 @@ class AdaptiveFollower:
             ValueError: the line is open.
         """
         plans = self._plans[row] = self._planned.of(line)
-        self._law.begin(row, plans.on(1.0))
+        self.law.begin(row, plans.on(1.0))
         self.observer.begin(row)
         if plans.parts > self._lap.shape[1]:
             more = np.full((len(self._lap), plans.parts - self._lap.shape[1]), np.inf)
             self._lap = np.concatenate((self._lap, more), axis=1)
         self._lap[row], self._level[row], self._part[row], self._parts[row] = np.inf, 1.0, -1, plans.parts
 
-    def commands(self, rows: VehicleRows, step: int = 0) -> FloatArray:
-        """Return steering and throttle in [-1, 1], shape (n, 2); see `BatchRider`."""
+    def commands(self, rows: VehicleRows, step: int = 0, targets: FloatArray | None = None) -> FloatArray:
+        """Return steering and throttle in [-1, 1], shape (n, 2); the same ones again for the same rows.
+
+        Args:
+            rows: of all machines.
+            step: control periods since they began.
+            targets: see `LineLaw.commands`.
+        """
         seen = np.nan_to_num(seen_of(rows.state, rows.look))
-        self.observer.update(np.nan_to_num(rows.signals), seen[:, SPEED])
+        fresh = (self.law.memory[:, KNOWN] == 0.0) | (self.law.memory[:, :SEEN] != seen).any(axis=1)
+        self.observer.update(np.nan_to_num(rows.signals), seen[:, SPEED], fresh)
         expected = self._expected(seen[:, PROGRESS])
         expected = np.where(expected < 1.0 - 0.5 * LEVEL, expected - RESERVE, expected)
         level = np.clip(np.round(expected / LEVEL) * LEVEL, SOLVED[-1], 1.0)
         for row in np.flatnonzero(level != self._level):
-            self._law.change(row, self._plans[row].on(float(level[row])), seen[row])
+            self.law.change(row, self._plans[row].on(float(level[row])), seen[row])
         self._level = level
-        return self._law.commands(seen, leans=self._leans(seen[:, SPEED]))
+        return self.law.commands(seen, targets, self._leans(seen[:, SPEED]))
+
+    def state_dict(self) -> dict[str, FloatArray]:
+        """Return what is remembered of the rides, as arrays."""
+        kept = (self.law.memory, self.observer.grip, self.observer.variance, self._level, self._part, self._lap)
+        return {name: values.copy() for name, values in zip(_STORED, kept, strict=True)}
+
+    def restore(self, stored: Mapping[str, FloatArray]) -> None:
+        """Continue from what :meth:`state_dict` returned, after each row has begun again."""
+        law, self.observer.grip, self.observer.variance, self._level, self._part, self._lap = (
+            stored[name].copy() for name in _STORED
+        )
+        for row in np.flatnonzero(self._level != 1.0):
+            self.law.change(row, self._plans[row].on(float(self._level[row])), law[row, :SEEN])
+        self.law.memory[...] = law
 
     def _leans(self, speed: FloatArray) -> FloatArray:
         """Return the largest lean that each machine may request, rad: the one that the grip holds."""
         grip, leans = self.observer.grip, np.full(len(speed), self._settings.largest_lean)
         for row in np.flatnonzero(grip < 1.0 - 0.5 * LEVEL):
             most = HELD * grip[row] * float(np.interp(speed[row], self._limits.speeds, self._limits.lateral_max))
-            table = self._law.leans
+            table = self.law.leans
             leans[row] = min(leans[row], float(np.interp(most, table.row(float(speed[row])), table.leans)))
         return leans
 
     def _expected(self, progress: FloatArray) -> FloatArray:
         """Return the grip here and shortly ahead, shape (n,), and remember it for the next lap."""
         grip, every = self.observer.grip, np.arange(len(progress))
-        part = (progress / BIN).astype(np.int64) % self._parts
+        part = np.asarray(progress / BIN).astype(np.int64) % self._parts
         entered = part != self._part
         self._lap[every, part] = np.where(entered, grip, np.minimum(grip, self._lap[every, part]))
         self._part = part
@@ -229,18 +256,19 @@ class AdaptiveFollower:
 
 @njit(cache=True)
 def _update(
-    seen: FloatArray, grip: FloatArray, variance: FloatArray, weight: float, rear: Record, front: Record
-) -> None:
-    for row in range(len(seen)):
-        rear_seen, front_seen = seen[row, :6], seen[row, 6:]
-        along, across = rear_seen[0] + front_seen[0], rear_seen[1] + front_seen[1]
+    signals: FloatArray, fresh: NDArray[np.bool_], grip: FloatArray, variance: FloatArray, weight: float, rear: Record,
+    front: Record,
+) -> None:  # fmt: skip
+    for row in np.flatnonzero(fresh):
+        rear_signals, front_signals = signals[row, :6], signals[row, 6:]
+        along, across = rear_signals[0] + front_signals[0], rear_signals[1] + front_signals[1]
         force = math.hypot(along, across)
         if not force > LEAST_FORCE * weight:
             continue
         cos, sin = along / force, across / force
-        here = _force(grip[row], rear_seen, cos, sin, rear) + _force(grip[row], front_seen, cos, sin, front)
-        more = _force(grip[row] + _STEP, rear_seen, cos, sin, rear)
-        more += _force(grip[row] + _STEP, front_seen, cos, sin, front)
+        here = _force(grip[row], rear_signals, cos, sin, rear) + _force(grip[row], front_signals, cos, sin, front)
+        more = _force(grip[row] + _STEP, rear_signals, cos, sin, rear)
+        more += _force(grip[row] + _STEP, front_signals, cos, sin, front)
         slope = (more - here) / (_STEP * weight)
         gain = variance[row] * slope / (slope * slope * variance[row] + FORCE_ERROR * FORCE_ERROR)
         inferred = grip[row] + gain * (force - here) / weight
@@ -250,7 +278,7 @@ def _update(
 
 
 @njit(cache=True)
-def _force(grip: float, seen: FloatArray, cos: float, sin: float, tyre: Record) -> float:
+def _force(grip: float, signals: FloatArray, cos: float, sin: float, tyre: Record) -> float:
     """Return the force of a tyre in a direction, N, on a grip."""
-    along, across, _, _ = tyres.forces(seen[2], math.tan(seen[3]), seen[4], seen[5], grip, tyre)
+    along, across, _, _ = tyres.forces(signals[2], math.tan(signals[3]), signals[4], signals[5], grip, tyre)
     return along * cos + across * sin

@@ -32,7 +32,7 @@ from typing import Final
 import numpy as np
 
 from bike_policy.contract.observation import rows_of
-from bike_policy.planning.grip import AdaptiveFollower
+from bike_policy.planning.grip import AdaptiveLaw
 from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, LinePlan, RiderSettings
 from bike_policy.planning.line_law import seen_of
 from bike_sim.course.course import Course
@@ -77,20 +77,16 @@ class ClassicalRider:
             or known[1] is not course
             or known[2] != period
         ):
-            self._law = AdaptiveFollower(vehicle, period, self._settings)
+            self._law = AdaptiveLaw(vehicle, period, self._settings)
             plans = self._law.plans(course)
             plans.solve()
             self.plan = plans.on(1.0)
             self._ride = (vehicle, course, period)
         self._law.restart(0, course)
-        self._answered: tuple[int, tuple[float, float]] | None = None
 
     def command(self, snapshot: Snapshot) -> tuple[float, float] | None:
-        """Return the law's command, the same again for a snapshot that comes again; None where it is not finite."""
-        if self._answered is not None and self._answered[0] == snapshot.step:
-            return self._answered[1]
+        """Return the law's command; None where the snapshot is not finite."""
         if not np.isfinite(seen_of(snapshot.state[None], snapshot.look[None])).all():
             return None
         steering, throttle = self._law.commands(rows_of(snapshot))[0].tolist()
-        self._answered = snapshot.step, (steering, throttle)
         return steering, throttle

@@ -33,8 +33,8 @@ from bike_policy.contract.observation import (
 )
 from bike_policy.contract.reference import OPEN, ReferenceRows
 from bike_policy.planning import line_law as ll
-from bike_policy.planning.lap_plan import GUIDE, LinePlan, PlannedLines, Planner, references_of
-from bike_policy.planning.line_law import LineLaw, seen_of
+from bike_policy.planning.grip import AdaptiveLaw
+from bike_policy.planning.lap_plan import GUIDE, LinePlan, Planner, references_of
 from bike_policy.planning.plan_verification import Rollouts, verified_margin, verified_plan
 from bike_policy.riders.rider import LearnedRider
 from bike_sim.course.course import Course
@@ -68,11 +68,7 @@ def vehicle_descriptor(vehicle: Superbike) -> FloatArray:
 
 
 class RaceGuide:
-    """The guide of machines side by side.
-
-    Attributes:
-        law: that it rides by.
-    """
+    """The guide of machines side by side, whose plan follows the inferred grip."""
 
     def __init__(self, vehicle: Superbike, period: float, count: int, plan: Planner | None = None) -> None:
         """Prepare to guide a number of machines.
@@ -83,8 +79,16 @@ class RaceGuide:
             count: number of machines.
             plan: plans a lap of a line; None for the guide's own verified plan.
         """
-        self.law = LineLaw(vehicle, period, GUIDE, count)
-        self._planned = PlannedLines(plan or (lambda line: verified_plan(vehicle, line, GUIDE, period)))
+        self._law = AdaptiveLaw(vehicle, period, GUIDE, count, plan)
+        self.state_dict, self.restore = self._law.state_dict, self._law.restore
+
+    def prepare(self, line: Course) -> None:
+        """Plan a lap for every grip, before the first ride that needs it.
+
+        Raises:
+            ValueError: the line is open.
+        """
+        self._law.plans(line).solve()
 
     def begin(self, row: int, line: Course) -> None:
         """Let a machine follow a line from now on.
@@ -92,7 +96,7 @@ class RaceGuide:
         Raises:
             ValueError: the line is open.
         """
-        self.law.begin(row, self._planned.of(line))
+        self._law.restart(row, line)
 
     def commands(self, rows: VehicleRows, targets: FloatArray, share: FloatArray) -> FloatArray:
         """Return steering and throttle in [-1, 1], shape (n, 2); the same ones again for the same rows.
@@ -104,11 +108,11 @@ class RaceGuide:
             share: part of the planned speed that is asked, shape (n,); what the targets change is the speed asked.
         """
         targets = np.stack((targets[:, 0], share * (1.0 + targets[:, 1]) - 1.0), axis=1)
-        return self.law.commands(seen_of(rows.state, rows.look), targets)
+        return self._law.commands(rows, targets=targets)
 
     def shown(self) -> FloatArray:
         """Return what a policy sees of the guide; see `RideMemory.guide`."""
-        return self.law.memory[:, [ll.STEERING, ll.THROTTLE, ll.OFFSET, ll.PACE]]
+        return self._law.law.memory[:, [ll.STEERING, ll.THROTTLE, ll.OFFSET, ll.PACE]]
 
 
 class RaceInterface:
@@ -170,7 +174,7 @@ class RaceInterface:
         """
         self._planned.of(line)
         if self._guide is not None:
-            self._guide.begin(0, line)
+            self._guide.prepare(line)
 
     def begin(self, row: int, rows: VehicleRows, line: Course, share: float | None = None, cap: float = OPEN) -> None:
         """Begin the ride of one machine.
@@ -220,7 +224,7 @@ class RaceInterface:
 
     def state_dict(self) -> dict[str, Any]:
         """Return the memory, as arrays."""
-        law = {} if self._guide is None else {"law": self._guide.law.memory.copy()}
+        law = {} if self._guide is None else self._guide.state_dict()
         return {name: getattr(self.memory, name).copy() for name in _STORED} | law
 
     def restore(self, stored: Mapping[str, Any]) -> None:
@@ -228,7 +232,7 @@ class RaceInterface:
         for name in _STORED:
             getattr(self.memory, name)[...] = stored[name]
         if self._guide is not None:
-            self._guide.law.memory[...] = stored["law"]
+            self._guide.restore(stored)
 
 
 _STORED: Final = ("rolls", "steers", "actions")
