@@ -215,7 +215,7 @@ class AdaptiveLaw:
         expected = self._expected(seen[:, PROGRESS])
         expected = np.where(expected < 1.0 - 0.5 * LEVEL, expected - RESERVE, expected)
         level = np.clip(np.round(expected / LEVEL) * LEVEL, SOLVED[-1], 1.0)
-        for row in np.flatnonzero(level != self._level):
+        for row in np.flatnonzero(level != self._level).tolist():
             self.law.change(row, self._plans[row].on(float(level[row])), seen[row])
         self._level = level
         return self.law.commands(seen, targets, self._leans(seen[:, SPEED]))
@@ -230,7 +230,7 @@ class AdaptiveLaw:
         law, self.observer.grip, self.observer.variance, self._level, self._part, self._lap = (
             stored[name].copy() for name in _STORED
         )
-        for row in np.flatnonzero(self._level != 1.0):
+        for row in np.flatnonzero(self._level != 1.0).tolist():
             self.law.change(row, self._plans[row].on(float(self._level[row])), law[row, :SEEN])
         self.law.memory[...] = law
 
