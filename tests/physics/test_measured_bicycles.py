@@ -6,11 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from bike_sim.validation.parameters import measured_bicycles, read_parameters
+from bike_sim.validation.parameters import read_parameters, validate
 from bike_sim.vehicles.parameters import VehicleError
 
 FOLDER = Path(__file__).with_name("bicycles")
-NAMES = sorted(path.stem for path in FOLDER.glob("*.txt"))
 STABLE = {  # m/s, of another program
     "Balanceassistv1": (3.4421, 4.3526),
     "Benchmark": (4.2924, 6.0243),
@@ -25,14 +24,15 @@ STABLE = {  # m/s, of another program
 }
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_eigenvalues_on_the_engine_and_the_range_of_balance(name: str) -> None:
+def test_eigenvalues_on_the_engine_and_the_range_of_balance() -> None:
     """The formulas know nothing of the engine's equations; the two-mass skate has no wheels to roll on it."""
-    (found,) = measured_bicycles(FOLDER / f"{name}.txt")
-    check = found.check()
-    assert check.passed if check is not None else name == "Tms"
-    if name in STABLE:
-        assert found.stable == pytest.approx(STABLE[name], abs=6e-5)
+    report = validate(FOLDER)
+    assert [check.title for check in report.checks if not check.passed] == []
+    rows = {row["bicycle"]: row for row in report.tables["bicycles"]}
+    assert len(rows) == 12
+    assert [name for name, row in rows.items() if row["error_1_s"] is None] == ["Tms"]
+    for name, stable in STABLE.items():
+        assert (rows[name]["stable_from_m_s"], rows[name]["stable_to_m_s"]) == pytest.approx(stable, abs=6e-5)
 
 
 def test_what_is_no_parameter_is_refused(tmp_path: Path) -> None:

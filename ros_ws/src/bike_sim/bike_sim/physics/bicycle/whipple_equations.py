@@ -1,6 +1,19 @@
-"""Equations of motion of the nonlinear Whipple bicycle. Written by tools/derive_whipple.py: do not edit.
+"""Equations of motion of the nonlinear Whipple bicycle, as a computer algebra system wrote them; not for reading.
 
-Names are explained in the script that wrote this file.
+Method: Kane's equations (principle of virtual power) with the independent speeds ``u = (roll rate, steer rate, front
+wheel rate)``. The two wheels turn about axes of symmetry, so the bicycle is two rigid bodies, each with a rotor: rear
+frame and rear wheel in the axes of the rear frame, fork and front wheel in those of the fork. For each
+
+    m v_r . (a0 + g z) + w_r . (I alpha0 + w x (I w + J W y)) + J W_r dW0        (r = 1..3)
+
+is the force that rate r has to overcome, where ``v_r, w_r, W_r`` are the partial velocities of the centre of mass, the
+partial angular velocities and the partial total spins of the rotor (inertia J about its axle y, moved out of I), and
+``a0, alpha0, dW0`` are the accelerations with du/dt = 0. The mass matrix is the same sum over products of partial
+velocities. Every intermediate quantity has a name, and its time derivative follows by the chain rule.
+
+Frames (z up): the yaw frame at the rear contact P; the rear body's axes turned about y so that z lies along the
+steering axis (``Rx(roll) Ry(beta)``, ``beta = pitch - lam``); the fork's axes (the same turned by the steer angle about
+z). Kinematics as in `bike_sim.physics.kinematics`; `tests/physics/test_whipple.py` holds the equations against the four bodies.
 """
 
 # ruff: noqa: E501
