@@ -10,9 +10,9 @@ References: Meijaard et al. (2007), the benchmark bicycle; Weyrer et al. (2026),
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
-from typing import Final
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,7 @@ from bike_sim.physics.engine import BicycleEngine
 from bike_sim.physics.engines import make_bicycle_engine
 from bike_sim.physics.multibody import vectors
 from bike_sim.physics.state import StateVector
-from bike_sim.validation.report import Check, Report
+from bike_sim.validation.report import Check, Mode, Report
 from bike_sim.vehicles.bicycle import Vehicle
 
 MODE_SPEEDS: Final = (3.0, 4.0, 5.0, 6.0, 7.0, 8.0)
@@ -58,33 +58,15 @@ _PRESS: Final = 200.0
 """Force, N, that holds each wheel to the ground where there is no gravity: what the fork's swing asks for, twice."""
 
 
-@dataclass(frozen=True, slots=True)
-class ModePoint:
-    """Modes at one speed, m/s: measured on the engine and from the closed formulas."""
-
-    speed: float
-    measured: linear.Modes
-    published: linear.Modes
-
-
-@dataclass
-class Validation(Report):
-    """All checks of one engine, bicycle and step.
-
-    Attributes:
-        vehicle: the bicycle.
-        kind: engine kind.
-        points: modes over speed.
-    """
-
-    vehicle: Vehicle = field(kw_only=True)
-    kind: str = field(kw_only=True)
-    points: list[ModePoint] = field(default_factory=list)
+class _Run(NamedTuple):
+    vehicle: Vehicle
+    kind: str
+    time_step: float
 
 
 def validate(
     vehicle: Vehicle, kind: str = "pybullet", time_step: float = 0.001, progress: Callable[[str], None] = lambda _: None
-) -> Validation:
+) -> Report:
     """Measure an engine against everything published about its bicycle.
 
     Args:
@@ -96,17 +78,22 @@ def validate(
     Raises:
         ValueError: unknown engine kind, a step that cannot be, or a vehicle without the benchmark's modes.
     """
-    parts = (
+    report, run = Report(), _Run(vehicle, kind, time_step)
+    progress("modes over speed")
+    report.modes += measured_modes(run)
+    for title, part in (
         ("weave and capsize speed", _stability_limits),
-        ("modes over speed", _mode_errors),
+        ("errors of the modes", lambda run: _mode_errors(report.modes, run.time_step)),
         ("order of convergence", _mode_order),
         ("direction of the front contact", _front_directions),
         ("steering step", _steering_step),
         ("straight riding", _speed_loss),
         ("coasting with a hard start", _coasting),
         ("against the compiled bicycle", _violent_start),
-    )
-    return Validation(time_step, vehicle=vehicle, kind=kind).measure(parts, progress)
+    ):
+        progress(title)
+        report.checks += part(run)
+    return report
 
 
 def free_of_drive(vehicle: Vehicle) -> Vehicle:
@@ -114,7 +101,7 @@ def free_of_drive(vehicle: Vehicle) -> Vehicle:
     return replace(vehicle, P=0.0, D=0.0)
 
 
-def _coaster(run: Validation, time_step: float | None = None) -> BicycleEngine:
+def _coaster(run: _Run, time_step: float | None = None) -> BicycleEngine:
     """Return a new engine without steering drive."""
     return make_bicycle_engine(run.kind, free_of_drive(run.vehicle), run.time_step if time_step is None else time_step)
 
@@ -126,41 +113,39 @@ def _step_limit(at_1_ms: float, at_5_ms: float, time_step: float) -> float:
     return float(np.interp(time_step, (0.001, 0.005), (at_1_ms, at_5_ms)))
 
 
-def _stability_limits(run: Validation) -> Iterator[Check]:
+def _stability_limits(run: _Run) -> Iterator[Check]:
     """Weave and capsize speed by bisection, within 0.25 % at 1 ms and 1 % at 5 ms."""
     engine = _coaster(run)
     share = _step_limit(0.0025, 0.01, run.time_step)
     weave, capsize = linear.weave_speed(run.vehicle), linear.capsize_speed(run.vehicle)
-    measured = linear.measured_weave_speed(engine, 0.8 * weave, 1.1 * weave)
-    yield Check("weave_speed_m_s", "weave speed, m/s", measured, weave * (1 - share), weave * (1 + share), weave)
-    measured = linear.measured_capsize_speed(engine, 0.9 * capsize, 1.1 * capsize)
-    yield Check(
-        "capsize_speed_m_s", "capsize speed, m/s", measured, capsize * (1 - share), capsize * (1 + share), capsize
-    )
-    engine.close()
+    for name, exact, measured in (
+        ("weave", weave, linear.measured_weave_speed(engine, 0.8 * weave, 1.1 * weave)),
+        ("capsize", capsize, linear.measured_capsize_speed(engine, 0.9 * capsize, 1.1 * capsize)),
+    ):
+        low, high = exact * (1 - share), exact * (1 + share)
+        yield Check(f"{name}_speed_m_s", f"{name} speed, m/s", measured, low, high, exact)
 
 
-def mode_points(engine: BicycleEngine, speeds: tuple[float, ...]) -> list[ModePoint]:
-    """Return measured and published modes at the speeds, m/s; the engine's drive must be off."""
-    return [
-        ModePoint(speed, linear.measured_modes(engine, speed), linear.modes(engine.vehicle, speed)) for speed in speeds
-    ]
-
-
-def _mode_errors(run: Validation) -> Iterator[Check]:
-    """Weave and capsize eigenvalues at the speeds of `MODE_SPEEDS`, within 0.04 1/s at 1 ms and 0.2 1/s at 5 ms."""
+def measured_modes(run: _Run) -> Iterator[Mode]:
+    """Measure the modes at the speeds of `MODE_SPEEDS`, beside those of the closed formulas."""
     engine = _coaster(run)
-    run.points = mode_points(engine, MODE_SPEEDS)
-    engine.close()
-    limit = _step_limit(0.04, 0.2, run.time_step)
-    errors = {
-        "weave_real": [point.measured.weave.real - point.published.weave.real for point in run.points],
-        "weave_imaginary": [point.measured.weave.imag - point.published.weave.imag for point in run.points],
-        "capsize": [point.measured.capsize - point.published.capsize for point in run.points],
-    }
-    for name, values in errors.items():
-        title = f"{name.replace('_', ' ')} part, error, 1/s" if "_" in name else f"{name}, error, 1/s"
-        yield Check(f"{name}_error_max_1_s", title, float(np.abs(values).max()), 0.0, limit, 0.0)
+    for speed in MODE_SPEEDS:
+        measured, published = linear.measured_modes(engine, speed), linear.modes(run.vehicle, speed)
+        for name in ("weave", "capsize"):
+            yield Mode(run.vehicle.name, speed, name, getattr(measured, name), getattr(published, name))
+
+
+def _mode_errors(modes: Sequence[Mode], time_step: float) -> Iterator[Check]:
+    """Weave and capsize eigenvalues, within 0.04 1/s at 1 ms and 0.2 1/s at 5 ms."""
+    limit = _step_limit(0.04, 0.2, time_step)
+    for name, title, mode, part in (
+        ("weave_real", "weave real part", "weave", np.real),
+        ("weave_imaginary", "weave imaginary part", "weave", np.imag),
+        ("capsize", "capsize", "capsize", np.real),
+    ):
+        errors = [part(each.measured) - part(each.published) for each in modes if each.name == mode]
+        worst = float(np.abs(errors).max())
+        yield Check(f"{name}_error_max_1_s", f"{title}, error, 1/s", worst, 0.0, limit, 0.0)
 
 
 def _order_check(name: str, title: str, steps: tuple[float, ...], errors: list[float], wanted: float) -> Check:
@@ -169,7 +154,7 @@ def _order_check(name: str, title: str, steps: tuple[float, ...], errors: list[f
     return Check(name, title, order, wanted * (1.0 - _ORDER_TOLERANCE), wanted * (1.0 + _ORDER_TOLERANCE), wanted)
 
 
-def _mode_order(run: Validation) -> Iterator[Check]:
+def _mode_order(run: _Run) -> Iterator[Check]:
     """The error of the weave falls with the power of the step that belongs to the method of integration."""
     steps, speed = _ORDER_STEPS[run.kind], 6.0
     published = linear.modes(run.vehicle, speed).weave
@@ -177,7 +162,6 @@ def _mode_order(run: Validation) -> Iterator[Check]:
     for step in steps:
         engine = _coaster(run, step)
         errors.append(abs(linear.measured_modes(engine, speed).weave - published))
-        engine.close()
     yield _order_check("mode_error_order", "weave, order of the error", steps, errors, _ORDER[run.kind])
 
 
@@ -201,7 +185,7 @@ def front_direction(engine: BicycleEngine, roll: float, steer: float) -> float:
     return math.atan2(y1 - y0, x1 - x0) - 0.5 * after[st.YAW]
 
 
-def _front_directions(run: Validation) -> Iterator[Check]:
+def _front_directions(run: _Run) -> Iterator[Check]:
     """Table 8, by rolling; for other vehicles than its own, Eq. (A.10) is what they are compared with."""
     engine = make_bicycle_engine(run.kind, replace(run.vehicle, g=0.0), min(run.time_step, 0.001))
     errors = []
@@ -210,7 +194,6 @@ def _front_directions(run: Validation) -> Iterator[Check]:
         if run.vehicle.name != "whipple":
             published = math.degrees(kinematics.front_direction(roll, steer, run.vehicle.parameters))
         errors.append(abs(math.degrees(front_direction(engine, roll, steer)) - published))
-    engine.close()
     title = "Table 8, error, deg"
     yield Check("front_direction_error_max_deg", title, max(errors), 0.0, 0.1, 0.0)
 
@@ -238,25 +221,23 @@ def steering_step(engine: BicycleEngine, steer_set: float, duration: float) -> N
     return np.array(angles)
 
 
-def _steering_step(run: Validation) -> Iterator[Check]:
+def _steering_step(run: _Run) -> Iterator[Check]:
     """Appendix B: from standstill, without gravity, to 70 degrees, with at most 10 % of overshoot."""
     target = math.radians(70.0)
     peaks = []
     for kind, step in ((run.kind, run.time_step), ("whipple", _REFERENCE_STEP)):
         engine = make_bicycle_engine(kind, replace(run.vehicle, g=0.0), step)
         peaks.append(100.0 * (float(steering_step(engine, target, 1.5).max()) / target - 1.0))
-        engine.close()
     yield Check("steering_overshoot_percent", "steering step, overshoot, %", peaks[0], 0.0, 10.0, peaks[1])
 
 
-def _speed_loss(run: Validation) -> Iterator[Check]:
+def _speed_loss(run: _Run) -> Iterator[Check]:
     """Speed lost in 60 s of straight coasting where the bicycle balances itself, under 0.01 %."""
     speed = 0.5 * (linear.weave_speed(run.vehicle) + linear.capsize_speed(run.vehicle))
     engine = _coaster(run)
     engine.reset(st.upright_state(speed, run.vehicle.rF))
     engine.hold(0.0, round(60.0 / run.time_step))
     left = engine.state()[st.FRONT_WHEEL_RATE] * run.vehicle.rF
-    engine.close()
     loss = 100.0 * abs(1.0 - left / speed)
     yield Check("speed_loss_60_s_percent", "speed lost in 60 s, %", loss, 0.0, 0.01, 0.0)
 
@@ -279,7 +260,7 @@ def coast(engine: BicycleEngine, start: StateVector, duration: float, interval: 
     return np.array(states)
 
 
-def _coasting(run: Validation) -> Iterator[Check]:
+def _coasting(run: _Run) -> Iterator[Check]:
     """Energy, mirror image and ground constraint over 10 s after the hard start."""
     start = violent_start(run.vehicle)
     engine = _coaster(run)
@@ -295,7 +276,6 @@ def _coasting(run: Validation) -> Iterator[Check]:
     if isinstance(engine, PyBulletEngine):  # the other engine has no pitch of its own
         error = math.degrees(_pitch_error(engine, start))
         yield Check("pitch_error_max_deg", "pitch to touch ground, error, deg", error, 0.0, 0.001, 0.0)
-    engine.close()
 
 
 def _pitch_error(engine: PyBulletEngine, start: StateVector) -> float:
@@ -312,7 +292,7 @@ def _pitch_error(engine: PyBulletEngine, start: StateVector) -> float:
     return worst
 
 
-def _violent_start(run: Validation) -> Iterator[Check]:
+def _violent_start(run: _Run) -> Iterator[Check]:
     """2 s after the hard start converge to the compiled bicycle: with the right order, and to nothing else."""
     start, steps = violent_start(run.vehicle), _ORDER_STEPS[run.kind]
     oracle = make_bicycle_engine("whipple", free_of_drive(run.vehicle), _REFERENCE_STEP)
@@ -322,7 +302,6 @@ def _violent_start(run: Validation) -> Iterator[Check]:
     for step in steps:
         engine = _coaster(run, step)
         rides.append(coast(engine, start, 2.0)[:, watched])
-        engine.close()
     errors = [float(np.abs(ride - wanted[:, watched]).max()) for ride in rides]
     expected = _ORDER[run.kind]
     yield _order_check("violent_start_order", "hard start, order of the error", steps, errors, expected)

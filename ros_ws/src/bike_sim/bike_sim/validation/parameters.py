@@ -13,18 +13,17 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bike_sim.documents import DocumentError, read_text
 from bike_sim.physics.bicycle import linear
 from bike_sim.physics.bicycle.whipple import WhippleEngine
-from bike_sim.validation.report import Check
+from bike_sim.validation.report import Check, Report
 from bike_sim.vehicles.bicycle import FourBodies, Vehicle
 from bike_sim.vehicles.parameters import VehicleError
 
@@ -41,31 +40,6 @@ _LINE: Final = re.compile(r"^\s*(\w+)\s*=\s*([^\s+]+(?:e\+\d+)?)\s*(?:\+/-.*)?$"
 _PITCH: Final = {"IByy": ("IBxx", "IBzz"), "IHyy": ("IHxx", "IHzz")}
 """Moments on which nothing lateral depends. A file may lack them, and measured ones may belong to no distribution of
 mass, so those of plane bodies take their place."""
-
-
-@dataclass(frozen=True)
-class MeasuredBicycle:
-    """Eigenvalues of one bicycle.
-
-    Attributes:
-        name: of its file.
-        stable: lowest and highest speed at which it balances itself, m/s; nan without.
-        formula: eigenvalues of the closed formulas at `SPEEDS`, 1/s, shape (speeds, 4).
-        measured: the same on the engine; None without wheels.
-    """
-
-    name: str
-    stable: tuple[float, float]
-    formula: NDArray[np.complex128]
-    measured: NDArray[np.complex128] | None
-
-    def check(self) -> Check | None:
-        """Return the largest error of an eigenvalue, or None without wheels."""
-        if self.measured is None:
-            return None
-        pairs = zip(self.formula, self.measured, strict=True)
-        error = max(float(np.abs(np.subtract.outer(ours, wanted)).min(axis=0).max()) for wanted, ours in pairs)
-        return Check(self.name, f"{self.name}: eigenvalues at 1 to 10 m/s, largest error, 1/s", error, 0.0, ALLOWED)
 
 
 def read_parameters(path: Path) -> FourBodies:
@@ -93,8 +67,12 @@ def read_parameters(path: Path) -> FourBodies:
     return FourBodies(**{name: found[name] for name in names})
 
 
-def measured_bicycles(path: Path) -> Iterator[MeasuredBicycle]:
+def validate(path: Path, progress: Callable[[str], None] = lambda _: None) -> Report:
     """Measure the bicycle of a file, or of each file of a folder.
+
+    Args:
+        path: of the file or the folder.
+        progress: called with the name of each bicycle.
 
     Raises:
         FileNotFoundError: there is no such file, or none in the folder.
@@ -103,16 +81,32 @@ def measured_bicycles(path: Path) -> Iterator[MeasuredBicycle]:
     files = sorted(path.glob("*.txt")) if path.is_dir() else [path]
     if not files:
         raise FileNotFoundError(f"folder '{path}' has no parameter files (*.txt)")
+    report, rows = Report(), []
     for file in files:
-        bodies = read_parameters(file)
-        formula = np.array([np.linalg.eigvals(linear.state_matrix(bodies, speed)) for speed in SPEEDS])
-        measured = None
+        name, bodies, error = file.stem, read_parameters(file), None
+        progress(name)
+        formula = [np.linalg.eigvals(linear.state_matrix(bodies, speed)) for speed in SPEEDS]
         if bodies.rR > 0.0 and bodies.rF > 0.0:
             limits = {"max_steer": 1.0, "fall_roll": 1.0, "control_period": 0.05}
-            vehicle = Vehicle(**vars(bodies), name=file.stem, description="", P=0.0, D=0.0, **limits)
-            engine = WhippleEngine(vehicle, _STEP)
-            measured = np.array([np.linalg.eigvals(linear.measured_state_matrix(engine, speed)) for speed in SPEEDS])
-        yield MeasuredBicycle(file.stem, _stable(bodies), formula, measured)
+            engine = WhippleEngine(Vehicle(**vars(bodies), name=name, description="", P=0.0, D=0.0, **limits), _STEP)
+            measured = [np.linalg.eigvals(linear.measured_state_matrix(engine, speed)) for speed in SPEEDS]
+            pairs = zip(formula, measured, strict=True)
+            error = max(float(np.abs(np.subtract.outer(ours, wanted)).min(axis=0).max()) for wanted, ours in pairs)
+            title = f"{name}: eigenvalues at 1 to 10 m/s, largest error, 1/s"
+            report.checks.append(Check(name, title, error, 0.0, ALLOWED))
+        lowest, highest = _stable(bodies)
+        values = [
+            {"speed_m_s": speed, "real_1_s": row.real.tolist(), "imaginary_1_s": row.imag.tolist()}
+            for speed, row in zip(SPEEDS, formula, strict=True)
+        ]
+        rows.append(
+            {
+                "bicycle": name, "stable_from_m_s": lowest, "stable_to_m_s": highest, "error_1_s": error,
+                "eigenvalues": values,
+            }
+        )  # fmt: skip
+    report.tables["bicycles"] = rows
+    return report
 
 
 def _stable(bodies: FourBodies) -> tuple[float, float]:

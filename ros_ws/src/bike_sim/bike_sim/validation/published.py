@@ -6,8 +6,8 @@ The figures are in ``config/validation/published.yaml``, each beside its source.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from importlib import resources
 from typing import Any, Final
 
@@ -19,9 +19,9 @@ from bike_sim.physics import state as st
 from bike_sim.physics.engine import NO_FALL
 from bike_sim.physics.superbike import modes, tyres
 from bike_sim.physics.superbike.engine import CompiledSuperbikeEngine
-from bike_sim.validation.report import Check
-from bike_sim.validation.superbike import Performance, lateral_error, signal, steady_turns
-from bike_sim.vehicles.files import SHIPPED, load_superbike, vehicle_from_document
+from bike_sim.validation.report import Check, Mode, Report
+from bike_sim.validation.superbike import lateral_error, measure_performance, signal, steady_turns
+from bike_sim.vehicles.files import joined, load_superbike, vehicle_document, vehicle_from_document
 from bike_sim.vehicles.joints import Flexure
 from bike_sim.vehicles.superbike import Superbike
 
@@ -32,8 +32,8 @@ SHARP_STEP: Final = 2e-5
 """Integration step of the comparison with Sharp, s: at 0.5 ms it changes the damping of wobble by 0.3 1/s."""
 LINEAR_STEP: Final = 2e-4
 """The same of the comparison with the linear model, s."""
-_SMALL_ROLL: Final = 0.1
-"""Roll, rad, below which torque by roll is a slope."""
+_SMALL_ROLL_DEG: Final = 5.7
+"""Roll, deg, below which torque by roll is a slope."""
 _SLOW_TURN: Final = 28.0
 """Speed, m/s, up to which it is compared."""
 _TURN_SPEEDS: Final = (14.0, 28.0, 42.0, 55.0)
@@ -43,49 +43,28 @@ _STILL: Final = 400.0
 """Frequency of a rider who does not move on his seat, rad/s."""
 
 
-@dataclass(frozen=True)
-class Mode:
-    """An eigenvalue beside its published value.
-
-    Attributes:
-        variant: of the machine.
-        speed: m/s.
-        name: weave, wobble or capsize.
-        measured: 1/s, of the engine.
-        published: 1/s.
-    """
-
-    variant: str
-    speed: float
-    name: str
-    measured: complex
-    published: complex
-
-
-@dataclass(frozen=True)
-class Torque:
-    """The rider's torque in a steady turn to the right, positive to the left.
-
-    Attributes:
-        speed: m/s.
-        roll: rad.
-        measured: N m.
-        published: N m.
-        twist: of it what the front tyre's own moment about the normal asks for, N m; the torque is what other moments
-            leave of it.
-    """
-
-    speed: float
-    roll: float
-    measured: float
-    published: float
-    twist: float
-
-
 def published() -> dict[str, Any]:
     """Return the published figures."""
     document: dict[str, Any] = yaml.safe_load((FOLDER / "published.yaml").read_text(encoding="utf-8"))
     return document
+
+
+def validate(vehicle: Superbike, time_step: float, progress: Callable[[str], None]) -> Report:
+    """Measure a machine that gives way, and Sharp's motorcycle, beside all published figures.
+
+    Args:
+        vehicle: the machine, with joints.
+        time_step: integration step of the road tests, s; comparisons have their own.
+        progress: called with a few words before each part.
+    """
+    progress("statics and modes beside published ones")
+    modes = measured_modes(vehicle)
+    report = Report(list(check_published(vehicle, modes)), modes)
+    progress("steady turns")
+    torques, performance = list(steady_torques(vehicle)), measure_performance(vehicle, time_step)
+    report.checks += check_rides(vehicle, torques, performance)
+    report.tables = {"torques": torques, "performance": [performance]} if torques else {"performance": [performance]}
+    return report
 
 
 def sharp_modes() -> Iterator[Mode]:
@@ -166,62 +145,66 @@ def nearest(values: NDArray[np.complex128], wanted: complex) -> complex:
 
 def machine_of_table(vehicle: Superbike) -> Superbike:
     """Return a shipped machine with the changes of whoever published its table of steady torques."""
-    document = yaml.safe_load((SHIPPED / f"{vehicle.name}.yaml").read_text(encoding="utf-8"))
-    machine = vehicle_from_document(_merged(document, published()[vehicle.name]["steady_torque"]["changes"]), "table")
+    changes = published()[vehicle.name]["steady_torque"]["changes"]
+    machine = vehicle_from_document(joined(vehicle_document(vehicle.name), changes), "table")
     assert isinstance(machine, Superbike)
     return machine
 
 
-def _merged(document: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    """Return nested mappings with changes."""
-    inner = {
-        key: _merged(document[key], value) for key, value in changes.items() if isinstance(document.get(key), dict)
-    }
-    return document | changes | inner
+def steady_torques(vehicle: Superbike) -> Iterator[dict[str, float]]:
+    """Yield the rider's torques in steady turns beside published ones; none where the figures lack the machine.
 
-
-def steady_torques(vehicle: Superbike) -> list[Torque]:
-    """Return the rider's torques in steady turns beside published ones; none where the figures lack the machine."""
+    A torque is in N m, positive to the left in a turn to the right. `miss_by_twist` is the miss by what the front
+    tyre's own moment about the normal asks for; the torque is what other moments leave of that.
+    """
     table = published().get(vehicle.name, {}).get("steady_torque")
     if table is None:
-        return []
+        return
     machine = machine_of_table(vehicle)
     turns = steady_turns(machine, table["speed_m_s"], table["roll_rad"])
     tyre, slips = machine.machine["front_tyre"], ("front_slip", "front_slip_angle", "front_camber", "front_load")
-    found = []
     for j, speed in enumerate(table["speed_m_s"]):
         for i, roll in enumerate(table["roll_rad"]):
-            turn = next(turns)
+            turn, wanted = next(turns), table["torque_nm"][i][j]
             slip, angle, camber, load = (float(turn.telemetry[:, signal(name)].mean()) for name in slips)
-            moment = tyres.forces(slip, math.tan(angle), camber, load, 1.0, tyre)[2]
+            twist = -tyres.forces(slip, math.tan(angle), camber, load, 1.0, tyre)[2] * math.cos(machine.lam)
             torque = float(turn.telemetry[:, signal("steer_torque")].mean()) if turn.fall == NO_FALL else math.nan
-            found.append(Torque(speed, roll, torque, table["torque_nm"][i][j], -moment * math.cos(machine.lam)))
-    return found
+            yield {
+                "speed_m_s": speed,
+                "roll_deg": math.degrees(roll),
+                "torque_nm": torque,
+                "published_nm": wanted,
+                "slope_nm_rad": torque / roll,
+                "published_slope_nm_rad": wanted / roll,
+                "miss": torque / wanted - 1.0,
+                "miss_by_twist": (torque - wanted) / twist,
+            }
 
 
-def check_rides(vehicle: Superbike, torques: Sequence[Torque], performance: Performance) -> Iterator[Check]:
+def check_rides(
+    vehicle: Superbike, torques: Sequence[Mapping[str, float]], performance: Mapping[str, Any]
+) -> Iterator[Check]:
     """Checks of rides of a machine that gives way: steady turns, and what road tests measure.
 
     Args:
         vehicle: the machine.
         torques: its `steady_torques`.
-        performance: of it.
+        performance: of it, see `superbike.measure_performance`.
     """
-    slopes = [torque for torque in torques if torque.roll < _SMALL_ROLL]
-    for torque in slopes:
-        title = f"steering torque of steady turns at 2 deg, {torque.speed:.0f} m/s, N m/rad"
-        slope, wanted = torque.measured / torque.roll, torque.published / torque.roll
-        high = 1.06 * wanted if torque.speed < _SLOW_TURN else math.inf
-        low = 0.94 * wanted if torque.speed < _SLOW_TURN else -math.inf
-        yield Check(f"torque_slope_{torque.speed:.0f}", title, slope, low, high, wanted)
-    rigid = replace(vehicle, joints=None)
-    for name, machine in (("suspended", vehicle), ("rigid", rigid)):
-        error = lateral_error(machine, _TURN_SPEEDS, np.radians(_TURN_LEANS).tolist())
+    for torque in torques:
+        if torque["roll_deg"] < _SMALL_ROLL_DEG:
+            speed, wanted = torque["speed_m_s"], torque["published_slope_nm_rad"]
+            title = f"steering torque of steady turns at 2 deg, {speed:.0f} m/s, N m/rad"
+            low, high = (0.94 * wanted, 1.06 * wanted) if speed < _SLOW_TURN else (-math.inf, math.inf)
+            yield Check(f"torque_slope_{speed:.0f}", title, torque["slope_nm_rad"], low, high, wanted)
+    for name, machine in (("suspended", vehicle), ("rigid", replace(vehicle, joints=None))):
+        turns = steady_turns(machine, _TURN_SPEEDS, np.radians(_TURN_LEANS).tolist())
+        error = max(lateral_error(machine, turn) for turn in turns)
         title = f"lateral acceleration of steady turns by lean, {name}, share off the formula"
         yield Check(f"lateral_{name}", title, error, 0.0, 0.01)
     titles = {"to_100_s": "0 to 100 km/h, s", "top_km_h": "top speed, km/h", "stop_100_m": "stop from 100 km/h, m"}
     for name, (low, high) in published().get(vehicle.name, {}).get("performance", {}).items():
-        yield Check(name, titles[name], getattr(performance, name), low, high)
+        yield Check(name, titles[name], performance[name], low, high)
 
 
 def measured_modes(vehicle: Superbike) -> list[Mode]:

@@ -1,10 +1,10 @@
-"""Results of a validation: measured figures with the limits that they must keep."""
+"""Results of a validation: measured figures with the limits that they must keep, modes, and rows of tables."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+import math
 from dataclasses import dataclass, field
-from typing import Any, Self
+from typing import Any, NamedTuple
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,47 +38,51 @@ class Check:
         return {"name": self.name, "title": self.title, **numbers, "ok": self.passed}
 
 
-@dataclass
-class Report:
-    """All checks of one vehicle or of several.
+class Mode(NamedTuple):
+    """An eigenvalue, beside its published value where there is one.
 
     Attributes:
-        time_step: integration step, s.
-        checks: in the order of measurement.
+        variant: vehicle or variant of it.
+        speed: m/s.
+        name: weave, wobble or capsize.
+        measured: 1/s, of the engine.
+        published: 1/s.
     """
 
-    time_step: float
+    variant: str
+    speed: float
+    name: str
+    measured: complex
+    published: complex = complex(math.nan, math.nan)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the mode as plain values."""
+        row: dict[str, Any] = {"variant": self.variant, "speed_m_s": self.speed, "mode": self.name}
+        for prefix, value in (("", complex(self.measured)), ("published_", complex(self.published))):
+            row |= {f"{prefix}real_1_s": value.real, f"{prefix}hz": value.imag / math.tau}
+        return row
+
+
+@dataclass
+class Report:
+    """All that was measured of one vehicle or of several.
+
+    Attributes:
+        checks: in the order of measurement.
+        modes: over speed.
+        tables: other figures, rows of plain values by the name of their table.
+    """
+
     checks: list[Check] = field(default_factory=list)
+    modes: list[Mode] = field(default_factory=list)
+    tables: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
 
-    @property
-    def passed(self) -> bool:
-        """Whether every check passed."""
-        return all(check.passed for check in self.checks)
-
-    def measure(
-        self, parts: Sequence[tuple[str, Callable[[Self], Iterable[Check]]]], progress: Callable[[str], None]
-    ) -> Self:
-        """Measure parts one after another.
-
-        Args:
-            parts: title and function of each.
-            progress: called with the title before each part.
-        """
-        for title, part in parts:
-            progress(title)
-            self.checks.extend(part(self))
-        return self
-
-    def as_dict(self, figures: dict[str, Any]) -> dict[str, Any]:
-        """Return the report as plain values.
-
-        Args:
-            figures: others than those of the checks.
-        """
-        measured = {check.name: check.measured for check in self.checks}
+    def as_dict(self) -> dict[str, Any]:
+        """Return the report as plain values."""
+        figures: dict[str, Any] = {check.name: check.measured for check in self.checks}
+        modes = {"modes": [mode.as_dict() for mode in self.modes]} if self.modes else {}
         return {
-            "ok": self.passed,
-            "time_step_s": self.time_step,
-            "figures": measured | figures,
+            "ok": all(check.passed for check in self.checks),
+            "figures": figures | self.tables | modes,
             "checks": [check.as_dict() for check in self.checks],
         }

@@ -114,17 +114,18 @@ def vehicle_document(name_or_path: str | Path, bases: int = 0) -> Any:
         below = vehicle_document(folder / name if name.endswith((".yaml", ".yml")) else name, bases + 1)
         if not isinstance(below, dict):
             return below
-        document = _joined(below, document)
+        document = joined(below, document)
     return document
 
 
-def _joined(below: dict[Any, Any], above: dict[Any, Any]) -> dict[Any, Any]:
+def joined(below: dict[Any, Any], above: dict[Any, Any]) -> dict[Any, Any]:
     """Return nested mappings put over others."""
-    joined = dict(below)
-    for key, value in above.items():
-        nested = isinstance(value, dict) and isinstance(below.get(key), dict)
-        joined[key] = _joined(below[key], value) if nested else value
-    return joined
+    nested = {
+        key: joined(below[key], value)
+        for key, value in above.items()
+        if isinstance(value, dict) and isinstance(below.get(key), dict)
+    }
+    return below | above | nested
 
 
 def _own_document(name_or_path: str | Path) -> tuple[Any, Path]:
