@@ -16,8 +16,7 @@ from bike_sim.sim.request import ResetRequest
 from bike_training.cli import main
 from bike_training.learning.checkpoint import (
     Checkpoint,
-    read_plain,
-    with_tensors,
+    read_tree,
     write_tree,
 )
 from bike_training.learning.presets import load_preset
@@ -106,18 +105,6 @@ def test_no_code_of_a_checkpoint_runs(name, kind, finished_run, tmp_path, capsys
     assert 2 in codes  # each file is read by one of them at least
 
 
-def test_a_checkpoint_of_earlier_versions_is_refused(finished_run, tmp_path, capsys):
-    folder = shutil.copytree(finished_run, tmp_path / "run")
-    checkpoint = folder / "checkpoint"
-    for name in FILES:
-        (checkpoint / name).unlink()
-    (checkpoint / "state.pkl").write_bytes(planted(tmp_path / "mark", "pickle"))
-    for words in (["train", "whipple", "--out", str(folder), "--resume"], ["export", str(folder)]):
-        assert main(words) == 2
-        assert "earlier version, as a pickle" in capsys.readouterr().err.strip().splitlines()[-1]
-    assert not (tmp_path / "mark").exists()
-
-
 def test_another_format_is_refused(finished_run, tmp_path):
     folder = shutil.copytree(finished_run, tmp_path / "run")
     path = folder / "checkpoint" / "state.json"
@@ -144,6 +131,7 @@ def test_a_pipe_in_place_of_a_file_is_not_waited_for(finished_run, tmp_path):
 
 def test_a_tree_comes_back_as_it_was(tmp_path):
     tree = {
+        "format": "tree/1",
         "big": 2**127 + 1,
         "third": 1.0 / 3.0,
         "none": None,
@@ -154,7 +142,7 @@ def test_a_tree_comes_back_as_it_was(tmp_path):
     }
     plain, tensors = tmp_path / "a.json", tmp_path / "a.safetensors"
     write_tree(tree, plain, tensors)
-    read = with_tensors(read_plain(plain), tensors)
+    read = read_tree(plain, tensors, "tree/1")
     assert {key: read[key] for key in ("big", "third", "none")} == {key: tree[key] for key in ("big", "third", "none")}
     assert read["list"][:3] == [1, "a", True]
     pairs = [(read["list"][3]["deep"], tree["list"][3]["deep"])]

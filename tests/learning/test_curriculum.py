@@ -66,7 +66,8 @@ def test_refinement_grows_out_of_the_last_part_and_is_not_validated():
     start, end = (curriculum.episodes(60_000 + n) for n in (0, TRANSITION_STEPS))
     assert (start.speed, start.paths) == ((2.0, 7.0), CURRICULUM_PATHS[3])
     assert end == REFINEMENT
-    assert curriculum.validation() == start
+    validated = curriculum.validation_requests(Preview(), np.random.default_rng(0))[0]
+    assert (validated.speed_range, validated.path_ranges) == (start.speed, start.paths)
     assert end.speed[0] < 2.0
     assert end.speed[1] > 7.0
 
@@ -89,7 +90,8 @@ def test_the_last_part_may_draw_fast_and_slow_sharp_rides():
                 (FAST_AND_SHARP, SLOW_AND_SHARP) if sharp.part >= 4 else plain.episodes(at).also
             )
             assert sharp.episodes(at).paths == plain.episodes(at).paths
-            assert sharp.validation() == plain.validation()
+            drawn = [each.validation_requests(Preview(), np.random.default_rng(0)) for each in (sharp, plain)]
+            assert drawn[0] == drawn[1]
         assert plain.validated(step, GOOD)
         assert sharp.validated(step, GOOD)
     assert sharp.episodes(60_000 + TRANSITION_STEPS) == REFINEMENT

@@ -1,13 +1,11 @@
 """The environments: Gymnasium's contract, the rules of the episode, and the same ride in all of them."""
 
-from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from bike_policy.contract.bundle import Actor
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.events import EventKind
 from bike_sim.sim.simulator import Simulator
@@ -15,7 +13,6 @@ from bike_sim.sim.snapshot import DIVERGED
 from bike_training.curricula.parts import PartsCurriculum, RideRanges
 from bike_training.envs.env import BikeEnv
 from bike_training.envs.vec_env import BatchVecEnv
-from bike_training.learning.validation import SideBySide, validate_simulator
 from bike_training.tasks.path import TASKS
 
 LAST_PART = PartsCurriculum()
@@ -149,7 +146,3 @@ def test_actions_mean_the_same_in_every_environment():
         single.step(action)
         batch.step(action[None, :])
         np.testing.assert_array_equal(single.snapshot.state, batch.batch.state[0])
-    actor = Actor([np.full((1, task.layout.size), 0.01, dtype=np.float32)], [np.zeros(1, dtype=np.float32)])
-    with closing(SideBySide(task, 1, COMPILED)) as together:
-        errors = together.errors(actor, [request])
-    assert errors == validate_simulator(actor, task, lambda _: Simulator(COMPILED), [request])

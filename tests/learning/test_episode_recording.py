@@ -205,7 +205,7 @@ def test_a_run_records_validations_and_rides_of_the_learner_and_learns_the_same(
                 p.validate()
 
         process.run(ask_for_validation)
-        assert process.progress.validations == 1
+        assert len(process.progress.validations) == 1
         return np.concatenate([part.ravel() for parts in actor_tensors(process.model) for part in parts])
 
     np.testing.assert_array_equal(learned("recorded", 1), learned("plain", 0))

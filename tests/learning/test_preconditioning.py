@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
+import jax
 import numpy as np
 import pytest
 
 from bike_policy.contract.bundle import Actor
 from bike_policy.contract.observation import LEAN_LAYOUT, PROP_LAYOUT, Rows
-from bike_sim.sim.batch import COMPILED_ENGINE
-from bike_sim.sim.config import SimulatorConfig
-from bike_training.curricula.parts import PartsCurriculum
-from bike_training.envs.vec_env import BatchVecEnv
 from bike_training.learning.learner import actor_tensors, build_model
-from bike_training.learning.preconditioning import coordinates, shown
+from bike_training.learning.preconditioning import coordinates, networks
 from bike_training.learning.presets import load_preset
 from bike_training.tasks.path import TASKS
 
@@ -39,48 +37,15 @@ def test_only_paths_and_only_one_learner() -> None:
         coordinates(load_preset("race").task.layout)
     with pytest.raises(ValueError, match="needs the learner sbx, not sb3"):
         build_model(load_preset("paper").changed({"learner.precondition": True}).sac, TASKS["prop"], None, 0)  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="critic_only=roll needs the learner sbx, not sb3"):
-        build_model(load_preset("paper").changed({"learner.critic_only": "roll"}).sac, TASKS["prop"], None, 0)  # type: ignore[arg-type]
 
 
-def test_what_is_hidden_is_named_by_numbers_or_blocks() -> None:
-    layout = load_preset("race").task.layout
-    rows = shown(layout, "slips,front_load_n")
-    hidden = [name for name, seen in zip(layout.names, rows, strict=True) if not seen]
-    assert hidden == ["rear_slip", "front_slip", "front_load_n"]
-    assert shown(layout, "").all()
-    assert shown(PROP_LAYOUT, "roll").sum() == PROP_LAYOUT.size - 1
-    with pytest.raises(ValueError, match="hide 'tires'; the observation has"):
-        shown(layout, "slips,tires")
-    with pytest.raises(ValueError, match="hide all of the observation"):
-        shown(layout, ",".join(layout.terms))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "settings",
-    [
-        {"critic_only": "roll,steer"},
-        {"precondition": "true", "critic_only": "roll", "unseen": "steer"},
-    ],
-)
-def test_the_deployed_actor_answers_as_the_one_that_learns(settings: dict[str, str]) -> None:
-    pytest.importorskip("sbx")
-    task = TASKS["prop"]
-    settings = {"environments": "2", "buffer_size": "100", "layers": "16,16", **settings}
-    preset = load_preset("fast").changed({f"learner.{name}": value for name, value in settings.items()})
-    episodes = PartsCurriculum().episodes(0)
-    env = BatchVecEnv(2, task, episodes, SimulatorConfig(engine=COMPILED_ENGINE, time_step=0.01), 0)
-    try:
-        model = build_model(preset.sac, task, env, 3)
-        observations = env.reset()
-        wanted, _ = model.predict(observations, deterministic=True)
-        weights, biases = actor_tensors(model)
-        found = Actor(weights, biases).act_batch(observations)
-    finally:
-        env.close()
-    hidden = shown(task.layout, f"{preset.sac.critic_only},{preset.sac.unseen}") == 0.0
-    assert not weights[0][:, hidden].any()
-    assert weights[0][:, ~hidden].any(axis=0).all()
+def test_the_deployed_actor_answers_as_the_one_that_learns() -> None:
+    layout = TASKS["prop"].layout
+    actor = networks(layout)["actor_class"](net_arch=(16, 16), action_dim=1)
+    observations = np.random.default_rng(3).normal(size=(2, layout.size)).astype(np.float32)
+    params = actor.init(jax.random.PRNGKey(3), observations)
+    wanted = actor.apply(params, observations).mode()
+    policy = SimpleNamespace(actor=actor, actor_state=SimpleNamespace(params=params))
+    found = Actor(*actor_tensors(SimpleNamespace(policy=policy))).act_batch(observations)
     assert np.abs(wanted).max() > 1e-3
-    assert found == pytest.approx(wanted, abs=1e-5)
+    assert found == pytest.approx(np.asarray(wanted), abs=1e-5)

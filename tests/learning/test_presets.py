@@ -139,7 +139,7 @@ def test_changes_that_mean_nothing_are_refused(changes: dict[str, str], message:
         ({"task": {"task": "swim"}}, "task='swim' is not known; there are"),
         ({"task": {"task": "prop", "depth": 1}}, "task has no setting 'depth'"),
         ({"curriculum": {"curriculum": "parts", "refine": 3}}, "curriculum.refine=3 is not a truth value"),
-        ({"layers": [8]}, "a version whose settings had no paths wrote it"),
+        ({"layers": [8]}, "a preset has no setting 'layers'"),
         ({"name": 3}, "name of a preset must be text"),
     ],
 )

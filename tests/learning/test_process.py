@@ -21,7 +21,7 @@ from bike_training.envs.node_process import NodeLost
 from bike_training.envs.vec_env import BatchVecEnv
 from bike_training.learning.learner import AveragedActor, actor_tensors, build_model
 from bike_training.learning.presets import load_preset
-from bike_training.learning.process import LearningCallback, LearningProcess
+from bike_training.learning.process import LearningProcess
 from bike_training.learning.run_settings import RunSettings
 from bike_training.learning.validation import kept
 from bike_training.tasks.path import TASKS
@@ -211,19 +211,18 @@ def tiny_model():
 def test_a_full_episode_asks_for_a_validation_only_when_one_is_allowed(tmp_path):
     """After the wait and outside of a transition; one that came sooner is not remembered (Sects. 4.2 and 4.3)."""
     process = tiny_process(tmp_path)
-    callback = LearningCallback(process, None)
-    callback.init_callback(process.model)
+    process.init_callback(process.model)
     every = process.settings.preset.curriculum.validate_every
 
     def due_after_full_episode(step: int) -> bool:
         process.model.num_timesteps = step
-        callback.locals = {"infos": [{}, {"TimeLimit.truncated": True}]}
-        callback.on_step()
-        return callback.validation_is_due()
+        process.locals = {"infos": [{}, {"TimeLimit.truncated": True}]}
+        process.on_step()
+        return process.validation_is_due()
 
     def due_without(step: int) -> bool:
-        callback.num_timesteps = step
-        return callback.validation_is_due()
+        process.num_timesteps = step
+        return process.validation_is_due()
 
     assert not due_after_full_episode(every - 2)
     assert not due_without(every + 2)

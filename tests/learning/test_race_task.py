@@ -391,12 +391,12 @@ def test_machines_of_every_engine_are_taken_in_turn_but_no_bicycle_among_them():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"weights": {"praise": 1.0}}, "praise.*progress"),
-        ({"task": "rally"}, "task='rally' is not race"),
+        ({"weights": {"praise": 1.0}}, "weights='praise' is not known.*progress"),
+        ({"task": "rally"}, "task='rally' is not known; there are race"),
         ({"observation": "told"}, "observation='told' is not known; there are compact"),
-        ({"weights": {"line": -1.0}}, "line must be finite and not negative"),
-        ({"max_steps": 0}, "max_steps=0 must be positive"),
-        ({"stalled_time": -1.0}, "stalled_time must not be negative"),
+        ({"weights": {"line": -1.0}}, "weights.line=-1.0 must be at least 0"),
+        ({"max_steps": 0}, "max_steps=0 must be at least 1"),
+        ({"stalled_time": -1.0}, "stalled_time=-1.0 must be at least 0"),
     ],
 )
 def test_wrong_settings_are_refused(change, message):

@@ -49,7 +49,7 @@ RACE, RACE_DIRECT = load_preset("race"), load_preset("race_direct")
 
 
 @pytest.fixture(scope="module")
-def ground() -> CircuitSet:
+def circuits() -> CircuitSet:
     return CircuitSet(load_vehicle(VEHICLE), ["barcelona"])
 
 
@@ -64,7 +64,7 @@ def final_actor(preset: Preset, out: Path, steps: int, vehicle: str = VEHICLE, r
 
 
 @pytest.mark.slow
-def test_throttle_is_learned_in_seconds(tmp_path: Path, ground: CircuitSet) -> None:
+def test_throttle_is_learned_in_seconds(tmp_path: Path, circuits: CircuitSet) -> None:
     """Rewarded for the way alone, the actor opens the throttle: it is much faster on the straight than at first."""
     changes = {"learning_rate": 3e-3, "final_learning_rate": 3e-3, "learning_starts": 200, "averaging": 0.0}
     changes = {f"learner.{name}": value for name, value in {"gamma": 0.9, **changes}.items()}
@@ -106,11 +106,11 @@ def test_a_resumed_run_is_the_uninterrupted_one(
         np.testing.assert_array_equal(again[name], tensor, err_msg=name)
 
 
-def test_vehicles_that_are_kept_ride_the_next_validation_as_new_ones_do(ground: CircuitSet) -> None:
+def test_vehicles_that_are_kept_ride_the_next_validation_as_new_ones_do(circuits: CircuitSet) -> None:
     task = replace(RACE.task, validation_duration=3.0)
     config = settings(RACE).simulator()
     rng = np.random.default_rng(0)
-    rides = [RaceCurriculum(ground).validation_requests(task.preview, rng) for _ in range(2)]
+    rides = [RaceCurriculum(circuits).validation_requests(task.preview, rng) for _ in range(2)]
     actors = [
         Actor([rng.normal(size=(2, task.layout.size)).astype(np.float32)], [np.zeros(2, dtype=np.float32)])
         for _ in rides
@@ -127,16 +127,16 @@ def ended(request: ResetRequest, total: float = 1.0, failed: bool = False, progr
     return EndedEpisode(request, total, 100, failed, progress)
 
 
-def test_starts_lie_all_around_and_lead_up_to_failures(ground: CircuitSet) -> None:
+def test_starts_lie_all_around_and_lead_up_to_failures(circuits: CircuitSet) -> None:
     rng = np.random.default_rng(0)
     preview = RaceTask().preview
-    curriculum = RaceCurriculum(ground, RaceCurriculumSettings(failure_share=0.5))
+    curriculum = RaceCurriculum(circuits, RaceCurriculumSettings(failure_share=0.5))
     even = [curriculum.episodes(0).draw(rng, preview) for _ in range(200)]
-    length = ground.length("barcelona")
+    length = circuits.length("barcelona")
     counts, _ = np.histogram([request.progress for request in even], bins=8, range=(0.0, length))
     assert counts.min() >= 10
     for request in even[:20]:
-        assert request.speed_range[0] < ground.start("barcelona", 1.0, request.progress, 0.96) + 1e-9
+        assert request.speed_range[0] < circuits.start("barcelona", 1.0, request.progress, 0.96) + 1e-9
     for _ in range(50):
         curriculum.ended(ended(even[0], failed=True, progress=2000.0))
     led = [curriculum.episodes(0).draw(rng, preview).progress for _ in range(200)]
@@ -144,7 +144,7 @@ def test_starts_lie_all_around_and_lead_up_to_failures(ground: CircuitSet) -> No
     assert near > 3 * sum(1500.0 < request.progress < 2000.0 for request in even)
 
 
-def test_validations_ride_some_of_many_circuits(ground: CircuitSet) -> None:
+def test_validations_ride_some_of_many_circuits(circuits: CircuitSet) -> None:
     preview = RaceTask().preview
     many = CircuitSet(load_vehicle("panigale_v4r"), ["barcelona", "cremona", "phillip_island"])
     curriculum = RaceCurriculum(many, RaceCurriculumSettings(sampled=2))
@@ -156,11 +156,11 @@ def test_validations_ride_some_of_many_circuits(ground: CircuitSet) -> None:
     compared = curriculum.selection_requests(preview)
     assert compared == curriculum.selection_requests(preview)
     assert [request.course for request in compared] == ["barcelona"] * 16 + ["cremona"] * 16
-    assert len(RaceCurriculum(ground).selection_requests(preview)) == 32
+    assert len(RaceCurriculum(circuits).selection_requests(preview)) == 32
 
 
-def test_the_share_of_the_speed_rises_while_episodes_stay_whole(ground: CircuitSet) -> None:
-    curriculum = SpeedCurriculum(ground, SpeedSettings(share=0.7))
+def test_the_share_of_the_speed_rises_while_episodes_stay_whole(circuits: CircuitSet) -> None:
+    curriculum = SpeedCurriculum(circuits, SpeedSettings(share=0.7))
     request = curriculum.episodes(0).draw(np.random.default_rng(0), RaceTask().preview)
     for _ in range(200):
         curriculum.ended(ended(request, failed=True))
@@ -169,7 +169,7 @@ def test_the_share_of_the_speed_rises_while_episodes_stay_whole(ground: CircuitS
         curriculum.ended(ended(request))
     assert curriculum.share == pytest.approx(0.7)
     assert curriculum.may_validate(0)
-    other = SpeedCurriculum(ground, SpeedSettings(share=0.7))
+    other = SpeedCurriculum(circuits, SpeedSettings(share=0.7))
     other.restore(curriculum.state_dict())
     assert other.state_dict()["share"] == curriculum.share
 
@@ -178,10 +178,10 @@ PACED = SpdlSettings(spread=0.1, failure_share=0.5, threshold=1.0, kl=1.0, itera
 
 
 @pytest.fixture(scope="module")
-def paced(ground: CircuitSet) -> tuple[SpdlCurriculum, int]:
+def paced(circuits: CircuitSet) -> tuple[SpdlCurriculum, int]:
     """Return the curriculum of an agent that is always good, close to the target, and its step."""
-    curriculum, rng, preview, step = SpdlCurriculum(ground, PACED), np.random.default_rng(0), RaceTask().preview, 0
-    while not curriculum.steps or curriculum.steps[-1].kl > 1e-3:
+    curriculum, rng, preview, step = SpdlCurriculum(circuits, PACED), np.random.default_rng(0), RaceTask().preview, 0
+    while not curriculum.steps or curriculum.steps[-1][-2] > 1e-3:
         step += 10
         assert step < 3000
         episodes = curriculum.episodes(step)
@@ -191,10 +191,10 @@ def paced(ground: CircuitSet) -> tuple[SpdlCurriculum, int]:
 
 
 def test_spdl_leads_a_good_agent_to_the_ideal_line_and_survives_a_checkpoint(
-    ground: CircuitSet, paced: tuple[SpdlCurriculum, int]
+    circuits: CircuitSet, paced: tuple[SpdlCurriculum, int]
 ) -> None:
     curriculum, step = paced
-    begin, other = SpdlCurriculum(ground, PACED), SpdlCurriculum(ground, PACED)
+    begin, other = SpdlCurriculum(circuits, PACED), SpdlCurriculum(circuits, PACED)
     rng, preview = np.random.default_rng(0), RaceTask().preview
     first, last = (
         [RaceContext.of(each.episodes(at).draw(rng, preview)) for _ in range(100)]
@@ -203,7 +203,7 @@ def test_spdl_leads_a_good_agent_to_the_ideal_line_and_survives_a_checkpoint(
     for name, sign in (("d_median", 1.0), ("d_ideal", -1.0), ("v_max", 1.0)):
         begun, now = (np.mean([getattr(context, name) for context in drawn]) for drawn in (first, last))
         assert sign * now > sign * begun
-    assert [entry.kl for entry in curriculum.steps] == sorted((entry.kl for entry in curriculum.steps), reverse=True)
+    assert [entry[-2] for entry in curriculum.steps] == sorted((entry[-2] for entry in curriculum.steps), reverse=True)
     other.restore(curriculum.state_dict())
     draws = [each.episodes(step).draw(np.random.default_rng(5), preview) for each in (curriculum, other)]
     assert draws[0] == draws[1]
@@ -211,7 +211,7 @@ def test_spdl_leads_a_good_agent_to_the_ideal_line_and_survives_a_checkpoint(
 
 
 @pytest.mark.parametrize("settings", [RaceCurriculumSettings, TargetSettings])
-def test_episodes_begin_at_the_start_line_where_that_is_set(ground: CircuitSet, settings: type) -> None:
+def test_episodes_begin_at_the_start_line_where_that_is_set(circuits: CircuitSet, settings: type) -> None:
     rng = np.random.default_rng(0)
     for start_line in (True, False):
         episodes = settings(start_line=start_line).make([load_vehicle("panigale_v4r")]).episodes(0)
@@ -220,12 +220,12 @@ def test_episodes_begin_at_the_start_line_where_that_is_set(ground: CircuitSet, 
 
 
 def test_both_arms_of_the_comparison_draw_the_same_episodes_at_the_target(
-    ground: CircuitSet, paced: tuple[SpdlCurriculum, int]
+    circuits: CircuitSet, paced: tuple[SpdlCurriculum, int]
 ) -> None:
     """Requests are compared and not settings: starts, lines, speeds, shares; only the number of the update differs."""
     reached, alone = (
-        SpdlCurriculum(ground, PACED),
-        SpdlCurriculum(ground, TargetSettings(spread=0.1, failure_share=0.5)),
+        SpdlCurriculum(circuits, PACED),
+        SpdlCurriculum(circuits, TargetSettings(spread=0.1, failure_share=0.5)),
     )
     reached.restore(paced[0].state_dict())
     reached.distribution = reached.target  # the last bits of the way
@@ -241,26 +241,26 @@ def test_both_arms_of_the_comparison_draw_the_same_episodes_at_the_target(
         assert replace(contexts[0], number=0.0) == replace(contexts[1], number=0.0)
 
 
-def test_a_fixed_schedule_ends_at_the_target_whatever_the_returns(ground: CircuitSet) -> None:
-    curriculum = SpdlCurriculum(ground, ScheduleSettings(iteration=10, schedule=100))
+def test_a_fixed_schedule_ends_at_the_target_whatever_the_returns(circuits: CircuitSet) -> None:
+    curriculum = SpdlCurriculum(circuits, ScheduleSettings(iteration=10, schedule=100))
     for step in range(10, 130, 10):
         curriculum.episodes(step)
-    apart = [entry.kl for entry in curriculum.steps]
+    apart = [entry[-2] for entry in curriculum.steps]
     assert apart == sorted(apart, reverse=True)
     assert apart[-1] == pytest.approx(0.0, abs=1e-9)
     assert curriculum.steps[4].mean == pytest.approx(tuple(0.5 * np.add(FIRST_MEAN, TARGET_MEAN)))
 
 
-def test_an_update_looks_at_the_episodes_since_the_one_before(ground: CircuitSet) -> None:
+def test_an_update_looks_at_the_episodes_since_the_one_before(circuits: CircuitSet) -> None:
     """Returns that were low long ago do not hold an agent back that has become good."""
-    curriculum = SpdlCurriculum(ground, SpdlSettings(threshold=1.0, kl=1.0, iteration=10))
+    curriculum = SpdlCurriculum(circuits, SpdlSettings(threshold=1.0, kl=1.0, iteration=10))
     rng, preview = np.random.default_rng(0), RaceTask().preview
     for step, total in ((10, 0.0), (20, 2.0)):
         episodes = curriculum.episodes(step - 10)
         for _ in range(90):
             curriculum.ended(ended(episodes.draw(rng, preview), total=total))
         curriculum.episodes(step)
-    assert [entry.value for entry in curriculum.steps] == pytest.approx([0.0, 2.0])
+    assert [entry[-1] for entry in curriculum.steps] == pytest.approx([0.0, 2.0])
 
 
 def test_densities_are_those_of_contexts_drawn_within_their_limits() -> None:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bike_training.curricula.spdl import TOLERANCE, Gaussian, SelfPaced, Stage, divergence, line_of
+from bike_training.curricula.spdl import EASIER, HARDER, TOLERANCE, WAITS, Gaussian, SelfPaced, divergence, line_of
 
 
 def gaussian(rng, size=3):
@@ -56,7 +56,7 @@ def test_a_good_agent_is_led_to_the_target_in_bounded_steps():
     now, apart = START, divergence(START, TARGET)
     for number in range(400):
         update = paced.update(now, *sampled(now, lambda context: 2.0, seed=number), reached=True)
-        assert update.stage is Stage.HARDER
+        assert update.stage == HARDER
         assert divergence(now, update.distribution) <= 0.05 * (1.0 + 2.0 * TOLERANCE)
         now = update.distribution
         assert divergence(now, TARGET) <= apart + 1e-9
@@ -70,7 +70,7 @@ def test_harder_contexts_are_not_drawn_where_they_cost_too_much():
     """Values fall towards the target: the update goes as far as the threshold allows and no farther."""
     paced = SelfPaced(TARGET, threshold=1.0, step=5.0)
     update = paced.update(START, *sampled(START, lambda context: 1.2 - context.mean(), 400), reached=True)
-    assert update.stage is Stage.HARDER
+    assert update.stage == HARDER
     assert update.value >= 1.0 - TOLERANCE
     assert update.value < update.before
     assert update.distribution.mean.mean() > 0.0
@@ -80,11 +80,11 @@ def test_before_the_threshold_was_met_easier_contexts_are_sought():
     paced = SelfPaced(TARGET, threshold=10.0, step=0.05)
     contexts = sampled(START, lambda context: -context.sum(), 200)
     update = paced.update(START, *contexts, reached=False)
-    assert update.stage is Stage.EASIER
+    assert update.stage == EASIER
     assert update.value > update.before
     assert divergence(START, update.distribution) <= 0.05 * (1.0 + 2.0 * TOLERANCE)
     waiting = paced.update(START, *contexts, reached=True)
-    assert waiting.stage is Stage.WAITS
+    assert waiting.stage == WAITS
     assert waiting.distribution is START
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import MISSING, Field, fields, is_dataclass
-from typing import Any, TypeVar
+from typing import Any, ClassVar, Final, TypeVar
 
 from bike_sim.documents import DocumentError, alternatives, parse_yaml, show
 
@@ -23,21 +23,10 @@ def check_number(name: str, value: float, least: float = -math.inf, most: float 
         ValueError: naming the setting and its value.
     """
     if not (math.isfinite(value) and least <= value <= most):
-        wanted = "finite" if math.isinf(least) else f"at least {least:g}"
-        if math.isfinite(most):
-            wanted = f"{least:g} to {most:g}"
+        wanted = "positive" if least == POSITIVE[0] else f"at least {least:g}"
+        if math.isfinite(most) or math.isinf(least):
+            wanted = "finite" if math.isinf(least) else f"{least:g} to {most:g}"
         raise ValueError(f"setting {name}={value!r} must be {wanted}")
-
-
-def check_positive(name: str, value: float) -> None:
-    """Refuse a number that is not positive and finite.
-
-    Raises:
-        ValueError: naming the setting and its value.
-    """
-    check_number(name, value)
-    if not value > 0.0:
-        raise ValueError(f"setting {name}={value!r} must be positive")
 
 
 def check_choice(name: str, value: str, choices: Any) -> None:
@@ -50,13 +39,44 @@ def check_choice(name: str, value: str, choices: Any) -> None:
         raise ValueError(f"setting {name}={show(value)} is not known; {alternatives(value, choices)}")
 
 
-def to_plain(value: Any) -> Any:
-    """Return a record, or a value of one, as tables, lists, texts, numbers and truth values."""
+POSITIVE: Final = (math.nextafter(0.0, 1.0), math.inf)
+AT_LEAST_0: Final = (0.0, math.inf)
+AT_LEAST_1: Final = (1.0, math.inf)
+"""Limits of numbers."""
+
+
+class Settings:
+    """A record whose numbers have limits.
+
+    Attributes:
+        place: name of the record, for messages.
+        limits: least and largest value of numbers by name.
+    """
+
+    place: ClassVar[str] = ""
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {}
+
+    def __post_init__(self) -> None:
+        """Refuse values that mean nothing.
+
+        Raises:
+            ValueError: naming the setting and its value.
+        """
+        for name, (least, most) in self.limits.items():
+            check_number(f"{self.place}.{name}".lstrip("."), getattr(self, name), least, most)
+
+
+def to_plain(record: Any) -> dict[str, Any]:
+    """Return a record as tables, lists, texts, numbers and truth values."""
+    return {spec.name: _plain(getattr(record, spec.name)) for spec in fields(record)}
+
+
+def _plain(value: Any) -> Any:
     if is_dataclass(value):
-        return {spec.name: to_plain(getattr(value, spec.name)) for spec in fields(value)}
+        return to_plain(value)
     if isinstance(value, Mapping):
-        return {name: to_plain(part) for name, part in value.items()}
-    return [to_plain(part) for part in value] if isinstance(value, list | tuple) else value
+        return {name: _plain(part) for name, part in value.items()}
+    return [_plain(part) for part in value] if isinstance(value, list | tuple) else value
 
 
 def from_plain(kind: type[RecordT], stored: Any, place: str) -> RecordT:

@@ -1,7 +1,8 @@
-"""The protocol of a curriculum, which draws episodes and adapts to their results."""
+"""What a curriculum is, which draws episodes and adapts to their results."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.vehicles.bicycle import Vehicle
+from bike_training.settings import Settings
 
 
 class EndedEpisode(NamedTuple):
@@ -40,35 +42,33 @@ class Episodes(Protocol):
             preview: what the task needs to see of the course.
             row: which of the vehicles side by side begins; it decides which machine that is.
         """
-        ...
 
 
-class Curriculum(Protocol):
-    """Decides which episodes are drawn during learning."""
+class Curriculum(ABC):
+    """Decides which episodes are drawn during learning.
 
-    @property
-    def part(self) -> int:
-        """Number of the present part, from 1; always 1 without parts."""
-        ...
+    Attributes:
+        part: number of the present part, from 1; always 1 without parts.
+        finished_at: learning step at which all was passed that it has to teach, or None.
+    """
 
-    @property
-    def finished_at(self) -> int | None:
-        """Learning step at which all was passed that it has to teach, or None."""
-        ...
+    part: int = 1
+    finished_at: int | None = None
 
     @property
     def finished(self) -> bool:
         """Whether all that it has to teach has been passed."""
-        ...
+        return self.finished_at is not None
 
+    @abstractmethod
     def episodes(self, step: int) -> Episodes:
         """Return where episodes are drawn from at a learning step."""
-        ...
 
     def may_validate(self, step: int) -> bool:
         """Return whether a validation means something at a learning step."""
-        ...
+        return True
 
+    @abstractmethod
     def validation_requests(self, preview: Preview, rng: np.random.Generator) -> list[ResetRequest]:
         """Draw the rides of one validation, for rows that take the machines in turn.
 
@@ -76,55 +76,53 @@ class Curriculum(Protocol):
             preview: what the task needs to see of the course.
             rng: draws.
         """
-        ...
 
+    @abstractmethod
     def selection_requests(self, preview: Preview) -> list[ResetRequest]:
         """Return the rides that actors are compared on: always the same, and none that a validation draws."""
-        ...
 
+    @abstractmethod
     def passes(self, errors: Sequence[float]) -> bool:
         """Return whether a validation with these errors was fully successful."""
-        ...
 
-    def ended(self, episode: EndedEpisode) -> None:
+    def ended(self, episode: EndedEpisode) -> None:  # noqa: B027
         """Take note of how an episode of learning went."""
-        ...
 
     def validated(self, step: int, errors: Sequence[float]) -> bool:
         """Take the errors of a validation; return whether a part was passed with it."""
-        ...
+        if self.finished or not self.passes(errors):
+            return False
+        self.finished_at = step
+        return True
 
     def figures(self) -> dict[str, float]:
         """Return its figures for the logs beside its part, by name."""
-        ...
+        return {}
 
     def state_dict(self) -> dict[str, Any]:
         """Return where it stands, as plain values and arrays."""
-        ...
+        return {"part": self.part, "finished_at": self.finished_at}
 
     def restore(self, stored: dict[str, Any]) -> None:
         """Continue from where :meth:`state_dict` was taken."""
-        ...
+        self.part, self.finished_at = stored["part"], stored["finished_at"]
 
 
-class CurriculumSettings(Protocol):
-    """Settings of a curriculum; `bike_training.settings` says what a record is."""
+class CurriculumSettings(Settings, ABC):
+    """Settings of a curriculum; `bike_training.settings` says what a record is.
 
-    @property
-    def curriculum(self) -> str:
-        """Name of its kind."""
-        ...
+    Attributes:
+        curriculum: name of its kind.
+        validate_every: least learning steps between two validations.
+        select_every: learning steps between two comparisons of actors once the curriculum is finished.
+    """
 
-    @property
-    def validate_every(self) -> int:
-        """Least number of learning steps between two validations."""
-        ...
+    place = "curriculum"
+    curriculum: str
+    validate_every: int
+    select_every: int
 
-    @property
-    def select_every(self) -> int:
-        """Learning steps between two comparisons of actors once the curriculum is finished."""
-        ...
-
+    @abstractmethod
     def make(self, vehicles: Sequence[Vehicle]) -> Curriculum:
         """Return the curriculum of vehicles, which rows take in turn, at its beginning.
 
@@ -132,4 +130,3 @@ class CurriculumSettings(Protocol):
             ValueError: it is not for these vehicles.
             FileNotFoundError: an unknown course.
         """
-        ...

@@ -6,16 +6,16 @@ Source: Weyrer et al. (2026), Sects. 4.2 and 4.3, Table 4, Fig. 7.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Any, Final
+from dataclasses import astuple, dataclass, replace
+from typing import Any, ClassVar, Final
 
 import numpy as np
 
 from bike_sim.course.random_courses import CURRICULUM_PATHS, PathRanges
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.vehicles.bicycle import Vehicle
-from bike_training.curricula.base import EndedEpisode
-from bike_training.settings import check_choice, check_number
+from bike_training.curricula.base import Curriculum, CurriculumSettings
+from bike_training.settings import AT_LEAST_1
 from bike_training.tasks.path import DISTANCE_THRESHOLD, VALIDATION_DURATION, VALIDATION_THRESHOLD
 
 SPEED_RANGES: Final = ((4.0, 4.0), (2.0, 7.0), (2.0, 7.0), (2.0, 7.0))
@@ -83,7 +83,7 @@ sharp transfers at high speed. The hard lane change of the benchmark path (10 m 
 
 
 @dataclass(frozen=True, kw_only=True)
-class PartsSettings:
+class PartsSettings(CurriculumSettings):
     """Settings of the curriculum in four parts.
 
     Attributes:
@@ -96,6 +96,12 @@ class PartsSettings:
         select_every: learning steps between two comparisons of actors once the curriculum is finished.
     """
 
+    limits: ClassVar = {
+        "validate_every": AT_LEAST_1,
+        "select_every": AT_LEAST_1,
+        "last_speeds": (0.0, 1000.0),
+    }
+
     curriculum: str = "parts"
     refine: bool = False
     sharp: bool = False
@@ -103,24 +109,13 @@ class PartsSettings:
     validate_every: int = 4000
     select_every: int = 10_000
 
-    def __post_init__(self) -> None:
-        """Refuse values that mean nothing.
-
-        Raises:
-            ValueError: naming the setting and its value.
-        """
-        check_choice("curriculum.curriculum", self.curriculum, ("parts",))
-        for name in ("validate_every", "select_every"):
-            check_number(f"curriculum.{name}", getattr(self, name), 1)
-        check_number("curriculum.last_speeds", self.last_speeds, 0, 1000)
-
     def make(self, vehicles: Sequence[Vehicle]) -> PartsCurriculum:
-        """Return the curriculum at its beginning; see `CurriculumSettings`."""
+        """Return the curriculum at its beginning."""
         return PartsCurriculum(self)
 
 
-class PartsCurriculum:
-    """The four parts of the paper; implements `bike_training.curricula.base.Curriculum`.
+class PartsCurriculum(Curriculum):
+    """The four parts of the paper.
 
     Attributes:
         part: 1 to 4; 5 once the curriculum is finished.
@@ -131,21 +126,11 @@ class PartsCurriculum:
     def __init__(self, settings: PartsSettings | None = None) -> None:
         """Begin with the first part."""
         self._settings = settings or PartsSettings()
-        self.part = 1
         self.entered_at = 0
-        self.finished_at: int | None = None
-
-    @property
-    def finished(self) -> bool:
-        """Whether a validation of the last part was fully successful."""
-        return self.finished_at is not None
 
     def may_validate(self, step: int) -> bool:
         """Return whether the intervals no longer grow; while they do no validation is made."""
         return not 1 < self.part <= PARTS or step - self.entered_at >= TRANSITION_STEPS
-
-    def ended(self, episode: EndedEpisode) -> None:
-        """Need nothing of an episode; validations decide."""
 
     def episodes(self, step: int) -> RideRanges:
         """Return the intervals at a learning step, growing linearly after a new part began."""
@@ -161,14 +146,10 @@ class PartsCurriculum:
         growing = _ranges_between(stages[self.part - 2], stages[self.part - 1], share)
         return replace(growing, also=stages[self.part - 1].also if self._settings.sharp else ())
 
-    def validation(self) -> RideRanges:
-        """Return the intervals of validation rides: those of the present part, at most of the last."""
-        part = min(self.part, PARTS)
-        return RideRanges(SPEED_RANGES[part - 1], CURRICULUM_PATHS[part - 1])
-
     def validation_requests(self, preview: Preview, rng: np.random.Generator) -> list[ResetRequest]:
-        """Draw the rides of a validation, on paths that are long enough for all of a ride."""
-        episodes = self.validation()
+        """Draw the rides of a validation in the present part or the last, on paths long enough for all of a ride."""
+        part = min(self.part, PARTS)
+        episodes = RideRanges(SPEED_RANGES[part - 1], CURRICULUM_PATHS[part - 1])
         chosen = [episodes] * VALIDATION_RIDES
         if self.part >= PARTS and self._settings.last_speeds:
             speeds = np.linspace(*episodes.speed, self._settings.last_speeds).tolist()
@@ -197,17 +178,14 @@ class PartsCurriculum:
         """Return whether a validation was fully successful: every ride's error e_i is at most eta_e (Eq. 13)."""
         return max(errors) <= VALIDATION_THRESHOLD / DISTANCE_THRESHOLD
 
-    def figures(self) -> dict[str, float]:
-        """Return nothing: the part says all."""
-        return {}
-
     def state_dict(self) -> dict[str, Any]:
         """Return where it stands as plain values."""
-        return {"part": self.part, "entered_at": self.entered_at, "finished_at": self.finished_at}
+        return {**super().state_dict(), "entered_at": self.entered_at}
 
     def restore(self, stored: dict[str, Any]) -> None:
         """Continue from where :meth:`state_dict` was taken."""
-        self.part, self.entered_at, self.finished_at = stored["part"], stored["entered_at"], stored["finished_at"]
+        super().restore(stored)
+        self.entered_at = stored["entered_at"]
 
     def validated(self, step: int, errors: Sequence[float]) -> bool:
         """Take the errors e_i of a validation and return whether a part was passed."""
@@ -221,13 +199,9 @@ class PartsCurriculum:
 
 
 def _ranges_between(before: RideRanges, after: RideRanges, share: float) -> RideRanges:
-    paths = {
-        spec.name: _between(getattr(before.paths, spec.name), getattr(after.paths, spec.name), share)
-        for spec in fields(PathRanges)
-    }
-    low, high = (_between(a, b, share) for a, b in zip(before.speed, after.speed, strict=True))
-    return RideRanges((low, high), PathRanges(**paths))
+    def between(a: float, b: float) -> float:
+        return a + (b - a) * share
 
-
-def _between(a: float, b: float, share: float) -> float:
-    return a + (b - a) * share
+    paths = PathRanges(*map(between, astuple(before.paths), astuple(after.paths)))
+    low, high = map(between, before.speed, after.speed)
+    return RideRanges((low, high), paths)

@@ -1,7 +1,7 @@
 """Episodes of races: starts along circuits, more often where rides fail.
 
 Two curricula: `RaceCurriculum` asks the same of every episode; `SpeedCurriculum` a share of the planned speed that
-rises while episodes stay whole. The self-paced one is in `spdl.py`.
+rises while episodes stay whole. The self-paced one is in `spdl.py`. All are the distribution of their episodes.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +23,8 @@ from bike_sim.sim.followed_line import FollowedLine
 from bike_sim.sim.request import IDEAL, Preview, ResetRequest
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.superbike import Superbike
-from bike_training.curricula.base import EndedEpisode
-from bike_training.settings import check_number, check_positive
+from bike_training.curricula.base import Curriculum, CurriculumSettings, EndedEpisode
+from bike_training.settings import AT_LEAST_1, POSITIVE, check_number
 from bike_training.tasks.race import RaceContext
 
 FloatArray = NDArray[np.float64]
@@ -92,87 +92,8 @@ class CircuitSet:
         return share * float(followed.limit(limits).speed_at(followed.place(progress)))
 
 
-class Failures:
-    """Counts where rides fail, circuit by circuit, and forgets slowly."""
-
-    def __init__(self, ground: CircuitSet) -> None:
-        """Begin with none."""
-        self.counts = {name: np.zeros(math.ceil(ground.length(name) / BIN)) for name in ground.names}
-
-    def note(self, name: str, progress: float, failed: bool) -> None:
-        """Take note of where an episode ended, m along the circuit."""
-        count = self.counts[name]
-        count *= FORGET
-        if failed:
-            count[int(progress / BIN) % len(count)] += 1.0
-
-    def draw(self, name: str, rng: np.random.Generator) -> float | None:
-        """Return a place where rides have failed lately, m, or None where none has."""
-        count = self.counts[name]
-        total = float(count.sum())
-        if total < 0.5:
-            return None
-        place = rng.choice(len(count), p=count / total)
-        return (int(place) + float(rng.random())) * BIN
-
-
-@dataclass(frozen=True)
-class RaceEpisodes:
-    """Episodes of races; implements `bike_training.curricula.base.Episodes`.
-
-    Attributes:
-        ground: the circuits.
-        failures: where rides failed lately.
-        share: part of the planned speed that is asked.
-        spread: half width of the interval that it is drawn from.
-        failure_share: part of the starts that lead up to failures.
-        start_line: whether the other starts are at the start line, instead of anywhere.
-    """
-
-    ground: CircuitSet
-    failures: Failures
-    share: float
-    spread: float = 0.0
-    failure_share: float = 0.0
-    start_line: bool = False
-
-    def context(self, rng: np.random.Generator) -> RaceContext:
-        """Draw what an episode asks."""
-        return RaceContext(share=self.share + self.spread * float(rng.uniform(-1.0, 1.0)))
-
-    def lam(self, context: RaceContext) -> float:
-        """Return which line is followed."""
-        return IDEAL
-
-    def draw(self, rng: np.random.Generator, preview: Preview, row: int = 0) -> ResetRequest:
-        """Draw how an episode begins; see `Episodes`."""
-        ground = self.ground
-        name = ground.names[int(rng.integers(len(ground.names)))]
-        context = self.context(rng)
-        lam = self.lam(context)
-        length = ground.length(name)
-        progress = float(rng.uniform(0.0, length)) * (not self.start_line)
-        failed = self.failures.draw(name, rng) if rng.random() < self.failure_share else None
-        if failed is not None:
-            before = float(rng.uniform(*RUN_UP)) * ground.start(name, lam, failed % length, 1.0, row)
-            progress = (failed - before) % length
-        share = float(rng.uniform(*START_SHARES)) * min(1.0, context.share)
-        speed = min(max(ground.start(name, lam, progress, share, row), 5.0), context.v_max)
-        return ResetRequest(
-            seed=int(rng.integers(2**31)),
-            course=name,
-            speed_range=(speed, speed),
-            perturb=True,
-            line=lam,
-            progress=progress,
-            start_offset=float(rng.uniform(-START_OFFSET, START_OFFSET)),
-            preview=preview,
-            context=context.to_request(),
-        )
-
-
 @dataclass(frozen=True, kw_only=True)
-class RaceCurriculumSettings:
+class RaceCurriculumSettings(CurriculumSettings):
     """Settings of the curriculum that asks the same of every episode.
 
     Attributes:
@@ -187,6 +108,12 @@ class RaceCurriculumSettings:
         select_every: learning steps between two comparisons of actors, once a validation was whole.
     """
 
+    limits: ClassVar = {
+        "share": POSITIVE,
+        "failure_share": (0.0, 1.0),
+        **dict.fromkeys(("sampled", "validate_every", "select_every"), AT_LEAST_1),
+    }
+
     curriculum: str = "none"
     circuits: tuple[str, ...] = ("barcelona",)
     share: float = 1.0
@@ -198,74 +125,93 @@ class RaceCurriculumSettings:
     select_every: int = 30_000
 
     def __post_init__(self) -> None:
-        """Refuse values that mean nothing.
-
-        Raises:
-            ValueError: naming the setting and its value.
-        """
-        check_positive("curriculum.share", self.share)
+        """Refuse values that mean nothing."""
+        super().__post_init__()
         check_number("curriculum.spread", self.spread, 0.0, 0.9 * self.share)
-        check_number("curriculum.failure_share", self.failure_share, 0.0, 1.0)
-        for name in ("sampled", "validate_every", "select_every"):
-            check_number(f"curriculum.{name}", getattr(self, name), 1)
         if not self.circuits or not all(name.strip() for name in self.circuits):
             raise ValueError(f"setting curriculum.circuits={list(self.circuits)} must name circuits")
 
     def make(self, vehicles: Sequence[Vehicle]) -> RaceCurriculum:
-        """Return the curriculum at its beginning; see `CurriculumSettings`."""
+        """Return the curriculum at its beginning."""
         return RaceCurriculum(CircuitSet(vehicles, self.circuits), self)
 
 
-class RaceCurriculum:
-    """The same asked of every episode; implements `bike_training.curricula.base.Curriculum`.
+class RaceCurriculum(Curriculum):
+    """The same asked of every episode.
 
     It is finished when all rides of a validation were whole: laps from several places, with never both contact points
     outside. Learning goes on, and actors are compared from then on.
 
     Attributes:
-        ground: the circuits.
+        circuits: that are ridden.
         share: part of the planned speed that is asked now.
-        failures: where rides failed lately.
-        part: always 1 here.
-        finished_at: learning step of the first validation with all rides whole, or None.
+        failures: how often rides failed lately in each section of each circuit.
     """
 
-    def __init__(self, ground: CircuitSet, settings: RaceCurriculumSettings | None = None) -> None:
+    def __init__(self, circuits: CircuitSet, settings: RaceCurriculumSettings | None = None) -> None:
         """Begin without failures."""
-        settings = settings or RaceCurriculumSettings()
-        self.ground, self._common = ground, settings
-        self.share = settings.share
-        self.failures = Failures(ground)
-        self.part = 1
-        self.finished_at: int | None = None
+        self.circuits, self.settings = circuits, settings or RaceCurriculumSettings()
+        self.share = self.settings.share
+        self.failures = {name: np.zeros(math.ceil(circuits.length(name) / BIN)) for name in circuits.names}
 
-    @property
-    def finished(self) -> bool:
-        """Whether a validation was whole."""
-        return self.finished_at is not None
+    def episodes(self, step: int) -> RaceCurriculum:
+        """Return itself."""
+        return self
 
-    def episodes(self, step: int) -> RaceEpisodes:
-        """Return where episodes begin; see `Curriculum`."""
-        common = self._common
-        return RaceEpisodes(
-            self.ground, self.failures, self.share, common.spread, common.failure_share, common.start_line
+    def context(self, rng: np.random.Generator) -> RaceContext:
+        """Draw what an episode asks."""
+        return RaceContext(share=self.share + self.settings.spread * float(rng.uniform(-1.0, 1.0)))
+
+    def line(self, context: RaceContext) -> float:
+        """Return which line is followed."""
+        return IDEAL
+
+    def draw(self, rng: np.random.Generator, preview: Preview, row: int = 0) -> ResetRequest:
+        """Draw how an episode begins; see `Episodes`."""
+        circuits, settings = self.circuits, self.settings
+        name = circuits.names[int(rng.integers(len(circuits.names)))]
+        context = self.context(rng)
+        lam = self.line(context)
+        length = circuits.length(name)
+        progress = float(rng.uniform(0.0, length)) * (not settings.start_line)
+        failed = self._failure(name, rng) if rng.random() < settings.failure_share else None
+        if failed is not None:
+            before = float(rng.uniform(*RUN_UP)) * circuits.start(name, lam, failed % length, 1.0, row)
+            progress = (failed - before) % length
+        share = float(rng.uniform(*START_SHARES)) * min(1.0, context.share)
+        speed = min(max(circuits.start(name, lam, progress, share, row), 5.0), context.v_max)
+        return ResetRequest(
+            seed=int(rng.integers(2**31)),
+            course=name,
+            speed_range=(speed, speed),
+            perturb=True,
+            line=lam,
+            progress=progress,
+            start_offset=float(rng.uniform(-START_OFFSET, START_OFFSET)),
+            preview=preview,
+            context=context.to_request(),
         )
 
-    def may_validate(self, step: int) -> bool:
-        """Return True: nothing changes but the starts."""
-        return True
+    def _failure(self, name: str, rng: np.random.Generator) -> float | None:
+        """Return a place where rides have failed lately, m, or None where none has."""
+        count = self.failures[name]
+        total = float(count.sum())
+        if total < 0.5:
+            return None
+        place = rng.choice(len(count), p=count / total)
+        return (int(place) + float(rng.random())) * BIN
 
     def validation_requests(self, preview: Preview, rng: np.random.Generator) -> list[ResetRequest]:
         """Draw circuits, and rides from places around each of them."""
         shift, seed = float(rng.random()), int(rng.integers(2**31))
-        names = self.ground.names
-        if len(names) > self._common.sampled:
-            names = tuple(names[i] for i in sorted(rng.choice(len(names), self._common.sampled, replace=False)))
+        names = self.circuits.names
+        if len(names) > self.settings.sampled:
+            names = tuple(names[i] for i in sorted(rng.choice(len(names), self.settings.sampled, replace=False)))
         return self._around(names, VALIDATION_STARTS, shift, 0.8, preview, seed)
 
     def selection_requests(self, preview: Preview) -> list[ResetRequest]:
         """Return rides from the same places around each circuit, at speeds from 0.5 to 0.9 of the theoretical."""
-        names = self.ground.names[: self._common.sampled]
+        names = self.circuits.names[: self.settings.sampled]
         count = max(LEAST_STARTS, SELECTION_STARTS // len(names))
         return self._around(names, count, 0.0, None, preview, SELECTION_SEED)
 
@@ -274,11 +220,11 @@ class RaceCurriculum:
     ) -> list[ResetRequest]:
         found: list[ResetRequest] = []
         for name in names:
-            length = self.ground.length(name)
+            length = self.circuits.length(name)
             for k in range(count):
                 progress = (k + shift) / count * length % length
                 part = share if share is not None else 0.5 + 0.4 * ((k * 0.6180339887) % 1.0)
-                speed = max(self.ground.start(name, IDEAL, progress, part, len(found)), 5.0)
+                speed = max(self.circuits.start(name, IDEAL, progress, part, len(found)), 5.0)
                 found.append(
                     ResetRequest(
                         seed=seed + k,
@@ -287,45 +233,35 @@ class RaceCurriculum:
                         perturb=True,
                         progress=progress,
                         preview=preview,
-                        context=RaceContext(share=self.final_share).to_request(),
+                        context=RaceContext(share=self.settings.share).to_request(),
                     )
                 )
         return found
-
-    @property
-    def final_share(self) -> float:
-        """Part of the planned speed that validations ask."""
-        return self._common.share
 
     def passes(self, errors: Sequence[float]) -> bool:
         """Return whether all rides were whole."""
         return max(errors) < 1.0
 
     def ended(self, episode: EndedEpisode) -> None:
-        """Note where an episode failed."""
-        request = episode.request
-        self.failures.note(request.course, episode.progress % self.ground.length(request.course), episode.failed)
-
-    def validated(self, step: int, errors: Sequence[float]) -> bool:
-        """Return whether this validation was the first whole one."""
-        if self.finished or not self.passes(errors):
-            return False
-        self.finished_at = step
-        return True
+        """Note where an episode failed; what was noted before counts less."""
+        name = episode.request.course
+        count = self.failures[name]
+        count *= FORGET
+        if episode.failed:
+            count[int(episode.progress % self.circuits.length(name) / BIN) % len(count)] += 1.0
 
     def figures(self) -> dict[str, float]:
         """Return the share of the planned speed that is asked."""
         return {"share": self.share}
 
     def state_dict(self) -> dict[str, Any]:
-        """Return where it stands; see `Curriculum`."""
-        counts = {name: count.copy() for name, count in self.failures.counts.items()}
-        return {"finished_at": self.finished_at, "failures": counts}
+        """Return where it stands."""
+        return {**super().state_dict(), "failures": {name: count.copy() for name, count in self.failures.items()}}
 
     def restore(self, stored: dict[str, Any]) -> None:
-        """Continue; see `Curriculum`."""
-        self.finished_at = stored["finished_at"]
-        for name, count in self.failures.counts.items():
+        """Continue."""
+        super().restore(stored)
+        for name, count in self.failures.items():
             count[:] = stored["failures"][name]
 
 
@@ -347,28 +283,24 @@ class SpeedSettings(RaceCurriculumSettings):
         counted: episodes that must have been ridden with a share, WHOLE_SHARE of them whole, before it rises.
     """
 
+    limits: ClassVar = {**RaceCurriculumSettings.limits, "first_share": POSITIVE, "counted": AT_LEAST_1}
+
     curriculum: str = "speed"
     first_share: float = 0.6
     counted: int = 100
 
-    def __post_init__(self) -> None:
-        """Refuse values that mean nothing."""
-        super().__post_init__()
-        check_positive("curriculum.first_share", self.first_share)
-        check_number("curriculum.counted", self.counted, 1)
-
     def make(self, vehicles: Sequence[Vehicle]) -> SpeedCurriculum:
-        """Return the curriculum at its beginning; see `CurriculumSettings`."""
+        """Return the curriculum at its beginning."""
         return SpeedCurriculum(CircuitSet(vehicles, self.circuits), self)
 
 
 class SpeedCurriculum(RaceCurriculum):
     """A share of the planned speed that rises while episodes stay whole."""
 
-    def __init__(self, ground: CircuitSet, settings: SpeedSettings | None = None) -> None:
+    def __init__(self, circuits: CircuitSet, settings: SpeedSettings | None = None) -> None:
         """Begin slowly."""
         settings = settings or SpeedSettings()
-        super().__init__(ground, settings)
+        super().__init__(circuits, settings)
         self.share, self._counted = settings.first_share, settings.counted
         self._lately: list[bool] = []
 
@@ -377,20 +309,20 @@ class SpeedCurriculum(RaceCurriculum):
         super().ended(episode)
         self._lately = [*self._lately, not episode.failed][-self._counted :]
         enough = len(self._lately) == self._counted and sum(self._lately) >= WHOLE_SHARE * self._counted
-        if enough and self.share < self.final_share:
-            self.share = min(self.final_share, self.share + RISE)
+        if enough and self.share < self.settings.share:
+            self.share = min(self.settings.share, self.share + RISE)
             self.part += 1
             self._lately = []
 
     def may_validate(self, step: int) -> bool:
         """Return whether all of the speed is asked."""
-        return self.share >= self.final_share
+        return self.share >= self.settings.share
 
     def state_dict(self) -> dict[str, Any]:
-        """Return where it stands; see `Curriculum`."""
-        return {**super().state_dict(), "share": self.share, "part": self.part, "lately": list(self._lately)}
+        """Return where it stands."""
+        return {**super().state_dict(), "share": self.share, "lately": list(self._lately)}
 
     def restore(self, stored: dict[str, Any]) -> None:
-        """Continue; see `Curriculum`."""
+        """Continue."""
         super().restore(stored)
-        self.share, self.part, self._lately = stored["share"], stored["part"], list(stored["lately"])
+        self.share, self._lately = stored["share"], list(stored["lately"])

@@ -16,9 +16,8 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
-from enum import Enum
-from typing import Any, Final, NamedTuple
+from dataclasses import dataclass
+from typing import Any, ClassVar, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +25,8 @@ from scipy.optimize import minimize
 
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_training.curricula.base import EndedEpisode
-from bike_training.curricula.race import LINE_STEPS, CircuitSet, RaceCurriculum, RaceCurriculumSettings, RaceEpisodes
-from bike_training.settings import check_number, check_positive
+from bike_training.curricula.race import LINE_STEPS, CircuitSet, RaceCurriculum, RaceCurriculumSettings
+from bike_training.settings import AT_LEAST_1, POSITIVE
 from bike_training.tasks.race import RaceContext
 
 FloatArray = NDArray[np.float64]
@@ -93,12 +92,8 @@ FARTHEST: Final = 5.0
 """Largest change of a parameter in an update."""
 
 
-class Stage(Enum):
-    """Result of an update."""
-
-    HARDER = "towards the target"
-    EASIER = "towards contexts of higher value"
-    WAITS = "waits for the agent"
+HARDER, EASIER, WAITS = "towards the target", "towards contexts of higher value", "waits for the agent"
+"""What an update did."""
 
 
 class Update(NamedTuple):
@@ -112,7 +107,7 @@ class Update(NamedTuple):
     """
 
     distribution: Gaussian
-    stage: Stage
+    stage: str
     value: float
     before: float
 
@@ -157,11 +152,11 @@ class SelfPaced:
         before = value(begin)
         if before >= self.threshold:
             found = self._solve(begin, old, lambda new: divergence(new, self.target), value)
-            return Update(found, Stage.HARDER, value(found), before)
+            return Update(found, HARDER, value(found), before)
         if not reached:
             found = self._solve(begin, old, lambda new: -value(new), None)
-            return Update(found, Stage.EASIER, value(found), before)
-        return Update(old, Stage.WAITS, before, before)
+            return Update(found, EASIER, value(found), before)
+        return Update(old, WAITS, before, before)
 
     def _bounds(self, old: Gaussian) -> list[tuple[float, float]]:
         size = len(old.mean)
@@ -260,56 +255,6 @@ def log_mass_inside(distribution: Gaussian) -> float:
     return math.log(max(inside, 1) / len(drawn))
 
 
-class SpdlStep(NamedTuple):
-    """One update, for the log.
-
-    Attributes:
-        iteration: its number.
-        step: learning step.
-        stage: what it did.
-        mean: of the scaled context.
-        std: of each number.
-        kl: to the target, nat.
-        value: expected return.
-    """
-
-    iteration: int
-    step: int
-    stage: str
-    mean: tuple[float, ...]
-    std: tuple[float, ...]
-    kl: float
-    value: float
-
-
-@dataclass(frozen=True)
-class SpdlEpisodes(RaceEpisodes):
-    """Episodes whose context is drawn from a distribution.
-
-    Attributes:
-        distribution: of the scaled context.
-        number: of its iteration.
-    """
-
-    distribution: Gaussian = FIRST
-    number: int = 0
-
-    def context(self, rng: np.random.Generator) -> RaceContext:
-        """Draw a context; what lies outside of [0, 1] is drawn anew, so that the density stays that of the Gaussian."""
-        for _ in range(100):
-            drawn = self.distribution.draw(rng)
-            if np.all((drawn >= -1e-9) & (drawn <= 1.0)):
-                break
-        inside = np.clip(drawn, 0.0, 1.0)
-        v_max = SLOWEST + float(inside[2]) * (FASTEST - SLOWEST)
-        share = super().context(rng).share
-        return RaceContext(float(inside[0]), float(inside[1]), v_max, share, float(self.number))
-
-    def lam(self, context: RaceContext) -> float:
-        """Return the line of Eq. (3)."""
-        return line_of(context.d_median, context.d_ideal, context.v_max)
-
-
 def scheduled(target: Gaussian, part: float) -> Gaussian:
     """Return the distribution at a part of a fixed schedule from the first one (0) to the target (1 and beyond).
 
@@ -329,16 +274,13 @@ class TargetSettings(RaceCurriculumSettings):
         iteration: learning steps between two rows of the log.
     """
 
+    limits: ClassVar = {**RaceCurriculumSettings.limits, "iteration": AT_LEAST_1}
+
     curriculum: str = "target"
     iteration: int = 5000
 
-    def __post_init__(self) -> None:
-        """Refuse values that mean nothing."""
-        super().__post_init__()
-        check_number("curriculum.iteration", self.iteration, 1)
-
     def make(self, vehicles: Sequence[Vehicle]) -> SpdlCurriculum:
-        """Return the curriculum at its beginning; see `CurriculumSettings`."""
+        """Return the curriculum at its beginning."""
         return SpdlCurriculum(CircuitSet(vehicles, self.circuits), self)
 
 
@@ -351,13 +293,10 @@ class ScheduleSettings(TargetSettings):
         schedule: learning steps after which it is at the target.
     """
 
+    limits: ClassVar = {**TargetSettings.limits, "schedule": AT_LEAST_1}
+
     curriculum: str = "schedule"
     schedule: int = 150_000
-
-    def __post_init__(self) -> None:
-        """Refuse values that mean nothing."""
-        super().__post_init__()
-        check_number("curriculum.schedule", self.schedule, 1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -370,36 +309,31 @@ class SpdlSettings(TargetSettings):
         kl: largest divergence of an update, nat (epsilon).
     """
 
+    limits: ClassVar = {**TargetSettings.limits, "threshold": (-math.inf, math.inf), "kl": POSITIVE}
+
     curriculum: str = "spdl"
     threshold: float = 500.0
     kl: float = 0.05
 
-    def __post_init__(self) -> None:
-        """Refuse values that mean nothing."""
-        super().__post_init__()
-        check_number("curriculum.threshold", self.threshold)
-        check_positive("curriculum.kl", self.kl)
-
 
 class SpdlCurriculum(RaceCurriculum):
-    """SPDL with one threshold, or a baseline of it; implements `bike_training.curricula.base.Curriculum`.
+    """SPDL with one threshold, or a baseline of it.
 
     Attributes:
         distribution: of the scaled context.
         target: distribution that all ends with.
-        steps: updates so far.
+        steps: updates so far, a row each: its number, learning step, what it did, mean and standard deviation of each
+            number of the scaled context, divergence to the target (nat), and expected return before.
     """
 
-    def __init__(self, ground: CircuitSet, settings: TargetSettings | None = None) -> None:
+    settings: TargetSettings
+
+    def __init__(self, circuits: CircuitSet, settings: TargetSettings | None = None) -> None:
         """Begin near the median at low speed, or with the target."""
         settings = settings or SpdlSettings()
-        super().__init__(ground, settings)
-        self._settings = settings
+        super().__init__(circuits, settings)
         self.target = Gaussian.with_std(TARGET_MEAN, TARGET_STD)
-        self.steps: list[SpdlStep] = []
-        self._paced: SelfPaced | None = None
-        if isinstance(settings, SpdlSettings):
-            self._paced = SelfPaced(self.target, settings.threshold, settings.kl, np.array(LEAST_STD))
+        self.steps: list[list[Any]] = []
         begins_easy = isinstance(settings, SpdlSettings | ScheduleSettings)
         self.distribution = FIRST if begins_easy else self.target
         self._seen: deque[tuple[FloatArray, float, float]] = deque(maxlen=MAX_EPISODES)
@@ -407,39 +341,54 @@ class SpdlCurriculum(RaceCurriculum):
         self._updated = 0
         self._history = [self.distribution]
 
-    def episodes(self, step: int) -> SpdlEpisodes:
-        """Return where episodes begin, after the update of an iteration that has ended."""
-        if step - self._updated >= self._settings.iteration:
+    def context(self, rng: np.random.Generator) -> RaceContext:
+        """Draw a context; what lies outside of [0, 1] is drawn anew, so that the density stays that of the Gaussian."""
+        for _ in range(100):
+            drawn = self.distribution.draw(rng)
+            if np.all((drawn >= -1e-9) & (drawn <= 1.0)):
+                break
+        inside = np.clip(drawn, 0.0, 1.0)
+        v_max = SLOWEST + float(inside[2]) * (FASTEST - SLOWEST)
+        share = super().context(rng).share
+        return RaceContext(float(inside[0]), float(inside[1]), v_max, share, float(len(self._history) - 1))
+
+    def line(self, context: RaceContext) -> float:
+        """Return the line of Eq. (3)."""
+        return line_of(context.d_median, context.d_ideal, context.v_max)
+
+    def episodes(self, step: int) -> RaceCurriculum:
+        """Return itself, after the update of an iteration that has ended."""
+        if step - self._updated >= self.settings.iteration:
             self._updated = step
             self._update(step)
-        episodes = super().episodes(step)
-        common = {each.name: getattr(episodes, each.name) for each in fields(episodes)}
-        return SpdlEpisodes(**common, distribution=self.distribution, number=len(self._history) - 1)
+        return self
 
     def _update(self, step: int) -> None:
-        stage = Stage.WAITS
+        settings, stage = self.settings, WAITS
         value = float(np.mean([seen[2] for seen in self._seen])) if self._seen else float("nan")
-        if isinstance(self._settings, ScheduleSettings):
-            self.distribution, stage = scheduled(self.target, step / self._settings.schedule), Stage.HARDER
-            self._history.append(self.distribution)
-            self._seen.clear()
-        elif self._paced is not None and len(self._seen) >= LEAST_EPISODES:
+        found: Gaussian | None = None
+        if isinstance(settings, ScheduleSettings):
+            found, stage = scheduled(self.target, step / settings.schedule), HARDER
+        elif isinstance(settings, SpdlSettings) and len(self._seen) >= LEAST_EPISODES:
             contexts, sampled, values = (np.array(part) for part in zip(*self._seen, strict=True))
-            result = self._paced.update(self.distribution, contexts, sampled, values, self._reached)
-            self.distribution, stage, value = result.distribution, result.stage, result.before
-            self._reached |= stage is Stage.HARDER
-            self._history.append(self.distribution)
+            paced = SelfPaced(self.target, settings.threshold, settings.kl, np.array(LEAST_STD))
+            found, stage, _, value = paced.update(self.distribution, contexts, sampled, values, self._reached)
+            self._reached |= stage == HARDER
+        if found is not None:
+            self.distribution = found
+            self._history.append(found)
             self._seen.clear()
+        now = self.distribution
         self.steps.append(
-            SpdlStep(
+            [
                 len(self.steps) + 1,
                 step,
-                stage.value,
-                tuple(self.distribution.mean.tolist()),
-                tuple(self.distribution.std.tolist()),
-                divergence(self.distribution, self.target),
+                stage,
+                now.mean.tolist(),
+                now.std.tolist(),
+                divergence(now, self.target),
                 value,
-            )
+            ]
         )
 
     def ended(self, episode: EndedEpisode) -> None:
@@ -457,31 +406,27 @@ class SpdlCurriculum(RaceCurriculum):
         """Return mean and standard deviation of the scaled context, its divergence to the target, and the value."""
         if not self.steps:
             return super().figures()
-        last = self.steps[-1]
-        means = {f"mean_{name}": value for name, value in zip(NAMES, last.mean, strict=True)}
-        stds = {f"std_{name}": value for name, value in zip(NAMES, last.std, strict=True)}
-        return {**super().figures(), **means, **stds, "kl_to_target": last.kl, "value": last.value}
+        *_, mean, std, kl, value = self.steps[-1]
+        means = {f"mean_{name}": number for name, number in zip(NAMES, mean, strict=True)}
+        stds = {f"std_{name}": number for name, number in zip(NAMES, std, strict=True)}
+        return {**super().figures(), **means, **stds, "kl_to_target": kl, "value": value}
 
     def state_dict(self) -> dict[str, Any]:
-        """Return where it stands; see `Curriculum`."""
+        """Return where it stands."""
         return {
             **super().state_dict(),
             "distributions": np.array([each.to_flat() for each in self._history]),
             "seen": np.array([[*context, sampled, value] for context, sampled, value in self._seen]).reshape(-1, 5),
             "reached": self._reached,
             "updated": self._updated,
-            "steps": [list(step) for step in self.steps],
+            "steps": list(self.steps),
         }
 
     def restore(self, stored: dict[str, Any]) -> None:
-        """Continue; see `Curriculum`."""
+        """Continue."""
         super().restore(stored)
         self._history = [Gaussian.from_flat(flat) for flat in stored["distributions"]]
         self.distribution = self._history[-1]
         self._seen.clear()
         self._seen.extend((row[:3].copy(), float(row[3]), float(row[4])) for row in stored["seen"])
-        self._reached, self._updated = stored["reached"], stored["updated"]
-        self.steps = [
-            SpdlStep(number, step, stage, tuple(mean), tuple(std), kl, value)
-            for number, step, stage, mean, std, kl, value in stored["steps"]
-        ]
+        self._reached, self._updated, self.steps = stored["reached"], stored["updated"], list(stored["steps"])

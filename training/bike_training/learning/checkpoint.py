@@ -7,13 +7,11 @@ anew from its settings and then takes the stored numbers over, by name.
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import random
 import shutil
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
@@ -31,7 +29,7 @@ _ARRAY: Final = "$array"
 
 
 def write_tree(tree: dict[str, Any], plain: Path, tensors: Path) -> None:
-    """Write a tree of tables, lists, texts, numbers, truth values, None and NumPy arrays.
+    """Write a tree of tables, lists, texts, numbers, truth values, None and arrays.
 
     Args:
         tree: what to write.
@@ -44,35 +42,28 @@ def write_tree(tree: dict[str, Any], plain: Path, tensors: Path) -> None:
     arrays: dict[str, NDArray[Any]] = {}
     text = json.dumps(_without_arrays(tree, "", arrays))
     save_file(arrays, tensors)
-    unfinished = plain.with_name(f"{plain.name}.part")
-    unfinished.write_text(text, encoding="utf-8")
-    unfinished.replace(plain)
+    write_whole(plain, text)
 
 
-def read_plain(plain: Path) -> dict[str, Any]:
-    """Read the JSON file of a tree; its arrays are still missing.
-
-    Raises:
-        ValueError: no such tree.
-    """
-    tree = json.loads(plain.read_text(encoding="utf-8"))
-    if not isinstance(tree, dict):
-        raise ValueError(f"it holds a {type(tree).__name__} and not a table")
-    return tree
-
-
-def with_tensors(plain: dict[str, Any], tensors: Path) -> dict[str, Any]:
-    """Return a tree with its arrays.
+def read_tree(plain: Path, tensors: Path, kind: str) -> dict[str, Any]:
+    """Read what :func:`write_tree` wrote.
 
     Args:
-        plain: result of :func:`read_plain`.
-        tensors: its safetensors file.
+        plain: JSON file.
+        tensors: safetensors file.
+        kind: what the tree must hold as its ``format``.
 
     Raises:
-        SafetensorError: a damaged file. KeyError: an array is missing there.
+        ValueError: no such tree, or a damaged file.
     """
-    found: dict[str, Any] = _with_arrays(plain, load_file(tensors))
-    return found
+    with readable(plain):
+        tree = json.loads(plain.read_text(encoding="utf-8"))
+        found = tree.get("format") if isinstance(tree, dict) else type(tree).__name__
+        if found != kind:
+            raise ValueError(f"its format is {found!r} and not {kind}")
+    with readable(tensors):
+        whole: dict[str, Any] = _with_arrays(tree, load_file(tensors))
+    return whole
 
 
 def _without_arrays(node: Any, name: str, arrays: dict[str, NDArray[Any]]) -> Any:
@@ -83,7 +74,10 @@ def _without_arrays(node: Any, name: str, arrays: dict[str, NDArray[Any]]) -> An
         return {key: _without_arrays(value, f"{name}/{key}" if name else key, arrays) for key, value in node.items()}
     if isinstance(node, list | tuple):
         return [_without_arrays(value, f"{name}/{index}", arrays) for index, value in enumerate(node)]
-    return node.item() if isinstance(node, np.generic) else node
+    if isinstance(node, np.generic):
+        return node.item()
+    # Those of torch and JAX.
+    return _without_arrays(np.asarray(node), name, arrays) if hasattr(node, "__array__") else node
 
 
 def _with_arrays(node: Any, arrays: dict[str, NDArray[Any]]) -> Any:
@@ -105,21 +99,19 @@ _COUNTERS: Final = (
 """Counters of Stable-Baselines3."""
 
 _TRAIN_STATES: Final = ("policy.actor_state", "policy.qf_state", "ent_coef_state")
-_TRAIN_PARTS: Final = ("step", "params", "target_params", "opt_state")
 _KEYS: Final = ("key", "policy.key", "policy.noise_key")
 """Attributes in which sbx keeps networks with their optimisers, and its random keys."""
 
 
 def learner_state(model: OffPolicyAlgorithm) -> dict[str, Any]:
     """Return all that :func:`restore_learner` needs but the replay buffer, as plain values and arrays."""
-    networks = _torch_arrays(model) if isinstance(model, SAC) else _jax_arrays(model)
     started = model._last_obs is not None
     return {
         "counters": {name: getattr(model, name) for name in _COUNTERS},
         "episodes": [dict(info) for info in model.ep_info_buffer or ()],
         "last_observations": np.array(model._last_obs) if started else None,
         "last_episode_starts": np.array(model._last_episode_starts) if started else None,
-        "networks": networks,
+        "networks": _networks(model),
         "generators": _generators(model),
     }
 
@@ -141,10 +133,8 @@ def restore_learner(model: OffPolicyAlgorithm, stored: dict[str, Any]) -> None:
     model.ep_success_buffer = deque(maxlen=model._stats_window_size)  # no task here tells of success
     model._last_obs = stored["last_observations"]
     model._last_episode_starts = stored["last_episode_starts"]
-    if isinstance(model, SAC):
-        _restore_torch(model, stored["networks"])
-    else:
-        _restore_jax(model, stored["networks"])
+    restore = _restore_torch if isinstance(model, SAC) else _restore_jax
+    restore(model, stored["networks"])
     _restore_generators(model, stored["generators"])  # last: making a learner draws
 
 
@@ -166,7 +156,18 @@ def _restore_generators(model: OffPolicyAlgorithm, stored: dict[str, Any]) -> No
     model.action_space.np_random.bit_generator.state = stored["action_space"]
 
 
-def _torch_modules(model: SAC) -> dict[str, Any]:
+def _networks(model: Any) -> dict[str, Any]:
+    """Return networks, optimisers and random keys by name, as tables of arrays."""
+    if isinstance(model, SAC):
+        found = {name: part.state_dict() for name, part in _torch_parts(model).items()}
+        return found if model.log_ent_coef is None else {**found, "log_ent_coef": model.log_ent_coef.detach()}
+    from flax.serialization import to_state_dict
+
+    states = {name: to_state_dict(_attribute(model, name)) for name in _TRAIN_STATES}
+    return {**states, **{name: _attribute(model, name) for name in _KEYS}}
+
+
+def _torch_parts(model: SAC) -> dict[str, Any]:
     """Return what holds tensors, by name; the policy holds actor, critics and their targets."""
     found: dict[str, Any] = {
         "policy": model.policy,
@@ -178,83 +179,50 @@ def _torch_modules(model: SAC) -> dict[str, Any]:
     return found
 
 
-def _torch_tensors(model: SAC) -> Iterator[tuple[str, torch.Tensor]]:
-    for name, module in _torch_modules(model).items():
-        if isinstance(module, torch.optim.Optimizer):
-            for number, moments in module.state_dict()["state"].items():
-                yield from ((f"{name}/{number}/{key}", value) for key, value in moments.items())
-        else:
-            yield from ((f"{name}/{key}", value) for key, value in module.state_dict().items())
-    if model.log_ent_coef is not None:
-        yield "log_ent_coef", model.log_ent_coef
-
-
-def _torch_arrays(model: SAC) -> dict[str, NDArray[Any]]:
-    return {name: tensor.detach().cpu().numpy().copy() for name, tensor in _torch_tensors(model)}
-
-
-def _restore_torch(model: SAC, stored: dict[str, NDArray[Any]]) -> None:
-    tensors = {name: torch.from_numpy(np.array(array)) for name, array in stored.items()}
-    for name, module in _torch_modules(model).items():
-        own = {key.removeprefix(f"{name}/"): value for key, value in tensors.items() if key.startswith(f"{name}/")}
-        if not isinstance(module, torch.optim.Optimizer):
-            _check_shapes(name, {key: value.shape for key, value in module.state_dict().items()}, own)
-            module.load_state_dict(own)
+def _restore_torch(model: Any, stored: dict[str, Any]) -> None:
+    _check_shapes("policy", model.policy.state_dict(), stored["policy"])
+    for name, part in _torch_parts(model).items():
+        if not isinstance(part, torch.optim.Optimizer):
+            part.load_state_dict(_tensors(stored[name]))
             continue
-        state: dict[int, dict[str, torch.Tensor]] = {}
-        for key, value in own.items():
-            number, _, moment = key.partition("/")
-            state.setdefault(int(number), {})[moment] = value
+        state = {int(number): _tensors(moments) for number, moments in stored[name]["state"].items()}
         # The groups hold settings only, which the new learner has already.
-        module.load_state_dict({"state": state, "param_groups": module.state_dict()["param_groups"]})
+        part.load_state_dict({"state": state, "param_groups": part.state_dict()["param_groups"]})
     if model.log_ent_coef is not None:
-        model.log_ent_coef.data = tensors["log_ent_coef"]
+        model.log_ent_coef.data = torch.from_numpy(stored["log_ent_coef"])
 
 
-def _check_shapes(name: str, wanted: dict[str, Any], stored: dict[str, Any]) -> None:
+def _tensors(arrays: dict[str, NDArray[Any]]) -> dict[str, torch.Tensor]:
+    return {name: torch.from_numpy(np.array(array)) for name, array in arrays.items()}
+
+
+def _check_shapes(name: str, wanted: Any, stored: Any) -> None:
     """Refuse networks of another kind before anything is changed.
 
     Raises:
         ValueError: naming the first difference.
     """
-    if set(wanted) != set(stored):
-        raise ValueError(f"{name} has other parts: {sorted(set(wanted) ^ set(stored))[:3]}")
-    for key, shape in wanted.items():
-        if tuple(shape) != tuple(stored[key].shape):
-            raise ValueError(f"{name}/{key} has shape {tuple(stored[key].shape)}, the learner needs {tuple(shape)}")
+    if isinstance(wanted, Mapping):
+        if set(wanted) != set(stored):
+            raise ValueError(f"{name} has other parts: {sorted(set(wanted) ^ set(stored))[:3]}")
+        for key, part in wanted.items():
+            _check_shapes(f"{name}/{key}", part, stored[key])
+    elif np.shape(wanted) != np.shape(stored):
+        raise ValueError(f"{name} has shape {np.shape(stored)}, the learner needs {tuple(np.shape(wanted))}")
 
 
-def _jax_leaves(model: Any, place: str) -> tuple[dict[str, Any], Any]:
-    """Return the numbers of one network with its optimiser by stable path names, and how they fit together."""
-    import jax
-
-    state = _attribute(model, place)
-    parts = {part: getattr(state, part) for part in _TRAIN_PARTS if hasattr(state, part)}
-    leaves, tree = jax.tree_util.tree_flatten_with_path(parts)
-    return {f"{place}{jax.tree_util.keystr(path)}": leaf for path, leaf in leaves}, tree
-
-
-def _jax_arrays(model: Any) -> dict[str, NDArray[Any]]:
-    found = {key: np.array(_attribute(model, key)) for key in _KEYS}
-    for place in _TRAIN_STATES:
-        found.update({name: np.array(leaf) for name, leaf in _jax_leaves(model, place)[0].items()})
-    return found
-
-
-def _restore_jax(model: Any, stored: dict[str, NDArray[Any]]) -> None:
+def _restore_jax(model: Any, stored: dict[str, Any]) -> None:
     import jax
     import jax.numpy as jnp
+    from flax.serialization import from_state_dict
 
-    for place in _TRAIN_STATES:
-        leaves, tree = _jax_leaves(model, place)
-        own = {key: value for key, value in stored.items() if key.startswith((f"{place}[", f"{place}."))}
-        _check_shapes(place, {key: np.shape(leaf) for key, leaf in leaves.items()}, own)
-        parts = jax.tree_util.tree_unflatten(
-            tree, [jnp.asarray(own[key], dtype=jnp.asarray(leaf).dtype) for key, leaf in leaves.items()]
-        )
-        _set_attribute(model, place, _attribute(model, place).replace(**parts))
-    for key in _KEYS:
-        _set_attribute(model, key, jnp.asarray(stored[key]))
+    own = _networks(model)
+    _check_shapes("networks", own, stored)
+    parts = jax.tree.map(lambda new, old: jnp.asarray(old, dtype=jnp.asarray(new).dtype), own, stored)
+    for name in _TRAIN_STATES:
+        _set_attribute(model, name, from_state_dict(_attribute(model, name), parts[name]))
+    for name in _KEYS:
+        _set_attribute(model, name, parts[name])
 
 
 def _attribute(model: Any, place: str) -> Any:
@@ -268,12 +236,10 @@ def _set_attribute(model: Any, place: str, value: Any) -> None:
 
 
 CHECKPOINT: Final = "checkpoint"
-FORMAT: Final = "bike.checkpoint/1"
+FORMAT: Final = "bike.checkpoint/2"
 _FRESH, _OLD = f"{CHECKPOINT}.new", f"{CHECKPOINT}.old"
 _STATE, _TENSORS, _REPLAY = "state.json", "tensors.safetensors", "replay.npz"
 """The state is written last: where it is, the checkpoint is whole."""
-_PICKLED: Final = "state.pkl"
-"""Name of its counterpart in checkpoints of earlier versions."""
 _ARRAYS: Final = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 
 
@@ -309,8 +275,7 @@ def find_checkpoint(folder: Path) -> Path | None:
 
 def holds_run(folder: Path) -> bool:
     """Return whether a folder holds a run that can go on, or what is left of one that did."""
-    pickled = (folder / CHECKPOINT / _PICKLED).exists()
-    return pickled or find_checkpoint(folder) is not None or (folder / "run.json").exists()
+    return find_checkpoint(folder) is not None or (folder / "run.json").exists()
 
 
 class Checkpoint:
@@ -327,13 +292,14 @@ class Checkpoint:
             FileNotFoundError: there is none.
             ValueError: it is damaged, or another version of this software wrote it.
         """
-        self._folder = _present(folder)
-        with _readable(self._folder / _STATE) as path:
-            plain = read_plain(path)
-            if plain.get("format") != FORMAT:
-                raise ValueError(f"its format is {plain.get('format')!r} and not {FORMAT}")
-        with _readable(self._folder / _TENSORS) as path:
-            state = with_tensors(plain, path)
+        found = find_checkpoint(folder)
+        if found is None:
+            raise FileNotFoundError(
+                f"{folder} holds no checkpoint ({folder / CHECKPOINT / _STATE} is missing); "
+                "a run that ended before its first one begins anew, without --resume"
+            )
+        self._folder = found
+        state = read_tree(found / _STATE, found / _TENSORS, FORMAT)
         with self.reading():
             self.run: dict[str, Any] = state["run"]
             self._learner: dict[str, Any] = state["learner"]
@@ -344,7 +310,8 @@ class Checkpoint:
         Raises:
             ValueError: it is damaged, or of another task.
         """
-        with _readable(self._folder / _REPLAY) as path:
+        path = self._folder / _REPLAY
+        with readable(path):
             _load_replay(path, model.replay_buffer)
         with self.reading():
             restore_learner(model, self._learner)
@@ -352,25 +319,8 @@ class Checkpoint:
     @contextmanager
     def reading(self) -> Iterator[None]:
         """Name this checkpoint in whatever goes wrong while the state of the run is taken over."""
-        with _readable(self._folder):
+        with readable(self._folder):
             yield
-
-
-def drop_rows_after(path: Path, step: int) -> None:
-    """Drop the rows of a run's table that were written after its checkpoint, and one that a kill cut short.
-
-    Args:
-        path: CSV file with the learning step in its first column; it need not exist.
-        step: last learning step that the checkpoint knows of.
-    """
-    if not path.exists():
-        return
-    with path.open(newline="", encoding="utf-8") as file:
-        rows = list(csv.reader(file))
-    kept = [row for row in rows if len(row) == len(rows[0]) and (not row[0].isdigit() or int(row[0]) <= step)]
-    text = io.StringIO(newline="")
-    csv.writer(text).writerows(kept)
-    write_whole(path, text.getvalue())
 
 
 def write_whole(path: Path, text: str) -> None:
@@ -380,29 +330,13 @@ def write_whole(path: Path, text: str) -> None:
     unfinished.replace(path)
 
 
-def _present(folder: Path) -> Path:
-    checkpoint = find_checkpoint(folder)
-    if checkpoint is not None:
-        return checkpoint
-    pickled = folder / CHECKPOINT / _PICKLED
-    if pickled.exists():
-        raise ValueError(
-            f"{pickled.parent} was written by an earlier version, as a pickle, which could run code of its maker; it "
-            "is no longer read, so begin the run anew in another folder"
-        )
-    raise FileNotFoundError(
-        f"{folder} holds no checkpoint ({folder / CHECKPOINT / _STATE} is missing); "
-        "a run that ended before its first one begins anew, without --resume"
-    )
-
-
 @contextmanager
-def _readable(path: Path) -> Iterator[Path]:
+def readable(path: Path) -> Iterator[None]:
     """Turn whatever a damaged file of a checkpoint raises while it is read into one clear error."""
     if not (path.is_file() or path.is_dir()):  # a pipe would be waited for
         raise ValueError(f"{path} cannot be read (it is missing, or no regular file); the checkpoint is damaged")
     try:
-        yield path
+        yield
     except OSError:
         raise  # names the file
     except Exception as error:

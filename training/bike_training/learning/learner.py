@@ -73,11 +73,8 @@ def build_model(algorithm: SacSettings, task: Task, env: VecEnv, seed: int) -> O
     Raises:
         ValueError: a setting that this learner or this task has not.
     """
-    for name in ("precondition", "critic_only", "unseen"):
-        if getattr(algorithm, name) and algorithm.learner != "sbx":
-            raise ValueError(
-                f"setting learner.{name}={getattr(algorithm, name)} needs the learner sbx, not {algorithm.learner}"
-            )
+    if algorithm.precondition and algorithm.learner != "sbx":
+        raise ValueError(f"setting learner.precondition=True needs the learner sbx, not {algorithm.learner}")
     buffer: dict[str, Any] = {}
     if algorithm.mirror:
         buffer = {
@@ -112,7 +109,8 @@ def build_model(algorithm: SacSettings, task: Task, env: VecEnv, seed: int) -> O
     from bike_training.learning.preconditioning import networks
 
     common["policy_kwargs"]["layer_norm"] = algorithm.layer_norm
-    common["policy_kwargs"] |= networks(task.layout, algorithm.precondition, algorithm.critic_only, algorithm.unseen)
+    if algorithm.precondition:
+        common["policy_kwargs"] |= networks(task.layout)
     return JaxSAC("MlpPolicy", env, policy_delay=algorithm.policy_delay, **common)
 
 

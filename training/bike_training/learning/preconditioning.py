@@ -1,18 +1,13 @@
-"""Networks that see an observation in other coordinates, and actors that see less of it than their critics.
+"""Networks that see an observation in other coordinates.
 
 The paper's observation holds roll angles of a tenth beside wheel angles of hundreds, and preview points of metres whose
 second differences of centimetres say how the path bends. Networks whose weights all learn at one pace first learn of
 what is large. The change of coordinates is linear, fixed and invertible, so it shows and hides nothing; it belongs to
 the networks, and the actor that is deployed has it in its first layer and takes the observation as it is.
-
-Critics are needed while learning only, so they may see what no rider could measure, as true slip and load (asymmetric
-actor-critic, Pinto et al. 2018). What only they see is multiplied by 0 for the actor; its weights there are 0 when it
-is deployed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from typing import Any, Final
 
@@ -22,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sbx.common.policies import SquashedGaussianActor, VectorCritic
 
-from bike_policy.contract.observation import TERMS, ObservationLayout
+from bike_policy.contract.observation import ObservationLayout
 from bike_sim.schema import GRAVITY
 
 _SIZES: Final = {
@@ -102,53 +97,17 @@ class PreconditionedCritics(VectorCritic):
         return super().__call__(obs @ jnp.asarray(self.matrix), action)
 
 
-def shown(layout: Any, hidden: str) -> NDArray[np.float32]:
-    """Return 1 for each number of an observation that is shown, and 0 for what is hidden, shape (size,).
-
-    Args:
-        layout: of the observation.
-        hidden: names of numbers, or of terms, with commas between them.
+def networks(layout: ObservationLayout) -> dict[str, Any]:
+    """Return arguments of sbx's policy for networks that see an observation in coordinates of order one.
 
     Raises:
-        ValueError: a name that the observation has not, or nothing is left.
+        ValueError: it is not the observation of a path task.
     """
-    rows_shown = np.ones(layout.size, dtype=np.float32)
-    for name in filter(None, hidden.split(",")):
-        names = set(TERMS[name].numbers(name, layout)) if name in layout.terms else {name}
-        rows = [row for row, known in enumerate(layout.names) if known in names]
-        if not rows:
-            known = ", ".join(dict.fromkeys((*layout.terms, *layout.names)))
-            raise ValueError(f"settings of the learner hide {name!r}; the observation has {known}")
-        rows_shown[rows] = 0.0
-    if not rows_shown.any():
-        raise ValueError(f"settings of the learner hide all of the observation: {hidden}")
-    return rows_shown
-
-
-def networks(layout: Any, precondition: bool, critic_only: str, unseen: str) -> dict[str, Any]:
-    """Return arguments of sbx's policy for networks that do not see an observation as it is.
-
-    Args:
-        layout: of the observation.
-        precondition: whether they see it in coordinates of order one.
-        critic_only: what is hidden from the actor alone, see `shown`.
-        unseen: what is hidden from the critics as well.
-
-    Raises:
-        ValueError: `precondition` with what is not the observation of a path task, or a name that it has not.
-    """
-    if not (precondition or critic_only or unseen):
-        return {}
-    matrix = coordinates(layout) if precondition else np.eye(layout.size, dtype=np.float32)
-    to_actor = shown(layout, f"{unseen},{critic_only}")
-    found = {"actor_class": _seeing(PreconditionedActor, to_actor[:, None] * matrix)}
-    if precondition or unseen:
-        found["vector_critic_class"] = _seeing(PreconditionedCritics, shown(layout, unseen)[:, None] * matrix)
-    return found
-
-
-def _seeing(kind: Callable[..., nn.Module], matrix: NDArray[np.float32]) -> partial[nn.Module]:
-    return partial(kind, matrix=tuple(tuple(map(float, row)) for row in matrix))
+    matrix = tuple(tuple(map(float, row)) for row in coordinates(layout))
+    return {
+        "actor_class": partial(PreconditionedActor, matrix=matrix),
+        "vector_critic_class": partial(PreconditionedCritics, matrix=matrix),
+    }
 
 
 def taken_in(kernel: NDArray[np.float32], actor: nn.Module) -> NDArray[np.float32]:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from importlib import resources
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 from bike_policy.contract.observation import ObservationLayout
 from bike_sim.documents import DocumentError, alternatives, check_name, parse_yaml, read_text, show
@@ -15,17 +16,29 @@ from bike_training.curricula.base import CurriculumSettings
 from bike_training.curricula.parts import PartsSettings
 from bike_training.curricula.race import RaceCurriculumSettings, SpeedSettings
 from bike_training.curricula.spdl import ScheduleSettings, SpdlSettings, TargetSettings
-from bike_training.settings import change_plain, check_choice, check_number, check_positive, from_plain, to_plain
+from bike_training.settings import (
+    AT_LEAST_0,
+    AT_LEAST_1,
+    POSITIVE,
+    Settings,
+    change_plain,
+    check_choice,
+    check_number,
+    from_plain,
+    to_plain,
+)
 from bike_training.tasks.path import TASKS, PathTask
 from bike_training.tasks.race import RaceTask
 
 LARGEST_SEED: Final = 2**32 - 1
 """The generators of the learner take no larger one."""
 SUFFIX: Final = ".yaml"
+MOST_AVERAGING: Final = (0.0, 0.999999)
+"""Limits of the share that an average keeps: 1 would never take in the actor."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class SacSettings:
+class SacSettings(Settings):
     """Settings of soft actor-critic (Haarnoja et al. 2018), and of what goes with it here.
 
     Attributes:
@@ -35,9 +48,6 @@ class SacSettings:
         layers: hidden layers of actor and critics.
         layer_norm: normalise the critics' hidden layers (sbx only).
         precondition: networks see observations in coordinates of order one, see `preconditioning` (sbx only).
-        critic_only: what of the observation the critics see and the actor does not: names of numbers or blocks, with
-            commas between them (sbx only).
-        unseen: what neither sees, named likewise: what learning is worth without it (sbx only).
         batch_size: transitions of an update.
         learning_rate: of actor, critics and temperature.
         final_learning_rate: reached linearly at the end of the run.
@@ -53,14 +63,23 @@ class SacSettings:
         steps: learning steps in all.
     """
 
+    place = "learner"
+    limits: ClassVar = {
+        **dict.fromkeys(("environments", "updates", "batch_size", "buffer_size", "policy_delay", "steps"), AT_LEAST_1),
+        "learning_starts": AT_LEAST_0,
+        **dict.fromkeys(("learning_rate", "tau"), (POSITIVE[0], 1.0)),
+        **dict.fromkeys(("final_learning_rate", "gamma"), (0.0, 1.0)),
+        "averaging": MOST_AVERAGING,
+        "target_entropy": (-math.inf, math.inf),
+        "temperature": POSITIVE,
+    }
+
     learner: str = "sb3"
     environments: int = 1
     updates: int = 1
     layers: tuple[int, ...] = (256, 256)
     layer_norm: bool = False
     precondition: bool = False
-    critic_only: str = ""
-    unseen: str = ""
     batch_size: int = 256
     learning_rate: float = 3e-4
     final_learning_rate: float = 3e-4
@@ -76,28 +95,14 @@ class SacSettings:
     steps: int = 1_000_000
 
     def __post_init__(self) -> None:
-        """Refuse values that mean nothing.
-
-        Raises:
-            ValueError: naming the setting and its value.
-        """
+        """Refuse values that mean nothing."""
+        super().__post_init__()
         check_choice("learner.learner", self.learner, ("sb3", "sbx"))
-        if not self.layers or not all(isinstance(size, int) and size >= 1 for size in self.layers):
-            raise ValueError(f"setting learner.layers={self.layers!r} must be sizes of at least 1")
-        for name in ("environments", "updates", "batch_size", "buffer_size", "policy_delay", "steps"):
-            check_number(f"learner.{name}", getattr(self, name), 1)
-        check_number("learner.learning_starts", self.learning_starts, 0)
-        for name in ("learning_rate", "final_learning_rate", "gamma", "tau", "averaging"):
-            check_number(f"learner.{name}", getattr(self, name), 0.0, 1.0)
-        check_number("learner.target_entropy", self.target_entropy)
-        for name in ("learning_rate", "tau", "temperature"):
-            check_positive(f"learner.{name}", getattr(self, name))
-        if self.averaging == 1.0:
-            raise ValueError("setting learner.averaging=1.0 would never take in the actor")
+        _check_layers(self.layers)
 
 
 @dataclass(frozen=True, kw_only=True)
-class GradientSettings:
+class GradientSettings(Settings):
     """Settings of learning through the derivatives of rides, see `bike_training.learning.gradients`.
 
     Attributes:
@@ -130,6 +135,16 @@ class GradientSettings:
         select_every: segments between two comparisons of actors.
     """
 
+    place = "learner"
+    limits: ClassVar = {
+        **dict.fromkeys(("bicycles", "periods", "updates", "segments", "select_every"), AT_LEAST_1),
+        "steep": (0.0, 1.0),
+        "averaging": MOST_AVERAGING,
+        **dict.fromkeys(("learning_rate", "final_learning_rate", "knee"), POSITIVE),
+        **dict.fromkeys(("square", "steer_rate", "change", "lean", "steer", "risky"), AT_LEAST_0),
+        **dict.fromkeys(("push", "delay", "noise", "impulse"), AT_LEAST_0),
+    }
+
     learner: str = "gradients"
     layers: tuple[int, ...] = (64, 64)
     bicycles: int = 64
@@ -155,23 +170,15 @@ class GradientSettings:
     select_every: int = 25
 
     def __post_init__(self) -> None:
-        """Refuse values that mean nothing.
-
-        Raises:
-            ValueError: naming the setting and its value.
-        """
-        if not self.layers or min(self.layers) < 1:
-            raise ValueError(f"setting learner.layers={self.layers!r} must be sizes of at least 1")
-        for name in ("bicycles", "periods", "updates", "segments", "select_every"):
-            check_number(f"learner.{name}", getattr(self, name), 1)
+        """Refuse values that mean nothing."""
+        super().__post_init__()
+        _check_layers(self.layers)
         check_number("learner.tail", self.tail, 0, self.periods - 1)
-        check_number("learner.steep", self.steep, 0.0, 1.0)
-        check_number("learner.averaging", self.averaging, 0.0, 0.9999)
-        for name in ("learning_rate", "final_learning_rate", "knee"):
-            check_positive(f"learner.{name}", getattr(self, name))
-        weights = ("square", "steer_rate", "change", "lean", "steer", "risky")
-        for name in (*weights, "push", "delay", "noise", "impulse"):
-            check_number(f"learner.{name}", getattr(self, name), 0.0)
+
+
+def _check_layers(layers: tuple[int, ...]) -> None:
+    if not layers or not all(isinstance(size, int) and size >= 1 for size in layers):
+        raise ValueError(f"setting learner.layers={layers!r} must be sizes of at least 1")
 
 
 RACE_CURRICULA: Final[Mapping[str, type[Any]]] = {
@@ -245,8 +252,7 @@ class Preset:
 
     def to_plain(self) -> dict[str, Any]:
         """Return plain values that :meth:`from_plain` reads."""
-        plain: dict[str, Any] = to_plain(self)
-        return plain
+        return to_plain(self)
 
     @classmethod
     def from_plain(cls, stored: Any, name: str | None = None) -> Preset:
@@ -263,8 +269,7 @@ class Preset:
             raise ValueError(f"a preset must be a table of settings, got {show(stored)}")
         unknown = sorted(set(map(str, stored)) - {"name", *KINDS})
         if unknown:
-            older = "; a version whose settings had no paths wrote it" if "layers" in unknown else ""
-            raise ValueError(f"a preset has no setting {show(unknown[0])}{older}; {alternatives(unknown[0], KINDS)}")
+            raise ValueError(f"a preset has no setting {show(unknown[0])}; {alternatives(unknown[0], KINDS)}")
         records = {place: _record(place, stored.get(place, {})) for place in KINDS}
         return cls(name=check_name(stored.get("name") if name is None else name, "name of a preset"), **records)
 
@@ -309,8 +314,7 @@ def _of_kind(place: str, plain: Mapping[str, Any], kind: Any) -> dict[str, Any]:
     check_choice(place, kind, KINDS[place])
     known = {spec.name for spec in fields(KINDS[place][kind])}
     kept = {name: value for name, value in plain.items() if name in known and value != default[name]}
-    changed: dict[str, Any] = to_plain(_record(place, {**kept, place: kind}))
-    return changed
+    return to_plain(_record(place, {**kept, place: kind}))
 
 
 @functools.cache

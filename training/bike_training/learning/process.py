@@ -6,19 +6,21 @@ import contextlib
 import json
 import math
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import Logger, make_output_format
 from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecEnv
 
 from bike_policy.contract.bundle import Actor
 from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.simulator import Simulator
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.curricula.base import EndedEpisode, Episodes
 from bike_training.curricula.parts import RideRanges
@@ -26,11 +28,11 @@ from bike_training.envs.env import BikeEnv
 from bike_training.envs.node_process import NodeLost
 from bike_training.envs.vec_env import BatchVecEnv, SimulatorVecEnv
 from bike_training.interruption import signals_handled
-from bike_training.learning import validation
 from bike_training.learning.checkpoint import Checkpoint, holds_run, save_checkpoint, write_whole
 from bike_training.learning.learner import AveragedActor, actor_tensors, build_model
-from bike_training.learning.progress import Progress, RunTables, no_logger, session_logger, summarise
+from bike_training.learning.progress import Progress, summarise
 from bike_training.learning.run_settings import TRAINING_DRAWS, VALIDATION_DRAWS, RunSettings, draws
+from bike_training.learning.validation import SideBySide, keep, ride_side_by_side
 from bike_training.tasks.base import Task
 
 if TYPE_CHECKING:
@@ -45,117 +47,6 @@ class StopLearning(Exception):
     """Ends a run at a point where a checkpoint is whole."""
 
 
-class LearningCallback(BaseCallback):
-    """Validates, selects, logs, saves and reports between two steps of the learner.
-
-    Attributes:
-        consistent: whether a checkpoint would be whole now.
-        stop_wanted: whether the run is to end before the next step.
-    """
-
-    def __init__(self, process: LearningProcess, report: Callable[[], None] | None) -> None:
-        """Serve a run; `report` is called between two steps."""
-        super().__init__()
-        self.process = process
-        self.report = report
-        self.clock = time.perf_counter()
-        self.saved_at = 0
-        self.logged_at = 0
-        self.consistent = True
-        self.stop_wanted = False
-
-    def _on_training_start(self) -> None:
-        self.clock = time.perf_counter()
-        self.saved_at = self.logged_at = self.num_timesteps
-
-    def _tick(self) -> None:
-        now = time.perf_counter()
-        self.process.progress.seconds += now - self.clock
-        self.clock = now
-
-    def _on_rollout_start(self) -> None:
-        # Between two steps everything is whole: the last transition is stored and learned from.
-        self.consistent = True
-        process, progress = self.process, self.process.progress
-        self._tick()
-        if progress.handled_at != self.num_timesteps:
-            before, progress.handled_at = progress.handled_at, self.num_timesteps
-            self._take_step(before)
-        if self.num_timesteps - self.logged_at >= LOG_EVERY:
-            self.logged_at = self.num_timesteps
-            for name, value in progress.curriculum.figures().items():
-                self.logger.record(f"curriculum/{name}", value)
-            self.model.dump_logs()  # type: ignore[attr-defined]
-        if self.num_timesteps - self.saved_at >= process.settings.checkpoint_every:
-            self.saved_at = self.num_timesteps
-            process.save()
-        if self.report:
-            self.report()
-        if self.stop_wanted:
-            raise KeyboardInterrupt
-        if process.settings.until_finished and progress.curriculum.finished:
-            raise StopLearning
-        episodes = progress.curriculum.episodes(self.num_timesteps)
-        self.training_env.env_method("set_episodes", episodes)
-        self.consistent = False
-
-    def _take_step(self, before: int) -> None:
-        """Average the actor after a step, and validate, compare and keep it where that is due.
-
-        Args:
-            before: learning step of the one before.
-        """
-        process, progress = self.process, self.process.progress
-        preset = process.settings.preset
-        if self.num_timesteps > preset.sac.learning_starts:
-            progress.averaged.update(self.model, max(1, preset.sac.updates))  # type: ignore[arg-type]
-        if self.validation_is_due():
-            process.validate()
-        if validation.comparison_is_due(progress, self.num_timesteps, preset.curriculum.select_every):
-            process.select()
-        every = process.settings.keep_every
-        if every and self.num_timesteps // every > max(before, 0) // every:
-            process.keep()
-
-    def _may_validate(self) -> bool:
-        every = self.process.settings.preset.curriculum.validate_every
-        return self.process.progress.may_validate(self.num_timesteps, every)
-
-    def validation_is_due(self) -> bool:
-        """Return whether an episode has asked for a validation; asking forgets it."""
-        progress = self.process.progress
-        due, progress.validation_due = progress.validation_due, False
-        return due and self._may_validate()
-
-    def _on_step(self) -> bool:
-        for info in self.locals["infos"]:
-            if "episode" in info:
-                episode, failed = info["episode"], not info.get("TimeLimit.truncated", False)
-                self.process.progress.curriculum.ended(
-                    EndedEpisode(info["request"], float(episode["r"]), int(episode["l"]), failed, info["progress"])
-                )
-        if any(info.get("TimeLimit.truncated") for info in self.locals["infos"]) and self._may_validate():
-            self.process.progress.validation_due = True
-        return True
-
-    def _on_training_end(self) -> None:
-        self._tick()
-        self.consistent = True
-
-
-@contextmanager
-def stopping_between_steps(callback: LearningCallback) -> Iterator[None]:
-    """Let the signals that end a program end a run where its checkpoint is whole; a second one ends it at once."""
-
-    def stop(number: int, frame: FrameType | None) -> None:
-        if callback.stop_wanted:
-            raise KeyboardInterrupt
-        callback.stop_wanted = True
-
-    with signals_handled(stop):
-        yield
-
-
 def make_environment(settings: RunSettings, task: Task, episodes: Episodes) -> VecEnv:
     """Return the vector environment of a run, not yet seeded for it."""
     count = settings.preset.sac.environments
@@ -167,8 +58,10 @@ def make_environment(settings: RunSettings, task: Task, episodes: Episodes) -> V
     )
 
 
-class LearningProcess:
+class LearningProcess(BaseCallback):
     """Runs a preset until its steps are done, it is stopped, or its curriculum is finished.
+
+    Between two steps of the learner it validates, selects, logs, saves and reports.
 
     Attributes:
         settings: of the run.
@@ -179,6 +72,8 @@ class LearningProcess:
         model: the learner.
         progress: how far it has come.
     """
+
+    model: OffPolicyAlgorithm
 
     def __init__(self, settings: RunSettings, out: Path, steps: int, resume: bool = False) -> None:
         """Prepare a run.
@@ -195,6 +90,7 @@ class LearningProcess:
                 for the vehicle.
             NodeLost: a simulator behind ROS did not start.
         """
+        super().__init__()
         if steps < 1:
             raise ValueError(f"learning steps must be at least 1, got {steps}")
         preset = settings.preset
@@ -207,9 +103,12 @@ class LearningProcess:
             AveragedActor(preset.sac.averaging),
             np.random.default_rng(draws(settings.seed, VALIDATION_DRAWS)),
         )
-        self._tables = RunTables(out, self.task.error_name)
+        self._report: Callable[[LearningProcess], None] | None = None
+        self._clock, self._saved_at, self._logged_at = time.perf_counter(), 0, 0
+        self._consistent, self._stop_wanted = True, False
         self._opened = contextlib.ExitStack()
-        self._validator = validation.Validator(settings, self.task)
+        self._validation: SideBySide | None = None
+        self._recorder: TrainingRecorder | None = None
         try:
             if resume:
                 self._take_up()
@@ -218,8 +117,8 @@ class LearningProcess:
         except BaseException:
             self.close()
             raise
-        self._recorder: TrainingRecorder | None = None
-        self.model.set_logger(no_logger())  # logs are written while it runs
+        self.progress.write_tables(out, self.task.error_name)
+        self.model.set_logger(Logger(None, []))  # logs are written while it runs
         self._note_stage()
 
     def _begin(self) -> None:
@@ -228,7 +127,6 @@ class LearningProcess:
         self.out.mkdir(parents=True, exist_ok=True)
         self._make_learner(0)
         self._seed_rides()
-        self._tables.begin()
 
     def _take_up(self) -> None:
         checkpoint = Checkpoint(self.out)
@@ -245,7 +143,6 @@ class LearningProcess:
             self.model._last_obs = None  # a simulator's rides cannot be taken up again: they begin anew
         if not goes_on or step == 0:
             self._seed_rides()
-        self._tables.drop_after(self.progress.handled_at)
 
     def _make_learner(self, step: int) -> None:
         settings = self.settings
@@ -281,44 +178,122 @@ class LearningProcess:
             KeyboardInterrupt: stopped by a signal, between two steps and with a checkpoint.
             NodeLost: a simulator behind ROS was lost; with a checkpoint too, for its rides begin anew anyway.
         """
-        done = self.model.num_timesteps
-        callback = LearningCallback(self, None if report is None else lambda: report(self))
+        done, self._report = self.model.num_timesteps, report
+
+        def stop(number: int, frame: FrameType | None) -> None:
+            if self._stop_wanted:
+                raise KeyboardInterrupt  # the second one ends it at once
+            self._stop_wanted = True
+
         try:
             if done < self.steps:
                 self._open_logs()
-                with stopping_between_steps(callback):
-                    self.model.learn(
-                        self.steps - done, callback=callback, log_interval=None, reset_num_timesteps=done == 0
-                    )
+                with signals_handled(stop):
+                    self.model.learn(self.steps - done, callback=self, log_interval=None, reset_num_timesteps=done == 0)
         except StopLearning:
             pass
         except NodeLost:
             # The step that was lost is neither counted nor stored.
-            callback.consistent = callback.consistent or not self.settings.compiled
+            self._consistent = self._consistent or not self.settings.compiled
             raise
         finally:
             try:
-                if callback.consistent:
+                if self._consistent:
                     self.save()
             finally:
                 self.close()
+
+    def _on_training_start(self) -> None:
+        self._clock = time.perf_counter()
+        self._saved_at = self._logged_at = self.num_timesteps
+
+    def _tick(self) -> None:
+        before, self._clock = self._clock, time.perf_counter()
+        self.progress.seconds += self._clock - before
+
+    def _on_rollout_start(self) -> None:
+        # Between two steps everything is whole: the last transition is stored and learned from.
+        self._consistent = True
+        step, progress = self.num_timesteps, self.progress
+        self._tick()
+        if progress.handled_at != step:
+            before, progress.handled_at = progress.handled_at, step
+            self._take_step(before)
+        if step - self._logged_at >= LOG_EVERY:
+            self._logged_at = step
+            for name, value in progress.curriculum.figures().items():
+                self.logger.record(f"curriculum/{name}", value)
+            self.model.dump_logs()
+        if step - self._saved_at >= self.settings.checkpoint_every:
+            self._saved_at = step
+            self.save()
+        if self._report:
+            self._report(self)
+        if self._stop_wanted:
+            raise KeyboardInterrupt
+        if self.settings.until_finished and progress.curriculum.finished:
+            raise StopLearning
+        self.training_env.env_method("set_episodes", progress.curriculum.episodes(step))
+        self._consistent = False
+
+    def _take_step(self, before: int) -> None:
+        """Average the actor after a step, and validate, compare and keep it where that is due.
+
+        Args:
+            before: learning step of the one before.
+        """
+        step, progress, preset = self.num_timesteps, self.progress, self.settings.preset
+        if step > preset.sac.learning_starts:
+            progress.averaged.update(self.model, max(1, preset.sac.updates))
+        if self.validation_is_due():
+            self.validate()
+        if progress.curriculum.finished and step - progress.selected_at >= preset.curriculum.select_every:
+            self.select()
+        every = self.settings.keep_every
+        if every and step // every > max(before, 0) // every:
+            keep(self.out, self.actor(), step)
+
+    def _may_validate(self) -> bool:
+        return self.progress.may_validate(self.num_timesteps, self.settings.preset.curriculum.validate_every)
+
+    def validation_is_due(self) -> bool:
+        """Return whether an episode has asked for a validation; asking forgets it."""
+        due, self.progress.validation_due = self.progress.validation_due, False
+        return due and self._may_validate()
+
+    def _on_step(self) -> bool:
+        for info in self.locals["infos"]:
+            if "episode" in info:
+                episode, failed = info["episode"], not info.get("TimeLimit.truncated", False)
+                self.progress.curriculum.ended(
+                    EndedEpisode(info["request"], float(episode["r"]), int(episode["l"]), failed, info["progress"])
+                )
+        if any(info.get("TimeLimit.truncated") for info in self.locals["infos"]) and self._may_validate():
+            self.progress.validation_due = True
+        return True
+
+    def _on_training_end(self) -> None:
+        self._tick()
+        self._consistent = True
 
     def close(self) -> None:
         """Close environments, simulators and logs, also where closing one fails; a run that has ended has done so."""
         try:
             self._opened.close()
         finally:
-            self._validator.close()
+            together, self._validation = self._validation, None
+            if together is not None:
+                together.close()
 
     def _open_logs(self) -> None:
-        logger = session_logger(self.out, self.model.num_timesteps)
+        """Log this session; each has its own table, for the logger overwrites what it finds."""
+        folder, step = str(self.out / "tensorboard"), self.model.num_timesteps
+        suffix = f"_from_{step:09d}" if step else ""
+        formats = [make_output_format("tensorboard", folder), make_output_format("csv", folder, suffix)]
+        logger = Logger(folder, formats)
         self.model.set_logger(logger)
-
-        def close() -> None:
-            self.model.set_logger(no_logger())
-            logger.close()
-
-        self._opened.callback(close)
+        self._opened.callback(logger.close)
+        self._opened.callback(self.model.set_logger, Logger(None, []))
 
     def save(self) -> None:
         """Write a checkpoint and the summary of the run."""
@@ -345,30 +320,41 @@ class LearningProcess:
 
     def validate(self) -> None:
         """Ride a validation, write it down, and move the curriculum on if it was fully successful."""
-        progress, step, actor = self.progress, self.model.num_timesteps, self.actor()
-        requests = progress.curriculum.validation_requests(self.task.preview, progress.rng)
-        errors = self._validator.ride(actor, requests)
-        result = validation.take_in(progress, actor, step, errors, self.task.largest_error)
-        self._tables.add_validation(
-            (
-                step,
-                round(progress.seconds, 2),
-                result.part,
-                round(result.mean_error, 5),
-                round(result.max_error, 5),
-                int(result.succeeded),
-                self.model._n_updates,
-            )
-        )
+        progress, curriculum, task = self.progress, self.progress.curriculum, self.task
+        step, part, actor = self.model.num_timesteps, curriculum.part, self.actor()
+        requests = curriculum.validation_requests(task.preview, progress.rng)
+        errors = self._side_by_side(len(requests)).errors(actor, requests)
+        succeeded, passed = curriculum.passes(errors), curriculum.validated(step, errors)
+        mean, largest = float(np.mean(errors) * task.largest_error), max(errors) * task.largest_error
+        progress.recent_error_m, progress.validated_at, progress.validation_due = mean, step, False
+        if succeeded:
+            progress.latest_success, progress.success_step = actor, step
+        if passed and curriculum.finished:
+            progress.finished_after = round(progress.seconds, 1)
+        figures = (round(mean, 5), round(largest, 5), int(succeeded))
+        progress.validations.append([step, round(progress.seconds, 2), part, *figures, self.model._n_updates])
+        progress.write_tables(self.out, task.error_name)
         logger = self.model.logger
-        logger.record(f"validation/mean_{self.task.error_name}", result.mean_error)
-        logger.record(f"validation/max_{self.task.error_name}", result.max_error)
-        logger.record("curriculum/part", progress.curriculum.part)
+        logger.record(f"validation/mean_{task.error_name}", mean)
+        logger.record(f"validation/max_{task.error_name}", largest)
+        logger.record("curriculum/part", curriculum.part)
         logger.dump(step)
         every, period = self.settings.record_every, self.settings.preset.curriculum.validate_every
-        last = step // period == self.steps // period or (self.settings.until_finished and progress.curriculum.finished)
-        if every and (last or (progress.validations - 1) % every == 0):
-            self._record(actor, requests[0], step, result.part)
+        last = step // period == self.steps // period or (self.settings.until_finished and curriculum.finished)
+        if every and (last or (len(progress.validations) - 1) % every == 0):
+            self._record(actor, requests[0], step, part)
+
+    def _side_by_side(self, count: int) -> SideBySide:
+        """Return vehicles for a number of rides: those of the last validation, unless it had another number.
+
+        They are in this process: their bits are those of every client, ten times as fast.
+        """
+        if self._validation is None or self._validation.count != count:
+            if self._validation is not None:
+                self._validation.close()
+            settings = self.settings
+            self._validation = SideBySide(self.task, count, settings.simulator(), settings.machines)
+        return self._validation
 
     def _record(self, actor: Actor, request: ResetRequest, step: int, part: int) -> None:
         """Record a validation ride into ``episodes/``, and the next ride that the learner begins.
@@ -381,25 +367,28 @@ class LearningProcess:
         """
         from bike_training.learning.episode_recording import Standing, TrainingRecorder, record_ride
 
-        path = self.out / "episodes" / f"step_{step:09d}.mcap"
+        path, config = self.out / "episodes" / f"step_{step:09d}.mcap", self.settings.simulator()
         standing = Standing(step, part, RideRanges(request.speed_range, request.path_ranges))
-        record_ride(path, actor, self.task, self._validator.simulator(), request, standing)
+        with contextlib.closing(Simulator(config)) as simulator:
+            record_ride(path, actor, self.task, simulator, request, standing)
         if self._recorder is None:
-            self._recorder = TrainingRecorder(self.env, self.task, self.settings.simulator(), self._standing)
+            self._recorder = TrainingRecorder(self.env, self.task, config, self._standing)
             self._opened.callback(self._recorder.close)
         self._recorder.record_next(path.with_name(f"{path.stem}_training.mcap"))
 
     def select(self) -> None:
         """Keep the present actor, and compare it with the best one so far."""
-        step = self.model.num_timesteps
+        progress, step, task, actor = self.progress, self.model.num_timesteps, self.task, self.actor()
+        progress.selected_at = step
+        keep(self.out, actor, step)
+        requests = progress.curriculum.selection_requests(task.preview)
         config, machines = self.settings.compiled_simulator(), self.settings.machines
-        error = validation.compare(self.out, self.actor(), self.progress, step, self.task, config, machines)
-        self._tables.add_selection(step, error)
-        self.model.logger.record(f"selection/{self.task.error_name}", error)
-
-    def keep(self) -> None:
-        """Keep the present actor on disk."""
-        validation.keep(self.out, self.actor(), self.model.num_timesteps)
+        error = task.selection_error(*ride_side_by_side(actor, task, config, requests, machines=machines))
+        if error < progress.best_error_m:
+            progress.best, progress.best_error_m, progress.best_step = actor, error, step
+        progress.selections.append([step, round(error, 6)])
+        progress.write_tables(self.out, task.error_name)
+        self.model.logger.record(f"selection/{task.error_name}", error)
 
     def _standing(self) -> Standing:
         """Return where learning stands, for recordings."""

@@ -1,19 +1,19 @@
-"""Progress of a learning run, and the tables, logs and summary that it writes."""
+"""Progress of a learning run, and the tables and the summary that it writes."""
 
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from stable_baselines3.common.logger import Logger, make_output_format
 
 from bike_policy.contract.bundle import Actor
 from bike_training.curricula.base import Curriculum
-from bike_training.learning.checkpoint import drop_rows_after
+from bike_training.learning.checkpoint import write_whole
 from bike_training.learning.learner import AveragedActor
 from bike_training.learning.run_settings import source_commit
 
@@ -23,74 +23,9 @@ if TYPE_CHECKING:
     from bike_training.learning.run_settings import RunSettings
 
 
-def validation_columns(error: str) -> tuple[str, ...]:
-    """Return the columns of validations whose error has a name."""
-    return ("step", "seconds", "part", f"mean_{error}", f"max_{error}", "passed", "updates")
-
-
-class RunTables:
-    """``validations.csv`` and ``selection.csv`` of a run."""
-
-    def __init__(self, folder: Path, error: str) -> None:
-        """Write into the folder of a run whose errors have a name."""
-        self._columns = validation_columns(error)
-        self.validations, self.selection = folder / "validations.csv", folder / "selection.csv"
-
-    def begin(self) -> None:
-        """Begin both anew, also where a run was killed before its first checkpoint."""
-        with self.validations.open("w", newline="", encoding="utf-8") as file:
-            csv.writer(file).writerow(self._columns)
-        self.selection.unlink(missing_ok=True)
-
-    def drop_after(self, step: int) -> None:
-        """Drop the rows that were written after the checkpoint of a learning step."""
-        drop_rows_after(self.validations, step)
-        drop_rows_after(self.selection, step)
-
-    def add_validation(self, row: Sequence[Any]) -> None:
-        """Add a row in the order of `validation_columns`."""
-        _append(self.validations, row)
-
-    def add_selection(self, step: int, error: float) -> None:
-        """Add the selection error of the actor of a learning step."""
-        _append(self.selection, (step, round(error, 6)))
-
-
-def _append(path: Path, row: Sequence[Any]) -> None:
-    with path.open("a", newline="", encoding="utf-8") as file:
-        csv.writer(file).writerow(row)
-
-
-def session_logger(out: Path, step: int) -> Logger:
-    """Return the logger of a session that begins at a learning step.
-
-    Each session has its own table, for the logger overwrites what it finds.
-    """
-    folder = str(out / "tensorboard")
-    suffix = f"_from_{step:09d}" if step else ""
-    return Logger(folder, [make_output_format("tensorboard", folder), make_output_format("csv", folder, suffix)])
-
-
-def no_logger() -> Logger:
-    """Return a logger that writes nothing, for a learner that does not run."""
-    return Logger(None, [])
-
-
-_PLAIN: Final = (
-    "seconds",
-    "validated_at",
-    "validation_due",
-    "handled_at",
-    "validations",
-    "success_step",
-    "recent_error_m",
-    "best_error_m",
-    "best_step",
-    "selected_at",
-    "finished_after",
-    "stages",
-)
 _ACTORS: Final = ("latest_success", "best")
+_APART: Final = ("curriculum", "averaged", "rng", *_ACTORS)
+"""Fields of a progress that are no plain values."""
 
 
 @dataclass
@@ -105,7 +40,8 @@ class Progress:
         validated_at: learning step of the last validation.
         validation_due: whether an episode has just reached its full length when a validation was allowed.
         handled_at: learning step that was last averaged and validated, so that a resumed run does not do it twice.
-        validations: number of validations.
+        validations: a row for each: learning step, seconds, part, mean and largest error, whether it passed, updates.
+        selections: a row for each comparison of actors: learning step and selection error.
         latest_success: most recent actor that passed all rides of a validation in the highest part so far.
         success_step: learning step at which it did.
         recent_error_m: mean error of the last validation, in the unit of the task (m for a path).
@@ -124,7 +60,8 @@ class Progress:
     validated_at: int = 0
     validation_due: bool = False
     handled_at: int = -1
-    validations: int = 0
+    validations: list[list[Any]] = field(default_factory=list)
+    selections: list[list[Any]] = field(default_factory=list)
     latest_success: Actor | None = None
     success_step: int = 0
     recent_error_m: float = float("nan")
@@ -147,10 +84,16 @@ class Progress:
         """
         return step - self.validated_at >= every and self.curriculum.may_validate(step)
 
+    def write_tables(self, folder: Path, error: str) -> None:
+        """Write ``validations.csv`` and ``selection.csv`` of a run whose errors have a name."""
+        columns = ["step", "seconds", "part", f"mean_{error}", f"max_{error}", "passed", "updates"]
+        _write_table(folder / "validations.csv", [columns, *self.validations])
+        _write_table(folder / "selection.csv", self.selections)
+
     def state_dict(self) -> dict[str, Any]:
         """Return all that :meth:`restore` needs, as plain values and arrays."""
         return {
-            **{name: getattr(self, name) for name in _PLAIN},
+            **{spec.name: getattr(self, spec.name) for spec in fields(self) if spec.name not in _APART},
             **{name: _tensors(getattr(self, name)) for name in _ACTORS},
             "curriculum": self.curriculum.state_dict(),
             "averaged": self.averaged.state_dict(),
@@ -161,15 +104,27 @@ class Progress:
         """Go on from where :meth:`state_dict` was taken.
 
         Raises:
-            KeyError: an entry is missing. ValueError: an actor that is none.
+            KeyError: an entry is missing.
+            ValueError: an actor that is none.
         """
-        for name in _PLAIN:
-            setattr(self, name, stored[name])
+        for spec in fields(self):
+            if spec.name not in _APART:
+                setattr(self, spec.name, stored[spec.name])
         for name in _ACTORS:
             setattr(self, name, stored_actor(stored, name))
         self.curriculum.restore(stored["curriculum"])
         self.averaged.restore(stored["averaged"])
         self.rng.bit_generator.state = stored["rng"]
+
+
+def _write_table(path: Path, rows: Sequence[Sequence[Any]]) -> None:
+    """Write rows, or no file where there are none."""
+    text = io.StringIO(newline="")
+    csv.writer(text).writerows(rows)
+    if rows:
+        write_whole(path, text.getvalue())
+    else:
+        path.unlink(missing_ok=True)
 
 
 def _tensors(actor: Actor | None) -> dict[str, Any] | None:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
 import subprocess
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.envs.clients import CLIENT_KINDS
 from bike_training.learning.presets import LARGEST_SEED, GradientSettings, Preset, load_preset
-from bike_training.settings import from_plain, to_plain
+from bike_training.settings import AT_LEAST_0, AT_LEAST_1, POSITIVE, Settings, check_choice, from_plain, to_plain
 
 COMPILED_TIME_STEP: Final = 0.01
 """Integration step of the compiled engine in training, s; its error there is below 1e-6 in every state."""
@@ -52,7 +51,7 @@ def machines_of(vehicle: str) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True)
-class RunSettings:
+class RunSettings(Settings):
     """Settings of a run, beside its preset.
 
     Attributes:
@@ -71,6 +70,13 @@ class RunSettings:
         start: policy that the learner ``gradients`` begins with; empty for a new network.
     """
 
+    limits: ClassVar = {
+        "seed": (0, LARGEST_SEED),
+        "time_step": POSITIVE,
+        "checkpoint_every": AT_LEAST_1,
+        **dict.fromkeys(("keep_every", "record_every"), AT_LEAST_0),
+    }
+
     preset: Preset = field(default_factory=lambda: load_preset("fast"))
     vehicle: str = "whipple"
     seed: int = 0
@@ -84,29 +90,14 @@ class RunSettings:
     start: str = ""
 
     def __post_init__(self) -> None:
-        """Refuse values that mean nothing.
-
-        Raises:
-            ValueError: naming the value.
-        """
-        if not 0 <= self.seed <= LARGEST_SEED:
-            raise ValueError(f"seed must be 0 to {LARGEST_SEED}, got {self.seed}")
-        if self.client not in CLIENT_KINDS:
-            raise ValueError(f"client must be one of {', '.join(CLIENT_KINDS)}, got {self.client!r}")
-        if self.engine not in ENGINE_KINDS:
-            raise ValueError(f"engine must be one of {', '.join(ENGINE_KINDS)}, got {self.engine!r}")
-        if not (math.isfinite(self.time_step) and self.time_step > 0.0):
-            raise ValueError(f"time_step must be positive and finite, got {self.time_step!r} s")
-        if self.checkpoint_every < 1:
-            raise ValueError(f"checkpoint_every must be at least 1 learning step, got {self.checkpoint_every}")
-        if self.keep_every < 0:
-            raise ValueError(f"keep_every must be 0 or more learning steps, got {self.keep_every}")
+        """Refuse values that mean nothing."""
+        super().__post_init__()
+        check_choice("client", self.client, CLIENT_KINDS)
+        check_choice("engine", self.engine, ENGINE_KINDS)
         if self.start and not isinstance(self.preset.learner, GradientSettings):
             raise ValueError(
                 f"start {self.start!r} is for the learner gradients, not for {self.preset.learner.learner}"
             )
-        if self.record_every < 0:
-            raise ValueError(f"record_every must be 0 or more validations, got {self.record_every}")
 
     def expected_steps(self, made: int = 0) -> int:
         """Return the learning steps that it will make in all, as far as can be said after those already made."""
@@ -115,8 +106,7 @@ class RunSettings:
 
     def to_json(self) -> dict[str, Any]:
         """Return plain values that :meth:`from_json` reads."""
-        plain: dict[str, Any] = to_plain(self)
-        return plain
+        return to_plain(self)
 
     @classmethod
     def from_json(cls, stored: dict[str, Any]) -> RunSettings:
@@ -150,12 +140,10 @@ class RunSettings:
 
     def simulator(self, row: int = 0) -> SimulatorConfig:
         """Return the configuration of a simulator that rides as a row of the environments does."""
+        found = self.compiled_simulator(row)
         if self.compiled:
-            return self.compiled_simulator(row)
-        machine = self.machines[row % len(self.machines)]
-        if self.superbike:
-            return replace(superbike_config(machine), engine=self.engine)
-        return SimulatorConfig(machine, self.engine, self.time_step)
+            return found
+        return replace(found, engine=self.engine, time_step=found.time_step if self.superbike else self.time_step)
 
     def compiled_simulator(self, row: int = 0) -> SimulatorConfig:
         """Return the configuration of the compiled engine, on which actors are compared wherever they learn."""

@@ -149,14 +149,14 @@ def ride_races(
     """
     config = replace(superbike_config(vehicle), engine=SUPERBIKE_ENGINE)
     machine = load_superbike(vehicle)
-    ground = CircuitSet(machine, [circuit])
+    circuits = CircuitSet(machine, [circuit])
     known = disturbances or Disturbances()
     delay = delay_of(known, machine)
     batch = Batch(starts, config, disturbances=known)
     sent = deque([np.zeros((starts, 2))] * delay)
     rider = _rider(bundle, batch, share)
     for row in range(starts):
-        request = _start(ground, circuit, row, starts)
+        request = _start(circuits, circuit, row, starts)
         batch.reset(row, request)
         rider.begin(row, batch, batch.course(row))
     limits = batch.plant(0).envelope
@@ -187,7 +187,7 @@ def ride_races(
     whole &= np.array([len(done) == laps for done in finished])
     fallen = batch.fallen & (_finished(batch) < laps)
     ends = [batch.fall(int(row)) for row in np.flatnonzero(fallen)]
-    length = ground.length(circuit)
+    length = circuits.length(circuit)
     lost = [
         _lost(row, batch.fall(row) if fallen[row] else "", float(places[row]), length)
         for row in np.flatnonzero(~whole).tolist()
@@ -246,10 +246,10 @@ def _finished(batch: Batch) -> np.ndarray:
     return np.array([len(batch.log(row).laps) for row in range(batch.count)])
 
 
-def _start(ground: CircuitSet, circuit: str, row: int, starts: int) -> ResetRequest:
+def _start(circuits: CircuitSet, circuit: str, row: int, starts: int) -> ResetRequest:
     """Return a start; none lies on the start line, so that all laps are flying ones."""
-    progress = (row + 0.5) / starts * ground.length(circuit)
+    progress = (row + 0.5) / starts * circuits.length(circuit)
     low, high = SPEED_SHARES
     part = low + (high - low) * ((row * 0.6180339887) % 1.0)  # the golden ratio spreads them evenly
-    speed = max(ground.start(circuit, 1.0, progress, part), 5.0)
+    speed = max(circuits.start(circuit, 1.0, progress, part), 5.0)
     return ResetRequest(seed=row, course=circuit, speed_range=(speed, speed), perturb=True, progress=progress)

@@ -1,4 +1,4 @@
-"""The protocol of a task, for environments and learners that do not depend on a vehicle, and tasks of several machines.
+"""What a task is, for environments and learners that do not depend on a vehicle, and tasks of several machines.
 
 Rows take several machines in turn: a row rides the machine whose number is its own modulo the number of machines, in
 training, in validations and in comparisons alike.
@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import functools
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ from bike_sim.sim.disturbances import load_disturbances
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.files import load_vehicle
+from bike_training.settings import Settings, check_choice, check_number, from_plain, to_plain
 
 FloatArray = NDArray[np.float64]
 ItemT = TypeVar("ItemT")
@@ -40,14 +42,14 @@ class StepResult(NamedTuple):
     failed: NDArray[np.bool_]
 
 
-class TaskState(Protocol):
+class TaskState(ABC):
     """Observations, commands and rewards of a task for vehicles side by side, with the memory of their rides.
 
     A decision is: :meth:`observe`, :meth:`act`, control periods between :meth:`commands` and :meth:`advance`, then
     :meth:`evaluate`.
     """
 
-    def begin(self, row: int, rows: VehicleRows, request: ResetRequest, course: Course) -> None:
+    def begin(self, row: int, rows: VehicleRows, request: ResetRequest, course: Course) -> None:  # noqa: B027
         """Begin the ride of one vehicle.
 
         Args:
@@ -56,105 +58,114 @@ class TaskState(Protocol):
             request: of the episode.
             course: the followed line.
         """
-        ...
 
+    @abstractmethod
     def observe(self, rows: VehicleRows) -> NDArray[np.float32]:
         """Return the observations, shape (n, layout.size)."""
-        ...
 
+    @abstractmethod
     def act(self, rows: VehicleRows, actions: NDArray[np.floating]) -> None:
         """Take actions that are held from now on, shape (n, action.size)."""
-        ...
 
+    @abstractmethod
     def commands(self, rows: VehicleRows) -> FloatArray:
         """Return the commands of a control period: steering and throttle in [-1, 1], shape (n, 2)."""
-        ...
 
-    def advance(self, rows: VehicleRows) -> None:
+    def advance(self, rows: VehicleRows) -> None:  # noqa: B027
         """Add the signals at the end of a control period."""
-        ...
 
+    @abstractmethod
     def evaluate(self, rows: VehicleRows) -> StepResult:
         """Return the outcome of the decision."""
-        ...
 
+    @abstractmethod
     def error(self, rows: VehicleRows) -> FloatArray:
         """Return the error of each vehicle at this instant, shape (n,); the task says what it is."""
-        ...
 
     def state_dict(self) -> dict[str, Any]:
         """Return the memory, as plain values and arrays."""
-        ...
+        return {}
 
-    def restore(self, stored: Mapping[str, Any]) -> None:
+    def restore(self, stored: Mapping[str, Any]) -> None:  # noqa: B027
         """Go on from where :meth:`state_dict` was taken, after each row has begun again."""
-        ...
 
 
-class Task(Protocol):
-    """A learning problem: observation, action, reward, and failure of an episode.
+class Task(Settings, ABC):
+    """A learning problem: observation, action, reward, and failure of an episode; a frozen record of settings.
 
     Attributes:
+        task: its name.
+        weights: terms of the reward by name, with their weights.
         max_steps: steps after which an episode is truncated.
+        repeat: control periods that a decision is held.
+        disturbances: names or files of what disturbs the vehicles, of which rows take one in turn.
+        validation_duration: of a validation ride, s.
+        error_name: definition of a ride's error, with its unit.
+        largest_error: the error that a failed ride counts as; errors of validation rides are parts of it.
+        layout: of the observation.
+        action: layout of the action.
+        preview: the preview that shows exactly what the layout needs.
     """
 
+    place = "task"
+    task: str
+    weights: Mapping[str, float]
+    max_steps: int
+    repeat: int = 1
+    disturbances: tuple[str, ...] = ()
+    validation_duration: float
+    error_name: str
+    largest_error: float
+
     @property
-    def max_steps(self) -> int: ...  # noqa: D102
-    @property
+    @abstractmethod
     def layout(self) -> ObservationLayout: ...  # noqa: D102
     @property
+    @abstractmethod
     def action(self) -> ActionLayout: ...  # noqa: D102
-
     @property
-    def disturbances(self) -> tuple[str, ...]:
-        """Names or files of what disturbs the vehicles, of which rows take one in turn; none where nothing does."""
-        ...
+    @abstractmethod
+    def preview(self) -> Preview: ...  # noqa: D102
 
-    @property
-    def preview(self) -> Preview:
-        """The preview that shows exactly what the layout needs."""
-        ...
+    def set_weights(self, default: Mapping[str, float], known: Collection[str], negative: bool = False) -> None:
+        """Take the default weights where there are none, and check them.
 
-    @property
-    def repeat(self) -> int:
-        """Control periods that a decision is held."""
-        ...
+        Args:
+            default: weights of the terms by name.
+            known: names of all terms.
+            negative: whether weights may be less than 0.
 
+        Raises:
+            ValueError: naming the term and its weight.
+        """
+        if not isinstance(self.weights, Mapping):
+            raise ValueError(f"setting weights={self.weights!r} must name reward terms and their weights")
+        object.__setattr__(self, "weights", dict(self.weights or default))
+        for name, weight in self.weights.items():
+            check_choice("task.weights", name, known)
+            check_number(f"task.weights.{name}", weight, -math.inf if negative else 0.0)
+
+    @abstractmethod
     def make_state(self, count: int, vehicle: Vehicle) -> TaskState:
         """Return the state of the task for a number of vehicles.
 
         Raises:
             ValueError: the task is not for this vehicle.
         """
-        ...
 
+    @abstractmethod
     def check_vehicle(self, vehicle: Vehicle) -> None:
         """Refuse a vehicle that the task is not for.
 
         Raises:
             ValueError: naming vehicle and task.
         """
-        ...
 
     def strict(self) -> Task:
         """Return the task as validations ride it."""
-        ...
+        return self
 
-    @property
-    def error_name(self) -> str:
-        """Definition of a ride's error, with its unit."""
-        ...
-
-    @property
-    def validation_duration(self) -> float:
-        """Duration of a validation ride, s."""
-        ...
-
-    @property
-    def largest_error(self) -> float:
-        """The error that a failed ride counts as; errors of validation rides are parts of it."""
-        ...
-
+    @abstractmethod
     def validation_error(self, errors: FloatArray, succeeded: bool) -> float:
         """Return the error of one validation ride, as a part of :attr:`largest_error`.
 
@@ -162,8 +173,8 @@ class Task(Protocol):
             errors: at each control period of the ride.
             succeeded: whether it did not fail.
         """
-        ...
 
+    @abstractmethod
     def selection_error(self, track: FloatArray, whole: NDArray[np.bool_]) -> float:
         """Return the figure by which actors are compared, less is better.
 
@@ -171,48 +182,24 @@ class Task(Protocol):
             track: errors at each control period, shape (periods, rides).
             whole: which rides did not fail, shape (rides,).
         """
-        ...
 
     def to_card(self) -> dict[str, Any]:
-        """Return plain values for recordings."""
-        ...
+        """Return plain values for recordings, with the layout of the observation."""
+        return {**to_plain(self), "layout": self.layout.to_card()}
+
+    @classmethod
+    def from_card(cls, card: Mapping[str, Any]) -> Self:
+        """Read what :meth:`to_card` wrote.
+
+        Raises:
+            ValueError: an unknown or wrong entry.
+        """
+        return from_plain(cls, {name: value for name, value in card.items() if name != "layout"}, "task")
 
 
 def sum_of(terms: Mapping[str, FloatArray]) -> FloatArray:
     """Return the reward that its terms make."""
     return functools.reduce(np.add, terms.values())
-
-
-def check_weights(weights: Mapping[str, float], known: Collection[str], negative: bool = False) -> None:
-    """Check the weights of a reward.
-
-    Args:
-        weights: of the terms by name.
-        known: names of all terms.
-        negative: whether weights may be less than 0.
-
-    Raises:
-        ValueError: naming the term and its weight.
-    """
-    unknown = sorted(set(weights) - set(known))
-    if unknown or not weights:
-        raise ValueError(f"reward has unknown terms {unknown}; there are {', '.join(known)}")
-    wanted = "finite" if negative else "finite and not negative"
-    for name, weight in weights.items():
-        if not (math.isfinite(weight) and (negative or weight >= 0.0)):
-            raise ValueError(f"weight of the reward term {name} must be {wanted}, got {weight!r}")
-
-
-def check_positive_settings(task: Any, names: Collection[str]) -> None:
-    """Check that settings of a task are positive and finite.
-
-    Raises:
-        ValueError: naming the setting and its value.
-    """
-    for name in names:
-        value = getattr(task, name)
-        if not (value > 0 and math.isfinite(value)):
-            raise ValueError(f"setting {name}={value!r} must be positive and finite")
 
 
 # ---------------------------------------------------------------------------------------------------- several machines
@@ -256,8 +243,8 @@ def state_of(task: Task, vehicles: Sequence[Vehicle], count: int) -> TaskState:
     return MultiVehicleTaskState(task, vehicles[:count], count)
 
 
-class MultiVehicleTaskState:
-    """State of a task for several machines in turn; implements `TaskState`."""
+class MultiVehicleTaskState(TaskState):
+    """State of a task for several machines in turn."""
 
     def __init__(self, task: Task, vehicles: Sequence[Vehicle], count: int) -> None:
         """Prepare the rows of each machine.

@@ -7,22 +7,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
-from typing import Any, Final, Literal, NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import ClassVar, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bike_policy.contract.action import ActionLayout
 from bike_policy.contract.observation import FINE_LAYOUT, LEAN_LAYOUT, PROP_LAYOUT, ObservationLayout, VehicleRows
-from bike_sim.course.course import Course
 from bike_sim.physics.state import ROLL
 from bike_sim.sim import look as lk
-from bike_sim.sim.request import Preview, ResetRequest
+from bike_sim.sim.request import Preview
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.superbike import Superbike
-from bike_training.settings import check_choice
-from bike_training.tasks.base import FloatArray, StepResult, check_positive_settings, check_weights
+from bike_training.settings import AT_LEAST_1, POSITIVE, check_choice
+from bike_training.tasks.base import FloatArray, StepResult, Task, TaskState
 
 DISTANCE_THRESHOLD: Final = 3.5
 """eta_y, m."""
@@ -96,8 +95,8 @@ VARIANTS: Final[Mapping[str, PathVariant]] = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class PathTask:
-    """Settings of the task; implements `bike_training.tasks.base.Task`.
+class PathTask(Task):
+    """Settings of the task.
 
     Attributes:
         task: name in VARIANTS.
@@ -108,6 +107,11 @@ class PathTask:
         max_steps: n_max, steps of an episode.
     """
 
+    limits: ClassVar = {"max_steps": AT_LEAST_1, "sharpness": POSITIVE, "max_steer": POSITIVE}
+    error_name = "error_m"
+    validation_duration = VALIDATION_DURATION
+    largest_error = DISTANCE_THRESHOLD
+
     task: str = "prop"
     max_steer: float = math.radians(70.0)
     weights: Mapping[str, float] = field(default_factory=dict)
@@ -115,22 +119,10 @@ class PathTask:
     max_steps: int = 1200
 
     def __post_init__(self) -> None:
-        """Refuse values that mean nothing.
-
-        Raises:
-            ValueError: naming the value.
-        """
+        """Refuse values that mean nothing."""
+        super().__post_init__()
         check_choice("task", self.task, VARIANTS)
-        if not isinstance(self.weights, Mapping):
-            raise ValueError(f"setting weights={self.weights!r} must name reward terms and their weights")
-        object.__setattr__(self, "weights", dict(self.weights or VARIANTS[self.task].weights))
-        check_weights(self.weights, REWARD_TERMS, negative=True)
-        check_positive_settings(self, ("max_steps", "sharpness", "max_steer"))
-
-    @property
-    def disturbances(self) -> tuple[str, ...]:
-        """Nothing: bicycles learn undisturbed."""
-        return ()
+        self.set_weights(VARIANTS[self.task].weights, REWARD_TERMS, negative=True)
 
     @property
     def layout(self) -> ObservationLayout:
@@ -157,23 +149,13 @@ class PathTask:
         """Meaning of an action."""
         return ActionLayout.steering(self.max_steer)
 
-    @property
-    def repeat(self) -> int:
-        """Control periods that a decision is held."""
-        return 1
-
     def make_state(self, count: int, vehicle: Vehicle) -> PathState:
-        """Return the state of the task for a number of bicycles; see `Task`."""
+        """Return the state of the task for a number of bicycles."""
         return PathState(self, vehicle.max_steer)
 
-    def strict(self) -> PathTask:
-        """Return itself: a validation fails where learning does."""
-        return self
-
-    @property
-    def error_name(self) -> str:
-        """Definition of a ride's error, with its unit."""
-        return "error_m"
+    def validation_error(self, errors: FloatArray, succeeded: bool) -> float:
+        """Return e_i of Eq. (12), without the first 20 % of a ride."""
+        return float(np.mean(errors[len(errors) // 5 :]) / DISTANCE_THRESHOLD) if succeeded else 1.0
 
     def selection_error(self, track: FloatArray, whole: NDArray[np.bool_]) -> float:
         """Return the RMS error over all rides, m; a failed ride counts as the largest error throughout.
@@ -200,105 +182,34 @@ class PathTask:
         rear, roll = np.abs(rows.look[:, lk.LATERAL_ERROR]), np.abs(rows.state[:, ROLL])
         return ~(np.less_equal(rear, DISTANCE_THRESHOLD) & np.less_equal(roll, ROLL_THRESHOLD)) | rows.fallen
 
-    @property
-    def validation_duration(self) -> float:
-        """Duration of a validation ride, s."""
-        return VALIDATION_DURATION
 
-    @property
-    def largest_error(self) -> float:
-        """The distance that a failed ride counts as, m."""
-        return DISTANCE_THRESHOLD
-
-    def validation_error(self, errors: FloatArray, succeeded: bool) -> float:
-        """Return e_i; see :func:`validation_error`."""
-        return validation_error(errors, succeeded)
-
-    def to_card(self) -> dict[str, Any]:
-        """Return plain values for recordings."""
-        return {**asdict(self), "layout": self.layout.to_card()}
-
-    @classmethod
-    def from_card(cls, card: Mapping[str, Any]) -> PathTask:
-        """Read what :meth:`to_card` wrote, also that of recordings of older versions.
-
-        Raises:
-            ValueError: an entry is missing, unknown or wrong.
-        """
-        values = dict(_named_weights(card))
-        layout, contact = values.pop("layout", None), values.pop("contact", "rear")
-        if "task" not in values and isinstance(layout, Mapping):
-            values["task"] = "alt3" if contact == "front" else layout.get("name")
-        unknown = sorted(set(values) - {spec.name for spec in fields(cls)})
-        if unknown or "task" not in values:
-            raise ValueError(f"the task has unknown entries {unknown}, or no name; another version wrote it")
-        return cls(**values)
-
-
-class PathState:
-    """State of a path task, which evaluates each instant by itself; implements `bike_training.tasks.base.TaskState`."""
+class PathState(TaskState):
+    """State of a path task, which evaluates each instant by itself."""
 
     def __init__(self, task: PathTask, max_steer: float) -> None:
         """Take a task, and the steering set point of a bicycle's command 1 (rad)."""
         self._task, self._max_steer = task, max_steer
         self._actions: NDArray[np.floating] = np.zeros((0, 1))
 
-    def begin(self, row: int, rows: VehicleRows, request: ResetRequest, course: Course) -> None:
-        """Need nothing of how a ride begins."""
-
     def observe(self, rows: VehicleRows) -> NDArray[np.float32]:
-        """Return the observations; see `TaskState`."""
+        """Return the observations."""
         return self._task.layout.observe(rows)
 
     def act(self, rows: VehicleRows, actions: NDArray[np.floating]) -> None:
-        """Hold actions; see `TaskState`."""
+        """Hold actions."""
         self._actions = actions
 
     def commands(self, rows: VehicleRows) -> FloatArray:
-        """Return the same commands in each control period; see `TaskState`."""
+        """Return the same commands in each control period."""
         return self._task.action.to_commands(self._actions, self._max_steer, rows.look[:, lk.SPEED])
 
-    def advance(self, rows: VehicleRows) -> None:
-        """Need nothing between decisions."""
-
     def evaluate(self, rows: VehicleRows) -> StepResult:
-        """Return the outcome of the decision; see `TaskState`."""
+        """Return the outcome of the decision."""
         return StepResult(self._task.reward_terms(rows), self._task.failed(rows))
 
     def error(self, rows: VehicleRows) -> FloatArray:
         """Return the distances to the path, m."""
         return self._task.error(rows)
-
-    def state_dict(self) -> dict[str, Any]:
-        """Return an empty memory."""
-        return {}
-
-    def restore(self, stored: Mapping[str, Any]) -> None:
-        """Take up nothing."""
-
-
-def _named_weights(card: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return a card with weights; recordings from before the terms had names have a kind of reward instead."""
-    if "reward" not in card:
-        return card
-    path = {"linear": LINEAR, "exponential": {"path_exponential": 1.0}, "sharp": SHARP}[card["reward"]]
-    share = card["path_weight"]
-    weights = {name: share * weight for name, weight in path.items()}
-    if share < 1.0:
-        weights["upright"] = 1.0 - share
-    return {name: value for name, value in card.items() if name not in ("reward", "path_weight")} | {"weights": weights}
-
-
-def validation_error(distances: FloatArray, succeeded: bool) -> float:
-    """Return the normalised error e_i of one validation ride, Eq. (12).
-
-    Args:
-        distances: t_0 at each step of the ride, m. The first 20 % are left out.
-        succeeded: whether the ride came to its end.
-    """
-    if not succeeded:
-        return 1.0
-    return float(np.mean(distances[len(distances) // 5 :]) / DISTANCE_THRESHOLD)
 
 
 TASKS: Final[Mapping[str, PathTask]] = {name: PathTask(task=name) for name in VARIANTS}

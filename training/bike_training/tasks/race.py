@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
-from typing import Any, Final
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +27,8 @@ from bike_sim.sim.disturbances import load_disturbances
 from bike_sim.sim.request import COURSE_POINTS, Preview, ResetRequest
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.superbike import Superbike
-from bike_training.settings import check_choice
-from bike_training.tasks.base import FloatArray, StepResult, check_positive_settings, check_weights
+from bike_training.settings import AT_LEAST_0, AT_LEAST_1, POSITIVE, check_choice
+from bike_training.tasks.base import FloatArray, StepResult, Task, TaskState
 
 HISTORY_PERIOD: Final = 0.06
 """Time over which a change of an angle is taken, s: about half a period of wobble (9 Hz), a quarter of one of weave."""
@@ -149,8 +149,8 @@ RACE_WEIGHTS: Final[Mapping[str, float]] = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class RaceTask:
-    """Settings of the task; implements `bike_training.tasks.base.Task`.
+class RaceTask(Task):
+    """Settings of the task; a ride's error is its time over that of the planned lap, as a part of it.
 
     Attributes:
         task: ``race``.
@@ -173,6 +173,14 @@ class RaceTask:
         disturbances: names or files of what is ridden in place of the machine that is known; rows take them in turn.
     """
 
+    error_name = "excess"
+    largest_error = 1.0
+    limits: ClassVar = {
+        **dict.fromkeys(("repeat", "max_steps"), AT_LEAST_1),
+        **dict.fromkeys(("largest_lean", "lean_scale", "offset", "pace", "validation_duration"), POSITIVE),
+        **dict.fromkeys(("off_track_time", "wrong_way_time", "stalled_time"), AT_LEAST_0),
+    }
+
     task: str = "race"
     observation: str = "compact"
     weights: Mapping[str, float] = field(default_factory=dict)
@@ -193,26 +201,13 @@ class RaceTask:
     disturbances: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Refuse values that mean nothing.
-
-        Raises:
-            ValueError: naming the value. FileNotFoundError: unknown disturbances.
-        """
+        """Refuse values that mean nothing."""
+        super().__post_init__()
         for name in self.disturbances:
             load_disturbances(name)
-        if self.task != "race":
-            raise ValueError(f"setting task={self.task!r} is not race")
+        check_choice("task", self.task, ("race",))
         check_choice("observation", self.observation, RACE_LAYOUTS)
-        if not isinstance(self.weights, Mapping):
-            raise ValueError(f"setting weights={self.weights!r} must name reward terms and their weights")
-        object.__setattr__(self, "weights", dict(self.weights or RACE_WEIGHTS))
-        check_weights(self.weights, REWARD_TERMS)
-        check_positive_settings(
-            self, ("repeat", "max_steps", "largest_lean", "lean_scale", "offset", "pace", "validation_duration")
-        )
-        for name in ("off_track_time", "wrong_way_time", "stalled_time"):
-            if not getattr(self, name) >= 0.0:
-                raise ValueError(f"{name} must not be negative, got {getattr(self, name)!r}")
+        self.set_weights(RACE_WEIGHTS, REWARD_TERMS)
 
     @property
     def layout(self) -> ObservationLayout:
@@ -237,22 +232,12 @@ class RaceTask:
         return ActionLayout((ActionColumn(LEAN_REQUEST, self.lean_scale), ActionColumn(DRIVE)))
 
     def make_state(self, count: int, vehicle: Vehicle) -> RaceState:
-        """Return the state of the task for a number of machines; see `Task`."""
+        """Return the state of the task for a number of machines."""
         return RaceState(self, count, vehicle)
 
     def strict(self) -> RaceTask:
         """Return the task as validations ride it: the first moment with both contact points outside fails."""
         return replace(self, off_track_time=0.0)
-
-    @property
-    def error_name(self) -> str:
-        """Definition of a ride's error: its time over that of the planned lap, as a part of it."""
-        return "excess"
-
-    @property
-    def largest_error(self) -> float:
-        """The error that a failed ride counts as."""
-        return 1.0
 
     def validation_error(self, errors: FloatArray, succeeded: bool) -> float:
         """Return how much longer a ride took than planned for its distance, as a part of it.
@@ -268,20 +253,6 @@ class RaceTask:
         """Return the mean excess of the rides; one that fails counts as much as all others being twice as slow."""
         errors = [self.validation_error(track[:, i], bool(whole[i])) for i in range(len(whole))]
         return float(np.mean(errors) + np.sum(~whole))
-
-    def to_card(self) -> dict[str, Any]:
-        """Return plain values for recordings."""
-        return {**asdict(self), "layout": self.layout.to_card()}
-
-    @classmethod
-    def from_card(cls, card: Mapping[str, Any]) -> RaceTask:
-        """Read what :meth:`to_card` wrote.
-
-        Raises:
-            TypeError: an unknown entry.
-            ValueError: a wrong one.
-        """
-        return cls(**{name: value for name, value in card.items() if name != "layout"})
 
 
 @dataclass(frozen=True)
@@ -312,8 +283,8 @@ class RaceContext:
         return cls(*request.context) if len(request.context) == len(fields(cls)) else None
 
 
-class RaceState:
-    """State of a race for machines side by side; implements `bike_training.tasks.base.TaskState`.
+class RaceState(TaskState):
+    """State of a race for machines side by side.
 
     Attributes:
         interface: observations and commands.
@@ -348,7 +319,7 @@ class RaceState:
         self._expired = np.zeros(count, dtype=np.bool_)
 
     def begin(self, row: int, rows: VehicleRows, request: ResetRequest, course: Course) -> None:
-        """Begin the ride of one machine; see `TaskState`."""
+        """Begin the ride of one machine."""
         context = RaceContext.of(request)
         share, cap = (None, OPEN) if context is None else (context.share, context.v_max)
         self.interface.begin(row, rows, course, share, cap)
@@ -360,11 +331,11 @@ class RaceState:
         self._over[row] = self._expired[row] = False
 
     def observe(self, rows: VehicleRows) -> NDArray[np.float32]:
-        """Return the observations; see `TaskState`."""
+        """Return the observations."""
         return self.interface.observe(rows)
 
     def act(self, rows: VehicleRows, actions: NDArray[np.floating]) -> None:
-        """Begin a decision; see `TaskState`."""
+        """Begin a decision."""
         self.interface.act(rows, actions)
         self._signals = RewardSignals.zeros(self._count)
         now, before = self.interface.memory.actions[:, 0], self.interface.memory.actions[:, 1]
@@ -382,7 +353,7 @@ class RaceState:
         return commands
 
     def advance(self, rows: VehicleRows) -> None:
-        """Add a control period; see `TaskState`."""
+        """Add a control period."""
         signals, dt, task = self._signals, self._period, self._task
         look, telemetry = rows.look, rows.signals
         running = ~self._over
@@ -431,7 +402,7 @@ class RaceState:
         self._signals.lean_history += part * history_penalty(changes[:, :, 1] / LEAN_FACTOR)
 
     def evaluate(self, rows: VehicleRows) -> StepResult:
-        """Return the outcome of the decision; see `TaskState`."""
+        """Return the outcome of the decision."""
         signals = self._signals
         angles, omega = rows.state[:, [STEER, ROLL]], _omega(rows)
         change = angles - self._angles
@@ -448,12 +419,12 @@ class RaceState:
         return 1.0 - self._rate
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the memory; see `TaskState`."""
+        """Return the memory."""
         own = {name: getattr(self, f"_{name}").copy() for name in _MEMORY}
         return {"interface": self.interface.state_dict(), **own}
 
     def restore(self, stored: Mapping[str, Any]) -> None:
-        """Continue from a stored memory; see `TaskState`."""
+        """Continue from a stored memory."""
         self.interface.restore(stored["interface"])
         for name in _MEMORY:
             getattr(self, f"_{name}")[...] = stored[name]
