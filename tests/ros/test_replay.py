@@ -22,7 +22,7 @@ from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_training.curricula.parts import PartsCurriculum
 from bike_training.envs.env import BikeEnv
-from bike_training.explain.observations import read_race
+from bike_training.explain.observations import read_observations
 from bike_training.learning.episode_recording import Standing, TrainingRecorder
 from bike_training.replay import Replay, read_rides, ride_again
 from bike_training.rollout.rollout import rollout
@@ -176,8 +176,8 @@ def test_a_superbike_comes_out_the_same(ros, own_lines: Path, tmp_path: Path) ->
     (replay,) = replays(path)
     assert replay.same
     assert replay.states == replay.recorded_states == 151
-    seen = read_race(path, load_bundle("racer"))  # what a policy that races would have seen of it
+    seen = read_observations(path, load_bundle("racer"))  # what a policy that races would have seen of it
     assert seen.observations.shape == (15, RACE_LAYOUTS["guided"].size)
     assert seen.differ > 0.1
     with pytest.raises(ValueError, match="no section 'chicane'"):
-        read_race(path, load_bundle("racer"), "chicane")
+        read_observations(path, load_bundle("racer"), "chicane")

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_analysis.read.columns import ColumnReader, MessageSchema, SchemaError
-from bike_analysis.read.container import Block, Container, RecordingError, find_files
+from bike_analysis.read.container import Container, RecordingError, find_files
 from bike_analysis.read.reading import Recording, read_recording
 from bike_analysis.read.rides import Ride, find_rides
-from bike_policy.contract.observation import Rows, rows_of
+from bike_policy.contract.observation import rows_of
 from bike_policy.riders.rider import Rider
 from bike_sim.course.course import Course
 from bike_sim.course.random_courses import PathRanges
@@ -46,8 +46,8 @@ COMMANDS: Final = ("steering_command", "throttle_command")
 FLAGS: Final = ("fallen", "off_course", "finished")
 EXACT: Final = (*st.FIELDS, *lk.FIELDS, *COMMANDS, "steer_torque", *FLAGS)
 """Fields of a recorded state that are replayed: all but preview and history, which follow from them."""
-
-_LINE_START: Final = ("speed_share", "start_offset", "start_heading")
+_LISTED: Final = ("episode", "learning/step", "disturbances")
+"""Other topics of a ride."""
 
 
 @dataclass(frozen=True)
@@ -86,8 +86,9 @@ class Start:
                 context=tuple(map(float, message.context)),
                 line=float(message.line),
                 progress=float(message.progress),
-                # Relative to the line of a circuit; recordings before these fields have none.
-                **{name: float(getattr(message, name, 0.0)) for name in _LINE_START},
+                speed_share=float(message.speed_share),
+                start_offset=float(message.start_offset),
+                start_heading=float(message.start_heading),
             ),
         )
 
@@ -148,109 +149,64 @@ def read_rides(path: Path, namespace: str | None = None) -> tuple[Recording, tup
     if recording.namespace is None:
         raise RecordingError(f"{path} holds no states of a simulator; only its rides can be ridden again")
     try:
-        raw = _Raw(find_files(path), recording.namespace)
+        order, columns, messages = _read_all(find_files(path), recording.namespace)
     except SchemaError as error:
         raise RecordingError(f"{path}: {error}") from error
-    return recording, tuple(_recorded(ride, recording, raw) for ride in find_rides(recording))
+
+    def nearest(found: list[tuple[int, Any]], first: int) -> Any | None:
+        return min(found, key=lambda pair: abs(pair[0] - first))[1] if found else None
+
+    rides = []
+    for ride in find_rides(recording):
+        rows, first = np.searchsorted(order, ride.states.order), int(ride.states.order[0])
+        # A simulator that was restarted counts its episodes from 1 again: the nearest message is this ride's.
+        start = nearest([pair for pair in messages["episode"] if pair[1].episode == ride.episode], first)
+        disturbed = nearest(messages["disturbances"], first)
+        steps = [message for _, message in messages["learning/step"] if message.episode == ride.episode]
+        rides.append(
+            RideSource(
+                ride=ride,
+                vehicle=recording.vehicle,
+                start=Start.from_message(start) if start is not None else None,
+                columns={name: values[rows] for name, values in columns.items()},
+                learned=_learned(steps, recording),
+                disturbances=None if disturbed is None else read_disturbances(str(disturbed.data), "recorded"),
+            )
+        )
+    return recording, tuple(rides)
 
 
-def _recorded(ride: Ride, recording: Recording, raw: _Raw) -> RideSource:
-    rows = np.searchsorted(raw.order, ride.states.order)
-    first = int(ride.states.order[0])
-    starts = [(abs(order - first), message) for order, message in raw.starts if message.episode == ride.episode]
-    # A simulator that was restarted counts its episodes from 1 again: the nearest message is this ride's.
-    start = min(starts, key=lambda pair: pair[0])[1] if starts else None
-    return RideSource(
-        ride=ride,
-        vehicle=recording.vehicle,
-        start=Start.from_message(start) if start is not None else None,
-        columns={name: values[rows] for name, values in raw.columns.items()},
-        learned=_learned(ride, recording, raw),
-        disturbances=_disturbances(raw, first),
-    )
-
-
-def _disturbances(raw: _Raw, first: int) -> Disturbances | None:
-    """Return the disturbances of the simulator that a ride was recorded from: those published nearest to its begin."""
-    if not raw.disturbed:
-        return None
-    message = min(raw.disturbed, key=lambda pair: abs(pair[0] - first))[1]
-    return read_disturbances(str(message.data), "recorded")
-
-
-def _learned(ride: Ride, recording: Recording, raw: _Raw) -> Learned | None:
-    steps = [message for _, message in raw.learned if message.episode == ride.episode]
+def _learned(steps: list[Any], recording: Recording) -> Learned | None:
     if not steps or "task" not in recording.notes:
         return None
     card = json.loads(recording.notes["task"])
     try:
         task = (RaceTask if card.get("task") == "race" else PathTask).from_card(card)
-    except (AttributeError, KeyError, TypeError) as error:
+    except (AttributeError, ValueError) as error:
         raise RecordingError(f"{recording.path}: the task in its notes is of another version ({error})") from error
-    action = np.array([np.ravel(message.action) for message in steps], dtype=np.float64)
-    if action.shape[1] != task.action.size:
-        return None  # an older version recorded the first number of the action alone
     return Learned(
         task=task,
         step=np.array([message.step for message in steps], dtype=np.int64),
         observation=np.array([message.observation for message in steps], dtype=np.float32),
-        action=action,
+        action=np.array([np.ravel(message.action) for message in steps], dtype=np.float64),
         reward=np.array([message.reward for message in steps], dtype=np.float64),
     )
 
 
-class _Raw:
-    """States in full, starts and steps of learning of one vehicle.
-
-    Attributes:
-        order: index of each state in the recording, ascending.
-        columns: fields of EXACT of all states.
-        starts: messages of how episodes began, each with its index.
-        learned: steps of learning, each with its index.
-        disturbed: disturbances that simulators published, each with its index.
-    """
-
-    def __init__(self, files: tuple[Path, ...], namespace: str) -> None:
-        states: ColumnReader | None = None
-        orders: list[Integers] = []
-        self.starts: list[tuple[int, Any]] = []
-        self.learned: list[tuple[int, Any]] = []
-        self.disturbed: list[tuple[int, Any]] = []
-        lists = {
-            f"{namespace}/episode": self.starts,
-            f"{namespace}/learning/step": self.learned,
-            f"{namespace}/disturbances": self.disturbed,
-        }
-        for topic, schema, block, rows, before in blocks_of(files, {f"{namespace}/state", *lists}):
-            if topic in lists:
-                for row in rows.tolist():
-                    lists[topic].append((before + block.first + row, schema.decode(block.data(row))))
-                continue
-            states = states or _state_reader(schema)
-            good = states.add_block(block.contents, block.begin[rows], block.end[rows])
-            orders.append(before + block.first + rows[good])
-        assert states is not None, "there are states, or the recording would have been refused"
-        self.order = np.concatenate(orders)
-        self.columns: Columns = states.finish()
-
-
-def _state_reader(schema: MessageSchema) -> ColumnReader:
-    missing = sorted(set(EXACT) - schema.fields())
-    if missing:
-        raise SchemaError(f"its states have no {', '.join(missing)}; were they recorded by another version?")
-    return ColumnReader(schema, EXACT)
-
-
-def blocks_of(files: tuple[Path, ...], topics: set[str]) -> Iterator[tuple[str, MessageSchema, Block, Integers, int]]:
-    """Read the messages of some topics.
+def _read_all(files: tuple[Path, ...], namespace: str) -> tuple[Integers, Columns, dict[str, list[tuple[int, Any]]]]:
+    """Read states in full, and the messages of other topics of one vehicle.
 
     Args:
         files: of a recording, in order.
-        topics: names of the topics.
+        namespace: of the vehicle.
 
-    Yields:
-        Topic, type, block, rows of its messages in the block, and the number of messages in the files before.
+    Returns:
+        Index of each state in the recording, ascending; fields of EXACT of all states; decoded messages of _LISTED by
+        topic, each with its index.
     """
+    states: ColumnReader | None = None
+    orders: list[Integers] = []
+    lists: dict[str, list[tuple[int, Any]]] = {name: [] for name in _LISTED}
     before = 0
     for file in files:
         box, count = Container(file), 0
@@ -258,12 +214,30 @@ def blocks_of(files: tuple[Path, ...], topics: set[str]) -> Iterator[tuple[str, 
             count += len(block)
             for number in np.unique(block.channel).tolist():
                 channel = box.channels.get(number)
-                if channel is None or channel.topic not in topics or channel.schema_id not in box.schemas:
+                topic = "" if channel is None else channel.topic.removeprefix(f"{namespace}/")
+                if channel is None or topic not in ("state", *lists) or channel.schema_id not in box.schemas:
                     continue
-                schema = box.schemas[channel.schema_id]
-                kind = MessageSchema(schema.name, schema.data.decode("utf-8", errors="replace"))
-                yield channel.topic, kind, block, np.flatnonzero(block.channel == number), before
+                stored = box.schemas[channel.schema_id]
+                schema = MessageSchema(stored.name, stored.data.decode("utf-8", errors="replace"))
+                rows = np.flatnonzero(block.channel == number)
+                if topic in lists:
+                    lists[topic] += [
+                        (before + block.first + row, schema.decode(block.data(row))) for row in rows.tolist()
+                    ]
+                    continue
+                states = states or _state_reader(schema)
+                good = states.add_block(block.contents, block.begin[rows], block.end[rows])
+                orders.append(before + block.first + rows[good])
         before += count
+    assert states is not None, "there are states, or the recording would have been refused"
+    return np.concatenate(orders), states.finish(), lists
+
+
+def _state_reader(schema: MessageSchema) -> ColumnReader:
+    missing = sorted(set(EXACT) - schema.fields())
+    if missing:
+        raise SchemaError(f"its states have no {', '.join(missing)}; were they recorded by another version?")
+    return ColumnReader(schema, EXACT)
 
 
 APART_AT: Final = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0)
@@ -355,21 +329,39 @@ def ride_again(
             not fit. FileNotFoundError: its vehicle or course is not here.
     """
     start = _start_of(recorded)
-    config = start.config if engine is None else replace(start.config, engine=engine)
-    config = config if time_step is None else replace(config, time_step=time_step)
+    changes: dict[str, Any] = {"engine": engine, "time_step": time_step}
+    config = replace(start.config, **{name: value for name, value in changes.items() if value is not None})
+    ridden = _Ridden(recorded.learned, start.request)
     steering, throttle, stopped = _commands(recorded)
     simulator = Simulator(config, recorded.disturbances)
-    ridden = _Ridden(recorded.learned, simulator, start.request)
     try:
         for snapshot in rollout(simulator, RecordedCommands(steering, throttle), start.request):
-            ridden.note(snapshot)
+            ridden.note(snapshot, simulator)
             if report is not None:
                 report(snapshot.step, len(steering))
             if snapshot.fallen and snapshot.step < len(steering):
                 stopped = f"it falls after {snapshot.time:.2f} s now, where the recorded ride goes on"
     finally:
         simulator.close()
-    return _compare(recorded, config, ridden, stopped)
+    now = dict(zip(EXACT, np.stack(ridden.rows, axis=1), strict=True))
+    steps, period = recorded.ride.states.step, config.control_period
+    mine = np.flatnonzero(steps < len(ridden.rows))
+    known = steps[mine]
+    before = {name: recorded.columns[name][mine].astype(np.float64) for name in EXACT}
+    after = {name: now[name][known] for name in EXACT}
+    difference = _first_difference(before, after, known, period)
+    learned = (0, None) if recorded.learned is None else _compare_learned(recorded.learned, ridden, period)
+    return Replay(
+        config=config,
+        states=len(mine),
+        recorded_states=len(steps),
+        missing=int(known[-1]) + 1 - len(mine) if len(mine) else 0,
+        stopped=stopped,
+        difference=difference,
+        apart=_apart(before, after, np.asarray(known * period, dtype=np.float64)) if difference is not None else (),
+        learned=learned[0],
+        learned_difference=learned[1],
+    )
 
 
 def ride_with(
@@ -383,7 +375,8 @@ def ride_with(
         report: called with steps ridden and steps in all, to show progress.
 
     Raises:
-        ValueError: the ride cannot be ridden again to its end. FileNotFoundError: its vehicle or course is not here.
+        ValueError: the ride cannot be ridden again to its end.
+        FileNotFoundError: its vehicle or course is not here.
     """
     start = _start_of(recorded)
     steering, throttle, stopped = _commands(recorded)
@@ -468,73 +461,41 @@ class _Ridden:
     """Collects the replayed ride in the columns of the recording, and what its task shows and rewards.
 
     Attributes:
+        rows: of EXACT, one a state.
         observations: by the control step of the state.
         rewards: by the control step of the state that was observed before the decision.
     """
 
-    def __init__(self, learned: Learned | None, simulator: Simulator, request: ResetRequest) -> None:
-        self._rows: list[NDArray[np.float64]] = []
-        self._simulator, self._request = simulator, request
-        self._task: TaskState | None = None
-        self._actions: dict[int, NDArray[np.float64]] = {}
-        if learned is not None:
-            self._task, self._repeat = learned.task.make_state(1, simulator.vehicle), learned.task.repeat
-            self._actions = dict(zip(learned.step.tolist(), learned.action, strict=True))
-        self._decided = -1
+    def __init__(self, learned: Learned | None, request: ResetRequest) -> None:
+        self.rows: list[NDArray[np.float64]] = []
         self.observations: dict[int, NDArray[np.float32]] = {}
         self.rewards: dict[int, float] = {}
+        self._learned, self._request, self._decided = learned, request, -1
+        self._task: TaskState | None = None
+        self._actions = {} if learned is None else dict(zip(learned.step.tolist(), learned.action, strict=True))
 
-    def note(self, snapshot: Snapshot) -> None:
+    def note(self, snapshot: Snapshot, simulator: Simulator) -> None:
         flags = [getattr(snapshot, name) for name in FLAGS]
         others = [snapshot.steering, snapshot.throttle, snapshot.steer_torque, *flags]
-        self._rows.append(np.concatenate([snapshot.state, snapshot.look, others]))
-        if self._task is not None:
-            self._learn(self._task, snapshot, rows_of(snapshot))
-
-    def _learn(self, task: TaskState, snapshot: Snapshot, rows: Rows) -> None:
-        """Evaluate the decision that a snapshot ends, and observe where the next one begins."""
-        if snapshot.step == 0:
-            assert self._simulator.course is not None
-            task.begin(0, rows, self._request, self._simulator.course)
+        self.rows.append(np.concatenate([snapshot.state, snapshot.look, others]))
+        if self._learned is None:
+            return
+        rows, step = rows_of(snapshot), snapshot.step
+        if self._task is None:
+            assert simulator.course is not None
+            self._task = self._learned.task.make_state(1, simulator.vehicle)
+            self._task.begin(0, rows, self._request, simulator.course)
         elif self._decided >= 0:
-            task.advance(rows)
-            if snapshot.step - self._decided == self._repeat or snapshot.fallen:
-                self.rewards[self._decided] = float(sum_of(task.evaluate(rows).terms)[0])
+            self._task.advance(rows)
+            if step - self._decided == self._learned.task.repeat or snapshot.fallen:
+                self.rewards[self._decided] = float(sum_of(self._task.evaluate(rows).terms)[0])
                 self._decided = -1
-        if snapshot.step in self._actions and self._decided < 0:
-            self.observations[snapshot.step] = task.observe(rows)[0]
-            task.act(rows, self._actions[snapshot.step][None])
-            self._decided = snapshot.step
+        if step in self._actions and self._decided < 0:
+            self.observations[step] = self._task.observe(rows)[0]
+            self._task.act(rows, self._actions[step][None])
+            self._decided = step
         if self._decided >= 0:
-            task.commands(rows)  # a guide remembers them
-
-    def columns(self) -> Columns:
-        return dict(zip(EXACT, np.stack(self._rows, axis=1), strict=True))
-
-
-def _compare(recorded: RideSource, config: SimulatorConfig, ridden: _Ridden, stopped: str) -> Replay:
-    now = ridden.columns()
-    steps = recorded.ride.states.step
-    mine = np.flatnonzero(steps < len(now["x"]))
-    known = steps[mine]
-    period = config.control_period
-    before = {name: recorded.columns[name][mine].astype(np.float64) for name in EXACT}
-    after = {name: now[name][known] for name in EXACT}
-    difference = _first_difference(before, after, known, period)
-    count, learned_difference = 0, None
-    if recorded.learned is not None:
-        count, learned_difference = _compare_learned(recorded.learned, ridden, period)
-    return Replay(
-        config=config,
-        states=len(mine),
-        recorded_states=len(steps),
-        missing=int(known[-1]) + 1 - len(mine) if len(mine) else 0,
-        stopped=stopped,
-        difference=difference,
-        apart=_apart(before, after, np.asarray(known * period, dtype=np.float64)) if difference is not None else (),
-        learned=count,
-        learned_difference=learned_difference,
-    )
+            self._task.commands(rows)  # a guide remembers them
 
 
 def _first_difference(before: Columns, after: Columns, steps: NDArray[np.int64], period: float) -> Difference | None:

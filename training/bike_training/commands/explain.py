@@ -20,7 +20,6 @@ from bike_training.explain.observations import (
     RecordedObservations,
     policy_of,
     read_observations,
-    read_race,
 )
 from bike_training.explain.shap_values import Explanation, correlation, explain
 
@@ -41,15 +40,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     bundle = _policy(policy_of(read_recording(path).notes, path) if args.policy is None else args.policy)
     make_folder("--out", args.out)
     with Progress(console=Console(stderr=True), disable=args.json, transient=True) as progress:
-        if bundle.layout.races:
-            riding = progress.add_task("riding again")
+        riding = progress.add_task("riding again")
+        section = args.section or (WHOLE_RIDE if bundle.layout.races else SECTION)
 
-            def report(step: int, steps: int) -> None:
-                progress.update(riding, completed=step, total=steps)
+        def report(step: int, steps: int) -> None:
+            progress.update(riding, completed=step, total=steps)
 
-            seen = read_race(path, bundle, args.section, args.ride, report)
-        else:
-            seen = read_observations(path, bundle, args.section or SECTION, args.ride)
+        seen = read_observations(path, bundle, section, args.ride, report)
     explanation = explain(bundle, seen.observations, silent=args.json)
     place = "the whole ride" if seen.section == WHOLE_RIDE else seen.section
     headline = f"{bundle.name} on {place} ({seen.course or 'course not recorded'})"
@@ -98,7 +95,7 @@ def _figures(bundle: Bundle, seen: RecordedObservations, explanation: Explanatio
         "permutations_count": explanation.permutations,
         "unchanged_parts": list(explanation.steady),
         "seconds": round(explanation.seconds, 2),
-        "commands_differ": _number(seen.differ),
+        "commands_differ": seen.differ,
         "additivity_error": explanation.additivity_error,
         "actions": [
             {
@@ -122,9 +119,7 @@ def _lines(figures: dict[str, Any], explanation: Explanation) -> list[str]:
             parts.append(f"{each['name'].replace('_', ' ')} {size} ({each['share']:.0%}{sign})")
         lines.append(f"- {unit.name}: {', '.join(parts)}")
     differ = figures["commands_differ"]
-    if differ is None:
-        lines.append("- No commands were recorded, so it is not known whether this policy drove the ride.")
-    elif differ > SAME_COMMANDS:
+    if differ > SAME_COMMANDS:
         lines.append(
             f"- This policy did not drive the ride: its commands differ from the recorded ones by up to {differ:.2f} "
             "of the largest. It is explained on what another rider got to see."

@@ -301,12 +301,7 @@ class RacingRider(LearnedRider):
     It decides at the steps that are multiples of the layout's ``repeat``, counted from the reset, and remembers what it
     has decided. Where states are lost, or the rider is started in the middle of a ride, it decides at once: memory
     begins with what it sees then.
-
-    Attributes:
-        seen: observation of the last decision, shape (layout size,); None before the first.
     """
-
-    seen: NDArray[np.float32] | None = None
 
     def __init__(self, bundle: Bundle) -> None:
         """Take a policy, and act once on a made-up observation: the first action of a process takes longest."""

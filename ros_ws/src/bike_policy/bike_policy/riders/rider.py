@@ -7,6 +7,7 @@ from importlib import import_module
 from typing import Final, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bike_policy.contract.bundle import Bundle, load_bundle
 from bike_policy.contract.observation import Rows, rows_of
@@ -95,9 +96,11 @@ class LearnedRider:
         bundle: the policy.
         name: its name.
         preview: that it sees.
+        seen: observation of the last decision, shape (layout size,); None before the first.
     """
 
     preview: Preview | None
+    seen: NDArray[np.float32] | None = None
 
     def __init__(self, bundle: Bundle) -> None:
         """Take a policy, and act once on a made-up observation: the first action of a process takes longest."""
@@ -122,6 +125,7 @@ class LearnedRider:
         seen = bundle.layout.observe(rows._replace(preview_y=rows.preview_y[:, self._picked]))[0]
         if not np.isfinite(seen).all():
             return None
+        self.seen = seen
         return bundle.action.to_command(bundle.actor.act(seen).tolist(), self._max_steer, snapshot.speed)
 
 
