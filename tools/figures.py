@@ -167,8 +167,8 @@ def headline(name: str) -> str:
     ratios = [f"{engines[f'`{kind}_to_exudyn_ratio`']:.1f}" for kind in ("pybullet", "whipple")]
     rows = [
         [
-            "Bicycle, SAC of the paper: largest, largest mean distance",
-            of_paper,
+            "Bicycle, SAC: largest distance, largest mean distance",
+            re.sub(r" at [\d.]+ m/s", "", of_paper),
             "0.69 m, 0.09 m",
             "`bike reproduce bicycle`",
         ],
@@ -210,14 +210,17 @@ def command(name: str) -> str:
     declared = COMMANDS[name]
     parser = declared.parser(name)
     formatter = HelpFormatter(parser.prog)
-    rows = [[_written(action), _help(formatter, action)] for action in parser._actions if action.dest != "help"]
-    intro = fill(f"{parser.description} Duration: {declared.duration}.", 120, break_on_hyphens=False)
-    text = f"{intro}\n\n{markdown(('option', 'meaning'), rows)}"
-    return f"{text}\n```text\n{dedent(declared.examples).strip()}\n```\n"
+    lines = [f"- {_written(each)}: {_help(formatter, each)}" for each in parser._actions if each.dest != "help"]
+    intro = _wrapped(f"{parser.description} Duration: {declared.duration}.", "")
+    return f"{intro}\n{''.join(map(_wrapped, lines))}\n```text\n{dedent(declared.examples).strip()}\n```\n"
+
+
+def _wrapped(text: str, indent: str = "  ") -> str:
+    return fill(text, 120, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False) + "\n"
 
 
 def _help(formatter: HelpFormatter, action: Action) -> str:
-    return re.sub(r"\s+", " ", formatter._expand_help(action)).replace("|", "\\|").replace("<", "&lt;")
+    return re.sub(r"\s+", " ", formatter._expand_help(action)).replace("<", "&lt;")
 
 
 def _written(action: Action) -> str:
@@ -232,13 +235,13 @@ def parameters(node: str) -> str:
     from bike_sim.ros import record, sim_node
 
     specs: Any = {"sim_node": sim_node, "drive": drive, "joystick": joy, "record": record}[node].SPECS
-    rows = []
+    text = ""
     for spec in specs:
         default = "none" if spec.default in ("", ()) else str(spec.default)
         default = default.lower() if isinstance(spec.default, bool) else default
         meaning = spec.text + (f" One of {', '.join(spec.choices)}." if spec.choices else "")
-        rows.append([f"`{spec.name}`", default, "start" if spec.fixed else "any time", meaning])
-    return markdown(("name", "default", "set", "meaning, with unit"), rows)
+        text += _wrapped(f"- `{spec.name}` ({default}; {'start' if spec.fixed else 'any time'}): {meaning}")
+    return text
 
 
 KINDS: Final[Mapping[str, Callable[[str], str]]] = {

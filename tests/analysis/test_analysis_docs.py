@@ -46,9 +46,9 @@ def test_its_python_runs(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys) 
 
 
 def cells(heading: str) -> list[str]:
-    """First cells of the table below a heading."""
+    """Names in the first cells of the table, or before the colons of the list, below a heading."""
     part = PAGE.split(f"\n## {heading}\n")[1].split("\n## ")[0]
-    return [line.split("|")[1] for line in part.splitlines() if line.startswith("| `")]
+    return re.findall(r"^(?:\|| -|-) (`[^:|]+)", part.replace("\n  `", " `"), re.MULTILINE)
 
 
 @pytest.fixture(scope="module")

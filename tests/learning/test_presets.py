@@ -33,7 +33,7 @@ def documented() -> dict[str, tuple[str | None, str | None]]:
     for line in section.splitlines():
         cells = [cell.strip() for cell in line.strip("| ").split(" | ")]
         paths = re.findall(r"`([\w.]+)`", cells[0])
-        if len(cells) == 4 and paths:
+        if len(cells) == 3 and paths:
             literals = [re.match(r"`([^`]+)`", cell) for cell in cells[1:3]]
             path = f"{paths[0]}.{paths[0]}" if paths[0] in KINDS else paths[0]
             found[path] = tuple(literal and literal[1] for literal in literals)

@@ -97,7 +97,10 @@ def check_services(probe: Any) -> None:
 
 
 def check_diagnostics(probe: Any) -> None:
-    explained = {row[0]: set(row[1].replace("`", "").split(", ")) for row in table("## Diagnostics")}
+    part = PAGE.partition("\n## Diagnostics\n")[2].partition("\n## ")[0]
+    explained = {
+        node: set(re.findall(r"`(\w+)`", names)) for node, names in re.findall(r"^- (\w+):((?:.|\n  )+)", part, re.M)
+    }
     probe.until_equal(
         lambda: {node: {entry.key for entry in sent[-1].values} for node, sent in probe.statuses.items()}, explained
     )

@@ -36,7 +36,7 @@ SPECS: Final = (
     ParameterSpec(
         "policy",
         DEFAULT_POLICY,
-        "Shipped policy, folder of a bundle, lqr, mpc, stanley; for superbikes classical, racer or generalist.",
+        "whipple, lqr, mpc or stanley; racer, generalist, spdl_barcelona or classical; or the folder of a bundle.",
         fixed=True,
     ),
     VEHICLE,
