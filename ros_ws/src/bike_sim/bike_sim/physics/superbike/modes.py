@@ -123,7 +123,15 @@ def least_damped(values: NDArray[np.complex128], band: tuple[float, float]) -> c
 def eigenvalues(
     engine: SuperbikeEngine, command: tuple[float, float], names: tuple[str, ...] = STATES, steps: int = 3
 ) -> NDArray[np.complex128]:
-    """Return eigenvalues of a ride at this moment, 1/s; the engine is left as it was.
+    """Return eigenvalues of a ride at this moment, 1/s; see `transition_matrix`."""
+    transition = transition_matrix(engine, command, names, steps)
+    return np.asarray(np.log(np.linalg.eigvals(transition).astype(complex)) / (steps * engine.time_step))
+
+
+def transition_matrix(
+    engine: SuperbikeEngine, command: tuple[float, float], names: tuple[str, ...], steps: int
+) -> FloatArray:
+    """Return how states after some steps follow from those now; the engine is left as it was.
 
     Args:
         engine: in the middle of a ride.
@@ -147,8 +155,7 @@ def eigenvalues(
     engine.motion[:], engine.memory[:] = kept
     engine.set_motion()
     engine.advance(*command, 0)
-    transition = np.linalg.solve(starts.T, ends.T).T
-    return np.asarray(np.log(np.linalg.eigvals(transition).astype(complex)) / (steps * engine.time_step))
+    return np.asarray(np.linalg.solve(starts.T, ends.T).T)
 
 
 def lateral_states(engine: SuperbikeEngine) -> tuple[str, ...]:
