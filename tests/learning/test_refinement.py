@@ -37,7 +37,6 @@ from bike_training.learning.linear_rides import (
     LinearRides,
     ObservationJacobian,
     Segment,
-    Variety,
     motion_slopes,
     push_sideways,
 )
@@ -140,7 +139,7 @@ def test_layouts_that_show_the_map_are_refused() -> None:
 
 def ridden(weights: Weights, actor: MirrorSymmetricActor) -> Segment:
     """Return a segment of rides some of which are ridden late."""
-    rides = LinearRides(6, TASK, REFINEMENT, COMPILED, seed=4, variety=Variety(delay=2))
+    rides = LinearRides(replace(SMALL, delay=2), TASK, REFINEMENT, COMPILED, seed=4)
     segment = rides.ride(actor.folded(weights), 16, push=0.0)
     rides.close()
     return Segment(*(jnp.asarray(part) for part in segment))
@@ -250,7 +249,7 @@ def test_the_command_writes_the_same_policy_again(tmp_path: Path) -> None:
 
 
 def test_steep_rides_begin_anew_with_every_segment() -> None:
-    rides = LinearRides(4, TASK, REFINEMENT, COMPILED, seed=4, variety=Variety(starts=STEEP, starting=2))
+    rides = LinearRides(replace(SMALL, bicycles=4, steep=0.5), TASK, REFINEMENT, COMPILED, seed=4, starts=STEEP)
     actor = MirrorSymmetricActor(FINE_LAYOUT)
     still = actor.folded(actor.draw((8,), seed=1))
     for _ in range(2):

@@ -10,16 +10,11 @@ learned.
 
 Actors are compared on many rides, by their closed loop, and on rides under pushes and from steep starts.
 
-Cost that learning through derivatives descends: that of linearised rides, ridden by a changed actor.
-
 The cost of a control period is ``sqrt(e^2 + d^2) - d + a e^2 / (1 + |e|) + b w^2 + c (u - u')^2`` with the lateral
 error e, the steer rate w, the command u and the one before u', and more for leans close to a fall. What is descended is
 the mean logarithm of the costs of rides: else a few violent rides would say all, and a swing on a straight next to
-nothing.
-
-A network ridden as the odd part of itself: a mirrored observation gives the mirrored command.
-
-So it rides a straight without an offset.
+nothing. A network is ridden as the odd part of itself: a mirrored observation gives the mirrored command, so it rides a
+straight without an offset.
 """
 
 from __future__ import annotations
@@ -47,7 +42,7 @@ from bike_sim.sim.batch import Batch
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_training.curricula.parts import REFINEMENT, SPEED_RANGES, PartsCurriculum, RideRanges
-from bike_training.learning.linear_rides import DEVIATIONS, SENSORS, LinearRides, Segment, Variety, push_sideways
+from bike_training.learning.linear_rides import DEVIATIONS, SENSORS, LinearRides, Segment, push_sideways
 from bike_training.learning.presets import GradientSettings
 from bike_training.learning.run_settings import GRADIENT_POLICY, GRADIENT_TABLE, RunSettings, source_commit
 from bike_training.learning.validation import ride_side_by_side
@@ -170,37 +165,20 @@ def cost(
         away: deviations that the rides are given before each period, shape (periods, bicycles, 6).
         errors: of the sensors, as deviations, the same shape.
     """
-    ridden = ride_on(settings, actor, weights, held, segment, away, errors)
-    total = jnp.sqrt(ridden.error**2 + settings.knee**2) - settings.knee
-    total += settings.square * ridden.error**2 / (1.0 + jnp.abs(ridden.error))
-    total += settings.steer_rate * ridden.steer_rate**2 + settings.change * ridden.change**2
-    total += settings.lean * jax.nn.relu(jnp.abs(ridden.roll) - _STEEP) ** 2
-    total += settings.steer * jax.nn.relu(jnp.abs(ridden.steer) - _FAR) ** 2
+    ridden = _ride_on(settings, actor, weights, held, segment, away, errors)
+    error, roll = ridden["error"], ridden["roll"]
+    total = jnp.sqrt(error**2 + settings.knee**2) - settings.knee
+    total += settings.square * error**2 / (1.0 + jnp.abs(error))
+    total += settings.steer_rate * ridden["steer_rate"] ** 2 + settings.change * ridden["change"] ** 2
+    total += settings.lean * jax.nn.relu(jnp.abs(roll) - _STEEP) ** 2
+    total += settings.steer * jax.nn.relu(jnp.abs(ridden["steer"]) - _FAR) ** 2
     each = (jnp.minimum(total, _LARGEST_COST) * segment.whole).mean(axis=0)
     risky = (jnp.abs(segment.roll).max(axis=0) > _STEEP) | (segment.whole[-1] == 0.0)
     counts = 1.0 + settings.risky * risky
     return (jnp.log(each + _LEAST_COST) * counts).sum() / counts.sum()
 
 
-class Ridden(NamedTuple):
-    """Quantities that a ride costs by, shape (periods, bicycles) each.
-
-    Attributes:
-        error: lateral error, m.
-        steer_rate: rad/s.
-        roll: rad.
-        steer: rad.
-        change: of the answer since the one before.
-    """
-
-    error: jax.Array
-    steer_rate: jax.Array
-    roll: jax.Array
-    steer: jax.Array
-    change: jax.Array
-
-
-def ride_on(
+def _ride_on(
     settings: GradientSettings,
     actor: MirrorSymmetricActor,
     weights: Weights,
@@ -208,10 +186,15 @@ def ride_on(
     segment: Segment,
     away: jax.Array,
     errors: jax.Array,
-) -> Ridden:
-    """Ride linearised rides with an actor; see :func:`cost`."""
+) -> dict[str, jax.Array]:
+    """Ride linearised rides with an actor; see :func:`cost`.
 
-    def period(weights: Weights, carry: Any, part: Any) -> tuple[Any, Ridden]:
+    Returns:
+        Quantities that a ride costs by, shape (periods, bicycles) each: lateral error (m), steer rate (rad/s), roll,
+        steer (rad), and the change of the answer since the one before.
+    """
+
+    def period(weights: Weights, carry: Any, part: Any) -> tuple[Any, dict[str, jax.Array]]:
         deviation, sent = carry
         step, given, error = part
         deviation = deviation + given
@@ -220,13 +203,13 @@ def ride_on(
         acting = jnp.take_along_axis(sent, step.late[None], axis=0)[0]
         moved = jnp.concatenate([deviation, (acting - step.commands)[:, None]], axis=1)
         deviation = jnp.einsum("nij,nj->ni", step.motion, moved)
-        found = Ridden(
-            error=step.error + step.across * deviation[:, 0],
-            steer_rate=step.steer_rate + deviation[:, 5],
-            roll=step.roll + deviation[:, 2],
-            steer=step.steer + deviation[:, 3],
-            change=sent[0] - sent[1],
-        )
+        found = {
+            "error": step.error + step.across * deviation[:, 0],
+            "steer_rate": step.steer_rate + deviation[:, 5],
+            "roll": step.roll + deviation[:, 2],
+            "steer": step.steer + deviation[:, 3],
+            "change": sent[0] - sent[1],
+        }
         return (deviation, sent[:-1]), found
 
     # What is carried is not of a period.
@@ -240,7 +223,7 @@ def ride_on(
         return found
     rest = jax.tree.map(lambda part: part[live:], parts)
     _, later = jax.lax.scan(lambda c, p: period(held, c, p), carry, rest)
-    return Ridden(*(jnp.concatenate(pair) for pair in zip(found, later, strict=True)))
+    return {name: jnp.concatenate([part, later[name]]) for name, part in found.items()}
 
 
 Float32Array = NDArray[np.float32]
@@ -273,8 +256,8 @@ class Comparison(NamedTuple):
         ridden: of 105 rides.
         mean_m: of their mean distances, m.
         worst_mean_m: largest of them.
-        worst_max_m: largest
-            distance. spectral_radius: largest of 2 to 7 m/s, upright and in a turn; infinite where one is missing.
+        worst_max_m: largest distance.
+        spectral_radius: largest of 2 to 7 m/s, upright and in a turn; infinite where one is missing.
         swing_deg: set point left swinging on a straight.
         pushed: of 105 rides with a push of PUSHED N s every five seconds, where actors are compared under pushes.
         pushed_mean_m: of their mean distances, m.
@@ -313,16 +296,17 @@ def compare_policy(policy: Bundle, task: PathTask, config: SimulatorConfig, sett
     actor = policy.actor
     requests = PartsCurriculum().selection_requests(task.preview)
     track, whole = ride_side_by_side(actor, task, config, requests)
-    means = np.abs(track).mean(axis=0)
+    means = np.abs(track).mean(axis=0)[whole]
     loop = stability(LearnedRider(policy)) if whole.all() else {}
     radii = [loop.get(f"worst_spectral_radius_{place}") for place in ("upright", "turn")]
+    swing = loop.get("worst_swing_deg")
     found = Comparison(
         int(whole.sum()),
-        float(means[whole].mean()) if whole.any() else math.inf,
-        float(means[whole].max()) if whole.any() else math.inf,
+        float(means.mean()) if whole.any() else math.inf,
+        float(means.max()) if whole.any() else math.inf,
         float(np.abs(track[:, whole]).max()) if whole.any() else math.inf,
         max((math.inf if radius is None else radius) for radius in radii),
-        math.inf if loop.get("worst_swing_deg") is None else loop["worst_swing_deg"],
+        math.inf if swing is None else swing,
     )
     if settings.impulse:
         track, whole = ride_side_by_side(actor, task, config, requests, _push_now_and_then)
@@ -389,20 +373,8 @@ class GradientLearning:
             raise ValueError(f"policy {start.name!r} sees {start.layout.name!r}, the task {task.layout.name!r}")
         self.run, self.settings, self.task, self._start = run, settings, task, start
         self._config = run.compiled_simulator()
-        self._rides = LinearRides(
-            settings.bicycles,
-            task,
-            replace(RIDES, also=(*RIDES.also, SLOW)) if settings.impulse else RIDES,
-            self._config,
-            run.seed,
-            Variety(
-                settings.delay,
-                settings.noise,
-                settings.impulse,
-                STEEP,
-                round(settings.steep * settings.bicycles),
-            ),
-        )
+        rides = replace(RIDES, also=(*RIDES.also, SLOW)) if settings.impulse else RIDES
+        self._rides = LinearRides(settings, task, rides, self._config, run.seed, STEEP)
         largest = self._rides.batch.vehicle.max_steer
         self._actor = MirrorSymmetricActor(task.layout, task.action.columns[0].factor(largest))
         self._weights = (

@@ -23,6 +23,7 @@ from bike_sim.sim.batch import Batch
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.disturbances import Impulses
 from bike_training.curricula.base import Episodes
+from bike_training.learning.presets import GradientSettings
 from bike_training.tasks.path import PathTask
 
 FloatArray = NDArray[np.float64]
@@ -186,27 +187,6 @@ def push_sideways(batch: Batch, row: int, impulse: float) -> None:
     batch.state[row, [st.ROLL_RATE, st.STEER_RATE, st.FRONT_WHEEL_RATE]] += change
 
 
-class Variety(NamedTuple):
-    """Differences between rides.
-
-    Attributes:
-        delay: largest, control periods: half of the rides have none, the others one of 1 to this.
-        noise: largest, in parts of SENSORS: half of the rides have none, the others up to this.
-        impulse: largest sideways push on half of the rides, N s, about every four seconds.
-        starts: where the rides are drawn from that begin anew with every segment, without a push or a delay.
-        starting: number of them, the first of all.
-    """
-
-    delay: int = 0
-    noise: float = 0.0
-    impulse: float = 0.0
-    starts: Episodes | None = None
-    starting: int = 0
-
-
-ALIKE: Final = Variety()
-
-
 class LinearRides:
     """Bicycles that ride segment after segment, and begin anew where a ride has failed or was long enough.
 
@@ -217,31 +197,31 @@ class LinearRides:
 
     def __init__(
         self,
-        count: int,
+        settings: GradientSettings,
         task: PathTask,
         episodes: Episodes,
         config: SimulatorConfig,
         seed: int,
-        variety: Variety = ALIKE,
+        starts: Episodes | None = None,
     ) -> None:
         """Begin a number of rides.
 
         Args:
-            count: number of bicycles.
+            settings: number of bicycles, and differences between rides.
             task: with an observation that :class:`ObservationJacobian` knows.
             episodes: distribution of rides.
             config: of the compiled engine.
             seed: of all draws.
-            variety: of the rides.
+            starts: of the steep share of the rides, which begin anew with every segment, without a push or a delay.
         """
-        self.batch = Batch(count, config, task.preview)
-        self.task = task
+        count = settings.bicycles
+        self.batch, self.task = Batch(count, config, task.preview), task
         self._episodes, self._sight = episodes, ObservationJacobian(task.layout)
-        self._starts, self._starting = variety.starts, variety.starting
+        self._starts, self._starting = starts, round(settings.steep * count)
         self._rng = np.random.default_rng(seed)
-        self._delay, self._largest_noise, self._impulse = variety.delay, variety.noise, variety.impulse
+        self._settings, self._period = settings, config.time_step * config.substeps
         self._late, self._noise = np.zeros(count, dtype=np.int32), np.zeros(count)
-        self._sent = np.zeros((variety.delay + 1, count))
+        self._sent = np.zeros((settings.delay + 1, count))
         for row in range(count):
             self._begin(row)
         # They end one after the other.
@@ -253,10 +233,11 @@ class LinearRides:
             self.batch.reset(row, self._starts.draw(self._rng, self.task.preview))
             return
         self.batch.reset(row, self._episodes.draw(self._rng, self.task.preview))
-        if self._delay:
-            self._late[row] = self._rng.integers(2) * self._rng.integers(1, self._delay + 1)
-        if self._largest_noise:
-            self._noise[row] = self._rng.integers(2) * self._rng.uniform(0.0, self._largest_noise)
+        settings = self._settings
+        if settings.delay:
+            self._late[row] = self._rng.integers(2) * self._rng.integers(1, settings.delay + 1)
+        if settings.noise:
+            self._noise[row] = self._rng.integers(2) * self._rng.uniform(0.0, settings.noise)
 
     def ride(self, actor: Actor, periods: int, push: float) -> Segment:
         """Ride on for a number of control periods.
@@ -273,65 +254,58 @@ class LinearRides:
         for row in np.flatnonzero(ended):
             self._begin(int(row))
             self._age[row] = 0
-        segment = self._blank(periods)
+        sent = self._sent.astype(np.float32)
+        rows: list[Segment] = []
         whole = np.ones(count, dtype=np.bool_)
         commands = np.zeros((count, 2))
-        for k in range(periods):
-            struck = self._rng.random(count) < batch.config.time_step * batch.config.substeps / 2.0
+        for _ in range(periods):
+            struck = self._rng.random(count) < self._period / 2.0
             draws = push * self._rng.standard_normal((count, 2)) * struck[:, None]
             draws[: self._starting] = 0.0
             batch.state[:, [st.ROLL_RATE, st.STEER_RATE]] += draws
-            if self._impulse:
+            if self._settings.impulse:
                 self._hit(whole)
-            segment.seen[k], segment.whole[k] = task.layout.observe(batch), whole
-            segment.sight[k] = self._sight.slopes(batch.preview_x) * whole[:, None, None]
-            commands[:, 0] = self._answer(actor, segment, k)
-            segment.commands[k] = commands[:, 0]
-            segment.motion[k] = motion_slopes(batch, commands[:, 0]) * whole[:, None, None]
+            seen = task.layout.observe(batch)
+            sight = (self._sight.slopes(batch.preview_x) * whole[:, None, None]).astype(np.float32)
+            commands[:, 0] = self._answer(actor, seen, sight)
+            motion = motion_slopes(batch, commands[:, 0]) * whole[:, None, None]
             batch.step(commands)
-            segment.error[k] = batch.look[:, lk.LATERAL_ERROR]
-            segment.across[k] = np.cos(batch.look[:, lk.HEADING_ERROR])
-            segment.steer_rate[k], segment.roll[k] = batch.state[:, st.STEER_RATE], batch.state[:, st.ROLL]
-            segment.steer[k] = batch.state[:, st.STEER]
+            rows.append(
+                Segment(
+                    sent=sent,
+                    seen=seen,
+                    sight=sight,
+                    commands=commands[:, 0].astype(np.float32),
+                    late=self._late.copy(),
+                    noise=self._noise.astype(np.float32),
+                    error=batch.look[:, lk.LATERAL_ERROR].astype(np.float32),
+                    steer_rate=batch.state[:, st.STEER_RATE].astype(np.float32),
+                    roll=batch.state[:, st.ROLL].astype(np.float32),
+                    steer=batch.state[:, st.STEER].astype(np.float32),
+                    motion=motion.astype(np.float32),
+                    across=np.cos(batch.look[:, lk.HEADING_ERROR]).astype(np.float32),
+                    whole=whole.astype(np.float32),
+                )
+            )
             whole &= ~task.failed(batch)
         self._age += periods
+        segment = Segment(*(np.stack(part) for part in zip(*rows, strict=True)))._replace(sent=sent)
         for part in segment:  # what lies on the ground has no numbers to learn from
             np.nan_to_num(part, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
         return segment
 
     def _hit(self, whole: NDArray[np.bool_]) -> None:
         """Push some of the bicycles that still ride; every second one is never pushed."""
-        period = self.batch.config.time_step * self.batch.config.substeps
-        hit = whole & (self._rng.random(len(whole)) < period / _BETWEEN) & (np.arange(len(whole)) % 2 == 1)
+        hit = whole & (self._rng.random(len(whole)) < self._period / _BETWEEN) & (np.arange(len(whole)) % 2 == 1)
         hit[: self._starting] = False
         for row in np.flatnonzero(hit):
-            push_sideways(self.batch, int(row), self._impulse * self._rng.uniform(-1.0, 1.0))
+            push_sideways(self.batch, int(row), self._settings.impulse * self._rng.uniform(-1.0, 1.0))
 
-    def _blank(self, periods: int) -> Segment:
-        """Return room for a segment that begins now."""
-        shape, size, wide = (periods, self.batch.count), self.task.layout.size, len(DEVIATIONS)
-        return Segment(
-            sent=self._sent.astype(np.float32),
-            seen=np.zeros((*shape, size), np.float32),
-            sight=np.zeros((*shape, size, wide), np.float32),
-            commands=np.zeros(shape, np.float32),
-            late=np.tile(self._late, (periods, 1)),
-            noise=np.tile(self._noise.astype(np.float32), (periods, 1)),
-            error=np.zeros(shape, np.float32),
-            steer_rate=np.zeros(shape, np.float32),
-            roll=np.zeros(shape, np.float32),
-            steer=np.zeros(shape, np.float32),
-            motion=np.zeros((*shape, wide, wide + 1), np.float32),
-            across=np.zeros(shape, np.float32),
-            whole=np.zeros(shape, np.float32),
-        )
-
-    def _answer(self, actor: Actor, segment: Segment, k: int) -> FloatArray:
+    def _answer(self, actor: Actor, shown: Float32Array, sight: Float32Array) -> FloatArray:
         """Return the commands that act in a period, after the actor has answered what it was shown."""
-        shown = segment.seen[k]
-        if self._largest_noise:
+        if self._settings.noise:
             errors = self._noise[:, None] * SENSORS * self._rng.standard_normal((len(shown), len(DEVIATIONS)))
-            shown = shown + np.einsum("nij,nj->ni", segment.sight[k], errors.astype(np.float32))
+            shown = shown + np.einsum("nij,nj->ni", sight, errors.astype(np.float32))
         speed = self.batch.look[:, lk.SPEED]
         answers = self.task.action.to_commands(actor.act_batch(shown), self.batch.vehicle.max_steer, speed)[:, 0]
         self._sent = np.vstack([answers, self._sent[:-1]])
