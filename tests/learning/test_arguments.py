@@ -169,7 +169,7 @@ def test_a_former_option_names_what_stands_for_it(command, flag, folders, capsys
         (["train", "--out", "never", "--set", "learner.layers=64,0"], "layers=(64, 0)"),
         (["train", "--out", "never", "--set", "task.max_steer=.inf"], "max_steer"),
         (["train", "--out", "never", "--steps", "-5"], "steps=-5"),
-        (["train", "--out", "never", "--seed", "-1"], "seed must be 0 to 4294967295, got -1"),
+        (["train", "--out", "never", "--seed", "-1"], "setting seed=-1 must be 0 to 4294967295"),
         (["train", "--out", "never", "--checkpoint-every", "0"], "checkpoint_every"),
         (["train", "--out", "never", "--record-every", "-1"], "record_every"),
         (["train", "--out", "never", "--engine", "pybullet", "--simulators", "0"], "--simulators"),

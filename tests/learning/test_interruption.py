@@ -55,9 +55,8 @@ def test_a_command_that_handles_a_signal_itself_and_stops_early_has_its_exit_cod
 
     def run(args):
         came = []
-        before = signal.signal(number, lambda *_: came.append(True))
-        signal.raise_signal(number)
-        signal.signal(number, before)
+        with signals_handled(lambda *_: came.append(True)):
+            signal.raise_signal(number)
         assert came
         return {"ok": False}
 

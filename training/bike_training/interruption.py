@@ -7,7 +7,8 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
+from functools import partial
 from types import FrameType
 from typing import Final, NoReturn
 
@@ -28,34 +29,24 @@ UNINTERRUPTIBLE_MODULES: Final = ("importlib._bootstrap", "weakref", "_weakrefse
 Handler = Callable[[int, FrameType | None], object]
 
 
+_came: list[int] = []
+"""Signals that were handled."""
+
+
 @contextmanager
 def signals_noted() -> Iterator[Callable[[], int]]:
-    """Take note of signals that end a program, whoever handles them: learning has handlers of its own.
+    """Take note of signals that end a program, whichever handler takes them: learning has one of its own.
 
     Yields:
         A function that returns the exit code of the first signal that came, or 0.
     """
-    if threading.current_thread() is not threading.main_thread():
-        yield lambda: 0  # only the main thread may listen to signals
-        return
-    readable, writable = os.pipe()
-    os.set_blocking(readable, False)
-    os.set_blocking(writable, False)
-    before = signal.set_wakeup_fd(writable, warn_on_full_buffer=False)
+    before = len(_came)
+    yield lambda: SHELL_BASE + _came[before] if len(_came) > before else 0
 
-    came: list[int] = []
 
-    def exit_code() -> int:
-        with suppress(BlockingIOError):
-            came.extend(number for number in os.read(readable, 4096) if number in ENDING)
-        return SHELL_BASE + came[0] if came else 0
-
-    try:
-        yield exit_code
-    finally:
-        signal.set_wakeup_fd(before)
-        os.close(readable)
-        os.close(writable)
+def _note(handler: Handler, number: int, frame: FrameType | None) -> object:
+    _came.append(number)
+    return handler(number, frame)
 
 
 @contextmanager
@@ -65,7 +56,7 @@ def signals_handled(handler: Handler) -> Iterator[None]:
         yield
         return
     numbers = [number for number in ENDING if signal.getsignal(number) is not signal.SIG_IGN]
-    before = {number: signal.signal(number, handler) for number in numbers}
+    before = {number: signal.signal(number, partial(_note, handler)) for number in numbers}
     try:
         yield
     finally:
@@ -98,7 +89,7 @@ def interrupt(number: int, frame: FrameType | None) -> None:
 
 def _signal_again(number: int) -> None:
     ident = threading.main_thread().ident
-    if signal.getsignal(number) is interrupt and ident is not None:
+    if getattr(signal.getsignal(number), "args", None) == (interrupt,) and ident is not None:
         signal.pthread_kill(ident, number)
 
 

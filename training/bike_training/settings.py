@@ -25,7 +25,7 @@ def check_number(name: str, value: float, least: float = -math.inf, most: float 
     if not (math.isfinite(value) and least <= value <= most):
         wanted = "positive" if least == POSITIVE[0] else f"at least {least:g}"
         if math.isfinite(most) or math.isinf(least):
-            wanted = "finite" if math.isinf(least) else f"{least:g} to {most:g}"
+            wanted = "finite" if math.isinf(least) else f"{least:.10g} to {most:.10g}"
         raise ValueError(f"setting {name}={value!r} must be {wanted}")
 
 

@@ -148,36 +148,31 @@ class SelfPaced:
             weights = np.exp(ratio - np.max(ratio))  # normalised below, so that values may be shifted
             return float(np.sum(weights * values) / np.sum(weights))
 
-        begin = self._widened(old)
+        bounds = self._bounds(old)
+        begin = Gaussian.from_flat(np.maximum(old.to_flat(), [low for low, _ in bounds]))
         before = value(begin)
         if before >= self.threshold:
-            found = self._solve(begin, old, lambda new: divergence(new, self.target), value)
+            found = self._solve(begin, old, bounds, lambda new: divergence(new, self.target), value)
             return Update(found, HARDER, value(found), before)
         if not reached:
-            found = self._solve(begin, old, lambda new: -value(new), None)
+            found = self._solve(begin, old, bounds, lambda new: -value(new), None)
             return Update(found, EASIER, value(found), before)
         return Update(old, WAITS, before, before)
 
     def _bounds(self, old: Gaussian) -> list[tuple[float, float]]:
-        size = len(old.mean)
-        flat = old.to_flat()
+        size, flat = len(old.mean), old.to_flat()
         # Far beyond any step that the divergence allows; keeps the solver's trials finite.
         bounds: list[tuple[float, float]] = [(value - FARTHEST, value + FARTHEST) for value in flat]
         if self.least_std is not None and divergence(old, self.target) > self.far:
-            for k in range(size):
-                low = math.log(self.least_std[k])
-                bounds[size + k] = (low, max(low, flat[size + k]) + FARTHEST)
+            for k, low in enumerate(map(math.log, self.least_std), start=size):
+                bounds[k] = (low, max(low, flat[k]) + FARTHEST)
         return bounds
-
-    def _widened(self, old: Gaussian) -> Gaussian:
-        flat = old.to_flat()
-        least = [low for low, _ in self._bounds(old)]
-        return Gaussian.from_flat(np.maximum(flat, least))
 
     def _solve(
         self,
         begin: Gaussian,
         old: Gaussian,
+        bounds: list[tuple[float, float]],
         objective: Callable[[Gaussian], float],
         value: Callable[[Gaussian], float] | None,
     ) -> Gaussian:
@@ -198,7 +193,7 @@ class SelfPaced:
             cost,
             first,
             method="SLSQP",
-            bounds=self._bounds(old),
+            bounds=bounds,
             constraints={"type": "ineq", "fun": room},
             options={"maxiter": ITERATIONS, "ftol": 1e-6},
         ).x

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
@@ -59,10 +58,7 @@ class LapRide:
         largest_lean: rad.
         highest_speed: m/s; both on flying laps.
         off_track: time with both contact points outside the limits on flying laps, s.
-        track: the circuit.
-        envelope: the machine's limits.
-        traces: of each flying lap that was finished, rows of progress and offset along the centre line (m) and of
-            speed (m/s).
+        passings: sections in which flying laps were faster than the theoretical laps of their own paths.
     """
 
     vehicle: str
@@ -78,18 +74,7 @@ class LapRide:
     largest_lean: float
     highest_speed: float
     off_track: float
-    track: Track
-    envelope: Envelope
-    traces: tuple[FloatArray, ...]
-
-    @cached_property
-    def passings(self) -> tuple[Passing, ...]:
-        """Sections in which flying laps were faster than the theoretical laps of their own paths; 0.3 s for a lap."""
-        if not self.traces:
-            return ()
-        theoretical = [speeds_of_own_path(self.track, self.envelope, along, aside) for along, aside, _ in self.traces]
-        progress, _, speed = np.concatenate(self.traces, axis=1)
-        return passings(np.concatenate(theoretical), progress, speed)
+    passings: tuple[Passing, ...]
 
     @property
     def best(self) -> Lap | None:
@@ -185,10 +170,17 @@ def ride_laps(
         lean,
         fastest,
         sum(lap.off_track for lap in flying),
-        track,
-        limits,
-        tuple(np.array(lap).T for lap in trace[:-1]),
+        _passings(track, limits, [np.array(lap).T for lap in trace[:-1]]),
     )
+
+
+def _passings(track: Track, limits: Envelope, traces: Sequence[FloatArray]) -> tuple[Passing, ...]:
+    """Return the passings of flying laps, given as rows of progress and offset along the centre line and of speed."""
+    if not traces:
+        return ()
+    theoretical = [speeds_of_own_path(track, limits, along, aside) for along, aside, _ in traces]
+    progress, _, speed = np.concatenate(traces, axis=1)
+    return passings(np.concatenate(theoretical), progress, speed)
 
 
 def _followed_line(machine: Simulator) -> FollowedLine:

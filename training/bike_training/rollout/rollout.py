@@ -18,7 +18,7 @@ from bike_policy.contract.observation import rows_of
 from bike_policy.riders.rider import Rider
 from bike_sim.course.course import Course
 from bike_sim.course.finish import Finish, up_to_finish
-from bike_sim.physics.state import ROLL, STEER, STEER_RATE, X, Y
+from bike_sim.physics.state import ROLL, STEER, STEER_RATE
 from bike_sim.sim import look as lk
 from bike_sim.sim.request import RANDOM_COURSE, Preview, ResetRequest
 from bike_sim.sim.snapshot import Snapshot
@@ -69,9 +69,6 @@ class RideResult:
         roll: rad.
         steer: rad.
         steer_rate: rad/s.
-        command: steering command applied in the step to the state, [-1, 1].
-        x: rear contact, m.
-        y: rear contact, m.
         lost_states: states of the ride that are missing here.
     """
 
@@ -82,9 +79,6 @@ class RideResult:
     roll: FloatArray
     steer: FloatArray
     steer_rate: FloatArray
-    command: FloatArray
-    x: FloatArray
-    y: FloatArray
     lost_states: int = 0
 
     @classmethod
@@ -92,16 +86,13 @@ class RideResult:
         """Collect the record from snapshots; a ride is evaluated up to the finish of an open course."""
         looks = np.array([snapshot.look for snapshot in snapshots])
         states = np.array([snapshot.state for snapshot in snapshots])
-        commands = np.array([snapshot.steering for snapshot in snapshots])
-        progress, error, x, y, roll, steer, steer_rate, command = up_to_finish(
+        progress, error, roll, steer, steer_rate = up_to_finish(
             Finish.of(course),
             looks[:, lk.PROGRESS],
             looks[:, lk.LATERAL_ERROR],
-            *(states[:, place] for place in (X, Y, ROLL, STEER, STEER_RATE)),
-            commands,
+            *(states[:, place] for place in (ROLL, STEER, STEER_RATE)),
         )
-        speed = float(looks[0, lk.SPEED])
-        return cls(speed, completed, progress, error, roll, steer, steer_rate, command, x, y)
+        return cls(float(looks[0, lk.SPEED]), completed, progress, error, roll, steer, steer_rate)
 
     def figures(self, sections: Iterable[tuple[str, float]] = ()) -> dict[str, Any]:
         """Return mean, maximum and RMS distance, also for each section (name, first arc length in m)."""
@@ -137,8 +128,7 @@ def ride_through(client: Client, rider: Rider, request: ResetRequest, longest: f
         request: of the ride.
         longest: longest ride, s; an open ride that lasts so long is completed, a closed one is not.
     """
-    if rider.preview is not None:
-        request = replace(request, preview=rider.preview)
+    request = with_preview(request, rider)
     snapshots = []
     for snapshot in rollout(client, rider, request):
         snapshots.append(snapshot)
@@ -146,6 +136,11 @@ def ride_through(client: Client, rider: Rider, request: ResetRequest, longest: f
             break
     assert client.course is not None
     return RideResult.from_snapshots(snapshots, client.course, is_completed(snapshots[-1], request))
+
+
+def with_preview(request: ResetRequest, rider: Rider) -> ResetRequest:
+    """Return a request with the preview that a rider needs, if it needs one."""
+    return request if rider.preview is None else replace(request, preview=rider.preview)
 
 
 def is_over(snapshot: Snapshot, longest: float) -> bool:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,7 @@ from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import Snapshot
 from bike_training.envs.clients import Client
-from bike_training.rollout.rollout import is_over, rollout
+from bike_training.rollout.rollout import is_over, rollout, with_preview
 
 FloatArray = NDArray[np.float64]
 
@@ -50,20 +50,6 @@ _LONGEST: Final = 0.02
 _CLOSE: Final = 1e-6
 _LATERAL: Final = (st.ROLL, st.STEER, st.ROLL_RATE, st.STEER_RATE)
 _SIZE: Final = 2 + len(_LATERAL)
-
-
-class Swing(NamedTuple):
-    """Remainder of a push at the end of a ride along a straight.
-
-    Attributes:
-        steering: standard deviation of the set point of the steering angle, rad.
-        steer_rate: RMS of the steering rate, rad/s.
-        offset: mean lateral error, m.
-    """
-
-    steering: float
-    steer_rate: float
-    offset: float
 
 
 def deviations(snapshot: Snapshot) -> FloatArray:
@@ -103,7 +89,7 @@ def settle(client: Client, rider: Rider, course: str, speed: float, roll: float 
     Returns:
         The snapshots; None where the ride failed.
     """
-    request = _request(rider, course, speed)
+    request = with_preview(ResetRequest(course=course, speed_range=(speed, speed)), rider)
     if roll:
         state = st.upright_state(speed, client.vehicle.rF)
         state[st.ROLL] = roll
@@ -140,7 +126,7 @@ def spectral_radius(client: Client, rider: Rider, course: str, speed: float) -> 
     # Far from both ends, so that all of the preview lies on the line.
     middle = ride[len(ride) // 2]
     s, steady = float(middle.look[lk.PROGRESS]), middle.state
-    request = _request(rider, course, speed)
+    request = with_preview(ResetRequest(course=course, speed_range=(speed, speed)), rider)
 
     def following(deviation: FloatArray) -> FloatArray:
         start = tuple(state_of(deviation, line, s, steady).tolist())
@@ -166,23 +152,22 @@ def _slopes_at_rest(following: Callable[[FloatArray], FloatArray], point: FloatA
     return None
 
 
-def swing(client: Client, rider: Rider, speed: float, course: str = STRAIGHT) -> Swing | None:
-    """Return what is left of a small push at the end of a ride along a straight, or None where the ride fails.
+def swing(client: Client, rider: Rider, speed: float) -> dict[str, float | None]:
+    """Return what is left of a small push at the end of a ride along a straight, None where the ride fails.
 
-    Args:
-        client: simulator.
-        rider: any.
-        speed: m/s.
-        course: name of a straight.
+    It is the standard deviation of the set point of the steering angle, the RMS of the steering rate, and the mean
+    lateral error.
     """
-    ride = settle(client, rider, course, speed, PUSH)
+    names = ("swing_deg", "swing_steer_rate_deg_s", "offset_m")
+    ride = settle(client, rider, STRAIGHT, speed, PUSH)
     if ride is None:
-        return None
+        return dict.fromkeys(names)
     end = [snapshot for snapshot in ride if snapshot.time > ride[-1].time - WINDOW]
     steering = np.array([snapshot.steering for snapshot in end]) * client.vehicle.max_steer
     rates = np.array([snapshot.state[st.STEER_RATE] for snapshot in end])
+    rate = float(np.sqrt(np.mean(rates**2)))
     offset = float(np.mean([snapshot.look[lk.LATERAL_ERROR] for snapshot in end]))
-    return Swing(float(steering.std()), float(np.sqrt(np.mean(rates**2))), offset)
+    return dict(zip(names, (math.degrees(float(steering.std())), math.degrees(rate), offset), strict=True))
 
 
 def stability(rider: Rider, speeds: Sequence[float] = SPEEDS) -> dict[str, Any]:
@@ -193,19 +178,15 @@ def stability(rider: Rider, speeds: Sequence[float] = SPEEDS) -> dict[str, Any]:
         speeds: m/s.
     """
     client = Simulator(SimulatorConfig(engine=COMPILED_ENGINE, time_step=0.01))
-    rows = []
-    for speed in speeds:
-        left = swing(client, rider, speed)
-        rows.append(
-            {
-                "speed_m_s": speed,
-                "spectral_radius_upright": spectral_radius(client, rider, STRAIGHT, speed),
-                "spectral_radius_turn": spectral_radius(client, rider, TURN, speed),
-                "swing_deg": None if left is None else math.degrees(left.steering),
-                "swing_steer_rate_deg_s": None if left is None else math.degrees(left.steer_rate),
-                "offset_m": None if left is None else left.offset,
-            }
-        )
+    rows: list[dict[str, Any]] = [
+        {
+            "speed_m_s": speed,
+            "spectral_radius_upright": spectral_radius(client, rider, STRAIGHT, speed),
+            "spectral_radius_turn": spectral_radius(client, rider, TURN, speed),
+            **swing(client, rider, speed),
+        }
+        for speed in speeds
+    ]
     client.close()
     names = ("spectral_radius_upright", "spectral_radius_turn", "swing_deg")
     return {**{f"worst_{name}": _worst([row[name] for row in rows]) for name in names}, "stability": rows}
@@ -215,8 +196,3 @@ def _worst(values: Sequence[float | None]) -> float | None:
     """Return the largest value; None, which is worse than any, where one is missing."""
     known = [value for value in values if value is not None]
     return max(known) if len(known) == len(values) else None
-
-
-def _request(rider: Rider, course: str, speed: float) -> ResetRequest:
-    request = ResetRequest(course=course, speed_range=(speed, speed))
-    return request if rider.preview is None else replace(request, preview=rider.preview)
