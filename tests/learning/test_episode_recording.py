@@ -198,7 +198,7 @@ def test_a_run_records_validations_and_rides_of_the_learner_and_learns_the_same(
 
     def learned(name: str, record_every: int) -> np.ndarray:
         settings = RunSettings(preset, seed=3, record_every=record_every, checkpoint_every=400)
-        process = LearningProcess(settings, tmp_path / name, 2400)
+        process = LearningProcess(settings, tmp_path / name, 1200)
 
         def ask_for_validation(p: LearningProcess) -> None:
             if p.model.num_timesteps == 160:

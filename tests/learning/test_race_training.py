@@ -48,9 +48,22 @@ SMALL = {
 RACE, RACE_DIRECT = load_preset("race"), load_preset("race_direct")
 
 
+class Circuits:
+    """A set of circuits without their lines: speeds of starts are a formula."""
+
+    def __init__(self, names: tuple[str, ...] = ("barcelona",)) -> None:
+        self.names = names
+
+    def length(self, name: str) -> float:
+        return 4657.0
+
+    def start(self, name: str, lam: float, progress: float, share: float, row: int = 0) -> float:
+        return share * (50.0 + 1e-3 * progress + 10.0 * lam)
+
+
 @pytest.fixture(scope="module")
-def circuits() -> CircuitSet:
-    return CircuitSet(load_vehicle(VEHICLE), ["barcelona"])
+def circuits() -> Circuits:
+    return Circuits()
 
 
 def settings(preset: Preset, seed: int = 0, vehicle: str = VEHICLE) -> RunSettings:
@@ -64,7 +77,7 @@ def final_actor(preset: Preset, out: Path, steps: int, vehicle: str = VEHICLE, r
 
 
 @pytest.mark.slow
-def test_throttle_is_learned_in_seconds(tmp_path: Path, circuits: CircuitSet) -> None:
+def test_throttle_is_learned_in_seconds(tmp_path: Path, circuits: Circuits) -> None:
     """Rewarded for the way alone, the actor opens the throttle: it is much faster on the straight than at first."""
     changes = {"learning_rate": 3e-3, "final_learning_rate": 3e-3, "learning_starts": 200, "averaging": 0.0}
     changes = {f"learner.{name}": value for name, value in {"gamma": 0.9, **changes}.items()}
@@ -106,7 +119,8 @@ def test_a_resumed_run_is_the_uninterrupted_one(
         np.testing.assert_array_equal(again[name], tensor, err_msg=name)
 
 
-def test_vehicles_that_are_kept_ride_the_next_validation_as_new_ones_do(circuits: CircuitSet) -> None:
+def test_vehicles_that_are_kept_ride_the_next_validation_as_new_ones_do() -> None:
+    circuits = CircuitSet(load_vehicle(VEHICLE), ["barcelona"])
     task = replace(RACE.task, validation_duration=3.0)
     config = settings(RACE).simulator()
     rng = np.random.default_rng(0)
@@ -127,7 +141,7 @@ def ended(request: ResetRequest, total: float = 1.0, failed: bool = False, progr
     return EndedEpisode(request, total, 100, failed, progress)
 
 
-def test_starts_lie_all_around_and_lead_up_to_failures(circuits: CircuitSet) -> None:
+def test_starts_lie_all_around_and_lead_up_to_failures(circuits: Circuits) -> None:
     rng = np.random.default_rng(0)
     preview = RaceTask().preview
     curriculum = RaceCurriculum(circuits, RaceCurriculumSettings(failure_share=0.5))
@@ -144,9 +158,9 @@ def test_starts_lie_all_around_and_lead_up_to_failures(circuits: CircuitSet) -> 
     assert near > 3 * sum(1500.0 < request.progress < 2000.0 for request in even)
 
 
-def test_validations_ride_some_of_many_circuits(circuits: CircuitSet) -> None:
+def test_validations_ride_some_of_many_circuits(circuits: Circuits) -> None:
     preview = RaceTask().preview
-    many = CircuitSet(load_vehicle("panigale_v4r"), ["barcelona", "cremona", "phillip_island"])
+    many = Circuits(("barcelona", "cremona", "phillip_island"))
     curriculum = RaceCurriculum(many, RaceCurriculumSettings(sampled=2))
     rng = np.random.default_rng(0)
     drawn = [curriculum.validation_requests(preview, rng) for _ in range(20)]
@@ -159,7 +173,7 @@ def test_validations_ride_some_of_many_circuits(circuits: CircuitSet) -> None:
     assert len(RaceCurriculum(circuits).selection_requests(preview)) == 32
 
 
-def test_the_share_of_the_speed_rises_while_episodes_stay_whole(circuits: CircuitSet) -> None:
+def test_the_share_of_the_speed_rises_while_episodes_stay_whole(circuits: Circuits) -> None:
     curriculum = SpeedCurriculum(circuits, SpeedSettings(share=0.7))
     request = curriculum.episodes(0).draw(np.random.default_rng(0), RaceTask().preview)
     for _ in range(200):
@@ -178,7 +192,7 @@ PACED = SpdlSettings(spread=0.1, failure_share=0.5, threshold=1.0, kl=1.0, itera
 
 
 @pytest.fixture(scope="module")
-def paced(circuits: CircuitSet) -> tuple[SpdlCurriculum, int]:
+def paced(circuits: Circuits) -> tuple[SpdlCurriculum, int]:
     """Return the curriculum of an agent that is always good, close to the target, and its step."""
     curriculum, rng, preview, step = SpdlCurriculum(circuits, PACED), np.random.default_rng(0), RaceTask().preview, 0
     while not curriculum.steps or curriculum.steps[-1][-2] > 1e-3:
@@ -191,7 +205,7 @@ def paced(circuits: CircuitSet) -> tuple[SpdlCurriculum, int]:
 
 
 def test_spdl_leads_a_good_agent_to_the_ideal_line_and_survives_a_checkpoint(
-    circuits: CircuitSet, paced: tuple[SpdlCurriculum, int]
+    circuits: Circuits, paced: tuple[SpdlCurriculum, int]
 ) -> None:
     curriculum, step = paced
     begin, other = SpdlCurriculum(circuits, PACED), SpdlCurriculum(circuits, PACED)
@@ -210,17 +224,19 @@ def test_spdl_leads_a_good_agent_to_the_ideal_line_and_survives_a_checkpoint(
     assert other.figures() == curriculum.figures()
 
 
-@pytest.mark.parametrize("settings", [RaceCurriculumSettings, TargetSettings])
-def test_episodes_begin_at_the_start_line_where_that_is_set(circuits: CircuitSet, settings: type) -> None:
+@pytest.mark.parametrize(
+    ("kind", "settings"), [(RaceCurriculum, RaceCurriculumSettings), (SpdlCurriculum, TargetSettings)]
+)
+def test_episodes_begin_at_the_start_line_where_that_is_set(circuits: Circuits, kind: type, settings: type) -> None:
     rng = np.random.default_rng(0)
     for start_line in (True, False):
-        episodes = settings(start_line=start_line).make([load_vehicle("panigale_v4r")]).episodes(0)
+        episodes = kind(circuits, settings(start_line=start_line)).episodes(0)
         starts = {episodes.draw(rng, RaceTask().preview).progress for _ in range(20)}
         assert (starts == {0.0}) == start_line
 
 
 def test_both_arms_of_the_comparison_draw_the_same_episodes_at_the_target(
-    circuits: CircuitSet, paced: tuple[SpdlCurriculum, int]
+    circuits: Circuits, paced: tuple[SpdlCurriculum, int]
 ) -> None:
     """Requests are compared and not settings: starts, lines, speeds, shares; only the number of the update differs."""
     reached, alone = (
@@ -241,17 +257,17 @@ def test_both_arms_of_the_comparison_draw_the_same_episodes_at_the_target(
         assert replace(contexts[0], number=0.0) == replace(contexts[1], number=0.0)
 
 
-def test_a_fixed_schedule_ends_at_the_target_whatever_the_returns(circuits: CircuitSet) -> None:
+def test_a_fixed_schedule_ends_at_the_target_whatever_the_returns(circuits: Circuits) -> None:
     curriculum = SpdlCurriculum(circuits, ScheduleSettings(iteration=10, schedule=100))
     for step in range(10, 130, 10):
         curriculum.episodes(step)
     apart = [entry[-2] for entry in curriculum.steps]
     assert apart == sorted(apart, reverse=True)
     assert apart[-1] == pytest.approx(0.0, abs=1e-9)
-    assert curriculum.steps[4].mean == pytest.approx(tuple(0.5 * np.add(FIRST_MEAN, TARGET_MEAN)))
+    assert curriculum.steps[4][3] == pytest.approx((0.5 * np.add(FIRST_MEAN, TARGET_MEAN)).tolist())
 
 
-def test_an_update_looks_at_the_episodes_since_the_one_before(circuits: CircuitSet) -> None:
+def test_an_update_looks_at_the_episodes_since_the_one_before(circuits: Circuits) -> None:
     """Returns that were low long ago do not hold an agent back that has become good."""
     curriculum = SpdlCurriculum(circuits, SpdlSettings(threshold=1.0, kl=1.0, iteration=10))
     rng, preview = np.random.default_rng(0), RaceTask().preview
