@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
-from bike_sim.course.files import kind_of, load_course, load_track, track_records
+from bike_sim.course.files import kind_of, load_course, load_track
 from bike_sim.course.random_courses import CORNERS, LENGTH, MAX_SEED, RADIUS, STEEPEST, random_circuit
 from bike_sim.course.track import Track, find_corners
 
@@ -112,7 +112,6 @@ def test_name_is_understood_wherever_courses_are():
     track, course = load_track(name), load_course(name)
     assert track.name == course.name == name
     np.testing.assert_array_equal(course.x, track.centre.x)
-    assert track_records(name) == {}
 
 
 @pytest.mark.parametrize("load", [load_course, load_track, kind_of])

@@ -75,7 +75,7 @@ def test_by_default_there_is_nothing(tmp_path: Path) -> None:
         ("bumps: {class: A, seed: -1}", "bumps: seed must be a whole number from 0"),
         ("bumps: {class: A}", "bumps: seed is missing"),
         ("wet: {from_m: 0, to_m: 1, grip: 1}", "wet must be a list"),
-        ("wet: [{from_m: 0, to_m: 1300, grip: 1}]", "wet: part 1: from_m and to_m must be 0 to the length of 1200 m"),
+        ("wet: [{from_m: 0, to_m: 1300, grip: 1}]", "wet: part 1: to_m is 1300, and must be 0 to the length of 1200 m"),
         ("wet: [{from_m: 0, to_m: 10, grip: 0}]", "wet: part 1: grip must be above 0"),
         ("wind: {speed_m_s: 200, towards_deg: 0, gusts: 0, seed: 0}", "wind: wind must have a speed of 0 to 60 m/s"),
         ("wind: {speed_m_s: 5, towards_deg: 0, gusts: 0}", "wind: seed is missing"),

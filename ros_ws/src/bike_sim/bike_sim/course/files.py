@@ -6,12 +6,11 @@ and refused by the same code; what a file says is turned into one of them by :mo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from importlib import resources
-from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, NamedTuple
 
 from bike_sim.course.course import Course
 from bike_sim.course.csv_line import MAX_CSV_SIZE, CentreLine, CourseFileError, parse_csv
@@ -20,7 +19,6 @@ from bike_sim.course.reading import (
     PATH_FORMAT,
     PATH_KEYS,
     TRACK_FORMAT,
-    number_of,
     path_from_document,
     path_from_points,
     track_from_document,
@@ -40,26 +38,22 @@ from bike_sim.documents import (
 
 Kind = Literal["path", "circuit"]
 
-_Built = TypeVar("_Built")
-
 _FORMATS: Mapping[str, Kind] = {PATH_FORMAT: "path", TRACK_FORMAT: "circuit"}
 _FOLDERS: Mapping[Kind, str] = {"path": "courses", "circuit": "tracks"}
 _YAML, _CSV = (".yaml", ".yml"), ".csv"
 
 
-@dataclass(frozen=True)
-class _Content:
-    """The content of a course's file, before the course is built.
-
-    Attributes:
-        path: the file.
-        kind: path or circuit.
-        said: a YAML document, or the points of a CSV file.
-    """
+class _Content(NamedTuple):
+    """The content of a course's file, a YAML document or the points of a CSV file, before the course is built."""
 
     path: Path
     kind: Kind
     said: Mapping[str, Any] | CentreLine
+
+    @property
+    def name(self) -> str:
+        """Name of a course that is called after its file."""
+        return check_name(self.path.stem, "the file's name, which the course takes,")
 
 
 def shipped_courses() -> tuple[str, ...]:
@@ -86,7 +80,8 @@ def kind_of(name_or_path: str | Path) -> Kind:
     """
     if seed_of(name_or_path) is not None:
         return "circuit"
-    return _read(name_or_path, lambda content: content.kind)
+    with _content(name_or_path) as content:
+        return content.kind
 
 
 def load_course(name_or_path: str | Path) -> Course:
@@ -102,7 +97,14 @@ def load_course(name_or_path: str | Path) -> Course:
         CourseFileError: the file is broken; the message names the row or element and the fault.
     """
     seed = seed_of(name_or_path)
-    return random_circuit(seed).centre if seed is not None else _read(name_or_path, _course_of)
+    if seed is not None:
+        return random_circuit(seed).centre
+    with _content(name_or_path) as content:
+        if isinstance(content.said, CentreLine):
+            return path_from_points(content.name, content.said)
+        if content.kind == "circuit":
+            return track_from_document(content.said, content.path).centre
+        return path_from_document(content.said, content.path)
 
 
 def load_track(name_or_path: str | Path) -> Track:
@@ -117,48 +119,16 @@ def load_track(name_or_path: str | Path) -> Track:
         CourseFileError: the file is broken, or is a path; the message names the row or element and the fault.
     """
     seed = seed_of(name_or_path)
-    return random_circuit(seed) if seed is not None else _read(name_or_path, _track_of)
-
-
-def track_records(name: str) -> dict[str, float]:
-    """Return the published lap records of a circuit, s, by name; empty if its file has none.
-
-    Raises:
-        FileNotFoundError: no such circuit.
-        CourseFileError: a record is no number.
-    """
-
-    def records(content: _Content) -> dict[str, float]:
-        said = content.said if isinstance(content.said, Mapping) else {}
-        entries = said.get("records_s", {})
-        if not isinstance(entries, dict):
-            raise CourseFileError(f"records_s must be a mapping of names and times in s, got {show(entries)}")
-        return {str(key): number_of(value, f"records_s: {show(key)}") for key, value in entries.items()}
-
-    return {} if seed_of(name) is not None else _read(name, records)
-
-
-def _course_of(content: _Content) -> Course:
-    if isinstance(content.said, CentreLine):
-        return path_from_points(_stem(content.path), content.said)
-    if content.kind == "circuit":
-        return track_from_document(content.said, content.path).centre
-    return path_from_document(content.said, content.path)
-
-
-def _track_of(content: _Content) -> Track:
-    if isinstance(content.said, CentreLine):
-        return track_from_points(_stem(content.path), content.said)
-    if content.kind == "path":
+    if seed is not None:
+        return random_circuit(seed)
+    with _content(name_or_path) as content:
+        if isinstance(content.said, CentreLine):
+            return track_from_points(content.name, content.said)
+        if content.kind == "circuit":
+            return track_from_document(content.said, content.path)
         raise CourseFileError(
             f"is a path; a circuit has the format {TRACK_FORMAT!r} or is the CSV file of a closed line with widths"
         )
-    return track_from_document(content.said, content.path)
-
-
-def _stem(path: Path) -> str:
-    """Return the name of a course that is called after its file."""
-    return check_name(path.stem, "the file's name, which the course takes,")
 
 
 def _shipped(kind: Kind) -> tuple[str, ...]:
@@ -166,29 +136,15 @@ def _shipped(kind: Kind) -> tuple[str, ...]:
     return tuple(sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".yaml")))
 
 
-def _read(name_or_path: str | Path, use: Callable[[_Content], _Built]) -> _Built:
-    """Find, read and build a course; every error names the file."""
+@contextmanager
+def _content(name_or_path: str | Path) -> Iterator[_Content]:
+    """Find and read a course; every error within names the file."""
     path = Path(name_or_path)
-    if path.suffix:
-        return _use(path, use)
-    with resources.as_file(_shipped_file(str(name_or_path))) as shipped:
-        return _use(shipped, use)
-
-
-def _shipped_file(name: str) -> Traversable:
-    for kind, folder in _FOLDERS.items():
-        if name in _shipped(kind):
-            return resources.files("bike_sim") / "config" / folder / f"{name}.yaml"
-    known = alternatives(name, (*shipped_courses(), *shipped_tracks(), f"{RANDOM_CIRCUIT}:<seed>"))
-    raise FileNotFoundError(
-        f"no shipped course is called {show(name, 100)}; {known}; a file of your own ends in .yaml or .csv"
-    )
-
-
-def _use(path: Path, use: Callable[[_Content], _Built]) -> _Built:
+    if not path.suffix:
+        path = _shipped_file(str(name_or_path))
     shown = shorten(str(path))
     try:
-        return use(_content_of(path))
+        yield _read(path)
     except FileNotFoundError as error:
         # A file that the course's file names has been named already; an error of the system has a number.
         raise (error if error.errno is None else FileNotFoundError(f"there is no course file {shown}")) from None
@@ -197,7 +153,17 @@ def _use(path: Path, use: Callable[[_Content], _Built]) -> _Built:
         raise CourseFileError(f"course file {shown}: {error}") from cause
 
 
-def _content_of(path: Path) -> _Content:
+def _shipped_file(name: str) -> Path:
+    for kind, folder in _FOLDERS.items():
+        if name in _shipped(kind):
+            return Path(str(resources.files("bike_sim"))) / "config" / folder / f"{name}.yaml"
+    known = alternatives(name, (*shipped_courses(), *shipped_tracks(), f"{RANDOM_CIRCUIT}:<seed>"))
+    raise FileNotFoundError(
+        f"no shipped course is called {show(name, 100)}; {known}; a file of your own ends in .yaml or .csv"
+    )
+
+
+def _read(path: Path) -> _Content:
     ending = path.suffix.lower()
     if ending == _CSV:
         line = parse_csv(read_text(path, MAX_CSV_SIZE))

@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 from bike_sim.course.course import MAX_LENGTH, OFF_COURSE_LIMIT, SAMPLE_SPACING, Course
 from bike_sim.course.csv_line import CourseFileError
 from bike_sim.course.elements import Arc, Element, Line, Quintic
-from bike_sim.course.layout import Piece, Profile, close_layout, curvature_profile, trace_layout
+from bike_sim.course.layout import Piece, close_layout, curvature_profile, trace_layout
 from bike_sim.course.road import RunOff, check_limits, wall_distances
-from bike_sim.course.track import Corner, Track
+from bike_sim.course.track import Track, corners_of, equal_sectors
 from bike_sim.documents import show
 
 LINE_LENGTH = (5.0, 15.0)
@@ -189,7 +189,6 @@ _WIDTH, _WIDTH_WAVE = (10.5, 14.0), 1.2
 _BEFORE_LINE = 0.35
 _HEIGHTS = (2.0, 45.0)
 _HILLS, _HILL_LENGTH = 6, (500.0, 2500.0)
-_SECTORS = 3
 
 
 @dataclass(frozen=True)
@@ -370,7 +369,7 @@ def _track(
     pieces.append(Piece(_BEFORE_LINE * main))
     closed = close_layout(pieces, sum(piece.length for piece in pieces), transition)
     profile = curvature_profile(closed, transition)
-    corners = _corners(closed, profile)
+    corners = corners_of(closed, profile.begins)
     for corner in corners:
         if not RADIUS[0] <= corner.radius <= RADIUS[1]:
             raise ValueError(f"corner {corner.name} has a radius of {corner.radius:.1f} m")
@@ -387,27 +386,12 @@ def _track(
         off_course_limit=float(np.mean(half)),
         width_left=half,
         width_right=half.copy(),
-        sections=tuple((f"sector {i + 1}", i * float(s[-1]) / _SECTORS) for i in range(_SECTORS)),
+        sections=equal_sectors(float(s[-1])),
     )
     check_limits(centre)
     left, right = wall_distances(centre, RunOff())
     elevation = _heights(rng, x, y, centre.spacing)
     return Track(centre, elevation, left, right, corners, None, f"random circuit of seed {seed}")
-
-
-def _corners(pieces: tuple[Piece, ...], profile: Profile) -> tuple[Corner, ...]:
-    return tuple(
-        Corner(
-            piece.corner,
-            float(begin),
-            float(begin) + 0.5 * piece.length,
-            float(begin) + piece.length,
-            piece.angle,
-            1.0 / abs(piece.curvature),
-        )
-        for piece, begin in zip(pieces, profile.begins, strict=True)
-        if piece.corner
-    )
 
 
 def _widths(rng: np.random.Generator, s: FloatArray) -> FloatArray:

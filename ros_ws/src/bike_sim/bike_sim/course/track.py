@@ -6,7 +6,9 @@ point of the centre line, m) and its offset (distance from there, m, positive to
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final
@@ -15,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_sim.course.course import SAMPLE_SPACING, Course
+from bike_sim.course.layout import Piece
 from bike_sim.course.road import RoadSurface
 from bike_sim.course.spline import chord_lengths, smooth_line
 from bike_sim.schema import Quantity, Schema
@@ -40,6 +43,9 @@ TABLE: Final = Schema(
 """Rows of `Track.table`, at the samples of the centre line."""
 X, Y, HEADING, CURVATURE = map(TABLE.index, ("x", "y", "heading", "curvature"))
 LEFT, RIGHT, HEIGHT, IDEAL, BANK = map(TABLE.index, ("left", "right", "height", "ideal", "bank"))
+
+SECTORS = 3
+"""Sectors of a circuit whose file names none."""
 
 CORNER_CURVATURE = 1.0 / 450.0
 """Curvature above which a circuit without named corners has a corner, 1/m."""
@@ -335,30 +341,52 @@ def slope_of(column: FloatArray, spacing: float) -> FloatArray:
     return np.concatenate(([ends], 0.5 * (inner[1:] + inner[:-1]), [ends]))
 
 
+def equal_sectors(length: float) -> tuple[tuple[str, float], ...]:
+    """Return the names and beginnings of equal sectors of a lap (m)."""
+    return tuple((f"sector {i + 1}", i * length / SECTORS) for i in range(SECTORS))
+
+
+def corners_of(pieces: Sequence[Piece], begins: FloatArray) -> tuple[Corner, ...]:
+    """Return one corner for each run of neighbouring pieces with the same corner name.
+
+    Args:
+        pieces: of a closed layout.
+        begins: arc length at which each begins, m.
+
+    Raises:
+        ValueError: a corner has pieces in two places.
+    """
+    corners: dict[str, Corner] = {}
+    for name, run in itertools.groupby(zip(pieces, begins.tolist(), strict=True), key=lambda item: item[0].corner):
+        members = list(run)
+        if not name:
+            continue
+        if name in corners:
+            raise ValueError(f"corner {name!r} has pieces in two places")
+        # Of the table, not of the samples: a ramp to a sharper neighbour lies half within this corner.
+        sharpest, begin = max(members, key=lambda member: abs(member[0].curvature))
+        end = members[-1][1] + members[-1][0].length
+        angle = sum(piece.angle for piece, _ in members)
+        radius = 1.0 / abs(sharpest.curvature)
+        corners[name] = Corner(name, members[0][1], begin + 0.5 * sharpest.length, end, angle, radius)
+    return tuple(corners.values())
+
+
 def find_corners(centre: Course) -> tuple[Corner, ...]:
     """Find the corners of a closed line: parts of one direction of curvature, numbered from the start."""
-    count = len(centre.s) - 1
+    count, spacing = len(centre.s) - 1, centre.spacing
     bend = centre.curvature[:count]
     kind = np.where(bend > CORNER_CURVATURE, 1, np.where(bend < -CORNER_CURVATURE, -1, 0))
     changes = np.flatnonzero(kind != np.roll(kind, 1))
-    if not len(changes):
-        return ()
     corners: list[Corner] = []
-    for first, last in zip(changes, np.append(changes[1:], changes[0] + count), strict=True):
-        angle = float(np.sum(bend[np.arange(first, last) % count]) * centre.spacing)
-        if kind[first] == 0 or abs(angle) < CORNER_ANGLE:
+    for first, last in zip(changes, np.append(changes[1:], changes[:1] + count), strict=True):
+        if kind[first] == 0 or abs(np.sum(bend[np.arange(first, last) % count]) * spacing) < CORNER_ANGLE:
             continue
-        corners.append(_corner_between(centre, str(len(corners) + 1), first * centre.spacing, last * centre.spacing))
+        samples = np.arange(math.ceil(first * spacing / spacing), math.floor(last * spacing / spacing) + 1)
+        part = bend[samples % count]
+        sharpest = np.abs(part).max()
+        # The middle of the part with the largest curvature, not its first sample.
+        apex = float(np.mean(samples[np.abs(part) > 0.999 * sharpest]) * spacing) % centre.length
+        angle, name = float(np.sum(part) * spacing), str(len(corners) + 1)
+        corners.append(Corner(name, first * spacing, apex, last * spacing, angle, float(1.0 / sharpest)))
     return tuple(corners)
-
-
-def _corner_between(centre: Course, name: str, begin: float, end: float) -> Corner:
-    """Return the corner between two progresses (m) of a closed line; ``end`` may lie beyond its length."""
-    count = len(centre.s) - 1
-    samples = np.arange(math.ceil(begin / centre.spacing), math.floor(end / centre.spacing) + 1)
-    bend = centre.curvature[samples % count]
-    angle = float(np.sum(bend) * centre.spacing)
-    sharpest = np.abs(bend).max()
-    # The middle of the part with the largest curvature, not its first sample.
-    apex = float(np.mean(samples[np.abs(bend) > 0.999 * sharpest]) * centre.spacing) % centre.length
-    return Corner(name, begin, apex, end, angle, float(1.0 / sharpest))
