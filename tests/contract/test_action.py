@@ -56,7 +56,7 @@ def test_card_round_trip(layout):
     [
         ({}, "must hold a list of columns"),
         ({"columns": "steering"}, "must hold a list of columns"),
-        ({"columns": [{"meaning": DRIVE}]}, "holds meaning, scale"),
+        ({"columns": [{"meaning": DRIVE}]}, "each with meaning, scale"),
         ({"columns": [{"meaning": "levitate", "scale": 1.0}]}, "unknown action meaning 'levitate'"),
         ({"columns": [{"meaning": DRIVE, "scale": math.nan}]}, "must be positive and finite, got nan"),
         ({"columns": []}, "one column for each command"),
@@ -131,7 +131,7 @@ def test_limits_that_mean_nothing_are_refused(within, why):
         ActionLayout.steering(1.2, within=within)
 
 
-@pytest.mark.parametrize("within", ["wide", [3.0, 1.2], [[3.0]], [[3.0, "far"]], [[True, 1.0]]])
+@pytest.mark.parametrize("within", ["wide", [3.0, 1.2], [[3.0]], [[3.0, "far"]]])
 def test_limits_of_a_card_that_are_none_are_refused(within):
-    with pytest.raises(ValueError, match="entry within of the card"):
+    with pytest.raises(ValueError, match="perhaps within, pairs of"):
         ActionLayout.from_card({"columns": [{"meaning": STEERING_SET_VALUE, "scale": 1.2, "within": within}]})

@@ -227,13 +227,8 @@ def test_envelope(name: str) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"speeds": np.array([1.0, 1.0, 2.0])}, "speeds must increase"),
-        ({"speeds": np.array([1.0, 2.0, 4.0])}, "speeds must increase in equal steps"),
-        ({"loads": np.array([1.0, 0.5])}, "loads must increase"),
-        ({"drag": np.ones(2)}, "drag has shape"),
         ({"brake_table": np.full((2, 3, 4), np.nan)}, "brake_table must be finite"),
-        ({"lateral_table": np.zeros((2, 3))}, "lateral_table must be positive"),
-        ({"sway": -1.0}, "sway"),
+        ({"lateral_table": np.zeros((2, 3))}, "lateral_table must be finite, and a limit positive"),
     ],
 )  # fmt: skip
 def test_wrong_envelopes_are_refused(change: dict, message: str) -> None:

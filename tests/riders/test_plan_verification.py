@@ -71,7 +71,7 @@ def test_a_plan_that_falls_is_slower_before_the_fall_until_it_does_not(panigale:
     plan, rollouts = plan_line(panigale, line, CLASSICAL_SETTINGS), Rollouts(panigale, line, PERIOD)
 
     def ends(tried: LinePlan) -> NDArray[np.float64]:
-        rider = PlanFollower(panigale, PERIOD, CLASSICAL_SETTINGS, lambda _: tried, [0.0] * 3)
+        rider = PlanFollower(panigale, PERIOD, CLASSICAL_SETTINGS, tried, [0.0] * 3)
         return ends_of(rollouts, tried, rider)
 
     fallen = ends(plan)

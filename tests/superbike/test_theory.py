@@ -20,7 +20,7 @@ from bike_sim.physics.superbike import equilibrium as eq
 from bike_sim.physics.superbike import statics
 from bike_sim.physics.superbike.engine import CompiledSuperbikeEngine
 from bike_sim.planning.envelope import envelope
-from bike_sim.planning.lap_limit import MassPath, corner_speed_of, lap_limit, lean_model, least_rate
+from bike_sim.planning.lap_limit import MassPath, corner_speed_of, lap_limit, least_rate, mass_path
 from bike_sim.planning.passing import ROLL_FREEDOM, passings, speeds_of_own_path
 from bike_sim.schema import SIGNALS
 from bike_sim.validation.superbike import at_speed, holding, ride
@@ -170,7 +170,7 @@ def follow(bend: np.ndarray, speed: float, step: float, rounds: int = 8) -> Mass
     flat = np.zeros(count)
     path = MassPath(bend, np.full(count, step), np.ones(count), flat, flat, flat)
     for _ in range(rounds):
-        path = lean_model(LIMITS).follow(bend, np.full(count, speed), step, flat, flat, path)
+        path = mass_path(LIMITS, bend, np.full(count, speed), step, flat, flat, path)
     return path
 
 
@@ -206,7 +206,7 @@ def test_on_a_crest_it_leans_more_for_the_same_curve(dip: float) -> None:
     flat, bend = np.zeros(count), np.full(count, 1.0 / radius)
     path = MassPath(bend, np.ones(count), np.ones(count), flat, flat, flat)
     for _ in range(8):
-        path = lean_model(LIMITS).follow(bend, np.full(count, speed), 1.0, flat, np.full(count, dip), path)
+        path = mass_path(LIMITS, bend, np.full(count, speed), 1.0, flat, np.full(count, dip), path)
     load = 1.0 + dip * speed**2 / 9.81
     lateral = load * statics.steady_lateral(DUCATI, float(path.lean[0]), speed)
     assert lateral == pytest.approx(speed**2 / radius, rel=0.01)

@@ -209,30 +209,20 @@ class ActionLayout:
         Raises:
             ValueError: a missing or unknown entry.
         """
-        columns = card.get("columns")
-        if set(card) != {"columns"} or not isinstance(columns, list):
-            raise ValueError(f"action entry of the card must hold a list of columns, got {sorted(card)!r:.200}")
-        for column in columns:
-            if not isinstance(column, Mapping) or set(column) - {"within"} != {"meaning", "scale"}:
-                raise ValueError(
-                    f"a column of the card's action holds meaning, scale and perhaps within, got {column!r:.200}"
+        try:
+            if set(card) != {"columns"} or any(set(c) - {"meaning", "scale", "within"} for c in card["columns"]):
+                raise KeyError
+            columns = [
+                (
+                    str(c["meaning"]),
+                    float(c["scale"]),
+                    tuple((float(v), float(most)) for v, most in c.get("within", ())),
                 )
-        return cls(
-            tuple(
-                ActionColumn(str(column["meaning"]), float(column["scale"]), _pairs(column.get("within", [])))
-                for column in columns
-            )
-        )
-
-
-def _pairs(entry: Any) -> tuple[tuple[float, float], ...]:
-    """Read limits by speed from a policy card.
-
-    Raises:
-        ValueError: something else than a list of pairs of numbers.
-    """
-    if not isinstance(entry, list) or not all(isinstance(pair, list) and len(pair) == 2 for pair in entry):
-        raise ValueError(f"entry within of the card's action must be a list of pairs of numbers, got {entry!r:.200}")
-    if not all(isinstance(number, (int, float)) and not isinstance(number, bool) for pair in entry for number in pair):
-        raise ValueError(f"entry within of the card's action must hold numbers, got {entry!r:.200}")
-    return tuple((float(speed), float(limit)) for speed, limit in entry)
+                for c in card["columns"]
+            ]
+        except (KeyError, TypeError, ValueError, AttributeError):
+            raise ValueError(
+                "action of the card must hold a list of columns, each with meaning, scale and perhaps within, pairs of "
+                f"a speed and a limit, got {card!r:.200}"
+            ) from None
+        return cls(tuple(ActionColumn(*column) for column in columns))

@@ -9,8 +9,9 @@ a reader wait or fills its memory.
 from __future__ import annotations
 
 import hashlib
+import json
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
@@ -29,9 +30,9 @@ from bike_sim.documents import (
     DocumentError,
     alternatives,
     check_name,
+    decode,
     parse_yaml,
     read_bytes,
-    read_text,
     shorten,
     show,
 )
@@ -238,7 +239,9 @@ class Bundle:
             "training": dict(self.training),
             "results": dict(self.results),
         }
-        write_card(folder / CARD_FILE, card)
+        # Through JSON: YAML would use an alias for what stands there twice.
+        text = yaml.safe_dump(json.loads(json.dumps(card)), sort_keys=False, width=100)
+        (folder / CARD_FILE).write_text(text, encoding="utf-8")
 
 
 def shipped_policies() -> list[str]:
@@ -265,95 +268,47 @@ def load_bundle(name_or_path: str | Path, others: Iterable[str] = ()) -> Bundle:
             known = alternatives(str(name_or_path), (*shipped, *others))
             raise FileNotFoundError(f"no policy {show(str(name_or_path))}, and no folder of that name; {known}")
         folder = Path(str(resources.files("bike_policy") / "policies")) / str(name_or_path)
-    card = read_card(folder / CARD_FILE)
-    tensors = read_tensors(folder / ACTOR_FILE)
+    card = _read(folder, CARD_FILE, MAX_YAML_SIZE, lambda data: parse_yaml(decode(data)))
+    version = card.get("format") if isinstance(card, dict) else type(card).__name__
+    if version != FORMAT_VERSION:
+        raise ValueError(f"{folder}: policy format {show(version)}, this software reads format {FORMAT_VERSION}")
+    missing = [entry for entry in _CARD_ENTRIES if entry not in card]
+    if missing:
+        raise ValueError(f"{folder}: the card lacks {missing}")
+    tensors = _read(folder, ACTOR_FILE, MAX_ACTOR_SIZE, load)
     try:
+        for entry in ("layout", "action", "training", "results"):
+            if not isinstance(card[entry], dict):
+                raise ValueError(f"{entry} of the card must be a mapping, got {show(card[entry])}")
+        period = card["control_period_s"]
+        if isinstance(period, bool) or not isinstance(period, int | float) or not 0.0 < period <= MAX_PERIOD:
+            raise ValueError(
+                "control_period_s of the card must be a number above 0 and at most "
+                f"{MAX_PERIOD:g} s, got {show(period)}"
+            )
+        with np.errstate(over="ignore"):  # beyond single precision is infinite, and the actor refuses that
+            actor = Actor.from_tensors({key: np.asarray(value, dtype=np.float32) for key, value in tensors.items()})
         return Bundle(
-            name=card_name(card, "name"),
-            actor=Actor.from_tensors(tensors),
-            layout=ObservationLayout.from_card(card_mapping(card, "layout")),
-            action=ActionLayout.from_card(card_mapping(card, "action")),
-            vehicle=card_name(card, "vehicle"),
-            control_period=card_period(card),
-            training=card_mapping(card, "training"),
-            results=card_mapping(card, "results"),
+            check_name(card["name"], "name of the card"),
+            actor,
+            ObservationLayout.from_card(card["layout"]),
+            ActionLayout.from_card(card["action"]),
+            check_name(card["vehicle"], "vehicle of the card"),
+            float(period),
+            card["training"],
+            card["results"],
         )
     except (ValueError, TypeError, OverflowError) as error:
         raise ValueError(f"{folder}: {shorten(str(error))}") from error
 
 
-def read_card(path: Path) -> dict[str, Any]:
-    """Read a card, every entry of which is there.
-
-    Raises:
-        FileNotFoundError: it does not exist.
-        ValueError: it is not a card of this format.
-    """
+def _read(folder: Path, name: str, limit: int, parse: Callable[[bytes], Any]) -> Any:
+    """Return what a file of a bundle holds; every error names the file."""
     try:
-        card = parse_yaml(read_text(path, MAX_YAML_SIZE))
+        return parse(read_bytes(folder / name, limit))
     except FileNotFoundError:
-        raise FileNotFoundError(f"{path.parent} is not a policy bundle: it has no {CARD_FILE}") from None
+        raise FileNotFoundError(f"{folder} is not a policy bundle: it has no {name}") from None
     except DocumentError as error:
-        raise ValueError(f"{path} {error}") from None
-    if not isinstance(card, dict) or card.get("format") != FORMAT_VERSION:
-        found = card.get("format") if isinstance(card, dict) else type(card).__name__
-        raise ValueError(f"{path}: policy format {show(found)}, this software reads format {FORMAT_VERSION}")
-    missing = [entry for entry in _CARD_ENTRIES if entry not in card]
-    if missing:
-        raise ValueError(f"{path}: the card lacks {missing}")
-    return card
-
-
-def read_tensors(path: Path) -> dict[str, NDArray[np.float32]]:
-    """Read named tensors as single precision.
-
-    Raises:
-        FileNotFoundError: there is no such file.
-        ValueError: it is no safetensors file.
-    """
-    try:
-        tensors = load(read_bytes(path, MAX_ACTOR_SIZE))
-    except FileNotFoundError:
-        raise FileNotFoundError(f"{path.parent} is not a policy bundle: it has no {ACTOR_FILE}") from None
+        raise ValueError(f"{folder / name} {error}") from None
     except (SafetensorError, KeyError, TypeError) as error:  # KeyError: a type of numbers that NumPy lacks
-        raise ValueError(f"{path}: not a safetensors file of an actor ({shorten(str(error))})") from None
-    except DocumentError as error:
-        raise ValueError(f"{path} {error}") from None
-    with np.errstate(over="ignore"):  # beyond single precision is infinite, and the actor refuses that
-        return {key: np.asarray(value, dtype=np.float32) for key, value in tensors.items()}
-
-
-class _CardDumper(yaml.SafeDumper):
-    """Safe dumper that writes out what stands in a card twice, where YAML would use an alias."""
-
-    def ignore_aliases(self, data: Any) -> bool:
-        """Use no aliases."""
-        return True
-
-
-def write_card(path: Path, card: Mapping[str, Any]) -> None:
-    """Write a card as `read_card` reads it."""
-    path.write_text(yaml.dump(card, Dumper=_CardDumper, sort_keys=False, width=100), encoding="utf-8")
-
-
-def card_name(card: Mapping[str, Any], key: str) -> str:
-    """Return a name from a card, which is short and can be shown."""
-    return check_name(card[key], f"{key} of the card")
-
-
-def card_mapping(card: Mapping[str, Any], key: str) -> Mapping[str, Any]:
-    """Return a mapping from a card."""
-    value = card[key]
-    if not isinstance(value, dict):
-        raise ValueError(f"{key} of the card must be a mapping, got {show(value)}")
-    return value
-
-
-def card_period(card: Mapping[str, Any]) -> float:
-    """Return the control period of a card, s."""
-    value = card["control_period_s"]
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value <= MAX_PERIOD:
-        raise ValueError(
-            f"control_period_s of the card must be a number above 0 and at most {MAX_PERIOD:g} s, got {show(value)}"
-        )
-    return float(value)
+        raise ValueError(f"{folder / name}: not a safetensors file of an actor ({shorten(str(error))})") from None

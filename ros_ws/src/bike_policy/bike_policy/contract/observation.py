@@ -95,33 +95,19 @@ class Rows(NamedTuple):
     @classmethod
     def of_path(cls, state: FloatArray, look: FloatArray, preview_y: FloatArray) -> Rows:
         """Return bicycles on paths, which have neither telemetry nor limits."""
-        count = len(state)
-        return cls(state, look, preview_y, np.zeros((count, 0)), *_no_circuit(count), np.zeros(count, dtype=np.bool_))
+        no_circuit = (np.repeat(array, len(state), axis=0) for array in _NO_CIRCUIT)
+        return cls(state, look, preview_y, np.zeros((len(state), 0)), *no_circuit, np.zeros(len(state), dtype=np.bool_))
+
+
+_NO_CIRCUIT: Final = (np.zeros((1, 8)), np.zeros((1, 3, STATIONS, 3)))
 
 
 def rows_of(snapshot: Any) -> Rows:
     """Return a snapshot (`bike_sim.sim.snapshot.Snapshot`) as one row; the arrays are the snapshot's own."""
-    circuit, points = _NO_CIRCUIT if snapshot.circuit is None else _circuit_row(snapshot.circuit)
-    return Rows(
-        snapshot.state[None],
-        snapshot.look[None],
-        snapshot.preview_y[None],
-        snapshot.signals[None],
-        circuit,
-        points,
-        np.array([snapshot.fallen]),
-    )
-
-
-def _circuit_row(circuit: Any) -> tuple[FloatArray, FloatArray]:
-    return circuit.limits[None], circuit.points[None]
-
-
-def _no_circuit(count: int) -> tuple[FloatArray, FloatArray]:
-    return np.zeros((count, 8)), np.zeros((count, 3, STATIONS, 3))
-
-
-_NO_CIRCUIT: Final = _no_circuit(1)
+    circuit = snapshot.circuit
+    limits, points = _NO_CIRCUIT if circuit is None else (circuit.limits[None], circuit.points[None])
+    columns = (snapshot.state[None], snapshot.look[None], snapshot.preview_y[None], snapshot.signals[None])
+    return Rows(*columns, limits, points, np.array([snapshot.fallen]))
 
 
 @dataclass

@@ -64,43 +64,6 @@ _NAMES: Final = (
 _COLUMNS: Final = np.array([SIGNALS.index(name) for name in _NAMES])
 
 
-class GripObserver:
-    """Inferred grip of the road under machines side by side.
-
-    Attributes:
-        grip: factor on the friction of the known tyres, shape (n,).
-        variance: of its error, shape (n,).
-    """
-
-    def __init__(self, vehicle: Superbike, period: float, count: int = 1) -> None:
-        """Prepare for a number of machines.
-
-        Args:
-            vehicle: the machine as its rider knows it.
-            period: control period, s.
-            count: number of machines.
-        """
-        self._tyres = vehicle.machine["rear_tyre"], vehicle.machine["front_tyre"]
-        self._weight, self._period = vehicle.mass * vehicle.g, period
-        self.grip, self.variance = np.ones(count), np.full(count, FIRST_ERROR**2)
-
-    def begin(self, row: int) -> None:
-        """Begin the ride of a machine on a road as good as known."""
-        self.grip[row], self.variance[row] = 1.0, FIRST_ERROR**2
-
-    def update(self, signals: FloatArray, speed: FloatArray, fresh: NDArray[np.bool_]) -> None:
-        """Take in what the machines do at a control period.
-
-        Args:
-            signals: columns of `schema.SIGNALS`, shape (n, signals).
-            speed: of the machines, m/s, shape (n,).
-            fresh: which of them have moved since the last time, shape (n,).
-        """
-        wander = np.where(fresh, WANDERING * np.abs(speed) * self._period / 100.0, 0.0)
-        np.minimum(self.variance + wander, FIRST_ERROR**2, out=self.variance)
-        _update(signals[:, _COLUMNS], fresh, self.grip, self.variance, self._weight, *self._tyres)
-
-
 class GripPlans:
     """Plans of a closed line for roads of different grip."""
 
@@ -150,7 +113,8 @@ class AdaptiveLaw:
 
     Attributes:
         law: that it rides by.
-        observer: of the grip.
+        grip: inferred factor on the friction of the known tyres, shape (n,).
+        variance: of its error, shape (n,).
     """
 
     def __init__(
@@ -159,14 +123,16 @@ class AdaptiveLaw:
         """Prepare for a number of rides.
 
         Args:
-            vehicle: the machine.
+            vehicle: the machine as its rider knows it.
             period: control period, s.
             settings: how to ride.
             count: number of rides.
             plan: plans a lap of a line on the known road; None for a verified plan.
         """
         plan = plan or (lambda line: verified_plan(vehicle, line, settings, period))
-        self.observer = GripObserver(vehicle, period, count)
+        self._tyres = vehicle.machine["rear_tyre"], vehicle.machine["front_tyre"]
+        self._weight, self._period = vehicle.mass * vehicle.g, period
+        self.grip, self.variance = np.ones(count), np.full(count, FIRST_ERROR**2)
         self.law = LineLaw(vehicle, period, settings, count)
         self._settings, self._limits = settings, envelope(vehicle)
         self._planned = PlannedLines(lambda line: GripPlans(vehicle, line, settings, plan(line)))
@@ -183,19 +149,15 @@ class AdaptiveLaw:
         """
         return self._planned.of(line)
 
-    def begin(self, row: int, rows: VehicleRows, line: Course) -> None:
-        """Begin a ride; see `BatchRider`."""
-        self.restart(row, line)
-
-    def restart(self, row: int, line: Course) -> None:
-        """Begin a ride of a line, knowing nothing of its grip.
+    def begin(self, row: int, rows: VehicleRows | None, line: Course) -> None:
+        """Begin a ride of a line, knowing nothing of its grip; see `BatchRider`.
 
         Raises:
             ValueError: the line is open.
         """
         plans = self._plans[row] = self._planned.of(line)
         self.law.begin(row, plans.on(1.0))
-        self.observer.begin(row)
+        self.grip[row], self.variance[row] = 1.0, FIRST_ERROR**2
         if plans.parts > self._lap.shape[1]:
             more = np.full((len(self._lap), plans.parts - self._lap.shape[1]), np.inf)
             self._lap = np.concatenate((self._lap, more), axis=1)
@@ -211,7 +173,10 @@ class AdaptiveLaw:
         """
         seen = np.nan_to_num(seen_of(rows.state, rows.look))
         fresh = (self.law.memory[:, KNOWN] == 0.0) | (self.law.memory[:, :SEEN] != seen).any(axis=1)
-        self.observer.update(np.nan_to_num(rows.signals), seen[:, SPEED], fresh)
+        wander = np.where(fresh, WANDERING * np.abs(seen[:, SPEED]) * self._period / 100.0, 0.0)
+        np.minimum(self.variance + wander, FIRST_ERROR**2, out=self.variance)
+        signals = np.nan_to_num(rows.signals)[:, _COLUMNS]
+        _update(signals, fresh, self.grip, self.variance, self._weight, *self._tyres)
         expected = self._expected(seen[:, PROGRESS])
         expected = np.where(expected < 1.0 - 0.5 * LEVEL, expected - RESERVE, expected)
         level = np.clip(np.round(expected / LEVEL) * LEVEL, SOLVED[-1], 1.0)
@@ -222,21 +187,19 @@ class AdaptiveLaw:
 
     def state_dict(self) -> dict[str, FloatArray]:
         """Return what is remembered of the rides, as arrays."""
-        kept = (self.law.memory, self.observer.grip, self.observer.variance, self._level, self._part, self._lap)
+        kept = (self.law.memory, self.grip, self.variance, self._level, self._part, self._lap)
         return {name: values.copy() for name, values in zip(_STORED, kept, strict=True)}
 
     def restore(self, stored: Mapping[str, FloatArray]) -> None:
         """Continue from what :meth:`state_dict` returned, after each row has begun again."""
-        law, self.observer.grip, self.observer.variance, self._level, self._part, self._lap = (
-            stored[name].copy() for name in _STORED
-        )
+        law, self.grip, self.variance, self._level, self._part, self._lap = (stored[name].copy() for name in _STORED)
         for row in np.flatnonzero(self._level != 1.0).tolist():
             self.law.change(row, self._plans[row].on(float(self._level[row])), law[row, :SEEN])
         self.law.memory[...] = law
 
     def _leans(self, speed: FloatArray) -> FloatArray:
         """Return the largest lean that each machine may request, rad: the one that the grip holds."""
-        grip, leans = self.observer.grip, np.full(len(speed), self._settings.largest_lean)
+        grip, leans = self.grip, np.full(len(speed), self._settings.largest_lean)
         for row in np.flatnonzero(grip < 1.0 - 0.5 * LEVEL):
             most = HELD * grip[row] * float(np.interp(speed[row], self._limits.speeds, self._limits.lateral_max))
             table = self.law.leans
@@ -245,7 +208,7 @@ class AdaptiveLaw:
 
     def _expected(self, progress: FloatArray) -> FloatArray:
         """Return the grip here and shortly ahead, shape (n,), and remember it for the next lap."""
-        grip, every = self.observer.grip, np.arange(len(progress))
+        grip, every = self.grip, np.arange(len(progress))
         part = np.asarray(progress / BIN).astype(np.int64) % self._parts
         entered = part != self._part
         self._lap[every, part] = np.where(entered, grip, np.minimum(grip, self._lap[every, part]))

@@ -157,11 +157,6 @@ class SteadyLeans:
         i = min(int(u), len(self.speeds) - 2)
         return np.asarray(self.table[i] + (u - i) * (self.table[i + 1] - self.table[i]))
 
-    def of(self, lateral: FloatArray, speed: FloatArray) -> FloatArray:
-        """Return the leans at which lateral accelerations (m/s^2, positive left) are steady, rad, positive left."""
-        found = [np.interp(abs(a), self.row(float(v)), self.leans) for a, v in zip(lateral, speed, strict=True)]
-        return np.asarray(np.copysign(found, lateral))
-
 
 def plan_lap(vehicle: Superbike, line: Course, settings: RiderSettings, cap: FloatArray | None = None) -> LapLimit:
     """Return the fastest profile with the rider's reserve.
@@ -178,20 +173,14 @@ def plan_lap(vehicle: Superbike, line: Course, settings: RiderSettings, cap: Flo
     crest = np.where(line.crest > 0.0, settings.dip * line.crest, line.crest)
     across = line.slope_across
     across = np.where(across * line.curvature > 0.0, across, settings.bank * across)
-    return lap_limit(reserved(vehicle, settings), line, crest=crest, cap=cap, bank=across)
+    return lap_limit(reserved(vehicle, settings), replace(line, bank=across), crest=crest, cap=cap)
 
 
-def smooth_around(values: FloatArray, spacing: float, distance: float) -> FloatArray:
-    """Return values around a lap averaged over a distance, the last repeating the first.
-
-    Args:
-        values: at even distances.
-        spacing: m.
-        distance: m.
-    """
-    count = max(1, round(distance / spacing))
+def smooth_curvature(profile: LapLimit, distance: float) -> FloatArray:
+    """Return the curvature of a lap's line averaged over a distance (m), the last value repeating the first, 1/m."""
+    count = max(1, round(distance / float(profile.s[1])))
     window = np.hanning(count + 2)[1:-1]
-    lap = values[:-1]
+    lap = (profile.lateral / profile.speed**2)[:-1]
     padded = np.concatenate((lap[-count:], lap, lap[:count]))
     smooth = np.convolve(padded, window / window.sum(), mode="same")[count:-count]
     return np.append(smooth, smooth[0])
@@ -235,7 +224,7 @@ def plan_line(vehicle: Superbike, line: Course, settings: RiderSettings, cap: Fl
     """
     profile = plan_lap(vehicle, line, settings, cap)
     spacing = float(profile.s[1])
-    curvature = smooth_around(profile.lateral / profile.speed**2, spacing, settings.smoothing)
+    curvature = smooth_curvature(profile, settings.smoothing)
     grade, crest = (np.interp(profile.s, line.s, column) for column in (line.grade, line.crest))
     rooms = (_room(profile.s, line.s, width) for width in (line.width_left, line.width_right))
     above = np.full(len(profile.s), UNLIMITED)
@@ -278,12 +267,9 @@ class PlannedLines(Generic[PlanT]):
 
 def references_of(vehicle: Superbike) -> PlannedLines[Reference]:
     """Return references of a machine by line, each planned once."""
-    return PlannedLines(lambda line: reference_of(plan_lap(vehicle, line, REFERENCE)))
 
+    def reference(line: Course) -> Reference:
+        profile = plan_lap(vehicle, line, REFERENCE)
+        return Reference(float(profile.s[1]), smooth_curvature(profile, REFERENCE.smoothing), profile.speed)
 
-def reference_of(profile: LapLimit) -> Reference:
-    """Return the reference of a planned lap."""
-    spacing = float(profile.s[1])
-    return Reference(
-        spacing, smooth_around(profile.lateral / profile.speed**2, spacing, REFERENCE.smoothing), profile.speed
-    )
+    return PlannedLines(reference)

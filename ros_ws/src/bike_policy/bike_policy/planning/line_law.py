@@ -213,10 +213,6 @@ class LineLaw:
         _answer(observed, targets, leans, self.memory, self._law, self._tables, self._plans)
         return self.memory[:, STEERING:OFFSET].copy()
 
-    def rolled(self, row: int, observed: FloatArray) -> float:
-        """Return the speed of a ride's contacts, m/s; see `_rolled`."""
-        return float(_rolled(observed, self._law, self._plans, row))
-
     @property
     def _plans(self) -> Plans:
         lines = self._lines

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from bike_policy import contract, planning
 from bike_policy.contract.observation import VehicleRows
-from bike_policy.planning.lap_plan import UNLIMITED, LinePlan, PlannedLines, Planner, RiderSettings, plan_line
+from bike_policy.planning.lap_plan import UNLIMITED, LinePlan, RiderSettings, plan_line
 from bike_policy.planning.line_law import LineLaw, seen_of
 from bike_sim import course, physics, sim
 from bike_sim.course.course import Course
@@ -103,10 +103,10 @@ class BatchRider(Protocol):
 
 
 class PlanFollower:
-    """The classical law on plans, each ride a little faster than planned or not; implements `BatchRider`."""
+    """The classical law on a plan, each ride a little faster than planned or not; implements `BatchRider`."""
 
     def __init__(
-        self, vehicle: Superbike, period: float, settings: RiderSettings, plan: Planner, paces: Sequence[float]
+        self, vehicle: Superbike, period: float, settings: RiderSettings, plan: LinePlan, paces: Sequence[float]
     ) -> None:
         """Prepare for as many rides as there are paces.
 
@@ -114,15 +114,15 @@ class PlanFollower:
             vehicle: the machine.
             period: control period, s.
             settings: of the ride.
-            plan: plans a lap of a line.
+            plan: of the lap.
             paces: change of the planned speed of each ride, as a part of it.
         """
-        self._law, self._planned = LineLaw(vehicle, period, settings, len(paces)), PlannedLines(plan)
+        self._law, self._plan = LineLaw(vehicle, period, settings, len(paces)), plan
         self._targets = np.stack((np.zeros(len(paces)), paces), axis=1)
 
     def begin(self, row: int, rows: VehicleRows, line: Course) -> None:
         """Begin a ride; see `BatchRider`."""
-        self._law.begin(row, self._planned.of(line))
+        self._law.begin(row, self._plan)
 
     def commands(self, rows: VehicleRows, step: int) -> FloatArray:
         """Return the law's commands; see `BatchRider`."""
@@ -158,11 +158,10 @@ def verified_plan(vehicle: Superbike, line: Course, settings: RiderSettings, per
         share[near] = np.maximum(SLOWER * share[near], SLOWEST)
 
     def rider(tried: LinePlan) -> BatchRider:
-        return PlanFollower(vehicle, period, settings, lambda _: tried, paces)
+        return PlanFollower(vehicle, period, settings, tried, paces)
 
-    rollouts = Rollouts(vehicle, line, period)
-    correction = Correction(np.ones(len(plan.profile.s) - 1), slower, lower, rider, len(paces), STARTS)
-    return slower(rollouts.corrected(correction, plan, repr((settings, period)).encode()))
+    key, share = repr((settings, period)).encode(), np.ones(len(plan.profile.s) - 1)
+    return slower(Rollouts(vehicle, line, period).corrected(share, slower, lower, rider, plan, key, len(paces), STARTS))
 
 
 def verified_margin(
@@ -190,16 +189,11 @@ def verified_margin(
                 return
         room[:] = 0.0
 
-    unlimited = np.full(len(plan.profile.s) - 1, UNLIMITED)
-    correction = Correction(
-        unlimited,
-        plan.with_room_above,
-        grant_less,
-        lambda tried: policy(tried, MARGIN_RIDES),
-        MARGIN_RIDES,
-        MARGIN_RIDES - 1,
-    )
-    return plan.with_room_above(rollouts.corrected(correction, plan, key))
+    def rider(tried: LinePlan) -> BatchRider:
+        return policy(tried, MARGIN_RIDES)
+
+    make, room = plan.with_room_above, np.full(len(plan.profile.s) - 1, UNLIMITED)
+    return make(rollouts.corrected(room, make, grant_less, rider, plan, key, MARGIN_RIDES, MARGIN_RIDES - 1))
 
 
 def points_before(profile: LapLimit, end: FloatArray, longer: int = 1) -> NDArray[np.bool_]:
@@ -244,26 +238,6 @@ def _sources() -> bytes:
     return digest.digest()
 
 
-class Correction(NamedTuple):
-    """Correction of a plan by rides of it.
-
-    Attributes:
-        first: values at the points of the plan's profile but the last, to begin with.
-        plan: makes a plan of them.
-        correct: changes them for the end of a ride, given as values, plan, end and number of the round.
-        rider: rides a plan.
-        rides: number of rides.
-        starts: places of a lap at which they begin, over and over; the last one begins as rides do by default.
-    """
-
-    first: FloatArray
-    plan: Callable[[FloatArray], LinePlan]
-    correct: Callable[[FloatArray, LinePlan, FloatArray, int], None]
-    rider: Callable[[LinePlan], BatchRider]
-    rides: int
-    starts: int
-
-
 class Rollouts(NamedTuple):
     """Rides of one machine on one line, for verifications.
 
@@ -277,40 +251,51 @@ class Rollouts(NamedTuple):
     line: Course
     period: float
 
-    def corrected(self, correction: Correction, plan: LinePlan, rider: bytes) -> FloatArray:
+    def corrected(
+        self,
+        values: FloatArray,
+        make: Callable[[FloatArray], LinePlan],
+        correct: Callable[[FloatArray, LinePlan, FloatArray, int], None],
+        rider: Callable[[LinePlan], BatchRider],
+        plan: LinePlan,
+        key: bytes,
+        rides: int,
+        starts: int,
+    ) -> FloatArray:
         """Return the values with which no ride ends, or those after `ROUNDS` rounds, with a warning in the log.
 
         They are kept beside the lines of circuits (`bike_sim.planning.line_cache`), so a verification is ridden once.
 
         Args:
-            correction: how the plan is corrected.
+            values: at the points of the plan's profile but the last, to begin with.
+            make: makes a plan of them.
+            correct: changes them for the end of a ride, given as values, plan, end and number of the round.
+            rider: rides a plan.
             plan: that is verified.
-            rider: everything that decides how it is ridden.
+            key: everything that decides how it is ridden.
+            rides: number of rides.
+            starts: see `ride`.
         """
-        path = cache_folder() / f"{verification_key(self.vehicle, self.line, plan, rider)}.npy"
-        found = read_column(path, len(correction.first) + 1)
+        path = cache_folder() / f"{verification_key(self.vehicle, self.line, plan, key)}.npy"
+        found = read_column(path, len(values) + 1)
         if found is None:
-            found = self._ridden(correction)
+            ends = np.zeros((0, 2))
+            with self.batch(rides) as batch:
+                for number in range(ROUNDS):
+                    tried = make(values)
+                    ends = self.ride(batch, tried, rider(tried), starts)
+                    for end in ends:
+                        correct(values, tried, end, number)
+                    if not len(ends):
+                        break
+            found = np.append(values, len(ends))
             write_column(path, found)
         if found[-1]:
             _LOG.warning(
                 "%s on line %r: %d of %d rides of the plan still end early after %d corrections; it is used as it is",
-                self.vehicle.name, self.line.name, found[-1], correction.rides, ROUNDS,
+                self.vehicle.name, self.line.name, found[-1], rides, ROUNDS,
             )  # fmt: skip
         return found[:-1]
-
-    def _ridden(self, correction: Correction) -> FloatArray:
-        """Return the corrected values, and behind them how many rides of the last round ended."""
-        values, ends = correction.first, np.zeros((0, 2))
-        with self.batch(correction.rides) as batch:
-            for number in range(ROUNDS):
-                tried = correction.plan(values)
-                ends = self.ride(batch, tried, correction.rider(tried), correction.starts)
-                for end in ends:
-                    correction.correct(values, tried, end, number)
-                if not len(ends):
-                    break
-        return np.append(values, len(ends))
 
     def batch(self, count: int) -> closing[Batch]:
         """Return a number of machines on the line, closed at the end of a with statement."""

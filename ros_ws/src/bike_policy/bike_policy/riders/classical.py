@@ -70,19 +70,13 @@ class ClassicalRider:
         if not isinstance(vehicle, Superbike):
             raise ValueError(f"the classical rider rides superbikes, and {vehicle.name!r} is none")
         known = self._ride
-        if (
-            self.plan is None
-            or known is None
-            or known[0] is not vehicle
-            or known[1] is not course
-            or known[2] != period
-        ):
+        if known is None or known[0] is not vehicle or known[1] is not course or known[2] != period:
             self._law = AdaptiveLaw(vehicle, period, self._settings)
             plans = self._law.plans(course)
             plans.solve()
             self.plan = plans.on(1.0)
             self._ride = (vehicle, course, period)
-        self._law.restart(0, course)
+        self._law.begin(0, None, course)
 
     def command(self, snapshot: Snapshot) -> tuple[float, float] | None:
         """Return the law's command; None where the snapshot is not finite."""

@@ -141,17 +141,14 @@ class Observer:
             # In a fall the transition grows without bound; what was known before says nothing any more.
             self._begin(measured)
         else:
-            self._take(measured, self._last)
+            self._judge_delay(measured, self._last)
+            exact = not self.noisy
+            self._judge_noise(measured, self._last)
+            if exact and self.noisy:
+                self._believe(measured)  # what was made of errors that counted as exact is worth nothing
+            else:
+                self._filter(measured)
         self._last = measured.copy()
-
-    def _take(self, measured: st.StateVector, last: st.StateVector) -> None:
-        self._judge_delay(measured, last)
-        exact = not self.noisy
-        self._judge_noise(measured, last)
-        if exact and self.noisy:
-            self._believe(measured)  # what was made of errors that counted as exact is worth nothing
-        else:
-            self._filter(measured)
 
     def ahead(self) -> st.StateVector:
         """Return the state at which the next answer will act: after the commands that are still on their way."""

@@ -67,54 +67,6 @@ def vehicle_descriptor(vehicle: Superbike) -> FloatArray:
     return (facts - FEATURE_MEAN) / FEATURE_SCALE
 
 
-class RaceGuide:
-    """The guide of machines side by side, whose plan follows the inferred grip."""
-
-    def __init__(self, vehicle: Superbike, period: float, count: int, plan: Planner | None = None) -> None:
-        """Prepare to guide a number of machines.
-
-        Args:
-            vehicle: the machine.
-            period: control period, s.
-            count: number of machines.
-            plan: plans a lap of a line; None for the guide's own verified plan.
-        """
-        self._law = AdaptiveLaw(vehicle, period, GUIDE, count, plan)
-        self.state_dict, self.restore = self._law.state_dict, self._law.restore
-
-    def prepare(self, line: Course) -> None:
-        """Plan a lap for every grip, before the first ride that needs it.
-
-        Raises:
-            ValueError: the line is open.
-        """
-        self._law.plans(line).solve()
-
-    def begin(self, row: int, line: Course) -> None:
-        """Let a machine follow a line from now on.
-
-        Raises:
-            ValueError: the line is open.
-        """
-        self._law.restart(row, line)
-
-    def commands(self, rows: VehicleRows, targets: FloatArray, share: FloatArray) -> FloatArray:
-        """Return steering and throttle in [-1, 1], shape (n, 2); the same ones again for the same rows.
-
-        Args:
-            rows: of the machines.
-            targets: distance from the followed line to ride at, m, positive to the left, and change of the planned
-                speed as a part of it, shape (n, 2); of each as much as the limits and the verification leave room for.
-            share: part of the planned speed that is asked, shape (n,); what the targets change is the speed asked.
-        """
-        targets = np.stack((targets[:, 0], share * (1.0 + targets[:, 1]) - 1.0), axis=1)
-        return self._law.commands(rows, targets=targets)
-
-    def shown(self) -> FloatArray:
-        """Return what a policy sees of the guide; see `RideMemory.guide`."""
-        return self._law.law.memory[:, [ll.STEERING, ll.THROTTLE, ll.OFFSET, ll.PACE]]
-
-
 class RaceInterface:
     """Observations and commands of a racing policy for machines side by side, with the memory that both take.
 
@@ -155,7 +107,7 @@ class RaceInterface:
             raise ValueError(f"layout {layout.name!r} shows the guide's commands, and there is no guide")
         self._layout, self._action, self._max_steer = layout, action, vehicle.max_steer
         self._planned = references_of(vehicle)
-        self._guide = RaceGuide(vehicle, period, count, plan) if action.guided else None
+        self._guide = AdaptiveLaw(vehicle, period, GUIDE, count, plan) if action.guided else None
         self.references = ReferenceRows(count)
         self.memory = RideMemory(
             rolls=np.zeros((count, layout.history)),
@@ -174,7 +126,7 @@ class RaceInterface:
         """
         self._planned.of(line)
         if self._guide is not None:
-            self._guide.prepare(line)
+            self._guide.plans(line).solve()
 
     def begin(self, row: int, rows: VehicleRows, line: Course, share: float | None = None, cap: float = OPEN) -> None:
         """Begin the ride of one machine.
@@ -190,7 +142,7 @@ class RaceInterface:
             ValueError: the line is open.
         """
         if self._guide is not None:
-            self._guide.begin(row, line)
+            self._guide.begin(row, rows, line)
         self.references.begin(row, self._planned.of(line), self._layout.share if share is None else share, cap)
         memory, state = self.memory, rows.state[row]
         memory.rolls[row], memory.steers[row], memory.actions[row] = state[ROLL], state[STEER], 0.0
@@ -198,7 +150,7 @@ class RaceInterface:
     def observe(self, rows: VehicleRows) -> NDArray[np.float32]:
         """Return the observations, shape (n, layout size)."""
         if self._guide is not None:
-            self.memory.guide[:] = self._guide.shown()
+            self.memory.guide[:] = self._guide.law.memory[:, [ll.STEERING, ll.THROTTLE, ll.OFFSET, ll.PACE]]
         return self._layout.observe(rows, self.memory)
 
     def act(self, rows: VehicleRows, actions: NDArray[np.floating]) -> None:
@@ -220,7 +172,10 @@ class RaceInterface:
         actions = self.memory.actions[:, 0]
         if self._guide is None:
             return self._action.to_commands(actions, self._max_steer, rows.look[:, SPEED])
-        return self._guide.commands(rows, self._action.to_targets(actions), self.references.share)
+        targets = self._action.to_targets(actions)
+        # What the targets change is the speed that is asked.
+        targets[:, 1] = self.references.share * (1.0 + targets[:, 1]) - 1.0
+        return self._guide.commands(rows, targets=targets)
 
     def state_dict(self) -> dict[str, Any]:
         """Return the memory, as arrays."""

@@ -71,7 +71,6 @@ def make_rider(name: str) -> Rider:
         FileNotFoundError: no such rider or bundle.
     """
     from bike_policy.riders.observer import ObservedRider
-    from bike_policy.riders.rider import learned_rider
 
     if name in RIDERS:
         module, kind = RIDERS[name]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -34,6 +34,22 @@ HEIGHT_SPAN = 2.0
 
 CLOSING_TOLERANCE = 1e-3
 """A course may call itself closed when its ends meet within this distance (m) and angle (rad)."""
+
+
+def check_columns(owner: str, size: int, columns: Mapping[str, FloatArray | None]) -> None:
+    """Refuse columns of another number of samples, or with values that are not finite; None is no column.
+
+    Raises:
+        ValueError: naming owner and column.
+    """
+    for label, column in columns.items():
+        if column is None:
+            continue
+        if len(column) != size:
+            raise ValueError(f"{owner}: {label} has {len(column)} samples, s has {size}")
+        if not np.all(np.isfinite(column)):
+            row = int(np.argmin(np.isfinite(column)))
+            raise ValueError(f"{owner}: {label} is {column[row]} at sample {row}")
 
 
 @dataclass(frozen=True)
@@ -86,14 +102,7 @@ class Course:
         columns = {"x": self.x, "y": self.y, "heading": self.heading, "curvature": self.curvature}
         others = {"width_left": self.width_left, "width_right": self.width_right}
         road = {"height": self.height, "bank": self.bank, "grip": self.grip}
-        for label, column in {**columns, **others, **road}.items():
-            if column is None:
-                continue
-            if len(column) != size:
-                raise ValueError(f"course {self.name!r}: {label} has {len(column)} samples, s has {size}")
-            if not np.all(np.isfinite(column)):
-                row = int(np.argmin(np.isfinite(column)))
-                raise ValueError(f"course {self.name!r}: {label} is {column[row]} at sample {row}")
+        check_columns(f"course {self.name!r}", size, {**columns, **others, **road})
         steps = np.diff(self.s)
         if self.s[0] != 0.0 or not np.allclose(steps, steps[0], rtol=1e-6, atol=1e-9) or steps[0] <= 0.0:
             raise ValueError(f"course {self.name!r}: arc length must begin at 0 and grow in equal steps")

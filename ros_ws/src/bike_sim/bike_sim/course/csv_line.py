@@ -107,9 +107,8 @@ def parse_csv(text: str, closed: bool | None = None) -> CentreLine:
     _check_repeated(points, lines, with_widths)
     _check_order(points, lines, closed, with_widths)
     _check_gaps(points, lines, closed, with_widths)
-    if not with_widths:
-        return CentreLine(rows, closed, None, None, tuple(lines))
-    return CentreLine(points, closed, width_left=rows[:, 3], width_right=rows[:, 2], rows=tuple(lines))
+    left, right = (rows[:, 3], rows[:, 2]) if with_widths else (None, None)
+    return CentreLine(points, closed, left, right, tuple(lines))
 
 
 def _parse_rows(text: str) -> tuple[FloatArray, list[int], bool]:
@@ -204,7 +203,7 @@ def _looks_closed(points: FloatArray) -> bool:
     distance = float(np.hypot(*gap))
     if distance > CLOSING_GAP * float(np.hypot(*steps.T).max()):
         return False
-    turn = max(_turn(steps[-1], gap), _turn(gap, steps[0]))
+    turn = float(np.abs(_turns(np.array([steps[-1], gap]), np.array([gap, steps[0]]))).max())
     if turn > CLOSING_TURN:
         raise CourseFileError(
             f"may be open or closed: its ends are {distance:.3g} m apart, but closing it would turn by "
@@ -213,9 +212,10 @@ def _looks_closed(points: FloatArray) -> bool:
     return True
 
 
-def _turn(a: FloatArray, b: FloatArray) -> float:
-    """Return the unsigned angle between two steps, rad."""
-    return abs(math.atan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1]))
+def _turns(steps: FloatArray, following: FloatArray) -> FloatArray:
+    """Return the angles from steps to those that follow them, rad, positive to the left."""
+    cross = steps[:, 0] * following[:, 1] - steps[:, 1] * following[:, 0]
+    return np.asarray(np.arctan2(cross, np.sum(steps * following, axis=1)))
 
 
 def _check_repeated(points: FloatArray, lines: list[int], measured: bool) -> None:
@@ -246,9 +246,7 @@ def _check_repeated(points: FloatArray, lines: list[int], measured: bool) -> Non
 def _check_order(points: FloatArray, lines: list[int], closed: bool, measured: bool) -> None:
     """Refuse lines that turn back and, where they are measured, that zig-zag."""
     steps = np.diff(points, axis=0)
-    following = np.roll(steps, -1, axis=0)
-    cross = steps[:, 0] * following[:, 1] - steps[:, 1] * following[:, 0]
-    turns = np.arctan2(cross, np.sum(steps * following, axis=1))
+    turns = _turns(steps, np.roll(steps, -1, axis=0))
     if not closed:
         turns[-1] = 0.0
     for i in np.flatnonzero(np.abs(turns) > REVERSAL)[:1]:
@@ -273,8 +271,7 @@ def _check_gaps(points: FloatArray, lines: list[int], closed: bool, measured: bo
     steps = np.diff(points, axis=0)
     lengths = np.hypot(*steps.T)
     typical = float(np.median(lengths))
-    before, after = np.roll(steps, 1, axis=0), np.roll(steps, -1, axis=0)
-    bends = np.abs(np.arctan2(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0], np.sum(before * after, axis=1)))
+    bends = np.abs(_turns(np.roll(steps, 1, axis=0), np.roll(steps, -1, axis=0)))
     if not closed:
         bends[[0, -1]] = 0.0
     hole = (lengths > BENT_HOLE * typical) & (bends > HOLE_TURN)

@@ -191,23 +191,8 @@ _HEIGHTS = (2.0, 45.0)
 _HILLS, _HILL_LENGTH = 6, (500.0, 2500.0)
 
 
-@dataclass(frozen=True)
-class _Tables:
-    """Tables of corners, one a row: a straight (0 for none), then the corner.
-
-    Attributes:
-        angle: signed, rad.
-        radius: m.
-        straight: m.
-    """
-
-    angle: FloatArray
-    radius: FloatArray
-    straight: FloatArray
-
-    def only(self, rows: NDArray[np.bool_]) -> _Tables:
-        """Return some of the tables."""
-        return _Tables(self.angle[rows], self.radius[rows], self.straight[rows])
+_Tables = tuple[FloatArray, FloatArray, FloatArray]
+"""Tables of corners, one a row: signed angles (rad), radii (m), and straights before the corners (m; 0 for none)."""
 
 
 def seed_of(name: str | Path) -> int | None:
@@ -244,8 +229,7 @@ def random_circuit(seed: int) -> Track:
     transition = float(_between(rng.random(), _TRANSITION))
     mirror = 1.0 if rng.random() < 0.5 else -1.0
     for _ in range(_ROUNDS):
-        tables = _closed(_draw(rng, count, length), length)
-        for angle, radius, straight in zip(tables.angle, tables.radius, tables.straight, strict=True):
+        for angle, radius, straight in zip(*_closed(*_draw(rng, count, length), length), strict=True):
             if not _keeps_apart(angle, radius, straight):
                 continue
             # The rest is drawn from a separate stream, so that failed tables do not change it.
@@ -291,19 +275,18 @@ def _draw(rng: np.random.Generator, count: int, length: float) -> _Tables:
     within = chicane & (step > 0)
     straight[within] = gap[within]
     straight[:, 0] = _between(u[:, 0, 7], _MAIN_STRAIGHT)
-    return _Tables(angle * side, radius, straight)
+    return angle * side, radius, straight
 
 
-def _closed(tables: _Tables, wanted: float) -> _Tables:
+def _closed(angle: FloatArray, radius: FloatArray, straight: FloatArray, wanted: float) -> _Tables:
     """Return the tables that close, and are about as long as wanted (m), with straights that lead to the beginning."""
-    angle = tables.angle
     heading = np.cumsum(angle, axis=1) - angle
     along = np.exp(1j * heading)
-    signed = tables.radius * np.sign(angle)
+    signed = radius * np.sign(angle)
     arcs = along * signed * (np.sin(angle) + 1j * (1.0 - np.cos(angle)))
-    end = np.sum(tables.straight * along + arcs, axis=1)
+    end = np.sum(straight * along + arcs, axis=1)
     # Least squares of relative changes: longer straights take more.
-    weight = tables.straight**2
+    weight = straight**2
     xx, yy = np.sum(weight * along.real**2, axis=1), np.sum(weight * along.imag**2, axis=1)
     xy = np.sum(weight * along.real * along.imag, axis=1)
     determinant = xx * yy - xy**2
@@ -311,16 +294,16 @@ def _closed(tables: _Tables, wanted: float) -> _Tables:
     safe = np.where(solvable, determinant, 1.0)
     pull_x = (xy * end.imag - yy * end.real) / safe
     pull_y = (xy * end.real - xx * end.imag) / safe
-    straight = tables.straight + weight * (along.real * pull_x[:, None] + along.imag * pull_y[:, None])
-    missed = np.abs(np.sum(straight + tables.radius * np.abs(angle), axis=1) - wanted)
-    stretch = straight / np.where(tables.straight > 0.0, tables.straight, 1.0)
-    sound = (tables.straight == 0.0) | (
-        (stretch > _STRETCH[0]) & (stretch < _STRETCH[1]) & (straight > 0.5 * _SHORTEST) & (straight < _LONGEST)
+    closed = straight + weight * (along.real * pull_x[:, None] + along.imag * pull_y[:, None])
+    missed = np.abs(np.sum(closed + radius * np.abs(angle), axis=1) - wanted)
+    stretch = closed / np.where(straight > 0.0, straight, 1.0)
+    sound = (straight == 0.0) | (
+        (stretch > _STRETCH[0]) & (stretch < _STRETCH[1]) & (closed > 0.5 * _SHORTEST) & (closed < _LONGEST)
     )
     kept = solvable & np.all(sound, axis=1) & (missed < _LENGTH_MISSED)
     # The main straight stays the longest, which is what makes it the main one.
-    kept &= straight[:, 0] >= straight.max(axis=1)
-    return _Tables(angle, tables.radius, straight).only(kept)
+    kept &= closed[:, 0] >= closed.max(axis=1)
+    return angle[kept], radius[kept], closed[kept]
 
 
 def _keeps_apart(angle: FloatArray, radius: FloatArray, straight: FloatArray) -> bool:
@@ -389,9 +372,8 @@ def _track(
         sections=equal_sectors(float(s[-1])),
     )
     check_limits(centre)
-    left, right = wall_distances(centre, RunOff())
     elevation = _heights(rng, x, y, centre.spacing)
-    return Track(centre, elevation, left, right, corners, None, f"random circuit of seed {seed}")
+    return Track(centre, elevation, *wall_distances(centre, RunOff()), corners, None, f"random circuit of seed {seed}")
 
 
 def _widths(rng: np.random.Generator, s: FloatArray) -> FloatArray:

@@ -153,27 +153,6 @@ class RoadSurface:
     wind: Wind = field(default_factory=Wind)
     walls: Walls = field(default_factory=Walls)
 
-    def check(self, count: int) -> None:
-        """Check the values against a centre line.
-
-        Args:
-            count: its number of samples.
-
-        Raises:
-            ValueError: another number of values, or some that no road has.
-        """
-        if not 0.0 <= self.bumps <= 1.0:
-            raise ValueError(f"bumps must have a density of 0 to 1 m3, got {self.bumps!r} m3")
-        if self.bank is None:
-            return
-        if len(self.bank) != count:
-            raise ValueError(f"bank has {len(self.bank)} samples, s has {count}")
-        steepest = float(np.abs(self.bank).max())
-        if not steepest <= math.tan(LARGEST_BANK):
-            raise ValueError(
-                f"the road is banked by {math.degrees(math.atan(steepest)):.0f} deg; at most 45 are possible"
-            )
-
     def grip(self, s: FloatArray) -> FloatArray:
         """Return the factor on friction at places of a lap, m: 1 where it is dry."""
         found = np.ones(len(s))
@@ -294,11 +273,9 @@ def check_limits(centre: Course) -> None:
         ValueError: a limit lies beyond the centre of a curve, so that it would run backwards, or the road runs into
             another part of itself or lies on it. A crossing of the centre line itself counts as a bridge.
     """
-    assert centre.width_left is not None
-    assert centre.width_right is not None
-    for side, reach in (
-        ("left", centre.curvature * centre.width_left),
-        ("right", -centre.curvature * centre.width_right),
+    widths = _widths(centre)
+    for side, reach in zip(
+        ("left", "right"), (centre.curvature * widths[0], -centre.curvature * widths[1]), strict=True
     ):
         worst = int(np.argmax(reach))
         if reach[worst] >= 1.0:
@@ -309,8 +286,8 @@ def check_limits(centre: Course) -> None:
                 f"in a curve of {radius:.1f} m radius; is a width or a point wrong, or are left and right exchanged?"
             )
     rows = _stations(centre)
-    left = _offset_points(centre, rows, centre.width_left[rows])
-    right = _offset_points(centre, rows, -centre.width_right[rows])
+    left = _offset_points(centre, rows, widths[0][rows])
+    right = _offset_points(centre, rows, -widths[1][rows])
     middle = _offset_points(centre, rows, np.zeros(len(rows)))
     _check_once(centre, rows, middle)
     bridges = _crossings(middle, middle)
@@ -331,9 +308,7 @@ def _check_once(centre: Course, rows: NDArray[np.int64], middle: FloatArray) -> 
     """
     from scipy import spatial  # late: a start that needs none is spared it
 
-    assert centre.width_left is not None
-    assert centre.width_right is not None
-    half = 0.5 * (centre.width_left + centre.width_right)[rows]
+    half = 0.5 * np.add(*_widths(centre))[rows]
     s, heading = centre.s[rows], centre.heading[rows]
     step = float(np.diff(s, append=centre.length).max())
     reach = math.hypot(min(float(half.max()), _BESIDE), step)
@@ -365,15 +340,13 @@ def wall_distances(centre: Course, run_off: RunOff) -> tuple[FloatArray, FloatAr
     """
     from scipy import ndimage, spatial  # late: a start that needs none is spared it
 
-    assert centre.width_left is not None
-    assert centre.width_right is not None
     rows = _stations(centre)
     length = round(_TANGENT / _STATION)
     # Fully wide at 100 m radius and less.
     bend = np.clip(centre.curvature[rows] * 100.0, -1.0, 1.0)
     tree = spatial.cKDTree(_offset_points(centre, rows, np.zeros(len(rows))))
     found = []
-    for sign, widths in ((1.0, centre.width_left), (-1.0, centre.width_right)):
+    for sign, widths in zip((1.0, -1.0), _widths(centre), strict=True):
         outside = ndimage.maximum_filter1d(np.maximum(-sign * bend, 0.0), 2 * length + 1, mode="wrap")
         inside = np.maximum(sign * bend, 0.0)
         wanted = run_off.straight + outside * (run_off.outside - run_off.straight)
@@ -410,6 +383,12 @@ def _free_distance(
             break
         free[strange] *= 0.8
     return free
+
+
+def _widths(centre: Course) -> tuple[FloatArray, FloatArray]:
+    assert centre.width_left is not None, "a circuit has limits"
+    assert centre.width_right is not None, "a circuit has limits"
+    return centre.width_left, centre.width_right
 
 
 def _stations(centre: Course) -> NDArray[np.int64]:

@@ -16,9 +16,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_sim.course.course import SAMPLE_SPACING, Course
+from bike_sim.course.course import SAMPLE_SPACING, Course, check_columns
 from bike_sim.course.layout import Piece
-from bike_sim.course.road import RoadSurface
+from bike_sim.course.road import LARGEST_BANK, RoadSurface
 from bike_sim.course.spline import chord_lengths, smooth_line
 from bike_sim.schema import Quantity, Schema
 
@@ -119,14 +119,8 @@ class Track:
         if self.centre.width_left is None or self.centre.width_right is None:
             raise ValueError(f"circuit {name!r} has no widths; a circuit needs the distance to both limits")
         columns = {"elevation": self.elevation, "run_off_left": self.run_off_left, "run_off_right": self.run_off_right}
-        for label, column in {**columns, "ideal": self.ideal}.items():
-            if column is None:
-                continue
-            if len(column) != len(self.centre.s):
-                raise ValueError(f"circuit {name!r}: {label} has {len(column)} samples, s has {len(self.centre.s)}")
-            if not np.all(np.isfinite(column)):
-                row = int(np.argmin(np.isfinite(column)))
-                raise ValueError(f"circuit {name!r}: {label} is {column[row]} at sample {row}")
+        bank = self.surface.bank
+        check_columns(f"circuit {name!r}", len(self.centre.s), {**columns, "ideal": self.ideal, "bank": bank})
         for label in ("run_off_left", "run_off_right"):
             if np.any(columns[label] < 0.0):
                 raise ValueError(f"circuit {name!r}: {label} is negative, so a wall would stand on the road")
@@ -134,10 +128,13 @@ class Track:
             np.all(self.ideal <= self.width_left + 1e-6) and np.all(self.ideal >= -self.width_right - 1e-6)
         ):
             raise ValueError(f"circuit {name!r}: the ideal line leaves the limits")
-        try:
-            self.surface.check(len(self.centre.s))
-        except ValueError as error:
-            raise ValueError(f"circuit {name!r}: {error}") from None
+        if not 0.0 <= self.surface.bumps <= 1.0:
+            raise ValueError(f"circuit {name!r}: bumps must have a density of 0 to 1 m3, got {self.surface.bumps!r} m3")
+        steepest = 0.0 if bank is None else float(np.abs(bank).max())
+        if steepest > math.tan(LARGEST_BANK):
+            raise ValueError(
+                f"circuit {name!r} is banked by {math.degrees(math.atan(steepest)):.0f} deg; at most 45 are possible"
+            )
 
     @property
     def name(self) -> str:
@@ -310,8 +307,7 @@ class Track:
     @cached_property
     def bank(self) -> FloatArray:
         """Slope of the road across, positive rising to the left (rise per m), at the samples."""
-        bank = self.surface.bank
-        return np.zeros(len(self.centre.s)) if bank is None else bank
+        return np.zeros(len(self.centre.s)) if self.surface.bank is None else self.surface.bank
 
     @cached_property
     def crest(self) -> FloatArray:

@@ -32,6 +32,7 @@ LEAN_RATE_REACHED: Final = 1.1
 """Lean rate that a machine reaches, by that of its rider's reference: it follows by feedback and so passes it at times;
 over 0.4 s by at most 1.07 in rides."""
 
+LATERAL, DRIVE, BRAKE = range(3)
 _LEAST_EFFORT: Final = 1e-6
 _LEANS: Final = 121
 _LEAST_LOAD, _MOST_LOAD = 0.1, 2.5
@@ -44,20 +45,7 @@ _POINT_MASS_TOP_SPEED: Final = 110.0  # m/s, end of the tables
 
 
 class Limits(NamedTuple):
-    """An envelope as compiled code reads it.
-
-    Use is the part of the largest lateral acceleration that a turn takes. It is tabulated over its arc sine, because
-    what a friction ellipse leaves has an infinite slope over use itself.
-
-    Attributes:
-        first: lowest speed, m/s.
-        spacing: of the speeds, m/s.
-        loads: shape (l,).
-        lateral: largest lateral acceleration, m/s^2, shape (l, n).
-        drive: largest net acceleration, m/s^2, over load, speed, use and roll rate, shape (l, n, u, r).
-        brake: largest deceleration, m/s^2, shape (l, n, u).
-        lean: rad, shape (l, n, u).
-    """
+    """An envelope as compiled code reads it: lowest speed and spacing of the speeds (m/s), and tables of `Envelope`."""
 
     first: float
     spacing: float
@@ -72,13 +60,16 @@ class Limits(NamedTuple):
 class Envelope:
     """Quasi-steady limits of a machine. Accelerations are those of its mass, in m/s^2.
 
+    Use is the part of the largest lateral acceleration that a turn takes. It is tabulated over its arc sine, because
+    what a friction ellipse leaves has an infinite slope over use itself.
+
     Attributes:
         name: the machine's name.
         speeds: m/s, increasing in equal steps, shape (n,).
         loads: loads of the tables in parts of that on level ground, shape (l,).
         lateral_table: largest lateral acceleration, shape (l, n).
-        drive_table: largest net forward acceleration, resistance taken off, over load, speed, arc sine of the used part
-            of the lateral limit (0 to pi/2 in equal steps) and roll rate (0 to 1 rad/s in equal steps), shape
+        drive_table: largest net forward acceleration, resistance taken off, over load, speed, use (its arc sine
+            from 0 to pi/2 in equal steps) and roll rate (0 to 1 rad/s in equal steps), shape
             (l, n, u, r); negative where the resistance is larger.
         brake_table: largest deceleration, resistance included, shape (l, n, u).
         lean_table: lean of the steady turn, rad, shape (l, n, u).
@@ -103,37 +94,20 @@ class Envelope:
     lean_rate: FloatArray
 
     def __post_init__(self) -> None:
-        """Check shapes and values and make the arrays read-only.
+        """Make the arrays read-only.
 
         Raises:
-            ValueError: naming the array that is wrong.
+            ValueError: naming an array that is not finite, or a limit that is not positive.
         """
-        loads, speeds = np.size(self.loads), np.size(self.speeds)
-        uses, rates = (*np.shape(self.drive_table), 0, 0, 0, 0)[2:4]
-        shapes = {
-            "speeds": (speeds,), "loads": (loads,), "lateral_table": (loads, speeds),
-            "drive_table": (loads, speeds, uses, rates), "brake_table": (loads, speeds, uses),
-            "lean_table": (loads, speeds, uses), "drag": (speeds,), "lean_rate": (speeds,),
-            "inside": (np.size(self.inside),), "height": (np.size(self.inside),),
-        }  # fmt: skip
-        for name, shape in shapes.items():
-            values = np.array(getattr(self, name), dtype=np.float64)
-            if values.shape != shape or min(values.shape) < 2:
-                raise ValueError(f"envelope '{self.name}': {name} has shape {values.shape}, expected {shape}")
-            if not np.isfinite(values).all():
-                raise ValueError(f"envelope '{self.name}': {name} must be finite")
+        for field in fields(self):
+            if field.name in ("name", "sway"):
+                continue
+            values = np.array(getattr(self, field.name), dtype=np.float64)
+            positive = field.name not in ("lateral_table", "lean_rate") or (values > 0.0).all()
+            if not (np.isfinite(values).all() and positive):
+                raise ValueError(f"envelope '{self.name}': {field.name} must be finite, and a limit positive")
             values.setflags(write=False)
-            object.__setattr__(self, name, values)
-        steps = np.diff(self.speeds)
-        if (steps <= 0.0).any() or not np.allclose(steps, steps[0]):
-            raise ValueError(f"envelope '{self.name}': speeds must increase in equal steps")
-        if (np.diff(self.loads) <= 0.0).any():
-            raise ValueError(f"envelope '{self.name}': loads must increase")
-        for name in ("lateral_table", "lean_rate"):
-            if (getattr(self, name) <= 0.0).any():
-                raise ValueError(f"envelope '{self.name}': {name} must be positive")
-        if not self.sway >= 0.0:
-            raise ValueError(f"envelope '{self.name}': sway = {self.sway} must not be negative")
+            object.__setattr__(self, field.name, values)
 
     @property
     def limits(self) -> Limits:
@@ -165,9 +139,7 @@ class Envelope:
 
     def lateral(self, speed: FloatArray | float, load: float = 1.0) -> FloatArray:
         """Return the largest lateral acceleration at a speed (m/s) and load (1 on level ground), m/s^2."""
-        speeds = np.asarray(speed, dtype=np.float64)
-        # a copy: an array that may not be written is another type to compiled code, which would compile once more
-        return _lateral_of(self.limits, speeds.flatten(), load).reshape(speeds.shape)
+        return self._look_up(LATERAL, speed, 0.0, load)
 
     def drive(
         self, speed: FloatArray | float, lateral: FloatArray | float = 0.0, load: float = 1.0, roll_rate: float = 0.0
@@ -180,13 +152,19 @@ class Envelope:
             load: 1 on level ground.
             roll_rate: rad/s.
         """
-        speeds, sides = np.broadcast_arrays(np.asarray(speed, dtype=np.float64), np.asarray(lateral, dtype=np.float64))
-        return _drive_of(self.limits, speeds.flatten(), np.abs(sides).flatten(), load, roll_rate).reshape(speeds.shape)
+        return self._look_up(DRIVE, speed, lateral, load, roll_rate)
 
     def brake(self, speed: FloatArray | float, lateral: FloatArray | float = 0.0, load: float = 1.0) -> FloatArray:
         """Return the largest deceleration, resistance included, m/s^2; see `drive`."""
+        return self._look_up(BRAKE, speed, lateral, load)
+
+    def _look_up(
+        self, kind: int, speed: FloatArray | float, lateral: FloatArray | float, load: float, roll_rate: float = 0.0
+    ) -> FloatArray:
         speeds, sides = np.broadcast_arrays(np.asarray(speed, dtype=np.float64), np.asarray(lateral, dtype=np.float64))
-        return _brake_of(self.limits, speeds.flatten(), np.abs(sides).flatten(), load).reshape(speeds.shape)
+        # copies: an array that may not be written is another type to compiled code, which would compile once more
+        found = _each(self.limits, kind, speeds.flatten(), np.abs(sides).flatten(), float(load), float(roll_rate))
+        return found.reshape(speeds.shape)
 
     def within(self, share: float) -> Envelope:
         """Return the envelope of somebody who turns with no more than a share of the lateral limit.
@@ -264,12 +242,7 @@ def ellipse_envelope(
     """
     if not exponent > 0.0:
         raise ValueError(f"envelope '{name}': exponent = {exponent} must be positive")
-    speeds, lateral_max, drive_max, brake_max, grip_drive_max, drag = (
-        np.asarray(values, dtype=np.float64)
-        for values in (speeds, lateral_max, drive_max, brake_max, grip_drive_max, drag)
-    )
     loads = np.array(LOADS)
-    use = np.sin(np.linspace(0.0, 0.5 * math.pi, USE_SAMPLES))
     left = left_by_turning(USE_SAMPLES, exponent, 1.0 / exponent)
     grip = loads[:, None, None] * grip_drive_max[:, None] * left - drag[:, None]
     brake = loads[:, None, None] * (brake_max - drag)[:, None] * left + drag[:, None]
@@ -280,7 +253,8 @@ def ellipse_envelope(
         lateral_table=np.outer(loads, lateral_max),
         drive_table=np.repeat(np.minimum(drive_max[:, None], grip)[..., None], 2, axis=3),
         brake_table=brake,
-        lean_table=np.arctan(use * lateral_max[:, None] / GRAVITY) * np.ones((len(loads), 1, 1)),
+        lean_table=np.arctan(np.sin(np.linspace(0.0, 0.5 * math.pi, USE_SAMPLES)) * lateral_max[:, None] / GRAVITY)
+        * np.ones((len(loads), 1, 1)),
         drag=drag,
         inside=np.zeros(2),
         height=np.zeros(2),
@@ -486,24 +460,16 @@ def lateral_by_lean(limits: Limits, speed: float, lean: float) -> float:
 
 
 @njit(cache=True)
-def _lateral_of(limits: Limits, speed: np.ndarray, load: float) -> np.ndarray:
+def _each(
+    limits: Limits, kind: int, speed: np.ndarray, lateral: np.ndarray, load: float, roll_rate: float
+) -> np.ndarray:
+    """Return one of the largest accelerations for each speed and lateral acceleration, m/s^2."""
     found = np.empty(len(speed))
     for i in range(len(speed)):
-        found[i] = most_lateral(limits, speed[i], load)
-    return found
-
-
-@njit(cache=True)
-def _drive_of(limits: Limits, speed: np.ndarray, lateral: np.ndarray, load: float, roll_rate: float) -> np.ndarray:
-    found = np.empty(len(speed))
-    for i in range(len(speed)):
-        found[i] = most_drive(limits, speed[i], lateral[i], load, roll_rate)
-    return found
-
-
-@njit(cache=True)
-def _brake_of(limits: Limits, speed: np.ndarray, lateral: np.ndarray, load: float) -> np.ndarray:
-    found = np.empty(len(speed))
-    for i in range(len(speed)):
-        found[i] = most_brake(limits, speed[i], lateral[i], load)
+        if kind == LATERAL:
+            found[i] = most_lateral(limits, speed[i], load)
+        elif kind == DRIVE:
+            found[i] = most_drive(limits, speed[i], lateral[i], load, roll_rate)
+        else:
+            found[i] = most_brake(limits, speed[i], lateral[i], load)
     return found

@@ -76,59 +76,45 @@ class MassPath(NamedTuple):
     roll_rate: FloatArray
 
 
-@dataclass(frozen=True)
-class LeanModel:
-    """A machine as a pendulum.
+def mass_path(
+    envelope: Envelope,
+    bend: FloatArray,
+    speed: FloatArray,
+    step: float,
+    slope: FloatArray,
+    dip: FloatArray,
+    before: MassPath,
+) -> MassPath:
+    """Return the path of the mass of a machine, which is a pendulum on the line of its contacts.
 
-    Attributes:
-        lateral: steady lateral acceleration (m/s^2) over speed and lean (0 to 80 deg in equal steps).
-        speeds: m/s, in equal steps.
+    Args:
         envelope: the machine's.
+        bend: curvature of the line of the contacts, 1/m.
+        speed: of the contacts, m/s.
+        step: distance of the points, m.
+        slope: of the road.
+        dip: vertical curvature of the road, 1/m.
+        before: the path of the round before, from which lean and roll rate are renewed in part.
     """
-
-    lateral: FloatArray
-    speeds: FloatArray
-    envelope: Envelope
-
-    def follow(
-        self, bend: FloatArray, speed: FloatArray, step: float, slope: FloatArray, dip: FloatArray, before: MassPath
-    ) -> MassPath:
-        """Return the path of the mass.
-
-        Args:
-            bend: curvature of the line of the contacts, 1/m.
-            speed: of the contacts, m/s.
-            step: distance of the points, m.
-            slope: of the road.
-            dip: vertical curvature of the road, 1/m.
-            before: the path of the round before, from which lean and roll rate are renewed in part.
-        """
-        spent = 2.0 * step / (speed + np.roll(speed, -1))
-        # What presses on the road presses on the pendulum.
-        load = np.maximum(1.0 + dip * speed**2 / GRAVITY, _LEAST_LOAD)
-        turn = bend * speed**2 / load
-        lean, lateral = _sway(turn, speed, spent, before.lean, self.envelope.sway, self.speeds, self.lateral)
-        around = spent + np.roll(spent, 1)
-        rate = (np.roll(lean, -1) - np.roll(lean, 1)) / around
-        if before.lean.any():
-            rate = before.roll_rate + _RENEWED * (rate - before.roll_rate)
-        places = np.linspace(0.0, 0.5 * math.pi, len(self.envelope.inside))
-        inside = np.copysign(np.interp(np.abs(lean), places, self.envelope.inside), lean)
-        height = np.interp(np.abs(lean), places, self.envelope.height)
-        sideways = (np.roll(inside, -1) - np.roll(inside, 1)) / (2.0 * step)
-        stretch = np.hypot(1.0 - bend * inside, sideways)
-        distance = 0.5 * step * (stretch + np.roll(stretch, -1))
-        # Energy of rolling by weight: 1/2 L h rate^2 / g.
-        risen = height + 0.5 * self.envelope.sway * self.envelope.height[0] * rate**2 / GRAVITY
-        rise = 0.5 * (np.roll(risen, -1) - np.roll(risen, 1)) / distance
-        return MassPath(load * lateral / (speed * stretch) ** 2, distance, stretch, slope + rise, lean, rate)
-
-
-def lean_model(envelope: Envelope) -> LeanModel:
-    """Return a machine as a pendulum."""
     speeds = np.linspace(envelope.speeds[0], envelope.speeds[-1], 24)
-    leans = np.linspace(0.0, _LARGEST_LEAN, _LEANS)
-    return LeanModel(_steady_turns(envelope.limits, speeds, leans), speeds, envelope)
+    table = _steady_turns(envelope.limits, speeds, np.linspace(0.0, _LARGEST_LEAN, _LEANS))
+    spent = 2.0 * step / (speed + np.roll(speed, -1))
+    # What presses on the road presses on the pendulum.
+    load = np.maximum(1.0 + dip * speed**2 / GRAVITY, _LEAST_LOAD)
+    lean, lateral = _sway(bend * speed**2 / load, speed, spent, before.lean, envelope.sway, speeds, table)
+    rate = (np.roll(lean, -1) - np.roll(lean, 1)) / (spent + np.roll(spent, 1))
+    if before.lean.any():
+        rate = before.roll_rate + _RENEWED * (rate - before.roll_rate)
+    places = np.linspace(0.0, 0.5 * math.pi, len(envelope.inside))
+    inside = np.copysign(np.interp(np.abs(lean), places, envelope.inside), lean)
+    height = np.interp(np.abs(lean), places, envelope.height)
+    sideways = (np.roll(inside, -1) - np.roll(inside, 1)) / (2.0 * step)
+    stretch = np.hypot(1.0 - bend * inside, sideways)
+    distance = 0.5 * step * (stretch + np.roll(stretch, -1))
+    # Energy of rolling by weight: 1/2 L h rate^2 / g.
+    risen = height + 0.5 * envelope.sway * envelope.height[0] * rate**2 / GRAVITY
+    rise = 0.5 * (np.roll(risen, -1) - np.roll(risen, 1)) / distance
+    return MassPath(load * lateral / (speed * stretch) ** 2, distance, stretch, slope + rise, lean, rate)
 
 
 @njit(cache=True)
@@ -258,22 +244,12 @@ class LapLimit:
         return np.asarray(np.interp(np.mod(s, self.s[-1]), self.s, self.speed))
 
 
-class _Road(NamedTuple):
-    """Under the points of a profile: slope along (rise per m), vertical curvature (1/m), slope across (rise per m)."""
-
-    slope: FloatArray
-    dip: FloatArray
-    bank: FloatArray
-
-
 def lap_limit(
     envelope: Envelope,
     line: Course,
     step: float = STEP,
-    grade: FloatArray | None = None,
     crest: FloatArray | None = None,
     cap: FloatArray | None = None,
-    bank: FloatArray | None = None,
     roll_freedom: float = 0.0,
 ) -> LapLimit:
     """Return the theoretical lap of a machine on a closed line.
@@ -282,27 +258,22 @@ def lap_limit(
         envelope: the machine's limits.
         line: closed line of the contacts.
         step: distance of the profile's points, m.
-        grade: slope of the road at the line's samples, positive uphill; None for what the line says.
-        crest: vertical curvature of the road there, 1/m, positive in a dip; None for what the line says.
+        crest: vertical curvature of the road at the line's samples, 1/m, positive in a dip; None for the line's.
         cap: largest speed that somebody wants at each point of the profile but the last, m/s, or None.
-        bank: slope of the road across the line at its samples, positive rising to the left (rise per m); None for
-            what the line says.
         roll_freedom: time by which a roll may come sooner or later than the line asks for, s. The electronics then
             answer the smallest roll rate within it, before and after.
 
     Raises:
-        ValueError: the line is open, the step is not positive, the grade, the crest, the bank or the cap does not fit,
-            or the machine cannot move.
+        ValueError: the line is open, the step is not positive, the crest or the cap does not fit, or the machine
+            cannot move.
     """
     if not line.closed:
         raise ValueError(f"course {line.name!r} is open; a lap needs a closed line")
-    grade, crest = line.grade if grade is None else grade, line.crest if crest is None else crest
-    bank = line.slope_across if bank is None else bank
+    crest = line.crest if crest is None else crest
     if not step > 0.0:
         raise ValueError(f"step of the profile must be positive, got {step!r} m")
-    for name, values in (("grade", grade), ("crest", crest), ("bank", bank)):
-        if len(values) != len(line.s):
-            raise ValueError(f"{name} has {len(values)} samples, the line {len(line.s)}")
+    if len(crest) != len(line.s):
+        raise ValueError(f"crest has {len(crest)} samples, the line {len(line.s)}")
     if float(envelope.drive(envelope.speeds[0])) <= 0.0:
         raise ValueError(f"machine {envelope.name!r} has no drive at {envelope.speeds[0]:.1f} m/s")
     count = max(16, round(line.length / step))
@@ -310,7 +281,7 @@ def lap_limit(
     cap = np.full(count, np.inf) if cap is None else cap
     if np.shape(cap) != (count,):
         raise ValueError(f"cap has shape {np.shape(cap)}, the profile {count} points")
-    road = _Road(*(np.interp(s[:-1], line.s, values) for values in (grade, crest, bank)))
+    road = tuple(np.interp(s[:-1], line.s, values) for values in (line.grade, crest, line.slope_across))
     bend = _mean_curvature(line, s)
     path, speed = _solve(envelope, bend, line.length / count, road, cap, roll_freedom)
     distance, moved = path.distance, speed * path.stretch
@@ -339,7 +310,12 @@ def lap_limit(
 
 
 def _solve(
-    envelope: Envelope, bend: FloatArray, step: float, road: _Road, cap: FloatArray, roll_freedom: float
+    envelope: Envelope,
+    bend: FloatArray,
+    step: float,
+    road: tuple[FloatArray, ...],
+    cap: FloatArray,
+    roll_freedom: float,
 ) -> tuple[MassPath, FloatArray]:
     """Return the path of the mass and the speeds of the contact, m/s.
 
@@ -347,13 +323,12 @@ def _solve(
         envelope: the machine's.
         bend: curvature of the line at the points, 1/m.
         step: distance of the points, m.
-        road: under the line.
+        road: slope along (rise per m), vertical curvature (1/m) and slope across (rise per m) at the points.
         cap: of the speed, m/s.
         roll_freedom: see :func:`lap_limit`, s.
     """
     limits, count = envelope.limits, len(bend)
     slope, dip, bank = road
-    model: LeanModel = lean_model(envelope)
     path = MassPath(bend, np.full(count, step), np.ones(count), slope, np.zeros(count), np.zeros(count))
     eased, before = np.full(count, np.inf), np.inf
     speed = np.ones(count)  # of the round before, in whose first nothing rolls
@@ -367,7 +342,7 @@ def _solve(
         if envelope.sway == 0.0 or (abs(spent - before) < CONVERGED * spent and number > 2):
             break
         before = spent
-        path = model.follow(bend, speed, step, slope, dip, path)
+        path = mass_path(envelope, bend, speed, step, slope, dip, path)
         allowed = np.interp(speed, envelope.speeds, envelope.lean_rate)
         asked = np.abs(mean_rate(path.lean, speed, step, LEAN_SPAN)) / allowed
         # Slower means both less lean and more time for it; where the limit binds already it may also give way.

@@ -302,34 +302,19 @@ def _adjoint(bend: np.ndarray, distance: np.ndarray, limits: Limits) -> tuple[np
 
 
 @njit(cache=True)
-def _reached(limits: Limits, square: float, bend: float, other: float, distance: float, forward: bool) -> float:
-    if forward:
-        return driven(limits, square, bend, other, distance, _LEVEL)
-    return braked(limits, square, bend, other, distance, _LEVEL)
-
-
-@njit(cache=True)
 def _derivatives(
     limits: Limits, square: float, bend: float, other: float, distance: float, forward: bool
-) -> tuple[float, float, float, float]:
+) -> np.ndarray:
     """Return the derivatives of one step of a pass by squared speed, both curvatures and distance."""
-    h = 1e-5 * square
-    by_square = (
-        _reached(limits, square + h, bend, other, distance, forward)
-        - _reached(limits, square - h, bend, other, distance, forward)
-    ) / (2.0 * h)
-    h = 1e-8
-    by_bend = (
-        _reached(limits, square, bend + h, other, distance, forward)
-        - _reached(limits, square, bend - h, other, distance, forward)
-    ) / (2.0 * h)
-    by_other = (
-        _reached(limits, square, bend, other + h, distance, forward)
-        - _reached(limits, square, bend, other - h, distance, forward)
-    ) / (2.0 * h)
-    h = 1e-5
-    by_distance = (
-        _reached(limits, square, bend, other, distance + h, forward)
-        - _reached(limits, square, bend, other, distance - h, forward)
-    ) / (2.0 * h)
-    return by_square, by_bend, by_other, by_distance
+    found = np.empty(4)
+    for place, h in enumerate((1e-5 * square, 1e-8, 1e-8, 1e-5)):
+        reached = np.empty(2)
+        for side in range(2):
+            at = np.array([square, bend, other, distance])
+            at[place] += h if side else -h
+            if forward:
+                reached[side] = driven(limits, at[0], at[1], at[2], at[3], _LEVEL)
+            else:
+                reached[side] = braked(limits, at[0], at[1], at[2], at[3], _LEVEL)
+        found[place] = (reached[1] - reached[0]) / (2.0 * h)
+    return found
