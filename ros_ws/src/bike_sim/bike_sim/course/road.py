@@ -153,6 +153,11 @@ class RoadSurface:
     wind: Wind = field(default_factory=Wind)
     walls: Walls = field(default_factory=Walls)
 
+    def __post_init__(self) -> None:
+        """Refuse a density that no road has."""
+        if not 0.0 <= self.bumps <= 1.0:
+            raise ValueError(f"bumps must have a density of 0 to 1 m3, got {self.bumps!r} m3")
+
     def grip(self, s: FloatArray) -> FloatArray:
         """Return the factor on friction at places of a lap, m: 1 where it is dry."""
         found = np.ones(len(s))

@@ -128,8 +128,6 @@ class Track:
             np.all(self.ideal <= self.width_left + 1e-6) and np.all(self.ideal >= -self.width_right - 1e-6)
         ):
             raise ValueError(f"circuit {name!r}: the ideal line leaves the limits")
-        if not 0.0 <= self.surface.bumps <= 1.0:
-            raise ValueError(f"circuit {name!r}: bumps must have a density of 0 to 1 m3, got {self.surface.bumps!r} m3")
         steepest = 0.0 if bank is None else float(np.abs(bank).max())
         if steepest > math.tan(LARGEST_BANK):
             raise ValueError(

@@ -111,7 +111,7 @@ class RoadChanges:
         for patch in self.patches:
             if not (0.0 <= patch[0] < math.inf and 0.0 <= patch[1] < math.inf):
                 raise ValueError(f"disturbances: road: a patch must lie on the lap, got {patch!r}")
-        self.surface(RoadSurface()).check(0)
+        self.surface(RoadSurface())
 
     def surface(self, known: RoadSurface) -> RoadSurface:
         """Return the surface that is ridden in place of a known one.
